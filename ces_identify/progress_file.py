@@ -48,7 +48,7 @@ class ProgressFile:
 
     def __enter__(self) -> Self:
         with suppress(OSError):
-            self._file = self._path.open("w", encoding="utf-8")
+            self._file = self._path.open("w", encoding="utf-8", errors="replace")  # a name may be no text
             self._write_line(self._head)
         return self
 
@@ -113,6 +113,8 @@ class RunProgress:
 def read_progress(path: Path) -> RunProgress | None:
     """Return the content of a progress file; None if there is none, or not one that can be read."""
     try:
+        if not path.is_file():  # opening a pipe would wait
+            return None
         with path.open("rb") as file:
             lines = file.read(MAX_BYTES).rpartition(b"\n")[0].splitlines()
             written_s = os.fstat(file.fileno()).st_mtime

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.recordings.formats.log_file import LogSeries, LogTable, TimedLog
+from ces_identify.recordings.formats.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog
 from ces_identify.recordings.formats.open_log import open_log
 from ces_identify.recordings.log_mapping import (
     ONE_TIME,
@@ -23,7 +23,7 @@ from ces_identify.recordings.units import QUANTITIES, find_unit
 from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS
 
-MAX_TIME_S, MIN_RATE_HZ = 9.0e9, 1.0e-6  # stamps in nanoseconds end at 9.2e9 s, in the year 2262
+MIN_RATE_HZ = 1.0e-6
 NO_COLUMN = "no signal has a column; expected at least position and force"
 
 

@@ -8,6 +8,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from ces_identify.progress_file import SUFFIX, RunProgress, read_progress
@@ -25,6 +26,7 @@ METADATA = "metadata.yaml"
 BAG_FILES = (".mcap", ".db3")
 SKIPPED = {"node_modules", "__pycache__", "site-packages"}
 SCHEMA = re.compile(rb'"schema"\s*:\s*"(ces-[a-z-]+)/\d+"')
+NO_ADDRESS = re.compile(r"[\x00-\x1f\x7f\\]")  # characters that no address of a file has
 GENERATOR = b'content="ces_observer'
 FOOTER = b"<footer>ces_observer"
 
@@ -74,7 +76,11 @@ class Listing:
 
     def find(self, kind: str, path: str) -> Item | None:
         """Return the thing of a kind at a path, None if there is none."""
-        return next((one for one in self.items if one.kind == kind and one.path == path), None)
+        return self._by_place.get((kind, path))
+
+    @cached_property
+    def _by_place(self) -> dict[tuple[str, str], Item]:
+        return {(one.kind, one.path): one for one in self.items}
 
 
 @dataclass
@@ -115,22 +121,33 @@ class Catalogue:
         return Listing(tuple(walk.items), tuple(walk.searches), walk.cut, time.monotonic())
 
     def _folders(self, folder: Path, depth: int, walk: _Walk) -> Iterator[tuple[Path, list[os.DirEntry[str]]]]:
-        """Yield the folders, each with its entries; links to folders are not followed."""
+        """Yield the folders, each with its entries; links to folders are not followed, nor what is too deep."""
         try:
             with os.scandir(folder) as found:
                 entries = sorted(found, key=lambda entry: entry.name)
         except OSError:
             return
         walk.files += len(entries)
-        walk.cut = walk.cut or walk.files > MAX_FILES or depth > MAX_DEPTH
-        if walk.cut:
+        if walk.files > MAX_FILES or depth > MAX_DEPTH:
+            walk.cut = True
             return
+        entries = [entry for entry in entries if self._has_address(folder, entry, walk)]
         yield folder, entries
         if any(entry.name == METADATA for entry in entries):
             return
         for entry in entries:
             if not entry.name.startswith(".") and entry.name not in SKIPPED and entry.is_dir(follow_symlinks=False):
                 yield from self._folders(folder / entry.name, depth + 1, walk)
+
+    def _has_address(self, folder: Path, entry: os.DirEntry[str], walk: _Walk) -> bool:
+        """Return whether a name can stand in an address; folders and files of ours that have another one are listed."""
+        shown = NO_ADDRESS.sub("\ufffd", os.fsencode(entry.name).decode("utf-8", "replace"))
+        if shown == entry.name:
+            return True
+        if entry.is_dir(follow_symlinks=False) or _kind_of(Path(entry.name)) is not None:
+            where = self.folder.relative(folder / shown)
+            walk.items.append(Item(item.UNREADABLE, where, 0.0, {}, "the name is not plain UTF-8 text; rename it"))
+        return False
 
     def _visit(self, folder: Path, entries: list[os.DirEntry[str]], walk: _Walk, before: Memory) -> Iterator[Item]:
         if any(entry.name == METADATA for entry in entries):
@@ -145,7 +162,7 @@ class Catalogue:
                 if entry.name.endswith(SUFFIX) and (progress := read_progress(path)) and progress.alive:
                     output = folder if entry.name == SUFFIX else folder / entry.name[1:].removesuffix(SUFFIX)
                     walk.searches.append(RunningSearch(self.folder.relative(output), path, progress))
-            elif (known := _kind_of(path)) is not None:
+            elif not entry.is_dir() and (known := _kind_of(path)) is not None:
                 yield from self._remember(*known, before)
 
     def _remember(self, kind: str, path: Path, main: Path, facts_of: FactsOf, before: Memory) -> Iterator[Item]:

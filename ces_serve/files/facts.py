@@ -19,7 +19,7 @@ from ces_observer.proof.certificate import summarize
 from ces_serve.files.bounded_reading import Json, UnreadableError, read_head, read_json, read_rows
 
 Facts = dict[str, Any]
-WRONG_CONTENT = (KeyError, TypeError, ValueError, AttributeError, IndexError)
+WRONG_CONTENT = (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError)
 DONE = "done"
 POLYNOMIAL = "polynomial_narx"
 TITLE = re.compile(rb"<title>(.*?)</title>", re.DOTALL)

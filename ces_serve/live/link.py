@@ -88,7 +88,7 @@ class ObserverLink:
                 self._stop()
 
     def _stop(self) -> None:
-        process, self._process = self._process, None
+        process, self._process, self._topics = self._process, None, {}
         if process is not None:
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
@@ -99,16 +99,15 @@ class ObserverLink:
         assert process.stdout is not None
         for line in process.stdout:
             with suppress(ValueError):
-                self._put(json.loads(line))
+                self._put(json.loads(line), process)
         status = process.wait()
-        with self._lock:
-            ended_by_itself = self._process is process
-            self._process = None if ended_by_itself else self._process
-        if ended_by_itself:
-            self._put({ENDED: f"the listening process ended with status {status}; see the terminal of ces serve"})
+        self._put({ENDED: f"the listening process ended with status {status}; see the terminal of ces serve"}, process)
 
-    def _put(self, message: Message) -> None:
+    def _put(self, message: Message, process: subprocess.Popen[str]) -> None:
+        """Give a message to all clients, unless its process has been replaced."""
         with self._lock:
+            if self._process is not process:
+                return
             self._topics = message if TOPICS in message else self._topics
             for waiting in self._clients:
                 with suppress(queue.Empty):
@@ -116,6 +115,8 @@ class ObserverLink:
                         waiting.get_nowait()
                 with suppress(queue.Full):
                     waiting.put_nowait(message)
+            if ENDED in message:
+                self._process, self._topics = None, {}
 
 
 @cache

@@ -21,6 +21,7 @@ ROOMS = (assets.pages, lists.pages, details.pages, files.pages, searches.pages, 
 def make_app(site: Site, host: str) -> Flask:
     """Return the application that shows `site`, to listen on `host`."""
     app = Flask("ces_serve.web")
+    app.jinja_env.finalize = _replace_half_characters
     app.jinja_env.trim_blocks = app.jinja_env.lstrip_blocks = True
     app.extensions["site"], app.extensions["streams"] = site, Streams()
     protect(app, host)
@@ -48,3 +49,10 @@ def make_app(site: Site, host: str) -> Flask:
         return render_template("problem.html", title=error.name, kind="", code=code, text=text), code
 
     return app
+
+
+def _replace_half_characters(value: object) -> object:
+    """Return a value of a template; a text from JSON may hold halves of characters, which no page can be sent with."""
+    if not isinstance(value, str) or value.isascii():
+        return value
+    return type(value)(value.encode("utf-8", "replace").decode("utf-8"))

@@ -41,8 +41,11 @@ def sort_items(items: Sequence[Item], key: str, columns: Sequence[ListColumn]) -
 
 
 def format_time(time_s: float) -> str:
-    """Return a local time to the minute."""
-    return f"{datetime.fromtimestamp(time_s):%Y-%m-%d %H:%M}"
+    """Return a local time to the minute, a dash if no calendar has it (a file may carry any time)."""
+    try:
+        return f"{datetime.fromtimestamp(time_s):%Y-%m-%d %H:%M}"
+    except (ValueError, OverflowError, OSError):
+        return "–"
 
 
 def _fact(key: str, heading: str, form: str = "", scale: float = 1.0, falling: bool = False) -> ListColumn:

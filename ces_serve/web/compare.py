@@ -4,21 +4,19 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 from flask import Blueprint, Response, abort, render_template, request, url_for
 
 from ces_serve.files.item import MODEL, RECORDING, Item
-from ces_serve.web.events import ALIVE, Events, streams
+from ces_serve.web.events import Event, Events, streams
 from ces_serve.web.security import FILE_POLICY, POLICY
 from ces_serve.web.site import Site, site, stamp
-from ces_serve.work.process import FAILED, RESULT, do_work
+from ces_serve.web.work_events import stream_work
 
 MAX_CHOSEN = 12
 LIMIT_S = 180.0
-WAIT_S = 1.0
 
 pages = Blueprint("compare", __name__)
 
@@ -95,20 +93,12 @@ def _compute(where: Site, key: str, task: dict[str, Any]) -> Events:
     if where.compared.get(key) is not None:
         yield "done", address
         return
-    while not where.comparing.acquire(timeout=WAIT_S):
-        yield "progress", "waiting for another comparison"
-    try:
-        with closing(do_work(task, LIMIT_S)) as messages:
-            for message in messages:
-                if RESULT in message:
-                    where.compared.keep(key, message[RESULT])
-                    yield "done", address
-                elif FAILED in message:
-                    yield "failed", message[FAILED]
-                else:
-                    yield ("progress", message["progress"]) if "progress" in message else ALIVE
-    finally:
-        where.comparing.release()
+
+    def finish(html: str) -> Event:
+        where.compared.keep(key, html)
+        return "done", address
+
+    yield from stream_work(task, LIMIT_S, where.comparing, finish)
 
 
 def _chosen(kind: str, name: str) -> list[Item]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from contextlib import closing
+from typing import Any
 
 from flask import Blueprint, Response, abort, render_template, url_for
 
@@ -14,12 +14,12 @@ from ces_serve.files.item import KINDS, RECORDING, REPORT, Item
 from ces_serve.files.served_folder import NotServedError
 from ces_serve.web import contents
 from ces_serve.web.campaign_content import campaign_content
-from ces_serve.web.events import ALIVE, Events, streams
+from ces_serve.web.events import Event, Events, streams
 from ces_serve.web.lists import item_url
 from ces_serve.web.recording_content import recording_content
 from ces_serve.web.site import Site, site, stamp
 from ces_serve.web.tables import PageContent
-from ces_serve.work.process import FAILED, RESULT, do_work
+from ces_serve.web.work_events import stream_work
 
 INSPECT_LIMIT_S = 120.0
 MAX_BESIDE = 12
@@ -76,16 +76,13 @@ def _inspect(where: Site, key: object, task: Mapping[str, object]) -> Events:
     if kept is not None:
         yield "result", kept
         return
-    with closing(do_work(task, INSPECT_LIMIT_S)) as messages:
-        for message in messages:
-            if RESULT in message:
-                html = render_template("content.html", content=recording_content(message[RESULT]))
-                where.inspected.keep(key, html)
-                yield "result", html
-            elif FAILED in message:
-                yield "failed", message[FAILED]
-            else:
-                yield ("progress", message["progress"]) if "progress" in message else ALIVE
+
+    def finish(found: dict[str, Any]) -> Event:
+        html = render_template("content.html", content=recording_content(found))
+        where.inspected.keep(key, html)
+        return "result", html
+
+    yield from stream_work(task, INSPECT_LIMIT_S, where.inspecting, finish)
 
 
 def _find(kind: str, path: str) -> Item:

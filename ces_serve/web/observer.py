@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from contextlib import closing
+from zlib import crc32
 
 from flask import Blueprint, Response, render_template, url_for
 
@@ -27,17 +28,16 @@ def listen() -> Response:
 
 
 def _listen(link: ObserverLink) -> Events:
-    shown: list[str] = []
     with closing(link.messages()) as messages:
         for message in messages:
             if "topics" in message:
-                shown = message["topics"]
-                yield "topics", [{"topic": topic, "chart": _chart(n, topic)} for n, topic in enumerate(shown)]
+                yield "topics", [{"topic": topic, "chart": _chart(topic)} for topic in message["topics"]]
             elif message:
                 yield "observer", message
             else:
                 yield ALIVE
 
 
-def _chart(number: int, topic: str) -> str:
-    return str(curves.observer_chart(f"observer{number}", topic.removesuffix("/estimate")))
+def _chart(topic: str) -> str:
+    """Return the chart of a topic, by its own id: a page keeps its charts while topics come and go."""
+    return str(curves.observer_chart(f"observer{crc32(topic.encode()):08x}", topic.removesuffix("/estimate")))

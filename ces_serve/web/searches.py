@@ -30,7 +30,7 @@ pages = Blueprint("searches", __name__)
 def show(path: str) -> str:
     """Return the page of a running program; of one that has ended, what it wrote."""
     search = _find(path)
-    content = search_content(site(), search, search.progress) if search else PageContent()
+    content = _content_now(site(), search, search.progress) if search else PageContent()
     return render_template(
         "search.html",
         title=path if path != "." else site().folder.root.name,
@@ -51,17 +51,24 @@ def follow(path: str) -> Response:
 
 
 def describe_search(search: RunningSearch) -> str:
-    """Return what a running program does, in one line."""
-    head, rows = search.progress.head, search.progress.rows
+    """Return what a running program does, in one line, whatever its progress file holds."""
+    try:
+        return f"{search.path}: {_describe(search.progress)}"
+    except WRONG_CONTENT as error:
+        return f"{search.path}: its progress cannot be read: {error}"
+
+
+def _describe(progress: RunProgress) -> str:
+    head, rows = progress.head, progress.rows
     if head.get("program") == "jobs":
         done = rows[-1].get("done") if rows else head.get("done")
-        return f"{search.path}: {done} of {head.get('total')} {head.get('things')}"
-    costs = [row["cost"] for row in _last_step(search.progress) if isinstance(row.get("cost"), int | float)]
+        return f"{done} of {head.get('total')} {head.get('things')}"
+    costs = [row["cost"] for row in _last_step(progress) if isinstance(row.get("cost"), int | float)]
     best = f"best selection cost J = {min(costs):.2f} %" if costs else "no model yet"
-    return f"{search.path}: {_step(search.progress) or head.get('program')}, {best}"
+    return f"{_step(progress) or head.get('program')}, {best}"
 
 
-def search_content(where: Site, search: RunningSearch, progress: RunProgress) -> PageContent:
+def _search_content(where: Site, search: RunningSearch, progress: RunProgress) -> PageContent:
     """Return what a running program has found so far."""
     head = progress.head
     elapsed_s = max(0.0, time.time() - float(head.get("began_s") or time.time()))
@@ -69,8 +76,7 @@ def search_content(where: Site, search: RunningSearch, progress: RunProgress) ->
     if head.get("program") == "jobs":
         return _jobs_content(where, search, progress, facts[1:])
     rows = _last_step(progress)
-    said = describe_search(RunningSearch(search.path, search.file, progress)).partition(": ")[2]
-    content = PageContent(headline=f"{said}.")
+    content = PageContent(headline=f"{_describe(progress)}.")
     newest = {row["seed"]: row["ended"] for row in rows if "seed" in row}
     ended = [seed for seed, state in newest.items() if state != RUNNING]
     content.facts = [*facts, *_limits(head), ("starts done", _count(len(ended), head.get("starts")))]
@@ -117,7 +123,7 @@ def _end(where: Site, path: str) -> Events:
 
 def _content_now(where: Site, search: RunningSearch, progress: RunProgress) -> PageContent:
     try:
-        return search_content(where, RunningSearch(search.path, search.file, progress), progress)
+        return _search_content(where, RunningSearch(search.path, search.file, progress), progress)
     except (CesError, OSError, *WRONG_CONTENT) as error:
         return PageContent(warnings=[f"cannot be read now: {error}"])
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 
-from flask import Flask, Response, abort, request
+from flask import Flask, Response, request
 
 PAGE_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
@@ -33,20 +33,26 @@ def protect(app: Flask, host: str) -> None:
     """Check all requests to `app`, which listens on `host`, and complete the headers of its responses."""
 
     @app.before_request
-    def check() -> None:
+    def check() -> Response | None:
         if request.method not in READING:
-            abort(405, "this server only shows; it takes GET and HEAD")
+            return _refuse(405, "this server only shows; it takes GET and HEAD")
         if not is_own_name(request.host, host):
-            abort(421, "unknown Host; open the address that ces serve has printed")
+            return _refuse(421, "unknown Host; open the address that ces serve has printed")
         navigates = request.headers.get("Sec-Fetch-Mode") == "navigate"
         if request.headers.get("Sec-Fetch-Site") in OTHER_SITES and not navigates:
-            abort(403, "requests from other sites are refused")
+            return _refuse(403, "requests from other sites are refused")
+        return None
 
     @app.after_request
     def complete(response: Response) -> Response:
         for name, value in {**HEADERS, POLICY: PAGE_POLICY}.items():
             response.headers.setdefault(name, value)
         return response
+
+
+def _refuse(status: int, reason: str) -> Response:
+    """Return a refusal without the frame of the pages, which names the folder: who asks may be another site."""
+    return Response(f"{reason}\n", status, mimetype="text/plain")
 
 
 def is_own_name(host_header: str, bound: str) -> bool:

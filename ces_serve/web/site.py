@@ -15,6 +15,7 @@ from ces_serve.files.served_folder import ServedFolder
 from ces_serve.live.link import ObserverLink
 
 MAX_RESULTS = 32
+MAX_INSPECTIONS = 2  # recordings that are read at the same time
 
 
 class Results:
@@ -49,7 +50,8 @@ class Site:
     signals: str | None = None
     inspected: Results = field(default_factory=Results)
     compared: Results = field(default_factory=Results)
-    comparing: threading.Lock = field(default_factory=threading.Lock)
+    inspecting: threading.Semaphore = field(default_factory=lambda: threading.Semaphore(MAX_INSPECTIONS))
+    comparing: threading.Semaphore = field(default_factory=threading.Semaphore)  # one at a time
 
     @staticmethod
     def open(path: Path, observer: str = "", signals: Path | None = None) -> Site:

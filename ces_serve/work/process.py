@@ -8,13 +8,12 @@ import queue
 import signal
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 from collections.abc import Generator, Iterator, Mapping
 from contextlib import suppress
 from typing import Any
-
-from ces_observer.errors import CesError
 
 Message = dict[str, Any]
 WORKER = "ces_serve.work.worker"
@@ -26,24 +25,16 @@ RESULT, FAILED = "result", "failed"
 def do_work(task: Mapping[str, Any], limit_s: float) -> Generator[Message, None, None]:
     """Yield the messages of a task, an empty one at least every second; the last has a key RESULT or FAILED.
 
-    The process ends with the generator: when the result is there, after `limit_s` seconds, or when it is closed.
+    The process ends with the generator: when the result is there, after `limit_s` seconds, or when it is closed. Its
+    temporary files, such as the decompressed copy of a bag, go with it.
     """
-    process = _start()
-    try:
-        _send(process, task)
-        yield from _messages(process, limit_s)
-    finally:
-        _end(process)
-
-
-def finish_work(task: Mapping[str, Any], limit_s: float) -> Any:
-    """Return the result of a task; raises CesError with the reason if there is none."""
-    for message in do_work(task, limit_s):
-        if FAILED in message:
-            raise CesError(message[FAILED])
-        if RESULT in message:
-            return message[RESULT]
-    raise CesError("the work ended without a result")
+    with tempfile.TemporaryDirectory(prefix="ces-serve-") as scratch:
+        process = _start(scratch)
+        try:
+            _send(process, task)
+            yield from _messages(process, limit_s)
+        finally:
+            _end(process)
 
 
 def _messages(process: subprocess.Popen[bytes], limit_s: float) -> Iterator[Message]:
@@ -69,10 +60,12 @@ def _messages(process: subprocess.Popen[bytes], limit_s: float) -> Iterator[Mess
             return
 
 
-def _start() -> subprocess.Popen[bytes]:
+def _start(scratch: str) -> subprocess.Popen[bytes]:
     """Start a process in a group of its own, so that Ctrl-C at the terminal reaches the server alone."""
-    command = [sys.executable, "-m", WORKER]
-    return subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, start_new_session=True)
+    command, pipe = [sys.executable, "-m", WORKER], subprocess.PIPE
+    return subprocess.Popen(
+        command, stdin=pipe, stdout=pipe, start_new_session=True, env={**os.environ, "TMPDIR": scratch}
+    )
 
 
 def _send(process: subprocess.Popen[bytes], task: Mapping[str, Any]) -> None:

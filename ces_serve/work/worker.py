@@ -1,12 +1,14 @@
 """The process behind `do_work`: one line of JSON in, lines of JSON out; warnings go to standard error.
 
-It ends when its standard input closes, as happens when the server is gone.
+It ends when its standard input closes, as happens when the server is gone. Memory and files are limited: a small file
+may unpack to any size.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import resource
 import sys
 import threading
 from collections.abc import Callable, Mapping
@@ -15,10 +17,13 @@ from typing import Any
 from ces_observer.errors import CesError
 
 Report = Callable[[str], None]
+MAX_MEMORY_BYTES = 8 << 30  # of address space
+MAX_FILE_BYTES = 8 << 30  # of a decompressed copy
 
 
 def main() -> int:
     """Do the task on standard input; returns 0, or 1 if it failed."""
+    _limit_this_process()
     stream = os.fdopen(os.dup(sys.stdout.fileno()), "w", encoding="utf-8")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
     task = json.loads(_read_line())
@@ -37,6 +42,17 @@ def main() -> int:
         send({"failed": "not enough memory"})
         return 1
     return 0
+
+
+def _limit_this_process() -> None:
+    for kind, limit in (
+        (resource.RLIMIT_AS, MAX_MEMORY_BYTES),
+        (resource.RLIMIT_FSIZE, MAX_FILE_BYTES),
+        (resource.RLIMIT_CORE, 0),
+    ):
+        hard = resource.getrlimit(kind)[1]
+        value = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
+        resource.setrlimit(kind, (value, value))
 
 
 def _do(task: Mapping[str, Any], report: Report) -> Any:

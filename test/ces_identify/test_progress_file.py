@@ -101,6 +101,12 @@ def test_another_process_with_the_same_number_is_not_the_one(tmp_path: Path) -> 
         assert progress is not None and not progress.alive
 
 
+def test_a_name_that_is_not_text_does_not_stop_the_work(tmp_path: Path) -> None:
+    with ProgressFile("identify", tmp_path / "m", {"recordings": ["caf\udce9"]}):
+        progress = read_progress(tmp_path / ".m.progress")
+    assert progress is not None and progress.head["recordings"] == ["caf?"]
+
+
 def test_what_is_not_a_progress_file_is_none(tmp_path: Path) -> None:
     for n, content in enumerate(
         (b"", b"\xff\x00\n", b"[]\n", b'{"schema": "other"}\n', b'{"schema": "ces-progress/1"')

@@ -16,6 +16,7 @@ from ces_identify.recordings.log_mapping import Column
 from ces_identify.recordings.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
+MAX_TIME_S = 9.0e9  # stamps in nanoseconds end at 9.2e9 s, in the year 2262
 MAX_NAMES = 30  # of columns or channels in a message
 
 

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ces_identify.recordings.formats.log_file import LogSeries, LogTable, TimedLog
+from ces_identify.recordings.formats.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog
 from ces_identify.recordings.formats.mat73_file import describe_opaque
 from ces_identify.recordings.log_mapping import Column, DynoMapping
 from ces_identify.recordings.recording import Values
@@ -17,6 +17,7 @@ from ces_observer.errors import RecordingError
 TIME_KEYS = ("Time", "time", "t")
 DATA_KEYS = ("Data", "data", "values", "Values", "value")
 MIN_ROWS = 2
+NO_NUMBERS = (ValueError, TypeError, OverflowError)  # the last for a whole number that no float holds
 
 
 class TreeTable(LogTable):
@@ -39,7 +40,7 @@ class TreeTable(LogTable):
             raise RecordingError(f"{self.path}: {opaque}")
         try:
             numbers = np.atleast_1d(np.asarray(cells, dtype=np.float64).squeeze())
-        except (ValueError, TypeError):
+        except NO_NUMBERS:
             raise self._bad_cell(cells, key) from None
         if numbers.ndim != 1:
             raise RecordingError(f"{self.path}: column {key!r} has shape {numbers.shape}; expected one number a row")
@@ -85,31 +86,51 @@ class TreeTable(LogTable):
 
 
 class TreeSeries(TimedLog):
-    """Time series inside nested mappings: structures of a time and its data, as Simulink's `Structure with time`."""
+    """Time series inside nested mappings: structures of a time and its data, as Simulink's `Structure with time`.
+
+    Times count from zero, or from the earliest of all series that are read together if that is before zero.
+    """
 
     def __init__(self, path: Path, root: Any) -> None:
         self.path, self.root = path, root
 
     def read(self, columns: Any) -> list[LogSeries]:
         """Return the series at the columns' paths."""
-        return [self._series(str(column.key), find_series(self._at(column))) for column in columns]
+        return self._stamp([(str(column.key), find_series(self._at(column))) for column in columns])
 
     def read_all(self) -> list[LogSeries]:
         """Return every series in the tree."""
-        return [self._series(name, found) for name, found in list_series(self.root)]
+        return self._stamp(list(list_series(self.root)))
 
     def _at(self, column: Column) -> Any:
         return follow_route(self.path, self.root, str(column.key))
 
-    def _series(self, name: str, found: tuple[Values, Values] | None) -> LogSeries:
+    def _stamp(self, series: Sequence[tuple[str, tuple[Values, Values] | None]]) -> list[LogSeries]:
+        """Return the series with stamps on one clock."""
+        known = [(name, *self._require_series(name, found)) for name, found in series]
+        start_s = min((float(seconds.min()) for _, seconds, _ in known), default=0.0)
+        return [
+            LogSeries(name, np.rint((seconds - min(0.0, start_s)) * 1e9).astype(np.int64), values, key=name)
+            for name, seconds, values in known
+        ]
+
+    def _require_series(self, name: str, found: tuple[Values, Values] | None) -> tuple[Values, Values]:
+        """Return times and values; raises RecordingError if they are missing, empty, of two lengths or no times."""
+        where = f"{self.path}: '{name}'"
         if found is None:
             keys = f"{' or '.join(TIME_KEYS)} beside {' or '.join(DATA_KEYS)}"
-            raise RecordingError(f"{self.path}: '{name}' is not a time series; expected a structure with {keys}")
+            raise RecordingError(f"{where} is not a time series; expected a structure with {keys}")
         seconds, values = found
         if len(seconds) != len(values):
-            raise RecordingError(f"{self.path}: '{name}' has {len(seconds)} times for {len(values)} values")
-        stamps = np.rint((seconds - min(0.0, float(seconds.min()))) * 1e9).astype(np.int64)
-        return LogSeries(name, stamps, values, key=name)
+            raise RecordingError(f"{where} has {len(seconds)} times for {len(values)} values")
+        if not len(seconds):
+            raise RecordingError(f"{where} is empty; expected samples")
+        bad = np.flatnonzero(~(np.abs(seconds) <= MAX_TIME_S))
+        if len(bad):
+            raise RecordingError(
+                f"{where}: time {bad[0]} is {seconds[bad[0]]:g}; expected seconds, at most {MAX_TIME_S:g}"
+            )
+        return seconds, values
 
 
 def follow_route(path: Path, tree: Any, route: str) -> Any:
@@ -189,7 +210,7 @@ def as_numbers(value: Any) -> Values | None:
         return None
     try:
         numbers = np.asarray(value, dtype=np.float64).squeeze()
-    except (ValueError, TypeError):
+    except NO_NUMBERS:
         return None
     return numbers if numbers.ndim == 1 else None
 

@@ -85,6 +85,17 @@ def test_files_of_other_programs_are_left_out(tmp_path: Path) -> None:
     assert [(one.path, one.problem) for one in listing.items] == [("pipe.json", "not a regular file")]
 
 
+def test_a_pipe_in_place_of_a_progress_file_is_no_search(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / ".model.json.progress")  # opening it would wait for ever
+    assert look(tmp_path).searches == ()
+
+
+def test_a_folder_named_like_a_file_of_ours_is_a_folder(tmp_path: Path) -> None:
+    (tmp_path / "results.json").mkdir()
+    described_model().save(tmp_path / "results.json" / "model.json")
+    assert [(one.kind, one.path) for one in look(tmp_path).items] == [(item.MODEL, "results.json/model.json")]
+
+
 def test_an_incomplete_last_line_is_one_that_is_being_written(tmp_path: Path) -> None:
     folder = fill_folder(tmp_path, bags=False)
     with (folder / "sizes" / "results.jsonl").open("a") as file:
@@ -133,8 +144,10 @@ def test_depth_and_number_of_files_are_limited(tmp_path: Path, monkeypatch: pyte
     deep = tmp_path / "1" / "2" / "3"
     deep.mkdir(parents=True)
     described_model().save(deep / "b.json")
+    (tmp_path / "z").mkdir()
+    described_model().save(tmp_path / "z" / "c.json")
     listing = look(tmp_path)
-    assert listing.cut and [one.path for one in listing.items] == ["a.json"]
+    assert listing.cut and {one.path for one in listing.items} == {"a.json", "z/c.json"}  # what follows is there
 
 
 def test_a_thousand_models_are_listed_within_a_second(tmp_path: Path) -> None:

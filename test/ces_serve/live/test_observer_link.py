@@ -76,6 +76,20 @@ def test_a_process_that_ends_by_itself_is_said(log: Path, tmp_path: Path) -> Non
     assert json.dumps(messages)
 
 
+def test_a_new_process_has_no_topics_of_the_one_before(log: Path, tmp_path: Path) -> None:
+    observers = ObserverLink()
+    before = observers.messages()
+    assert next(before) == {"topics": ["/observer/estimate"]}
+    before.close()
+    script = tmp_path / "some_listener.py"
+    script.write_text(script.read_text().replace('send({"topics": ["/observer/estimate"]})\n', ""))
+    first, second = observers.messages(), observers.messages()
+    assert "number" in next(first)
+    assert "number" in next(message for message in second if message)
+    first.close()
+    second.close()
+
+
 def test_a_client_that_does_not_read_loses_the_oldest_only(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(link, "MAX_WAITING", 5)
     messages = ObserverLink().messages()

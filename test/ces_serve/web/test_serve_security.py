@@ -7,6 +7,7 @@ import pytest
 pytest.importorskip("flask", reason="Flask is not installed")
 
 from pathlib import Path
+from typing import Any
 
 from flask.testing import FlaskClient
 from served_folders import described_model, fill_folder, write_report_page
@@ -65,10 +66,19 @@ def test_only_own_names_are_answered(header: str, bound: str, own: bool) -> None
     assert is_own_name(header, bound) is own
 
 
-def test_a_foreign_host_gets_nothing_of_the_folder(client: FlaskClient) -> None:
-    answer = client.get("/", headers={"Host": "evil.example"})
-    assert answer.status_code == 421
-    assert b"first.json" not in answer.data
+REFUSED: dict[int, dict[str, Any]] = {
+    421: {"headers": {"Host": "evil.example"}},
+    405: {"method": "POST"},
+    403: {"headers": {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "cors"}},
+}
+
+
+@pytest.mark.parametrize("status", REFUSED)
+def test_who_is_refused_gets_nothing_of_the_folder(client: FlaskClient, root: Path, status: int) -> None:
+    answer = client.open("/", **REFUSED[status])
+    assert answer.status_code == status
+    assert str(root) not in answer.text and "Models" not in answer.text  # neither its place nor what it holds
+    assert "Content-Security-Policy" in answer.headers
 
 
 @pytest.mark.parametrize("site", ["cross-site", "same-site"])

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from patience import PATIENCE_S, children_running
 from served_folders import BAGS
 
-from ces_observer.errors import CesError
 from ces_serve.work import process
-from ces_serve.work.process import do_work, finish_work
+from ces_serve.work.process import FAILED, RESULT, do_work
 
 INSPECT = {"name": "inspect", "path": str(BAGS / "sine_4hz"), "signals": None}
 
 
+def last_message(task: Mapping[str, Any], limit_s: float = PATIENCE_S) -> dict[str, Any]:
+    """Return the message with which a task ends."""
+    return list(do_work(task, limit_s))[-1]
+
+
 def test_a_recording_is_inspected_as_by_ces_info() -> None:
-    found = finish_work(INSPECT, PATIENCE_S)
+    found = last_message(INSPECT)[RESULT]
     channels = {channel["name"]: channel for channel in found["channels"]}
     assert set(channels) == {"position", "current", "force"}
     force = channels["force"]
@@ -26,13 +32,11 @@ def test_a_recording_is_inspected_as_by_ces_info() -> None:
 
 
 def test_a_wrong_path_is_one_line(tmp_path: Path) -> None:
-    with pytest.raises(CesError, match="no such file or folder"):
-        finish_work({**INSPECT, "path": str(tmp_path / "missing")}, PATIENCE_S)
+    assert "no such file or folder" in last_message({**INSPECT, "path": str(tmp_path / "missing")})[FAILED]
 
 
 def test_work_that_takes_too_long_is_stopped() -> None:
-    with pytest.raises(CesError, match="it took longer than 0 s"):
-        finish_work(INSPECT, 0.05)
+    assert "it took longer than 0 s" in last_message(INSPECT, 0.05)[FAILED]
     assert children_running(process.WORKER) == set()
 
 
@@ -49,5 +53,4 @@ def test_work_ends_when_nobody_waits_for_it(tmp_path: Path, monkeypatch: pytest.
 
 def test_a_process_that_dies_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(process, "WORKER", "ces_serve.no_such_module")
-    with pytest.raises(CesError, match="the process ended without a result"):
-        finish_work(INSPECT, PATIENCE_S)
+    assert "the process ended without a result" in last_message(INSPECT)[FAILED]

@@ -1,11 +1,15 @@
 """What every log that cannot be opened says: one line, and what to do."""
 
+import json
 import sys
 
+import numpy as np
 import pytest
 
-from ces_identify.recordings.formats.open_log import open_log
-from ces_identify.recordings.log_mapping import DynoMapping
+from ces_identify.recordings.foreign_files import KINDS
+from ces_identify.recordings.formats.open_log import SUFFIXES, open_log
+from ces_identify.recordings.log_import import import_log
+from ces_identify.recordings.log_mapping import DynoMapping, parse_dyno_mapping
 from ces_observer.errors import RecordingError
 
 HEADS = {"log.mat": b"MATLAB 7.3 MAT-file".ljust(512)}
@@ -42,3 +46,54 @@ def test_a_file_that_is_not_there(tmp_path, name):
 def test_a_folder_is_no_log(tmp_path):
     with pytest.raises(RecordingError, match="is a folder; expected a log"):
         open_log(tmp_path, DynoMapping("map.yaml", {}))
+
+
+SERIES = "\n".join(f"{name}: {{column: {name}}}" for name in ("position", "current", "force"))
+TIMES = [0.0, 0.001, 0.002]
+
+
+def import_series(path, **times):
+    """Import time series with these lists of times, and values that count from 1."""
+    series = {
+        name: {"time": list(times.get(name, TIMES)), "data": [*range(1, 1 + len(times.get(name, TIMES)))]}
+        for name in ("position", "current", "force")
+    }
+    path.write_text(json.dumps(series))
+    return import_log(path, parse_dyno_mapping(SERIES, "map.yaml"))
+
+
+def test_series_that_begin_before_zero_keep_their_distance(tmp_path):
+    found = import_series(tmp_path / "log.json", position=[-0.5, -0.4, 0.1], force=[-0.3, 0.0, 0.2])
+    assert np.diff([found.channel(name).stamps_ns[0] for name in ("position", "force", "current")]).tolist() == [
+        200_000_000,
+        300_000_000,
+    ]
+    assert found.channel("position").stamps_ns[0] == 0
+
+
+@pytest.mark.parametrize(
+    ("times", "reason"),
+    [
+        ([], "is empty; expected samples"),
+        ([0.0, float("nan"), 0.1], "time 1 is nan; expected seconds"),
+        ([0.0, 1e12, 2e12], r"time 1 is 1e\+12; expected seconds"),
+    ],
+)
+def test_series_without_times_are_refused_by_name(tmp_path, times, reason):
+    with pytest.raises(RecordingError, match=rf"log.json: 'force':? {reason}"):
+        import_series(tmp_path / "log.json", force=times)
+
+
+@pytest.mark.parametrize("form", ['{"position": [1, %s], "force": [1, 2]}', '[{"position": 1}, {"position": %s}]'])
+def test_a_whole_number_that_no_float_holds_is_a_bad_cell(tmp_path, form):
+    (tmp_path / "log.json").write_text(form % ("1" + "0" * 400))
+    mapping = parse_dyno_mapping(
+        "rate: 1000.0\nposition: {column: position}\ncurrent: {constant: 0}\nforce: {constant: 1}", "map.yaml"
+    )
+    with pytest.raises(RecordingError, match="column 'position' has a cell that is not a number"):
+        import_log(tmp_path / "log.json", mapping)
+
+
+def test_every_format_is_known_where_a_bag_is_expected():
+    importable = {suffix for kind, suffixes in SUFFIXES.items() if kind != "bag" for suffix in suffixes}
+    assert set(KINDS) == importable
