@@ -14,7 +14,7 @@ import numpy as np
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding
 from ces_identify.recordings.recording import Recording
-from ces_identify.sense.delays import is_constant
+from ces_identify.sense.force_map import is_constant
 from ces_identify.sense.motion import Motion, recorded_motion
 
 UNITS = {"kN": 1e3, "lbf": 4.4482216, "kgf": 9.80665}  # [N]

@@ -10,11 +10,14 @@ import numpy as np
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, sort_findings
 from ces_identify.recordings.recording import Recording
 from ces_identify.sense.consistency import differences
-from ces_identify.sense.delays import is_constant
-from ces_identify.sense.motion import recorded_motion
+from ces_identify.sense.delays import force_delay
+from ces_identify.sense.force_map import is_constant
+from ces_identify.sense.motion import join_motions, recorded_motion
+from ces_identify.sense.rates import rate_findings
 from ces_identify.sense.saturation import saturation_findings
 from ces_identify.sense.sensors import sensor_findings
-from ces_identify.sense.timing import timing_findings
+from ces_identify.sense.stuck_current import current_findings
+from ces_identify.sense.timing import IS_DELAY, delay_findings, timing_findings
 from ces_identify.sense.units import unit_findings
 from ces_observer.errors import RecordingError
 
@@ -25,15 +28,29 @@ def sense(recording: Recording) -> tuple[Finding, ...]:
     "wrong model": a model of it would be wrong. A check that cannot know says nothing.
     """
     motion = recorded_motion(recording)
-    units = list(unit_findings(recording, motion))
     return sort_findings(
-        units, timing_findings(recording, motion), saturation_findings(recording), sensor_findings(recording)
+        unit_findings(recording, motion),
+        timing_findings(motion) if motion is not None else (),
+        rate_findings(recording),
+        saturation_findings(recording),
+        sensor_findings(recording),
+        current_findings(recording, motion),
     )
 
 
 def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
-    """Return the findings on each recording, each with its name, the worst first."""
-    return sort_findings(replace(f, text=f"{r.name}: {f.text}") for r in recordings for f in sense(r))
+    """Return the findings on each recording, each with its name, and a delay that all show together; worst first."""
+    single = [replace(f, text=f"{r.name}: {f.text}") for r in recordings for f in sense(r)]
+    return sort_findings(single, () if any(IS_DELAY in f.text for f in single) else _joint_delay(recordings))
+
+
+def _joint_delay(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Yield the delay that recordings show together where none shows it alone, as sines of several frequencies do."""
+    motions = [motion for recording in recordings if (motion := recorded_motion(recording)) is not None]
+    if len(motions) > 1:
+        motion = join_motions(motions)
+        found = delay_findings(motion, force_delay(motion))
+        yield from (replace(f, text=f"{len(motions)} recordings together: {f.text}") for f in found)
 
 
 def sense_together(recordings: Sequence[Recording]) -> tuple[Finding, ...]:

@@ -13,9 +13,10 @@ import numpy as np
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, finite_values
 from ces_identify.recordings.recording import Recording
-from ces_identify.sense.motion import Motion
+from ces_identify.sense.motion import RATE_HZ, Motion
 
 MAX_STROKE_M, MAX_SPEED_M_S = 1.0, 10.0  # of a damper on a rig or a vehicle
+MAX_RMS_M_S, MAX_M_S2 = 2.0, 1000.0  # over the whole recording: the oil would boil; wheels on a kerb stay below 500
 MIN_STROKE_M, STROKE_FORCE_N = 1e-4, 100.0  # a shorter stroke makes no force like this
 MAX_CURRENT_A, VALVE_A = 100.0, 30.0  # beyond any valve; beyond those of vehicles
 FORCE_N, DAMPING_N_S_M = 8.0, 40.0  # the seal's friction alone is more; half of the softest bicycle damper
@@ -27,14 +28,22 @@ MAX_FORCE_N = 1e6
 def unit_findings(recording: Recording, motion: Motion | None) -> Iterator[Finding]:
     """Yield a finding for each signal whose magnitude speaks for another unit; percentiles ignore outliers."""
     speed = float(np.percentile(np.abs(motion.speed), 99.0)) if motion is not None else 0.0
+    fast = motion is not None and _is_too_fast(motion)
     force = _half_span(finite_values(recording, "force"))
-    yield from _position(_half_span(finite_values(recording, "position")) * 2.0, speed, force)
+    yield from _position(_half_span(finite_values(recording, "position")) * 2.0, speed, force, fast)
     yield from _current(finite_values(recording, "current"))
     yield from _force(force, speed)
 
 
-def _position(stroke: float, speed: float, force: float) -> Iterator[Finding]:
-    if stroke > MAX_STROKE_M or speed > MAX_SPEED_M_S:
+def _is_too_fast(motion: Motion) -> bool:
+    """Return whether the piston keeps moving faster, or accelerates more, than any damper's."""
+    acceleration = np.abs(np.gradient(motion.speed)) * RATE_HZ
+    rms = float(np.sqrt(np.mean(motion.speed**2)))
+    return rms > MAX_RMS_M_S or float(np.percentile(acceleration, 99.0)) > MAX_M_S2
+
+
+def _position(stroke: float, speed: float, force: float, fast: bool) -> Iterator[Finding]:
+    if stroke > MAX_STROKE_M or speed > MAX_SPEED_M_S or fast:
         yield Finding(
             WRONG_MODEL,
             f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper; multiply its scale "
