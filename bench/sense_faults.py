@@ -1,9 +1,10 @@
 """Measures the sense checks: detection rates of faults put into sound recordings, and false alarms on sound ones.
 
-    python -m bench.sense_faults [--plants N] [--docs docs/sense.md]
+    python -m bench.sense_faults [--plants N] [--in-view] [--docs docs/sense.md]
 
-Recordings: drawn dampers of all kinds on drawn strokes and currents, and the packaged experiments. Measured data join
-in if CES_DATA names their folder. Each fault is put into each recording by itself.
+Recordings: those of `sense_judges`, which no threshold was set with; `--in-view` adds the drawn dampers and packaged
+experiments with which they were. Measured data join in if CES_DATA names their folder; they were in view, too. Each
+fault is put into each recording by itself.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from bench.markdown import markdown, replace_between
+from bench.sense_judges import JUDGING, draw_judges
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.checks import WRONG_MODEL, Finding
 from ces_identify.recordings.log_import import import_log
@@ -239,19 +241,27 @@ def format_table(rows: Sequence[tuple[str, Count]]) -> list[str]:
     return [markdown([("fault", "recordings", "reported", "refused", "other signals named"), *cells])]
 
 
+def _rows(title: str, recordings: Sequence[Recording]) -> list[str]:
+    return [f"{title}:", "", *format_table(count_findings(recordings)), ""]
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the campaign and print or write its tables; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--plants", type=int, default=2, help="plants of each kind and excitation (default 2)")
+    parser.add_argument("--plants", type=int, default=1, help="plants of each kind and excitation (default 1)")
+    parser.add_argument("--in-view", action="store_true", help="also count on the recordings that set the thresholds")
     parser.add_argument("--docs", type=Path, help="page whose tables are replaced; default: print")
     options = parser.parse_args(argv)
     began = time.monotonic()
-    recordings = list(draw_recordings(options.plants))
-    rows = [f"{len(recordings)} recordings of the virtual rig:", "", *format_table(count_findings(recordings)), ""]
-    rows += [*delay_rows(recordings), ""]
+    judging = list(draw_judges(JUDGING, options.plants))
+    rows = _rows(f"{len(judging)} recordings of dampers that set no threshold", judging)
+    rows += [*delay_rows(judging), ""]
+    if options.in_view:
+        seen = list(draw_recordings(options.plants))
+        rows += _rows(f"{len(seen)} recordings of the virtual rig, with which thresholds were set", seen)
     measured = list(read_measured(Path(os.environ["CES_DATA"]))) if "CES_DATA" in os.environ else []
     if measured:
-        rows += [f"{len(measured)} measured recordings:", "", *format_table(count_findings(measured)), ""]
+        rows += _rows(f"{len(measured)} measured recordings, with which thresholds were set", measured)
     text = "\n".join(rows)
     if options.docs is None:
         print(text)

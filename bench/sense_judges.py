@@ -24,7 +24,7 @@ from ces_rig.withheld.plants import PLANTS, BlindPlant, available_effects, draw_
 
 JUDGING, DEVELOPING = 2, 1  # streams of random numbers
 SECONDS, ACTUATOR_HZ, REACH_M = 16.0, 35.0, (0.020, 0.045)
-MAX_SPEED_M_S = 3.0  # of the recorded position: a wheel on a kerb
+MAX_SPEED_M_S, MAX_RMS_M_S = 3.0, 1.0  # of the recorded position: a wheel on a kerb, a race
 FAULTY = ("position_delay", "force_scale")  # effects that are faults of a recording themselves
 MAX_EFFECTS = 3
 SIZES = {"motorcycle": (0.3, 0.8), "car": (1.0, 1.0), "lorry": (5.0, 2.0)}  # force and stroke of the drawn damper
@@ -42,12 +42,12 @@ def draw_judges(stream: int, plants: int = 1) -> Iterator[Recording]:
 
 
 def _record(name: str, plant: BlindPlant, stroke: Stroke, current: Current, rng: Generator) -> Recording:
-    time = np.arange(round(SECONDS / GRID_S) + 1) * GRID_S
-    moved = sosfiltfilt(butter(4, ACTUATOR_HZ, fs=1.0 / GRID_S, output="sos"), stroke(time, rng))
+    time: F = np.arange(round(SECONDS / GRID_S) + 1, dtype=np.float64) * GRID_S
+    moved: F = sosfiltfilt(butter(4, ACTUATOR_HZ, fs=1.0 / GRID_S, output="sos"), stroke(time, rng))
     size, leverage = tuple(SIZES)[int(rng.integers(len(SIZES)))], float(rng.choice([1.0, rng.uniform(0.45, 0.95)]))
-    moved *= rng.uniform(*REACH_M) / np.abs(moved).max()
-    fastest = np.abs(np.gradient(moved, GRID_S)).max() * SIZES[size][1] / leverage
-    moved *= min(1.0, MAX_SPEED_M_S / fastest)
+    moved *= rng.uniform(*REACH_M) / float(np.abs(moved).max())
+    speed = np.gradient(moved, GRID_S) * SIZES[size][1] / leverage
+    moved *= min(1.0, MAX_SPEED_M_S / float(np.abs(speed).max()), MAX_RMS_M_S / float(np.sqrt(np.mean(speed**2))))
     command = current.samples(time, moved, rng)
     names = [n for n in available_effects(plant.kind) if n in EFFECTS and n not in FAULTY]
     drawn = rng.choice(names, int(rng.integers(MAX_EFFECTS + 1)), replace=False)
@@ -98,7 +98,7 @@ def _noise(time: F, rng: Generator) -> F:
 
 
 def _road(time: F, rng: Generator) -> F:
-    return RoadStroke(str(rng.choice(list("ABCD"))), rng.uniform(6.0, 35.0)).samples(time, rng)
+    return np.asarray(RoadStroke(str(rng.choice(list("ABCD"))), rng.uniform(6.0, 35.0)).samples(time, rng))
 
 
 def _sweep(time: F, rng: Generator) -> F:
@@ -121,14 +121,15 @@ def _stop_and_go(time: F, rng: Generator) -> F:
     moving = np.zeros(len(time))
     for start in np.sort(rng.uniform(0.5, time[-1] - 3.0, 2)):
         moving[(time > start) & (time < start + rng.uniform(1.5, 3.0))] = 1.0
-    return _road(time, rng) * sosfiltfilt(butter(2, 1.0, fs=1.0 / GRID_S, output="sos"), moving)
+    return np.asarray(_road(time, rng) * sosfiltfilt(butter(2, 1.0, fs=1.0 / GRID_S, output="sos"), moving))
 
 
 def _dyno(time: F, rng: Generator) -> F:
     """Return a sine whose amplitude grows in steps, as damper dynamometers run it."""
     steps = np.floor(time / time[-1] * 3.999) + 1.0
     frequency = float(np.exp(rng.uniform(np.log(0.5), np.log(6.0))))
-    return Sine(0.01, frequency).samples(time, rng) * sosfiltfilt(butter(2, 2.0, fs=1.0 / GRID_S, output="sos"), steps)
+    grown = sosfiltfilt(butter(2, 2.0, fs=1.0 / GRID_S, output="sos"), steps)
+    return np.asarray(Sine(0.01, frequency).samples(time, rng) * grown)
 
 
 def _sines(time: F, rng: Generator) -> F:

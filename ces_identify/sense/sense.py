@@ -39,9 +39,14 @@ def sense(recording: Recording) -> tuple[Finding, ...]:
 
 
 def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
-    """Return the findings on each recording, each with its name, and a delay that all show together; worst first."""
-    single = [replace(f, text=f"{r.name}: {f.text}") for r in recordings for f in sense(r)]
-    return sort_findings(single, () if any(IS_DELAY in f.text for f in single) else _joint_delay(recordings))
+    """Return the findings on each recording, with its name, and on what they show together, the worst first."""
+    single = sort_findings(replace(f, text=f"{r.name}: {f.text}") for r in recordings for f in sense(r))
+    if len(recordings) < 2:
+        return single
+    known = {f.text.split(": ")[1] for f in single if f.severity == WRONG_MODEL}
+    between = [f for f in differences(recordings) if f.text.split(":")[0].split(" ")[0] not in known]
+    joint = () if any(IS_DELAY in f.text for f in single) else _joint_delay(recordings)
+    return sort_findings(between, single, joint)
 
 
 def _joint_delay(recordings: Sequence[Recording]) -> Iterator[Finding]:
@@ -54,14 +59,8 @@ def _joint_delay(recordings: Sequence[Recording]) -> Iterator[Finding]:
 
 
 def sense_together(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
-    """Return the findings on recordings for one model, each with the recording's name, the worst first.
-
-    Beside those on each recording: differences between them, and a current that is the same in all.
-    """
-    single = sense_each(recordings)
-    known = {f.text.split(": ")[1] for f in single if f.severity == WRONG_MODEL}
-    between = [f for f in differences(recordings) if f.text.split(":")[0].split(" ")[0] not in known]
-    return sort_findings(between, single, _one_current(recordings))
+    """Return the findings on recordings for one model, and a current that is the same in all; the worst first."""
+    return sort_findings(sense_each(recordings), _one_current(recordings))
 
 
 def require_sensible(findings: Sequence[Finding], go_on: bool = False) -> tuple[str, ...]:
