@@ -1,9 +1,10 @@
 """Measures the sense checks: detection rates of faults put into sound recordings, and false alarms on sound ones.
 
-    python -m bench.sense_faults [--plants N] [--docs docs/sense.md]
+    python -m bench.sense_faults [--plants N] [--in-view] [--docs docs/sense.md]
 
-Recordings: drawn dampers of all kinds on drawn strokes and currents, and the packaged experiments. Measured data join
-in if CES_DATA names their folder. Each fault is put into each recording by itself.
+Recordings: those of `sense_judges`, which no threshold was set with; `--in-view` adds the drawn dampers and packaged
+experiments with which they were. Measured data join in if CES_DATA names their folder; they were in view, too. Each
+fault is put into each recording by itself.
 """
 
 from __future__ import annotations
@@ -19,12 +20,14 @@ from pathlib import Path
 import numpy as np
 
 from bench.markdown import markdown, replace_between
+from bench.sense_judges import JUDGING, draw_judges
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.checks import WRONG_MODEL, Finding
 from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.log_mapping import load_dyno_mapping
 from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.sense.delays import DelayEstimate, current_delay, force_delay, is_constant
+from ces_identify.sense.delays import DelayEstimate, current_delay, force_delay
+from ces_identify.sense.force_map import is_constant
 from ces_identify.sense.motion import recorded_motion
 from ces_identify.sense.sense import sense
 from ces_rig.blind.excitation import EXCITATIONS, draw_drive
@@ -100,9 +103,14 @@ def sample_at(rate_Hz: float) -> Change:
     return apply
 
 
-def clip_force(share: float) -> Change:
-    """Return a change that clips the force at a share of its largest value."""
-    return change_values("force", lambda force: np.clip(force, share * force.min(), share * force.max()))
+def clip(signal: str, share: float) -> Change:
+    """Return a change that clips a signal at a share of its reach on both sides of the middle."""
+
+    def apply(values: F) -> F:
+        middle, reach = 0.5 * (values.max() + values.min()), 0.5 * share * np.ptp(values)
+        return np.clip(values, middle - reach, middle + reach)
+
+    return change_values(signal, apply)
 
 
 def quantise(signal: str, levels: int) -> Change:
@@ -115,12 +123,12 @@ def quantise(signal: str, levels: int) -> Change:
     return change_values(signal, apply)
 
 
-def hold_stretch(signal: str) -> Change:
-    """Return a change that holds one value of a signal from 40 to 50 % of the time, as a lost sensor does."""
+def hold_stretch(signal: str, first: float = 0.4, last: float = 0.5, value: float | None = None) -> Change:
+    """Return a change that holds a signal, at `value` or its last one, for a part of the time: a lost sensor."""
 
     def apply(values: F) -> F:
-        held = values.copy()
-        held[round(0.4 * len(values)) : round(0.5 * len(values))] = values[round(0.4 * len(values))]
+        held, begin = values.copy(), round(first * len(values))
+        held[begin : round(last * len(values))] = values[begin] if value is None else value
         return held
 
     return change_values(signal, apply)
@@ -150,12 +158,22 @@ FAULTS = (
         for s in (1e-3 * delay for delay in delays)
     ),
     *(SenseFault(f"all at {rate} Hz", sample_at(rate), ("force",)) for rate in (200, 100, 50)),
-    SenseFault("force clipped at 80 %", clip_force(0.8), ("force",)),
-    SenseFault("force clipped at 50 %", clip_force(0.5), ("force",)),
+    SenseFault("force clipped at 80 %", clip("force", 0.8), ("force",)),
+    SenseFault("force clipped at 50 %", clip("force", 0.5), ("force",)),
+    SenseFault("position clipped at 80 %", clip("position", 0.8), ("position",)),
+    SenseFault("position clipped at 50 %", clip("position", 0.5), ("position",)),
     SenseFault("position with 40 levels", quantise("position", 40), ("position",)),
+    SenseFault("position with 150 levels", quantise("position", 150), ("position",)),
     SenseFault("force with 20 levels", quantise("force", 20), ("force",)),
-    SenseFault("position stuck for 10 % of the time", hold_stretch("position"), ("position",)),
-    SenseFault("force stuck for 10 % of the time", hold_stretch("force"), ("force",)),
+    *(
+        SenseFault(f"{signal} stuck for 10 % of the time", hold_stretch(signal), (signal,))
+        for signal in ("position", "force", "current")
+    ),
+    SenseFault("current stuck in the second half", hold_stretch("current", 0.5, 1.0), ("current",)),
+    *(
+        SenseFault(f"{signal} dead (0) for 10 % of the time", hold_stretch(signal, value=0.0), (signal,))
+        for signal in ("position", "force", "current")
+    ),
     SenseFault("force held at 100 Hz", hold_samples("force", 10), ("force",)),
 )
 
@@ -223,19 +241,27 @@ def format_table(rows: Sequence[tuple[str, Count]]) -> list[str]:
     return [markdown([("fault", "recordings", "reported", "refused", "other signals named"), *cells])]
 
 
+def _rows(title: str, recordings: Sequence[Recording]) -> list[str]:
+    return [f"{title}:", "", *format_table(count_findings(recordings)), ""]
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the campaign and print or write its tables; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--plants", type=int, default=2, help="plants of each kind and excitation (default 2)")
+    parser.add_argument("--plants", type=int, default=1, help="plants of each kind and excitation (default 1)")
+    parser.add_argument("--in-view", action="store_true", help="also count on the recordings that set the thresholds")
     parser.add_argument("--docs", type=Path, help="page whose tables are replaced; default: print")
     options = parser.parse_args(argv)
     began = time.monotonic()
-    recordings = list(draw_recordings(options.plants))
-    rows = [f"{len(recordings)} recordings of the virtual rig:", "", *format_table(count_findings(recordings)), ""]
-    rows += [*delay_rows(recordings), ""]
+    judging = list(draw_judges(JUDGING, options.plants))
+    rows = _rows(f"{len(judging)} recordings of dampers that set no threshold", judging)
+    rows += [*delay_rows(judging), ""]
+    if options.in_view:
+        seen = list(draw_recordings(options.plants))
+        rows += _rows(f"{len(seen)} recordings of the virtual rig, with which thresholds were set", seen)
     measured = list(read_measured(Path(os.environ["CES_DATA"]))) if "CES_DATA" in os.environ else []
     if measured:
-        rows += [f"{len(measured)} measured recordings:", "", *format_table(count_findings(measured)), ""]
+        rows += _rows(f"{len(measured)} measured recordings, with which thresholds were set", measured)
     text = "\n".join(rows)
     if options.docs is None:
         print(text)

@@ -13,6 +13,7 @@ from rich.table import Table
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bags
+from ces_cli.terminal.findings import print_findings
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, require_new_folder
 from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
@@ -38,13 +39,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     simulations = _open_simulations(options.model)
     paths = find_bags(options.bags)
     recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in paths]
+    found = print_findings(recordings)
     simulated = _simulate(simulations, paths, recordings, signals)
     with terminal.err.status("characterising"):
         results = characterise(recordings, simulations=simulated)
     if options.out is not None:
         _write(options.out, results, sys.argv[2:] if argv is None else argv)
     if options.json:
-        print_document("characterise", asdict(results))
+        print_document("characterise", {**asdict(results), "findings": found})
     else:
         _print_results(results)
     return 0

@@ -11,6 +11,7 @@ import numpy as np
 from ces_cli.bags.replay import estimate_forces
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bags
+from ces_cli.terminal.findings import print_findings
 from ces_cli.terminal.outputs import add_overwrite, require_new_folder, require_outputs
 from ces_identify.data_export.data_table import DataTable, tabulate, tabulate_as_logged
 from ces_identify.data_export.write_table import FORMATS, require_writer, write_table
@@ -40,6 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     model = load_model(options.model) if options.model else None
     for bag, (path, kind) in zip(bags, targets, strict=True):
         recording = terminal.read_one(bag, signals, ("position",))
+        print_findings([recording])
         with terminal.err.status(f"writing {path}"):
             table = _tabulate(recording, model, options)
             write_table(table, path, kind)

@@ -177,7 +177,7 @@ def _as_json(recording: Recording, path: Path) -> dict[str, object]:
         "samples": len(position),
         "rate_Hz": mean_rate(position),
         "channels": list(recording.channels),
-        "findings": findings(recording),
+        "findings": (*findings(recording), *sense(recording)),
     }
 
 

@@ -12,11 +12,13 @@ from ces_cli.compare.arguments import ComparedWords, open_models, read_recording
 from ces_cli.compare.campaign_fronts import front_models, show_campaigns
 from ces_cli.compare.comparison_tables import MAX_PAIRS, cost_table, model_table, pair_table, recording_table, sentences
 from ces_cli.terminal import terminal
+from ces_cli.terminal.findings import print_findings
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.comparison.comparison import MAX_MODELS, Comparison, compare
 from ces_identify.comparison.comparison_json import comparison_document
 from ces_identify.comparison.comparison_page import write_comparison
+from ces_identify.recordings.checks import Finding
 from ces_observer.errors import CesError
 
 USAGE = "usage: ces compare A.json B.json ... BAG..."
@@ -47,12 +49,13 @@ def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts:
     signals = terminal.load_described_signals(options)
     specs = {path: name for name, path in chosen.items()}
     recordings = read_recordings(words.bags, signals)
+    found = print_findings([recording for _, recording in recordings])
     models = open_models([*words.simulations, *specs], recordings, signals, specs)
     with terminal.err.status(f"simulating {len(recordings)} recordings with {len(models)} models"):
         comparison = compare(models, [recording for _, recording in recordings], options.part)
     if options.report is not None:
         write_comparison(options.report, comparison, facts)
-    _print(comparison, options.json)
+    _print(comparison, found, options.json)
 
 
 def _require_recordings_for_options(options: argparse.Namespace) -> None:
@@ -61,9 +64,9 @@ def _require_recordings_for_options(options: argparse.Namespace) -> None:
             raise CesError(f"{name} applies to recordings; add some to compare the models on the campaign's front")
 
 
-def _print(comparison: Comparison, as_json: bool) -> None:
+def _print(comparison: Comparison, found: Sequence[Finding], as_json: bool) -> None:
     if as_json:
-        print_document("compare", comparison_document(comparison))
+        print_document("compare", {**comparison_document(comparison), "findings": found})
         return
     recordings = [recording_table(comparison)] if len(comparison.recordings) > 1 else []
     pairs = [pair_table(comparison)] if len(comparison.pairs) <= MAX_PAIRS else []

@@ -19,6 +19,7 @@ from ces_identify.identification import IdentificationResult, count_starts
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.progress_file import SearchProgressFile
+from ces_identify.recordings.checks import Finding
 from ces_identify.recordings.recording import Recording
 from ces_identify.sense.content import require_distinct
 from ces_identify.sense.sense import require_sensible, sense_together
@@ -43,7 +44,7 @@ class Identification:
     """The inputs of an identification.
 
     `bags` and `validation` are recordings with the force to learn, `measured` all of them as logged. `forced` are the
-    findings in spite of which --force goes on.
+    findings in spite of which --force goes on, `findings` all of the sense check.
     """
 
     options: argparse.Namespace
@@ -52,6 +53,7 @@ class Identification:
     measured: Sequence[Recording]
     how: IdentifyOptions
     forced: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
@@ -115,7 +117,7 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
         not options.no_band,
         None if options.differentiator == AUTO else options.differentiator,
     )
-    return Identification(options, bags, validation, tuple(measured.values()), how, forced)
+    return Identification(options, bags, validation, tuple(measured.values()), how, forced, found)
 
 
 def write_report_page(result: IdentificationResult, options: argparse.Namespace, command: str) -> None:

@@ -30,6 +30,7 @@ def identification_facts(
         "structures": model.provenance["selection"].get("structures", {}),
         "folds": fold_rows(folds),
         "teacher": _teacher_rows(result, work, options),
+        "findings": work.findings,
         "report": options.report,
         "picture": options.picture,
     }

@@ -10,10 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.identify.certificate_check import certificate_facts, verify_certificate
+from ces_cli.identify.model_check import print_against_model
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import add_bags, find_bags, with_distinct_names
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
+from ces_cli.terminal.findings import print_findings
 from ces_cli.terminal.json_costs import cost_rows, held_out_row, model_facts
 from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.option_rules import OptionRule
@@ -21,8 +23,8 @@ from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_cli.terminal.tables import cost_table, print_band, print_missing, print_outside
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
+from ces_identify.recordings.checks import WRONG_MODEL, Finding
 from ces_identify.sense.content import find_known_recording
-from ces_identify.sense.sense import sense_each
 from ces_identify.validation.error_regions import error_cells
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.residuals import residual_tests, verdicts
@@ -45,13 +47,13 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
     with without_text(options.json):
         status = verify_certificate(model, str(options.model)) if options.certificate else 0
-        evaluations = [] if status else _evaluations(model, paths, options)
+        evaluations, found = ([], []) if status else _evaluations(model, paths, options)
         weighting = weighting.with_common_stroke([e.series for e in evaluations]) if evaluations else weighting
         if evaluations:
             _print_evaluations(model, evaluations, weighting, options)
             _write_pages(model, evaluations, weighting, options, argv)
     if options.json:
-        print_document("validate", _as_json(model, evaluations, weighting, options))
+        print_document("validate", {**_as_json(model, evaluations, weighting, options), "findings": found})
     return status
 
 
@@ -113,14 +115,16 @@ def _residual_facts(evaluation: Evaluation) -> dict[str, Any] | None:
     return {"whiteness_p_value": tests.whiteness.p_value, "ljung_box": tests.ljung_box, "inputs": correlations}
 
 
-def _evaluations(model: Model, paths: Sequence[Path], options: argparse.Namespace) -> list[Evaluation]:
+def _evaluations(
+    model: Model, paths: Sequence[Path], options: argparse.Namespace
+) -> tuple[list[Evaluation], list[Finding]]:
+    """Return the evaluations, and the findings of the sense check, which are printed."""
     signals = terminal.load_described_signals(options)
     recordings = list(
         with_distinct_names({path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}).values()
     )
-    for finding in sense_each(recordings):
-        terminal.print_warning(finding.text)
-    evaluations = []
+    found = [*print_findings(recordings)]
+    evaluations: list[Evaluation] = []
     for recording in recordings:
         overlaps = find_known_recording(recording, model.provenance, options.part)
         if overlaps:
@@ -130,7 +134,9 @@ def _evaluations(model: Model, paths: Sequence[Path], options: argparse.Namespac
             )
         series = prepare(recording, model.sampling).part(*options.part)
         evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
-    return evaluations
+        if not (overlaps or any(f.severity == WRONG_MODEL and f.text.startswith(f"{recording.name}:") for f in found)):
+            found += print_against_model(model, recording, evaluations[-1], options.part)
+    return evaluations, found
 
 
 def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:

@@ -50,7 +50,7 @@ def check_recordings(
         if "force" not in recording.channels:
             raise GapError(f"{recording.name}: no measured force; a diagnosis needs one: map it in the signals file")
     require_consistent(everything)
-    notes = [finding.text for finding in sense_each(everything) if SATURATES not in finding.text]
+    notes = [finding.text for finding in sense_each(everything) if f"force: {SATURATES}" not in finding.text]
     return (*notes, *(note for recording in everything for note in saturation_notes(recording)))
 
 

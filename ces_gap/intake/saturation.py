@@ -39,7 +39,7 @@ def exclude_saturated_ticks(trace: Trace) -> Trace:
     if not limits:
         return trace
     force = trace.recording.channel("force")
-    flat = np.isin(force.values, [s.limit_N for s in limits])
+    flat = np.isin(force.values, [s.limit for s in limits])
     start = int(trace.recording.channel("position").stamps_ns[0])
     seconds = np.sort((force.stamps_ns[flat] - start) * 1e-9)
     return replace(trace, usable=trace.usable & ~_is_near(trace.time_s, seconds))

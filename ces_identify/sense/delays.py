@@ -5,6 +5,8 @@ flexible causal map of position, speed and current, with memory, is fitted to th
 the lags that dampers have. The relative error of the fit is least at the right shift. All shifts that fit almost as
 well form the interval: where a lag of the damper or of its valve could imitate the delay, as with a single sine, the
 interval is wide and holds zero.
+
+Recordings of one damper by one logger may be joined: sines at several frequencies show together what none shows alone.
 """
 
 from __future__ import annotations
@@ -12,24 +14,29 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ces_identify.numerics.arrays import F, I
+from ces_identify.sense.force_map import (
+    LAGS_S,
+    VALVE_LAGS_S,
+    fit_errors,
+    force_features,
+    hats,
+    is_constant,
+    lag,
+    normalize,
+)
 from ces_identify.sense.motion import RATE_HZ, Motion
 
 MAX_DELAY_S = 0.07
 MIN_TICKS = 2000
 ROWS, CURRENT_ROWS = 8000, 5000  # of the regressions
-KNOTS = (0.0, 0.02, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 0.98, 1.0)  # quantiles of the speed
 CURRENT_KNOTS = (0.0, 0.03, 0.2, 0.4, 0.6, 0.8, 0.97, 1.0)
-LAGS_S = (0.0, 0.003, 0.008)  # memory of the force
-VALVE_LAGS_S = (0.0, 0.01, 0.025)
 CURRENT_STEP = 2  # ticks between shifts of the current
-RIDGE = 1e-5
 FACTOR, FLOOR = 1.35, 0.02  # error that still counts as a fit: a multiple of the least, and never below the floor
-CURRENT_FACTOR, CURRENT_FLOOR = 1.25, 0.03
+CURRENT_FACTOR, CURRENT_FLOOR = 1.12, 0.025
+LIKELY_S, LIKELY_FACTOR, LIKELY_FLOOR, LIKELY_ERROR = 0.015, 1.15, 0.01, 0.2  # of a delay that is probable only
 MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these signals
-SAME_CURRENT = 0.02  # relative spread below which a current counts as constant
 
 
 @dataclass(frozen=True)
@@ -48,6 +55,12 @@ class DelayEstimate:
         return self.low_s > 0.0 or self.high_s < 0.0
 
     @property
+    def likely(self) -> bool:
+        """Whether a delay beyond the lags of dampers fits clearly better than none; none cannot be excluded."""
+        limit = max(LIKELY_FACTOR * self.least_error, float(np.hypot(self.least_error, LIKELY_FLOOR)))
+        return abs(self.late_s) > LIKELY_S and self.least_error < LIKELY_ERROR and self.error_at_zero > limit
+
+    @property
     def nearest_s(self) -> float:
         """The end of the interval that is nearer to zero, 0 if zero is inside."""
         return min((self.low_s, self.high_s), key=abs) if self.certain else 0.0
@@ -57,11 +70,11 @@ def force_delay(motion: Motion) -> DelayEstimate | None:
     """Return how late the force is logged relative to the position, None if that cannot be known."""
     if len(motion) < MIN_TICKS or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
         return None
-    features, reach = _force_features(motion), round(MAX_DELAY_S * RATE_HZ)
-    rows = _rows(len(motion), reach, ROWS)
+    features, reach = force_features(motion), round(MAX_DELAY_S * RATE_HZ)
+    rows = _rows(motion, reach, ROWS)
     shifts = np.arange(-reach, reach + 1)
     targets = np.stack([motion.force[rows + shift] for shift in shifts], axis=1)
-    errors = _fit_errors(features[:, rows].T, targets)
+    errors = fit_errors(features[:, rows].T, targets)
     return _as_delay(shifts / RATE_HZ, errors, FACTOR, FLOOR)
 
 
@@ -73,13 +86,13 @@ def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | 
     if len(motion) < MIN_TICKS or is_constant(motion.current) or motion.speed.std() == 0.0:
         return None
     reach, late = round(MAX_DELAY_S * RATE_HZ), round(force_late_s * RATE_HZ)
-    rows = _rows(len(motion), reach + abs(late), CURRENT_ROWS)
+    rows = _rows(motion, reach + abs(late), CURRENT_ROWS)
     motion_part, speed_hats = _motion_features(motion)
     currents = _currents(motion.current)
     shifts = np.arange(-reach, reach + 1, CURRENT_STEP)
     target = motion.force[rows + late][:, None]
     errors = [
-        _fit_errors(
+        fit_errors(
             np.concatenate([motion_part[:, rows], *(speed_hats[:, rows] * c[rows + late + shift] for c in currents)]).T,
             target,
         )[0]
@@ -88,65 +101,21 @@ def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | 
     return _as_delay(shifts / RATE_HZ, np.array(errors), CURRENT_FACTOR, CURRENT_FLOOR)
 
 
-def is_constant(current: F) -> bool:
-    """Return whether a current hardly changes."""
-    return bool(current.std() <= SAME_CURRENT * max(abs(float(current.mean())), 1e-3))
-
-
-def _force_features(motion: Motion) -> F:
-    """Return features (k, n): a map of speed and current, also behind lags, and the position."""
-    hats, factors = _hats(motion.speed, KNOTS), [np.ones(len(motion))]
-    if not is_constant(motion.current):
-        n = _normalize(motion.current)
-        factors += [n, n**2, *(_lag(n, lag) for lag in VALVE_LAGS_S[1:])]
-    base = np.concatenate([hats * factor for factor in factors])
-    return np.concatenate([*(_lag(base, lag) for lag in LAGS_S), _normalize(motion.position)[None]])
-
-
 def _motion_features(motion: Motion) -> tuple[F, F]:
     """Return the features of the motion alone (k, n), and the map of the speed (j, n) that currents multiply."""
-    hats = _hats(motion.speed, CURRENT_KNOTS)
-    return np.concatenate([hats, _lag(hats, LAGS_S[1]), _normalize(motion.position)[None]]), hats
+    speeds = hats(motion.speed, CURRENT_KNOTS)
+    return np.concatenate([speeds, lag(speeds, LAGS_S[1]), normalize(motion.position)[None]]), speeds
 
 
 def _currents(current: F) -> list[F]:
-    n = _normalize(current)
-    return [*(_lag(n, lag) for lag in VALVE_LAGS_S), n**2, _lag(n**2, VALVE_LAGS_S[1])]
+    n = normalize(current)
+    return [*(lag(n, seconds) for seconds in VALVE_LAGS_S), n**2, lag(n**2, VALVE_LAGS_S[1])]
 
 
-def _hats(values: F, quantiles: tuple[float, ...]) -> F:
-    """Return piecewise linear functions (k, n) with knots at the quantiles; they sum to one."""
-    knots = np.unique(np.quantile(values, quantiles))
-    return np.stack([np.interp(values, knots, row) for row in np.eye(len(knots))])
-
-
-def _lag(values: F, seconds: float) -> F:
-    if seconds == 0.0:
-        return values
-    keep = float(np.exp(-1.0 / (RATE_HZ * seconds)))
-    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values, axis=-1))
-
-
-def _normalize(values: F) -> F:
-    return np.asarray((values - values.mean()) / max(float(values.std()), 1e-30))
-
-
-def _rows(count: int, margin: int, most: int) -> I:
+def _rows(motion: Motion, margin: int, most: int) -> I:
     """Return at most `most` ticks, evenly spread, that stay inside when shifted by `margin`."""
-    inside = np.arange(margin + round(0.05 * RATE_HZ), count - margin)
+    inside = motion.inner_ticks(margin + round(0.05 * RATE_HZ), margin)
     return inside if len(inside) <= most else inside[np.linspace(0, len(inside) - 1, most).astype(np.int64)]
-
-
-def _fit_errors(features: F, targets: F) -> F:
-    """Return the relative error (m,) of the least-squares fit of each column of `targets` (n, m)."""
-    a, y = features - features.mean(axis=0), targets - targets.mean(axis=0)
-    gram = a.T @ a
-    damped = gram + RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
-    right = a.T @ y
-    weights = np.linalg.solve(damped, right)
-    energy = np.maximum((y**2).sum(axis=0), 1e-30)
-    rest = energy - 2.0 * (weights * right).sum(axis=0) + (weights * (gram @ weights)).sum(axis=0)
-    return np.asarray(np.sqrt(np.maximum(rest, 0.0) / energy))
 
 
 def _as_delay(shifts_s: F, errors: F, factor: float, floor: float) -> DelayEstimate | None:

@@ -14,7 +14,7 @@ import numpy as np
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding
 from ces_identify.recordings.recording import Recording
-from ces_identify.sense.delays import is_constant
+from ces_identify.sense.force_map import is_constant
 from ces_identify.sense.motion import Motion, recorded_motion
 
 UNITS = {"kN": 1e3, "lbf": 4.4482216, "kgf": 9.80665}  # [N]
@@ -28,24 +28,25 @@ def ratio_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
     motions = [(r.name, m) for r in recordings if (m := recorded_motion(r)) is not None]
     for name, motion in motions[1:]:
         first, reference = motions[0]
-        unit = _find_unit(_slope(reference, motion))
+        slope = _slope(reference, motion)
+        unit = find_unit(slope)
         if unit:
-            small, large = (name, first) if unit[1] < 1.0 else (first, name)
+            small, large = (name, first) if slope < 1.0 else (first, name)
             known = not (is_constant(motion.current) or is_constant(reference.current))
             yield Finding(
                 WRONG_MODEL if known else WARNING,  # without a current, the valve may have been set differently
-                f"force: {1.0 / min(unit[1], 1.0 / unit[1]):.3g} times as large in {large} as in {small} at equal "
-                f"speeds and currents; if {small} is in {unit[0]}, multiply its scale in the signals file by "
-                f"{UNITS[unit[0]]:.6g}",
+                f"force: {max(slope, 1.0 / slope):.3g} times as large in {large} as in {small} at equal "
+                f"speeds and currents; if {small} is in {unit}, multiply its scale in the signals file by "
+                f"{UNITS[unit]:.6g}",
             )
 
 
-def _find_unit(slope: float) -> tuple[str, float] | None:
-    """Return the unit whose ratio to N, or N's to it, a slope is, and the slope."""
+def find_unit(slope: float) -> str | None:
+    """Return the unit whose ratio to N, or N's to it, a slope is."""
     for unit, newtons in UNITS.items():
         for ratio in (newtons, 1.0 / newtons):
             if 1.0 / NEAR < slope / ratio < NEAR:
-                return unit, slope
+                return unit
     return None
 
 

@@ -6,6 +6,7 @@ zero-phase low-pass, so that their relation in time stays as logged.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,7 +27,8 @@ GAP_S, GAP_INTERVALS = 0.05, 10.0
 class Motion:
     """Position [m], speed [m/s], force [N] and current [A], each (n,), on ticks of RATE_HZ.
 
-    `sampled_Hz` is the lower rate of position and force. Without a current it is zero.
+    `sampled_Hz` is the lower rate of position and force. Without a current it is zero. `parts` are the numbers of
+    ticks of the recordings that were joined, one after another; empty for a single one.
     """
 
     position: F
@@ -34,9 +36,28 @@ class Motion:
     force: F
     current: F
     sampled_Hz: float
+    parts: tuple[int, ...] = ()
 
     def __len__(self) -> int:
         return len(self.position)
+
+    def inner_ticks(self, before: int, after: int) -> I:
+        """Return the indices of ticks that stay in their recording when moved back and ahead by so many ticks."""
+        lengths = np.array(self.parts or (len(self),))
+        begins = np.cumsum(lengths) - lengths
+        ranges = [np.arange(a + before, a + n - after) for a, n in zip(begins, lengths, strict=True)]
+        return np.concatenate(ranges)
+
+
+def join_motions(motions: Sequence[Motion]) -> Motion:
+    """Return one motion with the first part of each, about MAX_S seconds together."""
+    most = max(round(MAX_S * RATE_HZ) // len(motions), round(MIN_S * RATE_HZ))
+    position, speed, force, current = (
+        np.concatenate([getattr(motion, name)[:most] for motion in motions])
+        for name in ("position", "speed", "force", "current")
+    )
+    parts = tuple(min(len(motion), most) for motion in motions)
+    return Motion(position, speed, force, current, min(motion.sampled_Hz for motion in motions), parts)
 
 
 def recorded_motion(recording: Recording) -> Motion | None:

@@ -10,11 +10,14 @@ import numpy as np
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, sort_findings
 from ces_identify.recordings.recording import Recording
 from ces_identify.sense.consistency import differences
-from ces_identify.sense.delays import is_constant
-from ces_identify.sense.motion import recorded_motion
+from ces_identify.sense.delays import force_delay
+from ces_identify.sense.force_map import is_constant
+from ces_identify.sense.motion import join_motions, recorded_motion
+from ces_identify.sense.rates import rate_findings
 from ces_identify.sense.saturation import saturation_findings
 from ces_identify.sense.sensors import sensor_findings
-from ces_identify.sense.timing import timing_findings
+from ces_identify.sense.stuck_current import current_findings
+from ces_identify.sense.timing import IS_DELAY, delay_findings, timing_findings
 from ces_identify.sense.units import unit_findings
 from ces_observer.errors import RecordingError
 
@@ -25,26 +28,39 @@ def sense(recording: Recording) -> tuple[Finding, ...]:
     "wrong model": a model of it would be wrong. A check that cannot know says nothing.
     """
     motion = recorded_motion(recording)
-    units = list(unit_findings(recording, motion))
     return sort_findings(
-        units, timing_findings(recording, motion), saturation_findings(recording), sensor_findings(recording)
+        unit_findings(recording, motion),
+        timing_findings(motion) if motion is not None else (),
+        rate_findings(recording),
+        saturation_findings(recording),
+        sensor_findings(recording),
+        current_findings(recording, motion),
     )
 
 
 def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
-    """Return the findings on each recording, each with its name, the worst first."""
-    return sort_findings(replace(f, text=f"{r.name}: {f.text}") for r in recordings for f in sense(r))
+    """Return the findings on each recording, with its name, and on what they show together, the worst first."""
+    single = sort_findings(replace(f, text=f"{r.name}: {f.text}") for r in recordings for f in sense(r))
+    if len(recordings) < 2:
+        return single
+    known = {f.text.split(": ")[1] for f in single if f.severity == WRONG_MODEL}
+    between = [f for f in differences(recordings) if f.text.split(":")[0].split(" ")[0] not in known]
+    joint = () if any(IS_DELAY in f.text for f in single) else _joint_delay(recordings)
+    return sort_findings(between, single, joint)
+
+
+def _joint_delay(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Yield the delay that recordings show together where none shows it alone, as sines of several frequencies do."""
+    motions = [motion for recording in recordings if (motion := recorded_motion(recording)) is not None]
+    if len(motions) > 1:
+        motion = join_motions(motions)
+        found = delay_findings(motion, force_delay(motion))
+        yield from (replace(f, text=f"{len(motions)} recordings together: {f.text}") for f in found)
 
 
 def sense_together(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
-    """Return the findings on recordings for one model, each with the recording's name, the worst first.
-
-    Beside those on each recording: differences between them, and a current that is the same in all.
-    """
-    single = sense_each(recordings)
-    known = {f.text.split(": ")[1] for f in single if f.severity == WRONG_MODEL}
-    between = [f for f in differences(recordings) if f.text.split(":")[0].split(" ")[0] not in known]
-    return sort_findings(between, single, _one_current(recordings))
+    """Return the findings on recordings for one model, and a current that is the same in all; the worst first."""
+    return sort_findings(sense_each(recordings), _one_current(recordings))
 
 
 def require_sensible(findings: Sequence[Finding], go_on: bool = False) -> tuple[str, ...]:

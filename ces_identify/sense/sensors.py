@@ -1,7 +1,8 @@
 """Faults of single sensors: dead or stuck, held between slow samples, too coarse, clipped.
 
 Coarse and noise-free channels repeat values where nothing is wrong. A stretch of equal values counts only in a channel
-whose noise changes every sample elsewhere, and only while the other signal shows that it should have changed.
+whose noise changes the samples elsewhere, or if it begins or ends with a jump that the signal never makes otherwise,
+and only while the other signal shows that it should have changed.
 """
 
 from __future__ import annotations
@@ -17,16 +18,19 @@ from ces_identify.recordings.recording import Channel, Recording
 MIN_SAMPLES = 1000
 MIN_LEVELS = {"position": 100, "force": 50}  # values in the range, below which a quantum is coarse
 COARSE_REPEATS = 0.5  # share of samples that repeat the one before; noise larger than the quantum leaves fewer
-NOISY_REPEATS = 0.05  # share of repeats up to which a channel is noisy, so that a long run of them is a fault
+SAMPLES_A_LEVEL = 10  # from which on the values are those of a converter
+SPEED_SPAN_S, SPEED_BAND_HZ, MAX_SPEED_NOISE = 0.05, 50.0, 0.05  # of a model's speed; share that a quantum may disturb
+NOISY_REPEATS = 0.3  # share of repeats up to which a channel is noisy, so that a long run of them is a fault
 STUCK_S, STUCK_SAMPLES = 0.1, 50
 STUCK_CHANGE = {"position": 0.3, "force": 0.1}  # change of the other signal meanwhile, of its range
 WRONG_STUCK = 0.02  # share of the time
+JUMP = 5.0  # a signal's return from a stuck value, in its largest steps elsewhere
 HELD_SAMPLES, HELD_STEPS = 3, 4.0  # repeats of each value, and steps between values in quanta
 OTHER = {"position": "force", "force": "position"}
 
 
 def sensor_findings(recording: Recording) -> Iterator[Finding]:
-    """Yield the findings on position and force, and on a current that never changes."""
+    """Yield the findings on position and force."""
     channels = {name: _finite(recording.channels[name]) for name in OTHER if name in recording.channels}
     for name, channel in channels.items():
         if len(channel) < MIN_SAMPLES:
@@ -34,10 +38,10 @@ def sensor_findings(recording: Recording) -> Iterator[Finding]:
         if np.ptp(channel.values) == 0.0:
             yield from _dead(channel)
             continue
-        runs = _runs(channel.values)
+        runs = runs_of_equal(channel.values)
         stuck = list(_stuck(channel, channels.get(OTHER[name]), runs))
         held = [] if stuck else list(_held(channel, runs))
-        yield from stuck or held or _coarse(channel, runs)
+        yield from stuck or held or _too_coarse(channel, runs)
 
 
 def _dead(channel: Channel) -> Iterator[Finding]:
@@ -54,9 +58,11 @@ def _stuck(channel: Channel, other: Channel | None, runs: I) -> Iterator[Finding
     lengths = runs[:, 1] - runs[:, 0]
     long = lengths >= max(STUCK_SAMPLES, STUCK_S * mean_rate(channel))
     rest = lengths[~long]
-    if other is None or not long.any() or not len(rest) or (rest - 1).sum() > NOISY_REPEATS * rest.sum():
+    if other is None or not long.any() or not len(rest):
         return
-    spans = [(int(channel.stamps_ns[a]), int(channel.stamps_ns[b - 1])) for a, b in runs[long]]
+    noisy = (rest - 1).sum() <= NOISY_REPEATS * rest.sum()
+    suspects = runs[long] if noisy else runs[long & _jumps(channel.values, runs)]
+    spans = [(int(channel.stamps_ns[a]), int(channel.stamps_ns[b - 1])) for a, b in suspects]
     moved = [span for span in spans if _change(other, *span) > STUCK_CHANGE[channel.name]]
     if not moved:
         return
@@ -67,6 +73,13 @@ def _stuck(channel: Channel, other: Channel | None, runs: I) -> Iterator[Finding
         f"{channel.name}: stuck {len(moved)} times, first at {first:.2f} s, {total:.1%} of the time, while the "
         f"{other.name} changes; check the sensor and its cable, and cut these stretches out",
     )
+
+
+def _jumps(values: F, runs: I) -> Mask:
+    """Return for each run (n,) whether the signal jumps to it or from it, as it does nowhere else."""
+    steps = np.abs(np.diff(values, prepend=values[:1], append=values[-1:]))  # before each sample, and after the last
+    limit = JUMP * float(np.percentile(steps, 99.5))
+    return np.asarray(np.maximum(steps[runs[:, 0]], steps[runs[:, 1]]) > limit)
 
 
 def _held(channel: Channel, runs: I) -> Iterator[Finding]:
@@ -84,6 +97,11 @@ def _held(channel: Channel, runs: I) -> Iterator[Finding]:
         )
 
 
+def _too_coarse(channel: Channel, runs: I) -> Iterator[Finding]:
+    coarse = list(_coarse_position(channel)) if channel.name == "position" else []
+    yield from coarse or _coarse(channel, runs)
+
+
 def _coarse(channel: Channel, runs: I) -> Iterator[Finding]:
     repeats = 1.0 - len(runs) / len(channel)
     low, high = np.percentile(channel.values, (1.0, 99.0))
@@ -97,7 +115,34 @@ def _coarse(channel: Channel, runs: I) -> Iterator[Finding]:
         )
 
 
-def _runs(values: F) -> I:
+def _coarse_position(channel: Channel) -> Iterator[Finding]:
+    """Yield a finding if the position's quantum disturbs the speed: error q / sqrt(12), white up to half the rate."""
+    low, high = np.percentile(channel.values, (1.0, 99.0))
+    inside = channel.values[(channel.values >= low) & (channel.values <= high)]
+    levels = len(np.unique(inside))
+    if levels < 2 or len(inside) < SAMPLES_A_LEVEL * levels:
+        return
+    quantum, rate = float(high - low) / (levels - 1), mean_rate(channel)
+    band = min(SPEED_BAND_HZ, 0.5 * rate)
+    noise = quantum / np.sqrt(12.0) * 2.0 * np.pi * np.sqrt(2.0 * band**3 / (3.0 * rate))
+    speed = _usual_speed(channel)
+    if noise > MAX_SPEED_NOISE * speed:
+        yield Finding(
+            WARNING,
+            f"position: its steps of {1e3 * quantum:.2g} mm disturb the speed by {noise:.2g} m/s, {noise / speed:.0%} "
+            f"of its usual {speed:.2g} m/s: too coarse; record with more resolution, or with faster strokes",
+        )
+
+
+def _usual_speed(channel: Channel) -> float:
+    """Return the 90th percentile of the speed [m/s] over 50 ms, NaN if all stamps are equal."""
+    step = max(1, round(SPEED_SPAN_S * mean_rate(channel)))
+    time = (channel.stamps_ns[step:] - channel.stamps_ns[:-step]) * 1e-9
+    moved = np.abs(channel.values[step:] - channel.values[:-step])
+    return float(np.percentile(moved[time > 0.0] / time[time > 0.0], 90.0)) if (time > 0.0).any() else np.nan
+
+
+def runs_of_equal(values: F) -> I:
     """Return begin and end (n, 2) of the runs of equal values."""
     changes = np.flatnonzero(np.diff(values) != 0.0) + 1
     return np.stack([np.concatenate([[0], changes]), np.concatenate([changes, [len(values)]])], axis=1)

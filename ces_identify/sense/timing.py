@@ -1,31 +1,26 @@
-"""Signals that do not fit together in time or sign: delays between channels, a reversed sign, too low a rate."""
+"""Signals that do not fit together in time or sign: delays between channels, a reversed sign."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.signal import welch
 
-from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, mean_rate
-from ces_identify.recordings.recording import Recording
+from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding
 from ces_identify.sense.delays import DelayEstimate, current_delay, force_delay
 from ces_identify.sense.motion import RATE_HZ, Motion
 
 MIN_DELAY_S, WRONG_DELAY_S = 0.002, 0.005  # that the interval must exclude to be reported; to be refused
+IS_DELAY = "the key delay"  # in the text of each finding on one
 BLOCK_TICKS = 500
 MIN_WORK, MIN_BLOCKS = 0.3, 0.8  # share of the power that is negative on balance, and of the blocks
-LOW_RATE_HZ = 400.0  # above it, what is near half the rate is the noise of the load cell
-NEAR_LIMIT = 0.3  # RMS share of the force in the upper half of the band
 
 
-def timing_findings(recording: Recording, motion: Motion | None) -> Iterator[Finding]:
-    """Yield findings on delays, on the sign of the force, and on the rate of the recording."""
-    if motion is not None:
-        delay = force_delay(motion)
-        yield from _delays(motion, delay)
-        yield from _sign(motion, delay)
-    yield from _low_rate(recording)
+def timing_findings(motion: Motion) -> Iterator[Finding]:
+    """Yield findings on delays, and on the sign of the force."""
+    delay = force_delay(motion)
+    yield from delay_findings(motion, delay)
+    yield from _sign(motion, delay)
 
 
 def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
@@ -60,10 +55,12 @@ def _sign(motion: Motion, delay: DelayEstimate | None) -> Iterator[Finding]:
         )
 
 
-def _delays(motion: Motion, force: DelayEstimate | None) -> Iterator[Finding]:
+def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Finding]:
     """Yield the delay of force or position, and that of the current if it fits neither of the two."""
     if force is not None and abs(force.nearest_s) >= MIN_DELAY_S:
         yield _describe_delay("force", "position", force)
+    elif force is not None and force.likely:
+        yield _describe_likely("force", "position", force)
     current = current_delay(motion, force.late_s if force is not None and force.certain else 0.0)
     if current is None or abs(current.nearest_s) < MIN_DELAY_S:
         return
@@ -79,23 +76,17 @@ def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> Finding:
     return Finding(
         severity,
         f"{late}: logged {1e3 * abs(delay.late_s):.0f} ms ({size[0]:.0f} to {size[1]:.0f}) after the {reference}; add "
-        f"{abs(delay.late_s):.3f} to the key delay (default 0) of {late} in the signals file",
+        f"{abs(delay.late_s):.3f} to {IS_DELAY} (default 0) of {late} in the signals file",
     )
 
 
-def _low_rate(recording: Recording) -> Iterator[Finding]:
-    channel = recording.channels.get("force")
-    rate = mean_rate(channel) if channel is not None else 0.0
-    if channel is None or not 0.0 < rate < LOW_RATE_HZ:
-        return
-    values = channel.values[np.isfinite(channel.values)]
-    if len(values) < 64 or values.std() == 0.0:
-        return
-    frequency, power = welch(values - values.mean(), rate, nperseg=min(len(values), 1024))
-    share = float(np.sqrt(power[frequency > 0.25 * rate].sum() / power[1:].sum()))
-    if share > NEAR_LIMIT:
-        yield Finding(
-            WARNING,
-            f"force: {share:.0%} of its RMS lies near half the rate of {rate:.0f} Hz, and more beyond; a model will "
-            f"err by about half as much: record at {10.0 * rate:.0f} Hz or more",
-        )
+def _describe_likely(signal: str, other: str, delay: DelayEstimate) -> Finding:
+    """Return a warning: the delay fits best, but the elasticity of the damper may be what is seen."""
+    late, reference = (signal, other) if delay.late_s > 0.0 else (other, signal)
+    low, high = sorted(np.sign(delay.late_s) * 1e3 * s for s in (delay.low_s, delay.high_s))
+    return Finding(
+        WARNING,
+        f"{late}: perhaps logged {1e3 * abs(delay.late_s):.0f} ms after the {reference}; {low:.0f} to {high:.0f} ms "
+        "fit, too, as a damper's elasticity does on these strokes: check with faster and more varied ones, or "
+        f"set {IS_DELAY} (default 0) of {late} in the signals file",
+    )

@@ -13,9 +13,11 @@ import numpy as np
 from ces_identify.numerics.arrays import F
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, finite_values
 from ces_identify.recordings.recording import Recording
-from ces_identify.sense.motion import Motion
+from ces_identify.sense.motion import RATE_HZ, Motion
 
 MAX_STROKE_M, MAX_SPEED_M_S = 1.0, 10.0  # of a damper on a rig or a vehicle
+MAX_RMS_M_S, MAX_M_S2 = 2.0, 1000.0  # over the whole recording: the oil would boil; wheels on a kerb stay below 500
+USUAL_RMS_M_S = 1.3  # of a sine that peaks at 1.8 m/s, which few dynamometers reach
 MIN_STROKE_M, STROKE_FORCE_N = 1e-4, 100.0  # a shorter stroke makes no force like this
 MAX_CURRENT_A, VALVE_A = 100.0, 30.0  # beyond any valve; beyond those of vehicles
 FORCE_N, DAMPING_N_S_M = 8.0, 40.0  # the seal's friction alone is more; half of the softest bicycle damper
@@ -28,17 +30,27 @@ def unit_findings(recording: Recording, motion: Motion | None) -> Iterator[Findi
     """Yield a finding for each signal whose magnitude speaks for another unit; percentiles ignore outliers."""
     speed = float(np.percentile(np.abs(motion.speed), 99.0)) if motion is not None else 0.0
     force = _half_span(finite_values(recording, "force"))
-    yield from _position(_half_span(finite_values(recording, "position")) * 2.0, speed, force)
+    yield from _position(_half_span(finite_values(recording, "position")) * 2.0, motion, force)
     yield from _current(finite_values(recording, "current"))
     yield from _force(force, speed)
 
 
-def _position(stroke: float, speed: float, force: float) -> Iterator[Finding]:
-    if stroke > MAX_STROKE_M or speed > MAX_SPEED_M_S:
+def _position(stroke: float, motion: Motion | None, force: float) -> Iterator[Finding]:
+    """Yield a finding if the piston moves farther, keeps moving faster, or accelerates more than any damper's."""
+    moved = motion.speed if motion is not None else np.zeros(2)
+    speed, rms = float(np.percentile(np.abs(moved), 99.0)), float(np.sqrt(np.mean(moved**2)))
+    acceleration = float(np.percentile(np.abs(np.gradient(moved)), 99.0)) * RATE_HZ
+    if stroke > MAX_STROKE_M or speed > MAX_SPEED_M_S or rms > MAX_RMS_M_S or acceleration > MAX_M_S2:
         yield Finding(
             WRONG_MODEL,
             f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper; multiply its scale "
             "in the signals file by 0.001 if it is in mm, by 0.0254 if it is in inches",
+        )
+    elif rms > USUAL_RMS_M_S:
+        yield Finding(
+            WARNING,
+            f"position: moves at {rms:.2g} m/s on average (RMS), which few dampers do; if it is in inches, multiply "
+            "its scale in the signals file by 0.0254",
         )
     elif 0.0 < stroke < MIN_STROKE_M and force > STROKE_FORCE_N:
         yield Finding(
