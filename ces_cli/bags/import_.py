@@ -141,6 +141,8 @@ def _read(path: Path, mapping: DynoMapping | None, options: Namespace) -> Record
     """Read one log with the mapping, or with one that is found; raises RecordingError if that is not certain."""
     if mapping is None:
         proposal = _find_mapping(path, options)
+        if proposal.doubts and proposal.doubts[0] in proposal.faults:
+            raise RecordingError(f"{path}: {proposal.doubts[0]}")
         if proposal.mapping is None or proposal.doubts:
             raise RecordingError(
                 f"{path}: {proposal.doubts[0]}; 'ces import {path} --propose > my.yaml' writes a mapping to correct, "

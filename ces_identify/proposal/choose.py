@@ -10,7 +10,7 @@ from ces_identify.proposal.motion import MotionTable
 from ces_identify.proposal.plausible import UnitGuess, guess_unit, is_plausible
 from ces_identify.proposal.rating import Rating, rate
 from ces_identify.proposal.sign import find_signs
-from ces_identify.proposal.words import find_side, list_words, read_meaning
+from ces_identify.proposal.words import find_side, list_words, name_sides, read_meaning
 
 MAIN = ("position", "current", "force")
 MIN_POINTS, MIN_MARGIN = 3.0, 1.0  # points to be chosen at all, and ahead of the next one
@@ -69,8 +69,7 @@ class _Chooser:
         for one in good:
             twins = [c for c in ordered if c is one or find_side(c.names, one.names)]
             if len(twins) > 1:
-                others = [next(other for other in twins if other is not c) for c in twins]
-                return tuple(find_side(c.names, other.names) for c, other in zip(twins, others, strict=True))
+                return name_sides([c.names for c in twins])
         return ()
 
     def choose_damper(self, candidates: Sequence[Candidate]) -> DamperChoice:

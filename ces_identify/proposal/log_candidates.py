@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -13,12 +14,34 @@ from ces_identify.recordings.formats.log_file import LogTable, TimedLog
 from ces_identify.recordings.log_import import read_times
 from ces_identify.recordings.log_mapping import Column
 from ces_identify.recordings.recording import Stamps, Values
-from ces_identify.recordings.units import Unit, find_unit, split_unit
+from ces_identify.recordings.units import QUANTITIES, Unit, find_unit, split_unit
 from ces_observer.errors import RecordingError
 
 MIN_SAMPLES, MAX_USUAL_STEP_S = 3, 0.1
 EPOCHS = {"s": 1e8, "ms": 1e11, "us": 1e14, "ns": 1e17}  # smallest numbers of times since 1970, from 1973 on
+DATE_WORDS = frozenset({"date", "datum", "datetime"})
+MIN_STEP_S, MAX_ROWS_PER_TIME = 1e-6, 5  # of a time as logged
+DIALLED_PATH = re.compile(r"^(Platform\(\)://)?Model Root/")  # before each name in ControlDesk's exports
+TIME_AXES = (("s",), ("x", "value"), ("x", "axis"))  # `X_Value` is LabVIEW's, `XAxis` ControlDesk's
 RATE_WORDS = frozenset({"fs", "rate", "hz", "frequency", "samplerate"})
+
+
+@dataclass(frozen=True)
+class _Calendar:
+    """Times as numbers that count from a date: `scale * number + offset` are seconds since 1970."""
+
+    low: float
+    high: float
+    scale: float
+    offset: float
+    text: str
+
+
+CALENDARS = (
+    _Calendar(2e4, 8e4, 86_400.0, -25_569 * 86_400.0, "days since 30 December 1899, as Excel counts"),
+    _Calendar(7e5, 8e5, 86_400.0, -719_529 * 86_400.0, "days since the year 0, as MATLAB counts"),
+    _Calendar(3e9, 4.5e9, 1.0, -2_082_844_800.0, "s since 1904, as LabVIEW counts"),
+)
 
 
 @dataclass(frozen=True)
@@ -26,6 +49,8 @@ class LogCandidates:
     """The candidates by the key that a mapping uses; the time's column or the rate [Hz], both None if not needed.
 
     `time_text` says how the time is known, or is empty if it is not; `time_doubt` is what a person should check.
+    `unread` are the columns that are no candidates although their names or units say what they are, by that signal
+    (or `time`), each with the reason.
     """
 
     candidates: tuple[Candidate, ...]
@@ -34,10 +59,13 @@ class LogCandidates:
     rate: float | Column | None = None
     time_text: str = ""
     time_doubt: str = ""
+    unread: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
 class _TableColumn:
+    """A column of numbers: its key in a mapping, its name without the unit, and where the unit is stated."""
+
     key: str | int
     values: Values
     unit: Unit | None
@@ -51,9 +79,13 @@ def find_log_candidates(log: LogTable | TimedLog, rate: float | None) -> LogCand
 
 
 def _of_series(log: TimedLog) -> LogCandidates:
-    found, keys = [], {}
+    found, keys, unread = [], {}, {}
     for series in log.read_all():
-        if len(series.values) < MIN_SAMPLES or not np.isfinite(series.values).any() or series.label in keys:
+        if series.label in keys:
+            continue
+        if len(series.values) < MIN_SAMPLES or not np.isfinite(series.values).any():
+            reason = f"{series.label!r} has {np.isfinite(series.values).sum()} samples"
+            unread.update(dict.fromkeys(_meanings(series.key or series.label), reason))
             continue
         name, unit = split_unit(series.key or series.label)
         stated = find_unit(series.unit)
@@ -62,12 +94,12 @@ def _of_series(log: TimedLog) -> LogCandidates:
             Candidate(series.label, (name,), series.stamps_ns, series.values, unit=stated or unit, stated=where)
         )
         keys[series.label] = Column(series.key or series.label, group=series.group)
-    return LogCandidates(tuple(found), keys, time_text="the channels' own times")
+    return LogCandidates(tuple(found), keys, time_text="the channels' own times", unread=unread)
 
 
 def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
-    columns = _read_columns(table)
-    time = None if rate else _find_time(table, columns)
+    columns, unread = _read_columns(table)
+    time = None if rate else _find_time(table, columns, unread)
     known_rate: float | Column | None = rate
     if time is None and rate is None:
         known_rate = _find_rate(columns)
@@ -75,9 +107,21 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
     stamps = _stamps(table, time, known_rate, columns, count)
     keep = [c for c in columns if (time is None or c.key != time.key) and len(c.values) == len(stamps)]
     candidates = tuple(_candidate(c, stamps) for c in keep if np.isfinite(c.values).sum() >= MIN_SAMPLES)
-    keys = {str(c.key): Column(c.key) for c in keep}
+    keys = {_label(c): Column(c.key) for c in keep}
+    for column in columns:
+        if len(column.values) != len(stamps):
+            reason = f"{column.key!r} has {len(column.values)} values for {len(stamps)} rows"
+            unread.update(dict.fromkeys(_meanings(str(column.key)), reason))
     doubt = "" if time is None else _doubt_time(table, time, stamps)
-    return LogCandidates(candidates, keys, time, known_rate, _describe_time(time, known_rate), doubt)
+    return LogCandidates(candidates, keys, time, known_rate, _describe_time(table, time, known_rate), doubt, unread)
+
+
+def _meanings(name: str) -> Iterator[str]:
+    """Yield the signals that a column of this name would be, by its words or its unit."""
+    plain, unit = split_unit(name)
+    yield from (signal for signal, kinds in QUANTITIES.items() if unit is not None and unit.quantity in kinds)
+    if quantity := read_meaning((plain,)).quantity:
+        yield quantity
 
 
 def _doubt_time(table: LogTable, time: Column, stamps: Stamps) -> str:
@@ -85,24 +129,42 @@ def _doubt_time(table: LogTable, time: Column, stamps: Stamps) -> str:
     if not table.names:
         return f"time: column {time.key!r} by its numbers alone, the table has no names"
     usual = float(np.median(np.diff(stamps))) * 1e-9 if len(stamps) > 1 else 0.0
-    if time.unit or usual < MAX_USUAL_STEP_S or table.stamps(time) is not None:
+    different = len(np.unique(stamps))
+    if len(stamps) > MAX_ROWS_PER_TIME * different:
+        return (
+            f"time: column {time.key!r} has only {different} different times in {len(stamps)} rows, too coarse to tell "
+            "one row from the next; give --rate HZ"
+        )
+    if 0.0 < usual < MIN_STEP_S and not time.unit and not time.scaled and table.stamps(time) is None:
+        return (
+            f"time: column {time.key!r} states no unit; in seconds its steps are {usual:g} s (is it in hours or days?)"
+        )
+    if time.unit or time.scaled or usual < MAX_USUAL_STEP_S or table.stamps(time) is not None:
         return ""
     return f"time: column {time.key!r} states no unit; in seconds its steps are {usual:g} s (is it in ms, or a number?)"
 
 
-def _read_columns(table: LogTable) -> list[_TableColumn]:
-    """Return the columns that hold numbers, by name, or by number if the name is not unique."""
-    found = []
+def _read_columns(table: LogTable) -> tuple[list[_TableColumn], dict[str, str]]:
+    """Return the columns that hold numbers, by name, or by number if the name is not unique; and why not the others."""
+    found: list[_TableColumn] = []
+    unread: dict[str, str] = {}
     for i, name in enumerate(table.names or range(_width(table))):
         key = i if list(table.names).count(str(name)) > 1 or not table.names or not str(name) else str(name)
         try:
             values = table.column(key)
-        except RecordingError:
+        except RecordingError as error:
+            unread.update({signal: _without_path(error, table) for signal in _meanings(str(name))})
             continue
-        stated, (plain, unit) = find_unit(table.unit(key)), split_unit(str(name))
+        stated, (plain, unit) = find_unit(table.unit(key)), split_unit(DIALLED_PATH.sub("", str(name)))
         where = "from the header" if stated else "from its name" if unit else ""
         found.append(_TableColumn(key, values, stated or unit, plain, where))
-    return found
+    return found, unread
+
+
+def _without_path(error: RecordingError, table: LogTable) -> str:
+    """Return an error's text without the file's name, which the import's own message begins with."""
+    text = str(error).removeprefix(f"{table.path}:").strip()
+    return f"line {text}" if text[:1].isdigit() else text
 
 
 def _width(table: LogTable) -> int:
@@ -116,8 +178,11 @@ def _width(table: LogTable) -> int:
     return 256
 
 
-def _find_time(table: LogTable, columns: Sequence[_TableColumn]) -> Column | None:
-    """Return the column of the time: dates and exact stamps first, then a time by name or unit that goes forward."""
+def _find_time(table: LogTable, columns: Sequence[_TableColumn], unread: dict[str, str]) -> Column | None:
+    """Return the column of the time: dates and exact stamps first, then a time by name or unit that goes forward.
+
+    Adds to `unread` why a column of dates that is named as a time cannot be read.
+    """
     for c in columns:
         unit = _stated_time_unit(c) or _epoch_unit(c)
         column = Column(c.key, unit.scale, scaled=True, unit=unit.text) if unit else Column(c.key)
@@ -125,17 +190,34 @@ def _find_time(table: LogTable, columns: Sequence[_TableColumn]) -> Column | Non
             return column
     texts = [name for name in table.names if list(table.names).count(name) == 1]
     for name in texts:
-        if not any(c.key == name for c in columns) and _holds_dates(table, name):
+        if not any(c.key == name for c in columns) and _holds_dates(table, name, unread):
             return Column(name)
+    if "time" in unread:
+        return None
+    if counted := next((found for c in columns if (found := _find_calendar(c))), None):
+        return counted
     rising = [c for c in columns if _goes_forward(c.values)]
     for c in sorted(rising, key=lambda c: _stated_time_unit(c) is None):
         unit = _stated_time_unit(c)
-        if unit or read_meaning((c.name,)).quantity == "time" or split_words(c.name) == ("s",):
+        if unit or read_meaning((c.name,)).quantity == "time" or split_words(c.name) in TIME_AXES:
             unit = unit or _epoch_unit(c)
             return Column(c.key, unit.scale, scaled=True, unit=unit.text) if unit else Column(c.key)
     named = [c for c in columns if _is_named_time(c)]  # whose fault is reported when it is read
     first = [c for c in columns[:1] if not table.names and _goes_forward(c.values)]
     return next((Column(c.key) for c in (*named, *first)), None)
+
+
+def _find_calendar(column: _TableColumn) -> Column | None:
+    """Return a column whose numbers count from a date as some program does, None for any other."""
+    dated = set(split_words(column.name)) & DATE_WORDS or read_meaning((column.name,)).quantity == "time"
+    if not dated or not _goes_forward(column.values) or (column.unit and column.unit.text not in ("d", "s")):
+        return None
+    for calendar in CALENDARS:
+        if calendar.low <= column.values[0] and column.values[-1] < calendar.high:
+            step_s = calendar.scale * float(np.median(np.diff(column.values)))
+            if step_s < MAX_USUAL_STEP_S and not (calendar.scale > 1.0 and np.ptp(column.values) > 31.0):
+                return Column(column.key, calendar.scale, calendar.offset, scaled=True)
+    return None
 
 
 def _stated_time_unit(column: _TableColumn) -> Unit | None:
@@ -148,13 +230,13 @@ def _epoch_unit(column: _TableColumn) -> Unit | None:
     return next((find_unit(text) for text, low in EPOCHS.items() if low <= first < 1000.0 * low), None)
 
 
-def _holds_dates(table: LogTable, name: str) -> bool:
-    """Return whether a column holds dates; raises RecordingError for a bad one in a column that is named as a time."""
+def _holds_dates(table: LogTable, name: str, unread: dict[str, str]) -> bool:
+    """Return whether a column holds dates; one that is named as a time and has a bad one is noted in `unread`."""
     try:
         return table.stamps(Column(name)) is not None
-    except RecordingError:
-        if read_meaning((split_unit(name)[0],)).quantity == "time":
-            raise
+    except RecordingError as error:
+        if read_meaning((split_unit(name)[0],)).quantity == "time" or set(split_words(name)) & DATE_WORDS:
+            unread["time"] = _without_path(error, table)
         return False
 
 
@@ -194,16 +276,30 @@ def _stamps(
     return np.asarray(np.rint(np.arange(count) * (1e9 / value)).astype(np.int64))
 
 
-def _describe_time(time: Column | None, rate: float | Column | None) -> str:
+def _describe_time(table: LogTable, time: Column | None, rate: float | Column | None) -> str:
     if time is not None:
-        return f"time from {time.key!r} [{time.unit or 's'}]"
+        return f"time from {time.key!r} [{_time_form(table, time)}]" if time.key != "" else "time from the first column"
     if isinstance(rate, Column):
         return f"rate from {rate.key!r}"
     return f"rate {rate:g} Hz" if rate else ""
 
 
+def _time_form(table: LogTable, time: Column) -> str:
+    """Return the unit of a time, or how its numbers count from a date."""
+    if time.offset:
+        return next(calendar.text for calendar in CALENDARS if calendar.offset == time.offset)
+    return time.unit or ("s" if table.stamps(time) is None else "date or time of day")
+
+
+def _label(column: _TableColumn) -> str:
+    """Return a column's name for people; one that only its number distinguishes has both."""
+    if isinstance(column.key, str):
+        return column.key
+    return f"column {column.key} ({column.name})" if column.name else f"column {column.key}"
+
+
 def _candidate(column: _TableColumn, stamps: Stamps) -> Candidate:
     there = np.isfinite(column.values)
     return Candidate(
-        str(column.key), (column.name,), stamps[there], column.values[there], unit=column.unit, stated=column.stated
+        _label(column), (column.name,), stamps[there], column.values[there], unit=column.unit, stated=column.stated
     )

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ces_identify.proposal.choice import Choice, DamperChoice, Selection
+from ces_identify.proposal.choice import Choice, DamperChoice, NotFound, Selection
 from ces_identify.proposal.choose import choose
 from ces_identify.proposal.log_candidates import LogCandidates, find_log_candidates
 from ces_identify.proposal.sign import UNCHECKED
@@ -31,6 +31,7 @@ HEAD = """\
 """
 AMPERES = re.compile(r"(?<![0-9.])([0-9]+(?:\.[0-9]+)?) ?A(?![A-Za-z0-9])")
 NAME_PATTERN = '"([0-9]+(?:[.][0-9]+)?) ?A(?![A-Za-z0-9])"'
+NO_TIME = "no column is named like a time and goes forward; give --rate HZ"
 REQUIRED = ("position", "current", "force")
 
 
@@ -39,6 +40,7 @@ class MappingProposal:
     """The proposed mapping as text; `mapping` is None if it is not complete.
 
     `doubts` are to be resolved by a person, `remarks` are not in the way of an import, `found` says what was taken.
+    `faults` are those doubts that no mapping resolves: cells that are no numbers, and channels without samples.
     """
 
     selection: Selection
@@ -48,6 +50,7 @@ class MappingProposal:
     doubts: tuple[str, ...]
     remarks: tuple[str, ...]
     found: tuple[str, ...]
+    faults: frozenset[str] = frozenset()
 
 
 def propose_mapping(path: Path, *, rate: float | None = None, dbc: Sequence[Path] = ()) -> MappingProposal:
@@ -64,7 +67,14 @@ def propose_mapping(path: Path, *, rate: float | None = None, dbc: Sequence[Path
     mapping = None if writer.missing else parse_dyno_mapping(text, f"the mapping proposed for {path}")
     remarks = tuple(check for check in writer.checks if UNCHECKED in check)
     return MappingProposal(
-        selection, text, mapping, log, (*writer.missing, *writer.doubts), remarks, tuple(writer.summary())
+        selection,
+        text,
+        mapping,
+        log,
+        (*writer.missing, *writer.doubts),
+        remarks,
+        tuple(writer.summary()),
+        frozenset(f"{signal}: {reason}" for signal, reason in candidates.unread.items() if signal != "time"),
     )
 
 
@@ -88,13 +98,17 @@ class _Writer:
     def missing(self) -> tuple[str, ...]:
         """What a mapping needs and was not found."""
         texts = [
-            f"{signal}: {self.damper.missing[signal].reason}"
+            f"{signal}: {self._reason(self.damper.missing[signal])}"
             for signal in REQUIRED
             if signal in self.damper.missing and not (signal == "current" and self.amperes)
         ]
         if not self.found.time_text:
-            texts.append("time: no column is named like a time and goes forward; give --rate HZ")
+            texts.append(f"time: {self.found.unread.get('time', NO_TIME)}")
         return tuple(texts)
+
+    def _reason(self, missing: NotFound) -> str:
+        """Return why a signal was not found: the fault of the column that is named like it, if there is one."""
+        return self.found.unread.get(missing.signal, missing.reason)
 
     @property
     def checks(self) -> tuple[str, ...]:
@@ -122,6 +136,8 @@ class _Writer:
             yield f"{signal} from '{choice.candidate.label}'" + (f" [{remark}]" if remark else "")
         if self.amperes:
             yield f"current {self.amperes.group(1)} A from the file's name"
+        if counts := self._count_blanks():
+            yield f"blank cells are missing samples ({counts})"
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file."""
@@ -138,7 +154,7 @@ class _Writer:
                 yield from comment("current: no column; the file's name states it", "")
                 yield f"current: {{from_name: {NAME_PATTERN}}}"
                 continue
-            yield from explain_missing(missing, "")
+            yield from explain_missing(replace(missing, reason=self._reason(missing)), "")
             yield from (
                 f"# {missing.signal}: {{column: {quote_yaml(str(self._key(r.candidate.label).key))}}}"
                 for r in missing.others[:2]
@@ -155,25 +171,33 @@ class _Writer:
                 yield f"delimiter: {quote_yaml(dialect.delimiter)}"
             if dialect.decimal != ".":
                 yield f"decimal: {quote_yaml(dialect.decimal)}"
-            blanks = {signal: missing.sum() for signal, choice in self.choices.items()
-                      if (missing := self.log.missing(self._key(choice.candidate.label).key)) is not None}  # fmt: skip
-            if blanks:
-                counts = ", ".join(f"{count} of {signal}" for signal, count in blanks.items())
+            if counts := self._count_blanks():
                 yield f"blank: missing  # blank cells ({counts}) are samples that were not taken"
         if self.dbc:
             yield f"dbc: [{', '.join(quote_yaml(str(path.resolve())) for path in self.dbc)}]"
+
+    def _count_blanks(self) -> str:
+        """Return how many cells of each signal of a text table are blank, '' if none is."""
+        if not isinstance(self.log, CsvTable):
+            return ""
+        blanks = {
+            signal: self.log.missing(self._key(choice.candidate.label).key) for signal, choice in self.choices.items()
+        }
+        return ", ".join(f"{missing.sum()} of {signal}" for signal, missing in blanks.items() if missing is not None)
 
     def _time(self) -> Iterator[str]:
         time, rate = self.found.time, self.found.rate
         if time is not None:
             unit = f", unit: {time.unit}" if time.unit else ""
+            if time.offset:
+                unit = f", scale: {format_number(time.scale)}, offset: {format_number(time.offset)}"
             yield f"time: {{column: {_key_text(time.key)}{unit}}}"
         elif isinstance(rate, Column):
             yield f"rate: {{column: {_key_text(rate.key)}}}"
         elif rate is not None:
             yield f"rate: {format_number(rate)}"
         elif not self.found.time_text:
-            yield "# not found: the time; give its column, or the rate:"
+            yield from comment(f"not found: time: {self.found.unread.get('time', 'give its column, or the rate')}", "")
             yield "# rate: 1000.0  # [Hz]"
 
     def _signal(self, choice: Choice) -> str:

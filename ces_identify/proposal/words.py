@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import compress
 
 STRONG = {
     "position": "position displacement stroke travel lvdt deflection weg hub elongation extension potentiometer "
@@ -119,3 +120,13 @@ def find_side(names: Sequence[str], others: Sequence[str]) -> str:
     if not all(word in SIDES or word.isdigit() for pair in different for word in pair):
         return ""
     return "_".join(dict.fromkeys(one for one, _ in different))
+
+
+def name_sides(group: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return a name for each of several dampers whose names have one form: the words that are not the same in all.
+
+    `front_left`, `front_right`, `rear_left` and `rear_right` for the four of a car.
+    """
+    words = [tuple(word for name in names for word in split_words(name)) for names in group]
+    different = [len(set(column)) > 1 for column in zip(*words, strict=True)]
+    return tuple("_".join(dict.fromkeys(compress(mine, different))) for mine in words)

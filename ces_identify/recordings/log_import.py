@@ -191,6 +191,8 @@ def _require_finite(seconds: Values, table: LogTable) -> None:
 
 def _require_forward(stamps: Stamps, table: LogTable) -> None:
     backwards = np.flatnonzero(np.diff(stamps) < 0)
+    if len(backwards) > 1 and len(backwards) == np.count_nonzero(np.diff(stamps)):
+        raise RecordingError(f"{table.path}: the rows are in descending order of time; sort them by time")
     if len(backwards):
         row = int(backwards[0])
         raise RecordingError(

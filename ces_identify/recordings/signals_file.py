@@ -92,9 +92,7 @@ def _choose_damper(damper: str, known: list[str], path: Path) -> str:
         reason = f"its dampers are {', '.join(known)}" if known else "it has no parameter 'dampers'"
         raise SignalsError(f"{path}: has no damper '{damper}'; {reason}")
     if len(known) > 1 and not damper:
-        raise SignalsError(
-            f"{path}: describes the dampers {', '.join(known)}; select one, as in {path.name}#{known[0]}"
-        )
+        raise SignalsError(f"{path}: describes the dampers {', '.join(known)}; select one, as in {path}#{known[0]}")
     return damper or (known[0] if known else "")
 
 

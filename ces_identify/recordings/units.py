@@ -69,6 +69,8 @@ def _units() -> dict[str, Unit]:
             "us": (1e-6, "µs μs usec microsecond microseconds"),
             "ns": (1e-9, "nsec nanosecond nanoseconds"),
             "min": (60.0, "minute minutes"),
+            "h": (3600.0, "hour hours"),
+            "d": (86_400.0, "day days"),
         },
     }
     units = {
@@ -90,8 +92,22 @@ UNITS_BY_SPELLING = _units()
 BY_FOLDED_SPELLING = {spelling.casefold(): unit for spelling, unit in UNITS_BY_SPELLING.items() if len(spelling) > 2}
 BARE = re.compile(r"[_ ](m_s2|mm_s2|m_s|mm_s|cm_s|in_s|deg_?C|deg_?F|[A-Za-z]+)$")
 BRACKETED = re.compile(r"[\[(<{]\s*([^\[\](){}<>]+?)\s*[\])>}]\s*$")
+INNER = re.compile(r"[\[(<{]\s*([^\[\](){}<>]+?)\s*[\])>}](?=\s*[-/|:;,.])")  # `Displacement (mm) - Voltage_0`
 SLASHED = re.compile(r"[A-Za-z_]\s*/\s*([A-Za-zµμ°]+(?:/[a-z]+[2²]?)?)$")
-NEVER_BARE = {"in", "C", "F", "K", "lb", "min", "g0", "kp", "feet", "foot"}  # words as often as units: `x_in`, `T_min`
+NEVER_BARE = {
+    "in",
+    "C",
+    "F",
+    "K",
+    "lb",
+    "min",
+    "g0",
+    "kp",
+    "feet",
+    "foot",
+    "h",
+    "d",
+}  # words as often as units: `x_in`, `T_min`
 
 
 def find_unit(text: str) -> Unit | None:
@@ -109,4 +125,7 @@ def split_unit(name: str) -> tuple[str, Unit | None]:
         unit = find_unit(match.group(1).replace("deg_", "deg"))
         if unit is not None:
             return name[: match.start(1)].rstrip("[({<_/ "), unit
+    for match in INNER.finditer(name):
+        if unit := find_unit(match.group(1)):
+            return f"{name[: match.start()].rstrip()}{name[match.end() :]}", unit
     return name, None

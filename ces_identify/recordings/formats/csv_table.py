@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, field
@@ -11,8 +12,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_identify.recordings.formats.csv_cells import is_comment, is_missing
 from ces_identify.recordings.formats.csv_dialect import DELIMITERS, find_dialect
-from ces_identify.recordings.formats.dates import is_date, parse_dates
+from ces_identify.recordings.formats.dates import AmbiguousDateError, is_date, parse_dates
 from ces_identify.recordings.formats.log_file import LogTable
 from ces_identify.recordings.log_mapping import Column, DynoMapping
 from ces_identify.recordings.recording import Stamps, Values
@@ -21,14 +23,16 @@ from ces_observer.errors import RecordingError
 EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a float would round it
 EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
 NAN = float("nan")
+GROUPED = re.compile(r"[-+]?\d{1,3}([.,'’ \u00a0\u202f]\d{3})+([.,]\d+)?$")  # 1.234,5 or 1'234.5
 
 
 @dataclass
 class _Cells:
-    """The cells of one column: numbers, NaN where there is none; the rows that are blank; the first bad cell."""
+    """The cells of one column: numbers, NaN where there is none; the rows without a number; the first bad cell."""
 
     numbers: array[float] = field(default_factory=lambda: array("d"))
     blanks: array[int] = field(default_factory=lambda: array("q"))
+    blank: str = ""  # the first of them, as `NA`
     texts: list[str] | None = None
     bad: tuple[int, str | None] | None = None  # row and text; None for a line that ends before this column
 
@@ -39,16 +43,20 @@ class CsvTable(LogTable):
     def __init__(self, path: Path, mapping: DynoMapping) -> None:
         self.path, self.mapping = path, mapping
         self.dialect = find_dialect(path, mapping)
-        self.notes = self.dialect.notes
         self.names = mapping.names or self.dialect.names
         self._lines = array("q")
         self._widths = array("l")
         self._columns: list[_Cells] = []
+        self._comments = 0
         self._read()
+        left_out = [f"{self._comments} comment lines are left out"] if self._comments else []
+        self.notes = (*self.dialect.notes, *left_out)
         if not self._lines:
             reason = f"no rows of numbers after {self.dialect.head} header lines"
             empty = "the file is empty; expected a header and rows of numbers"
             raise RecordingError(f"{path}: {reason if self.dialect.head else empty}")
+        if all(cells.texts is None and np.isnan(cells.numbers).all() for cells in self._columns):
+            raise RecordingError(f"{path}: no cell from line {self._lines[0]} on is a number; expected rows of numbers")
 
     def column(self, key: str | int) -> Values:
         """Return a column, NaN where a cell is blank; raises RecordingError naming the line of a bad cell."""
@@ -56,7 +64,7 @@ class CsvTable(LogTable):
         if cells.bad is not None:
             raise self._bad_cell(cells.bad, name)
         if len(cells.blanks) and self.mapping.blank == "error":
-            raise self._bad_cell((cells.blanks[0], ""), name)
+            raise self._bad_cell((cells.blanks[0], cells.blank), name)
         return np.array(cells.numbers, dtype=np.float64)
 
     def missing(self, key: str | int) -> NDArray[np.bool_] | None:
@@ -81,11 +89,17 @@ class CsvTable(LogTable):
             raise RecordingError(
                 f"{self.path}: column {name} has a time beyond the year 2262; check its unit"
             ) from None
+        except AmbiguousDateError as error:
+            raise RecordingError(
+                f"{self.path}: column {name}: {str(error)!r} may be month/day or day/month; set date: "
+                f"'%m/%d/%Y %H:%M:%S.%f' or '%d/%m/%Y %H:%M:%S.%f' in {self.mapping.source}"
+            ) from None
         except ValueError as error:
             text, row = error.args if len(error.args) == 2 else ("", 0)
+            expected = f"a time like the first one, {cells.texts[0]!r}" if row else "a date that exists"
             raise RecordingError(
-                f"{self.path}:{self._lines[row]}: column {name} is {text!r}; expected a time like the first one, "
-                f"{cells.texts[0]!r} (or set date: in {self.mapping.source}, such as '%d/%m/%Y %H:%M:%S.%f')"
+                f"{self.path}:{self._lines[row]}: column {name} is {text!r}; expected {expected} "
+                f"(or set date: in {self.mapping.source}, such as '%d/%m/%Y %H:%M:%S.%f')"
             ) from None
 
     def is_text(self, key: str | int) -> bool:
@@ -137,6 +151,8 @@ class CsvTable(LogTable):
                     continue
                 if head:
                     head -= 1
+                elif is_comment(cells):
+                    self._comments += 1
                 else:
                     yield reader.line_num, cells
 
@@ -151,7 +167,8 @@ class CsvTable(LogTable):
             number = float((cell or "").replace(self.dialect.decimal, "."))
         except ValueError:
             number = NAN
-            if cell is not None and not cell.strip():
+            if cell is not None and (not cell.strip() or is_missing(cell)):
+                column.blank = cell if not len(column.blanks) else column.blank
                 column.blanks.append(row)
             elif column.bad is None:
                 column.bad = (row, cell)
@@ -168,5 +185,10 @@ class CsvTable(LogTable):
         where = f"{self.path}:{self._lines[row]}: column {name}"
         if text is None:
             return RecordingError(f"{where} is missing; the line has {self._widths[row]} cells")
-        blank = f" (if a blank is a missing sample, set blank: missing in {self.mapping.source})"
-        return RecordingError(f"{where} is {text!r}; expected a number{'' if text.strip() else blank}")
+        kind = "that" if text.strip() else "a blank"
+        blank = f" (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
+        if GROUPED.match(text.strip()):
+            return RecordingError(f"{where} is {text!r}; expected a number without thousands separators: export it so")
+        return RecordingError(
+            f"{where} is {text!r}; expected a number{blank if not text.strip() or is_missing(text) else ''}"
+        )

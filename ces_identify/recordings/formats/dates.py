@@ -12,39 +12,80 @@ from ces_identify.recordings.recording import Stamps
 
 ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T _](\d\d:\d\d(?::\d\d)?)([.,]\d{1,9})?\s*(Z|[+-]\d\d:?\d\d)?$")
 GERMAN = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ _T](\d{1,2}):(\d\d):(\d\d)([.,]\d{1,9})?$")
-CLOCK = re.compile(r"(\d{1,2}):(\d\d):(\d\d)([.,]\d{1,9})?$")
+CLOCK = re.compile(r"(?:(-?\d+) days? )?(\d{1,2}):(\d\d):(\d\d)([.,]\d{1,9})?\s*([AaPp])?(?:\.?[Mm]\.?)?$")
+MINUTES = re.compile(r"(\d{1,3}):(\d\d)([.,]\d{1,9})$")
 DAY_NS = 86_400_000_000_000
-SLASHED = re.compile(r"\d{1,4}/\d{1,2}/\d{1,4}[ T]")
+SLASHED = re.compile(r"(\d{1,4})/(\d{1,2})/(\d{1,4})[ T]+(\d{1,2}:\d\d:\d\d)([.,]\d{1,9})?\s*([AaPp])?(?:\.?[Mm]\.?)?$")
+HOUR_NS = 3_600_000_000_000
+
+
+class AmbiguousDateError(ValueError):
+    """A date such as 05/01/2024, which may be in January or in May."""
 
 
 def is_date(cell: str) -> bool:
     """Return whether a cell is a date or a time of day in some form."""
     text = cell.strip()
-    return any(pattern.match(text) for pattern in (ISO, GERMAN, CLOCK, SLASHED))
+    return any(pattern.match(text) for pattern in (ISO, GERMAN, CLOCK, MINUTES, SLASHED))
 
 
 def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
     """Return the times of cells in nanoseconds since 1970, UTC if they state no zone; times of day count from midnight.
 
-    Without a `pattern` (as in `datetime.strptime`) ISO 8601, 31.12.2024 23:59:59.5 and 23:59:59.5 are read. Raises
-    ValueError for the first cell that is not a time, with its row as second argument.
+    Without a `pattern` (as in `datetime.strptime`) ISO 8601, 31.12.2024 23:59:59.5, 12/31/2024 11:59:59.5 PM,
+    23:59:59.5, 59:59.5 (minutes and seconds) and `0 days 23:59:59.5` are read. Raises ValueError for the first cell
+    that is not a time, with its row as second argument; AmbiguousDateError if it may have two meanings.
     """
-    read = _reader(cells[0].strip() if cells else "", pattern)
+    read = _reader([cell.strip() for cell in (cells[0], cells[-1])] if cells else [""], pattern)
     stamps = np.empty(len(cells), dtype=np.int64)
     for row, cell in enumerate(cells):
         try:
             stamps[row] = read(cell.strip())
         except (ValueError, AttributeError):
             raise ValueError(cell, row) from None
-    return _unwrap_midnight(stamps) if read is _read_clock else stamps
+    period = {_read_clock: DAY_NS, _read_minutes: HOUR_NS}.get(read, 0)
+    return _unwrap(stamps, period) if period else stamps
 
 
-def _reader(first: str, pattern: str) -> Callable[[str], int]:
+def _reader(ends: Sequence[str], pattern: str) -> Callable[[str], int]:
+    """Return the function that reads the times of a column, by the form of its first and last cell."""
+    first = ends[0]
     if pattern:
         return lambda text: _to_ns(datetime.strptime(text, pattern))
-    if CLOCK.match(first):
-        return _read_clock
-    return _read_german if GERMAN.match(first) else _read_iso
+    if SLASHED.match(first):
+        order = _find_order([match for text in ends if (match := SLASHED.match(text))])
+        return lambda text: _read_slashed(text, order)
+    readers = {CLOCK: _read_clock, MINUTES: _read_minutes, GERMAN: _read_german}
+    return next((read for form, read in readers.items() if form.match(first)), _read_iso)
+
+
+def _find_order(matches: Sequence[re.Match[str]]) -> str:
+    """Return the order of year, month and day, such as `mdy`; raises AmbiguousDateError if it cannot be known."""
+    if len(matches[0].group(1)) == 4:
+        return "ymd"
+    firsts, seconds = ([int(match.group(i)) for match in matches] for i in (1, 2))
+    if max(seconds) > 12 or matches[0].group(6):  # a clock of twelve hours is American
+        return "mdy"
+    if max(firsts) > 12 or firsts == seconds:
+        return "dmy"
+    raise AmbiguousDateError(matches[0].group(0))
+
+
+def _read_slashed(text: str, order: str) -> int:
+    *day, clock, fraction, half = _match(SLASHED, text)
+    parts = dict(zip(order, map(int, day), strict=True))
+    hour, minute, second = map(int, clock.split(":"))
+    moment = datetime(parts["y"], parts["m"], parts["d"], _hour_of_day(hour, half), minute, second, tzinfo=UTC)
+    return _to_ns(moment) + _fraction_ns(fraction)
+
+
+def _hour_of_day(hour: int, half: str | None) -> int:
+    """Return the hour of 24 from one of 12 with its half of the day, `a` or `p`."""
+    if half is None:
+        return hour
+    if not 1 <= hour <= 12:
+        raise ValueError(hour)
+    return hour % 12 + (12 if half in "Pp" else 0)
 
 
 def _read_iso(text: str) -> int:
@@ -60,8 +101,14 @@ def _read_german(text: str) -> int:
 
 
 def _read_clock(text: str) -> int:
-    hour, minute, second, fraction = _match(CLOCK, text)
-    return (int(hour) * 3600 + int(minute) * 60 + int(second)) * 1_000_000_000 + _fraction_ns(fraction)
+    days, hour, minute, second, fraction, half = _match(CLOCK, text)
+    seconds = _hour_of_day(int(hour), half) * 3600 + int(minute) * 60 + int(second)
+    return int(days or 0) * DAY_NS + seconds * 1_000_000_000 + _fraction_ns(fraction)
+
+
+def _read_minutes(text: str) -> int:
+    minute, second, fraction = _match(MINUTES, text)
+    return (int(minute) * 60 + int(second)) * 1_000_000_000 + _fraction_ns(fraction)
 
 
 def _match(pattern: re.Pattern[str], text: str) -> tuple[str, ...]:
@@ -81,7 +128,7 @@ def _to_ns(moment: datetime) -> int:
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1_000
 
 
-def _unwrap_midnight(stamps: Stamps) -> Stamps:
-    """Add a day after each step back by more than half a day."""
-    days = np.cumsum(np.concatenate([[0], np.diff(stamps) < -DAY_NS // 2]))
-    return np.asarray(stamps + days * DAY_NS)
+def _unwrap(stamps: Stamps, period_ns: int) -> Stamps:
+    """Add a period, a day or an hour, after each step back by more than half of it."""
+    periods = np.cumsum(np.concatenate([[0], np.diff(stamps) < -period_ns // 2]))
+    return np.asarray(stamps + periods * period_ns)

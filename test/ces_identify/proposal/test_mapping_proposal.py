@@ -156,7 +156,7 @@ def test_a_sign_that_cannot_be_checked_is_taken_as_logged_with_a_warning(tmp_pat
 
 def test_a_time_that_runs_backwards_is_named(tmp_path):
     path = write(tmp_path / "log.csv", {**PLAIN, "time_s": T[::-1]})
-    with pytest.raises(RecordingError, match="line 3: time runs backwards"):
+    with pytest.raises(RecordingError, match="the rows are in descending order of time; sort them by time"):
         propose_mapping(path)
 
 

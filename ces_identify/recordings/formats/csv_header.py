@@ -1,0 +1,129 @@
+"""The lines before the first row of numbers in a text table: which one names the columns, which holds their units."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from ces_identify.recordings.formats.csv_cells import COMMENT_MARKS, is_missing, is_number
+from ces_identify.recordings.formats.dates import is_date
+from ces_identify.recordings.units import find_unit
+
+NO_UNIT = frozenset({"", "-", "--", "1", "[-]", "(-)", "%", "[]"})
+LAST_ROWS = 20  # which say how wide the table is
+Rows = list[tuple[int, list[str]]]  # number and cells of each line that is not blank
+
+
+@dataclass(frozen=True)
+class CsvHeader:
+    """`head` counts the lines that are not blank before the first row; `names` and `units` may be empty."""
+
+    head: int
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+
+
+def find_header(rows: Rows, stated: int | None, decimal: str) -> CsvHeader:
+    """Return the header among the first rows of a table; `stated` is the number of its lines, if that is known.
+
+    The names are in the first line as wide as the table among those that stand directly above the numbers; lines of
+    units and of one cell may stand between them.
+    """
+    first = _count_stated(rows, stated) if stated is not None else _find_first_row(rows, decimal)
+    if first == 0 or not rows:
+        return CsvHeader(0)
+    width = _width(rows)
+    block = _name_lines(rows[: len(rows) if first is None else first], width, decimal)
+    names_at = next((at for at in block if not is_unit_row(rows[at][1])), None)
+    units_at = next((at for at in block if is_unit_row(rows[at][1])), None)
+    if names_at is None:
+        return CsvHeader(1 if first is None else first)
+    if stated is None:
+        first = _skip_header_text(rows, max(names_at, -1 if units_at is None else units_at) + 1, first, decimal)
+    above = [strip_mark(rows[at][1]) for at in range(names_at, first or len(rows)) if at not in block or at == names_at]
+    units = rows[units_at][1] if units_at is not None else []
+    return CsvHeader(
+        names_at + 1 if first is None else first,
+        _fill_blanks(above[0], above[1:]),
+        tuple(cell.strip().strip("[]()") for cell in strip_mark(units)),
+    )
+
+
+def strip_names(cells: Sequence[str]) -> tuple[str, ...]:
+    """Return the names in a header line, without the empty ones after trailing delimiters."""
+    names = [cell.strip() for cell in cells]
+    while names and not names[-1]:
+        names.pop()
+    return tuple(names)
+
+
+def strip_mark(cells: Sequence[str]) -> list[str]:
+    """Return the cells of a line without the mark of a comment at its beginning."""
+    first = cells[0].strip() if cells else ""
+    mark = next((mark for mark in COMMENT_MARKS if first.startswith(mark)), "")
+    rest = first[len(mark) :].strip()
+    return list(cells) if not mark else [rest, *cells[1:]] if rest else list(cells[1:])
+
+
+def is_data_row(cells: Sequence[str], decimal: str) -> bool:
+    """Return whether all cells are numbers, dates or empty, and one is a number at least."""
+    texts = strip_names(cells)
+    numbers = sum(is_number(cell, decimal) for cell in texts)
+    return numbers > 0 and all(is_number(c, decimal) or is_date(c) or not c or is_missing(c) for c in texts)
+
+
+def is_unit_row(cells: Sequence[str]) -> bool:
+    """Return whether all cells are units, or marks for none."""
+    texts = [cell.strip() for cell in strip_mark(cells)]
+    known = sum(find_unit(text) is not None for text in texts)
+    return known > 0 and all(find_unit(text) is not None or text in NO_UNIT for text in texts)
+
+
+def _count_stated(rows: Rows, stated: int) -> int:
+    return sum(number <= stated for number, _ in rows)
+
+
+def _find_first_row(rows: Rows, decimal: str) -> int | None:
+    """Return the index of the first row of numbers, None if no row is one."""
+    width = _width(rows)
+    rows_of_numbers = [at for at, (_, cells) in enumerate(rows) if is_data_row(cells, decimal)]
+    wide = (at for at in rows_of_numbers if len(strip_names(rows[at][1])) >= width)
+    return next(wide, None)
+
+
+def _width(rows: Rows) -> int:
+    widths = Counter(len(strip_names(cells)) for _, cells in rows[-LAST_ROWS:])
+    return widths.most_common(1)[0][0] if widths else 0
+
+
+def _name_lines(rows: Rows, width: int, decimal: str) -> list[int]:
+    """Return the indices of the last lines in a row that are as wide as the table and hold no number."""
+    found: list[int] = []
+    for at in reversed(range(len(rows))):
+        cells = strip_mark(rows[at][1])
+        texts = [text for text in strip_names(cells) if text]
+        if any(is_number(text, decimal) or is_date(text) for text in texts):
+            break
+        if len(strip_names(cells)) >= max(1, width):
+            found.append(at)
+        elif len(texts) > 1:
+            break
+    return found[::-1]
+
+
+def _skip_header_text(rows: Rows, start: int, first: int | None, decimal: str) -> int | None:
+    """Return where the rows begin: at the first line below the header that holds a number, though others be bad."""
+    for at in range(start, first or start):
+        if any(is_number(cell, decimal) for cell in rows[at][1]):
+            return at
+    return first
+
+
+def _fill_blanks(names: Sequence[str], others: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the names, the empty ones from lines of one cell below (a table's index is named there by pandas)."""
+    filled = list(strip_names(names))
+    for other in others:
+        for i, cell in enumerate(other[: len(filled)]):
+            filled[i] = filled[i] or cell.strip()
+    return tuple(filled)
