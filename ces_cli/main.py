@@ -32,7 +32,7 @@ PROGRAMS: ProgramTable = {  # module and summary by name
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
     "export-data": ("bags.export_data", "write recordings and a model's estimates as CSV or Parquet"),
-    "export": ("identify.export", "write a model as C source for a microcontroller, or as an FMU"),
+    "export": ("identify.export", "write a model as C source, as an FMU, or as a ROS 2 package in C++"),
     "diagnose": (
         "diagnose.program",
         "find where a simulation differs from reality and which missing effect is the cause",
@@ -61,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run `ces`; returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
     if words and words[0] == "help":
-        words = [*words[1:2], "--help"]  # `ces help NAME` is `ces NAME --help`
+        words = [*words[1:], "--help"]  # `ces help blind make` is `ces blind make --help`
     if not words or words[0] in ("-h", "--help"):
         print(_usage(), end="")
         return 0

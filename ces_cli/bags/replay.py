@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import find_bag
+from ces_cli.terminal.bag_paths import find_bag, require_model_first
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, require_outputs
 from ces_identify.preparation.series import hold_current, hold_motion
@@ -31,6 +31,7 @@ KEYS = ("position", "velocity", "effort")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
+    require_model_first("replay", options.model)
     path = find_bag(options.bag)
     require_outputs(options.overwrite, bags={"--out": options.out}, inputs=[options.model, path, options.signals])
     signals = terminal.load_described_signals(options)

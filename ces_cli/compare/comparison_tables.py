@@ -20,7 +20,7 @@ MAX_PAIRS = 6  # that the terminal shows
 def cost_table(comparison: Comparison) -> Table:
     """Return a row for each model, lowest cost first: its cost, and how much more that is than the lowest."""
     tests = comparison.test_names
-    title = f"cost J over {join(tests)}" if tests else "cost J over all recordings, which is not a test"
+    title = f"cost J over {join(tests)}" if tests else "cost J over all (not a test)"
     table = make_table(title, ("model",), ("J %", "95 %", "above the lowest"))
     best = best_model(comparison)
     for i in sorted(range(len(comparison.models)), key=lambda i: comparison.models[i].pooled):

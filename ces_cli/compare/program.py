@@ -43,7 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts: dict[str, str]) -> None:
     chosen = front_models(words.campaigns, MAX_MODELS - len(words.simulations))
     if len(words.simulations) + len(chosen) < 2:
-        raise CesError(f"{len(words.simulations) + len(chosen)} models given; expected at least two; {USAGE}")
+        raise CesError(_describe_too_few([*words.simulations, *chosen.values()], words))
     if not words.bags:
         raise CesError(f"no recording given; {USAGE}")
     signals = terminal.load_described_signals(options)
@@ -56,6 +56,13 @@ def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts:
     if options.report is not None:
         write_comparison(options.report, comparison, facts)
     _print(comparison, found, options.json)
+
+
+def _describe_too_few(models: Sequence[str | Path], words: ComparedWords) -> str:
+    """Return the message for fewer than two models, with what the other arguments were taken for."""
+    found = f"one model given ({models[0]})" if models else "no model given"
+    others = f"; taken as recordings: {', '.join(words.bags)}" if words.bags else ""
+    return f"{found}{others}; expected at least two models or other simulations; {USAGE}"
 
 
 def _require_recordings_for_options(options: argparse.Namespace) -> None:
@@ -91,7 +98,7 @@ def make_parser() -> terminal.Parser:
     p.add_argument("words", nargs="+", metavar="SIM|BAG", help=text)
     terminal.add_signals(p)
     terminal.add_part(p)
-    p.add_argument("--report", type=Path, metavar="FILE", help="write a page with charts (HTML)")
+    terminal.add_report(p, "write a page with charts (HTML)")
     add_json(p)
     add_overwrite(p)
     return p

@@ -15,12 +15,13 @@ from typing import TYPE_CHECKING, Any
 
 from ces_cli.terminal import terminal
 from ces_observer.errors import CesError
+from ces_rig.experiment import packaged_experiments
 
 if TYPE_CHECKING:
     from ces_cli.main import ProgramTable
 
 SHELLS = ("bash", "zsh", "fish")
-ANY_FILE, FOLDER = "file", "folder"
+ANY_FILE, FOLDER, EXPERIMENT = "file", "folder", "experiment"
 BAG_FILES, YAML_FILES = ("*.mcap", "*.db3"), ("*.yaml", "*.yml")
 MAX_ABOUT = 72  # characters of a description
 OPTION_RULE = '"$current_action_is_positional" = true'  # in shtab's script for bash: when a word with - is an option
@@ -37,7 +38,7 @@ KINDS: dict[str, str | tuple[str, ...]] = {  # what completes a value, by the op
     "DIR": FOLDER,
     "RESULTS": FOLDER,
     "PLAN": YAML_FILES,
-    "EXPERIMENT": YAML_FILES,
+    "EXPERIMENT": EXPERIMENT,
     "FILE.yaml": YAML_FILES,
     "MAP.yaml": YAML_FILES,
     "MODEL.json": ("*.json",),
@@ -63,7 +64,7 @@ def make_parser() -> terminal.Parser:
         "  ces completion zsh > ~/.zfunc/_ces        (a folder of fpath)\n"
         "  ces completion fish > ~/.config/fish/completions/ces.fish",
     )
-    p.add_argument("shell", choices=SHELLS)
+    p.add_argument("shell", choices=SHELLS, metavar="SHELL", help=f"one of {', '.join(SHELLS)}")
     return p
 
 
@@ -120,8 +121,21 @@ def mark_action(action: argparse.Action) -> None:
     if kind is None:
         return
     shtab = _import_shtab()
-    forms = {ANY_FILE: shtab.FILE, FOLDER: shtab.DIRECTORY}
+    forms = {ANY_FILE: shtab.FILE, FOLDER: shtab.DIRECTORY, EXPERIMENT: name_or_file(shtab)}
     action.complete = forms[kind] if isinstance(kind, str) else shtab.glob(*kind)  # type: ignore[attr-defined]
+
+
+def name_or_file(shtab: Any) -> dict[str, Any]:
+    """Return what completes an experiment: the names of the packaged ones, and YAML files."""
+    names, files = " ".join(packaged_experiments()), shtab.glob(*YAML_FILES)
+    functions = {
+        "bash": f'_ces_experiment() {{\n  compgen -W "{names}" -- "$1"\n  {files["bash"]} "$1"\n}}\n',
+        "zsh": f"_ces_experiment() {{\n  compadd - {names}\n  {files['zsh']}\n}}\n",
+        "fish": f"function _ces_experiment\n  printf '%s\\n' {names}\n  {files['fish'].strip('()')}\nend\n",
+    }
+    before = {shell: files["preamble"].get(shell, "") for shell in functions}
+    preamble = {shell: f"{before[shell]}\n{text}" for shell, text in functions.items()}
+    return {"bash": "_ces_experiment", "zsh": "_ces_experiment", "fish": "(_ces_experiment)", "preamble": preamble}
 
 
 def find_kind(action: argparse.Action) -> str | tuple[str, ...] | None:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
+from ces_cli.terminal.option_rules import ALL, never_with, only_with
 from ces_identify.schema_files import ABOUT, KEYWORD, path_of_schema
 
 
@@ -36,6 +37,10 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--path", action="store_true", help="print the path of the installed schema instead")
     p.add_argument("--list", action="store_true", help="list the schemas and exit")
     add_json(p)
+    p.rules = (
+        never_with(ALL, "list", "does not apply with --list, which lists all schemas", but="list json"),
+        only_with("json", "list", "applies to --list; a schema itself is JSON"),
+    )
     return p
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from ces_cli.identify.certificate_check import certificate_facts, verify_certificate
 from ces_cli.identify.model_check import print_against_model
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import add_bags, find_bags, with_distinct_names
+from ces_cli.terminal.bag_paths import add_bags, find_bags, require_model_first, with_distinct_names
 from ces_cli.terminal.cost_picture import save_cost_picture
 from ces_cli.terminal.coverage_picture import require_picture_name
 from ces_cli.terminal.findings import print_findings
@@ -24,7 +24,7 @@ from ces_cli.terminal.tables import cost_table, print_band, print_missing, print
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
 from ces_identify.recordings.checks import WRONG_MODEL, Finding
-from ces_identify.sense.content import find_known_recording
+from ces_identify.sense.content import find_known_recording, require_once
 from ces_identify.validation.error_regions import error_cells
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_identify.validation.residuals import residual_tests, verdicts
@@ -39,6 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_intermixed_args(argv)  # bags may follow options
     if options.picture is not None:
         require_picture_name(options.picture)
+    require_model_first("validate", options.model)
     paths = find_bags(options.bags)
     outputs = {"--report": options.report, "--picture": options.picture}
     require_outputs(options.overwrite, outputs, inputs=[options.model, *paths, options.signals])
@@ -123,6 +124,7 @@ def _evaluations(
     recordings = list(
         with_distinct_names({path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}).values()
     )
+    require_once(recordings)
     found = [*print_findings(recordings)]
     evaluations: list[Evaluation] = []
     for recording in recordings:

@@ -52,6 +52,12 @@ def find_bag(word: str) -> Path:
     return paths[0]
 
 
+def require_model_first(program: str, path: Path) -> None:
+    """Raise CesError if a recording stands where the model is expected."""
+    if is_bag(path):
+        raise CesError(f"{path}: is a recording; the model comes first: ces {program} MODEL.json BAG")
+
+
 def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
     """Return a unit for each recording that the arguments name, or for each folder that holds some (`each`)."""
     groups: dict[Path, list[Path]] = {}

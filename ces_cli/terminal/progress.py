@@ -20,6 +20,7 @@ from rich.progress import (
 
 from ces_cli.terminal import terminal
 from ces_identify.polynomial.search_limits import Limits, SearchResult
+from ces_identify.progress_file import RUNNING
 
 LOG_EVERY_S = 5.0
 
@@ -87,10 +88,13 @@ class BestResults:
 
     def __init__(self) -> None:
         self._by_seed: dict[int, SearchResult] = {}
+        self._ended: set[int] = set()
 
     def update(self, result: SearchResult) -> None:
-        """Replace the result of its start."""
+        """Replace the result of its start; one that ended and goes on, to be improved, stays counted as finished."""
         self._by_seed[result.seed] = result
+        if result.ended != RUNNING:
+            self._ended.add(result.seed)
 
     @property
     def best(self) -> SearchResult | None:
@@ -100,7 +104,7 @@ class BestResults:
     @property
     def finished(self) -> int:
         """Number of starts that have finished."""
-        return sum(result.ended != "running" for result in self._by_seed.values())
+        return len(self._ended)
 
 
 class SearchProgress(LiveBar):

@@ -52,7 +52,7 @@ def open_simulation(spec: str) -> Simulation:
     if ":" in spec:
         import_from_here()
         return function_simulation(spec)
-    raise CesError(f"--sim '{spec}': expected {EXPECTED}")
+    raise CesError(f"'{spec}' is no simulation; expected {EXPECTED}")
 
 
 def find_file(spec: str) -> Path | None:

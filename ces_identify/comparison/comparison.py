@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from ces_identify.comparison.paired_bootstrap import pooled_costs
 from ces_identify.comparison.tick_time import TickTime, describe_machine, measure_tick_times
 from ces_identify.numerics.arrays import I
 from ces_identify.recordings.recording import Recording
-from ces_identify.sense.content import shared_content
+from ces_identify.sense.content import require_once
 from ces_identify.validation.cost_interval import CostInterval, Ticks, interval_of_ticks
 from ces_observer.errors import CesError
 
@@ -107,9 +106,7 @@ def _require_comparable(models: Sequence[ComparedModel], recordings: Sequence[Re
         raise CesError(f"two models are named '{max(names, key=names.count)}'; give each a name of its own")
     if not recordings:
         raise CesError("no recording to compare on")
-    for one, other in combinations(recordings, 2):
-        if shared := shared_content(one, other):
-            raise CesError(f"{one.name} and {other.name}: {shared}: its seconds would count twice; give it once")
+    require_once(recordings)
 
 
 def _measure(models: Sequence[ComparedModel], recording: Recording) -> dict[int, TickTime]:

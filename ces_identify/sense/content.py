@@ -78,6 +78,13 @@ def require_distinct(identification: Sequence[Recording], validation: Sequence[R
                 )
 
 
+def require_once(recordings: Sequence[Recording]) -> None:
+    """Raise RecordingError if two recordings to be judged on have seconds in common."""
+    for one, other in combinations(recordings, 2):
+        if shared := shared_content(one, other):
+            raise RecordingError(f"{_names(one, other)}: {shared}: its seconds would count twice; give it once")
+
+
 def recording_marks(recording: Recording) -> list[str]:
     """Return marks of a recording for a model's file: up to MARKS hashes of runs of the force, spread over its time."""
     marks = np.sort(_all_marks(recording.channels.get("force")))

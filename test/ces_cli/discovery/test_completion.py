@@ -60,6 +60,9 @@ CASES = [  # words, the last to be completed; what is offered, and what is not
     (["blind", "run", "--simul"], {"--simulation"}, {"--seed"}),
     (["help", "le"], {"learn-stroke"}, {"rig"}),
     (["schema", "sig"], {"signals"}, {"campaign"}),
+    (["rig", ""], {"sine_4hz", "thesis/sweep", "a.yaml"}, {"model.json", "one.mcap"}),
+    (["rig", "thesis/s"], {"thesis/sweep", "thesis/sine_4hz"}, {"sweep", "thesis/noise"}),
+    (["rig", "sweep", "--se"], {"--seed"}, {"--signals"}),
 ]
 
 
@@ -98,7 +101,7 @@ def test_fish(place: Path, words: list[str], offered: set[str], others: set[str]
     assert offered <= found and not others & found
 
 
-@pytest.mark.parametrize(("words", "offered", "others"), CASES[2:7])
+@pytest.mark.parametrize(("words", "offered", "others"), [*CASES[2:7], *CASES[-3:]])
 def test_zsh(place: Path, words: list[str], offered: set[str], others: set[str]) -> None:
     found = ask(place, "zsh", ZSH.format(line=" ".join(["ces", *words])))
     assert offered <= found and not others & found
