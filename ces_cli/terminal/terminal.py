@@ -23,6 +23,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ces_cli.terminal.option_rules import OptionRule, find_given, require_applicable
+from ces_cli.terminal.outputs import add_report
 from ces_identify.preparation.weighting import FORMS
 from ces_identify.recordings.bag_reader import LogTimeWarning, read_recording
 from ces_identify.recordings.checks import require_usable
@@ -131,7 +132,7 @@ def add_weight(to: argparse.ArgumentParser, purpose: str) -> None:
 
 def add_report_and_picture(to: argparse.ArgumentParser) -> None:
     """Add the options --report and --picture."""
-    to.add_argument("--report", type=Path, metavar="FILE", help="write a report page (HTML)")
+    add_report(to)
     to.add_argument("--picture", type=Path, metavar="FILE", help="draw speed-force and time plots (.png, .svg, .pdf)")
 
 
