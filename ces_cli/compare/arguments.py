@@ -30,6 +30,11 @@ class ComparedWords:
     bags: tuple[str, ...]
 
     @property
+    def names(self) -> list[str]:
+        """The names of simulations and campaigns."""
+        return [*name_sources(self.simulations), *(path.resolve().name for path in self.campaigns)]
+
+    @property
     def inputs(self) -> list[Path | None]:
         """The files and folders that are read."""
         return [*map(find_file, self.simulations), *self.campaigns, *map(Path, self.bags)]

@@ -12,9 +12,10 @@ from ces_cli.compare.arguments import ComparedWords, open_models, read_recording
 from ces_cli.compare.campaign_fronts import front_models, show_campaigns
 from ces_cli.compare.comparison_tables import MAX_PAIRS, cost_table, model_table, pair_table, recording_table, sentences
 from ces_cli.terminal import terminal
+from ces_cli.terminal.bag_paths import find_bags
 from ces_cli.terminal.findings import print_findings
 from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_cli.terminal.outputs import add_overwrite, add_report, name_report, require_outputs
 from ces_identify.comparison.comparison import MAX_MODELS, Comparison, compare
 from ces_identify.comparison.comparison_json import comparison_document
 from ces_identify.comparison.comparison_page import write_comparison
@@ -28,6 +29,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_intermixed_args(argv)  # arguments may follow options
     words = sort_words(options.words)
+    options.report = name_report(options.report, words.names, [path.stem for path in find_bags(words.bags)])
     require_outputs(options.overwrite, {"--report": options.report}, inputs=[*words.inputs, options.signals])
     facts = {"command": shlex.join(["ces", "compare", *(sys.argv[2:] if argv is None else argv)])}
     if words.campaigns and not words.bags and not words.simulations:
@@ -98,7 +100,7 @@ def make_parser() -> terminal.Parser:
     p.add_argument("words", nargs="+", metavar="SIM|BAG", help=text)
     terminal.add_signals(p)
     terminal.add_part(p)
-    terminal.add_report(p, "write a page with charts (HTML)")
+    add_report(p)
     add_json(p)
     add_overwrite(p)
     return p

@@ -15,7 +15,7 @@ from ces_cli.terminal.bag_paths import RECORDING, VEHICLE, find_bags
 from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.many_jobs import ONE_PLACE, add_jobs
 from ces_cli.terminal.option_rules import never_with, only_with
-from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_cli.terminal.outputs import add_overwrite, add_report, name_report, require_outputs
 from ces_cli.terminal.simulations import HELP, open_simulation
 from ces_observer.json_checks import write_all_atomically
 
@@ -32,6 +32,7 @@ RULES = (
     ),
     only_with("jobs dask", "each", "applies to fleets; add --each recording or --each vehicle"),
     never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
+    never_with("report", "each", "has no effect with --each: each diagnosis has its report.html in --out"),
     never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
     ONE_PLACE,
 )
@@ -44,7 +45,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         from ces_cli.diagnose.fleet import run_fleet
 
         return run_fleet(options)
-    require_outputs(options.overwrite, folders={"--out": options.out})
+    real = [path.stem for path in find_bags(options.real)]
+    options.report = name_report(options.report, [Path(options.sim or "identified").stem], real)
+    require_outputs(options.overwrite, {"--report": options.report}, folders={"--out": options.out})
     _diagnose(options, shlex.join(["ces", "diagnose", *(sys.argv[2:] if argv is None else argv)]))
     return 0
 
@@ -62,7 +65,7 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     from ces_gap.intake.checks import check_recordings
     from ces_gap.pipeline import diagnose
     from ces_gap.report.gap_json import gap_content
-    from ces_gap.report.result_files import result_files
+    from ces_gap.report.result_files import REPORT, result_files
 
     require_one_source(options)
     how, signals = build_diagnose_options(options, os.cpu_count() or 1), terminal.load_described_signals(options)
@@ -85,9 +88,12 @@ def _diagnose(options: argparse.Namespace, command: str) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     for optional in OPTIONAL_FILES:
         (options.out / optional).unlink(missing_ok=True)  # from an earlier diagnosis
-    write_all_atomically({options.out / name: text for name, text in files.items()})
+    copies = {options.report: files[REPORT]} if options.report is not None and REPORT in files else {}
+    write_all_atomically({**{options.out / name: text for name, text in files.items()}, **copies})
     with without_text(options.json):
         print_diagnosis(diagnosis, options.out, tuple(files), printed_notes=len(doubts))
+        for path in copies:
+            print(f"report: {path}")
     if options.json:
         print_document("diagnose", {"folder": options.out, "files": list(files), "diagnosis": gap_content(diagnosis)})
 
@@ -117,6 +123,7 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--reference", nargs="+", default=[], metavar="BAG", help=text)
     terminal.add_signals(p)
     p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write, created if necessary")
+    add_report(p, "copy report.html to FILE")
     text = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
     p.add_argument("--effects", nargs="+", default=[], metavar="module:Class", help=text)
     text = "default: all processors; with --each, one for each diagnosis"

@@ -13,7 +13,7 @@ from ces_cli.identify.distillation import with_teacher
 from ces_cli.identify.structures import candidate_rules, select_identify_function
 from ces_cli.terminal import terminal
 from ces_cli.terminal.bag_paths import find_bags, with_distinct_names
-from ces_cli.terminal.outputs import require_outputs
+from ces_cli.terminal.outputs import name_report, require_outputs
 from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
 from ces_identify.identification import IdentificationResult, count_starts
 from ces_identify.polynomial.search_limits import Limits, SearchResult
@@ -91,6 +91,8 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
     paths = [find_bags(words, repeated=True) for words in (options.bags, options.validate)]
+    tested = paths[1] or paths[0]
+    options.report = name_report(options.report, [options.out.stem], [path.stem for path in tested])
     outputs = {"--out": options.out, "--report": options.report, "--picture": options.picture}
     inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
     require_outputs(options.overwrite, outputs, inputs=inputs)

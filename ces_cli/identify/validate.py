@@ -19,7 +19,7 @@ from ces_cli.terminal.findings import print_findings
 from ces_cli.terminal.json_costs import cost_rows, held_out_row, model_facts
 from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.option_rules import OptionRule
-from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_cli.terminal.outputs import add_overwrite, name_report, require_outputs
 from ces_cli.terminal.tables import cost_table, print_band, print_missing, print_outside
 from ces_identify.preparation.series import prepare
 from ces_identify.preparation.weighting import Weighting, parse_weighting
@@ -41,6 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         require_picture_name(options.picture)
     require_model_first("validate", options.model)
     paths = find_bags(options.bags)
+    options.report = name_report(options.report, [options.model.stem], [path.stem for path in paths])
     outputs = {"--report": options.report, "--picture": options.picture}
     require_outputs(options.overwrite, outputs, inputs=[options.model, *paths, options.signals])
     model, weighting = load_model(options.model), parse_weighting(options.weight)

@@ -8,13 +8,46 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
 from ces_observer.errors import CesError
 
 Outputs = Mapping[str, Path | None]
 """Paths by the option that names them, such as `--report`; None is an output that nobody asked for."""
+
+OTHER_FILES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
+MAX_NAMED = 4  # recordings in the name of a report
+MAX_LETTERS = 120  # of that name
+
+
+def add_report(to: argparse.ArgumentParser, purpose: str = "write a report page (HTML)") -> None:
+    """Add the option --report; `purpose` says what is written."""
+    text = f"{purpose}; in a folder: under a name that says which simulation and recordings"
+    to.add_argument("--report", type=_parse_page_name, metavar="FILE", help=text)
+
+
+def _parse_page_name(text: str) -> Path:
+    """Return the path of a page to write; a name for another kind of file is a mistake."""
+    if Path(text).suffix.lower() in OTHER_FILES:
+        reason = "is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
+        raise argparse.ArgumentTypeError(f"'{text}': the report {reason}")
+    return Path(text)
+
+
+def name_report(path: Path | None, simulations: Sequence[str], recordings: Sequence[str]) -> Path | None:
+    """Return the file of a report: `path`, or in a folder `model_on_road_and_noise.html`; a bag counts as no folder."""
+    if path is None or not path.is_dir() or (path / "metadata.yaml").exists():
+        return path
+    on = f"_on_{_join_names(recordings)}" if recordings else ""
+    name = re.sub(r"[^\w.+-]+", "-", f"{_join_names(simulations)}{on}")
+    return path / f"{name[:MAX_LETTERS]}.html"
+
+
+def _join_names(names: Sequence[str]) -> str:
+    more = len(names) - MAX_NAMED
+    return "_and_".join([*names[:MAX_NAMED], *([f"{more}_more"] if more > 0 else [])])
 
 
 def add_overwrite(to: argparse.ArgumentParser) -> None:

@@ -23,6 +23,7 @@ from rich.console import Console
 from rich.table import Column, Table
 
 from ces_cli.terminal.option_rules import OptionRule, find_given, require_applicable
+from ces_cli.terminal.outputs import add_report
 from ces_identify.preparation.weighting import FORMS
 from ces_identify.recordings.bag_reader import LogTimeWarning, read_recording
 from ces_identify.recordings.checks import require_usable
@@ -37,7 +38,6 @@ FORCE = ("position", "current", "force")  # signals of a recording with a measur
 USER_ERROR = 2
 MIN_TEXT_WIDTH = 12  # characters of a column of texts that may wrap
 INTERRUPTED = 130
-OTHER_FILES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
 
 _said: set[str] = set()  # warnings that a run prints once; `run` empties it
 out = Console()
@@ -132,21 +132,8 @@ def add_weight(to: argparse.ArgumentParser, purpose: str) -> None:
 
 def add_report_and_picture(to: argparse.ArgumentParser) -> None:
     """Add the options --report and --picture."""
-    add_report(to, "write a report page (HTML)")
+    add_report(to)
     to.add_argument("--picture", type=Path, metavar="FILE", help="draw speed-force and time plots (.png, .svg, .pdf)")
-
-
-def add_report(to: argparse.ArgumentParser, text: str) -> None:
-    """Add the option --report for an HTML page."""
-    to.add_argument("--report", type=_parse_page_name, metavar="FILE", help=text)
-
-
-def _parse_page_name(text: str) -> Path:
-    """Return the path of a page to write; a name for another kind of file is a mistake."""
-    if Path(text).suffix.lower() in OTHER_FILES:
-        reason = "is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
-        raise argparse.ArgumentTypeError(f"'{text}': the report {reason}")
-    return Path(text)
 
 
 def _parse_part(text: str) -> tuple[float, float]:

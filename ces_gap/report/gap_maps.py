@@ -35,16 +35,16 @@ def _figure(ident: str, m: GapMap, worst: float) -> Markup:
     p = panel((edges[0][0], edges[0][-1]), (edges[1][0], edges[1][-1]), BOX)
     rms = m.rms_N.T
 
-    def hover_text(a: int, b: int) -> str:
+    def describe(a: int, b: int) -> str:
         return f"{_span(m, 0, a)}, {_span(m, 1, b)}: {rms[a, b]:.3g} N"
 
-    parts = [_axes(p, m), cells(p, edges, rms, rms / worst, "wrong", hover_text)]
+    parts = [_axes(p, m), cells(p, edges, rms, rms / worst, "wrong", describe)]
     parts.append(ramp(*RAMP[:2], [f * worst for f in SCALE], "wrong", "N, RMS gap", RAMP[2]))
     if not np.isfinite(rms).any():
         parts.append(note(p, "too few samples"))
     title = f"RMS gap over {AXES[m.axes[0]][0]} and {AXES[m.axes[1]][0]}"
     text = f"The scale ends at {worst:.3g} N."
-    return svg(ident, SIZE, title, text, parts) + value_table(text, ("Cell", "RMS gap [N]"), _highest(m))
+    return svg(ident, SIZE, title, text, parts, values=True) + value_table(text, ("Cell", "RMS gap [N]"), _highest(m))
 
 
 def _highest(m: GapMap) -> list[tuple[str, str]]:

@@ -10,6 +10,7 @@ from ces_gap.report.formatting import effect_name, join_effect_names
 from ces_identify.typesetting import three_figures
 
 ROOM = 1.04  # of the longest bar or interval
+MAX_CONTROL = 2.0  # of the longest gap: a longer bar of a control is cut off and marked
 SAME = 1e-9  # relative difference below which the references had no influence
 
 
@@ -34,11 +35,18 @@ class GapSteps:
     controls: tuple[Bar, ...]
     noise: float
 
+    @property
+    def cut(self) -> bool:
+        """Whether a bar is longer than shown."""
+        return any(bar.css.endswith(" cut") for bar in (*self.steps, *self.controls))
+
 
 def build_gap_steps(d: Diagnosis) -> GapSteps:
     """Return the bars of a diagnosis: RMS [N] on held-out recordings, without noise except in the noise's own bar."""
     ends = [d.gap.rms_N, d.gap.ci95_N[1], d.gap.corrected_N, d.gap.corrected_ci95_N[1], d.gap.noise_floor_N]
-    scale = ROOM * max([v for v in ends if math.isfinite(v)] + [1e-9])
+    longest = max([v for v in ends if math.isfinite(v)] + [1e-9])
+    controls = [d.composition.gap_after_N, d.ceiling_after_N, *([d.wrong.gap_after_N] if d.wrong is not None else [])]
+    scale = ROOM * min(max([longest, *filter(math.isfinite, controls)]), MAX_CONTROL * longest)
     steps = [_bar(scale, "before", "Original simulation", "", d.gap.rms_N, d.gap.ci95_N)]
     if has_correction(d):
         remark, gap = "learned from the reference recordings", d.gap
@@ -83,6 +91,7 @@ def _after(scale: float, css: str, label: str, remark: str, explanation: Explana
 
 
 def _bar(scale: float, css: str, label: str, remark: str, value: float, ci95: Interval | None) -> Bar:
+    css = f"{css} cut" if value > scale else css
     if ci95 is None or not all(map(math.isfinite, ci95)):
         return Bar(css, label, remark, three_figures(value), "", _percent(value, scale), None)
     low, high = (_percent(v, scale) for v in ci95)

@@ -84,9 +84,8 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
     c = d.composition
     if d.verdict == UNKNOWN:
         left = percent(1.0 - c.shrink if c.effects else 1.0)
-        most = percent(1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan)
         text = "of the gap on held-out recordings remains unexplained by known effects; a generic learner explains"
-        return {"figure": left, "unit": "%", "text": f"{text} {most}\N{NO-BREAK SPACE}%."}
+        return {"figure": left, "unit": "%", "text": f"{text} {_learner_share(d)}."}
     if d.verdict == NO_GAP or not c.effects:
         text = f"between simulation and measurement; the measurement noise is {three_figures(d.gap.noise_floor_N)} N."
         return {"figure": three_figures(d.gap.rms_N), "unit": "N", "text": text}
@@ -94,6 +93,12 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
     interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
     text = f"of the gap on held-out recordings closed by {names}; {interval}."
     return {"figure": percent(c.shrink), "unit": "%", "text": text}
+
+
+def _learner_share(d: Diagnosis) -> str:
+    """Return the share of the gap that a generic learner explains, which may make it worse on held-out recordings."""
+    share = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
+    return "nothing of it" if share <= 0.0 else f"{percent(share)}\N{NO-BREAK SPACE}%"
 
 
 def _calibration_table(d: Diagnosis) -> dict[str, Any] | None:

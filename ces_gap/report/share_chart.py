@@ -6,11 +6,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from markupsafe import Markup, escape
+from markupsafe import Markup
 
 from ces_gap.diagnosis import GapRegion
 from ces_gap.report.formatting import AXES, SIDES, axis_figure, axis_title, percent, region_name
-from ces_identify.report.drawing import F, Panel, PlotAxis, label, svg
+from ces_identify.report.drawing import F, Panel, PlotAxis, label, svg, with_value
 from ces_identify.report.plot_table import value_table
 from ces_identify.typesetting import three_figures
 
@@ -38,7 +38,7 @@ def draw_share_chart(ident: str, regions: Sequence[GapRegion]) -> Markup:
     parts += [_ticks(p, regions), label(4.0, 14.0, axis_title(axis), "name")]
     most = max(regions, key=lambda r: r.share_of_energy)
     text = f"Most of the energy, {percent(most.share_of_energy)} %, at {region_name(most)}."
-    figure = svg(ident, SIZE, f"Share of the gap's energy over {AXES[axis][0]}", text, parts)
+    figure = svg(ident, SIZE, f"Share of the gap's energy over {AXES[axis][0]}", text, parts, values=True)
     samples = "Force's energy [%]" if axis == "frequency_hz" else "Time [%]"
     return figure + value_table(text, ("Region", "Gap's energy [%]", samples, "RMS [N]"), [_row(r) for r in regions])
 
@@ -71,18 +71,24 @@ def _grid(p: Panel) -> str:
 
 
 def _region(p: Panel, k: int, region: GapRegion, ends: F) -> str:
-    """Return the bar of a region with whisker and tooltip, in full colour if it exceeds the rest."""
+    """Return the bar of a region with its whisker and its values, in full colour if it exceeds the rest."""
     css = "energy beyond" if region.q_value <= FALSE_DISCOVERIES else "energy"
     bar = p.rect(k + 0.06, k + 0.94, css, 0.0, 100.0 * region.share_of_energy)
     low, high = (float(v) for v in p.y.px(np.clip(100.0 * ends, 0.0, p.y.high)))
     middle = float(p.x.px(k + 0.5))
     whisker = f'<path class="span" d="M{middle:.1f},{low:.1f}V{high:.1f}"/>'
     samples = "of the measured force's" if region.axis == "frequency_hz" else "of the time"
-    tooltip = (
+    text = (
         f"{region_name(region)}: {percent(region.share_of_energy)} % of the energy, "
-        f"{percent(region.share_of_samples)} % {samples}; RMS {three_figures(region.rms_N)} N"
+        f"{percent(region.share_of_samples)} % {samples}; RMS {three_figures(region.rms_N)} N{_interval(region)}"
     )
-    return f"<g>{bar}{whisker}<title>{escape(tooltip)}</title></g>"
+    return with_value(p.rect(k, k + 1.0, "hit") + bar + whisker, text)
+
+
+def _interval(region: GapRegion) -> str:
+    """Return the 95 % interval of a region's RMS gap in brackets, nothing if it is unknown."""
+    low, high = region.ci95_N
+    return f" ({three_figures(low)} to {three_figures(high)})" if math.isfinite(low + high) else ""
 
 
 def _samples(p: Panel, regions: Sequence[GapRegion]) -> str:

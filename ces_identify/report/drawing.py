@@ -79,19 +79,30 @@ def panel(x_range: tuple[float, float], y_range: tuple[float, float], box: tuple
     return Panel(PlotAxis(*_open(*x_range), left, left + width), PlotAxis(*_open(*y_range), top + height, top))
 
 
-def svg(ident: str, size: tuple[float, float], title: str, description: str, parts: Sequence[str]) -> Markup:
-    """Return a figure of `size` (width, height) with an accessible name; `ident` must be unique in the page."""
+def svg(
+    ident: str, size: tuple[float, float], title: str, description: str, parts: Sequence[str], values: bool = False
+) -> Markup:
+    """Return a figure of `size` (width, height) with an accessible name; `ident` must be unique in the page.
+
+    With `values` the page's script (`values.js`) reads out the elements that `with_value` returned.
+    """
     width, height = size
+    kind = ' class="values"' if values else ""
     head = (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width:g} {height:g}" role="img" '
+        f'<svg xmlns="http://www.w3.org/2000/svg"{kind} viewBox="0 0 {width:g} {height:g}" role="img" '
         f'aria-labelledby="{ident}-t {ident}-d"><title id="{ident}-t">{escape(title)}</title>'
         f'<desc id="{ident}-d">{escape(description)}</desc>'
     )
     return Markup(head + "\n".join(parts) + "</svg>")  # all texts in the parts are escaped
 
 
-def axes(p: Panel, x_label: str, y_label: str, x_ticks: int = 7, y_ticks: int | None = 5) -> str:
-    """Return grid, tick labels and axis labels (x only with `x_label`); `y_ticks` None: y is an axis around zero."""
+def axes(
+    p: Panel, x_label: str, y_label: str, x_ticks: int = 7, y_ticks: int | None = 5, name_x: float | None = None
+) -> str:
+    """Return grid, tick labels and axis labels (x only with `x_label`); `y_ticks` None: y is an axis around zero.
+
+    The label of the y axis begins at `name_x` [px], at the left edge of the figure without it.
+    """
     left, right, bottom, top = p.x.start, p.x.stop, p.y.start, p.y.stop
     out = []
     for value, text in p.x.ticks(x_ticks):
@@ -103,10 +114,15 @@ def axes(p: Panel, x_label: str, y_label: str, x_ticks: int = 7, y_ticks: int | 
         y = float(p.y.px(value))
         out.append(f'<path class="{_grid(value)}" d="M{left:.1f},{y:.1f}H{right:.1f}"/>')
         out.append(label(left - 7, y + 4, text, "tick end"))
-    out.append(label(left - 7 if left < 20 else 4, top - 11, y_label, "name"))
+    out.append(label(4.0 if name_x is None else name_x, top - 11, y_label, "name"))
     if x_label:
         out.append(label(right, bottom + 36, x_label, "name end"))
     return "\n".join(out)
+
+
+def with_value(drawn: str, text: str) -> str:
+    """Return what was `drawn` as one value of a figure, which is read out as `text`."""
+    return f'<g class="value">{drawn}<title>{escape(text)}</title></g>'
 
 
 def note(p: Panel, text: str) -> str:

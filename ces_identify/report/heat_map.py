@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 import numpy as np
+from markupsafe import escape
 
 from ces_identify.numerics.arrays import F
 from ces_identify.report.drawing import Panel, label
@@ -15,15 +16,15 @@ RAMP_WIDTH = 300.0  # [px]
 
 
 def cells(p: Panel, edges: tuple[F, F], values: F, shade: F, css: str, describe: Callable[[int, int], str]) -> str:
-    """Return a rectangle for each cell (x, y) with `values` above 0, darker with `shade` (0 to 1), with a tooltip.
+    """Return a rectangle for each cell (x, y) with `values` above 0, darker with `shade` (0 to 1); `describe` is its text.
 
     `edges` (x + 1,), (y + 1,) are on the panel's axes.
     """
     out = []
     for a, b in zip(*np.nonzero(np.nan_to_num(values) > 0.0), strict=True):
         x, y = edges[0][a : a + 2], edges[1][b : b + 2]
-        box = p.rect(x[0], x[1], css, y[0], y[1]).removesuffix("/>")
-        out.append(f'{box} fill-opacity="{_opacity(shade[a, b]):.2f}"><title>{describe(a, b)}</title></rect>')
+        box = p.rect(x[0], x[1], f"{css} value", y[0], y[1]).removesuffix("/>")
+        out.append(f'{box} fill-opacity="{_opacity(shade[a, b]):.2f}"><title>{escape(describe(a, b))}</title></rect>')
     return "\n".join(out)
 
 

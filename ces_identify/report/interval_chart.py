@@ -1,4 +1,4 @@
-"""A static chart of intervals, one row each, over a common axis; every row is readable as text, too."""
+"""A chart of intervals, one row each, over a common axis; every row has its values as text."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.report.drawing import Panel, axes, label, panel, span_of, svg
+from ces_identify.report.drawing import Panel, axes, label, panel, span_of, svg, with_value
 
 WIDTH, LEFT, RIGHT, TOP, ROW, AXIS = 780.0, 220.0, 220.0, 12.0, 24.0, 46.0
 INDENT = 18.0
@@ -40,12 +40,13 @@ def draw_intervals(ident: str, title: str, x_label: str, rows: Sequence[Interval
     p = panel(span_of(values), (float(len(rows)), 0.0), (LEFT, TOP, WIDTH - LEFT - RIGHT, height))
     parts = [axes(p, x_label, "", 6, 0), *(_row(p, i, row) for i, row in enumerate(rows))]
     text = "; ".join(f"{row.name}: {row.text}" for row in rows)
-    return svg(ident, (WIDTH, TOP + height + AXIS), title, text, parts)
+    return svg(ident, (WIDTH, TOP + height + AXIS), title, text, parts, values=True)
 
 
 def _row(p: Panel, i: int, row: IntervalRow) -> str:
     y = TOP + ROW * (i + 0.5)
     out = [
+        f'<rect class="hit" x="0" y="{y - ROW / 2:.1f}" width="{WIDTH:.1f}" height="{ROW:.1f}"/>',
         label(INDENT if row.indent else 0.0, y + 4, _shorten(row.name), "name"),
         label(WIDTH, y + 4, row.text, "tick end"),
     ]
@@ -57,7 +58,7 @@ def _row(p: Panel, i: int, row: IntervalRow) -> str:
         out.append(f'<path class="{row.css}" d="M{low:.1f},{y:.1f}H{high:.1f}{ends}"/>')
     if math.isfinite(row.value):
         out.append(f'<path class="{row.css} spot" d="M{float(p.x.px(row.value)):.1f},{y:.1f}h0"/>')
-    return "".join(out)
+    return with_value("".join(out), f"{row.name}: {row.text}")
 
 
 def _shorten(name: str) -> str:

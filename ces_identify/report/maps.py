@@ -11,6 +11,7 @@ from ces_identify.numerics.arrays import F, Mask
 from ces_identify.report.drawing import Panel, axes, legend, note, panel, svg
 from ces_identify.report.grid import SpeedCurrentGrid
 from ces_identify.report.heat_map import cells, ramp
+from ces_identify.report.plot import Plot, PlotArea, PlotBars, draw_plot
 from ces_identify.report.plot_table import value_table
 from ces_identify.typesetting import minus
 from ces_identify.validation.evaluate import Evaluation
@@ -18,7 +19,7 @@ from ces_observer.model import Model
 
 SIZE = (550, 400)
 BOX = (58.0, 34.0, 476.0, 276.0)
-FLAT_BOX = (58.0, 34.0, 476.0, 312.0)
+FLAT_HEIGHT = 312.0
 SPEED = "Speed [m/s], positive in compression"
 RAMP = (BOX[0], SIZE[1] - 38.0)
 TABLE_CELLS = 12
@@ -32,10 +33,10 @@ def coverage_map(
     share, beside = grid.share(filled), grid.share(outlined)
     title = "Share of time over speed and current"
     if grid.one_current:
-        parts = _bars(grid, share[:, 0], "Share of time [%]", "cover", beside[:, 0] if outlined else None)
-        text = "The current is constant."
-        figure = svg(ident, SIZE, "Share of time over speed", text, parts)
-        return figure + _table(grid, share, text, "Share of time [%]")
+        text, label = "The current is constant.", "Share of time [%]"
+        marks = [PlotBars("identification" if outlined else "", grid.speed, share[:, 0], "cover")]
+        marks += [PlotBars("validation", grid.speed, beside[:, 0], "outline")] if outlined else []
+        return _histogram(ident, "Share of time over speed", text, label, marks, _table(grid, share, text, label))
     p = _map_panel(grid)
     shade = np.sqrt(share / share.max())
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, share, shade, "cover", " % of the time")]
@@ -46,7 +47,7 @@ def coverage_map(
         ramp(*RAMP, [f * f * share.max() for f in QUARTERS], "cover", "%"),
     ]
     text = f"Largest share of a cell: {share.max():.3g} %."
-    return svg(ident, SIZE, title, text, parts) + _table(grid, share, text, "Share of time [%]")
+    return svg(ident, SIZE, title, text, parts, values=True) + _table(grid, share, text, "Share of time [%]")
 
 
 def error_map(
@@ -60,9 +61,9 @@ def error_map(
     rms = grid.rms(evaluations)
     worst = float(np.nanmax(rms, initial=0.0)) or 1.0
     if grid.one_current:
-        parts = _bars(grid, np.nan_to_num(rms[:, 0]), "RMS error [N]", "wrong", None)
-        text = f"Largest: {worst:.3g} N."
-        return svg(ident, SIZE, "RMS error over speed", text, parts) + _table(grid, rms, text, "RMS error [N]")
+        text, label = f"Largest: {worst:.3g} N.", "RMS error [N]"
+        marks = [PlotBars("", grid.speed, rms[:, 0], "wrong")]
+        return _histogram(ident, "RMS error over speed", text, label, marks, _table(grid, rms, text, label))
     p = _map_panel(grid)
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, rms, rms / worst, "wrong", " N RMS error")]
     if identified:
@@ -74,7 +75,8 @@ def error_map(
         ramp(*RAMP, [f * worst for f in QUARTERS], "wrong", "N"),
     ]
     text = f"Largest RMS error of a cell: {worst:.3g} N."
-    return svg(ident, SIZE, "RMS error over speed and current", text, parts) + _table(grid, rms, text, "RMS error [N]")
+    figure = svg(ident, SIZE, "RMS error over speed and current", text, parts, values=True)
+    return figure + _table(grid, rms, text, "RMS error [N]")
 
 
 def _table(grid: SpeedCurrentGrid, values: F, text: str, head: str) -> Markup:
@@ -112,14 +114,8 @@ def _outline(p: Panel, grid: SpeedCurrentGrid, inside: Mask) -> str:
     return f'<path class="outline" d="{"".join(d)}"/>' if d else ""
 
 
-def _bars(grid: SpeedCurrentGrid, values: F, y_label: str, css: str, beside: F | None) -> list[str]:
-    """Return a histogram over speed, with a second one as a stepped line."""
-    top = max(float(values.max()), 0.0 if beside is None else float(beside.max())) or 1.0
-    p = panel((grid.speed[0], grid.speed[-1]), (0.0, 1.05 * top), FLAT_BOX)
-    parts = [axes(p, SPEED, y_label, 7, 6)]
-    parts += [p.rect(grid.speed[a], grid.speed[a + 1], css, 0.0, float(values[a])) for a in np.flatnonzero(values)]
-    if beside is not None:
-        x, y = np.repeat(p.x.px(grid.speed), 2), p.y.px(np.concatenate([[0.0], np.repeat(beside, 2), [0.0]]))
-        d = "L".join(f"{a:.1f},{b:.1f}" for a, b in zip(x, y, strict=True))
-        parts += [f'<path class="outline" d="M{d}"/>', legend(p.x.stop, 23, [("outline", "validation")])]
-    return parts
+def _histogram(ident: str, title: str, text: str, y_label: str, marks: Sequence[PlotBars], table: Markup) -> Markup:
+    """Return bars over speed."""
+    top = max(float(np.nanmax(bars.values, initial=0.0)) for bars in marks) or 1.0
+    area = PlotArea(y_label, marks, FLAT_HEIGHT, (0.0, 1.05 * top), y_ticks=6)
+    return draw_plot(Plot(ident, title, text, SPEED, [area], float(SIZE[0]), x_ticks=7), table=table)

@@ -42,8 +42,8 @@ __all__ = [
 SWATCHES = {"line": "M1,5h20", "dots": "M5,5h0M11,5h0M17,5h0"}
 
 
-def draw_plot(plot: Plot, max_points: int = MAX_POINTS) -> Markup:
-    """Return a plot as HTML: legend, figure, data and a table of the values that it shows.
+def draw_plot(plot: Plot, max_points: int = MAX_POINTS, table: Markup | None = None) -> Markup:
+    """Return a plot as HTML: legend, figure, data and a table of the values that it shows, or the given `table`.
 
     Lines with more than `max_points` points keep the lowest and the highest value of groups of samples in the data,
     and the plot says so; see `share_points` for pages with many lines.
@@ -57,7 +57,7 @@ def draw_plot(plot: Plot, max_points: int = MAX_POINTS) -> Markup:
         _legend(plot) if plot.legend else "",
         draw_svg(plot, panels),
         _resolution(packed.samples),
-        plot_table(plot),
+        plot_table(plot) if table is None else table,
         Markup(packed.text),  # JSON with <, > and & as escape sequences
     )
 

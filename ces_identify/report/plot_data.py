@@ -13,7 +13,7 @@ import numpy as np
 from ces_identify.numerics.arrays import F, I, Mask
 from ces_identify.report.drawing import Panel
 from ces_identify.report.plot_marks import Plot, PlotBand, PlotBars, PlotDots, PlotLine, PlotMark, PlotShade
-from ces_identify.report.plot_svg import has_x_axis, x_range
+from ces_identify.report.plot_svg import find_name_x, has_x_axis, x_range
 
 MAX_POINTS = 60_000  # of a line
 PAGE_BYTES = 2_700_000  # of a page with the data of all its charts
@@ -57,6 +57,7 @@ def pack(plot: Plot, panels: Sequence[Panel], max_points: int = MAX_POINTS) -> P
                 "zero": area.around_zero,
                 "whole": area.whole,
                 "yTicks": area.y_ticks,
+                "nameX": find_name_x(plot, p),
                 "xLabel": plot.x_label if has_x_axis(plot, number) else "",
                 "marks": [packer.mark(mark) for mark in area.marks],
             }

@@ -1,4 +1,4 @@
-"""What a chart shows: lines, dots, bands, bars and shades in areas, one below the other over one x axis."""
+"""What a chart shows: lines, dots, bands, bars and shades in areas over one x axis."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class PlotDots:
 
 @dataclass(frozen=True)
 class PlotBand:
-    """The area between `low` and `high` (n,) over x (n,) in its order."""
+    """The area between `low` and `high` (n,) over x (n,) in its order; without a name its values are not read out."""
 
     name: str
     x: F
@@ -105,6 +105,7 @@ class Plot:
     `ident` must be unique in the page. `x_view` is the range of x that is shown at first and in print, None for all.
     Charts of one `group` zoom, move and read values together. `free`: zoom works on both axes, and values are read at
     the nearest point (speed-force clouds, loops); otherwise zoom works on x, and y follows what is visible.
+    Areas fill `columns` row by row.
     """
 
     ident: str
@@ -118,6 +119,7 @@ class Plot:
     free: bool = False
     x_ticks: int = 8
     legend: bool = True
+    columns: int = 1
 
 
 def series_css(number: int) -> str:

@@ -13,6 +13,7 @@ from ces_identify.report.marks import corridor, dots, line, ribbon
 from ces_identify.report.plot_marks import Plot, PlotArea, PlotBars, PlotDots, PlotLine, PlotMark, PlotShade
 
 LEFT, RIGHT, TOP = 62.0, 16.0, 26.0  # [px] around the areas
+COLUMN_LEFT = 46.0  # [px] before an area, where there are several columns
 BETWEEN, X_AXIS = 34.0, 41.0  # [px] above an area for its name, and below one for the labels of its x axis
 NO_DATA = "no values"
 
@@ -23,31 +24,40 @@ def draw_svg(plot: Plot, panels: Sequence[Panel]) -> Markup:
     for number, (area, p) in enumerate(zip(plot.areas, panels, strict=True)):
         x_label = plot.x_label if has_x_axis(plot, number) else ""
         parts.append(_clip(f"{plot.ident}-clip{number}", p))
-        parts.append(f'<g class="area">{_axes(area, p, x_label, plot.x_ticks)}')
+        parts.append(f'<g class="area">{_axes(area, p, x_label, plot.x_ticks, find_name_x(plot, p))}')
         marks = [draw_mark(p, mark) for mark in area.marks]
         if area.whole and plot.x_view is not None:
             marks.append(p.rect(*plot.x_view, "window"))
         parts.append(f'<g clip-path="url(#{plot.ident}-clip{number})">{"".join(marks)}</g></g>')
-    size = (plot.width, panels[-1].y.start + X_AXIS)
+    size = (plot.width, max(p.y.start for p in panels) + X_AXIS)
     return svg(plot.ident, size, plot.title, plot.text, parts)
 
 
 def lay_out(plot: Plot) -> list[Panel]:
     """Return the panel of each area as it is shown at first."""
     full = x_range(plot)
+    margin = LEFT if plot.columns == 1 else COLUMN_LEFT
+    pitch = (plot.width - RIGHT) / plot.columns
     out, top = [], TOP
     for number, area in enumerate(plot.areas):
+        column = number % plot.columns
         view = full if area.whole or plot.x_view is None else plot.x_view
-        box = (LEFT, top, plot.width - LEFT - RIGHT, area.height)
+        box = (margin + column * pitch, top, pitch - margin, area.height)
         out.append(panel(view, _y_range(area, view), box))
-        top += area.height + BETWEEN + (X_AXIS - 6.0 if has_x_axis(plot, number) else 0.0)
+        if column + 1 == plot.columns:
+            top += area.height + BETWEEN + (X_AXIS - 6.0 if has_x_axis(plot, number) else 0.0)
     return out
 
 
 def has_x_axis(plot: Plot, number: int) -> bool:
-    """Return whether an area has labels at its x axis: the last one over the same range."""
-    last = number + 1 == len(plot.areas)
-    return last or plot.areas[number].whole != plot.areas[number + 1].whole
+    """Return whether an area has labels at its x axis: the last one of its column over the same range."""
+    below = number + plot.columns
+    return below >= len(plot.areas) or plot.areas[number].whole != plot.areas[below].whole
+
+
+def find_name_x(plot: Plot, p: Panel) -> float:
+    """Return where the name of an area begins [px]: at the figure's edge, or in columns over the area."""
+    return 4.0 if plot.columns == 1 else p.x.start
 
 
 def x_range(plot: Plot) -> tuple[float, float]:
@@ -116,10 +126,10 @@ def _values(marks: Sequence[PlotMark], view: tuple[float, float]) -> Iterator[F]
             yield mark.y[(mark.x >= view[0]) & (mark.x <= view[1])]
 
 
-def _axes(area: PlotArea, p: Panel, x_label: str, x_ticks: int) -> str:
+def _axes(area: PlotArea, p: Panel, x_label: str, x_ticks: int, name_x: float) -> str:
     empty = not any(np.isfinite(values).any() for values in _values(area.marks, (-np.inf, np.inf)))
     ticks = 0 if empty else None if area.around_zero else area.y_ticks
-    return axes(p, x_label, area.y_label, x_ticks, ticks) + (note(p, NO_DATA) if empty else "")
+    return axes(p, x_label, area.y_label, x_ticks, ticks, name_x) + (note(p, NO_DATA) if empty else "")
 
 
 def _clip(ident: str, p: Panel) -> str:

@@ -52,6 +52,12 @@
     return value - x[i - 1] < x[i] - value ? i - 1 : i;
   }
 
+  // The rising values of x at which the cursor of the keys stops: points, or the middles of bars.
+  function findStops(mark) {
+    if (mark.kind === "bars") return mark.x.slice(1).map((right, i) => (mark.x[i] + right) / 2);
+    return mark.rising ? mark.x : Float64Array.from(mark.x).sort();
+  }
+
   // ---- text -------------------------------------------------------------------------------------------------------
 
   const escapeText = text => text.replace(/&/g, "&amp;").replace(/</g, "&lt;").replace(/>/g, "&gt;");
@@ -207,7 +213,7 @@
       out.push(`<path class="${css(tick.value)}" d="M${at(scale.left)},${at(y)}H${at(scale.right)}"/>`);
       text("tick end", scale.left - 7, y + 4, tick.text);
     }
-    text("name", 4, scale.top - 11, area.label);
+    text("name", area.nameX, scale.top - 11, area.label);
     if (area.xLabel) text("name end", scale.right, scale.bottom + 36, area.xLabel);
     return out.join("");
   }
@@ -235,7 +241,7 @@
       areas.forEach(({y, marks}, n) => {
         const area = data.areas[n];
         area.first = y;
-        marks.forEach((arrays, m) => Object.assign(area.marks[m], arrays, {rising: isRising(arrays.x)}));
+        marks.forEach((arrays, m) => Object.assign(area.marks[m], arrays, {rising: isRising(arrays.x), stops: null}));
       });
       data.full = this.first = full;
       this.view = first ? full : this.limit(this.view);
@@ -446,6 +452,7 @@
         const label = splitLabel(area.label);
         for (const mark of area.marks) {
           if (!this.isVisible(mark) || mark.kind === "shade" || area.whole) continue;
+          if (mark.kind === "band" && !mark.name) continue;
           const read = this.readMark(mark, this.cursor);
           if (!read) continue;
           if (mark.kind !== "bars") shownX = read.x;
@@ -517,7 +524,7 @@
       const marks = this.data.areas.filter(area => !area.whole).flatMap(area => area.marks);
       const mark = marks.find(one => one.x && one.x.length && one.rising && this.isVisible(one)) || marks.find(one => one.x && one.x.length);
       if (!mark) return;
-      const x = mark.rising ? mark.x : (mark.ordered = mark.ordered || Float64Array.from(mark.x).sort());
+      const x = mark.stops = mark.stops || findStops(mark);
       const first = findIndex(x, this.view[0]), last = Math.max(first, findIndex(x, this.view[1]) - 1);
       if (end !== null) return this.setCursor(x[end < 0 ? first : last], null, true);
       const step = Math.sign(by) * Math.max(1, Math.round(Math.abs(by) * (last - first) / this.data.areas[0].box[2]));
@@ -548,7 +555,7 @@
       frame.addEventListener("pointerdown", event => this.onDown(event));
       frame.addEventListener("pointermove", event => this.onMove(event));
       frame.addEventListener("pointerup", event => this.onUp(event));
-      frame.addEventListener("pointercancel", () => this.endDrag());
+      frame.addEventListener("pointercancel", event => { this.touches.delete(event.pointerId); this.endDrag(); });
       frame.addEventListener("pointerleave", () => { if (!this.drag) this.clearCursor(); });
       frame.addEventListener("dblclick", () => this.reset());
       frame.addEventListener("keydown", event => this.onKey(event));

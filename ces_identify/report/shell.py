@@ -18,6 +18,7 @@ from ces_observer import __version__
 
 HERE = "ces_identify.report"
 POLICY = "default-src 'none'; style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'"
+SCRIPTS = ("plots.js", "values.js", "tables.js")
 UNITS = {"_m_s": "m/s", "_Hz": "Hz", "_percent": "%", "_s": "s", "_m": "m", "_A": "A", "_N": "N"}
 
 
@@ -59,7 +60,7 @@ def command_block(command: str) -> Markup:
 @cache
 def _script() -> str:
     """Return the script of all pages as text that HTML and XML read in the same way."""
-    parts = "\n".join(_resource(HERE, name) for name in ("plots.js", "tables.js"))
+    parts = "\n".join(_resource(HERE, name) for name in SCRIPTS)
     return f"//<![CDATA[\n{parts}\n//]]>"
 
 

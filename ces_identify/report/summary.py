@@ -9,14 +9,16 @@ from typing import Any
 from ces_identify.preparation.cost import weighted_cost
 from ces_identify.preparation.weighting import EQUAL, Weighting
 from ces_identify.structures.auto import advise
-from ces_identify.typesetting import join_names, three_figures
+from ces_identify.typesetting import join_names, minus, three_figures
 from ces_identify.validation.cost_interval import CostInterval, cost_interval, pooled_cost
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
+from ces_identify.validation.envelope_use import UNITS
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
 from ces_identify.validation.missing_figures import explain_missing
 from ces_observer.model import Model
 
 ROLES = (VALIDATION, IDENTIFICATION)
+MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 
 
 def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
@@ -41,12 +43,31 @@ def headline(evaluations: Sequence[Evaluation]) -> str:
 
 
 def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return warnings about runs that diverged and inputs outside the envelope, with the signals' ranges."""
+    """Return warnings about runs that diverged and inputs outside the envelope, with the signals' ranges.
+
+    Of more than MAX_WARNED recordings outside, `outside_rows` has the ranges.
+    """
     diverged = [
         f"{e.name} ({e.role}) at {e.series.time_s[e.run.diverged]:.2f} s" for e in evaluations if e.run.diverged >= 0
     ]
     texts = [f"Diverged: the simulated force left the force envelope on {', '.join(diverged)}."] if diverged else []
-    return texts + [f"{e.outside_text} ({e.role})." for e in evaluations if e.outside]
+    outside = [e for e in evaluations if e.outside]
+    if len(outside) <= MAX_WARNED:
+        return texts + [minus(f"{e.outside_text} ({e.role}).") for e in outside]
+    most = max(e.clamped_share for e in outside)
+    many = f"{len(outside)} of {len(evaluations)} recordings are outside the model's envelope"
+    return [*texts, f"{many}, for up to {100.0 * most:.1f} % of the time: see the table after the costs."]
+
+
+def outside_rows(evaluations: Sequence[Evaluation]) -> list[tuple[str, str, str, str, str]]:
+    """Return recording, signal, ranges used and known, and share of the time, if there are too many for warnings."""
+    if sum(bool(e.outside) for e in evaluations) <= MAX_WARNED:
+        return []
+    return [
+        (e.name, f"{use.signal} [{UNITS[use.signal]}]", *map(minus, use.as_texts()), f"{100.0 * use.outside_share:.1f}")
+        for e in evaluations
+        for use in e.outside
+    ]
 
 
 def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:

@@ -25,8 +25,13 @@ class RangeUse:
     known: tuple[float, float]
     outside_share: float
 
-    def __str__(self) -> str:
+    def as_texts(self) -> tuple[str, str]:
+        """Return the ranges used and known as text, without their unit."""
         used, known = (f"{low} to {high}" for low, high in _format_alike(self.used, self.known))
+        return used, known
+
+    def __str__(self) -> str:
+        used, known = self.as_texts()
         return f"{self.signal} {used} {UNITS[self.signal]}, model knows {known}"
 
 

@@ -28,7 +28,7 @@ def write_page(path: Path, iterations: Iterations) -> None:
     evaluations = [evaluate_fresh(done.model, one) for one in (*iterations.given, *done.recordings)]
     experiments = [Step.open(iterations.out, one.number).read_commands() for one in done.history if one.number > 0]
     page = page_template("iterate.html.j2", "ces_iterate.report").render(
-        title=f"Iteration {path.parent.name}",
+        title=_title(path, iterations.plan, len(experiments)),
         headline=headline(done.history),
         facts=facts(iterations.plan, done.model),
         history=done.history,
@@ -47,6 +47,11 @@ def write_page(path: Path, iterations: Iterations) -> None:
         limits=iterations.plan.limits,
     )
     write_atomically(path, replace_unencodable(page))
+
+
+def _title(path: Path, plan: Plan, count: int) -> str:
+    experiments = "1 experiment" if count == 1 else f"{count} experiments"
+    return f"Iteration {path.absolute().parent.name}: {experiments} on the {plan.rig.get('kind', '')} rig"
 
 
 def headline(history: Sequence[Iteration]) -> str:

@@ -8,9 +8,10 @@ import numpy as np
 from markupsafe import Markup
 from numpy.typing import NDArray
 
-from ces_identify.report.drawing import Panel, label, legend, panel, svg
+from ces_identify.report.drawing import Panel, label, legend, panel, svg, with_value
 from ces_identify.report.marks import dots, line
 from ces_identify.report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot
+from ces_identify.report.plot_table import value_table
 from ces_iterate.stroke.goal import FIRST, LEARNED, REPEATED, LearnedStroke, LearningRun
 from ces_iterate.stroke.learning_filter import MAX_CONTRACTION
 
@@ -21,6 +22,7 @@ FREQUENCY = "Frequency [Hz]"
 WINDOW_S = 1.0
 BEST_BAND = 1.5  # of the repeatability: the band in the figure of the runs
 MANTISSAS = (1, 2, 5)
+RUN_CSS = {FIRST: "before", LEARNED: "after", REPEATED: "again"}
 
 
 def draw_runs(learned: LearnedStroke) -> Markup:
@@ -42,14 +44,22 @@ def draw_runs(learned: LearnedStroke) -> Markup:
         label(p.x.stop, p.y.start + 38, "Run of the stroke", "name end"),
         line(p, np.array([p.x.low, p.x.high]), np.full(2, math.log10(floor)), "floor"),
         line(p, number[learning], np.log10(error[learning]), "after"),
-        dots(p, number[:first], np.log10(error[:first]), "before spot"),
-        dots(p, number[first:-1], np.log10(error[first:-1]), "after spot"),
-        dots(p, number[-1:], np.log10(error[-1:]), "again spot"),
+        *(_run_value(p, n, run) for n, run in enumerate(learned.runs, 1)),
         legend(p.x.stop + 8, 16, (("before", "first runs"), ("after", "learned"), ("again", "repeated"))),
         label(p.x.start + 6, float(p.y.px(math.log10(floor))) - 5, f"repeatability {floor:.0f} µm", "tick"),
     ]
     text = f"RMS tracking error of {len(error)} runs; line: repeatability, band: up to {BEST_BAND} times that."
-    return svg("runs", RUNS_SIZE, "Error over the runs", text, parts)
+    rows = [(f"{n}", describe_kind(run), f"{1e6 * run.error_m:.0f}") for n, run in enumerate(learned.runs, 1)]
+    figure = svg("runs", RUNS_SIZE, "Error over the runs", text, parts, values=True)
+    return figure + value_table(text, ("Run", "Kind", "RMS error [µm]"), rows)
+
+
+def _run_value(p: Panel, number: int, run: LearningRun) -> str:
+    """Return the dot of a run with its values."""
+    error = 1e6 * run.error_m
+    dot = dots(p, np.array([float(number)]), np.log10([error]), f"{RUN_CSS[run.kind]} spot")
+    column = p.rect(number - 0.5, number + 0.5, "hit")
+    return with_value(f"{column}{dot}", f"run {number}, {describe_kind(run)}: {error:.0f} µm RMS")
 
 
 def draw_tracking(learned: LearnedStroke) -> Markup:

@@ -23,7 +23,7 @@ def write_results(folder: Path, plan: StrokePlan, learned: LearnedStroke, facts:
             folder / COMMAND: format_command(learned),
             folder / EXPERIMENT: write_learned_experiment(plan, COMMAND),
             folder / RESULT: json.dumps(as_json(learned), indent=1) + "\n",
-            folder / REPORT: stroke_page(learned, plan.experiment.settings.name, facts),
+            folder / REPORT: stroke_page(learned, f"Learned stroke {plan.experiment.settings.name}", facts),
         }
     )
 

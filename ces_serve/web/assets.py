@@ -6,6 +6,8 @@ from importlib import resources
 
 from flask import Blueprint, Response
 
+from ces_identify.report.shell import SCRIPTS
+
 ICON = (
     '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 16 16"><path fill="none" stroke="#2a78b8" stroke-width="2.4" '
     'stroke-linecap="round" d="M2 11C5 11 5 4 8 4s3 8 6 8"/></svg>'
@@ -24,9 +26,9 @@ def style() -> Response:
 
 @pages.get("/assets/plots.js")
 def plots() -> Response:
-    """Return the script of charts and sortable tables."""
+    """Return the script of charts, values of figures and sortable tables."""
     folder = resources.files("ces_identify.report")
-    texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in ("plots.js", "tables.js"))
+    texts = (folder.joinpath(name).read_text(encoding="utf-8") for name in SCRIPTS)
     return Response("\n".join(texts), mimetype="text/javascript")
 
 

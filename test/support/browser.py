@@ -84,6 +84,43 @@ def open_page(
     assert wrong == []
 
 
+def find_faults(path: Path) -> list[str]:
+    """Return what is wrong with a page: in light and dark, at two widths, in forced colours, in print, and by keys."""
+    with open_page(path) as page:
+        faults = [*_check(page, "findUnnamed"), *find_silent_charts(page)]
+        for width, scheme in ((1280, "light"), (800, "dark")):
+            page.set_viewport_size({"width": width, "height": 900})
+            page.emulate_media(color_scheme=scheme)
+            faults += [f"{width} px, {scheme}: {fault}" for fault in (*_find_illegible(page), *find_low_contrast(page))]
+        page.emulate_media(forced_colors="active")
+        faults += [f"forced colours: {fault}" for fault in find_low_contrast(page)]
+        page.set_viewport_size(A4_PX)
+        page.emulate_media(media="print", forced_colors="none")
+        faults += [f"print: {fault}" for fault in _find_illegible(page)]
+        controls = page.locator(".plot-controls:visible, .copy:visible, .plot-readout:visible, .value-label:visible")
+        faults += ["print: controls are visible"] if controls.count() else []
+        assert page.pdf(format="A4").startswith(b"%PDF")
+    return faults
+
+
+def find_silent_charts(page: Any) -> list[str]:
+    """Return the charts of a page that say nothing when the arrow keys read their values, or whose focus is not seen."""
+    silent = []
+    for frame in page.locator(".plot-frame, .value-frame").all():
+        frame.focus()
+        page.keyboard.press("ArrowRight")
+        read, outline, empty = frame.evaluate(
+            """e => [
+              (e.querySelector(".value-label") || e.parentElement.querySelector(".plot-readout:not(.idle)"))?.textContent,
+              getComputedStyle(e).outlineStyle,
+              [...e.querySelectorAll("text")].some(t => t.textContent === "no values"),
+            ]"""
+        )
+        if outline != "solid" or not (read or empty):
+            silent.append(f"{frame.get_attribute('aria-label')}: reads {read!r}, outline {outline}")
+    return silent
+
+
 def find_clipped(page: Any) -> list[str]:
     """Return the elements of a page that are cut off, or wider than the page; those that scroll are not."""
     return _check(page, "findClipped")
@@ -97,6 +134,10 @@ def find_collisions(page: Any) -> list[str]:
 def find_low_contrast(page: Any) -> list[str]:
     """Return texts whose contrast with what is behind them is below 4.5 (WCAG 2.2 AA; 3 for large ones)."""
     return _check(page, "findLowContrast")
+
+
+def _find_illegible(page: Any) -> list[str]:
+    return [*find_clipped(page), *find_collisions(page)]
 
 
 def _check(page: Any, name: str) -> list[str]:

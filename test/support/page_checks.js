@@ -28,11 +28,27 @@
     return out;
   },
 
+  // Charts that keys do not reach, or that have no name, no description or no table of their values.
+  findUnnamed() {
+    const out = [];
+    for (const svg of document.querySelectorAll("svg[role=img]")) {
+      const frame = svg.closest(".plot-frame, .value-frame"), text = name => svg.querySelector(`:scope > ${name}`)?.textContent.trim();
+      const wrong = [];
+      if (!text("title") || !text("desc")) wrong.push("has no title or description");
+      if (!frame || frame.tabIndex !== 0 || !frame.getAttribute("aria-label")) wrong.push("is not reached by keys");
+      const around = svg.closest("figure") || svg.closest(".plot, section");
+      if (!around.querySelector("table") && !svg.querySelector(".value")) wrong.push("has no table");
+      out.push(...wrong.map(what => `${text("title")}: ${what}`));
+    }
+    return out;
+  },
+
   // Texts whose contrast with what is behind them is below 4.5, or 3 for large ones, and lines below 3 (WCAG 2.2, AA).
   findLowContrast() {
     const parse = text => {
       const n = text.match(/[\d.]+/g).map(Number);
-      return {colour: n.slice(0, 3), alpha: n[3] ?? 1};
+      const scale = text.startsWith("color(srgb") ? 255 : 1;  // a mixed colour is given in shares
+      return {colour: n.slice(0, 3).map(v => scale * v), alpha: n[3] ?? 1};
     };
     const linear = v => v / 255 <= 0.04045 ? v / 255 / 12.92 : ((v / 255 + 0.055) / 1.055) ** 2.4;
     const luminance = ([r, g, b]) => 0.2126 * linear(r) + 0.7152 * linear(g) + 0.0722 * linear(b);

@@ -32,6 +32,7 @@
     element.innerHTML = html;
     element.querySelectorAll("details").forEach((one, n) => { one.open = Boolean(open[n]); });
     globalThis.cesPlots?.attachAll(element);
+    globalThis.cesValues?.attachAll(element);
     restoreChoice(element);
   }
 
