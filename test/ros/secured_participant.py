@@ -16,6 +16,7 @@ from pathlib import Path
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -56,4 +57,5 @@ def main(role: str, duration_s: float, enough: float = inf, stop: Path | None = 
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], *map(float, sys.argv[2:4]), *map(Path, sys.argv[4:]))
+    _, asked_role, *numbers = remove_ros_args(sys.argv)
+    main(asked_role, *map(float, numbers[:2]), *map(Path, numbers[2:]))

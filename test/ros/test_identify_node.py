@@ -73,7 +73,7 @@ def values(status: DiagnosticStatus) -> dict[str, str]:
 def test_a_model_is_identified_told_and_latched(
     listener: Listener, begin: Begin, namespace: str, tmp_path: Path
 ) -> None:
-    node = begin(time=0.5, starts=2, report=tmp_path / "report.html", termz=3)
+    node = begin(time=60.0, starts=1, report=tmp_path / "report.html", termz=3)
     wait(lambda: bool(listener.models), "the model")
     listener.hears("done")
     assert listener.models == [(tmp_path / "model.json").read_text()]
@@ -139,7 +139,7 @@ def test_mistakes_end_it_with_one_line(begin: Begin, parameter: dict[str, object
 def test_a_running_observer_takes_the_model_over(vehicle: Vehicle, start: Begin, begin: Begin, tmp_path: Path) -> None:
     start(model_topic="identify/model")
     vehicle.meets_node()
-    begin(time=0.5, starts=2)
+    begin(time=60.0, starts=1)
     path = tmp_path / "model.json"
     wait(path.exists, "the model")
     sha256 = load_model(path).digest()
