@@ -55,7 +55,7 @@ def test_defects_end_neither_the_node_nor_the_truth(
     damper().save(path)
     with failing(namespace, executor, path) as node:
         vehicle.meets_node()
-        with vehicle.driving(current=None):
+        with vehicle.driving(current=None, contiguous=True):
             wait(lambda: len(vehicle.estimates) > 100, "the first estimates")
             assert set_twice(vehicle) == ["unexpected error in the node; see its log"]
             assert "being checked" in vehicle.reloads.answer().message

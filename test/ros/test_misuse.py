@@ -77,7 +77,8 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
 @contextmanager
 def driving(vehicle: Vehicle) -> Iterator[None]:
     ends = threading.Event()
-    thread = threading.Thread(target=vehicle.drive, args=(3600.0,), kwargs={"current": None, "ends": ends})
+    options = {"current": None, "contiguous": True, "ends": ends}
+    thread = threading.Thread(target=vehicle.drive, args=(3600.0,), kwargs=options)
     thread.start()
     try:
         with vehicle.repeating(0.01, lambda: vehicle.publish_current(vehicle.driven[-1], CURRENT_A)):

@@ -157,7 +157,7 @@ def test_the_model_is_reloaded_without_a_gap(launched: Launched) -> None:
     first, *others = model.body.terms
     assert vehicle.sets("max_age_s", 0.0).successful  # samples that a busy computer holds up are no gap
     softer = replace(model, body=Polynomial((Term(0.8, first.factors), *others)))
-    with vehicle.driving():
+    with vehicle.driving(contiguous=True):
         begun = time.time_ns()
         wait(lambda: vehicle.stamps()[-1] > begun + 300 * MS, "estimates again")
         begins = vehicle.stamps()[-1]

@@ -48,7 +48,7 @@ def driven(
     inputs = reliable_inputs(vehicle.namespace, ["joint_states"])
     module_start(model=path, max_age_s=0.0, model_topic="identify/model", **{"current.constant": 0.5}, **inputs)
     vehicle.meets_node()
-    with vehicle.driving():
+    with vehicle.driving(contiguous=True):
         wait(lambda: bool(vehicle.estimates), "the first estimate")
         yield vehicle
     wait(lambda: stamp_of(vehicle.estimates[-1]) == vehicle.driven[-1], "the last estimate")

@@ -35,7 +35,7 @@ def test_every_sample_of_a_stall_is_estimated_late_but_right(
     model.save(path)
     node = start(executor=executor, max_age_s=0.0, model=path)
     vehicle.meets_node()
-    with vehicle.driving():
+    with vehicle.driving(contiguous=True):
         wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
         stall(node)
         time.sleep(0.3)
@@ -56,7 +56,7 @@ def test_what_a_full_queue_loses_is_counted(vehicle: Vehicle, start: Callable[..
     def count_lost() -> int:
         return max((int(v.value) for s in vehicle.statuses for v in s.values if v.key == key), default=0)
 
-    with vehicle.driving():
+    with vehicle.driving(contiguous=True):
         wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
         stall(node)
         vehicle.hears("dropped by this node's queue: set input_depth higher", level=None)

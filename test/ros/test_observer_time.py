@@ -125,8 +125,8 @@ def test_switching_simulated_time_off_is_told(simulated: SimulatedVehicle, modul
 def test_stamps_that_jump_restart_the_estimates(vehicle: Vehicle, start: Start, namespace: str, jump_s: float) -> None:
     start(max_age_s=0.0, **{"current.constant": 0.5}, **reliable_inputs(namespace, ["joint_states"]))
     vehicle.meets_node()
-    vehicle.drive(0.4)
-    first, last = vehicle.drive(0.4, clock_offset_s=jump_s)
+    vehicle.drive(0.4, contiguous=True)
+    first, last = vehicle.drive(0.4, clock_offset_s=jump_s, contiguous=True)
     jump_ns = round(jump_s * S)
     wait(lambda: vehicle.stamps()[-1] == last + jump_ns, "the newest estimate")
     after = [stamp for stamp in vehicle.stamps() if abs(stamp - first - jump_ns) < S]

@@ -26,6 +26,7 @@ LOSSY = QoSProfile(depth=DEPTH, reliability=QoSReliabilityPolicy.BEST_EFFORT)  #
 JOINT = "rear_damper"
 RATE_HZ = 1000
 RECOVERIES = 5
+LATE_S = 0.2  # less than the age of a sample that a node allows
 
 
 def stroke(time_s: float) -> float:
@@ -100,17 +101,22 @@ class Vehicle(Party):
         position: Callable[[float], float] = stroke,
         current: float | None = 0.5,
         clock_offset_s: float = 0.0,
+        contiguous: bool = False,
         ends: threading.Event | None = None,
     ) -> tuple[int, int]:
         """Publish at 1 kHz for `duration_s`, a current at every fifth sample; return the first and last time [ns].
 
-        The stamps are a millisecond apart, as a sensor's are, also where this computer stalls and publishes late.
+        The stamps are a millisecond apart, as a sensor's are. Where this computer is late by more than LATE_S, the
+        samples until then are left out, or if they are to be `contiguous`, published late.
         """
         times: list[int] = []
         offset_ns = round(clock_offset_s * 1e9)
         start, start_ns = time.monotonic(), time.time_ns()
         for k in range(round(duration_s * RATE_HZ)):
-            time.sleep(max(0.0, start + k / RATE_HZ - time.monotonic()))
+            late_s = time.monotonic() - start - k / RATE_HZ
+            time.sleep(max(0.0, -late_s))
+            if late_s > LATE_S and not contiguous:
+                start, start_ns = start + late_s, start_ns + round(late_s * RATE_HZ) * 10**9 // RATE_HZ
             if ends is not None and ends.is_set():
                 break
             times.append(start_ns + k * 10**9 // RATE_HZ)

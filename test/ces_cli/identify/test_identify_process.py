@@ -37,7 +37,7 @@ def start_identification(*words):
 
 def test_it_sends_stages_costs_warnings_and_the_result(tmp_path):
     out, report = tmp_path / "model.json", tmp_path / "report.html"
-    messages = read_until(start_identification("--time=0.5", "--starts=2", f"--out={out}", f"--report={report}"))
+    messages = read_until(start_identification("--time=30", "--starts=1", f"--out={out}", f"--report={report}"))
     assert [message["stage"] for message in messages if "stage" in message] == [READING, SEARCHING, WRITING]
     assert any("no header" in message[WARNING] for message in messages if WARNING in message)
     costs = [message["cost"] for message in messages if "cost" in message]

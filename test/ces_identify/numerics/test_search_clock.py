@@ -11,6 +11,11 @@ from numba.core import event
 from ces_identify.numerics import search_clock
 
 
+@pytest.fixture(autouse=True)
+def own_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search_clock, "time", time)
+
+
 def test_compilation_takes_no_time() -> None:
     inner = numba.njit(lambda x: x * x + 1.0)
     kernel = numba.njit(lambda x: inner(x) + inner(2.0 * x))

@@ -32,6 +32,7 @@ def client(root: Path) -> FlaskClient:
 @pytest.fixture(autouse=True)
 def _always_new(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ces_serve.files.catalogue.FRESH_S", 0.0)
+    monkeypatch.setattr("ces_serve.files.catalogue.WALKS", 0.0)  # of a slow walk, as on a busy computer
 
 
 def open_client(folder: Path) -> FlaskClient:
