@@ -5,10 +5,14 @@ With `--ros-args`, which ros2 launch always adds, `identify` and `rig` run as no
 
 from __future__ import annotations
 
+import os
+import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
 from pathlib import Path
+from types import FrameType
+from typing import NoReturn
 
 from ces_cli import main as ces
 
@@ -20,8 +24,14 @@ def main() -> int:
     name, words = Path(sys.argv[0]).name, sys.argv[1:]
     if not is_node(name, words):
         return ces.main([name, *words])
+    signal.signal(signal.SIGINT, _end_start)
     status: int = import_module(NODES[name]).main(sys.argv)
     return status
+
+
+def _end_start(number: int, frame: FrameType | None) -> NoReturn:
+    """End in order at Ctrl-C while modules are imported; the node installs its own handler later."""
+    os._exit(0)
 
 
 def is_node(name: str, words: Sequence[str]) -> bool:

@@ -9,11 +9,13 @@ With a factor of 0 each sample waits for the command that answers it: the loop r
 from typing import Any
 
 from ament_index_python.packages import get_package_share_path
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
+
+from ces_observer.nodes.launch_arguments import check_files, check_names
 
 SHARE = get_package_share_path("ces_observer")
 ANSWER_S = 2.0  # longest wait in lockstep
@@ -56,11 +58,18 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *declared,
+            OpaqueFunction(function=check_arguments),
             node("rig", rig),
             node("observer", model),
             node("controller", {**model, "feedback": argument_value("feedback")}),
         ]
     )
+
+
+def check_arguments(context: LaunchContext) -> None:
+    check_names(__file__, list(ARGUMENTS))
+    files = ("model", "rig_params", "observer_params", "controller_params")
+    check_files({name: context.launch_configurations[name] for name in files})
 
 
 def node(name: str, parameters: dict[str, Any]) -> Node:

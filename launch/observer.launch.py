@@ -10,6 +10,8 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
+from ces_observer.nodes.launch_arguments import check_files, check_names
+
 PARAMETERS = {
     "model": ("path of the model file (model.json)", str),
     "executor": ("what runs the callbacks: auto, events or single", str),
@@ -34,6 +36,8 @@ def generate_launch_description() -> LaunchDescription:
 
 
 def observer(context: LaunchContext) -> list[Node]:
+    check_names(__file__, [*PARAMETERS, "params_file", "namespace", "log_level"])
+    check_files({"params_file": context.launch_configurations["params_file"]})
     own = {
         name: ParameterValue(LaunchConfiguration(name), value_type=kind)
         for name, (_, kind) in PARAMETERS.items()

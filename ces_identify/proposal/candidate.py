@@ -74,7 +74,7 @@ class Candidate:
     def held(self) -> bool:
         """True if the number changes in steps and is held between them."""
         steps = np.diff(self.finite)
-        return bool(len(steps) > 0 and (steps == 0.0).mean() > STEADY_SHARE)
+        return bool(not self.constant and (steps == 0.0).mean() > STEADY_SHARE)
 
     @cached_property
     def rough(self) -> bool:

@@ -41,7 +41,7 @@ FOREIGN = frozenset(
         *("battery", "torque", "moment", "pressure", "gps", "latitude", "longitude", "altitude", "covariance", "fuel"),
         *("orientation", "quaternion", "angular", "gyro", "imu", "magnetic", "wheel", "steering", "engine", "rpm"),
         *("odom", "odometry", "pose", "twist", "brake", "throttle", "gear", "counter", "sequence", "error", "status"),
-        *("yaw", "roll", "pitch", "humidity"),
+        *("yaw", "roll", "pitch", "humidity", "variance"),
     )
 )
 DEVICE = frozenset(

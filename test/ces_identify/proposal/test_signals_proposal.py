@@ -264,3 +264,31 @@ def test_a_bag_without_a_signal_is_refused_with_what_it_has(tmp_path):
         RecordingError, match="nothing looks like position, current or force; it has /cycle_counter data"
     ):
         propose_signals([path])
+
+
+def test_a_number_that_changes_is_taken_before_constant_ones_beside_it(tmp_path):
+    def constant(value):
+        return np.full(len(X), value)
+
+    streams = [
+        bags.numbers("/position", X),
+        bags.array("/dyno/current", constant(0.5), CURRENT, constant(2.0)),
+        bags.wrenches("/force", F),
+    ]
+    proposal, path = proposed(tmp_path, *streams)
+    assert proposal.selection.missing == ()
+    assert_reads(reread(tmp_path, path))
+
+
+def test_a_variance_is_no_measurement(tmp_path):
+    streams = [
+        bags.numbers("/position", X),
+        bags.numbers("/valve_current/variance", np.zeros(len(X))),
+        bags.numbers("/valve_current/data", CURRENT),
+        bags.wrenches("/force", F),
+    ]
+    proposal, path = proposed(tmp_path, *streams)
+    assert_reads(reread(tmp_path, path))
+    only = [stream for stream in streams if stream is not streams[2]]
+    missing = propose_signals([tiny.write(tmp_path / "without", only)]).selection.missing
+    assert [one.signal for one in missing] == ["current"]
