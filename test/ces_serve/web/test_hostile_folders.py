@@ -56,7 +56,7 @@ HOSTILE: dict[str, Callable[[Path], object]] = {
     "seed that is a list": write_progress({}, json.dumps({**START, "seed": [1]})),
     "start that is no time": write_progress({"began_s": "noon"}),
     "half a character in a head": write_progress({"things": "\udce9", "program": "jobs"}),
-    "name that is not UTF-8": lambda folder: os.mkdir(os.fsencode(folder) + b"/caf\xe9"),
+    "name that is not UTF-8": lambda folder: Path(os.fsdecode(os.fsencode(folder) + b"/caf\xe9")).mkdir(),
     "name with a tag": lambda folder: (folder / "<script>alert(1)<\nscript>.mcap").write_bytes(b""),
 }
 

@@ -173,7 +173,7 @@ def test_an_empty_folder_says_what_to_do(tmp_path: Path) -> None:
 def test_a_recording_is_inspected_once(client: FlaskClient, monkeypatch: pytest.MonkeyPatch) -> None:
     found = read_events(client, "/events/inspect/recordings/sine_4hz", ("result", "failed"))
     assert "1000.0" in found["result"][0] and "position [m]" in found["result"][0]
-    monkeypatch.setattr("ces_serve.web.details.do_work", lambda *_: pytest.fail("read again"))
+    monkeypatch.setattr("ces_serve.web.work_events.do_work", lambda *_: pytest.fail("read again"))
     assert read_events(client, "/events/inspect/recordings/sine_4hz", ("result",))["result"] == found["result"]
 
 
