@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,6 +14,7 @@ from served_folders import BAGS
 
 from ces_serve.work import process
 from ces_serve.work.process import FAILED, RESULT, do_work
+from ces_serve.work.worker import MAX_FILE_BYTES, MAX_MEMORY_BYTES
 
 INSPECT = {"name": "inspect", "path": str(BAGS / "sine_4hz"), "signals": None}
 
@@ -56,6 +58,20 @@ def test_work_ends_when_nobody_waits_for_it() -> None:
     messages.close()
     assert children() == set()
     assert time.monotonic() - began < 1.0
+
+
+def test_work_is_limited_and_its_temporary_files_go_with_it() -> None:
+    messages = do_work(INSPECT, 60.0)
+    next(message for message in messages if "progress" in message)
+    (pid,) = children()
+    limits = Path(f"/proc/{pid}/limits").read_text()
+    assert re.search(rf"Max address space +{MAX_MEMORY_BYTES}", limits)
+    assert re.search(rf"Max file size +{MAX_FILE_BYTES}", limits)
+    environment = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    scratch = next(Path(os.fsdecode(one.removeprefix(b"TMPDIR="))) for one in environment if one.startswith(b"TMPDIR="))
+    (scratch / "unpacked.mcap").write_bytes(b"half a copy")
+    messages.close()
+    assert not scratch.exists()
 
 
 def test_a_process_that_dies_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
