@@ -7,6 +7,7 @@ import re
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -91,8 +92,10 @@ class Catalogue:
         if shown == entry.name:
             return True
         if entry.is_dir(follow_symlinks=False) or find_kind(Path(entry.name)) is not None:
-            where = self.folder.relative(folder / shown)
-            walk.items.append(Item(item.UNREADABLE, where, 0.0, {}, "the name is not plain UTF-8 text; rename it"))
+            where, problem = self.folder.relative(folder / shown), "the name is not plain UTF-8 text; rename it"
+            with suppress(OSError):  # it may be gone by now
+                changed_s = entry.stat(follow_symlinks=False).st_mtime
+                walk.items.append(Item(item.UNREADABLE, where, changed_s, {}, problem))
         return False
 
     def _visit(self, folder: Path, entries: list[os.DirEntry[str]], walk: _Walk, before: Memory) -> Iterator[Item]:
