@@ -48,7 +48,8 @@ class ProgressFile:
 
     def __enter__(self) -> Self:
         with suppress(OSError):
-            self._file = self._path.open("w", encoding="utf-8", errors="replace")  # a name may be no text
+            self._path.unlink(missing_ok=True)  # of a killed run, or a link, which may lead to any file
+            self._file = self._path.open("x", encoding="utf-8", errors="replace")  # a name may be no text
             self._write_line(self._head)
         return self
 

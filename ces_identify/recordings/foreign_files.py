@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 
 KINDS = {
@@ -29,4 +30,6 @@ def is_foreign(path: Path) -> bool:
 
 def explain_import(path: Path) -> str:
     """Return what a foreign file is, and the command that makes a bag of it."""
-    return f"is {KINDS[path.suffix.lower()]}, not a rosbag2 bag; convert it: ces import {path.name} --out BAG"
+    return (
+        f"is {KINDS[path.suffix.lower()]}, not a rosbag2 bag; convert it: ces import {shlex.quote(str(path))} --out BAG"
+    )

@@ -9,8 +9,8 @@ from urllib.parse import urlencode
 
 from flask import Blueprint, Response, abort, render_template, request, url_for
 
-from ces_serve.files.catalogue import Listing, RunningSearch
 from ces_serve.files.item import KINDS, MODEL, REPORT, UNREADABLE, Item
+from ces_serve.files.listing import Listing, RunningSearch
 from ces_serve.web.columns import ALL, NAME, ListColumn, columns_of, sort_items
 from ces_serve.web.events import ALIVE, Events, streams
 from ces_serve.web.site import site

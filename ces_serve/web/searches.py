@@ -12,9 +12,9 @@ from flask import Blueprint, Response, render_template, url_for
 
 from ces_identify.progress_file import RUNNING, RunProgress, read_progress
 from ces_observer.errors import CesError
-from ces_serve.files.catalogue import RunningSearch
 from ces_serve.files.facts import WRONG_CONTENT
 from ces_serve.files.item import CAMPAIGN, REPORT, Item
+from ces_serve.files.listing import RunningSearch
 from ces_serve.web import curves
 from ces_serve.web.campaign_content import campaign_content
 from ces_serve.web.events import ALIVE, Events, streams
@@ -30,7 +30,7 @@ pages = Blueprint("searches", __name__)
 def show(path: str) -> str:
     """Return the page of a running program; of one that has ended, what it wrote."""
     search = _find(path)
-    content = _content_now(site(), search, search.progress) if search else PageContent()
+    content = _content_now(site(), path, search.progress) if search else PageContent()
     return render_template(
         "search.html",
         title=path if path != "." else site().folder.root.name,
@@ -68,29 +68,27 @@ def _describe(progress: RunProgress) -> str:
     return f"{_step(progress) or head.get('program')}, {best}"
 
 
-def _search_content(where: Site, search: RunningSearch, progress: RunProgress) -> PageContent:
+def _search_content(where: Site, path: str, progress: RunProgress) -> PageContent:
     """Return what a running program has found so far."""
     head = progress.head
     elapsed_s = max(0.0, time.time() - float(head.get("began_s") or time.time()))
     facts = [("program", f"ces {head.get('program')}"), ("running for", number(elapsed_s, ".0f", "s"))]
     if head.get("program") == "jobs":
-        return _jobs_content(where, search, progress, facts[1:])
+        return _jobs_content(where, path, progress, facts[1:])
     rows = _last_step(progress)
     content = PageContent(headline=f"{_describe(progress)}.")
     newest = {row["seed"]: row["ended"] for row in rows if "seed" in row}
     ended = [seed for seed, state in newest.items() if state != RUNNING]
     content.facts = [*facts, *_limits(head), ("starts done", _count(len(ended), head.get("starts")))]
-    content.charts = curves.search_chart(rows, f"Search for {search.path}")
+    content.charts = curves.search_chart(rows, f"Search for {path}")
     content.tables = _starts(rows)
     return content
 
 
-def _jobs_content(
-    where: Site, search: RunningSearch, progress: RunProgress, facts: list[tuple[str, str]]
-) -> PageContent:
+def _jobs_content(where: Site, path: str, progress: RunProgress, facts: list[tuple[str, str]]) -> PageContent:
     """Return the content of a campaign or fleet with its results so far."""
     content = PageContent()
-    folder = "" if search.path == "." else search.path
+    folder = "" if path == "." else path
     campaign = where.catalogue.listing().find(CAMPAIGN, f"{folder}/results.jsonl".lstrip("/"))
     if campaign is not None:
         content = campaign_content(where, campaign)
@@ -110,7 +108,7 @@ def _follow(where: Site, search: RunningSearch) -> Events:
             yield from _end(where, search.path)
             return
         if progress is not None:
-            yield "content", render_template("content.html", content=_content_now(where, search, progress))
+            yield "content", render_template("content.html", content=_content_now(where, search.path, progress))
         else:
             yield ALIVE
         before, looks = now, looks + 1
@@ -121,9 +119,9 @@ def _end(where: Site, path: str) -> Events:
     yield "ended", render_template("outcome.html", outcome=_outcome(where, path))
 
 
-def _content_now(where: Site, search: RunningSearch, progress: RunProgress) -> PageContent:
+def _content_now(where: Site, path: str, progress: RunProgress) -> PageContent:
     try:
-        return _search_content(where, RunningSearch(search.path, search.file, progress), progress)
+        return _search_content(where, path, progress)
     except (CesError, OSError, *WRONG_CONTENT) as error:
         return PageContent(warnings=[f"cannot be read now: {error}"])
 

@@ -101,6 +101,15 @@ def test_another_process_with_the_same_number_is_not_the_one(tmp_path: Path) -> 
         assert progress is not None and not progress.alive
 
 
+def test_a_link_in_its_place_is_replaced_and_not_followed(tmp_path: Path) -> None:
+    (tmp_path / "notes").write_text("mine")
+    (tmp_path / ".m.progress").symlink_to(tmp_path / "notes")
+    with ProgressFile("identify", tmp_path / "m", {}):
+        assert read_progress(tmp_path / ".m.progress") is not None
+    assert (tmp_path / "notes").read_text() == "mine"
+    assert not (tmp_path / ".m.progress").is_symlink()
+
+
 def test_a_name_that_is_not_text_does_not_stop_the_work(tmp_path: Path) -> None:
     with ProgressFile("identify", tmp_path / "m", {"recordings": ["caf\udce9"]}):
         progress = read_progress(tmp_path / ".m.progress")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -44,6 +45,8 @@ def open_log(path: Path, mapping: DynoMapping) -> LogTable | TimedLog:
             return READERS[kind](path, mapping)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except csv.Error as error:
+        raise RecordingError(f'{path}: cannot be read as a table: {error}; is a quote (") not closed?') from None
     except (ValueError, TypeError, RecursionError, NotImplementedError) as error:
         raise RecordingError(f"{path}: not a {kind} file: {str(error).splitlines()[0]}") from None
     raise RecordingError(f"{path}: cannot tell the format from '{path.suffix}'; set format in {mapping.source}")

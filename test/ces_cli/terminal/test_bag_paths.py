@@ -75,7 +75,7 @@ def test_a_folder_or_glob_of_other_logs_is_pointed_to_import(tmp_path):
     (tmp_path / "run.csv").touch()
     for word in (tmp_path, tmp_path / "*.csv"):
         with pytest.raises(
-            CesError, match=r"run.csv is a CSV table, not a rosbag2 bag; convert it: ces import run.csv"
+            CesError, match=r"run.csv is a CSV table, not a rosbag2 bag; convert it: ces import \S+/run.csv --out BAG"
         ):
             find_bags([str(word)])
 

@@ -317,7 +317,7 @@ def test_things_that_are_no_bag(tmp_path):
     assert "is not an MCAP file" in failure(tmp_path / "x.mcap", kind=RecordingError)
     (tmp_path / "x.csv").write_text("position,current\n")
     line = failure(tmp_path / "x.csv", kind=RecordingError)
-    assert "is a CSV table, not a rosbag2 bag; convert it: ces import x.csv" in line
+    assert f"is a CSV table, not a rosbag2 bag; convert it: ces import {tmp_path / 'x.csv'} --out BAG" in line
     bag = tiny.write(tmp_path / "bag", tiny.drive())
     (bag / "metadata.yaml").write_text("rosbag2_bagfile_information: 3\n")
     assert "cannot be opened as a bag" in failure(bag, kind=RecordingError)

@@ -12,7 +12,8 @@ from served_folders import described_model, fill_folder
 
 from ces_identify.progress_file import SearchProgressFile
 from ces_serve.files import item
-from ces_serve.files.catalogue import Catalogue, Listing
+from ces_serve.files.catalogue import Catalogue
+from ces_serve.files.listing import Listing
 from ces_serve.files.served_folder import ServedFolder
 
 

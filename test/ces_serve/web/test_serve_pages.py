@@ -174,7 +174,7 @@ def test_an_empty_folder_says_what_to_do(tmp_path: Path) -> None:
 def test_a_recording_is_inspected_once(client: FlaskClient, monkeypatch: pytest.MonkeyPatch) -> None:
     found = read_events(client, "/events/inspect/recordings/sine_4hz", ("result", "failed"))
     assert "1000.0" in found["result"][0] and "position [m]" in found["result"][0]
-    monkeypatch.setattr("ces_serve.web.details.do_work", lambda *_: pytest.fail("read again"))
+    monkeypatch.setattr("ces_serve.web.work_events.do_work", lambda *_: pytest.fail("read again"))
     assert read_events(client, "/events/inspect/recordings/sine_4hz", ("result",))["result"] == found["result"]
 
 
@@ -246,7 +246,7 @@ def test_the_page_of_the_observer_without_ros_says_so(client: FlaskClient, monke
 
 
 def test_what_cannot_be_compared_is_said(client: FlaskClient) -> None:
-    assert "Models chosen: 1; choose 2 to 12" in text_of(
+    assert "Models chosen: 1; choose 2 to 8" in text_of(
         client, "/compare/result?model=first.json&bag=recordings/sine_4hz"
     )
     assert "Recordings chosen: 0; choose 1 to 12" in text_of(
@@ -256,6 +256,13 @@ def test_what_cannot_be_compared_is_said(client: FlaskClient) -> None:
     assert re.search(r'value="recordings/sine_4hz" checked', page)  # both were validated on it
     assert client.get("/events/compare?model=first.json").status_code == 400
     assert client.get("/compare/page/0123").status_code == 404
+
+
+def test_as_many_models_can_be_chosen_as_a_comparison_takes() -> None:
+    from ces_identify.comparison.comparison import MAX_MODELS as LIMIT
+    from ces_serve.web.compare import MAX_MODELS
+
+    assert MAX_MODELS == LIMIT
 
 
 def test_an_error_in_a_stream_is_its_last_event(client: FlaskClient, monkeypatch: pytest.MonkeyPatch) -> None:

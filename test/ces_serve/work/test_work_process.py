@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import os
+import re
+from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ from served_folders import BAGS
 
 from ces_serve.work import process
 from ces_serve.work.process import FAILED, RESULT, do_work
+from ces_serve.work.worker import MAX_FILE_BYTES, MAX_MEMORY_BYTES
 
 INSPECT = {"name": "inspect", "path": str(BAGS / "sine_4hz"), "signals": None}
 
@@ -40,15 +43,39 @@ def test_work_that_takes_too_long_is_stopped() -> None:
     assert children_running(process.WORKER) == set()
 
 
-def test_work_ends_when_nobody_waits_for_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "endless_worker.py").write_text("import time; time.sleep(3600)")
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+@pytest.fixture
+def endless_messages(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Generator[dict[str, Any], None, None]:
+    """The messages of a worker that reports once and then never ends."""
+    lines = (
+        "import time",
+        "from ces_serve.work import worker",
+        "worker._do = lambda task, report: (report('begins'), time.sleep(3600))",
+        "worker.main()",
+    )
+    (tmp_path / "endless_worker.py").write_text("\n".join(lines))
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(tmp_path), str(Path(process.__file__).parents[2])]))
     monkeypatch.setattr(process, "WORKER", "endless_worker")
     messages = do_work(INSPECT, 600.0)
-    assert next(messages) == {}
+    next(message for message in messages if "progress" in message)
+    return messages
+
+
+def test_work_ends_when_nobody_waits_for_it(endless_messages: Generator[dict[str, Any], None, None]) -> None:
     assert len(children_running("endless_worker")) == 1
-    messages.close()
+    endless_messages.close()
     assert children_running("endless_worker") == set()
+
+
+def test_work_is_limited_and_its_files_go_with_it(endless_messages: Generator[dict[str, Any], None, None]) -> None:
+    (pid,) = children_running("endless_worker")
+    limits = Path(f"/proc/{pid}/limits").read_text()
+    assert re.search(rf"Max address space +{MAX_MEMORY_BYTES}", limits)
+    assert re.search(rf"Max file size +{MAX_FILE_BYTES}", limits)
+    environment = Path(f"/proc/{pid}/environ").read_bytes().split(b"\0")
+    scratch = next(Path(os.fsdecode(one.removeprefix(b"TMPDIR="))) for one in environment if one.startswith(b"TMPDIR="))
+    (scratch / "unpacked.mcap").write_bytes(b"half a copy")
+    endless_messages.close()
+    assert not scratch.exists()
 
 
 def test_a_process_that_dies_is_said(monkeypatch: pytest.MonkeyPatch) -> None:

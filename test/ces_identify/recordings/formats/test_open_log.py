@@ -97,3 +97,13 @@ def test_a_whole_number_that_no_float_holds_is_a_bad_cell(tmp_path, form):
 def test_every_format_is_known_where_a_bag_is_expected():
     importable = {suffix for kind, suffixes in SUFFIXES.items() if kind != "bag" for suffix in suffixes}
     assert set(KINDS) == importable
+
+
+def test_a_quote_that_is_not_closed_is_one_line(tmp_path):
+    rows = "".join(f"{0.001 * k:.3f},0.1,2.0\n" for k in range(15_000))
+    (tmp_path / "log.csv").write_text(f'time,position,force\n{rows[:4000]}0.9,"0.1,2.0\n{rows}')
+    mapping = parse_dyno_mapping(
+        "time: {column: time}\nposition: {column: position}\ncurrent: {constant: 0}\nforce: {column: force}", "map.yaml"
+    )
+    with pytest.raises(RecordingError, match=r"log.csv: cannot be read as a table: .*is a quote \(\"\) not closed"):
+        import_log(tmp_path / "log.csv", mapping)
