@@ -20,7 +20,7 @@ def timing_findings(motion: Motion) -> Iterator[Finding]:
     """Yield findings on delays, and on the sign of the force."""
     delay = force_delay(motion)
     yield from delay_findings(motion, delay)
-    yield from _sign(motion, delay)
+    yield from sign_findings(motion, delay)
 
 
 def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
@@ -46,7 +46,8 @@ def is_reversed(motion: Motion, delay: DelayEstimate | None) -> bool:
     return balance < -MIN_WORK and returned > MIN_BLOCKS
 
 
-def _sign(motion: Motion, delay: DelayEstimate | None) -> Iterator[Finding]:
+def sign_findings(motion: Motion, delay: DelayEstimate | None = None) -> Iterator[Finding]:
+    """Yield a finding if the force, moved back by its delay, drives the piston."""
     if is_reversed(motion, delay):
         yield Finding(
             WRONG_MODEL,
