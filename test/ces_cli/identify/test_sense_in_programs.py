@@ -153,7 +153,7 @@ def test_validate_names_wrong_signs_and_ranges_outside(bags, tmp_path, capsys):
 
 
 def test_validate_finds_pounds_and_both_signs_reversed_by_the_model(bags, tmp_path, capsys):
-    body = Polynomial((Term(1800.0, (Factor("speed", 0),)), Term(900.0, (Factor("speed", 0, 2),))))
+    body = Polynomial((Term(1800.0, (Factor("speed", 0),)), Term(900.0, (Factor("speed", 0, 2.0, signed=False),))))
     uneven = Model(Sampling(500.0, 40.0, 0.02), body, Envelope((-0.1, 0.1), (-3.0, 3.0), (0.0, 2.0)), (-1e5, 1e5))
     uneven.save(tmp_path / "model.json")
     sound = ride("sound", 5)
@@ -168,7 +168,7 @@ def test_validate_finds_pounds_and_both_signs_reversed_by_the_model(bags, tmp_pa
         }
         write_bag(tmp_path / name, recording_topics(Recording(name, channels), load_signals()))
     for name, text in (
-        ("pounds", "warning: pounds: force: 0.225 times as large as the model's; if it is in lbf, multiply its scale"),
+        ("pounds", "times as large as the model's; if it is in lbf, multiply its scale in the signals file by 4.44822"),
         ("turned", "warning: turned: position and force: the model follows them better with both signs reversed"),
         ("sound", ""),
     ):
