@@ -91,8 +91,8 @@ def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> Finding:
     name, relation, key_s = _name_late(signal, other, delay.late_s)
     return Finding(
         severity,
-        f"{name}: logged {1e3 * abs(delay.late_s):.0f} ms ({size[0]:.0f} to {size[1]:.0f}) {relation}; add {key_s:.3f} to "
-        f"{IS_DELAY} (default 0) of {name} in the signals file",
+        f"{name}: logged {1e3 * abs(delay.late_s):.0f} ms ({size[0]:.0f} to {size[1]:.0f}) {relation}; add {key_s:.3f} "
+        f"to {IS_DELAY} (default 0) of {name} in the signals file",
     )
 
 
@@ -103,9 +103,9 @@ def _describe_likely(signal: str, other: str, delay: DelayEstimate) -> Finding:
     cause = "valve" if signal == "current" else "elasticity"
     return Finding(
         WARNING,
-        f"{name}: perhaps logged {1e3 * abs(delay.late_s):.0f} ms {relation}; {low:.0f} to {high:.0f} ms fit, too, as a "
-        f"damper's {cause} does on these strokes: check with faster and more varied ones, or set {IS_DELAY} (default 0) "
-        f"of {name} in the signals file",
+        f"{name}: perhaps logged {1e3 * abs(delay.late_s):.0f} ms {relation}; {low:.0f} to {high:.0f} ms fit, too, as "
+        f"a damper's {cause} does on these strokes: check with faster and more varied ones, or set {IS_DELAY} "
+        f"(default 0) of {name} in the signals file",
     )
 
 
