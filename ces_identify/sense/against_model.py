@@ -48,8 +48,8 @@ def signs_against_model(cost: float, reversed_cost: float) -> Iterator[Finding]:
         yield Finding(
             WRONG_MODEL,
             f"position and force: the model follows them better with both signs reversed (J {reversed_cost:.0f} "
-            f"instead of {cost:.0f} %); both are positive in compression: multiply both scales by -1 in the signals file "
-            "of the recording, or identify the model again if its own was wrong",
+            f"instead of {cost:.0f} %); both are positive in compression: multiply both scales by -1 in the signals "
+            "file of the recording, or identify the model again if its own was wrong",
         )
 
 

@@ -17,7 +17,7 @@ from ces_identify.sense.rates import rate_findings
 from ces_identify.sense.saturation import saturation_findings
 from ces_identify.sense.sensors import sensor_findings
 from ces_identify.sense.stuck_current import current_findings
-from ces_identify.sense.timing import IS_DELAY, delay_findings, timing_findings
+from ces_identify.sense.timing import IS_DELAY, delay_findings, sign_findings, timing_findings
 from ces_identify.sense.units import unit_findings
 from ces_observer.errors import RecordingError
 
@@ -28,13 +28,15 @@ def sense(recording: Recording) -> tuple[Finding, ...]:
     "wrong model": a model of it would be wrong. A check that cannot know says nothing.
     """
     motion = recorded_motion(recording)
+    sensors = [*saturation_findings(recording), *sensor_findings(recording)]
+    intact = None if any(f.severity == WRONG_MODEL for f in sensors) else motion  # else follow-up findings mislead
     return sort_findings(
         unit_findings(recording, motion),
-        timing_findings(motion) if motion is not None else (),
+        timing_findings(intact) if intact is not None else (),
+        sign_findings(motion) if motion is not None and intact is None else (),
         rate_findings(recording),
-        saturation_findings(recording),
-        sensor_findings(recording),
-        current_findings(recording, motion),
+        sensors,
+        current_findings(recording, intact),
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,7 +21,7 @@ def timing_findings(motion: Motion) -> Iterator[Finding]:
     """Yield findings on delays, and on the sign of the force."""
     delay = force_delay(motion)
     yield from delay_findings(motion, delay)
-    yield from _sign(motion, delay)
+    yield from sign_findings(motion, delay)
 
 
 def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
@@ -46,7 +47,8 @@ def is_reversed(motion: Motion, delay: DelayEstimate | None) -> bool:
     return balance < -MIN_WORK and returned > MIN_BLOCKS
 
 
-def _sign(motion: Motion, delay: DelayEstimate | None) -> Iterator[Finding]:
+def sign_findings(motion: Motion, delay: DelayEstimate | None = None) -> Iterator[Finding]:
+    """Yield a finding if the force, moved back by its delay, drives the piston."""
     if is_reversed(motion, delay):
         yield Finding(
             WRONG_MODEL,
@@ -57,6 +59,10 @@ def _sign(motion: Motion, delay: DelayEstimate | None) -> Iterator[Finding]:
 
 def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Finding]:
     """Yield the delay of force or position, and that of the current if it fits neither of the two."""
+    moved = _current_instead(motion, force) if force is not None and (force.certain or force.likely) else None
+    if moved is not None:
+        yield (_describe_delay if abs(moved.nearest_s) >= MIN_DELAY_S else _describe_likely)("current", "force", moved)
+        return
     if force is not None and abs(force.nearest_s) >= MIN_DELAY_S:
         yield _describe_delay("force", "position", force)
     elif force is not None and force.likely:
@@ -69,24 +75,47 @@ def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Find
         yield _describe_delay("current", "force", current)
 
 
+def _current_instead(motion: Motion, force: DelayEstimate) -> DelayEstimate | None:
+    """Return the delay of the current if it explains the force at least as well as `force`, that of the force, does."""
+    current = current_delay(motion)
+    if current is None or abs(current.late_s) < MIN_DELAY_S:
+        return None
+    again = force_delay(replace(motion, current=np.roll(motion.current, -round(current.late_s * RATE_HZ))))
+    in_line = again is not None and abs(again.nearest_s) < MIN_DELAY_S and not again.likely
+    return current if again is not None and in_line and again.error_at_zero <= force.least_error else None
+
+
 def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> Finding:
-    late, reference = (signal, other) if delay.late_s > 0.0 else (other, signal)
-    size = sorted(1e3 * abs(s) for s in (delay.low_s, delay.high_s))
     severity = WRONG_MODEL if abs(delay.nearest_s) >= WRONG_DELAY_S else WARNING
+    size = sorted(1e3 * abs(s) for s in (delay.low_s, delay.high_s))
+    name, relation, key_s = _name_late(signal, other, delay.late_s)
     return Finding(
         severity,
-        f"{late}: logged {1e3 * abs(delay.late_s):.0f} ms ({size[0]:.0f} to {size[1]:.0f}) after the {reference}; add "
-        f"{abs(delay.late_s):.3f} to {IS_DELAY} (default 0) of {late} in the signals file",
+        f"{name}: logged {1e3 * abs(delay.late_s):.0f} ms ({size[0]:.0f} to {size[1]:.0f}) {relation}; add {key_s:.3f} "
+        f"to {IS_DELAY} (default 0) of {name} in the signals file",
     )
 
 
 def _describe_likely(signal: str, other: str, delay: DelayEstimate) -> Finding:
-    """Return a warning: the delay fits best, but the elasticity of the damper may be what is seen."""
-    late, reference = (signal, other) if delay.late_s > 0.0 else (other, signal)
+    """Return a warning: the delay fits best, but the elasticity of the damper, or its valve, may be what is seen."""
     low, high = sorted(np.sign(delay.late_s) * 1e3 * s for s in (delay.low_s, delay.high_s))
+    name, relation, _ = _name_late(signal, other, delay.late_s)
+    cause = "valve" if signal == "current" else "elasticity"
     return Finding(
         WARNING,
-        f"{late}: perhaps logged {1e3 * abs(delay.late_s):.0f} ms after the {reference}; {low:.0f} to {high:.0f} ms "
-        "fit, too, as a damper's elasticity does on these strokes: check with faster and more varied ones, or "
-        f"set {IS_DELAY} (default 0) of {late} in the signals file",
+        f"{name}: perhaps logged {1e3 * abs(delay.late_s):.0f} ms {relation}; {low:.0f} to {high:.0f} ms fit, too, as "
+        f"a damper's {cause} does on these strokes: check with faster and more varied ones, or set {IS_DELAY} "
+        f"(default 0) of {name} in the signals file",
     )
+
+
+def _name_late(signal: str, other: str, late_s: float) -> tuple[str, str, float]:
+    """Return the signal to correct, its relation to the other, and what to add to its key [s].
+
+    Of force and position it is the late one. The current is corrected itself, also if it is early: the force is in line
+    with the position.
+    """
+    if signal == "current" and late_s < 0.0:
+        return signal, f"before the {other}", late_s
+    late, reference = (signal, other) if late_s > 0.0 else (other, signal)
+    return late, f"after the {reference}", abs(late_s)

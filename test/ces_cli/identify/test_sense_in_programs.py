@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 import yaml
 
-from ces_cli.bags import import_, info, replay
+from ces_cli.bags import characterise, export_data, import_, info, replay
+from ces_cli.compare import program as compare
 from ces_cli.identify import program, validate
 from ces_identify import api
 from ces_identify.export.ros_package import export_ros_package
@@ -21,6 +22,7 @@ from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.sense.content import recording_marks
+from ces_identify.sense.sense import sense
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling, load_model
@@ -150,6 +152,56 @@ def test_validate_names_wrong_signs_and_ranges_outside(bags, tmp_path, capsys):
     for signal, unit in (("position", "m"), ("current", "A")):
         assert f"{signal} " in line and f" {unit}, model knows " in line
     assert "model knows" in report.read_text(encoding="utf-8")
+
+
+def test_validate_finds_pounds_and_both_signs_reversed_by_the_model(bags, tmp_path, capsys):
+    body = Polynomial((Term(1800.0, (Factor("speed", 0),)), Term(900.0, (Factor("speed", 0, 2.0, signed=False),))))
+    uneven = Model(Sampling(500.0, 40.0, 0.02), body, Envelope((-0.1, 0.1), (-3.0, 3.0), (0.0, 2.0)), (-1e5, 1e5))
+    uneven.save(tmp_path / "model.json")
+    sound = ride("sound", 5)
+    x, stamps = sound.channel("position").values, sound.channel("position").stamps_ns
+    v = np.gradient(x, 1.0 / RATE)
+    force = 1800.0 * v + 900.0 * v**2
+    for name, sign, newtons in (("pounds", 1.0, 4.4482216), ("turned", -1.0, 1.0), ("sound", 1.0, 1.0)):
+        channels = {
+            "position": Channel("position", "m", stamps, sign * x),
+            "current": sound.channel("current"),
+            "force": Channel("force", "N", stamps, sign * force / newtons),
+        }
+        write_bag(tmp_path / name, recording_topics(Recording(name, channels), load_signals()))
+    for name, text in (
+        ("pounds", "times as large as the model's; if it is in lbf, multiply its scale in the signals file by 4.44822"),
+        ("turned", "warning: turned: position and force: the model follows them better with both signs reversed"),
+        ("sound", ""),
+    ):
+        assert validate.main([str(tmp_path / "model.json"), str(tmp_path / name), "--json"]) == 0
+        shown = capsys.readouterr()
+        assert text in shown.err
+        found = json.loads(shown.out)["findings"]
+        assert [f["severity"] for f in found] == (["wrong model"] if text else []), found
+
+
+def test_all_programs_show_the_same_words(bags, tmp_path, capsys):
+    line = "reversed: force: acts with the motion instead of against it"
+    bag, model = str(bags / "reversed"), str(bags / "model.json")
+    copy = tmp_path / "other.json"
+    shutil.copy(model, copy)
+    for run, words in (
+        (validate.main, [model, bag, "--json"]),
+        (characterise.main, [bag, "--json"]),
+        (compare.main, [model, str(copy), bag, "--json"]),
+    ):
+        assert run(words) == 0
+        shown = capsys.readouterr()
+        assert f"warning: {line}" in shown.err
+        assert any(f["text"].startswith(line) for f in json.loads(shown.out)["findings"])
+    assert export_data.main([bag, "--out", str(tmp_path / "table.csv")]) == 0
+    assert f"warning: {line}" in capsys.readouterr().err
+    assert info.main([bag, "--json"]) == 0
+    (recording,) = json.loads(capsys.readouterr().out)["recordings"]
+    assert [f["text"] for f in recording["findings"]] == [
+        f.text for f in sense(read_recording(Path(bag), load_signals()))
+    ]
 
 
 def test_replay_names_ranges_outside(bags, tmp_path, capsys):

@@ -16,7 +16,8 @@ from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.recordings.signals_file import load_signals
 from ces_identify.sense.delays import current_delay, force_delay
 from ces_identify.sense.motion import recorded_motion
-from ces_identify.sense.sense import require_sensible, sense, sense_together
+from ces_identify.sense.saturation import find_saturations
+from ces_identify.sense.sense import require_sensible, sense, sense_each, sense_together
 from ces_observer.errors import RecordingError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -63,6 +64,17 @@ def held(fraction_from, fraction_to):
     return apply
 
 
+def sine(hertz):
+    """Return a damper with friction and a little elasticity on one sine at one current, without noise in the stroke."""
+    time = np.arange(16000) * 1e-3
+    x = 0.05 / hertz * np.sin(2.0 * np.pi * hertz * time) * np.minimum(1.0, time)
+    v = np.gradient(x, time)
+    force = 1500.0 * v + 120.0 * np.tanh(v / 0.02) + np.random.default_rng(1).normal(0.0, 3.0, len(time))
+    stamps = np.rint(time * 1e9).astype(np.int64)
+    columns = {"position": ("m", x), "current": ("A", np.zeros(len(time))), "force": ("N", force)}
+    return Recording(f"sine_{hertz:g}", {n: Channel(n, u, stamps, c) for n, (u, c) in columns.items()})
+
+
 def scaled(factor):
     return lambda values: factor * values
 
@@ -105,7 +117,14 @@ def test_measured_recordings_make_sense():
         ({"force": held(0.4, 0.5)}, "wrong model", "force: stuck 1 times, first at 10.00 s, 10.0% of the time"),
         ({"position": held(0.4, 0.41)}, "warning", "position: stuck 1 times"),
         ({"force": lambda f: f[np.arange(len(f)) // 10 * 10]}, "warning", "measured at 100 Hz"),
-        ({"position": lambda x: 0.002 * np.round(x / 0.002)}, "warning", "position: only"),
+        (
+            {"position": lambda x: 0.002 * np.round(x / 0.002)},
+            "warning",
+            "position: its steps of 2 mm disturb the speed",
+        ),
+        ({"position": lambda x: np.clip(x, -0.01, 0.01)}, "wrong model", "position: the channel saturates"),
+        ({"current": held(0.4, 0.5)}, "wrong model", "current: stuck at 0.57 A for 2.5 s, 10% of the time"),
+        ({"position": lambda x: held(0.4, 0.5)(1e-5 * np.round(1e5 * x))}, "wrong model", "position: stuck 1 times"),
         ({"force": lambda f: 200.0 * np.round(f / 200.0)}, "warning", "force: only"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
@@ -168,9 +187,21 @@ def test_the_late_signal_is_named_with_the_key_to_write(signal, seconds, late):
     assert found.text.endswith(f" to the key delay (default 0) of {late} in the signals file")
 
 
-def test_a_single_sine_says_nothing_about_a_delay():
+def test_a_delay_on_a_single_sine_is_only_a_warning():
     """Elasticity, valve lag and a delay look alike there."""
-    assert sense(shifted(bag("sine_4hz"), "force", 0.02)) == ()
+    assert sense(shifted(bag("sine_4hz"), "force", 0.01)) == ()
+    found = sense(shifted(bag("sine_4hz"), "force", 0.03))
+    assert [f.severity for f in found] == ["warning"]
+    assert found[0].text.startswith("force: perhaps logged ")
+    assert "ms fit, too, as a damper's elasticity does on these strokes" in found[0].text
+
+
+def test_sines_of_several_frequencies_show_a_delay_together():
+    sines = [sine(1.0), sine(5.0), sine(12.0)]
+    assert sense_each(sines) == ()
+    (found,) = sense_each([shifted(one, "force", 0.02) for one in sines])
+    assert found.severity == "wrong model"
+    assert found.text.startswith("3 recordings together: force: logged ")
 
 
 def test_a_current_that_comes_after_its_force_is_late():
@@ -181,11 +212,42 @@ def test_a_current_that_comes_after_its_force_is_late():
     assert "after the force; add 0.0" in found.text
 
 
-def test_a_rate_too_low_for_the_force_is_named():
-    (found,) = (f for f in sense(thinned(bag("noise"), 20)) if "rate" in f.text)
-    assert found.severity == "warning"
-    assert found.text.startswith("force: ") and "near half the rate of 50 Hz" in found.text
-    assert not [f for f in sense(thinned(bag("sine_4hz"), 5)) if "rate" in f.text]
+@pytest.mark.parametrize(("name", "step", "severity"), [("noise", 20, "wrong model"), ("noise", 10, "warning")])
+def test_a_rate_too_low_for_the_force_is_named(name, step, severity):
+    (found,) = (f for f in sense(thinned(bag(name), step)) if "Hz" in f.text)
+    assert found.severity == severity
+    assert found.text.startswith(f"force: changes too fast for {1000 // step} Hz: half of its samples")
+
+
+def test_a_slow_sine_needs_no_high_rate_unless_the_valve_moves():
+    slow = changed(sine(0.5), current=lambda i: np.full(len(i), 0.5))
+    assert sense(thinned(slow, 20)) == ()
+    moved = changed(sine(0.5), current=lambda i: 0.5 + 0.3 * np.sin(np.arange(len(i)) * 1e-3))
+    assert [f.text[:51] for f in sense(thinned(moved, 20)) if "rate" not in f.text] == [
+        "force: 50 Hz is too low for the response of a valve"
+    ]
+
+
+def test_a_commanded_current_that_freezes_is_found_by_the_force():
+    """Without noise, only the force shows that the valve moved; currents held on purpose are sound."""
+    commanded = changed(bag("noise"), current=lambda i: np.round(i, 1))
+    assert [f for f in sense(commanded) if f.text.startswith("current")] == []
+    (found,) = (f for f in sense(changed(commanded, current=held(0.5, 1.0))) if f.text.startswith("current"))
+    assert found.severity == "wrong model"
+    assert "while the force changes as if it moved" in found.text
+
+
+def test_a_piston_that_comes_to_rest_at_its_end_is_not_clipped():
+    time = np.arange(16000) * 1e-3
+    resting = np.round(0.02 * np.clip(1.1 * np.sin(time) - 0.05 * np.sin(3.0 * time), -2.0, 2.0), 5)
+    stop = np.where(time > 12.0, resting.max(), np.minimum(resting, resting.max()))
+    smooth = np.round(np.convolve(np.pad(stop, 400, mode="edge"), np.hanning(801) / np.hanning(801).sum(), "valid"), 5)
+    stamps = np.rint(time * 1e9).astype(np.int64)
+    parked = Recording("parked", {"position": Channel("position", "m", stamps, smooth)}, {"current": 0.0})
+    assert (smooth == smooth.max()).mean() > 0.1
+    assert find_saturations(parked, "position") == ()
+    clipped = changed(parked, position=lambda x: np.minimum(x, 0.5 * x.max()))
+    assert len(find_saturations(clipped, "position")) == 1
 
 
 def test_one_current_in_all_recordings_is_a_warning_a_passive_damper_is_none():
