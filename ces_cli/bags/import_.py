@@ -184,13 +184,16 @@ def _as_json(recording: Recording, path: Path) -> dict[str, object]:
 
 
 def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool, mapping: str) -> None:
-    for finding in (*findings(recording), *sense(recording)):
+    with terminal.err.status(f"checking {recording.source}"):
+        found = (*findings(recording), *sense(recording))
+    for finding in found:
         terminal.print_warning(f"{recording.source}: {_for_mapping(finding.text, mapping)}")
     written = [name for name in recording.channels if isinstance(signals.by_name.get(name), Signal)]
     for name in recording.channels.keys() - set(written):
         terminal.print_warning(f"{recording.source}: {name} is left out; give it a topic in the signals file")
     notes = {"imported_from": Path(recording.source).name}
-    write_bag(path, recording_topics(recording, signals.without_delays()), overwrite=overwrite, notes=notes)
+    with terminal.err.status(f"writing {path}"):
+        write_bag(path, recording_topics(recording, signals.without_delays()), overwrite=overwrite, notes=notes)
     position = recording.channel("position")
     rate = mean_rate(position)
     print(f"{path}: {len(position)} samples of {', '.join(written)} at {rate:.1f} Hz")

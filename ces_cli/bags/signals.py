@@ -36,8 +36,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.out:
         example = f"{options.out}#{proposal.selection.names[0]}" if proposal.selection.names else f"{options.out}"
         terminal.err.print(f"signals: {options.out}", highlight=False, soft_wrap=True)
-        terminal.err.print(f"next:    ces info {paths[0]} --signals '{example}'", highlight=False, soft_wrap=True)
+        terminal.err.print(f"next:    {_next_step(proposal, paths[0], example)}", highlight=False, soft_wrap=True)
     return 0
+
+
+def _next_step(proposal: SignalsProposal, bag: Path, example: str) -> str:
+    """Return what to do with the file: complete it, if nothing looks like a signal that all programs need."""
+    missing = list(dict.fromkeys(found.signal for found in proposal.selection.missing))
+    if missing:
+        return f"complete {example} by hand: nothing was found for {' and '.join(missing)} (its comments say why)"
+    return f"ces info {bag} --signals '{example}'"
 
 
 def make_parser() -> terminal.Parser:

@@ -21,8 +21,9 @@ MIN_SAMPLES, MAX_USUAL_STEP_S = 3, 0.1
 EPOCHS = {"s": 1e8, "ms": 1e11, "us": 1e14, "ns": 1e17}  # smallest numbers of times since 1970, from 1973 on
 DATE_WORDS = frozenset({"date", "datum", "datetime"})
 MIN_STEP_S, MAX_ROWS_PER_TIME = 1e-6, 5  # of a time as logged
-DIALLED_PATH = re.compile(r"^(Platform\(\)://)?Model Root/")  # before each name in ControlDesk's exports
+DIALLED_PATH = re.compile(r"(Platform\(\)://)?Model Root/")  # before each name in ControlDesk's exports
 TIME_AXES = (("s",), ("x", "value"), ("x", "axis"))  # `X_Value` is LabVIEW's, `XAxis` ControlDesk's
+ANY = ""  # key of what may be any signal
 RATE_WORDS = frozenset({"fs", "rate", "hz", "frequency", "samplerate"})
 
 
@@ -50,7 +51,7 @@ class LogCandidates:
 
     `time_text` says how the time is known, or is empty if it is not; `time_doubt` is what a person should check.
     `unread` are the columns that are no candidates although their names or units say what they are, by that signal
-    (or `time`), each with the reason.
+    (or `time`), each with the reason; under `ANY` is one that may be any signal, such as a MATLAB object.
     """
 
     candidates: tuple[Candidate, ...]
@@ -87,7 +88,7 @@ def _of_series(log: TimedLog) -> LogCandidates:
             reason = f"{series.label!r} has {np.isfinite(series.values).sum()} samples"
             unread.update(dict.fromkeys(_meanings(series.key or series.label), reason))
             continue
-        name, unit = split_unit(series.key or series.label)
+        name, unit = split_unit(DIALLED_PATH.sub("", series.key or series.label))
         stated = find_unit(series.unit)
         where = "that the log states for it" if stated else "from its name" if unit else ""
         found.append(
@@ -112,6 +113,8 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
         if len(column.values) != len(stamps):
             reason = f"{column.key!r} has {len(column.values)} values for {len(stamps)} rows"
             unread.update(dict.fromkeys(_meanings(str(column.key)), reason))
+    for name, reason in table.unread.items():
+        unread.update(dict.fromkeys((ANY, *_meanings(name)), reason))
     doubt = "" if time is None else _doubt_time(table, time, stamps)
     return LogCandidates(candidates, keys, time, known_rate, _describe_time(table, time, known_rate), doubt, unread)
 

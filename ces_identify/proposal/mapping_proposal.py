@@ -9,7 +9,7 @@ from pathlib import Path
 
 from ces_identify.proposal.choice import Choice, DamperChoice, NotFound, Selection
 from ces_identify.proposal.choose import choose
-from ces_identify.proposal.log_candidates import LogCandidates, find_log_candidates
+from ces_identify.proposal.log_candidates import ANY, LogCandidates, find_log_candidates
 from ces_identify.proposal.sign import UNCHECKED
 from ces_identify.proposal.text import (
     CHECK,
@@ -20,10 +20,12 @@ from ces_identify.proposal.text import (
     format_number,
     quote_yaml,
 )
+from ces_identify.recordings.formats.can_log import CanLog
 from ces_identify.recordings.formats.csv_table import CsvTable
 from ces_identify.recordings.formats.log_file import LogTable, TimedLog
 from ces_identify.recordings.formats.open_log import open_log
 from ces_identify.recordings.log_mapping import Column, DynoMapping, parse_dyno_mapping
+from ces_observer.errors import RecordingError
 
 HEAD = """\
 # Mapping proposed by `ces import {name} --propose`.
@@ -60,6 +62,10 @@ def propose_mapping(path: Path, *, rate: float | None = None, dbc: Sequence[Path
     """
     bare = DynoMapping(source="a mapping", signals={}, blank="missing", dbc=tuple(dbc))
     log = open_log(path, bare)
+    if rate is not None and isinstance(log, TimedLog):
+        raise RecordingError(f"{path}: --rate does not apply: the channels of this log have their own times")
+    if dbc and not isinstance(log, CanLog):
+        raise RecordingError(f"{path}: --dbc does not apply: this is no CAN log")
     candidates = find_log_candidates(log, rate)
     selection = choose(candidates.candidates)
     writer = _Writer(path, log, candidates, selection, dbc)
@@ -74,8 +80,13 @@ def propose_mapping(path: Path, *, rate: float | None = None, dbc: Sequence[Path
         (*writer.missing, *writer.doubts),
         remarks,
         tuple(writer.summary()),
-        frozenset(f"{signal}: {reason}" for signal, reason in candidates.unread.items() if signal != "time"),
+        frozenset(f"{s}: {reason}" for key, reason in candidates.unread.items() for s in _signals_of(key)),
     )
+
+
+def _signals_of(key: str) -> tuple[str, ...]:
+    """Return the signals of a key of `LogCandidates.unread`; a mapping may resolve the form of a time."""
+    return REQUIRED if key == ANY else () if key == "time" else (key,)
 
 
 class _Writer:
@@ -108,7 +119,7 @@ class _Writer:
 
     def _reason(self, missing: NotFound) -> str:
         """Return why a signal was not found: the fault of the column that is named like it, if there is one."""
-        return self.found.unread.get(missing.signal, missing.reason)
+        return self.found.unread.get(missing.signal, self.found.unread.get(ANY, missing.reason))
 
     @property
     def checks(self) -> tuple[str, ...]:

@@ -10,6 +10,7 @@ KINDS = {
     ".tsv": "a text table",
     ".txt": "a text table",
     ".dat": "a text table",
+    ".lvm": "a text table",
     ".json": "a JSON file",
     ".mat": "a MATLAB file",
     ".mf4": "an MDF4 log",
@@ -19,6 +20,7 @@ KINDS = {
     ".pq": "a Parquet table",
     ".blf": "a CAN log",
     ".asc": "a CAN log",
+    ".trc": "a CAN log",
     ".log": "a log",
 }
 

@@ -1,4 +1,4 @@
-"""CAN logs (.blf, .asc, candump's .log) with DBC databases: signals by MESSAGE.SIGNAL, each with its own times.
+"""CAN logs (.blf, .asc, .trc, candump's .log, MDF) with DBC databases: signals MESSAGE.SIGNAL with their own times.
 
 The log is read once, frame by frame; only frames whose messages are asked for are decoded.
 """
@@ -14,11 +14,13 @@ from typing import Any
 import numpy as np
 
 from ces_identify.recordings.formats.log_file import LogSeries, TimedLog, import_reader, join_names
+from ces_identify.recordings.formats.mdf_frames import read_frames
 from ces_identify.recordings.log_mapping import Column, DynoMapping
 from ces_observer.errors import RecordingError
 
 EXTRA = "can"
 MAX_PROPOSAL_FRAMES = 500_000
+BUS_LOGS = (".blf", ".asc", ".log", ".trc")
 FrameId = tuple[int, bool]  # arbitration id, and whether it is an extended one
 
 
@@ -46,6 +48,7 @@ class CanLog(TimedLog):
                 f"{path}: a CAN log needs its database; give dbc: FILE.dbc in {mapping.source}, or --dbc"
             )
         self._database = self._load(mapping.dbc)
+        self.notes = _find_lost_end(path)
 
     def read(self, columns: Sequence[Column]) -> list[LogSeries]:
         """Return the signals in the order of the columns."""
@@ -103,6 +106,9 @@ class CanLog(TimedLog):
         return samples
 
     def _frames(self) -> Iterator[Any]:
+        if self.path.suffix.lower() not in BUS_LOGS:
+            yield from read_frames(self.path)
+            return
         options = {"relative_timestamp": False} if self.path.suffix.lower() == ".asc" else {}
         try:
             with self._can.LogReader(self.path, **options) as reader:
@@ -141,6 +147,17 @@ class CanLog(TimedLog):
             f"{self.path}: '{name}' is on bus {' and '.join(known)}; select one in {self.source}: "
             f"{{column: {name}, group: {known[0]}}}"
         )
+
+
+def _find_lost_end(path: Path) -> tuple[str, ...]:
+    """Return a note if a BLF file is shorter than its header states: its reader would end in silence."""
+    if path.suffix.lower() != ".blf":
+        return ()
+    with path.open("rb") as file:
+        head = file.read(24)
+    stated = int.from_bytes(head[16:24], "little") if head.startswith(b"LOGG") and len(head) == 24 else 0
+    size = path.stat().st_size
+    return (f"the file ends early: it has {size} of {stated} bytes",) if size < stated else ()
 
 
 def _frame_id(message: Any) -> FrameId:

@@ -88,7 +88,7 @@ def _find_first_row(rows: Rows, decimal: str) -> int | None:
     """Return the index of the first row of numbers, None if no row is one."""
     width = _width(rows)
     rows_of_numbers = [at for at, (_, cells) in enumerate(rows) if is_data_row(cells, decimal)]
-    wide = (at for at in rows_of_numbers if len(strip_names(rows[at][1])) >= width)
+    wide = (at for at in rows_of_numbers if len(rows[at][1]) >= width)
     return next(wide, None)
 
 

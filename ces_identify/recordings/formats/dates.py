@@ -43,7 +43,7 @@ def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
             stamps[row] = read(cell.strip())
         except (ValueError, AttributeError):
             raise ValueError(cell, row) from None
-    period = {_read_clock: DAY_NS, _read_minutes: HOUR_NS}.get(read, 0)
+    period = DAY_NS if read is _read_clock else HOUR_NS if read is _read_minutes else 0
     return _unwrap(stamps, period) if period else stamps
 
 

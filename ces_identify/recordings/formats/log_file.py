@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
@@ -39,6 +39,7 @@ class LogTable(ABC):
     names: Sequence[str]
     notes: tuple[str, ...] = ()
     rows = ""  # the path to the table inside the file
+    unread: Mapping[str, str] = {}  # names of what cannot be a column, each with the reason
 
     @abstractmethod
     def column(self, key: str | int) -> Values:

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ces_identify.recordings.formats.log_file import import_reader
+from ces_identify.recordings.formats.matlab_objects import MatlabObject
 from ces_observer.errors import RecordingError
 
 HEAD = b"MATLAB 7.3"
@@ -60,29 +61,10 @@ class _Structure(Mapping[str, Any]):
         kind = item.attrs.get("MATLAB_class", b"")
         kind = kind.decode() if isinstance(kind, bytes) else str(kind)
         if "MATLAB_object_decode" in item.attrs:
-            return _Opaque(kind)
+            return MatlabObject(kind)
         if item.attrs.get("MATLAB_empty", 0):
             return np.empty(0)
         if item.dtype == self._h5py.ref_dtype:
             return [self._convert(name, self._group.file[reference]) for reference in item[()].T.ravel()]
         values = item[()].T
         return "".join(map(chr, values.T.ravel())) if kind == "char" else np.asarray(values).squeeze()
-
-
-class _Opaque:
-    """A MATLAB object, whose content is not read."""
-
-    def __init__(self, kind: str) -> None:
-        self.kind = kind
-
-
-def describe_opaque(value: object, where: str) -> str:
-    """Return what to do about a value that is a MATLAB object, '' for any other value."""
-    if not isinstance(value, _Opaque):
-        return ""
-    fields = {
-        "timeseries": "struct('time', ts.Time, 'data', ts.Data)",
-        "timetable": "timetable2table, then table2struct",
-    }
-    advice = fields.get(value.kind, "struct(...)")
-    return f"'{where}' is a MATLAB object ({value.kind}), which is not read; save it as a structure: {advice}"

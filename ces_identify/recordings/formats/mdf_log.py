@@ -16,6 +16,7 @@ from ces_identify.recordings.formats.log_file import LogSeries, TimedLog, import
 from ces_identify.recordings.log_mapping import Column
 from ces_observer.errors import RecordingError
 
+BUS_FRAMES = "CAN_DataFrame"
 MAX_PROPOSAL_RECORDS = 200_000
 Place = tuple[int, int]  # numbers of a channel group and of a channel in it
 
@@ -28,44 +29,36 @@ class MdfLog(TimedLog):
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._library = import_reader("asammdf", "asammdf", "mdf", path)
-        logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # its errors are raised as well, and reported here
+        import_reader("asammdf", "asammdf", "mdf", path)
 
     def read(self, columns: Sequence[Column]) -> list[LogSeries]:
         """Return the channels of these names; one after the other is read from the file."""
-        with self._opened() as mdf:
-            start_ns = _start_ns(mdf)
-            return [self._series(mdf, self._find(mdf, column), start_ns) for column in columns]
+        with opened_mdf(self.path) as mdf:
+            start = start_ns(mdf)
+            return [self._series(mdf, self._find(mdf, column), start) for column in columns]
 
     def read_all(self) -> list[LogSeries]:
         """Return the first 200,000 samples of every channel of numbers."""
-        with self._opened() as mdf:
-            start_ns = _start_ns(mdf)
-            return list(self._all(mdf, start_ns))
+        with opened_mdf(self.path) as mdf:
+            start = start_ns(mdf)
+            if f"{BUS_FRAMES}.DataBytes" in mdf.channels_db:
+                raise RecordingError(
+                    f"{self.path}: holds CAN frames, not signals; give their database: --dbc FILE.dbc, or dbc in a "
+                    "mapping"
+                )
+            return list(self._all(mdf, start))
 
-    def _all(self, mdf: Any, start_ns: int) -> Iterator[LogSeries]:
+    def _all(self, mdf: Any, start: int) -> Iterator[LogSeries]:
         masters = {(group, master) for group, master in mdf.masters_db.items()}
         for name, places in mdf.channels_db.items():
             for place in sorted(set(places) - masters):
                 try:
-                    series = self._series(mdf, place, start_ns, MAX_PROPOSAL_RECORDS)
+                    series = self._series(mdf, place, start, MAX_PROPOSAL_RECORDS)
                 except RecordingError:
                     continue  # text and structures are not signals
                 group = place[0] if len(set(places) - masters) > 1 else None
                 label = name if group is None else f"{name} (group {group})"
                 yield LogSeries(label, series.stamps_ns, series.values, series.unit, name, group)
-
-    @contextmanager
-    def _opened(self) -> Iterator[Any]:
-        try:
-            with self.path.open("rb") as file, self._library.MDF(file) as mdf:
-                yield mdf
-        except (OSError, RecordingError):
-            raise
-        except Exception as error:  # asammdf raises errors of any kind for a damaged file
-            reason = (str(error).splitlines() or [type(error).__name__])[0]
-            _discard(error)
-            raise RecordingError(f"{self.path}: not an MDF file, or damaged: {reason}") from None
 
     def _find(self, mdf: Any, column: Column) -> Place:
         masters = set(mdf.masters_db.items())
@@ -84,12 +77,28 @@ class MdfLog(TimedLog):
         place: Place = places[0]
         return place
 
-    def _series(self, mdf: Any, place: Place, start_ns: int, count: int | None = None) -> LogSeries:
+    def _series(self, mdf: Any, place: Place, start: int, count: int | None = None) -> LogSeries:
         signal = mdf.get(group=place[0], index=place[1], record_offset=0, record_count=count)
         if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
             raise RecordingError(f"{self.path}: channel '{signal.name}' holds no numbers but {signal.samples.dtype}")
-        stamps = start_ns + np.rint(signal.timestamps * 1e9).astype(np.int64)
+        stamps = start + np.rint(signal.timestamps * 1e9).astype(np.int64)
         return LogSeries(signal.name, stamps, signal.samples.astype(np.float64), signal.unit or "", signal.name)
+
+
+@contextmanager
+def opened_mdf(path: Path) -> Iterator[Any]:
+    """Open an MDF file with asammdf; raises RecordingError if it is damaged or the library is missing."""
+    library = import_reader("asammdf", "asammdf", "mdf", path)
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # its errors are raised as well, and reported here
+    try:
+        with path.open("rb") as file, library.MDF(file) as mdf:
+            yield mdf
+    except (OSError, RecordingError):
+        raise
+    except Exception as error:  # asammdf raises errors of any kind for a damaged file
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        _discard(error)
+        raise RecordingError(f"{path}: not an MDF file, or damaged: {reason}") from None
 
 
 def _discard(error: BaseException) -> None:
@@ -102,7 +111,7 @@ def _discard(error: BaseException) -> None:
         sys.unraisablehook = hook
 
 
-def _start_ns(mdf: Any) -> int:
+def start_ns(mdf: Any) -> int:
     """Return the file's start time [ns since 1970, UTC], 0 if it has none."""
     start = mdf.header.start_time
     return max(0, round(start.timestamp() * 1e6) * 1_000) if start is not None else 0

@@ -57,6 +57,8 @@ class ParquetTable(LogTable):
             return None
         if self._arrow.types.is_timestamp(values.type):
             return np.asarray(values.to_numpy().astype("datetime64[ns]").astype(np.int64))
+        if self._arrow.types.is_duration(values.type):
+            return np.asarray(values.to_numpy().astype("timedelta64[ns]").astype(np.int64))
         exact = column.unit == "ns" and self._arrow.types.is_integer(values.type)
         return np.asarray(values.to_numpy(), dtype=np.int64) if exact else None
 

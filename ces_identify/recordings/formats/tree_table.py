@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from ces_identify.recordings.formats.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog
-from ces_identify.recordings.formats.mat73_file import describe_opaque
+from ces_identify.recordings.formats.matlab_objects import describe_object, describe_objects, list_objects
 from ces_identify.recordings.log_mapping import Column, DynoMapping
 from ces_identify.recordings.recording import Values
 from ces_observer.errors import RecordingError
@@ -18,6 +18,14 @@ TIME_KEYS = ("Time", "time", "t")
 DATA_KEYS = ("Data", "data", "values", "Values", "value")
 MIN_ROWS = 2
 NO_NUMBERS = (ValueError, TypeError, OverflowError)  # the last for a whole number that no float holds
+
+
+class TimedValues(NamedTuple):
+    """Times [s] and values of a series, both (n,), and the unit that the file states for it."""
+
+    seconds: Values
+    values: Values
+    unit: str = ""
 
 
 class TreeTable(LogTable):
@@ -32,12 +40,18 @@ class TreeTable(LogTable):
         if isinstance(self.root, Mapping) and not self.root:
             raise RecordingError(f"{path}: '{mapping.rows or 'the file'}' is empty; expected rows of numbers")
         self.names = mapping.names or (() if mapping.signals else tuple(self._find_names()))
+        if isinstance(self.root, Mapping) and not mapping.signals:
+            self.unread = dict(_list_unread(self.root))
+            if self.unread and not self.names:
+                raise RecordingError(f"{path}: {describe_objects(self.root) or next(iter(self.unread.values()))}")
 
     def column(self, key: str | int) -> Values:
         """Return a column; raises RecordingError naming the row of a cell that is not a number."""
         cells = self._cells(key)
-        if opaque := describe_opaque(cells, str(key)):
+        if opaque := describe_object(cells, str(key)):
             raise RecordingError(f"{self.path}: {opaque}")
+        if _is_complex(cells):
+            raise RecordingError(f"{self.path}: column {key!r} holds complex numbers; expected real ones")
         try:
             numbers = np.atleast_1d(np.asarray(cells, dtype=np.float64).squeeze())
         except NO_NUMBERS:
@@ -59,7 +73,7 @@ class TreeTable(LogTable):
 
     def _cells(self, key: str | int) -> Any:
         if isinstance(self.root, Mapping):
-            return self.root[key] if key in self.root else follow_route(self.path, self.root, str(key))
+            return self.root[key] if str(key) in self.root else follow_route(self.path, self.root, str(key))
         if isinstance(key, str) and isinstance(self.root[0], Mapping):
             self._require_rows(lambda row: isinstance(row, Mapping), key)
             first = self.root[0]
@@ -96,7 +110,8 @@ class TreeSeries(TimedLog):
 
     def read(self, columns: Any) -> list[LogSeries]:
         """Return the series at the columns' paths."""
-        return self._stamp([(str(column.key), find_series(self._at(column))) for column in columns])
+        listed = dict(list_series(self.root))
+        return self._stamp([(str(c.key), listed.get(str(c.key)) or find_series(self._at(c))) for c in columns])
 
     def read_all(self) -> list[LogSeries]:
         """Return every series in the tree."""
@@ -105,22 +120,28 @@ class TreeSeries(TimedLog):
     def _at(self, column: Column) -> Any:
         return follow_route(self.path, self.root, str(column.key))
 
-    def _stamp(self, series: Sequence[tuple[str, tuple[Values, Values] | None]]) -> list[LogSeries]:
+    def _stamp(self, series: Sequence[tuple[str, TimedValues | None]]) -> list[LogSeries]:
         """Return the series with stamps on one clock."""
-        known = [(name, *self._require_series(name, found)) for name, found in series]
-        start_s = min((float(seconds.min()) for _, seconds, _ in known), default=0.0)
+        known = [(name, self._require_series(name, found)) for name, found in series]
+        start_s = min((float(timed.seconds.min()) for _, timed in known), default=0.0)
         return [
-            LogSeries(name, np.rint((seconds - min(0.0, start_s)) * 1e9).astype(np.int64), values, key=name)
-            for name, seconds, values in known
+            LogSeries(
+                name,
+                np.rint((timed.seconds - min(0.0, start_s)) * 1e9).astype(np.int64),
+                timed.values,
+                timed.unit,
+                key=name,
+            )
+            for name, timed in known
         ]
 
-    def _require_series(self, name: str, found: tuple[Values, Values] | None) -> tuple[Values, Values]:
-        """Return times and values; raises RecordingError if they are missing, empty, of two lengths or no times."""
+    def _require_series(self, name: str, found: TimedValues | None) -> TimedValues:
+        """Return a series; raises RecordingError if they are missing, empty, of two lengths or no times."""
         where = f"{self.path}: '{name}'"
         if found is None:
             keys = f"{' or '.join(TIME_KEYS)} beside {' or '.join(DATA_KEYS)}"
             raise RecordingError(f"{where} is not a time series; expected a structure with {keys}")
-        seconds, values = found
+        seconds, values, _ = found
         if len(seconds) != len(values):
             raise RecordingError(f"{where} has {len(seconds)} times for {len(values)} values")
         if not len(seconds):
@@ -130,7 +151,7 @@ class TreeSeries(TimedLog):
             raise RecordingError(
                 f"{where}: time {bad[0]} is {seconds[bad[0]]:g}; expected seconds, at most {MAX_TIME_S:g}"
             )
-        return seconds, values
+        return found
 
 
 def follow_route(path: Path, tree: Any, route: str) -> Any:
@@ -139,14 +160,14 @@ def follow_route(path: Path, tree: Any, route: str) -> Any:
         if not isinstance(tree, Mapping) or step not in tree:
             raise RecordingError(f"{path}: no '{step}' in the path '{route}'; expected one of {_keys(tree)}")
         tree = tree[step]
-        if opaque := describe_opaque(tree, step):
+        if opaque := describe_object(tree, step):
             raise RecordingError(f"{path}: {opaque}")
     if not isinstance(tree, Mapping | list | np.ndarray):
         raise RecordingError(f"{path}: '{route}' is a {type(tree).__name__}; expected a table")
     return tree
 
 
-def find_series(tree: Any) -> tuple[Values, Values] | None:
+def find_series(tree: Any) -> TimedValues | None:
     """Return times [s] and values of a structure that holds both, None for anything else."""
     if not isinstance(tree, Mapping):
         return None
@@ -155,10 +176,10 @@ def find_series(tree: Any) -> tuple[Values, Values] | None:
     holder = signals if isinstance(signals, Mapping) else tree
     data = next((holder[key] for key in DATA_KEYS if key in holder), None)
     seconds, values = as_numbers(time), as_numbers(data)
-    return None if seconds is None or values is None else (seconds, values)
+    return None if seconds is None or values is None else TimedValues(seconds, values)
 
 
-def list_series(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, tuple[Values, Values]]]:
+def list_series(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, TimedValues]]:
     """Yield path and content of every time series in a tree."""
     for name, value in tree.items():
         if not isinstance(value, Mapping) or str(name).startswith(("__", "#")):
@@ -166,8 +187,36 @@ def list_series(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
         found = find_series(value)
         if found:
             yield f"{prefix}{name}", found
+        elif named := list(_list_named(value)):
+            yield from ((f"{prefix}{name}.{label}", series) for label, series in named)
         else:
             yield from list_series(value, f"{prefix}{name}.")
+
+
+def _list_named(tree: Mapping[str, Any]) -> Iterator[tuple[str, TimedValues]]:
+    """Yield name and content of the series in an array of structures.
+
+    Simulink's `structure with time` has `time` beside `signals` with `label` and `values`; ControlDesk's recordings
+    have `Y` with `Name`, `Unit`, `Data`, and the number `XIndex` of their time in `X`.
+    """
+    times = _structures(tree.get("X"), as_numbers(tree.get("time")))
+    for signal in _structures(tree.get("Y"), None) or _structures(tree.get("signals"), None):
+        at = signal.get("XIndex", 1)
+        at = int(at) - 1 if isinstance(at, int | float) and 1 <= at <= len(times) else 0
+        seconds = as_numbers(times[at].get("Data")) if times else None
+        values = as_numbers(signal.get("Data", signal.get("values")))
+        label = signal.get("Name") or signal.get("label")
+        if seconds is not None and values is not None and isinstance(label, str):
+            yield label, TimedValues(seconds, values, str(signal.get("Unit") or ""))
+
+
+def _structures(value: Any, seconds: Values | None) -> list[Mapping[str, Any]]:
+    """Return a structure, or those of an array; one with these times if the value is neither."""
+    if isinstance(value, Mapping):
+        return [value]
+    if isinstance(value, list | np.ndarray):
+        return [one for one in value if isinstance(one, Mapping)]
+    return [] if seconds is None else [{"Data": seconds}]
 
 
 def list_arrays(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Values]]:
@@ -179,6 +228,19 @@ def list_arrays(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             yield from list_arrays(value, f"{prefix}{name}.")
         elif (numbers := as_numbers(value)) is not None and len(numbers) >= MIN_ROWS:
             yield f"{prefix}{name}", numbers
+
+
+def _list_unread(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield name and reason of MATLAB objects and of complex numbers in a tree."""
+    for name, value in list_objects(tree):
+        yield name, describe_object(value, name)
+    for name, value in tree.items():
+        if _is_complex(value):
+            yield str(name), f"'{name}' holds complex numbers; expected real ones"
+
+
+def _is_complex(value: Any) -> bool:
+    return isinstance(value, np.ndarray) and np.iscomplexobj(value)
 
 
 def find_rows(tree: Any, prefix: str = "") -> str:
@@ -206,7 +268,7 @@ def _are_rows(value: Any) -> bool:
 
 def as_numbers(value: Any) -> Values | None:
     """Return an array of numbers in one direction as float64 (n,), None for anything else."""
-    if value is None or isinstance(value, str | Mapping):
+    if value is None or isinstance(value, str | Mapping) or _is_complex(value):
         return None
     try:
         numbers = np.asarray(value, dtype=np.float64).squeeze()

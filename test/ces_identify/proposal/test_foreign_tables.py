@@ -54,7 +54,7 @@ def clock(form):
         "Log\nTime (s) - Voltage_0,Displacement (mm) - Voltage_0,Current (A) - Amp,Force (N) - Bridge\n" + TABLE,
         NAMES + "\n".join([*CELLS[:500], "# marker: bump", *CELLS[500:]]) + "\n",
     ],
-    ids="comments commented_names percent three_lines units_above pandas waveform labview dspace express inside".split(),
+    ids=[*"comments named percent lines above pandas waveform labview dspace express inside".split()],
 )
 def test_headers_and_comments_of_other_programs(tmp_path, text):
     assert_recording(read(tmp_path, text), slow=False)
@@ -76,7 +76,7 @@ def test_utf16_with_and_without_its_mark(tmp_path, encoding):
         (clock("0 days %H:%M:%S.%f"), NOON.replace(year=1970, month=1, day=1)),
         (clock("%M:%S.%f"), datetime(1970, 1, 1, 0, 59, 57, tzinfo=UTC)),
     ],
-    ids="american month_first day_first year_first clock timedelta minutes".split(),
+    ids=["american", "month_first", "day_first", "year_first", "clock", "timedelta", "minutes"],
 )
 def test_clocks_and_dates(tmp_path, cells, start):
     recording = read(tmp_path, with_times(cells))
@@ -130,7 +130,7 @@ def test_a_missing_number_in_any_spelling_is_a_missing_sample_and_counted(tmp_pa
         (NAMES + "\n".join(CELLS[::-1]) + "\n", "the rows are in descending order of time; sort them by time"),
         ("Dear reader,\nthis is a letter.\n", "no cell from line 2 on is a number; expected rows of numbers"),
     ],
-    ids="word thousands header_again footer ambiguous coarse days descending letter".split(),
+    ids=["word", "thousands", "header_again", "footer", "ambiguous", "coarse", "days", "descending", "letter"],
 )
 def test_what_cannot_be_read_is_named_and_nothing_is_written(tmp_path, capsys, text, message):
     (tmp_path / "log.csv").write_text(text)
@@ -143,3 +143,11 @@ def test_a_column_that_occurs_twice_is_named_with_its_number(tmp_path):
     rows = [f"{row},{row.rsplit(',', 1)[1]}" for row in CELLS]
     proposal = propose(tmp_path, NAMES.strip() + ",force_N\n" + "\n".join(rows) + "\n")
     assert proposal.doubts == ("force: the same motion as column 4 (force): take the one that is measured",)
+
+
+def test_rows_that_begin_with_blank_cells_keep_their_header(tmp_path):
+    cells = [row.split(",") for row in CELLS]
+    rows = [f"{t},,{i}," if k < 3 else f"{t},{x},{i},{f}" for k, (t, x, i, f) in enumerate(cells)]
+    proposal = propose(tmp_path, NAMES + "\n".join(rows) + "\n")
+    assert proposal.log.names == ("time_s", "position_mm", "current_A", "force_N")
+    assert "blank cells are missing samples (3 of position, 3 of force)" in proposal.found

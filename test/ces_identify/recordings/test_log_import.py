@@ -194,10 +194,7 @@ def test_bad_mat_file(tmp_path):
 def test_file_that_is_not_there_or_of_unknown_format(tmp_path):
     with pytest.raises(RecordingError, match=r"none\.csv: cannot be read: No such file"):
         import_log(tmp_path / "none.csv", mapping(tmp_path, TIME + SIGNALS))
-    assert (
-        failure(tmp_path, "", name="log.xlsx")
-        == "log.xlsx: cannot tell the format from '.xlsx'; set format in map.yaml"
-    )
+    assert failure(tmp_path, "", name="log.xlsx") == "log.xlsx: is not read: save the sheet as CSV"
 
 
 def test_name_without_the_number(tmp_path):

@@ -1,5 +1,6 @@
 """CAN logs written by python-can with a DBC: multiplexed signals, extended ids, CAN FD, several buses."""
 
+import numpy as np
 import pytest
 from log_examples import I_SLOW, START_NS, T_SLOW, F, T, X, assert_recording
 
@@ -78,7 +79,7 @@ def database(folder):
     return cantools.database.load_file(folder / "rig.dbc")
 
 
-@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log"])
+@pytest.mark.parametrize("suffix", [".blf", ".asc", ".log", ".trc"])
 def test_signals_keep_their_own_absolute_times(folder, suffix, monkeypatch):
     path = write(folder / f"run{suffix}", frames(database(folder)))
     recording = import_log(path, load_dyno_mapping(folder / "map.yaml"))
@@ -129,3 +130,50 @@ def test_mistakes_are_one_line(folder):
     (folder / "map.yaml").write_text(MAPPING)
     with pytest.raises(CesError, match="not a DBC file"):
         import_log(path, load_dyno_mapping(folder / "map.yaml"))
+
+
+def test_a_log_that_ends_early_says_so(folder):
+    path = write(folder / "run.blf", frames(database(folder)))
+    whole = path.read_bytes()
+    path.write_bytes(whole[: len(whole) // 2])
+    proposal = propose_mapping(path, dbc=[folder / "rig.dbc"])
+    assert proposal.log.notes == (f"the file ends early: it has {len(whole) // 2} of {len(whole)} bytes",)
+
+
+def test_frames_in_an_mdf_file(folder):
+    asammdf = pytest.importorskip("asammdf", reason="asammdf is not installed")
+    rows = [r for r in sorted(frames(database(folder)), key=lambda r: r[0]) if r[2] or r[1] <= 0x7FF]
+    fields = [
+        ("BusChannel", "u1"),
+        ("ID", "<u4"),
+        ("IDE", "u1"),
+        ("DLC", "u1"),
+        ("DataLength", "u1"),
+        ("DataBytes", "(8,)u1"),
+    ]
+    samples = np.zeros(len(rows), dtype=[(f"CAN_DataFrame.{name}", kind) for name, kind in fields])
+    for at, (_, number, extended, data, *_) in enumerate(rows):
+        samples[at] = (1, number, extended, 8, len(data), np.frombuffer(data.ljust(8, b"\0"), dtype=np.uint8))
+    times = np.array([row[0] for row in rows])
+    with asammdf.MDF(version="4.10") as mdf:
+        mdf.append([asammdf.Signal(samples, times, name="CAN_DataFrame")])
+        mdf.save(folder / "run.mf4", overwrite=True)
+    with pytest.raises(CesError, match=r"run.mf4: holds CAN frames, not signals; give their database: --dbc FILE.dbc"):
+        propose_mapping(folder / "run.mf4")
+    proposal = propose_mapping(folder / "run.mf4", dbc=[folder / "rig.dbc"])
+    recording = to_recording(proposal.log, proposal.mapping)
+    assert_recording(recording, int(recording.channel("position").stamps_ns[0]), rtol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        ("run.blf", {"rate": 500.0}, "--rate does not apply: the channels of this log have their own times"),
+        ("log.csv", {}, "--dbc does not apply: this is no CAN log"),
+    ],
+)
+def test_options_that_do_not_apply(folder, name, options, message):
+    write(folder / "run.blf", frames(database(folder)))
+    (folder / "log.csv").write_text("time_s,x_mm,current_A,F_N\n0,1,0,2\n1,2,0,3\n2,1,0,3\n")
+    with pytest.raises(CesError, match=message):
+        propose_mapping(folder / name, dbc=[folder / "rig.dbc"], **options)

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import scipy.io
 from log_examples import CURRENT, I_SLOW, T_SLOW, F, T, X, assert_recording
+from scipy.io.matlab import MatlabOpaque
 
 from ces_identify.proposal.mapping_proposal import propose_mapping
+from ces_identify.recordings.formats.matlab_objects import MatlabObject, replace_objects
 from ces_identify.recordings.log_import import import_log, to_recording
 from ces_identify.recordings.log_mapping import parse_dyno_mapping
 from ces_observer.errors import CesError
@@ -131,7 +133,8 @@ def test_an_object_is_refused_with_what_to_save_instead(tmp_path):
         file["F"].attrs["MATLAB_class"] = np.bytes_("timeseries")
         file["F"].attrs["MATLAB_object_decode"] = np.int32(3)
     with pytest.raises(
-        CesError, match=r"'F' is a MATLAB object \(timeseries\), which is not read; save it as a structure"
+        CesError,
+        match=r"'F' is a MATLAB object \(timeseries\), which is not read; in MATLAB: F = struct\('time', F.Time,",
     ):
         import_log(path, mapping(TABLE))
 
@@ -141,3 +144,75 @@ def test_a_damaged_file(tmp_path):
     path.write_bytes(path.read_bytes()[:700])
     with pytest.raises(CesError, match=r"not a MATLAB 7\.3 file, or damaged"):
         import_log(path, mapping(TABLE))
+
+
+def test_objects_alone_are_named_and_nothing_else_is_said(tmp_path):
+    path = save(tmp_path / "log.mat", {"stroke": np.zeros(6), "force": np.zeros(6)})
+    with h5py.File(path, "r+") as file:
+        for name in ("stroke", "force"):
+            file[name].attrs["MATLAB_class"] = np.bytes_("timeseries")
+            file[name].attrs["MATLAB_object_decode"] = np.int32(3)
+    with pytest.raises(CesError, match=r"'force' is a MATLAB object \(timeseries\).*likewise 'stroke' \(timeseries\)"):
+        propose_mapping(path)
+
+
+def test_objects_beside_numbers_are_the_reason_why_a_signal_is_not_found(tmp_path):
+    path = save(tmp_path / "log.mat", {"tout": T, "logsout": np.zeros(6)})
+    with h5py.File(path, "r+") as file:
+        file["logsout"].attrs["MATLAB_class"] = np.bytes_("Simulink.SimulationData.Dataset")
+        file["logsout"].attrs["MATLAB_object_decode"] = np.int32(3)
+    doubts = propose_mapping(path, rate=500.0).doubts
+    assert "for k = 1:logsout.numElements, e = logsout{k};" in doubts[0]
+    assert doubts[0] in propose_mapping(path, rate=500.0).faults
+
+
+@pytest.mark.parametrize(("cells", "own"), [((b"F", b"MCOS", b"table", 1), "F"), (("MCOS", "table", 1), "")])
+def test_objects_of_older_files_have_the_names_that_either_scipy_gives(cells, own):
+    record = np.empty((), dtype=[(f"s{k}", object) for k in range(len(cells))])
+    record[()] = cells
+    tree = {"None" if own else "F": MatlabOpaque(record), "t": T}
+    found = replace_objects(tree)
+    assert found["F"] == MatlabObject("table") and found["t"] is T
+
+
+def test_complex_numbers_are_refused(tmp_path):
+    scipy.io.savemat(tmp_path / "log.mat", {"t": T, "x_mm": 1e3 * X + 0j, "current_A": CURRENT, "F_N": F})
+    assert propose_mapping(tmp_path / "log.mat").doubts == (
+        "position: 'x_mm' holds complex numbers; expected real ones",
+    )
+
+
+SIMULINK = {
+    "logs": {
+        "time": T,
+        "signals": [
+            {"label": label, "values": values}
+            for label, values in (("stroke_m", X), ("force_N", F), ("current_A", CURRENT))
+        ],
+    }
+}
+CONTROL_DESK = {
+    "run": {
+        "X": {"Name": "Time", "Unit": "s", "Data": T},
+        "Y": [
+            {"Name": f"Model Root/{name}", "Unit": unit, "XIndex": 1, "Data": values}
+            for name, unit, values in (("Stroke", "mm", 1e3 * X), ("Valve current", "A", CURRENT), ("Force", "N", F))
+        ],
+    }
+}
+
+
+@pytest.mark.parametrize("content", [SIMULINK, CONTROL_DESK], ids=["simulink", "controldesk"])
+def test_arrays_of_named_series(tmp_path, content):
+    scipy.io.savemat(tmp_path / "log.mat", content)
+    proposal = propose_mapping(tmp_path / "log.mat")
+    assert proposal.doubts == ()
+    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
+    assert_recording(import_log(tmp_path / "log.mat", parse_dyno_mapping(proposal.text, "map.yaml")), slow=False)
+
+
+def test_columns_of_different_lengths_are_named(tmp_path):
+    scipy.io.savemat(tmp_path / "log.mat", {"t": T, "x_mm": 1e3 * X[:-5], "current_A": CURRENT, "F_N": F})
+    assert propose_mapping(tmp_path / "log.mat").doubts == (
+        f"position: 'x_mm' has {len(T) - 5} values for {len(T)} rows",
+    )

@@ -1,13 +1,14 @@
 """What every log that cannot be opened says: one line, and what to do."""
 
 import json
+import re
 import sys
 
 import numpy as np
 import pytest
 
 from ces_identify.recordings.foreign_files import KINDS
-from ces_identify.recordings.formats.open_log import SUFFIXES, open_log
+from ces_identify.recordings.formats.open_log import SUFFIXES, find_format, open_log
 from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.log_mapping import DynoMapping, parse_dyno_mapping
 from ces_observer.errors import RecordingError
@@ -107,3 +108,24 @@ def test_a_quote_that_is_not_closed_is_one_line(tmp_path):
     )
     with pytest.raises(RecordingError, match=r"log.csv: cannot be read as a table: .*is a quote \(\"\) not closed"):
         import_log(tmp_path / "log.csv", mapping)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("log.xlsx", "is not read: save the sheet as CSV"),
+        ("log.csv.gz", "is not read: unpack it"),
+        ("log.tdms", "is not read: export it as CSV"),
+        ("log.xyz", "cannot tell the format from '.xyz'; if it is one of csv, json, mat"),
+    ],
+)
+def test_what_to_do_about_files_that_are_not_read(tmp_path, name, message):
+    (tmp_path / name).write_bytes(b"abc")
+    with pytest.raises(RecordingError, match=re.escape(message)):
+        open_log(tmp_path / name, DynoMapping(source="map.yaml", signals={}))
+
+
+def test_an_asc_file_is_a_can_log_only_if_it_begins_like_one(tmp_path):
+    (tmp_path / "log.asc").write_text("time\tposition\n0.0\t1.0\n")
+    (tmp_path / "can.asc").write_text("date Wed May 1 12:00:00.250 pm 2024\nbase hex  timestamps absolute\n")
+    assert (find_format(tmp_path / "log.asc"), find_format(tmp_path / "can.asc")) == ("csv", "can")
