@@ -74,7 +74,8 @@ def _print(comparison: Comparison, as_json: bool) -> None:
         return
     recordings = [recording_table(comparison)] if len(comparison.recordings) > 1 else []
     pairs = [pair_table(comparison)] if len(comparison.pairs) <= MAX_PAIRS else []
-    terminal.out.print(cost_table(comparison), *recordings, *pairs, model_table(comparison))
+    for table in (cost_table(comparison), *recordings, *pairs, model_table(comparison)):
+        terminal.print_table(table)
     for line in sentences(comparison):
         terminal.out.print(line, highlight=False, soft_wrap=True)
 
@@ -95,7 +96,7 @@ def make_parser() -> terminal.Parser:
     p.add_argument("words", nargs="+", metavar="SIM|BAG", help=text)
     terminal.add_signals(p)
     terminal.add_part(p)
-    terminal.add_report(p, "write a page with charts (HTML)")
+    p.add_argument("--report", type=Path, metavar="FILE", help="write a page with charts (HTML)")
     add_json(p)
     add_overwrite(p)
     return p

@@ -16,7 +16,7 @@ from ces_serve.web.security import FILE_POLICY, POLICY
 from ces_serve.web.site import Site, site, stamp
 from ces_serve.work.process import FAILED, RESULT, do_work
 
-MAX_CHOSEN = 12
+MAX_MODELS, MAX_RECORDINGS = 8, 12  # on a page; the first is that of `ces compare`
 LIMIT_S = 180.0
 WAIT_S = 1.0
 
@@ -38,7 +38,8 @@ def choose() -> str:
         recordings=recordings,
         suggested=_suggest(models, recordings),
         uses={one.path: _describe_use(one, models) for one in recordings},
-        max_chosen=MAX_CHOSEN,
+        max_models=MAX_MODELS,
+        max_recordings=MAX_RECORDINGS,
     )
 
 
@@ -114,16 +115,16 @@ def _compute(where: Site, key: str, task: dict[str, Any]) -> Events:
 def _chosen(kind: str, name: str) -> list[Item]:
     """Return the things that the address names, each once and only those that the folder has."""
     listing = site().catalogue.listing()
-    paths = dict.fromkeys(request.args.getlist(name)[: 10 * MAX_CHOSEN])
+    paths = dict.fromkeys(request.args.getlist(name)[: 10 * MAX_RECORDINGS])
     return [one for path in paths if (one := listing.find(kind, path)) is not None]
 
 
 def _check(models: Sequence[Item], bags: Sequence[Item]) -> str:
     """Return what is wrong with a choice, empty if nothing is."""
-    if not 2 <= len(models) <= MAX_CHOSEN:
-        return f"models chosen: {len(models)}; choose 2 to {MAX_CHOSEN}"
-    if not 1 <= len(bags) <= MAX_CHOSEN:
-        return f"recordings chosen: {len(bags)}; choose 1 to {MAX_CHOSEN}"
+    if not 2 <= len(models) <= MAX_MODELS:
+        return f"models chosen: {len(models)}; choose 2 to {MAX_MODELS}"
+    if not 1 <= len(bags) <= MAX_RECORDINGS:
+        return f"recordings chosen: {len(bags)}; choose 1 to {MAX_RECORDINGS}"
     return ""
 
 
@@ -135,7 +136,7 @@ def _suggest(models: Sequence[Item], recordings: Sequence[Item]) -> set[str]:
     if not found:
         used = {name for one in models for name in one.facts["recordings"]}
         found = [one.path for one in recordings if one.name not in used][:1]
-    return set(found[:MAX_CHOSEN])
+    return set(found[:MAX_RECORDINGS])
 
 
 def _describe_use(recording: Item, models: Sequence[Item]) -> str:
