@@ -12,6 +12,8 @@ from importlib import import_module
 from types import FrameType
 from typing import NoReturn
 
+from ces_cli.terminal.compiled_code import require_folder_for_compiled_code
+
 ProgramTable = Mapping[str, tuple[str, str]]
 
 PROGRAMS: ProgramTable = {  # module and summary by name
@@ -60,14 +62,35 @@ def _usage() -> str:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `ces`; returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
+    _open_missing_streams()
     if words and words[0] == "help":
         words = [*words[1:], "--help"]  # `ces help blind make` is `ces blind make --help`
     if not words or words[0] in ("-h", "--help"):
-        print(_usage(), end="")
-        return 0
+        return _show_usage()
     if words[0] == "--version":
         return _run_program("--version", "discovery.versions", words[1:])
     return _run(words[0], words[1:])
+
+
+def _open_missing_streams() -> None:
+    """Discard what goes to a stream that the shell has closed (`>&-`), for which Python has no object."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115 - until the end
+
+
+def _show_usage() -> int:
+    try:
+        return _print_usage()
+    except OSError:  # a full disk or a closed output: `run` explains it, and is imported only now
+        from ces_cli.terminal.terminal import run
+
+        return run("help", _print_usage)
+
+
+def _print_usage(argv: Sequence[str] | None = None) -> int:
+    print(_usage(), end="", flush=True)
+    return 0
 
 
 def _run(name: str, words: Sequence[str]) -> int:
@@ -87,6 +110,7 @@ def _run_program(name: str, module: str, words: Sequence[str]) -> int:
     _quit_at_ctrl_c()
     for variable in BLAS_THREADS:
         os.environ.setdefault(variable, "1")  # matrices are small here; waiting threads cost ten times the time if busy
+    require_folder_for_compiled_code()
     from ces_cli.terminal.terminal import run
 
     return run(name, import_module(f"ces_cli.{module}").main, words)

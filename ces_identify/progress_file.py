@@ -55,10 +55,12 @@ class ProgressFile:
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
         with self._lock, suppress(OSError):
-            if self._file is not None:
-                self._file.close()
-                self._path.unlink(missing_ok=True)
-            self._file = None
+            file, self._file = self._file, None
+            if file is not None:
+                identity = os.fstat(file.fileno())
+                file.close()
+                if os.path.samestat(identity, self._path.stat()):  # else a program with the same output has replaced it
+                    self._path.unlink()
 
     def write(self, row: Mapping[str, Any]) -> None:
         """Append a row, with the seconds since the start as `elapsed_s`."""

@@ -109,7 +109,7 @@ def _print_results(results: Characteristics) -> None:
     tables = (_peak_table(results), _work_table(results), _response_table(results))
     for table in tables:
         if table.row_count:
-            terminal.out.print(table)
+            terminal.print_table(table)
     for one in results.omissions:
         count = f"{one.count} of {one.of} {one.subject}" if one.of else one.subject
         where = "" if one.recording == "all" else f"{one.recording}: "

@@ -45,7 +45,8 @@ def show_campaigns(folders: Sequence[Path], options: argparse.Namespace, facts: 
     if options.json:
         print_document("compare", {"campaign": str(folder), "cells": [_as_json(results, row) for row in results.done]})
         return
-    terminal.out.print(*(_front_table(results, name) for name in results.bags if results.of_bags(name)))
+    for name in filter(results.of_bags, results.bags):
+        terminal.print_table(_front_table(results, name))
     for row in results.failed:
         terminal.print_warning(f"{results.full_name(row)}: {row['status']}: {row['reason']}")
 

@@ -79,7 +79,8 @@ def _print(comparison: Comparison, found: Sequence[Finding], as_json: bool) -> N
         return
     recordings = [recording_table(comparison)] if len(comparison.recordings) > 1 else []
     pairs = [pair_table(comparison)] if len(comparison.pairs) <= MAX_PAIRS else []
-    terminal.out.print(cost_table(comparison), *recordings, *pairs, model_table(comparison))
+    for table in (cost_table(comparison), *recordings, *pairs, model_table(comparison)):
+        terminal.print_table(table)
     for line in sentences(comparison):
         terminal.out.print(line, highlight=False, soft_wrap=True)
 

@@ -11,6 +11,7 @@ import contextlib
 import json
 import math
 import os
+import sys
 from collections.abc import Iterator, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
@@ -40,7 +41,12 @@ def print_document(program: str, content: Mapping[str, object], version: int = S
     """Print the document `ces-PROGRAM/VERSION` with `content`."""
     head = {"schema": f"ces-{program}/{version}", "ces_observer": __version__}
     document = {**head, **content, **head}  # the head first, whatever `content` has under its keys
-    print(json.dumps(as_plain(document), indent=1, allow_nan=False, ensure_ascii=False), flush=True)
+    print(json.dumps(as_plain(document), indent=1, allow_nan=False, ensure_ascii=not _is_unicode()), flush=True)
+
+
+def _is_unicode() -> bool:
+    """Return whether standard output takes all characters; JSON has escapes of its own for the others."""
+    return (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "").startswith("utf")
 
 
 def as_plain(value: object) -> Any:

@@ -14,10 +14,11 @@ from pathlib import Path
 
 from ces_observer.errors import CesError
 
+NO_PAGES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
+MAX_NAME = 240  # bytes; file systems allow 255, temporary files have some more than the final name
 Outputs = Mapping[str, Path | None]
 """Paths by the option that names them, such as `--report`; None is an output that nobody asked for."""
 
-OTHER_FILES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
 MAX_NAMED = 4  # recordings in the name of a report
 MAX_LETTERS = 120  # of that name
 
@@ -25,15 +26,7 @@ MAX_LETTERS = 120  # of that name
 def add_report(to: argparse.ArgumentParser, purpose: str = "write a report page (HTML)") -> None:
     """Add the option --report; `purpose` says what is written."""
     text = f"{purpose}; in a folder: under a name that says which simulation and recordings"
-    to.add_argument("--report", type=_parse_page_name, metavar="FILE", help=text)
-
-
-def _parse_page_name(text: str) -> Path:
-    """Return the path of a page to write; a name for another kind of file is a mistake."""
-    if Path(text).suffix.lower() in OTHER_FILES:
-        reason = "is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
-        raise argparse.ArgumentTypeError(f"'{text}': the report {reason}")
-    return Path(text)
+    to.add_argument("--report", type=Path, metavar="FILE", help=text)
 
 
 def name_report(path: Path | None, simulations: Sequence[str], recordings: Sequence[str]) -> Path | None:
@@ -75,12 +68,14 @@ def require_outputs(
         require_new_folder(path, overwrite, option)
     _require_different({**files, **bags, **folders})
     _require_no_inputs({**files, **bags}, inputs)
+    _require_page_name(files.get("--report"))
 
 
 def require_new_file(path: Path | None, overwrite: bool, option: str = "") -> None:
     """Raise CesError unless a file can be written to `path`; None, an output that nobody asked for, is fine."""
     if path is None:
         return
+    _require_short_name(path)
     if path.is_dir():
         raise CesError(f"{path}: is a folder; expected the name of a file to write")
     if path.exists() and not path.is_file():
@@ -111,12 +106,20 @@ def require_new_bag(path: Path | None, overwrite: bool, option: str = "") -> Non
 
 def require_folder(path: Path) -> None:
     """Raise CesError unless results can be written into the folder `path`, which is made if it does not exist."""
+    _require_short_name(path)
     if path.exists() and not path.is_dir():
         raise CesError(f"{path}: is not a folder; expected the name of a folder to write")
     existing = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
     if not existing.is_dir():
         raise CesError(f"{path}: {existing} is not a folder; expected a folder to write into")
     _require_writable(existing, path)
+
+
+def _require_short_name(path: Path) -> None:
+    """Raise CesError for a name that is too long for a file system, with what the temporary file beside it adds."""
+    longest = max((len(os.fsencode(part)) for part in path.parts), default=0)
+    if longest > MAX_NAME:
+        raise CesError(f"{path}: a name in it has {longest} bytes; expected at most {MAX_NAME}, choose a shorter one")
 
 
 def _require_absent(path: Path, overwrite: bool, option: str) -> None:
@@ -137,6 +140,14 @@ def _require_different(outputs: Mapping[str, Path]) -> None:
         first = seen.setdefault(path.resolve(), option)
         if first != option:
             raise CesError(f"{path}: is named by {first} and {option}; choose another name for one of them")
+
+
+def _require_page_name(path: Path | None) -> None:
+    """Raise CesError if a report is to have the name of another kind of file."""
+    if path is not None and path.suffix.lower() in NO_PAGES:
+        raise CesError(
+            f"{path}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
+        )
 
 
 def _require_no_inputs(outputs: Mapping[str, Path], inputs: Iterable[Path | None]) -> None:

@@ -77,11 +77,11 @@ def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:
     widths = [float(np.mean(e.half_width[e.series.scored])) for e in evaluations if e.half_width is not None]
     print(
         f"band: meant to hold {100 * model.band.level:.0f} % of the measured forces, sensor noise included; column "
-        f"'band %' is the share it holds; mean half-width {_format_range(min(widths), max(widths))} N"
+        f"'band %' is the share it holds; mean half-width {describe_range(min(widths), max(widths))} N"
     )
 
 
-def _format_range(low: float, high: float) -> str:
+def describe_range(low: float, high: float) -> str:
     """Return two numbers without decimals as a range, or as one number if they read the same."""
     return f"{low:.0f}" if f"{low:.0f}" == f"{high:.0f}" else f"{low:.0f} to {high:.0f}"
 

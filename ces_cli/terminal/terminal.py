@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
+from traceback import walk_tb
 from typing import Any, NoReturn, TextIO, TypeVar
 
 from rich.box import SIMPLE_HEAD
@@ -22,6 +23,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.table import Column, Table
 
+from ces_cli.terminal.compiled_code import VARIABLE
 from ces_cli.terminal.option_rules import OptionRule, find_given, require_applicable
 from ces_cli.terminal.outputs import add_report
 from ces_identify.preparation.weighting import FORMS
@@ -38,6 +40,7 @@ FORCE = ("position", "current", "force")  # signals of a recording with a measur
 USER_ERROR = 2
 MIN_TEXT_WIDTH = 12  # characters of a column of texts that may wrap
 INTERRUPTED = 130
+CACHE_MODULE = str(Path("numba", "core", "caching.py"))
 
 _said: set[str] = set()  # warnings that a run prints once; `run` empties it
 out = Console()
@@ -268,6 +271,7 @@ def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequenc
     """Run `program`; a user's mistake gives one line on stderr and exit status 2, Ctrl-C gives status 130."""
     _said.clear()
     try:
+        accept_all_characters()
         interrupt_as_exception()
         status = program(argv)
         sys.stdout.flush()
@@ -286,6 +290,13 @@ def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequenc
     return USER_ERROR
 
 
+def accept_all_characters() -> None:
+    """Let the output streams escape characters that their encoding does not have, such as umlauts in ASCII."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper) and stream.errors == "strict":
+            stream.reconfigure(errors="backslashreplace")
+
+
 def interrupt_as_exception() -> None:
     """Let Ctrl-C raise KeyboardInterrupt; while modules were imported it ended the process at once."""
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
@@ -300,6 +311,8 @@ def _print_error(name: str, text: str) -> None:
 def _describe_system_error(error: OSError) -> str:
     """Return the system's message, with the file if it is known."""
     what = error.strerror or str(error)
+    if any(frame.f_code.co_filename.endswith(CACHE_MODULE) for frame, _ in walk_tb(error.__traceback__)):
+        return f"compiled code cannot be kept: {what}; free space in its folder, or name another in {VARIABLE}"
     return f"{error.filename}: {what}" if error.filename else f"{what}, while reading or writing"
 
 

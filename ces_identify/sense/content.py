@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.numerics.arrays import F
-from ces_identify.recordings.checks import mean_rate
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
@@ -197,14 +196,17 @@ def _run_hashes(channel: Channel) -> tuple[U, NDArray[np.bool_]]:
 def _common_seconds(a: Channel, b: Channel, shift_ns: int) -> float:
     """Return the seconds in which two channels hold the same values at the same time, 0 if they do not."""
     a, b = (c.select(np.isfinite(c.values)) for c in (a, b))
-    sparse, dense = (a, b) if mean_rate(a) <= mean_rate(b) else (b, a)
-    offset = shift_ns if dense is b else -shift_ns
-    stamps = dense.stamps_ns + offset
-    inside = (sparse.stamps_ns >= stamps.min()) & (sparse.stamps_ns <= stamps.max())
-    if inside.sum() < MIN_COMMON or len(np.unique(sparse.values[inside])) < MIN_DISTINCT:
+    return _seconds_on_line(a, b, shift_ns) or _seconds_on_line(b, a, -shift_ns)  # the copy may be the denser one
+
+
+def _seconds_on_line(samples: Channel, line: Channel, shift_ns: int) -> float:
+    """Return the seconds in which `samples` lie on the straight lines between those of `line`, shifted in time."""
+    stamps = line.stamps_ns + shift_ns
+    inside = (samples.stamps_ns >= stamps.min()) & (samples.stamps_ns <= stamps.max())
+    if inside.sum() < MIN_COMMON or len(np.unique(samples.values[inside])) < MIN_DISTINCT:
         return 0.0
     origin = int(stamps[0])
-    at = (sparse.stamps_ns[inside] - origin).astype(np.float64)
-    other = np.interp(at, (stamps - origin).astype(np.float64), dense.values)
-    equal = np.abs(sparse.values[inside] - other) <= EQUAL * max(_range(sparse.values), _range(dense.values))
+    at = (samples.stamps_ns[inside] - origin).astype(np.float64)
+    other = np.interp(at, (stamps - origin).astype(np.float64), line.values)
+    equal = np.abs(samples.values[inside] - other) <= EQUAL * max(_range(samples.values), _range(line.values))
     return float(np.ptp(at)) * 1e-9 if equal.mean() >= SAME_SHARE else 0.0

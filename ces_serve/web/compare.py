@@ -15,8 +15,7 @@ from ces_serve.web.security import FILE_POLICY, POLICY
 from ces_serve.web.site import Site, site, stamp
 from ces_serve.web.work_events import stream_work
 
-MAX_MODELS = 8  # as in ces_identify.comparison, whose import takes seconds
-MAX_RECORDINGS = 12
+MAX_MODELS, MAX_RECORDINGS = 8, 12  # on a page, as many as its charts can show
 LIMIT_S = 180.0
 
 pages = Blueprint("compare", __name__)
@@ -37,7 +36,8 @@ def choose() -> str:
         recordings=recordings,
         suggested=_suggest(models, recordings),
         uses={one.path: _describe_use(one, models) for one in recordings},
-        max_chosen=MAX_MODELS,
+        max_models=MAX_MODELS,
+        max_recordings=MAX_RECORDINGS,
     )
 
 

@@ -299,7 +299,7 @@ def test_a_broken_model(work, tmp_path, capsys, change, expected):
         (("validate", "model.json", "two", "--part", "1:0"), "--part"),
         (("identify", "one", "--candidates", "none.yaml", "--out", "m.json"), "none.yaml"),
         (("identify", "one"), "model.json: exists; choose another name for --out, or replace it with --overwrite"),
-        (("simulate", "--sim", "what", "one", "--out", "x.csv"), "--sim 'what'"),
+        (("simulate", "--sim", "what", "one", "--out", "x.csv"), "'what' is no simulation; expected MODEL.json"),
         (("simulate", "--sim", "topic:/none", "one", "--out", "x.csv"), "/joint_states"),
         (("simulate", "--sim", "no_module:f", "one", "--out", "x.csv"), "cannot be imported"),
         (("simulate", "--sim", "topic:/measured_force", "one", "--out", "x.csv", "--band"), "--band: only a model"),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import os
 import subprocess
@@ -48,6 +49,17 @@ def test_it_is_gone_after_an_error_too(tmp_path: Path) -> None:
             raise KeyboardInterrupt
     except KeyboardInterrupt:
         pass
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_of_two_programs_with_one_output_the_later_keeps_its_file(tmp_path: Path) -> None:
+    first, later = (SearchProgressFile("identify", tmp_path / "model.json", {}) for _ in range(2))
+    with contextlib.ExitStack() as stack:
+        with first:
+            stack.enter_context(later)
+            first.listen(found(9.0))
+            later.listen(found(8.0))
+        assert costs(tmp_path / ".model.json.progress") == [8.0]
     assert list(tmp_path.iterdir()) == []
 
 

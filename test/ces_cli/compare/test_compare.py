@@ -130,7 +130,9 @@ def test_the_front_of_a_campaign_is_compared(folder, monkeypatch, capsys):
 @pytest.mark.parametrize(
     ("words", "expected"),
     [
-        (("ours/model.json", SINE), "1 models given; expected at least two"),
+        (("ours/model.json", SINE), "one model given (ours/model.json); taken as recordings: "),
+        ((SINE,), "no model given; taken as recordings: "),
+        (("ours/model.json", "theirs/model.json", SINE, "--report", "page.pdf"), "a report is an HTML page"),
         (("ours/model.json", "theirs/model.json"), "no recording given"),
         (("ours/model.json", "ours/model.json", SINE), "ours/model.json is given twice"),
         (("ours/model.json", "theirs/model.json", SINE, SINE, "--report", "page.html"), "exists; choose another name"),

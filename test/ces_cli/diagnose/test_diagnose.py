@@ -214,7 +214,7 @@ def test_every_verdict_is_printed(made, message, capsys, monkeypatch):
         (("--sim", SIM, "--real", "nowhere"), "nowhere: no such file"),
         (("--sim", SIM, "--real", "fleet/x*"), "fleet/x*: no bag matches"),
         (("--sim", "nowhere.json", "--real", "reference"), "nowhere.json: no such model file"),
-        (("--sim", "what", "--real", "reference"), "--sim 'what': expected MODEL.json, AUGMENTED.json"),
+        (("--sim", "what", "--real", "reference"), "'what' is no simulation; expected MODEL.json, AUGMENTED.json"),
         (("--sim", SIM, "--real", "fleet/red", "--held-out", "fleet/red/road"), "recordings must not be fitted"),
         (("--sim", SIM, "--real", "fleet/red", "--reference", "fleet/red/town"), "references must be free of"),
         (("--sim", SIM, "--real", "reference", "--effects", "diagnosed_damper:force"), "not an effect"),

@@ -52,6 +52,12 @@ def test_ces_without_an_installation_has_no_packages(
     assert "is not installed" in capsys.readouterr().out
 
 
+def test_help_names_a_part_of_a_program(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["help", "blind", "make"])
+    assert stop.value.code == 0 and capsys.readouterr().out.startswith("usage: ces blind make")
+
+
 def test_help_of_a_program_is_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["help"]) == 0
     assert capsys.readouterr().out.startswith("usage: ces PROGRAM")

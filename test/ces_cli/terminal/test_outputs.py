@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 from ces_cli.main import main
-from ces_cli.terminal.outputs import require_folder, require_new_bag, require_new_file, require_outputs
+from ces_cli.terminal.outputs import MAX_NAME, require_folder, require_new_bag, require_new_file, require_outputs
 from ces_identify.export.ros_package import write_package
 from ces_observer.errors import CesError
+from ces_observer.json_checks import write_atomically
 
 ROOT = Path(__file__).resolve().parents[3]
 MODEL, ROAD, NOISE = ROOT / "config" / "models" / "sample.json", ROOT / "bags" / "road", ROOT / "bags" / "noise"
@@ -46,6 +47,16 @@ def test_files(here):
         assert "full: is a folder" in refusal(require_new_file, Path("full"), overwrite)
         assert "the folder none does not exist; make it first" in refusal(require_new_file, Path("none/x"), overwrite)
         assert "/dev/null: is a device" in refusal(require_new_file, Path("/dev/null"), overwrite)
+
+
+def test_names_that_are_too_long_for_a_file_system(here):
+    long = "\N{LATIN SMALL LETTER U WITH DIAERESIS}" * 125  # of two bytes each
+    expected = "has 250 bytes; expected at most 240, choose a shorter one"
+    assert expected in refusal(require_new_file, Path(long), False)
+    assert expected in refusal(require_new_bag, Path(long) / "bag", False)
+    assert expected in refusal(require_folder, Path(long))
+    write_atomically(here / ("n" * MAX_NAME), "written")
+    require_new_file(Path("n" * MAX_NAME), True)
 
 
 def test_bags_and_folders(here):
@@ -97,6 +108,12 @@ def test_two_outputs_of_one_name_and_an_output_that_is_an_input(here):
         (["identify", NOISE, "--out", "m.json", "--picture", "none/x.png"], "the folder none does not exist"),
         (["identify", NOISE, "--teacher", "model.json", "--overwrite"], "model.json: is an input, too"),
         (["validate", MODEL, ROAD, "--report", "taken"], f"taken: exists; choose another name for --report, {REPLACE}"),
+        (
+            ["validate", MODEL, ROAD, "--report", "new.pdf"],
+            "a report is an HTML page; expected a name that ends in .html",
+        ),
+        (["validate", ROAD, MODEL], "road: is a recording; the model comes first: ces validate MODEL.json BAG"),
+        (["replay", ROAD, MODEL, "--out", "new"], "road: is a recording; the model comes first: ces replay MODEL.json"),
         (["replay", MODEL, ROAD, "--out", "full"], f"full: exists; choose another name for --out, {REPLACE}"),
         (["replay", MODEL, ROAD, "--out", "full", "--overwrite"], "full: is a folder but not a bag"),
         (["replay", MODEL, ROAD, "--out", ROAD, "--overwrite"], "road: is an input, too"),

@@ -13,6 +13,7 @@ from ces_identify.sense.content import (
     known_share,
     recording_marks,
     require_distinct,
+    require_once,
     shared_content,
 )
 from ces_observer.errors import RecordingError
@@ -54,6 +55,29 @@ def part(recording, first_s, last_s, shift_ns=0):
 def test_a_copy_is_the_same_whatever_its_name_and_stamps():
     for copy in (made("copy"), made("copy", start_ns=0)):
         assert str(shared_content(made(), copy)) == "the same recording"
+
+
+def resampled(recording, hz):
+    stamps = recording.channel("position").stamps_ns
+    new = np.arange(stamps[0], stamps[-1], round(1e9 / hz))
+    at, known = ((some - stamps[0]).astype(float) for some in (new, stamps))
+    channels = {
+        n: replace(c, stamps_ns=new, values=np.interp(at, known, c.values)) for n, c in recording.channels.items()
+    }
+    return replace(recording, name="resampled", channels=channels)
+
+
+@pytest.mark.parametrize("hz", [250, 800, 2000, 2718])
+def test_a_copy_at_another_rate_is_the_same(hz):
+    shared = shared_content(made(), resampled(made(), hz))
+    assert shared is not None and shared.seconds == pytest.approx(8.0, abs=0.02)
+    assert shared_content(made(seed=2, stroke_seed=1), resampled(made(stroke_seed=1), hz)) is None
+
+
+def test_recordings_to_be_judged_on_are_given_once():
+    require_once([made("one", seed=1), made("two", seed=2)])
+    with pytest.raises(RecordingError, match="s of one recording: its seconds would count twice"):
+        require_once([made(), part(made(), 2.0, 5.0)])
 
 
 def test_a_copy_with_other_topics_units_and_precision_is_the_same(tmp_path):

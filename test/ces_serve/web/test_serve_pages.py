@@ -14,7 +14,9 @@ from xml.etree import ElementTree
 from flask.testing import FlaskClient
 from served_folders import described_model, fill_folder
 
+from ces_identify.comparison import comparison
 from ces_identify.progress_file import ProgressFile, SearchProgressFile
+from ces_serve.web import compare
 from ces_serve.web.app import make_app
 from ces_serve.web.site import Site
 
@@ -27,6 +29,10 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def client(root: Path) -> FlaskClient:
     return open_client(root)
+
+
+def test_as_many_models_can_be_chosen_as_can_be_compared() -> None:
+    assert compare.MAX_MODELS == comparison.MAX_MODELS
 
 
 @pytest.fixture(autouse=True)

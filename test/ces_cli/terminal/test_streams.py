@@ -1,0 +1,141 @@
+"""Output streams and folders as a shell may leave them: ASCII, closed, full, read-only. One line, never a traceback."""
+
+from __future__ import annotations
+
+import io
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+import pytest
+
+from ces_cli.main import main
+from ces_cli.terminal.json_output import print_document
+from ces_cli.terminal.progress import BestResults
+from ces_cli.terminal.tables import describe_range
+from ces_cli.terminal.terminal import run
+from ces_identify.polynomial.search_limits import SearchResult
+
+READ_ONLY_INSTALLATION = """
+import os
+from pathlib import Path
+from ces_cli.terminal import compiled_code
+compiled_code.PACKAGE = Path("/proc/nowhere")
+compiled_code.require_folder_for_compiled_code()
+print(os.environ["NUMBA_CACHE_DIR"], Path(os.environ["NUMBA_CACHE_DIR"]).is_dir())
+"""
+FULL_CACHE = """
+import resource, sys
+from ces_cli.terminal.terminal import run
+from kernel import add_one
+resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))
+sys.exit(run("rig", lambda argv: int(add_one(1.0))))
+"""
+
+
+class AsciiOutput(io.TextIOWrapper):
+    """Standard output of a terminal that has ASCII only."""
+
+    def __init__(self) -> None:
+        self.bytes = io.BytesIO()
+        super().__init__(self.bytes, encoding="ascii")
+
+    def text(self) -> str:
+        self.flush()
+        return self.bytes.getvalue().decode("ascii")
+
+
+def replace_output(monkeypatch: pytest.MonkeyPatch) -> AsciiOutput:
+    output = AsciiOutput()
+    monkeypatch.setattr(sys, "stdout", output)
+    return output
+
+
+def test_characters_that_a_terminal_does_not_have_are_escaped(monkeypatch: pytest.MonkeyPatch) -> None:
+    def program(argv: Sequence[str] | None) -> int:
+        print("pr\N{LATIN SMALL LETTER U WITH DIAERESIS}fstand\N{SUPERSCRIPT TWO}")
+        return 0
+
+    ascii_output = replace_output(monkeypatch)
+    assert run("info", program) == 0
+    assert ascii_output.text() == "pr\\xfcfstand\\xb2\n"
+
+
+def test_json_stays_json_in_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
+    ascii_output = replace_output(monkeypatch)
+    name = "pr\N{LATIN SMALL LETTER U WITH DIAERESIS}fstand"
+    print_document("rig", {"bag": name})
+    assert json.loads(ascii_output.text())["bag"] == name
+
+
+@pytest.mark.parametrize("words", [["--help"], ["schema", "--list"]])
+def test_a_full_disk_is_one_line(
+    words: list[str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "stdout", Path("/dev/full").open("w", encoding="utf-8"))  # noqa: SIM115 - cannot be closed
+    assert main(words) == 2
+    err = capfd.readouterr().err
+    assert "No space left on device" in err and err.count("\n") == 1
+
+
+def test_closed_streams_are_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", None)
+    monkeypatch.setattr(sys, "stderr", None)
+    assert main(["--help"]) == 0 and main(["schema", "--list"]) == 0
+    assert main(["schema", "signals", "--list"]) == 2
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["signals", "--list"], "NAME does not apply with --list"),
+        (["--list", "--path"], "--path does not apply with --list"),
+        (["signals", "--json"], "--json applies to --list"),
+    ],
+)
+def test_options_of_schema_that_do_not_apply(
+    words: list[str], expected: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["schema", *words]) == 2
+    captured = capsys.readouterr()
+    assert expected in captured.err and not captured.out
+
+
+def test_a_read_only_installation_without_a_home_keeps_compiled_code_for_one_run(tmp_path: Path) -> None:
+    environment = {"PATH": os.environ["PATH"], "HOME": "/proc/nowhere", "TMPDIR": str(tmp_path)}
+    root = Path(__file__).resolve().parents[3]
+    code = [sys.executable, "-c", READ_ONLY_INSTALLATION]
+    done = subprocess.run(code, cwd=root, env=environment, capture_output=True, text=True, check=True, timeout=60)
+    folder, exists = done.stdout.split()
+    assert Path(folder).parent == tmp_path and exists == "True"
+    assert "name a folder in NUMBA_CACHE_DIR" in done.stderr and done.stderr.count("\n") == 1
+    assert not list(tmp_path.iterdir())  # gone with the run
+
+
+def test_a_full_disk_under_the_compiled_code_is_named(tmp_path: Path) -> None:
+    (tmp_path / "kernel.py").write_text(
+        "from numba import njit\n@njit(cache=True)\ndef add_one(x):\n    return x + 1.0\n"
+    )
+    root = Path(__file__).resolve().parents[3]
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "code"), "PYTHONPATH": f"{root}:{tmp_path}"}
+    code = [sys.executable, "-B", "-c", FULL_CACHE]
+    done = subprocess.run(code, env=environment, capture_output=True, text=True, check=False, timeout=120)
+    assert done.returncode == 2
+    assert "ces rig: error: compiled code cannot be kept: File too large; free space" in done.stderr
+    assert done.stderr.count("\n") == 1
+
+
+def test_the_count_of_starts_that_are_done_never_falls() -> None:
+    results = BestResults()
+    counts = []
+    for seed, ended in ((1, "running"), (1, "no candidates left"), (1, "running"), (2, "running"), (2, "time is up")):
+        results.update(SearchResult([0], [1.0], 5.0, seed, 10, ended))  # type: ignore[arg-type]
+        counts.append(results.finished)
+    assert counts == [0, 1, 1, 1, 2]
+
+
+def test_a_range_of_two_numbers_that_read_the_same_is_one_number() -> None:
+    assert (describe_range(231.8, 232.3), describe_range(88.0, 232.3)) == ("232", "88 to 232")
