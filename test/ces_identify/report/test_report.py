@@ -376,12 +376,14 @@ def test_correlations_are_drawn_with_their_bands_and_told(tmp_path: Path, both: 
         tests = residual_tests(e)
         article = next(a for a in root.iter(f"{XHTML}article") if a.get("id") == f"recording-{number}")
         figure = next(f for f in article.iter(f"{SVG}svg") if f[0].get("id") == f"rc{number}-t")
-        bands = [r for r in figure.iter(f"{SVG}rect") if r.get("class") == "chance"]
-        stems = [p for p in figure.iter(f"{SVG}path") if "stems" in (p.get("class") or "")]
+        paths = [(p.get("class") or "", p.get("d")) for p in figure.iter(f"{SVG}path")]
+        bands = [d for css, d in paths if css == "chance area"]
+        lines = [css for css, _ in paths if css in ("simulated", "error")]
         plots = (tests.whiteness, *tests.inputs)
-        assert len(bands) == len(stems) == len(plots)
-        assert [("simulated" in s.get("class")) for s in stems] == [not c.passed for c in plots]
-        heights = [float(b.get("height")) / c.band for b, c in zip(bands, plots, strict=True)][1:]
+        assert len(bands) == len(lines) == len(plots)
+        assert [css == "simulated" for css in lines] == [not c.passed for c in plots]
+        edges = [[float(y) for y in re.findall(r",([\d.]+)", band)] for band in bands]
+        heights = [(max(ys) - min(ys)) / c.band for ys, c in zip(edges, plots, strict=True)][1:]
         assert heights == pytest.approx([heights[0]] * len(heights), rel=0.02)  # one scale for all inputs
         assert verdicts(tests)[1] in words(article)
 
