@@ -134,7 +134,7 @@ def test_the_front_of_a_campaign_is_compared(folder, monkeypatch, capsys):
         (("ours/model.json", "theirs/model.json"), "no recording given"),
         (("ours/model.json", "ours/model.json", SINE), "ours/model.json is given twice"),
         (("ours/model.json", "theirs/model.json", SINE, SINE, "--report", "page.html"), "exists; choose another name"),
-        (("ours/model.json", "theirs/model.json", SINE, "--report", "ours"), "ours: is a folder"),
+        (("ours/model.json", "theirs/model.json", SINE, "--report", "ours/model.json"), "ours/model.json: "),
         (("ours/model.json", "theirs/model.json", "nowhere"), "nowhere"),
         (("ours/model.json", "nothing.json", SINE), "nothing.json: no such model file"),
         (("ours/model.json", "topic:/prediction", SINE), "no topic /prediction"),

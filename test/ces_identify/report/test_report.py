@@ -422,3 +422,16 @@ def test_several_validation_recordings_are_told_together(tmp_path: Path, both: l
     _, root = page(tmp_path, held_out)
     last = cost_cells(root)[-1]
     assert float(last[2]) == pytest.approx(pooled_cost(held_out), rel=6e-3)
+
+
+def test_many_recordings_outside_the_envelope_have_one_warning_and_a_table(tmp_path: Path) -> None:
+    narrow = model(envelope=replace(WIDE, position_m=(-0.001, 0.001)))
+    ran = [evaluate(narrow, [damper(f"run_{n}", seed=n)], VALIDATION)[0] for n in range(4)]
+    few, _ = page(tmp_path, ran[:3], narrow)
+    assert few.count('class="warning"') == 3 and "Known to the model" not in few
+    many, root = page(tmp_path, ran, narrow)
+    assert many.count('class="warning"') == 1 and "4 of 4 recordings are outside" in many
+    table = next(t for t in root.iter(f"{XHTML}table") if "Known to the model" in words(t))
+    rows = [[cell.text for cell in row] for row in table.iter(f"{XHTML}tr")][1:]
+    assert [row[:2] for row in rows] == [[e.name, "position [m]"] for e in ran]
+    assert all(row[3] == "−0.00100 to 0.00100" for row in rows)
