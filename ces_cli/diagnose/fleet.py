@@ -6,7 +6,7 @@ import argparse
 import os
 import warnings
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from ces_cli.diagnose.fleet_page import write_page
 from ces_cli.diagnose.fleet_tables import describe_diagnosis, explain_dashes, fleet_table, sort_rows, write_csv
@@ -53,7 +53,7 @@ def run_fleet(options: argparse.Namespace) -> int:
         finished = _compute(results, missing, request, signals, options, len(units))
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
         with without_text(options.json):
-            _write_and_print(rows, options.out)
+            _write_and_print(rows, options.out, PurePath(request.spec).name)
     if options.json:
         print_document("fleet", {"folder": options.out, "planned": len(units), "diagnoses": sort_rows(rows)})
     return report_failures(rows, len(units), finished, "diagnoses", lambda row: str(row["name"]))
@@ -117,10 +117,10 @@ def _compute(
     return run_jobs(diagnose_unit, tasks, shared, threads, options, results, progress, describe_diagnosis)
 
 
-def _write_and_print(rows: Sequence[Row], folder: Path) -> None:
+def _write_and_print(rows: Sequence[Row], folder: Path, simulation: str) -> None:
     """Write the tables and print the terminal's."""
     write_csv(rows, folder / "fleet.csv")
-    write_page(rows, folder / "fleet.html")
+    write_page(rows, folder / "fleet.html", simulation)
     if any(row["status"] == DONE for row in rows):
         terminal.print_table(fleet_table(rows))
         if dashes := explain_dashes(rows):

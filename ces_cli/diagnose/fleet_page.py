@@ -14,11 +14,11 @@ from ces_identify.report.shell import page_template, replace_unencodable
 from ces_observer.json_checks import write_atomically
 
 
-def write_page(rows: Sequence[Row], path: Path) -> None:
-    """Write the page, largest gap first."""
+def write_page(rows: Sequence[Row], path: Path, simulation: str = "the simulation") -> None:
+    """Write the page, largest gap first; `simulation` is its name in the title."""
     largest = max([row.get("gap_N") or 0.0 for row in rows], default=0.0) or 1.0
     page = page_template("fleet.html.j2", __package__, ("fleet.css",)).render(
-        title=f"Sim-to-real gap of a fleet of {len(rows)}",
+        title=f"Gap of {simulation} against a fleet of {len(rows)}",
         headline=_summary(rows),
         rows=[_row(row, largest) for row in sort_rows(rows)],
         note=explain_dashes(rows),

@@ -23,7 +23,7 @@ from ces_identify.characteristics.results import Characteristics
 from ces_identify.characteristics.rows import ConditionRow
 from ces_identify.report.plot import Plot, draw_plot, share_points
 from ces_identify.report.shell import command_block, page_template, replace_unencodable
-from ces_identify.typesetting import minus
+from ces_identify.typesetting import join_names, minus
 from ces_observer.json_checks import write_atomically
 
 TITLE = "Characteristics"
@@ -50,9 +50,9 @@ def format_page(results: Characteristics, command: str = "") -> str:
     def draw(some: Sequence[Plot]) -> list[tuple[Markup, str]]:
         return [(draw_plot(plot, limit), plot.title) for plot in some]
 
-    names = ", ".join(r.name for r in results.recordings)
+    beside = f" beside {join_names(results.sources[1:])}" if len(results.sources) > 1 else ""
     page = page_template("characteristics.html.j2", "ces_identify.characteristics", ("characteristics.css",)).render(
-        title=f"{TITLE}: {names if len(results.recordings) < 4 else f'{len(results.recordings)} recordings'}",
+        title=f"{TITLE}: {join_names([r.name for r in results.recordings])}{beside}",
         command=command_block(command) if command else "",
         results=results,
         simulations=results.sources[1:],

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotLine, draw_plot
+from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotLine, PlotMark, draw_plot
 from ces_identify.report.plot_table import value_table
 from ces_identify.typesetting import minus
 from ces_identify.validation.residuals import Correlation, ResidualTests
@@ -13,7 +13,6 @@ from ces_identify.validation.residuals import Correlation, ResidualTests
 COLUMNS = 5
 WIDTH, HEIGHT = 1120.0, 84.0  # of the figure, and of a correlation [px]
 HEADROOM = 1.15  # of the scale over the largest correlation or band
-BAND_POINTS = 400  # more than pixel columns, which should touch each other
 HEADS = ("Correlation", "Largest", "at a lag of [ms]", "99 % band", "Significant over all lags")
 
 
@@ -55,10 +54,10 @@ def _name(correlation: Correlation) -> str:
 def _area(correlation: Correlation, scale: float) -> PlotArea:
     """Return the area of a correlation over its lags; a star marks a significant one, which has its own colour, too."""
     lags, band = 1e3 * correlation.lags_s, min(correlation.band, scale)
-    dense = np.linspace(lags[0], lags[-1], BAND_POINTS)
+    ends = lags[[0, -1]]
     css, star = ("error", "") if correlation.passed else ("simulated", " *")
-    marks = [
-        PlotBand("", dense, np.full(BAND_POINTS, -band), np.full(BAND_POINTS, band), "chance"),
+    marks: list[PlotMark] = [
+        PlotBand("", ends, np.full(2, -band), np.full(2, band), "chance"),
         PlotLine("", lags, correlation.values, css),
     ]
     return PlotArea(f"{_name(correlation)}{star}", marks, HEIGHT, (-scale, scale), around_zero=True)

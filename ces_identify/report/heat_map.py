@@ -16,9 +16,9 @@ RAMP_WIDTH = 300.0  # [px]
 
 
 def cells(p: Panel, edges: tuple[F, F], values: F, shade: F, css: str, describe: Callable[[int, int], str]) -> str:
-    """Return a rectangle for each cell (x, y) with `values` above 0, darker with `shade` (0 to 1); `describe` is its text.
+    """Return a rectangle for each cell (x, y) with `values` above 0, darker with `shade` (0 to 1).
 
-    `edges` (x + 1,), (y + 1,) are on the panel's axes.
+    `edges` (x + 1,), (y + 1,) are on the panel's axes; `describe` returns the text of a cell.
     """
     out = []
     for a, b in zip(*np.nonzero(np.nan_to_num(values) > 0.0), strict=True):

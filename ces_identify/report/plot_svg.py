@@ -45,7 +45,8 @@ def lay_out(plot: Plot) -> list[Panel]:
         box = (margin + column * pitch, top, pitch - margin, area.height)
         out.append(panel(view, _y_range(area, view), box))
         if column + 1 == plot.columns:
-            top += area.height + BETWEEN + (X_AXIS - 6.0 if has_x_axis(plot, number) else 0.0)
+            labels_below = plot.columns == 1 and has_x_axis(plot, number)  # in columns nothing is below them
+            top += area.height + BETWEEN + (X_AXIS - 6.0 if labels_below else 0.0)
     return out
 
 

@@ -59,7 +59,7 @@ def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
     return [*texts, f"{many}, for up to {100.0 * most:.1f} % of the time: see the table after the costs."]
 
 
-def outside_rows(evaluations: Sequence[Evaluation]) -> list[tuple[str, str, str, str, str]]:
+def outside_rows(evaluations: Sequence[Evaluation]) -> list[tuple[str, ...]]:
     """Return recording, signal, ranges used and known, and share of the time, if there are too many for warnings."""
     if sum(bool(e.outside) for e in evaluations) <= MAX_WARNED:
         return []

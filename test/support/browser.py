@@ -97,21 +97,22 @@ def find_faults(path: Path) -> list[str]:
         page.set_viewport_size(A4_PX)
         page.emulate_media(media="print", forced_colors="none")
         faults += [f"print: {fault}" for fault in _find_illegible(page)]
-        controls = page.locator(".plot-controls:visible, .copy:visible, .plot-readout:visible, .value-label:visible")
+        controls = page.locator(":is(.plot-controls, .copy, .plot-readout, .value-label):visible")
         faults += ["print: controls are visible"] if controls.count() else []
         assert page.pdf(format="A4").startswith(b"%PDF")
     return faults
 
 
 def find_silent_charts(page: Any) -> list[str]:
-    """Return the charts of a page that say nothing when the arrow keys read their values, or whose focus is not seen."""
+    """Return the charts of a page that say nothing when the arrow keys read their values, or show no focus."""
     silent = []
     for frame in page.locator(".plot-frame, .value-frame").all():
         frame.focus()
         page.keyboard.press("ArrowRight")
         read, outline, empty = frame.evaluate(
             """e => [
-              (e.querySelector(".value-label") || e.parentElement.querySelector(".plot-readout:not(.idle)"))?.textContent,
+              (e.querySelector(".value-label") ?? e.parentElement.querySelector(".plot-readout:not(.idle)"))
+                ?.textContent,
               getComputedStyle(e).outlineStyle,
               [...e.querySelectorAll("text")].some(t => t.textContent === "no values"),
             ]"""

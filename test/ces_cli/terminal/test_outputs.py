@@ -8,7 +8,14 @@ from pathlib import Path
 import pytest
 
 from ces_cli.main import main
-from ces_cli.terminal.outputs import MAX_NAME, require_folder, require_new_bag, require_new_file, require_outputs
+from ces_cli.terminal.outputs import (
+    MAX_NAME,
+    name_report,
+    require_folder,
+    require_new_bag,
+    require_new_file,
+    require_outputs,
+)
 from ces_identify.export.ros_package import write_package
 from ces_observer.errors import CesError
 from ces_observer.json_checks import write_atomically
@@ -33,6 +40,32 @@ def refusal(check, *arguments):
     with pytest.raises(CesError) as caught:
         check(*arguments)
     return str(caught.value)
+
+
+def test_a_report_in_a_folder_says_which_simulation_and_recordings(here):
+    folder = Path("empty")
+    assert name_report(None, ["m"], ["a"]) is None
+    assert name_report(Path("r.html"), ["m"], ["a"]) == Path("r.html")
+    assert name_report(folder, ["model"], ["road", "sine 4/Hz"]) == folder / "model_on_road_and_sine-4-Hz.html"
+    assert name_report(folder, ["a", "b"], list("cdefgh")) == folder / "a_and_b_on_c_and_d_and_e_and_f_and_2_more.html"
+    assert name_report(folder, ["campaign"], []) == folder / "campaign.html"
+    assert len(name_report(folder, ["m"], ["x" * 300]).name) < 140
+    assert name_report(ROAD, ["m"], ["a"]) == ROAD  # a bag is no folder for reports
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (["validate", MODEL, ROAD], "sample_on_road"),
+        (["identify", NOISE, "--validate", ROAD, "--out", "mine.json"], "mine_on_road"),
+        (["compare", MODEL, "x:f", ROAD, NOISE], "sample_and_x-f_on_road_and_noise"),
+        (["diagnose", "--sim", MODEL, "--real", ROAD, "--out", "gap"], "sample_on_road"),
+    ],
+)
+def test_programs_name_their_reports_before_they_begin(here, capsys, words, name):
+    (here / "empty" / f"{name}.html").write_text("mine")
+    assert main([*map(str, words), "--report", "empty"]) == 2
+    assert f"empty/{name}.html: exists; choose another name for --report" in capsys.readouterr().err
 
 
 def test_files(here):

@@ -334,3 +334,19 @@ def test_words_of_numbers_and_regions() -> None:
     )
     for (axis, low, high), name in rows:
         assert region_name(GapRegion(axis, low, high, 0.1, 0.1, 1.0, (0.0, 2.0), 0.5)) == name
+
+
+def test_a_control_longer_than_the_gap_is_shown_as_such() -> None:
+    d = named()
+    longer = build_gap_steps(replace(d, wrong=replace(d.wrong, gap_after_N=1.5 * d.gap.rms_N)))
+    control, first = longer.controls[0], longer.steps[0]
+    assert control.length == pytest.approx(1.5 * first.length) and not longer.cut
+    far = build_gap_steps(replace(d, wrong=replace(d.wrong, gap_after_N=10.0 * d.gap.rms_N)))
+    assert far.cut and far.controls[0].css == "wrong cut" and far.steps[0].length > 40.0
+    page = report_page(replace(d, wrong=replace(d.wrong, gap_after_N=10.0 * d.gap.rms_N)))
+    assert "ends in an arrow" in page and "ends in an arrow" not in report_page(d)
+
+
+def test_a_learner_that_makes_the_gap_larger_explains_nothing() -> None:
+    d = unknown()
+    assert "explains nothing of it." in report_page(replace(d, ceiling_after_N=1.3 * d.gap.rms_N))

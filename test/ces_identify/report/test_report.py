@@ -376,12 +376,14 @@ def test_correlations_are_drawn_with_their_bands_and_told(tmp_path: Path, both: 
         tests = residual_tests(e)
         article = next(a for a in root.iter(f"{XHTML}article") if a.get("id") == f"recording-{number}")
         figure = next(f for f in article.iter(f"{SVG}svg") if f[0].get("id") == f"rc{number}-t")
-        bands = [r for r in figure.iter(f"{SVG}rect") if r.get("class") == "chance"]
-        stems = [p for p in figure.iter(f"{SVG}path") if "stems" in (p.get("class") or "")]
+        paths = [(p.get("class") or "", p.get("d")) for p in figure.iter(f"{SVG}path")]
+        bands = [d for css, d in paths if css == "chance area"]
+        lines = [css for css, _ in paths if css in ("simulated", "error")]
         plots = (tests.whiteness, *tests.inputs)
-        assert len(bands) == len(stems) == len(plots)
-        assert [("simulated" in s.get("class")) for s in stems] == [not c.passed for c in plots]
-        heights = [float(b.get("height")) / c.band for b, c in zip(bands, plots, strict=True)][1:]
+        assert len(bands) == len(lines) == len(plots)
+        assert [css == "simulated" for css in lines] == [not c.passed for c in plots]
+        edges = [[float(y) for y in re.findall(r",([\d.]+)", band)] for band in bands]
+        heights = [(max(ys) - min(ys)) / c.band for ys, c in zip(edges, plots, strict=True)][1:]
         assert heights == pytest.approx([heights[0]] * len(heights), rel=0.02)  # one scale for all inputs
         assert verdicts(tests)[1] in words(article)
 
@@ -420,3 +422,16 @@ def test_several_validation_recordings_are_told_together(tmp_path: Path, both: l
     _, root = page(tmp_path, held_out)
     last = cost_cells(root)[-1]
     assert float(last[2]) == pytest.approx(pooled_cost(held_out), rel=6e-3)
+
+
+def test_many_recordings_outside_the_envelope_have_one_warning_and_a_table(tmp_path: Path) -> None:
+    narrow = model(envelope=replace(WIDE, position_m=(-0.001, 0.001)))
+    ran = [evaluate(narrow, [damper(f"run_{n}", seed=n)], VALIDATION)[0] for n in range(4)]
+    few, _ = page(tmp_path, ran[:3], narrow)
+    assert few.count('class="warning"') == 3 and "Known to the model" not in few
+    many, root = page(tmp_path, ran, narrow)
+    assert many.count('class="warning"') == 1 and "4 of 4 recordings are outside" in many
+    table = next(t for t in root.iter(f"{XHTML}table") if "Known to the model" in words(t))
+    rows = [[cell.text for cell in row] for row in table.iter(f"{XHTML}tr")][1:]
+    assert [row[:2] for row in rows] == [[e.name, "position [m]"] for e in ran]
+    assert all(row[3] == "−0.00100 to 0.00100" for row in rows)

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from browser import find_faults
 from iterate_examples import LIMITS, BreakingRig, make_plan, monotube_rig, sine_commands
 
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
@@ -17,6 +18,7 @@ from ces_iterate.commands import write_commands
 from ces_iterate.loop.identification import evaluate_fresh
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import ROWS
+from ces_iterate.report.page import write_page
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 
@@ -53,6 +55,16 @@ def test_the_fresh_cost_is_that_of_the_model_before(finished: Path) -> None:
     assert rows(finished)[1]["fresh_J"] == pytest.approx(cost)
     names = [one["recording"] for one in before.provenance["identification"]]
     assert names == ["experiment_01"]
+
+
+def test_the_page_is_legible_on_screen_in_print_and_by_keys(finished: Path) -> None:
+    iterations = Iterations(make_plan(finished), monotube_rig(), finished)
+    iterations.run()  # nothing is left to do
+    write_page(finished / "report.html", iterations)
+    assert f"<title>Iteration {finished.name}: 2 experiments on the virtual rig</title>" in (
+        finished / "report.html"
+    ).read_text(encoding="utf-8")
+    assert find_faults(finished / "report.html") == []
 
 
 def test_an_interrupted_iteration_goes_on_to_the_same_results(finished: Path, tmp_path: Path) -> None:

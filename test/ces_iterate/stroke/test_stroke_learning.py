@@ -2,9 +2,11 @@
 
 import numpy as np
 import pytest
+from browser import find_faults, open_page
 
 from ces_iterate.stroke.actuator_model import ActuatorModel
 from ces_iterate.stroke.errors import StrokeError
+from ces_iterate.stroke.figures import describe_kind
 from ces_iterate.stroke.goal import (
     CONVERGED,
     DIVERGED,
@@ -20,6 +22,7 @@ from ces_iterate.stroke.goal import (
 from ces_iterate.stroke.learner import StrokeLearner
 from ces_iterate.stroke.learning import learn_stroke
 from ces_iterate.stroke.limits import StrokeLimits, measure_peaks
+from ces_iterate.stroke.page import stroke_page
 from ces_iterate.stroke.rig import INTERVAL_S, VirtualStrokeRig
 from ces_rig.experiment import parse_experiment
 
@@ -49,6 +52,26 @@ def test_an_unknown_actuator_is_learned_to_its_repeatability(learned):
     assert learned.confirmation.error_m < 0.1 * learned.first.error_m
     assert learned.confirmation.error_m < 1.5 * learned.repeatability_m
     assert learned.first.error_m > 1e-3
+
+
+@pytest.fixture(scope="module")
+def page_file(learned, tmp_path_factory):
+    path = tmp_path_factory.mktemp("stroke") / "report.html"
+    path.write_text(stroke_page(learned, "Learned stroke e", {"command": "ces learn-stroke e.yaml --out learned"}))
+    return path
+
+
+def test_the_page_is_legible_on_screen_in_print_and_by_keys(page_file):
+    assert find_faults(page_file) == []
+
+
+def test_the_page_reads_the_error_of_every_run(page_file, learned):
+    with open_page(page_file) as page:
+        frame = page.locator(".value-frame").first
+        for number, run in enumerate(learned.runs):
+            frame.locator(".value").nth(number).hover()
+            read = frame.locator(".value-label").inner_text()
+            assert read == f"run {number + 1}, {describe_kind(run)}: {1e6 * run.error_m:.0f} µm RMS"
 
 
 def test_the_repeatability_is_that_of_sensor_and_disturbance(learned):

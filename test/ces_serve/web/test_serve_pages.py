@@ -31,8 +31,8 @@ def client(root: Path) -> FlaskClient:
     return open_client(root)
 
 
-def test_as_many_models_can_be_chosen_as_can_be_compared() -> None:
-    assert compare.MAX_MODELS == comparison.MAX_MODELS
+def test_as_many_models_can_be_chosen_as_charts_of_a_comparison_show() -> None:
+    assert compare.MAX_MODELS == comparison.MAX_DRAWN
 
 
 @pytest.fixture(autouse=True)
@@ -262,13 +262,6 @@ def test_what_cannot_be_compared_is_said(client: FlaskClient) -> None:
     assert re.search(r'value="recordings/sine_4hz" checked', page)  # both were validated on it
     assert client.get("/events/compare?model=first.json").status_code == 400
     assert client.get("/compare/page/0123").status_code == 404
-
-
-def test_as_many_models_can_be_chosen_as_a_comparison_takes() -> None:
-    from ces_identify.comparison.comparison import MAX_MODELS as LIMIT
-    from ces_serve.web.compare import MAX_MODELS
-
-    assert MAX_MODELS == LIMIT
 
 
 def test_an_error_in_a_stream_is_its_last_event(client: FlaskClient, monkeypatch: pytest.MonkeyPatch) -> None:
