@@ -8,15 +8,14 @@ from itertools import combinations
 
 import numpy as np
 
-from ces_identify.comparison.aligned_recording import AlignedRecording, align
+from ces_identify.comparison.aligned_recording import MAX_RATIO, AlignedRecording, align
 from ces_identify.comparison.compared_model import TRAINED, UNKNOWN, ComparedModel
+from ces_identify.comparison.difference_errors import pooled_costs
 from ces_identify.comparison.pair_results import PairResult, compare_pairs
-from ces_identify.comparison.paired_bootstrap import pooled_costs
 from ces_identify.comparison.tick_time import TickTime, describe_machine, measure_tick_times
-from ces_identify.numerics.arrays import I
 from ces_identify.recordings.recording import Recording
 from ces_identify.sense.content import shared_content
-from ces_identify.validation.cost_interval import CostInterval, Ticks, interval_of_ticks
+from ces_identify.validation.cost_interval import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
 
 MAX_MODELS = 8  # colours of the charts
@@ -85,7 +84,6 @@ def compare(
     part: tuple[float, float] = (0.0, 1.0),
     *,
     timing: bool = True,
-    seed: int = 0,
 ) -> Comparison:
     """Run all models over all recordings and compare them; `timing` measures the time of a tick, too.
 
@@ -94,8 +92,8 @@ def compare(
     _require_comparable(models, recordings)
     aligned = [align(models, recording, part) for recording in recordings]
     uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
-    results = _model_results(models, aligned, uses, _measure(models, recordings[0]) if timing else {}, seed)
-    pairs = compare_pairs([model.name for model in models], aligned, uses, seed)
+    results = _model_results(models, aligned, uses, _measure(models, recordings[0]) if timing else {})
+    pairs = compare_pairs([model.name for model in models], aligned, uses)
     return Comparison(tuple(results), tuple(aligned), tuple(pairs), part, describe_machine() if timing else "")
 
 
@@ -122,7 +120,6 @@ def _model_results(
     aligned: Sequence[AlignedRecording],
     uses: Sequence[Sequence[str]],
     ticks: dict[int, TickTime],
-    seed: int,
 ) -> list[ModelResult]:
     tests = [r for i, r in enumerate(aligned) if all(use[i] != TRAINED for use in uses)] or list(aligned)
     pooled = pooled_costs(tests)
@@ -130,9 +127,9 @@ def _model_results(
         ModelResult(
             name=model.name,
             model=model,
-            costs=tuple(_cost(i, r, use, seed) for r, use in zip(aligned, uses[i], strict=True)),
+            costs=tuple(_cost(i, r, use) for r, use in zip(aligned, uses[i], strict=True)),
             pooled=_finite_cost(pooled[i]),
-            pooled_interval=_interval(i, tests, seed),
+            pooled_interval=_interval(i, tests),
             tick=ticks.get(i),
             force_bound_N=_force_bound(model),
         )
@@ -140,27 +137,25 @@ def _model_results(
     ]
 
 
-def _cost(i: int, recording: AlignedRecording, use: str, seed: int) -> RecordingCost:
+def _cost(i: int, recording: AlignedRecording, use: str) -> RecordingCost:
     cost = _finite_cost(pooled_costs([recording])[i])
     rms = float(np.sqrt(np.mean(recording.errors[i] ** 2)))
-    return RecordingCost(recording.name, cost, rms, _interval(i, [recording], seed), use)
+    return RecordingCost(recording.name, cost, rms, _interval(i, [recording]), use)
 
 
 def _finite_cost(cost: float) -> float:
     return float(cost) if np.isfinite(cost) else float("inf")
 
 
-def _interval(i: int, recordings: Sequence[AlignedRecording], seed: int) -> CostInterval | None:
+def _interval(i: int, recordings: Sequence[AlignedRecording]) -> CostInterval | None:
     """Return the interval of the model's pooled J, None if it diverged or a recording is too short."""
     if any(r.diverged[i] for r in recordings):
         return None
-    return interval_of_ticks([(_ticks(i, r), r.rate_Hz) for r in recordings], seed)
+    return interval_of_ticks([_ticks(i, r) for r in recordings])
 
 
-def _ticks(i: int, recording: AlignedRecording) -> Ticks:
-    force = recording.measured[recording.scored]
-    whole: I = np.array([[0, len(force)]], dtype=np.int64)
-    return Ticks(recording.errors[i] ** 2, force, whole)
+def _ticks(i: int, recording: AlignedRecording) -> ScoredTicks:
+    return ScoredTicks(recording.errors[i] ** 2, recording.measured[recording.scored], recording.rate_Hz)
 
 
 def _force_bound(model: ComparedModel) -> float | None:
@@ -204,11 +199,17 @@ def _exit_notes(comparison: Comparison) -> list[str]:
 
 def _divergence_notes(comparison: Comparison) -> list[str]:
     return [
-        f"{model.name} left its force envelope on {recording.name}: it has no cost there"
+        f"{model.name} {_describe_divergence(model)} on {recording.name}: it has no cost there"
         for recording in comparison.recordings
         for model, lost in zip(comparison.models, recording.diverged, strict=True)
         if lost
     ]
+
+
+def _describe_divergence(model: ModelResult) -> str:
+    if model.model.model is not None:
+        return "left its force envelope"
+    return f"diverged, to more than {MAX_RATIO:g} times the measured force,"
 
 
 def join(names: Sequence[str]) -> str:

@@ -150,7 +150,6 @@ def _pair_row(comparison: Comparison, pair: PairResult) -> dict[str, Any]:
         "difference": _difference_text(pair.pooled),
         "value": "" if math.isnan(pair.pooled.value) else pair.pooled.value,
         "p_value": "" if pair.p_value is None else pair.p_value,
-        "blocks": str(pair.pooled.blocks),
         "p": p_text(pair.p_value).replace("-", "–"),
         "verdict": verdict,
     }

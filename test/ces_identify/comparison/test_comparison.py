@@ -104,21 +104,21 @@ def test_verdicts_at_known_truth():
     errors[2] = errors[1]
     recording = aligned(errors, diverged=(False, False, False, True))
     uses = [["test"], ["test"], ["identified on"], ["test"]]
-    found = {(p.first, p.second): p for p in compare_pairs("abcd", [recording], uses, 0)}
+    found = {(p.first, p.second): p for p in compare_pairs("abcd", [recording], uses)}
     assert (found[0, 1].verdict, found[0, 1].better) == (BETTER, 1)  # neither was identified on it
     assert found[1, 2].verdict == NO_TEST and found[1, 2].pooled.value == 0.0 and found[1, 2].p_value is None
     assert found[0, 3].verdict == DIVERGED
     short = aligned(two_models(300, 1))
-    assert compare_pairs("ab", [short], [["test"], ["test"]], 0)[0].verdict == SHORT
+    assert compare_pairs("ab", [short], [["test"], ["test"]])[0].verdict == SHORT
     same = aligned(errors[1:3])
-    assert compare_pairs("ab", [same], [["test"], ["test"]], 0)[0].verdict == SAME
+    assert compare_pairs("ab", [same], [["test"], ["test"]])[0].verdict == SAME
 
 
 def test_holm_widens_intervals_of_several_pairs():
-    n = 15_000
-    errors = np.concatenate([two_models(n, 1, 1.2), two_models(n, 2, 1.1), two_models(n, 3)])
-    alone = compare_pairs("ab", [aligned(errors[:2])], [["test"]] * 2, 0)[0]
-    among = compare_pairs("abcdef", [aligned(errors)], [["test"]] * 6, 0)[0]
+    n = 30_000
+    errors = np.concatenate([two_models(n, 1, 1.6), two_models(n, 2, 1.1), two_models(n, 3)])
+    alone = compare_pairs("ab", [aligned(errors[:2])], [["test"]] * 2)[0]
+    among = compare_pairs("abcdef", [aligned(errors)], [["test"]] * 6)[0]
     assert among.p_value > alone.p_value
     assert among.pooled.high - among.pooled.low > alone.pooled.high - alone.pooled.low
 
