@@ -14,7 +14,7 @@ from ces_cli.compare.comparison_tables import MAX_PAIRS, cost_table, model_table
 from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, require_outputs
-from ces_identify.comparison.comparison import MAX_MODELS, Comparison, compare
+from ces_identify.comparison.comparison import MAX_DRAWN, Comparison, compare
 from ces_identify.comparison.comparison_json import comparison_document
 from ces_identify.comparison.comparison_page import write_comparison
 from ces_observer.errors import CesError
@@ -39,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts: dict[str, str]) -> None:
-    chosen = front_models(words.campaigns, MAX_MODELS - len(words.simulations))
+    chosen = front_models(words.campaigns, max(MAX_DRAWN - len(words.simulations), 1))
     if len(words.simulations) + len(chosen) < 2:
         raise CesError(f"{len(words.simulations) + len(chosen)} models given; expected at least two; {USAGE}")
     if not words.bags:
@@ -52,6 +52,8 @@ def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts:
         comparison = compare(models, [recording for _, recording in recordings], options.part)
     if options.report is not None:
         write_comparison(options.report, comparison, facts)
+        if note := comparison.note_on_charts():
+            terminal.print_warning(note)
     _print(comparison, options.json)
 
 

@@ -18,7 +18,8 @@ from ces_identify.sense.content import shared_content
 from ces_identify.validation.cost_interval import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
 
-MAX_MODELS = 8  # colours of the charts
+MAX_MODELS = 40
+MAX_DRAWN = 8  # models in charts, which have so many colours
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,12 @@ class Comparison:
             r.name for i, r in enumerate(self.recordings) if all(model.costs[i].use != TRAINED for model in self.models)
         )
 
+    @property
+    def drawn(self) -> tuple[int, ...]:
+        """Models that charts show: all of up to MAX_DRAWN, else those of the lowest pooled cost, in their order."""
+        lowest = sorted(range(len(self.models)), key=lambda i: self.models[i].pooled)
+        return tuple(sorted(lowest[:MAX_DRAWN]))
+
     def pair(self, first: int, second: int) -> PairResult:
         """Return the comparison of two models, whichever comes first."""
         return next(p for p in self.pairs if {p.first, p.second} == {first, second})
@@ -76,6 +83,16 @@ class Comparison:
     def notes(self) -> list[str]:
         """Return what a reader must know before believing the costs, one sentence each."""
         return [*_training_notes(self), *_exit_notes(self), *_divergence_notes(self)]
+
+    def note_on_charts(self) -> str:
+        """Return which models the charts leave out; nothing if they show all."""
+        left_out = [model.name for i, model in enumerate(self.models) if i not in self.drawn]
+        return (
+            f"charts show the {MAX_DRAWN} models of the lowest cost, the tables all {len(self.models)}; "
+            f"not in the charts: {join(left_out)}"
+            if left_out
+            else ""
+        )
 
 
 def compare(
