@@ -48,11 +48,11 @@ def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts:
     specs = {path: name for name, path in chosen.items()}
     recordings = read_recordings(words.bags, signals)
     models = open_models([*words.simulations, *specs], recordings, signals, specs)
-    with terminal.err.status(f"simulating {len(recordings)} recordings with {len(models)} models"):
-        comparison = compare(models, [recording for _, recording in recordings], options.part)
+    with terminal.err.status("comparing") as status:
+        comparison = compare(models, [one for _, one in recordings], options.part, announce=status.update)
     if options.report is not None:
         write_comparison(options.report, comparison, facts)
-        if note := comparison.note_on_charts():
+        for note in comparison.notes_on_charts():
             terminal.print_warning(note)
     _print(comparison, options.json)
 
@@ -79,8 +79,9 @@ def make_parser() -> terminal.Parser:
     p = terminal.parser(
         "compare",
         "Compare models, or any other simulations, on the same recordings with a measured force: the cost J of each "
-        "free run with its interval, whether the differences are larger than chance (paired block bootstrap, Holm's "
-        "correction), and what each model is. A recording that a model was identified on is no test and is marked.",
+        "free run with its interval, whether the differences are larger than chance (a paired test that allows for "
+        "slow changes, Holm's correction), and what each model is. A recording that a model was identified on is no test "
+        "and is marked.",
         "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html",
     )
     text = (

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -20,6 +20,7 @@ from ces_observer.errors import CesError
 
 MAX_MODELS = 40
 MAX_DRAWN = 8  # models in charts, which have so many colours
+MAX_LINES = 84  # in the charts of all recordings together, so that the page stays below 3 MB
 
 
 @dataclass(frozen=True)
@@ -76,6 +77,14 @@ class Comparison:
         lowest = sorted(range(len(self.models)), key=lambda i: self.models[i].pooled)
         return tuple(sorted(lowest[:MAX_DRAWN]))
 
+    @property
+    def drawn_recordings(self) -> tuple[int, ...]:
+        """Recordings that charts show: as many as MAX_LINES allow, at least one, tests first, in their order."""
+        count = max(1, MAX_LINES // (2 + 4 * len(self.drawn)))
+        numbers = range(len(self.recordings))
+        first = sorted(numbers, key=lambda n: self.recordings[n].name not in self.test_names)
+        return tuple(sorted(first[:count]))
+
     def pair(self, first: int, second: int) -> PairResult:
         """Return the comparison of two models, whichever comes first."""
         return next(p for p in self.pairs if {p.first, p.second} == {first, second})
@@ -84,15 +93,22 @@ class Comparison:
         """Return what a reader must know before believing the costs, one sentence each."""
         return [*_training_notes(self), *_exit_notes(self), *_divergence_notes(self)]
 
-    def note_on_charts(self) -> str:
-        """Return which models the charts leave out; nothing if they show all."""
-        left_out = [model.name for i, model in enumerate(self.models) if i not in self.drawn]
-        return (
-            f"charts show the {MAX_DRAWN} models of the lowest cost, the tables all {len(self.models)}; "
-            f"not in the charts: {join(left_out)}"
-            if left_out
-            else ""
-        )
+    def notes_on_charts(self) -> list[str]:
+        """Return which models and recordings the charts leave out."""
+        models = [model.name for i, model in enumerate(self.models) if i not in self.drawn]
+        recordings = [one.name for n, one in enumerate(self.recordings) if n not in self.drawn_recordings]
+        notes = []
+        if models:
+            notes.append(
+                f"charts show the {MAX_DRAWN} models of the lowest cost, the tables all {len(self.models)}; not in the "
+                f"charts: {join(models)}"
+            )
+        if recordings:
+            notes.append(
+                f"charts show {len(self.drawn_recordings)} of {len(self.recordings)} recordings, the tables all; "
+                f"not in the charts: {join(recordings)}"
+            )
+        return notes
 
 
 def compare(
@@ -101,13 +117,20 @@ def compare(
     part: tuple[float, float] = (0.0, 1.0),
     *,
     timing: bool = True,
+    announce: Callable[[str], None] = lambda step: None,
 ) -> Comparison:
     """Run all models over all recordings and compare them; `timing` measures the time of a tick, too.
+
+    `announce` is called with each step before it begins.
 
     Raises CesError for fewer than two models, equal names, or recordings without a force.
     """
     _require_comparable(models, recordings)
-    aligned = [align(models, recording, part) for recording in recordings]
+    aligned = []
+    for n, recording in enumerate(recordings, 1):
+        announce(f"simulating {recording.name} with {len(models)} models ({n} of {len(recordings)} recordings)")
+        aligned.append(align(models, recording, part))
+    announce("timing and comparing")
     uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
     results = _model_results(models, aligned, uses, _measure(models, recordings[0]) if timing else {})
     pairs = compare_pairs([model.name for model in models], aligned, uses)
@@ -211,7 +234,11 @@ def _exit_notes(comparison: Comparison) -> list[str]:
                 share = f"for {100 * exits[0].outside_share:.1f} % of the time"
                 ranges = f"{share}: {'; '.join(map(str, exits))}"
                 groups.setdefault((recording.name, ranges), []).append(model.name)
-    return [f"{name} leaves the envelope of {join(names)} {ranges}" for (name, ranges), names in groups.items()]
+    everyone = len(comparison.models)
+    return [
+        f"{name} leaves the envelope of {'all models' if len(names) == everyone > 2 else join(names)} {ranges}"
+        for (name, ranges), names in groups.items()
+    ]
 
 
 def _divergence_notes(comparison: Comparison) -> list[str]:

@@ -65,15 +65,15 @@ def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
         same_recordings=len({pair.pooled.recordings for pair in comparison.pairs}) == 1,
         recordings=[
             {
-                "recording": recording,
+                "recording": comparison.recordings[n],
                 "charts": draw_overlay(comparison, n),
                 "costs": [m.costs[n] for m in comparison.models],
             }
-            for n, recording in enumerate(comparison.recordings)
+            for n in comparison.drawn_recordings
         ],
         envelopes=_envelope_charts(comparison),
         swatches=[_swatch(comparison, i) for i in range(len(comparison.models))],
-        note_on_charts=comparison.note_on_charts(),
+        notes_on_charts=[note[0].upper() + note[1:] for note in comparison.notes_on_charts()],
         trained=TRAINED,
         interval=interval_text,
         percent=_percent,

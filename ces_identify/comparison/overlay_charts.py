@@ -33,7 +33,7 @@ def draw_overlay(comparison: Comparison, number: int) -> OverlayCharts:
     recording = replace(whole, forces=whole.forces[list(comparison.drawn)])
     names = [comparison.models[i].name for i in comparison.drawn]
     first, last = choose_window(recording)
-    lines = len(comparison.recordings) * (LINES_OF_RECORDING + LINES_OF_MODEL * len(names))
+    lines = len(comparison.drawn_recordings) * (LINES_OF_RECORDING + LINES_OF_MODEL * len(names))
     points = share_points(lines)
     view = (float(recording.time_s[first]), float(recording.time_s[last - 1]))
     return OverlayCharts(

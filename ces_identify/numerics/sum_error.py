@@ -28,7 +28,7 @@ from ces_identify.numerics.arrays import F
 SLOWEST_S = 4.0  # [s] correlation time of the slowest changes that are taken to be possible
 MIN_SHARE = 1.0 / 15.0  # of a recording's duration, for that time
 COSINES = 0.6  # times the inverse share: cosines that are used
-MIN_COSINES, MAX_COSINES = 4, 12
+MIN_COSINES = 4
 ALARM, ALARM_SHARE = 0.9, 0.3
 BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
 MIN_BINS = 100  # of a recording: 1 s
@@ -66,7 +66,7 @@ def sum_bins(x: F, rate_Hz: float) -> F:
 def estimate_sum_error(x: F, seconds: float) -> SumError:
     """Return the error of the sum of x (n,), at least MIN_BINS values that last `seconds`."""
     share = max(SLOWEST_S / seconds, MIN_SHARE)
-    count = int(np.clip(round(COSINES / share, 6), MIN_COSINES, MAX_COSINES))
+    count = max(MIN_COSINES, int(round(COSINES / share, 6)))
     squares = 0.5 * dct(x, type=2)[1 : count + 1] ** 2
     scaled = squares / relative_variances(share, count)
     variance, freedom = float(scaled.mean()), float(count)
