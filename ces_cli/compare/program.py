@@ -80,8 +80,8 @@ def make_parser() -> terminal.Parser:
         "compare",
         "Compare models, or any other simulations, on the same recordings with a measured force: the cost J of each "
         "free run with its interval, whether the differences are larger than chance (a paired test that allows for "
-        "slow changes, Holm's correction), and what each model is. A recording that a model was identified on is no test "
-        "and is marked.",
+        "slow changes, Holm's correction), and what each model is. A recording that a model was identified on is no "
+        "test and is marked.",
         "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html",
     )
     text = (
