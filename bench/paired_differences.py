@@ -1,123 +1,130 @@
-"""How often `ces compare` calls a difference significant: two models of known true cost, on made errors.
+"""How often `ces compare` calls a difference significant, and other tests on the same errors: size and power.
 
-    python -m bench.paired_differences [--runs 200]
+    python -m bench.paired_differences [--runs 200] [--fresh] [--seconds 5 10 30 60 300] [--recordings 1] [--models 2]
 
-Both errors share a common part and have one of their own, each an autoregressive process of first order (`tau_s`), as
-the errors of two models of one damper do. The own parts are modulated: not at all, periodically by the stroke, or by a
-slow random excitation (`slow_s`, its correlation time). With equal sizes every significant difference is a false one;
-with `ratio` above 1 the first model's own part is that much larger, and the share is the power. Differences of the
-cost are then about a twentieth (ratio 1.1) and a quarter (1.5) of it.
+Errors come from `bench.error_families`; --fresh takes those that no choice was made on. With equal true costs every
+significant difference is a false one; with several models, a run is false if any of the pairs is (Holm's procedure).
+The powers are those of finding the first model's own part of the error to be 1.5 and 3 times as large. Other tests:
+
+    Diebold-Mariano   with the correction of Harvey, Leybourne & Newbold (1997), lags up to the errors' memory
+    cosines           equal-weighted cosines, 0.4 T^(2/3) of them (Lazarus, Lewis, Stock & Watson 2018), T in 0.1 s
+    8 cosines         the same with 8 of them
+    fast              those of `ces compare`, without its bound on slow changes
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.fft import dct
+from scipy.special import stdtr
 
-from ces_identify.comparison import paired_bootstrap
+from bench.error_families import CHOOSING, FRESH, ErrorFamily, make_recording
 from ces_identify.comparison.aligned_recording import AlignedRecording
+from ces_identify.comparison.difference_errors import find_differences, influence_of_bins, pooled_costs
+from ces_identify.comparison.pair_results import BETTER, SHORT, compare_pairs
 from ces_identify.numerics.arrays import F
+from ces_identify.numerics.correlation import INSIGNIFICANT_IN_A_ROW, autocorrelation, longest_memory, memory
 
-RATE_HZ = 500.0
-REPLICATES = 400
 ALPHA = 0.05
-RATIOS = (1.1, 1.5)
+RATIOS = (1.5, 3.0)
+MIN_RUNS_OF_LONG = 100
+Recordings = Sequence[AlignedRecording]
 
 
-@dataclass(frozen=True)
-class MadeErrors:
-    """How the errors of two models are made."""
-
-    seconds: float
-    tau_s: float
-    modulation: str = "none"
-    slow_s: float = 0.3
-    ratio: float = 1.0
-    recordings: int = 1
+def compare_made(recordings: Recordings) -> tuple[float, bool]:
+    """Return whether `ces compare` finds any difference, and the share of pairs that are too short to know."""
+    models = len(recordings[0].forces)
+    verdicts = [
+        one.verdict
+        for one in compare_pairs([str(i) for i in range(models)], recordings, [["test"] * len(recordings)] * models)
+    ]
+    return BETTER in verdicts, verdicts.count(SHORT) / len(verdicts)
 
 
-def make_recording(kind: MadeErrors, random: np.random.Generator) -> AlignedRecording:
-    """Return a recording with the errors of two models."""
-    n = round(kind.seconds * RATE_HZ)
-    time_s = np.arange(n) / RATE_HZ
-    common, first, second = (draw_correlated(n, kind.tau_s, random) for _ in range(3))
-    sizes = MODULATIONS[kind.modulation](time_s, kind.slow_s, random)
-    measured = 20.0 * draw_correlated(n, 0.1, random)
-    forces = measured - np.stack([common + kind.ratio * sizes[0] * first, common + sizes[1] * second])
-    still, all_scored = np.zeros(n), np.ones(n, bool)
-    return AlignedRecording(
-        "made", "", "", RATE_HZ, time_s, still, still, measured, forces, all_scored, (False, False), ((), ()), {}
-    )
+def diebold_mariano(x: F, value: float) -> float:
+    """Return the p-value of a sum x (n,) of influences, `value`."""
+    n, runs = len(x), np.array([[0, len(x)]], dtype=np.int64)
+    longest = longest_memory(n, runs)
+    rho = autocorrelation(x, runs, longest + INSIGNIFICANT_IN_A_ROW)
+    lags = max(memory(rho, n, longest), 1)
+    weights = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
+    variance = n * float(x.var()) * (1.0 + 2.0 * float(weights @ rho[1 : lags + 1]))
+    small = (n + 1.0 - 2.0 * lags + lags * (lags - 1.0) / n) / n
+    return float(2.0 * stdtr(n - 1, -abs(value) * np.sqrt(small / variance)))
 
 
-def draw_correlated(n: int, tau_s: float, random: np.random.Generator) -> F:
-    """Return an autoregressive process (n,) of variance 1 and correlation time `tau_s`."""
-    pole = float(np.exp(-1.0 / (tau_s * RATE_HZ)))
-    settling = round(10.0 * tau_s * RATE_HZ)
-    noise = random.normal(size=n + settling)
-    return np.asarray(lfilter([np.sqrt(1.0 - pole**2)], [1.0, -pole], noise)[settling:])
+def cosines(count: int | None) -> Callable[[F, float], float]:
+    """Return the test with `count` cosines, or the number that is recommended."""
+
+    def test(x: F, value: float) -> float:
+        q = count or int(0.4 * (len(x) / 10) ** (2.0 / 3.0))
+        squares = 0.5 * dct(x, type=2)[1 : q + 1] ** 2
+        return float(2.0 * stdtr(q, -abs(value) / np.sqrt(squares.mean())))
+
+    return test
 
 
-def _steady(time_s: F, slow_s: float, random: np.random.Generator) -> tuple[F, F]:
-    return np.ones(len(time_s)), np.ones(len(time_s))
-
-
-def _periodic(time_s: F, slow_s: float, random: np.random.Generator) -> tuple[F, F]:
-    return 1.0 + np.sin(4.0 * np.pi * time_s), 1.0 + np.cos(4.0 * np.pi * time_s)
-
-
-def _slow(time_s: F, slow_s: float, random: np.random.Generator) -> tuple[F, F]:
-    first, second = (np.exp(0.5 * draw_correlated(len(time_s), slow_s, random)) for _ in range(2))
-    return first, second
-
-
-MODULATIONS: dict[str, Callable[[F, float, np.random.Generator], tuple[F, F]]] = {
-    "none": _steady,
-    "periodic": _periodic,
-    "slow": _slow,
+OTHERS: Mapping[str, Callable[[F, float], float]] = {
+    "Diebold-Mariano": diebold_mariano,
+    "cosines": cosines(None),
+    "8 cosines": cosines(8),
 }
 
 
-def count_outcomes(kind: MadeErrors, runs: int, seed: int = 0) -> tuple[float, float]:
-    """Return the share of significant differences, and that of recordings that are too short to know."""
-    random = np.random.default_rng(seed)
-    significant = short = 0
+def p_values_of_others(recording: AlignedRecording) -> list[float]:
+    """Return the p-value of each of the other tests for the first two models on one recording."""
+    costs = pooled_costs([recording])
+    force = recording.measured
+    influence = influence_of_bins(recording, costs, float(((force - force.mean()) ** 2).sum()))
+    (found,) = find_differences([recording], [(0, 1)])
+    assert found.error is not None
+    x = influence[0] - influence[1]
+    return [*(test(x - x.mean(), found.value) for test in OTHERS.values()), found.error.fast_p_value(found.value)]
+
+
+def count_outcomes(
+    family: ErrorFamily, seconds: float, runs: int, options: argparse.Namespace, ratio: float
+) -> tuple[F, float]:
+    """Return the shares of runs with a difference found, by `ces compare` and the others, and of too short pairs."""
+    random = np.random.default_rng([options.seed, round(seconds)])
+    found, short = [], 0.0
     for _ in range(runs):
-        recordings = [make_recording(kind, random) for _ in range(kind.recordings)]
-        (found,) = paired_bootstrap.find_differences(recordings, [(0, 1)], int(random.integers(1 << 30)))
-        short += not found.enough
-        significant += found.enough and found.p_value() < ALPHA
-    return significant / runs, short / runs
-
-
-KINDS = [
-    *(MadeErrors(25.0, tau_s, modulation, 0.0) for modulation in ("none", "periodic") for tau_s in (0.002, 0.1)),
-    *(MadeErrors(seconds, 0.1, "slow", 0.3) for seconds in (10.0, 25.0, 60.0)),
-    *(MadeErrors(seconds, 0.1, "slow", 1.0) for seconds in (25.0, 60.0)),
-    *(MadeErrors(seconds, 0.1, "slow", 3.0) for seconds in (10.0, 60.0)),
-    MadeErrors(25.0, 0.02, "slow", 1.0, recordings=4),
-]
+        recordings = [make_recording(family, seconds, options.models, random, ratio) for _ in range(options.recordings)]
+        significant, share = compare_made(recordings)
+        others = p_values_of_others(recordings[0]) if options.recordings == 1 and options.models == 2 else []
+        found.append([significant, *(p < ALPHA for p in others)])
+        short += share / runs
+    return np.mean(found, axis=0), short
 
 
 def main() -> None:
     """Print a Markdown table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--runs", type=int, default=200)
-    parser.add_argument("--only", type=int, nargs="*", default=range(len(KINDS)), help="numbers of rows")
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--seconds", type=float, nargs="+", default=(5.0, 10.0, 30.0, 60.0, 300.0))
+    parser.add_argument("--recordings", type=int, default=1)
+    parser.add_argument("--models", type=int, default=2)
+    parser.add_argument("--fresh", action="store_true")
+    parser.add_argument("--only", type=int, nargs="*", help="numbers of families")
     options = parser.parse_args()
-    paired_bootstrap.REPLICATES = REPLICATES
-    print("| modulation | seconds | tau s | slow s | recordings | false % | too short % | power % at 1.1 | at 1.5 |")
-    print("|---|---:|---:|---:|---:|---:|---:|---:|---:|")
-    for kind in (KINDS[i] for i in options.only):
-        false, short = count_outcomes(kind, options.runs)
-        powers = [count_outcomes(replace(kind, ratio=ratio), options.runs)[0] for ratio in RATIOS]
-        row = (kind.modulation, kind.seconds, kind.tau_s, kind.slow_s, kind.recordings)
-        shares = [f"{100 * share:.1f}" for share in (false, short, *powers)]
-        print(f"| {' | '.join([*map(str, row), *shares])} |", flush=True)
+    families = FRESH if options.fresh else CHOOSING
+    single = options.recordings == 1 and options.models == 2
+    names = ["compare", *((*OTHERS, "fast") if single else ())]
+    heads = ["modulation", "tau s", "slow s", "s", *(f"{name} %" for name in names), "too short %"]
+    print("| " + " | ".join([*heads, *(f"power at {ratio:g}: compare, 8 cosines %" for ratio in RATIOS)]) + " |")
+    print("|---|" + "---:|" * (len(heads) - 1 + len(RATIOS)))
+    for family in (families[i] for i in options.only or range(len(families))):
+        for seconds in options.seconds:
+            runs = options.runs if seconds < 100.0 else min(options.runs, MIN_RUNS_OF_LONG)
+            false, short = count_outcomes(family, seconds, runs, options, 1.0)
+            powers = [count_outcomes(family, seconds, runs, options, ratio)[0] for ratio in RATIOS]
+            cells = [f"{100 * share:.1f}" for share in (*false, short)]
+            cells += [", ".join(f"{100 * power[i]:.0f}" for i in ((0, 3) if single else (0,))) for power in powers]
+            print(f"| {family} | {seconds:g} | {' | '.join(cells)} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -133,7 +133,6 @@ def compare_models(
     *,
     part: tuple[float, float] = (0.0, 1.0),
     timing: bool = True,
-    seed: int = 0,
 ) -> Comparison:
     """Compare models, or other simulations, by name on the same recordings with a measured force.
 
@@ -149,7 +148,7 @@ def compare_models(
         make_compared_model(name, ModelSimulation(one) if isinstance(one, Model) else one)
         for name, one in models.items()
     ]
-    return compare(named, given, part, timing=timing, seed=seed)
+    return compare(named, given, part, timing=timing)
 
 
 def simulate(model: Model, recording: Recording) -> NDArray[np.float64]:

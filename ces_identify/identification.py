@@ -15,7 +15,7 @@ from ces_identify.polynomial.search_limits import Listener, SearchResult
 from ces_identify.preparation.sampling import choose_sampling
 from ces_identify.preparation.series import Series, prepare
 from ces_identify.recordings.recording import Recording
-from ces_identify.sense.content import recording_marks, require_distinct
+from ces_identify.sense.content import marks_of_copies, require_distinct
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.band_fit import fit_band
@@ -112,7 +112,7 @@ def _select_held_out(whole: Sequence[Series], split: float) -> list[Series]:
 
 def _describe_part(recording: Recording, split: float) -> dict[str, Any]:
     """Return which part of a recording is used, and marks by which any copy of it is recognised."""
-    return {"share": [0.0, split], "marks": " ".join(recording_marks(recording.first_part(split)))}
+    return {"share": [0.0, split], "marks": " ".join(marks_of_copies(recording.first_part(split)))}
 
 
 def _describe_origin(recording: Recording) -> dict[str, str]:

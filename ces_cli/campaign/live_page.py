@@ -26,14 +26,14 @@ class LivePage:
     """Writes the page into `folder` while results come in, at most every REFRESH_S."""
 
     def __init__(self, folder: Path, campaign: Campaign, todo: Sequence[CampaignJob], results: ResultsFolder) -> None:
-        self._folder, self._title, self._todo, self._results = folder, campaign.source.stem, todo, results
+        self._folder, self._campaign, self._todo, self._results = folder, campaign, todo, results
         self._written = -REFRESH_S
 
     def rows(self) -> CampaignRows:
         """Return the results of the planned cells so far."""
         found = self._results.rows
         rows = [{**found[j.key], "bags": j.cell.bags, **j.cell.settings} for j in self._todo if j.key in found]
-        return CampaignRows(tuple(rows), len(self._todo))
+        return CampaignRows(tuple(rows), len(self._todo), self._campaign.names)
 
     def refresh(self) -> None:
         """Write the page if the last version is old enough."""
@@ -45,7 +45,9 @@ class LivePage:
         rows = self.rows()
         if rows.rows:
             facts = {"command": shlex.join(["ces", *sys.argv[1:]])}
-            write_campaign_page(self._folder / PAGE, rows, self._folder, self._title, facts, running=running)
+            write_campaign_page(
+                self._folder / PAGE, rows, self._folder, self._campaign.source.stem, facts, running=running
+            )
         self._written = time.monotonic()
 
 

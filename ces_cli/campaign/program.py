@@ -80,7 +80,7 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
             _write_and_print(summary, options.out)
     if options.json:
         print_document("campaign", summary_facts(summary, options.out))
-    return report_failures(summary.rows, summary.planned, finished, "cells", summary.describe)
+    return report_failures(summary.rows, summary.planned, finished, "cells", summary.names.full_name)
 
 
 def _compute(
@@ -102,7 +102,7 @@ def _compute(
 
 
 def _describe_cell(summary: Summary, row: Row) -> str:
-    name = summary.describe(row)
+    name = summary.names.full_name(row)
     if row["status"] != DONE:
         return f"{name}: {row['status']}: {row['reason']}"
     cost = "diverged" if row["selection_J"] is None else f"{row['selection_J']:.2f} %"

@@ -11,6 +11,7 @@ from typing import Any
 from rich.table import Table
 
 from ces_cli.terminal.terminal import as_csv, make_table
+from ces_identify.campaign.cell_names import CellNames
 from ces_identify.campaign.front import COST_TOLERANCE, front, is_proved, recommend_model
 from ces_identify.campaign.plan import Campaign, CampaignJob
 from ces_identify.jobs.job import DONE
@@ -27,13 +28,13 @@ SELECTION_NOTE = (
 
 @dataclass(frozen=True)
 class Summary:
-    """The finished rows of a campaign, by set of bags and size; `varied` are the settings that differ among them."""
+    """The finished rows of a campaign, by set of bags and size; `names` names them."""
 
     rows: tuple[Row, ...]
     planned: int
     bags: tuple[str, ...]
     sets: tuple[str, ...]
-    varied: tuple[str, ...]
+    names: CellNames
     planned_by_bags: Mapping[str, int] = field(default_factory=dict)
 
     @classmethod
@@ -43,23 +44,12 @@ class Summary:
         bags = tuple(campaign.bags)
         rows.sort(key=lambda r: (bags.index(r["bags"]), r.get("parameters", 1e9), r.get("selection_J") or 1e9))
         sets = dict.fromkeys(cost["set"] for row in rows for cost in row.get("costs", ()))
-        axes = [(name, axis) for own in campaign.structures.values() for name, axis in own.items()]
-        axes += list(campaign.common.items())
-        varied = tuple(dict.fromkeys(name for name, axis in axes if len(axis) > 1))
         held_out = tuple(s for s in sets if s != IDENTIFICATION)
-        return cls(tuple(rows), len(todo), bags, held_out, varied, Counter(job.cell.bags for job in todo))
+        return cls(tuple(rows), len(todo), bags, held_out, campaign.names, Counter(job.cell.bags for job in todo))
 
     def of_bags(self, name: str) -> list[Row]:
         """Return the rows of one set of bags."""
         return [row for row in self.rows if row["bags"] == name]
-
-    def describe(self, row: Row) -> str:
-        """Return the bags, structure and settings of a row."""
-        return ", ".join([row["bags"], row["structure"], *filter(None, [self.settings(row)])])
-
-    def settings(self, row: Row) -> str:
-        """Return the settings of a row that vary."""
-        return ", ".join(f"{name} {_format_setting(row[name])}" for name in self.varied if name in row)
 
     def marks(self) -> dict[str, str]:
         """Return by key the marks of the models on a front and of the recommended ones."""
@@ -80,7 +70,7 @@ class Summary:
         for name in self.bags:
             best = recommend_model(self.of_bags(name))
             if best is not None:
-                lines.append(f"{name}: models/{best['key']}.json ({self.describe(best)}: {best['size']})")
+                lines.append(f"{name}: models/{best['key']}.json ({self.names.name(best)}; {best['size']})")
         return lines
 
 
@@ -102,9 +92,8 @@ def summary_tables(summary: Summary, max_rows: int) -> list[Table]:
         count += "; only those on the front" if len(shown) < len(done) else ""
         tables.append(make_table(f"identified on {name} ({count}); costs J in %", ("", "model"), headings))
         for row in (row for row in shown if row["bags"] == name):
-            mark, _, structure, settings, *numbers, _ = _cells(summary, row, marks)
-            model = ", ".join(filter(None, (structure, settings)))
-            tables[-1].add_row(mark, model, *numbers, style="bold" if mark == BEST else "")
+            mark, _, _, _, *numbers, _ = _cells(summary, row, marks)
+            tables[-1].add_row(mark, summary.names.name(row), *numbers, style="bold" if mark == BEST else "")
     return tables
 
 
@@ -136,7 +125,9 @@ def write_markdown(summary: Summary, path: Path) -> None:
     ]
     lines += ["Models: `models/KEY….json`.", ""]
     lines += ["* " + line for line in summary.lines()]
-    lines += [f"* {row['status']}: {summary.describe(row)}: {row['reason']}" for row in summary.rows if "reason" in row]
+    lines += [
+        f"* {row['status']}: {summary.names.full_name(row)}: {row['reason']}" for row in summary.rows if "reason" in row
+    ]
     write_atomically(path, "\n".join(["# Campaign", "", "![cost against parameters](pareto.svg)", "", *lines, ""]))
 
 
@@ -176,7 +167,7 @@ def _cells(summary: Summary, row: Row, marks: Mapping[str, str]) -> list[str]:
         marks.get(row["key"], ""),
         row["bags"],
         row["structure"],
-        summary.settings(row),
+        summary.names.settings(row),
         str(row["parameters"]),
         _number(row["selection_J"], "–"),
         *costs,
@@ -194,7 +185,3 @@ def _format_stability(row: Row) -> str:
 
 def _number(value: float | None, otherwise: str) -> str:
     return otherwise if value is None else f"{value:.2f}"
-
-
-def _format_setting(value: object) -> str:
-    return ("yes" if value else "no") if isinstance(value, bool) else str(value)

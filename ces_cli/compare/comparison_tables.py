@@ -69,6 +69,9 @@ def sentences(comparison: Comparison) -> Iterator[str]:
     yield headline(comparison)
     if any(math.isfinite(cost.cost) and cost.interval is None for m in comparison.models for cost in m.costs):
         yield f"{NONE}: too short for an interval"
+    others = [m.name for m in comparison.models if m.model.model is None]
+    if others:
+        yield f"{NONE} for {join(others)}: no size, time of a tick, bound or envelope, because it is no model file"
     if len(comparison.pairs) > MAX_PAIRS:
         yield f"{len(comparison.pairs)} pairs of models: all differences with --report or --json"
     if comparison.machine:

@@ -15,7 +15,7 @@ from ces_cli.terminal.bag_paths import find_bags
 from ces_cli.terminal.findings import print_findings
 from ces_cli.terminal.json_output import add_json, print_document
 from ces_cli.terminal.outputs import add_overwrite, add_report, name_report, require_outputs
-from ces_identify.comparison.comparison import MAX_MODELS, Comparison, compare
+from ces_identify.comparison.comparison import MAX_DRAWN, Comparison, compare
 from ces_identify.comparison.comparison_json import comparison_document
 from ces_identify.comparison.comparison_page import write_comparison
 from ces_identify.recordings.checks import Finding
@@ -42,7 +42,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts: dict[str, str]) -> None:
-    chosen = front_models(words.campaigns, MAX_MODELS - len(words.simulations))
+    chosen = front_models(words.campaigns, max(MAX_DRAWN - len(words.simulations), 1))
     if len(words.simulations) + len(chosen) < 2:
         raise CesError(_describe_too_few([*words.simulations, *chosen.values()], words))
     if not words.bags:
@@ -52,10 +52,12 @@ def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts:
     recordings = read_recordings(words.bags, signals)
     found = print_findings([recording for _, recording in recordings])
     models = open_models([*words.simulations, *specs], recordings, signals, specs)
-    with terminal.err.status(f"simulating {len(recordings)} recordings with {len(models)} models"):
-        comparison = compare(models, [recording for _, recording in recordings], options.part)
+    with terminal.err.status("comparing") as status:
+        comparison = compare(models, [one for _, one in recordings], options.part, announce=status.update)
     if options.report is not None:
         write_comparison(options.report, comparison, facts)
+        for note in comparison.notes_on_charts():
+            terminal.print_warning(note)
     _print(comparison, found, options.json)
 
 
@@ -89,8 +91,9 @@ def make_parser() -> terminal.Parser:
     p = terminal.parser(
         "compare",
         "Compare models, or any other simulations, on the same recordings with a measured force: the cost J of each "
-        "free run with its interval, whether the differences are larger than chance (paired block bootstrap, Holm's "
-        "correction), and what each model is. A recording that a model was identified on is no test and is marked.",
+        "free run with its interval, whether the differences are larger than chance (a paired test that allows for "
+        "slow changes, Holm's correction), and what each model is. A recording that a model was identified on is no "
+        "test and is marked.",
         "ces compare model.json best.json bags/sine_4hz bags/road --report compare.html",
     )
     text = (

@@ -5,8 +5,8 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
+from ces_identify.campaign.cell_names import CellNames, describe_setting
 from ces_identify.campaign.front import front, recommend_model
 from ces_identify.jobs.job import DONE
 from ces_identify.jobs.row_log import Row, read_rows
@@ -23,10 +23,14 @@ COMMON_AXES = ("seed", "rate_Hz", "bandwidth_Hz", "certificate")
 
 @dataclass(frozen=True)
 class CampaignRows:
-    """The rows of a campaign's cells that have a result, of `planned` cells in all."""
+    """The rows of a campaign's cells that have a result, of `planned` cells in all.
+
+    `planned_names` are those of the plan; without a plan, names show the settings that differ among the rows.
+    """
 
     rows: tuple[Row, ...]
     planned: int
+    planned_names: CellNames | None = None
 
     @property
     def done(self) -> list[Row]:
@@ -56,6 +60,11 @@ class CampaignRows:
         names = dict.fromkeys(name for row in self.rows for name in row if name not in RESULT_COLUMNS)
         return [name for name in names if any(len(values) > 1 for values in self._values(name).values())]
 
+    @property
+    def names(self) -> CellNames:
+        """Names of the cells."""
+        return self.planned_names or CellNames(tuple(self.varied), len(self.bags) > 1)
+
     def _values(self, name: str) -> dict[str, set[str]]:
         values: dict[str, set[str]] = {}
         for row in self.rows:
@@ -78,11 +87,11 @@ class CampaignRows:
 
     def name(self, row: Row) -> str:
         """Return the structure of a cell and its settings that vary: polynomial, 12 terms, seed 1."""
-        return ", ".join([row["structure"], *(_describe(key, row[key]) for key in self.varied if key in row)])
+        return self.names.name(row)
 
     def full_name(self, row: Row) -> str:
         """Return the name of a cell with its set of bags, if there are several."""
-        return f"{row['bags']}: {self.name(row)}" if len(self.bags) > 1 else self.name(row)
+        return self.names.full_name(row)
 
     def effects(self, bags: str) -> dict[str, list[tuple[str, list[float]]]]:
         """Return for each axis its values with the selection costs of their cells."""
@@ -127,7 +136,7 @@ def _axis_value(axis: str, row: Row) -> str:
     """Return a row's value on an axis; sizes belong to their structure."""
     if axis == "structure":
         return str(row[axis])
-    value = _describe(axis, row[axis])
+    value = describe_setting(axis, row[axis])
     return value if axis in COMMON_AXES else f"{row['structure']}, {value}"
 
 
@@ -135,11 +144,3 @@ def _in_order(text: str) -> list[tuple[int, float | str]]:
     """Return a key that sorts texts by the numbers in them."""
     parts = re.split(r"(\d+(?:\.\d+)?)", text)
     return [(0, float(part)) if i % 2 else (1, part) for i, part in enumerate(parts)]
-
-
-def _describe(key: str, value: Any) -> str:
-    if isinstance(value, bool):
-        return f"{key} {'yes' if value else 'no'}"
-    if key in ("terms", "units", "rules", "springs", "curves", "memberships"):
-        return f"{value} {key}"
-    return f"{key} {value}"

@@ -14,6 +14,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
+from ces_identify.campaign.cell_names import CellNames
 from ces_identify.polynomial.regressors import CandidateRules
 from ces_identify.polynomial.search_limits import THESIS
 from ces_identify.recordings.recording import Recording
@@ -84,6 +85,12 @@ class Campaign:
         """Every bag once, in the order of the file."""
         sets = (*self.bags.values(), *self.validate.values())
         return tuple(dict.fromkeys(path for bags in sets for path in bags))
+
+    @property
+    def names(self) -> CellNames:
+        """Names of the cells, by the settings that vary in the plan."""
+        axes = [axis for own in (*self.structures.values(), self.common) for axis in own.items()]
+        return CellNames(tuple(dict.fromkeys(name for name, values in axes if len(values) > 1)), len(self.bags) > 1)
 
     def cells(self) -> tuple[Cell, ...]:
         """Return the cross product of all axes, sorted by seed, so that early results cover every structure."""

@@ -24,6 +24,7 @@ from ces_observer.errors import RecordingError
 WARM_UP_S = 0.5  # [s] not scored after the start and after each gap, for models that ask for less
 MAX_GAP_S = 0.05  # [s] over which the measured force is interpolated, as in `ces_observer.model.Sampling`
 MIN_SCORED = 50
+MAX_RATIO = 1000.0  # of a simulated to the largest measured force, for simulations that have no envelope
 
 
 @dataclass(frozen=True)
@@ -31,9 +32,10 @@ class AlignedRecording:
     """Forces of all models on one recording, at its position samples (n,).
 
     `time_s` counts from the first sample; `position` [m] and `speed` [m/s] are shown only. `measured` (n,) and `forces`
-    (models, n) [N] are NaN where there is none; `scored` (n,) is true where all of them count. `diverged` lists the
-    models that left their force envelope, `exits` the signals outside each model's input envelope, `ranges` the lowest
-    and highest position [m], speed [m/s] and current [A] at the scored samples.
+    (models, n) [N] are NaN where there is none; `scored` (n,) is true where all of them count. `diverged` says which
+    models left their force envelope, or have none and exceed MAX_RATIO times the measured force. `exits` lists the
+    signals outside each model's input envelope, `ranges` holds the lowest and highest position [m], speed [m/s] and
+    current [A] at the scored samples.
     """
 
     name: str
@@ -73,7 +75,8 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
     measured = force_at(recording, stamps, MAX_GAP_S)
     runs = [_run(model, recording) for model in models]
     forces = np.stack([force for force, _ in runs])
-    diverged = tuple(run is not None and run.run.diverged >= 0 for _, run in runs)
+    diverged = tuple(_is_endless(force, measured) if run is None else run.run.diverged >= 0 for force, run in runs)
+    forces[np.array(diverged) & np.array([run is None for _, run in runs])] = np.nan
     time_s = (stamps - stamps[0]) * 1e-9
     counted = np.isfinite(measured) & np.isfinite(position.values) & _past_warm_up(time_s) & _in_part(len(stamps), part)
     for force, lost in zip(forces, diverged, strict=True):
@@ -105,6 +108,12 @@ def _run(model: ComparedModel, recording: Recording) -> tuple[F, SampleRun | Non
         return model.simulation.force(recording), None
     run = sample_run(model.model, recording)
     return run.force, run
+
+
+def _is_endless(force: F, measured: F) -> bool:
+    """Return whether a simulated force is far beyond the measured one."""
+    limit = MAX_RATIO * float(np.nanmax(np.abs(measured), initial=0.0))
+    return limit > 0.0 and bool(np.nanmax(np.abs(force), initial=0.0) > limit)
 
 
 def _past_warm_up(time_s: F) -> Mask:

@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from ces_identify.comparison.aligned_recording import AlignedRecording, align
+from ces_identify.comparison.aligned_recording import MAX_RATIO, AlignedRecording, align
 from ces_identify.comparison.compared_model import TRAINED, UNKNOWN, ComparedModel
+from ces_identify.comparison.difference_errors import pooled_costs
 from ces_identify.comparison.pair_results import PairResult, compare_pairs
-from ces_identify.comparison.paired_bootstrap import pooled_costs
 from ces_identify.comparison.tick_time import TickTime, describe_machine, measure_tick_times
-from ces_identify.numerics.arrays import I
 from ces_identify.recordings.recording import Recording
 from ces_identify.sense.content import require_once
-from ces_identify.validation.cost_interval import CostInterval, Ticks, interval_of_ticks
+from ces_identify.validation.cost_interval import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
 
-MAX_MODELS = 8  # colours of the charts
+MAX_MODELS = 40
+MAX_DRAWN = 8  # models in charts, which have so many colours
+MAX_LINES = 84  # in the charts of all recordings together, so that the page stays below 3 MB
 
 
 @dataclass(frozen=True)
@@ -69,6 +70,20 @@ class Comparison:
             r.name for i, r in enumerate(self.recordings) if all(model.costs[i].use != TRAINED for model in self.models)
         )
 
+    @property
+    def drawn(self) -> tuple[int, ...]:
+        """Models that charts show: all of up to MAX_DRAWN, else those of the lowest pooled cost, in their order."""
+        lowest = sorted(range(len(self.models)), key=lambda i: self.models[i].pooled)
+        return tuple(sorted(lowest[:MAX_DRAWN]))
+
+    @property
+    def drawn_recordings(self) -> tuple[int, ...]:
+        """Recordings that charts show: as many as MAX_LINES allow, at least one, tests first, in their order."""
+        count = max(1, MAX_LINES // (2 + 4 * len(self.drawn)))
+        numbers = range(len(self.recordings))
+        first = sorted(numbers, key=lambda n: self.recordings[n].name not in self.test_names)
+        return tuple(sorted(first[:count]))
+
     def pair(self, first: int, second: int) -> PairResult:
         """Return the comparison of two models, whichever comes first."""
         return next(p for p in self.pairs if {p.first, p.second} == {first, second})
@@ -77,6 +92,23 @@ class Comparison:
         """Return what a reader must know before believing the costs, one sentence each."""
         return [*_training_notes(self), *_exit_notes(self), *_divergence_notes(self)]
 
+    def notes_on_charts(self) -> list[str]:
+        """Return which models and recordings the charts leave out."""
+        models = [model.name for i, model in enumerate(self.models) if i not in self.drawn]
+        recordings = [one.name for n, one in enumerate(self.recordings) if n not in self.drawn_recordings]
+        notes = []
+        if models:
+            notes.append(
+                f"charts show the {MAX_DRAWN} models of the lowest cost, the tables all {len(self.models)}; not in the "
+                f"charts: {join(models)}"
+            )
+        if recordings:
+            notes.append(
+                f"charts show {len(self.drawn_recordings)} of {len(self.recordings)} recordings, the tables all; "
+                f"not in the charts: {join(recordings)}"
+            )
+        return notes
+
 
 def compare(
     models: Sequence[ComparedModel],
@@ -84,17 +116,23 @@ def compare(
     part: tuple[float, float] = (0.0, 1.0),
     *,
     timing: bool = True,
-    seed: int = 0,
+    announce: Callable[[str], None] = lambda step: None,
 ) -> Comparison:
     """Run all models over all recordings and compare them; `timing` measures the time of a tick, too.
+
+    `announce` is called with each step before it begins.
 
     Raises CesError for fewer than two models, equal names, or recordings without a force.
     """
     _require_comparable(models, recordings)
-    aligned = [align(models, recording, part) for recording in recordings]
+    aligned = []
+    for n, recording in enumerate(recordings, 1):
+        announce(f"simulating {recording.name} with {len(models)} models ({n} of {len(recordings)} recordings)")
+        aligned.append(align(models, recording, part))
+    announce("timing and comparing")
     uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
-    results = _model_results(models, aligned, uses, _measure(models, recordings[0]) if timing else {}, seed)
-    pairs = compare_pairs([model.name for model in models], aligned, uses, seed)
+    results = _model_results(models, aligned, uses, _measure(models, recordings[0]) if timing else {})
+    pairs = compare_pairs([model.name for model in models], aligned, uses)
     return Comparison(tuple(results), tuple(aligned), tuple(pairs), part, describe_machine() if timing else "")
 
 
@@ -119,7 +157,6 @@ def _model_results(
     aligned: Sequence[AlignedRecording],
     uses: Sequence[Sequence[str]],
     ticks: dict[int, TickTime],
-    seed: int,
 ) -> list[ModelResult]:
     tests = [r for i, r in enumerate(aligned) if all(use[i] != TRAINED for use in uses)] or list(aligned)
     pooled = pooled_costs(tests)
@@ -127,9 +164,9 @@ def _model_results(
         ModelResult(
             name=model.name,
             model=model,
-            costs=tuple(_cost(i, r, use, seed) for r, use in zip(aligned, uses[i], strict=True)),
+            costs=tuple(_cost(i, r, use) for r, use in zip(aligned, uses[i], strict=True)),
             pooled=_finite_cost(pooled[i]),
-            pooled_interval=_interval(i, tests, seed),
+            pooled_interval=_interval(i, tests),
             tick=ticks.get(i),
             force_bound_N=_force_bound(model),
         )
@@ -137,27 +174,25 @@ def _model_results(
     ]
 
 
-def _cost(i: int, recording: AlignedRecording, use: str, seed: int) -> RecordingCost:
+def _cost(i: int, recording: AlignedRecording, use: str) -> RecordingCost:
     cost = _finite_cost(pooled_costs([recording])[i])
     rms = float(np.sqrt(np.mean(recording.errors[i] ** 2)))
-    return RecordingCost(recording.name, cost, rms, _interval(i, [recording], seed), use)
+    return RecordingCost(recording.name, cost, rms, _interval(i, [recording]), use)
 
 
 def _finite_cost(cost: float) -> float:
     return float(cost) if np.isfinite(cost) else float("inf")
 
 
-def _interval(i: int, recordings: Sequence[AlignedRecording], seed: int) -> CostInterval | None:
+def _interval(i: int, recordings: Sequence[AlignedRecording]) -> CostInterval | None:
     """Return the interval of the model's pooled J, None if it diverged or a recording is too short."""
     if any(r.diverged[i] for r in recordings):
         return None
-    return interval_of_ticks([(_ticks(i, r), r.rate_Hz) for r in recordings], seed)
+    return interval_of_ticks([_ticks(i, r) for r in recordings])
 
 
-def _ticks(i: int, recording: AlignedRecording) -> Ticks:
-    force = recording.measured[recording.scored]
-    whole: I = np.array([[0, len(force)]], dtype=np.int64)
-    return Ticks(recording.errors[i] ** 2, force, whole)
+def _ticks(i: int, recording: AlignedRecording) -> ScoredTicks:
+    return ScoredTicks(recording.errors[i] ** 2, recording.measured[recording.scored], recording.rate_Hz)
 
 
 def _force_bound(model: ComparedModel) -> float | None:
@@ -196,16 +231,26 @@ def _exit_notes(comparison: Comparison) -> list[str]:
                 share = f"for {100 * exits[0].outside_share:.1f} % of the time"
                 ranges = f"{share}: {'; '.join(map(str, exits))}"
                 groups.setdefault((recording.name, ranges), []).append(model.name)
-    return [f"{name} leaves the envelope of {join(names)} {ranges}" for (name, ranges), names in groups.items()]
+    everyone = len(comparison.models)
+    return [
+        f"{name} leaves the envelope of {'all models' if len(names) == everyone > 2 else join(names)} {ranges}"
+        for (name, ranges), names in groups.items()
+    ]
 
 
 def _divergence_notes(comparison: Comparison) -> list[str]:
     return [
-        f"{model.name} left its force envelope on {recording.name}: it has no cost there"
+        f"{model.name} {_describe_divergence(model)} on {recording.name}: it has no cost there"
         for recording in comparison.recordings
         for model, lost in zip(comparison.models, recording.diverged, strict=True)
         if lost
     ]
+
+
+def _describe_divergence(model: ModelResult) -> str:
+    if model.model.model is not None:
+        return "left its force envelope"
+    return f"diverged, to more than {MAX_RATIO:g} times the measured force,"
 
 
 def join(names: Sequence[str]) -> str:

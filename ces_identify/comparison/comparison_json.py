@@ -71,7 +71,6 @@ def _difference(one: Difference) -> dict[str, Any]:
         "recordings": list(one.recordings),
         "first_minus_second_percent": _finite(one.value),
         "interval_percent": None if one.low is None else [one.low, one.high],
-        "blocks": one.blocks,
     }
 
 

@@ -65,14 +65,15 @@ def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
         same_recordings=len({pair.pooled.recordings for pair in comparison.pairs}) == 1,
         recordings=[
             {
-                "recording": recording,
+                "recording": comparison.recordings[n],
                 "charts": draw_overlay(comparison, n),
                 "costs": [m.costs[n] for m in comparison.models],
             }
-            for n, recording in enumerate(comparison.recordings)
+            for n in comparison.drawn_recordings
         ],
         envelopes=_envelope_charts(comparison),
-        swatches=[_swatch(i) for i in range(len(comparison.models))],
+        swatches=[_swatch(comparison, i) for i in range(len(comparison.models))],
+        notes_on_charts=[note[0].upper() + note[1:] for note in comparison.notes_on_charts()],
         trained=TRAINED,
         interval=interval_text,
         percent=_percent,
@@ -102,7 +103,7 @@ def _model_row(comparison: Comparison, i: int, best: int) -> dict[str, Any]:
     return {
         "name": result.name,
         "source": result.model.source,
-        "swatch": _swatch(i),
+        "swatch": _swatch(comparison, i),
         "size": "not a model" if model is None else model.size,
         "rate": "–" if model is None else f"{model.sampling.rate_Hz:g}",
         "cost": _percent(result.pooled),
@@ -150,7 +151,6 @@ def _pair_row(comparison: Comparison, pair: PairResult) -> dict[str, Any]:
         "difference": _difference_text(pair.pooled),
         "value": "" if math.isnan(pair.pooled.value) else pair.pooled.value,
         "p_value": "" if pair.p_value is None else pair.p_value,
-        "blocks": str(pair.pooled.blocks),
         "p": p_text(pair.p_value).replace("-", "–"),
         "verdict": verdict,
     }
@@ -172,7 +172,7 @@ def _rows_above(comparison: Comparison, best: int) -> list[IntervalRow]:
     """Return a row for each other model: how much its cost is above the lowest."""
     others = sorted((i for i in range(len(comparison.models)) if i != best), key=_by_cost(comparison))
     return [
-        _row(comparison.models[i].name, comparison.pair(best, i).minus(best), series_css(i), starts=True)
+        _row(comparison.models[i].name, comparison.pair(best, i).minus(best), _css(comparison, i), starts=True)
         for i in others
     ]
 
@@ -202,7 +202,7 @@ def _envelope_chart(comparison: Comparison, signal: str) -> Markup | None:
     for i, result in enumerate(comparison.models):
         if result.model.model is not None:
             low, high = result.model.model.envelope.by_signal[signal]
-            rows.append(IntervalRow(result.name, low, high, nan, _range_text(low, high, unit), series_css(i)))
+            rows.append(IntervalRow(result.name, low, high, nan, _range_text(low, high, unit), _css(comparison, i)))
     if not rows:
         return None
     for n, recording in enumerate(comparison.recordings):
@@ -216,7 +216,14 @@ def _range_text(low: float, high: float, unit: str) -> str:
     return minus(f"{low:.3g} to {high:.3g} {unit}")
 
 
-def _swatch(i: int) -> Markup:
+def _css(comparison: Comparison, i: int) -> str:
+    """Return the class of a model's colour; one that no chart of forces shows has none of its own."""
+    return series_css(comparison.drawn.index(i)) if i in comparison.drawn else "outline"
+
+
+def _swatch(comparison: Comparison, i: int) -> Markup:
+    if i not in comparison.drawn:
+        return Markup("")
     return Markup(
         '<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{}" d="M1,5h20"/></svg>'
-    ).format(series_css(i))
+    ).format(_css(comparison, i))

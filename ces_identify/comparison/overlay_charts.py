@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from markupsafe import Markup
@@ -29,10 +29,11 @@ class OverlayCharts:
 
 def draw_overlay(comparison: Comparison, number: int) -> OverlayCharts:
     """Return the charts of the recording `number`."""
-    recording = comparison.recordings[number]
-    names = [model.name for model in comparison.models]
+    whole = comparison.recordings[number]
+    recording = replace(whole, forces=whole.forces[list(comparison.drawn)])
+    names = [comparison.models[i].name for i in comparison.drawn]
     first, last = choose_window(recording)
-    lines = len(comparison.recordings) * (LINES_OF_RECORDING + LINES_OF_MODEL * len(names))
+    lines = len(comparison.drawn_recordings) * (LINES_OF_RECORDING + LINES_OF_MODEL * len(names))
     points = share_points(lines)
     view = (float(recording.time_s[first]), float(recording.time_s[last - 1]))
     return OverlayCharts(

@@ -9,8 +9,8 @@ import numpy as np
 
 from ces_identify.comparison.aligned_recording import AlignedRecording
 from ces_identify.comparison.compared_model import TRAINED
+from ces_identify.comparison.difference_errors import DifferenceErrors, Pair, all_pairs, find_differences
 from ces_identify.comparison.holm import adjusted_p_values, step_levels
-from ces_identify.comparison.paired_bootstrap import DifferenceErrors, Pair, all_pairs, find_differences
 
 LEVEL = 0.95
 BETTER, SAME, SHORT = "better", "cannot be told apart", "too short to know"
@@ -21,14 +21,13 @@ NO_TEST, DIVERGED = "not a test", "diverged"
 class Difference:
     """J of the first model minus J of the second [%], on `recordings`.
 
-    The value is NaN if a model diverged; `low` and `high` are None without enough blocks. `blocks` counts them.
+    The value is NaN if a model diverged; `low` and `high` are None where the recordings are too short to know.
     """
 
     recordings: tuple[str, ...]
     value: float
     low: float | None
     high: float | None
-    blocks: int
 
     def turned(self) -> Difference:
         """Return the same difference, second minus first."""
@@ -64,7 +63,7 @@ class PairResult:
 
 
 def compare_pairs(
-    names: Sequence[str], recordings: Sequence[AlignedRecording], uses: Sequence[Sequence[str]], seed: int
+    names: Sequence[str], recordings: Sequence[AlignedRecording], uses: Sequence[Sequence[str]]
 ) -> list[PairResult]:
     """Return every pair of the models `names`; `uses` says what each model did with each recording.
 
@@ -74,12 +73,12 @@ def compare_pairs(
     common = _find_tests(uses, range(len(names)))
     tests = {pair: common or _find_tests(uses, pair) for pair in pairs}
     used = {pair: [recordings[i] for i in tests[pair] or range(len(recordings))] for pair in pairs}
-    errors = _find_errors(used, seed)
-    tested = [pair for pair, one in errors.items() if tests[pair] and one.enough]
+    errors = _find_errors(used)
+    tested = [pair for pair, one in errors.items() if tests[pair] and one.error is not None]
     p_values = [errors[pair].p_value() for pair in tested]
     levels = dict(zip(tested, step_levels(p_values, 1.0 - LEVEL), strict=True))
     adjusted = dict(zip(tested, adjusted_p_values(p_values), strict=True))
-    single = [_find_errors({pair: [recording] for pair in pairs}, seed) for recording in recordings]
+    single = [_find_errors({pair: [recording] for pair in pairs}) for recording in recordings]
     return [
         _pair_result(
             pair,
@@ -98,8 +97,8 @@ def _find_tests(uses: Sequence[Sequence[str]], models: Sequence[int]) -> list[in
     return [i for i in range(len(uses[0])) if all(uses[model][i] != TRAINED for model in models)]
 
 
-def _find_errors(used: dict[Pair, list[AlignedRecording]], seed: int) -> dict[Pair, DifferenceErrors]:
-    """Return the errors of every pair that has not diverged on its recordings; equal recordings share their draws."""
+def _find_errors(used: dict[Pair, list[AlignedRecording]]) -> dict[Pair, DifferenceErrors]:
+    """Return the errors of every pair that has not diverged on its recordings."""
     groups: dict[tuple[int, ...], list[Pair]] = {}
     for pair, recordings in used.items():
         if not any(r.diverged[model] for r in recordings for model in pair):
@@ -107,16 +106,16 @@ def _find_errors(used: dict[Pair, list[AlignedRecording]], seed: int) -> dict[Pa
     return {
         pair: one
         for pairs in groups.values()
-        for pair, one in zip(pairs, find_differences(used[pairs[0]], pairs, seed), strict=True)
+        for pair, one in zip(pairs, find_differences(used[pairs[0]], pairs), strict=True)
     }
 
 
 def _difference(recordings: Sequence[AlignedRecording], errors: DifferenceErrors | None, level: float) -> Difference:
     names = tuple(r.name for r in recordings)
     if errors is None:
-        return Difference(names, float("nan"), None, None, 0)
-    low, high = errors.interval(1.0 - level) if errors.enough else (None, None)
-    return Difference(names, errors.value, low, high, errors.blocks)
+        return Difference(names, float("nan"), None, None)
+    low, high = (None, None) if errors.is_too_short(level) else errors.interval(1.0 - level)
+    return Difference(names, errors.value, low, high)
 
 
 def _pair_result(

@@ -68,21 +68,3 @@ def flat_top(max_lag: int) -> F:
     """Return the window (max_lag + 1,) of Politis & Romano (1995): 1 up to FLAT of `max_lag`, then falling to 0."""
     share = np.arange(max_lag + 1) / max(max_lag, 1)
     return np.asarray(np.clip((1.0 - share) / (1.0 - FLAT), 0.0, 1.0))
-
-
-def block_length(x: F, runs: I) -> int:
-    """Return the block length for a circular block bootstrap of the mean of x.
-
-    Politis & White, Automatic block-length selection for the dependent bootstrap, Econometric Reviews 23 (2004), as
-    corrected by Patton, Politis & White, ibid. 28 (2009): b = (2 g^2 / D)^(1/3) n^(1/3), D = 4/3 s(0)^2.
-    """
-    longest = longest_memory(len(x), runs)
-    rho = autocorrelation(x, runs, 2 * longest + INSIGNIFICANT_IN_A_ROW)
-    max_lag = 2 * max(memory(rho, len(x), longest), 1)
-    lags = np.arange(1, max_lag + 1)
-    weighted = flat_top(max_lag)[1:] * rho[1 : max_lag + 1]
-    slope, level = 2.0 * float(lags @ weighted), 1.0 + 2.0 * float(weighted.sum())
-    limit = math.ceil(min(3.0 * math.sqrt(len(x)), len(x) / 3.0))
-    if level <= 0.0:
-        return limit
-    return int(np.clip(math.ceil((1.5 * slope**2 / level**2 * len(x)) ** (1.0 / 3.0)), 1, limit))

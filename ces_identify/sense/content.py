@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 from typing import Any
 
@@ -88,6 +88,24 @@ def recording_marks(recording: Recording) -> list[str]:
     """Return marks of a recording for a model's file: up to MARKS hashes of runs of the force, spread over its time."""
     marks = np.sort(_all_marks(recording.channels.get("force")))
     return [f"{int(mark):016x}" for mark in marks[:MARKS]]
+
+
+def marks_of_copies(recording: Recording) -> list[str]:
+    """Return the marks of a recording, and those of its force at the position's stamps, as tables hold it.
+
+    So a copy is recognised that went through a table (`ces export-data`, then `ces import`).
+    """
+    if not {"position", "force"} <= recording.channels.keys():
+        return recording_marks(recording)
+    stamps, force = recording.channels["position"].stamps_ns, recording.channels["force"]
+    force = force.select(np.isfinite(force.values))
+    if np.array_equal(stamps, force.stamps_ns) or len(force) < RUN:
+        return recording_marks(recording)
+    inside = stamps[(stamps >= force.stamps_ns[0]) & (stamps <= force.stamps_ns[-1])]
+    at, logged = ((s - force.stamps_ns[0]).astype(np.float64) for s in (inside, force.stamps_ns))
+    in_table = Channel(force.name, force.unit, inside, np.interp(at, logged, force.values))
+    as_table = replace(recording, channels={**recording.channels, "force": in_table})
+    return [*recording_marks(recording), *recording_marks(as_table)]
 
 
 def known_share(recording: Recording, marks: Sequence[str]) -> float:

@@ -1,15 +1,12 @@
-"""The confidence interval of a cost J, by a block bootstrap over the scored ticks of one or several free runs.
+"""The confidence interval of a cost J over the scored ticks of one or several free runs.
 
-J is a ratio of two sums, which are resampled together: a replicate draws blocks of ticks with their squared errors and
-measured forces, and takes its own mean force. Blocks preserve the correlation of neighbours. They are circular within a
-run (Politis & Romano 1992), so that all ticks are equally likely, and never span a gap. Their length is the automatic
-choice of Politis and White for the influence of a tick on J, averaged over BIN_S:
+J is a ratio of two sums. The influence of a tick on its logarithm is, to first order,
 
-    e^2 / mean(e^2) - (y - mean y)^2 / var(y)
+    (e^2 / sum(e^2) - (y - mean y)^2 / sum((y - mean y)^2)) / 2
 
-Percentiles are expanded for the number of blocks (Hesterberg, The American Statistician 69, 2015, sec. 3.3), because
-plain ones are too narrow for few blocks. The interval says how J would vary over other stretches of the same
-experiment, and treats the recording as stationary.
+and `ces_identify.numerics.sum_error` gives the standard error of the sum of that over each recording, with what it
+assumes on slow changes. The interval is J times and divided by one factor. It says how J would vary over other
+stretches of the same experiments.
 """
 
 from __future__ import annotations
@@ -18,97 +15,77 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import norm
-from scipy.stats import t as student
 
-from ces_identify.numerics.arrays import F, I
-from ces_identify.numerics.block_sums import average_bins, resample_sums
-from ces_identify.numerics.correlation import block_length, find_runs
+from ces_identify.numerics.arrays import F
+from ces_identify.numerics.sum_error import MIN_BINS, add_errors, estimate_sum_error, sum_bins
 from ces_identify.validation.evaluate import Evaluation
 
 LEVEL = 0.95
-REPLICATES = 2000
-BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
-MIN_BLOCKS = 8
+MAX_FACTOR = 3.0  # between J and an end of its interval; beyond it, the recordings are too short
 
 
 @dataclass(frozen=True)
 class CostInterval:
-    """J is between `low` and `high` [%] with probability LEVEL, by `blocks` blocks of at most `block_s` [s]."""
+    """J is between `low` and `high` [%] with probability LEVEL."""
 
     low: float
     high: float
-    block_s: float
-    blocks: int
 
 
 @dataclass(frozen=True)
-class Ticks:
-    """The scored ticks of a run: `squares` of the error (n,) [N²], measured `force` (n,) [N] and `runs` (r, 2)."""
+class ScoredTicks:
+    """The scored ticks of a recording in order: `squares` of the error (n,) [N²] and measured `force` (n,) [N]."""
 
     squares: F
     force: F
-    runs: I
+    rate_Hz: float
+
+    @property
+    def spread(self) -> F:
+        """Squared distance of the force from its mean (n,) [N²]."""
+        return np.asarray((self.force - self.force.mean()) ** 2)
 
 
-def cost_interval(evaluations: Sequence[Evaluation], seed: int = 0) -> CostInterval | None:
-    """Return the interval of J over all `evaluations` together; None if a run diverged or is too short.
+def cost_interval(evaluations: Sequence[Evaluation]) -> CostInterval | None:
+    """Return the interval of J over all `evaluations` together; None if a run diverged or they are too short.
 
-    Errors and forces are pooled, each force relative to its recording's mean; each recording is resampled separately.
+    Errors and forces are pooled, each force relative to its recording's mean.
     """
     if not all(np.isfinite(evaluation.cost) for evaluation in evaluations):
         return None
-    return interval_of_ticks([(scored_ticks(e), e.series.rate_Hz) for e in evaluations], seed)
+    return interval_of_ticks([scored_ticks(e) for e in evaluations])
 
 
-def interval_of_ticks(runs: Sequence[tuple[Ticks, float]], seed: int = 0) -> CostInterval | None:
-    """Return the interval of J over runs of finite forces, each with its rate [Hz]; None if one is too short."""
-    random = np.random.default_rng(seed)
-    total, blocks_of = np.zeros((REPLICATES, 2)), []
-    for ticks, rate_Hz in runs:
-        length = influence_block(ticks, max(1, round(BIN_S * rate_Hz)))
-        if len(ticks.force) < MIN_BLOCKS * length:
-            return None
-        total += replicates(ticks, length, random)
-        blocks_of.append((length / rate_Hz, len(ticks.force) // length))
-    blocks = sum(count for _, count in blocks_of)
-    low, high = interval_of(100.0 * np.sqrt(total[:, 0] / total[:, 1]), blocks)
-    return CostInterval(low, high, max(seconds for seconds, _ in blocks_of), blocks)
-
-
-def interval_of(replicated: F, blocks: int) -> tuple[float, float]:
-    """Return the expanded percentile interval of replicates (n,) with `blocks` blocks each."""
-    reach = float(np.sqrt(blocks / (blocks - 1.0)) * student.ppf(0.5 + LEVEL / 2, blocks - 1))
-    tail = float(norm.sf(reach))
-    low, high = np.quantile(replicated, [tail, 1.0 - tail])
-    return float(low), float(high)
+def interval_of_ticks(recordings: Sequence[ScoredTicks]) -> CostInterval | None:
+    """Return the interval of J over recordings of finite forces; None if they are too short."""
+    squares, spread = _sums(recordings)
+    influences = [_influence_of_bins(ticks, squares, spread) for ticks in recordings]
+    if min(map(len, influences)) < MIN_BINS:
+        return None
+    seconds = [len(ticks.force) / ticks.rate_Hz for ticks in recordings]
+    error = add_errors([estimate_sum_error(x, s) for x, s in zip(influences, seconds, strict=True)])
+    factor = float(np.exp(error.half_width(LEVEL)))
+    cost = 100.0 * float(np.sqrt(squares / spread))
+    return CostInterval(cost / factor, cost * factor) if factor <= MAX_FACTOR else None
 
 
 def pooled_cost(evaluations: Sequence[Evaluation]) -> float:
     """Return J [%] over all ticks of `evaluations`, each force relative to its recording's mean."""
-    ticks = [scored_ticks(e) for e in evaluations]
-    spread = sum(float(((t.force - t.force.mean()) ** 2).sum()) for t in ticks)
-    return float(100.0 * np.sqrt(sum(float(t.squares.sum()) for t in ticks) / spread))
+    squares, spread = _sums([scored_ticks(e) for e in evaluations])
+    return float(100.0 * np.sqrt(squares / spread))
 
 
-def scored_ticks(evaluation: Evaluation) -> Ticks:
+def scored_ticks(evaluation: Evaluation) -> ScoredTicks:
     """Return the scored ticks of `evaluation`."""
     series = evaluation.series
-    return Ticks(evaluation.error**2, series.force[series.scored], find_runs(series.scored, series.segments))
+    return ScoredTicks(evaluation.error**2, series.force[series.scored], series.rate_Hz)
 
 
-def influence_block(ticks: Ticks, bin_ticks: int) -> int:
-    """Return the block length [ticks] for `ticks`, a multiple of `bin_ticks`."""
-    centred = (ticks.force - ticks.force.mean()) ** 2
-    influence = ticks.squares / max(float(ticks.squares.mean()), 1e-300) - centred / centred.mean()
-    binned, runs = average_bins(influence, ticks.runs, bin_ticks)
-    return bin_ticks * block_length(binned, runs) if len(binned) > 3 * MIN_BLOCKS else len(influence)
+def _sums(recordings: Sequence[ScoredTicks]) -> tuple[float, float]:
+    return sum(float(t.squares.sum()) for t in recordings), sum(float(t.spread.sum()) for t in recordings)
 
 
-def replicates(ticks: Ticks, length: int, random: np.random.Generator) -> F:
-    """Return sums of squared errors and of squared distances from the mean force (REPLICATES, 2), resampled."""
-    y = ticks.force - ticks.force.mean()
-    columns = np.stack([ticks.squares, y, y**2, np.ones(len(y))], axis=1)
-    sums = resample_sums(columns, ticks.runs, length, REPLICATES, random)
-    spread = sums[:, 2] - sums[:, 1] ** 2 / sums[:, 3]
-    return np.stack([sums[:, 0], spread], axis=1) * (len(ticks.force) / sums[:, 3])[:, None]
+def _influence_of_bins(ticks: ScoredTicks, squares: float, spread: float) -> F:
+    """Return the influence of each bin of BIN_S on the logarithm of J."""
+    influence = 0.5 * (ticks.squares / max(squares, 1e-300) - ticks.spread / spread)
+    return sum_bins(influence, ticks.rate_Hz)

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from ces_identify.validation.cost_interval import MIN_BLOCKS, CostInterval
+from ces_identify.validation.cost_interval import MAX_FACTOR, CostInterval
 from ces_identify.validation.cycle_noise import CycleNoise
 from ces_identify.validation.evaluate import Evaluation
 
 DIVERGED = "no interval and no RMS error (the free run diverged)"
-SHORT = f"no interval (shorter than {MIN_BLOCKS} times the time over which its errors are alike)"
+SHORT = f"no interval (too short: it would reach beyond {MAX_FACTOR:g} times the cost)"
 
 
 def explain_missing(

@@ -13,6 +13,7 @@ import pytest
 from ces_cli.campaign.program import _describe_cell
 from ces_cli.campaign.tables import Summary, summary_tables
 from ces_cli.main import main
+from ces_identify.campaign.cell_names import CellNames
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 
 ROOT = Path(__file__).parents[3]
@@ -122,8 +123,8 @@ def test_a_complete_run_computes_nothing(work, capsys, monkeypatch):
 def test_cells_are_named_by_what_differs_and_counted_by_bags():
     row = {"key": "k", "bags": "noise", "structure": "polynomial", "terms": 5, "seed": 2, "status": "done"}
     row |= {"selection_J": 4.2, "parameters": 5, "seconds": 1.0, "gain": 0.5, "costs": [], "size": "5 terms"}
-    summary = Summary((row,), 9, ("noise", "both"), (), ("terms", "seed"), {"noise": 4, "both": 5})
-    assert _describe_cell(summary, row) == "noise, polynomial, terms 5, seed 2: selection J 4.20 %, 5 parameters, 1.0 s"
+    summary = Summary((row,), 9, ("noise", "both"), (), CellNames(("terms", "seed"), True), {"noise": 4, "both": 5})
+    assert _describe_cell(summary, row) == "noise: polynomial, 5 terms, seed 2: selection J 4.20 %, 5 parameters, 1.0 s"
     (table,) = summary_tables(summary, 40)
     assert table.title == "identified on noise (1 of 4 models done); costs J in %"
 
@@ -177,8 +178,11 @@ def test_failed_cells_are_reported_and_not_tried_again(work, tmp_path, capsys):
     (work / "some.yaml").write_text(CAMPAIGN.replace("both: [one, two]", "short: short").replace("seeds: [1, 2]", ""))
     for _ in range(2):
         assert ces("identify", "--campaign", work / "some.yaml", "--out", tmp_path / "out", "--jobs", 2) == 0
-        assert capsys.readouterr().err.count("warning: short, polynomial, terms 2: ") == 1
+        assert capsys.readouterr().err.count("warning: short: polynomial, 2 terms: ") == 1
     assert [json.loads(line)["status"] for line in lines_of(tmp_path / "out")].count("failed") == 3
+    page = (tmp_path / "out" / "campaign.html").read_text(encoding="utf-8")
+    table = (tmp_path / "out" / "results.md").read_text(encoding="utf-8")
+    assert all("short: polynomial, 2 terms" in text for text in (page, table))  # one name in all outputs
     assert len(lines_of(tmp_path / "out")) == 6
     (work / "none.yaml").write_text((work / "some.yaml").read_text().replace("  one: [one]\n", ""))
     assert ces("identify", "--campaign", work / "none.yaml", "--out", tmp_path / "none", "--jobs", 2) == 2

@@ -6,10 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from made_errors import aligned, two_models
+from residual_series import coloured
 
 from ces_identify import compare_models, make_recording, read_recording
 from ces_identify.comparison.compared_model import TEST, TRAINED, UNKNOWN, make_compared_model, name_sources
-from ces_identify.comparison.comparison import compare
+from ces_identify.comparison.comparison import Comparison, _model_results, compare
 from ces_identify.comparison.pair_results import BETTER, DIVERGED, NO_TEST, SAME, SHORT, compare_pairs
 from ces_identify.comparison.tick_time import measure_tick_times
 from ces_identify.sense.content import recording_marks
@@ -104,27 +105,27 @@ def test_verdicts_at_known_truth():
     errors[2] = errors[1]
     recording = aligned(errors, diverged=(False, False, False, True))
     uses = [["test"], ["test"], ["identified on"], ["test"]]
-    found = {(p.first, p.second): p for p in compare_pairs("abcd", [recording], uses, 0)}
+    found = {(p.first, p.second): p for p in compare_pairs("abcd", [recording], uses)}
     assert (found[0, 1].verdict, found[0, 1].better) == (BETTER, 1)  # neither was identified on it
     assert found[1, 2].verdict == NO_TEST and found[1, 2].pooled.value == 0.0 and found[1, 2].p_value is None
     assert found[0, 3].verdict == DIVERGED
     short = aligned(two_models(300, 1))
-    assert compare_pairs("ab", [short], [["test"], ["test"]], 0)[0].verdict == SHORT
+    assert compare_pairs("ab", [short], [["test"], ["test"]])[0].verdict == SHORT
     same = aligned(errors[1:3])
-    assert compare_pairs("ab", [same], [["test"], ["test"]], 0)[0].verdict == SAME
+    assert compare_pairs("ab", [same], [["test"], ["test"]])[0].verdict == SAME
 
 
 def test_holm_widens_intervals_of_several_pairs():
-    n = 15_000
-    errors = np.concatenate([two_models(n, 1, 1.2), two_models(n, 2, 1.1), two_models(n, 3)])
-    alone = compare_pairs("ab", [aligned(errors[:2])], [["test"]] * 2, 0)[0]
-    among = compare_pairs("abcdef", [aligned(errors)], [["test"]] * 6, 0)[0]
+    n = 30_000
+    errors = np.concatenate([two_models(n, 1, 1.6), two_models(n, 2, 1.1), two_models(n, 3)])
+    alone = compare_pairs("ab", [aligned(errors[:2])], [["test"]] * 2)[0]
+    among = compare_pairs("abcdef", [aligned(errors)], [["test"]] * 6)[0]
     assert among.p_value > alone.p_value
     assert among.pooled.high - among.pooled.low > alone.pooled.high - alone.pooled.low
 
 
 def test_mistakes(sine):
-    with pytest.raises(CesError, match="1 models to compare; expected 2 to 8"):
+    with pytest.raises(CesError, match="1 models to compare; expected 2 to 40"):
         compare_models({"a": MODEL}, sine)
     twice = [make_compared_model("a", ModelSimulation(MODEL))] * 2
     with pytest.raises(CesError, match="two models are named 'a'"):
@@ -143,3 +144,19 @@ def test_mistakes(sine):
 def test_the_time_of_a_tick_is_that_of_one_step_of_the_estimator(sine):
     (one,) = measure_tick_times([MODEL], sine)
     assert 0.1 < one.fastest_us <= one.median_us < 2000.0
+
+
+def test_more_models_and_recordings_than_charts_can_show():
+    """Tables hold all of them, charts the best models, tests first, and the page says what is left out."""
+    errors = np.stack([(1.0 + 0.1 * k) * coloured(6_000, 0.9, k) for k in range(10)])
+    made = [aligned(errors[:, ::-1] if n else errors, n, f"r{n}") for n in range(4)]
+    models = [make_compared_model(f"m{k}", ModelSimulation(MODEL)) for k in range(10)]
+    uses = [[TRAINED, TEST, TEST, TEST]] * 10
+    results = _model_results(models, made, uses, {})
+    pairs = compare_pairs([m.name for m in models], made, uses)
+    found = Comparison(tuple(results), tuple(made), tuple(pairs), (0.0, 1.0), "")
+    assert found.drawn == tuple(range(8)) and found.drawn_recordings == (1, 2)
+    models_left, recordings_left = found.notes_on_charts()
+    assert "tables all 10; not in the charts: m8 and m9" in models_left
+    assert "2 of 4 recordings, the tables all; not in the charts: r0 and r3" in recordings_left
+    assert len(pairs) == 45

@@ -1,10 +1,8 @@
 import numpy as np
-import pytest
 from residual_series import coloured, single_run
 
 from ces_identify.numerics.correlation import (
     autocorrelation,
-    block_length,
     covariance,
     find_runs,
     flat_top,
@@ -62,12 +60,3 @@ def test_memory_of_what_never_forgets_is_bounded():
 
 def test_flat_top_window():
     np.testing.assert_allclose(flat_top(4), [1.0, 1.0, 1.0, 0.5, 0.0])
-
-
-@pytest.mark.parametrize("pole", [0.5, 0.8])
-def test_block_length_near_the_best_for_a_first_order_process(pole):
-    """For an AR(1), G = sum |k| R(k) and s(0) are known: b = (3/2 (2 rho / (1 - rho^2))^2 n)^(1/3)."""
-    n = 20_000
-    best = (1.5 * (2.0 * pole / (1.0 - pole**2)) ** 2 * n) ** (1.0 / 3.0)
-    length = np.median([block_length(coloured(n, pole, seed), single_run(n)) for seed in range(15)])
-    assert length == pytest.approx(best, rel=0.2)

@@ -64,7 +64,7 @@ def cost_cells(root: ET.Element) -> list[list[str]]:
 @pytest.fixture(scope="module")
 def both() -> list[Evaluation]:
     first = evaluate(model(), [damper("sine", seed=1)], IDENTIFICATION)
-    return first + evaluate(model(), [damper("road", seed=2, gaps=1)], VALIDATION)
+    return first + evaluate(model(), [damper("road", seed=2, gaps=1, ticks=12_000)], VALIDATION)
 
 
 def test_the_page_is_self_contained(tmp_path: Path, both: list[Evaluation]) -> None:

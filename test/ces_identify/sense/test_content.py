@@ -5,12 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ces_identify.data_export.data_table import tabulate
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.sense.content import (
     find_known_recording,
     known_share,
+    marks_of_copies,
     recording_marks,
     require_distinct,
     require_once,
@@ -177,6 +179,24 @@ def test_a_model_knows_copies_and_parts_of_what_it_was_identified_on():
     assert find_known_recording(made("renamed", seconds=20.0), provenance, (0.5, 1.0)) == ""
     assert find_known_recording(part(whole, 11.0, 20.0), provenance) == ""
     assert find_known_recording(made("other", 2), provenance) == ""
+
+
+def test_a_model_knows_a_copy_that_went_through_a_table():
+    """A table holds the force at the position's times; a part of it is still recognised, another run is not."""
+    whole = made("first", seconds=20.0)
+    late = replace(whole.channels["force"], stamps_ns=whole.channels["force"].stamps_ns + 300_000)
+    apart = replace(whole, channels={**whole.channels, "force": late})
+    force = next(column for column in tabulate(apart, {}).columns if column.name == "force_interp_N")
+    kept = ~force.missing
+    position = apart.channels["position"].select(kept)
+    table = replace(
+        apart, channels={"position": position, "force": Channel("force", "N", position.stamps_ns, force.values[kept])}
+    )
+    known = {"identification": [{"recording": "first", "sha256": "", "marks": " ".join(marks_of_copies(apart))}]}
+    assert find_known_recording(table, known) == "first" and find_known_recording(apart, known) == "first"
+    assert find_known_recording(part(table, 5.0, 12.0), known) == "first"
+    assert find_known_recording(made("other", 2, seconds=20.0), known) == ""
+    assert marks_of_copies(whole) == recording_marks(whole)  # the same stamps: one set of marks
 
 
 def test_older_model_files_know_the_bytes_of_their_bags():

@@ -96,7 +96,7 @@ def test_a_larger_budget_goes_on(finished: Path, tmp_path: Path) -> None:
 
 
 def test_a_target_on_fresh_data_ends_it(tmp_path: Path) -> None:
-    plan = make_plan(tmp_path, stop={"budget_s": 60.0, "target_J": 99.0})
+    plan = make_plan(tmp_path, experiments={"duration_s": 12.0}, stop={"budget_s": 60.0, "target_J": 99.0})
     assert Iterations(plan, monotube_rig(), tmp_path).run().startswith("target reached")
     assert len(rows(tmp_path)) == 2
 
