@@ -7,6 +7,7 @@ from pathlib import Path
 from types import ModuleType
 
 import pytest
+from patience import PATIENCE_S
 
 NOTEBOOK = Path(__file__).resolve().parent.parent / "examples" / "own_data.ipynb"
 
@@ -35,7 +36,8 @@ def test_the_notebook_runs(nbformat: ModuleType, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(NOTEBOOK.parents[1]), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
     notebook = nbformat.read(NOTEBOOK, as_version=4)
-    NotebookClient(notebook, timeout=120, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    patience = {"timeout": int(PATIENCE_S), "startup_timeout": int(PATIENCE_S)}
+    NotebookClient(notebook, **patience, resources={"metadata": {"path": str(tmp_path)}}).execute()
     text = "\n".join(output_of(cell) for cell in notebook.cells if cell.cell_type == "code")
     assert "proved stable" in text and "run 2: J = " in text
     cost = float(text.partition("run 2: J = ")[2].partition(" %")[0])

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from flask import Blueprint, Response, abort, render_template, url_for
+from flask import Blueprint, Response, render_template, url_for
 
 from ces_identify.progress_file import RUNNING, RunProgress, read_progress
 from ces_observer.errors import CesError
@@ -44,11 +45,9 @@ def show(path: str) -> str:
 
 @pages.get("/events/search/<path:path>")
 def follow(path: str) -> Response:
-    """Stream the content of the page whenever the program has written more, until it ends."""
+    """Stream the content of the page whenever the program has written more, until it ends; only its end if it has."""
     search = _find(path)
-    if search is None:
-        abort(404, f"{path}: nothing is running with this output")
-    return streams().respond(_follow(site(), search))
+    return streams().respond(_follow(site(), search) if search else _end(site(), path))
 
 
 def describe_search(search: RunningSearch) -> str:
@@ -106,7 +105,7 @@ def _follow(where: Site, search: RunningSearch) -> Events:
         now = _size(search.file)
         progress = read_progress(search.file) if now != before or looks % REPORT_EVERY == 0 else None
         if now is None or (progress is not None and not progress.alive):
-            yield "ended", render_template("outcome.html", outcome=_outcome(where, search.path))
+            yield from _end(where, search.path)
             return
         if progress is not None:
             yield "content", render_template("content.html", content=_content_now(where, search.path, progress))
@@ -114,6 +113,10 @@ def _follow(where: Site, search: RunningSearch) -> Events:
             yield ALIVE
         before, looks = now, looks + 1
         time.sleep(POLL_S)
+
+
+def _end(where: Site, path: str) -> Events:
+    yield "ended", render_template("outcome.html", outcome=_outcome(where, path))
 
 
 def _content_now(where: Site, path: str, progress: RunProgress) -> PageContent:
@@ -131,7 +134,10 @@ def _outcome(where: Site, path: str) -> list[Item]:
 
 
 def _find(path: str) -> RunningSearch | None:
-    return next((one for one in site().catalogue.listing().searches if one.path == path), None)
+    """Return what runs with this output, as it is now: the list of the folder may be some seconds old."""
+    found = next((one for one in site().catalogue.listing().searches if one.path == path), None)
+    progress = read_progress(found.file) if found else None
+    return replace(found, progress=progress) if found and progress and progress.alive else None
 
 
 def _size(path: Path) -> tuple[int, int] | None:

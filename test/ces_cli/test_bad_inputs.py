@@ -210,7 +210,7 @@ def test_ctrl_c_in_the_search_writes_the_best_so_far(work, tmp_path, monkeypatch
     words = ["identify", work / "one", "--terms", 60, "--time", 600, "--starts", 4, "--threads", 2]
     began = time.monotonic()
     assert ces(*words, "--out", tmp_path / "m.json", "--report", tmp_path / "r.html") == 0
-    assert time.monotonic() - began < 60.0
+    assert time.monotonic() - began < 300.0  # of 600
     assert load_model(tmp_path / "m.json").certificate is not None
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m.json", "r.html"]
 

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import pytest
@@ -180,10 +180,10 @@ def widest() -> str:
 
 
 def test_the_largest_model_is_read_and_judged_in_bounded_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    start = perf_counter()
+    start = process_time()
     model = parse_model(widest(), "m.json")
     model.make_predictor().tick(0.01, 0.5, 0.5)
-    assert perf_counter() - start < 10.0  # a second on an idle computer
+    assert process_time() - start < 10.0  # a second on an idle computer
     monkeypatch.setattr(branch_and_bound, "MAX_WORK", 300_000)
     groups = [model.body.terms]
     work = Sums(groups).work

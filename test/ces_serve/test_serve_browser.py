@@ -24,8 +24,6 @@ from ces_serve.web.server import PageServer
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from playwright.sync_api import expect
 
-PATIENCE_MS = 15_000
-
 
 @contextmanager
 def serving(folder: Path) -> Iterator[str]:
@@ -66,8 +64,8 @@ def test_the_overview_is_filtered_and_walked_by_keys(url: str) -> None:
         expect(rows).to_have_count(9)
         page.keyboard.press("/")
         page.keyboard.type("friction")
+        expect(page).to_have_url(re.compile(r"\?q=friction$"))  # the last of the lists that came while typing
         expect(rows).to_have_count(2)
-        assert page.url.endswith("?q=friction")
         page.keyboard.press("ArrowDown")
         page.keyboard.press("ArrowDown")
         page.keyboard.press("ArrowUp")
@@ -89,7 +87,7 @@ def test_what_is_new_appears_by_itself(tmp_path: Path) -> None:
     with serving(tmp_path) as address, own_page(address) as page:
         expect(page.locator("tbody tr")).to_have_count(1)
         described_model().save(tmp_path / "b.json")
-        expect(page.locator("tbody tr")).to_have_count(2, timeout=PATIENCE_MS)
+        expect(page.locator("tbody tr")).to_have_count(2)
 
 
 def test_what_came_between_the_page_and_its_stream_appears_too(tmp_path: Path) -> None:
@@ -101,7 +99,7 @@ def test_what_came_between_the_page_and_its_stream_appears_too(tmp_path: Path) -
     with serving(tmp_path) as address, open_page("about:blank", network=True) as page:
         page.route("**/events/overview", come_late)
         page.goto(address)
-        expect(page.locator("tbody tr")).to_have_count(1, timeout=PATIENCE_MS)
+        expect(page.locator("tbody tr")).to_have_count(1)
 
 
 def test_two_models_are_compared_by_clicking(url: str) -> None:
@@ -115,7 +113,7 @@ def test_two_models_are_compared_by_clicking(url: str) -> None:
         compare.click()
         expect(page.get_by_label("recordings/sine_4hz")).to_be_checked()
         page.get_by_role("button", name="Compare").click()
-        page.wait_for_url("**/compare/page/*", timeout=60_000)
+        page.wait_for_url("**/compare/page/*")
         assert set(page.title().split()) == {"first", "and", "second", "on", "sine_4hz"}
         costs = page.locator("table").first
         expect(costs).to_contain_text("first")
@@ -130,23 +128,24 @@ def test_a_running_search_grows_and_ends(tmp_path: Path) -> None:
     with serving(tmp_path) as address, SearchProgressFile("identify", tmp_path / "new.json", facts) as file:
         file.write({"seed": 1, "cost": 30.0, "size": 2, "ended": "running"})
         with own_page(address) as page:
-            page.locator(".running a").click(timeout=PATIENCE_MS)
+            page.locator(".running a").click()
+            page.mouse.move(0, 0)  # a chart under the mouse stays as it is
             points = page.locator("#search-plot g.area path.spot")
             before = len(points.first.get_attribute("d") or "")
             for cost in (20.0, 12.0, 8.25):
                 file.write({"seed": 1, "cost": cost, "size": 5, "ended": "running"})
-            expect(page.locator(".headline").first).to_contain_text("J = 8.25 %", timeout=PATIENCE_MS)
+            expect(page.locator(".headline").first).to_contain_text("J = 8.25 %")
             assert len(points.first.get_attribute("d") or "") > before
             expect(page.locator(".plot-frame")).to_have_count(1)  # it can be zoomed after each change
             described_model().save(tmp_path / "new.json")
             file.__exit__(None, None, None)
-            page.get_by_role("link", name="new.json").click(timeout=PATIENCE_MS)
+            page.get_by_role("link", name="new.json").click()
             expect(page.locator(".headline")).to_contain_text("Polynomial, 3 terms")
 
 
 def test_a_recording_shows_its_signals(url: str) -> None:
     with own_page(f"{url}view/recording/recordings/sine_4hz") as page:
-        expect(page.locator("#signals-plot g.area")).to_have_count(3, timeout=PATIENCE_MS)
+        expect(page.locator("#signals-plot g.area")).to_have_count(3)
         expect(page.locator(".block tbody tr").first).to_contain_text("1000.0")
 
 

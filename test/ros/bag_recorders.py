@@ -16,6 +16,7 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from node_process import ROOT, NodeProcess
 from party import Party
+from patience import PATIENCE_S
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState, Temperature
 from vehicle import DEEP, JOINT, stroke, wait
@@ -61,7 +62,7 @@ class Experiment(Party):
     def meets(self, count: int) -> None:
         """Wait until `count` recorders hear every topic."""
         for name, publisher in self._publishers.items():
-            wait(lambda p=publisher: p.get_subscription_count() >= count, f"{count} recorders of {name}", 60.0)
+            wait(lambda p=publisher: p.get_subscription_count() >= count, f"{count} recorders of {name}")
         time.sleep(0.5)  # matching is told to each side on its own
 
     def run(self, duration_s: float) -> None:
@@ -71,7 +72,7 @@ class Experiment(Party):
             time.sleep(max(0.0, start + k * 1e-3 - time.monotonic()))
             self._publish(start_ns + k * MS, k)
         for publisher in self._publishers.values():
-            assert publisher.wait_for_all_acked(Duration(seconds=20.0))
+            assert publisher.wait_for_all_acked(Duration(seconds=PATIENCE_S))
         time.sleep(0.5)  # the recorders take what they have received
 
     def _publish(self, stamp_ns: int, k: int) -> None:
@@ -99,7 +100,7 @@ class Recorder:
     def ends(self, number: signal.Signals) -> None:
         """End the recorder with a signal, and wait for its end."""
         self._process.interrupt(number)
-        self.output = self._process.ended(30.0)[1]
+        self.output = self._process.ended()[1]
 
     def kill(self) -> None:
         self._process.kill()
@@ -125,13 +126,13 @@ def lossless_node(namespace: str) -> dict[str, str]:
 def play(path: Path, topics: Iterable[str], *options: str) -> None:
     """Play a bag to its end."""
     words = ["ros2", "bag", "play", str(path), "--disable-keyboard-controls", *keep_all(path, topics), *options]
-    subprocess.run(words, cwd=ROOT, capture_output=True, check=True, timeout=120.0)
+    subprocess.run(words, cwd=ROOT, capture_output=True, check=True, timeout=PATIENCE_S)
 
 
 def run_ces(*words: object) -> subprocess.CompletedProcess[str]:
     """Run the program `ces` of this checkout."""
     command = [sys.executable, "-m", "ces_cli.main", *map(str, words)]
-    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=120.0)
+    return subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
 
 
 def assert_published(values: Mapping[int, float], stamps_ns: np.ndarray, recorded: np.ndarray) -> None:

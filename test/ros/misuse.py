@@ -33,7 +33,7 @@ from type_description_interfaces.srv import GetTypeDescription
 
 RELIABLE = QoSProfile(depth=100)  # best effort ones too hear it
 LATCHED_DEEP = QoSProfile(depth=100, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)
-ANSWER_S = 30.0
+ANSWER_S = 120.0
 AT_ONCE = 8  # the queues of services hold ten
 MILLION = 1_000_000
 VALUES: tuple[tuple[str, int, Any], ...] = (

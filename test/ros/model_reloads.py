@@ -6,6 +6,7 @@ import time
 from dataclasses import dataclass
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from patience import PATIENCE_S
 from rclpy.node import Node
 from rclpy.qos import QoSDurabilityPolicy, QoSProfile
 from std_srvs.srv import Trigger
@@ -30,7 +31,7 @@ class ModelReloads:
         self._client = node.create_client(Trigger, f"{name}/reload_model")
         node.create_subscription(DiagnosticStatus, f"{name}/model_status", self.statuses.append, EVERY)
 
-    def call(self, timeout_s: float = 60.0) -> Outcome:
+    def call(self, timeout_s: float = PATIENCE_S) -> Outcome:
         """Have the file read again; return the outcome, which is the answer itself for a file that is no model."""
         answer, end = self.answer(timeout_s), time.monotonic() + timeout_s
         while (outcome := self._find_outcome(answer)) is None:
@@ -38,7 +39,7 @@ class ModelReloads:
             time.sleep(0.005)
         return outcome
 
-    def answer(self, timeout_s: float = 60.0) -> Trigger.Response:
+    def answer(self, timeout_s: float = PATIENCE_S) -> Trigger.Response:
         """Have the file read again; return the answer of the service."""
         assert self._client.wait_for_service(timeout_s)
         future, end = self._client.call_async(Trigger.Request()), time.monotonic() + timeout_s

@@ -9,6 +9,9 @@ import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from patience import PATIENCE_S
+
+ORDERLY_S = 15.0  # for a node to end in order after its test
 ROOT = Path(__file__).resolve().parent.parent.parent
 
 
@@ -39,7 +42,7 @@ class NodeProcess:
         """Signal the whole group, as a terminal does on Ctrl-C."""
         os.killpg(self._process.pid, number)
 
-    def ended(self, timeout_s: float = 15.0) -> tuple[int, str]:
+    def ended(self, timeout_s: float = PATIENCE_S) -> tuple[int, str]:
         """Wait for the end; return exit status and output."""
         output, _ = self._process.communicate(timeout=timeout_s)
         return self._process.returncode, output
@@ -52,7 +55,7 @@ class NodeProcess:
         if self.is_running():
             self.interrupt()
             try:
-                self.ended(5.0)
+                self.ended(ORDERLY_S)
             except subprocess.TimeoutExpired:
                 os.killpg(self._process.pid, signal.SIGKILL)
                 self._process.communicate()

@@ -1,7 +1,8 @@
 """A participant with the rights of its environment: drives position and current, or hears estimates, or does both.
 
-A process of its own, as the environment sets its security. Prints one JSON line: how many estimates it heard, and the
-most subscriptions that its position matched at a time.
+A process of its own, as the environment sets its security. It ends after a time, or before when it has heard enough
+estimates or a file has come. Prints one JSON line: how many estimates it heard, and the most subscriptions that its
+position matched at a time.
 """
 
 from __future__ import annotations
@@ -9,11 +10,13 @@ from __future__ import annotations
 import json
 import sys
 import time
-from math import sin
+from math import inf, sin
+from pathlib import Path
 
 import rclpy
 from rclpy.node import Node
 from rclpy.qos import QoSProfile, qos_profile_sensor_data
+from rclpy.utilities import remove_ros_args
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
@@ -38,7 +41,7 @@ class Drive:
         self.matched = max(self.matched, self._position.get_subscription_count())
 
 
-def main(role: str, duration_s: float) -> None:
+def main(role: str, duration_s: float, enough: float = inf, stop: Path | None = None) -> None:
     rclpy.init()
     node = rclpy.create_node("participant")
     heard: list[JointState] = []
@@ -46,7 +49,7 @@ def main(role: str, duration_s: float) -> None:
         node.create_subscription(JointState, "observer/estimate", heard.append, qos_profile_sensor_data)
     drive = Drive(node) if role in ("drive", "both") else None
     end = time.monotonic() + duration_s
-    while time.monotonic() < end:
+    while time.monotonic() < end and len(heard) < enough and not (stop and stop.exists()):
         rclpy.spin_once(node, timeout_sec=PERIOD_S)
         if drive is not None:
             drive.publish()
@@ -54,4 +57,5 @@ def main(role: str, duration_s: float) -> None:
 
 
 if __name__ == "__main__":
-    main(sys.argv[1], float(sys.argv[2]))
+    _, asked_role, *numbers = remove_ros_args(sys.argv)
+    main(asked_role, *map(float, numbers[:2]), *map(Path, numbers[2:]))

@@ -22,6 +22,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from model_reloads import ModelReloads
 from node_process import NodeProcess, ros_args
 from party import Party
+from patience import PATIENCE_S
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
@@ -35,7 +36,6 @@ from ces_observer.nodes.qos import LATCHED
 DEEP = QoSProfile(depth=50_000)
 STEP_NS = 5_000_000  # between the stamps of estimates, whatever the time between their publishing
 RECOVERY_S = 0.2
-LONG_S = 60.0  # a check runs at low priority
 TUNING = {"low_A": 0.0, "high_A": 2.0, "safe_A": 0.0, "recovery_s": RECOVERY_S, "feedback": "none", "timeout_s": 10.0}
 CURVE = {"curve.speeds_m_s": [-2.0, 0.0, 2.0], "curve.forces_N": [-5600.0, 0.0, 5600.0]}
 
@@ -71,30 +71,30 @@ class Loop(Party):
     @contextmanager
     def estimating(self) -> Iterator[None]:
         """Publish estimates beside what is done in this context."""
-        wait(lambda: self._estimates.get_subscription_count() > 0, "the controller subscribes to estimates", LONG_S)
+        wait(lambda: self._estimates.get_subscription_count() > 0, "the controller subscribes to estimates")
         with self.repeating(STEP_NS * 1e-9, self._estimate):
             yield
 
     def set_model(self, path: Path) -> str:
         """Set the parameter; return why it is refused, empty if it is not."""
-        assert self._parameters.wait_for_services(LONG_S)
+        assert self._parameters.wait_for_services(PATIENCE_S)
         answer = self._parameters.set_parameters([Parameter("model", value=str(path))])
-        wait(answer.done, "an answer to the parameter", LONG_S)
+        wait(answer.done, "an answer to the parameter")
         return str(answer.result().results[0].reason)
 
     def get_model(self) -> str:
         answer = self._parameters.get_parameters(["model"])
-        wait(answer.done, "the parameter", LONG_S)
+        wait(answer.done, "the parameter")
         return str(answer.result().values[0].string_value)
 
     def commands_for(self, past: float) -> None:
         """Wait for the current of such a damper."""
         wanted = pytest.approx(current_A(past), abs=1e-3)
-        wait(lambda: bool(self.commands) and self.commands[-1] == wanted, f"{current_A(past):g} A", LONG_S)
+        wait(lambda: bool(self.commands) and self.commands[-1] == wanted, f"{current_A(past):g} A")
 
     def hears(self, key: str, text: str) -> None:
         """Wait for diagnostics whose value at `key` has `text` in it."""
-        wait(lambda: any(text in told.get(key, "") for told in list(self.told)), f"'{text}' in '{key}'", LONG_S)
+        wait(lambda: any(text in told.get(key, "") for told in list(self.told)), f"'{text}' in '{key}'")
 
     def _estimate(self) -> None:
         self._stamp_ns += STEP_NS
@@ -149,7 +149,7 @@ def test_by_parameter_and_by_service_which_reads_the_file_again(loop: Loop, tmp_
     loop.commands_for(0.91)
     loop.hears("last change of the model", f"{path}: has taken over")
     damper(0.9).save(path)
-    answer = loop.reloads.call(LONG_S)
+    answer = loop.reloads.call()
     assert answer.success, answer.message
     assert f"takes over within {RECOVERY_S:g} s" in answer.message
     loop.commands_for(0.9)
@@ -165,5 +165,5 @@ def test_what_cannot_be_used_is_refused_with_the_reason(loop: Loop, tmp_path: Pa
     for path, reason in ((one_way, "a controller needs both directions"), (unstable, "not proved to be a contraction")):
         assert loop.set_model(path) == ""  # for all that can be seen at once
         loop.hears("last change of the model", reason)
-        wait(lambda: loop.get_model() == before, "the parameter goes back", LONG_S)
+        wait(lambda: loop.get_model() == before, "the parameter goes back")
     assert loop.commands[-1] == pytest.approx(command, abs=1e-3)

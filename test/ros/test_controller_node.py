@@ -20,6 +20,7 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from node_process import NodeProcess, ros_args
 from party import Party
+from patience import PATIENCE_S
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
@@ -81,7 +82,7 @@ class Surroundings(Party):
     def set(self, **values: object) -> str:
         """Set parameters of the controller together; return why they are refused, empty if they are not."""
         client = AsyncParameterClient(self.node, f"{self.namespace}/controller")
-        assert client.wait_for_services(5.0)
+        assert client.wait_for_services(PATIENCE_S)
         asked = [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
         future = client.set_parameters_atomically(asked)
         wait(future.done, "an answer about parameters")
@@ -136,9 +137,9 @@ def test_commands_are_the_pure_controllers(
         f"qos_overrides.{namespace}/observer/estimate.subscription.depth": 5000,
         f"qos_overrides.{namespace}/valve_command.publisher.depth": 5000,
     }
-    start(max_age_s=0.0, timeout_s=5.0, **lossless)
+    start(max_age_s=0.0, timeout_s=10.0, **lossless)
     model = load_model(model_path)
-    tuning = Tuning(**LIMITS, valve_lag_s=0.0, max_gap_s=5.0)
+    tuning = Tuning(**LIMITS, valve_lag_s=0.0, max_gap_s=10.0)
     tuning = replace(tuning, valve_lag_s=Tuning.lead_s(current_lag_s(model), tuning.preview_s))
     pure = ForceController(ForceCurve.from_points(*CURVE.values()), compute_inverse_map(model), tuning)
     samples = [(10**18 + k * MS, 1.2 * cos(0.02 * k), 2600.0 * cos(0.02 * k + 0.1)) for k in range(1000)]

@@ -21,6 +21,7 @@ from cpp_package import PACKAGE, CppPackage, missing_tool
 from damper_models import plain_damper
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_process import NodeProcess
+from patience import PATIENCE_S
 from replay import MS, START_NS, Samples
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -65,7 +66,7 @@ class Pair:
 
     def meet(self) -> None:
         """Wait until both nodes hear the vehicle."""
-        wait(lambda: self.vehicle.position.get_subscription_count() == 2, "both nodes subscribe to position", 20.0)
+        wait(lambda: self.vehicle.position.get_subscription_count() == 2, "both nodes subscribe to position")
         for name in NODES:
             wait(
                 lambda name=name: self.vehicle.node.count_publishers(f"{name}/estimate") > 0, f"{name} offers estimates"
@@ -264,9 +265,10 @@ def test_malformed_messages_do_not_end_it(start_pair: Callable[..., Pair]) -> No
 def test_two_signals_may_share_a_message(start_pair: Callable[..., Pair]) -> None:
     shared = {"current.topic": "joint_states", "current.type": "sensor_msgs/msg/JointState"}
     pair = start_pair(**shared, **{"current.field": "position[steering]", "current.scale": 0.5})
-    pair.vehicle.drive(0.5, current=None)
     for name in NODES:
-        wait(lambda name=name: len(pair.estimates[name]) > 100, f"estimates of {name}")
+        pair.vehicle.drive_until(
+            lambda name=name: len(pair.estimates[name]) > 100, f"estimates of {name}", current=None
+        )
 
 
 @pytest.mark.parametrize(
@@ -305,8 +307,7 @@ def test_live_parameters_are_checked_and_applied(vehicle: Vehicle, namespace: st
             "parameter 'max_age_s' is 4000.000000; expected 0 to 3600",
         )
         assert vehicle.sets("max_age_s", 0.0).successful
-        vehicle.drive(0.4, clock_offset_s=-20.0)
-        wait(lambda: len(vehicle.estimates) > 100, "estimates of old positions")
+        vehicle.drive_until(lambda: len(vehicle.estimates) > 100, "estimates of old positions", clock_offset_s=-20.0)
     finally:
         node.kill()
 
@@ -320,9 +321,8 @@ def test_it_runs_in_a_container(vehicle: Vehicle, namespace: str, package: CppPa
             [*launch, f"container:={namespace}/ComponentManager"], env=package.environment, start_new_session=True
         )
         vehicle.meets_node()
-        vehicle.drive(0.5)
-        wait(lambda: len(vehicle.estimates) > 100, "estimates from the container")
+        vehicle.drive_until(lambda: len(vehicle.estimates) > 100, "estimates from the container")
         launched.terminate()
-        launched.wait(10.0)
+        launched.wait(PATIENCE_S)
     finally:
         container.kill()

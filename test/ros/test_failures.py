@@ -15,6 +15,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from failing_observer import STEPS
 from node_process import ROOT, NodeProcess, ros_args
+from patience import PATIENCE_S
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from test_misuse import CURRENT_A, EXECUTORS, compare, damper
@@ -39,7 +40,7 @@ def failing(namespace: str, executor: str, model: Path) -> Iterator[NodeProcess]
 def set_twice(vehicle: Vehicle) -> list[str]:
     """Set a parameter twice; return the reasons for refusal: one of the answers never comes."""
     client = vehicle.node.create_client(SetParameters, "observer/set_parameters")
-    assert client.wait_for_service(5.0)
+    assert client.wait_for_service(PATIENCE_S)
     request = SetParameters.Request(parameters=[Parameter("still_warn_s", value=2.0).to_parameter_msg()])
     answers = [client.call_async(request) for _ in range(2)]
     wait(lambda: any(answer.done() for answer in answers), "an answer")
@@ -54,12 +55,12 @@ def test_defects_end_neither_the_node_nor_the_truth(
     damper().save(path)
     with failing(namespace, executor, path) as node:
         vehicle.meets_node()
-        with vehicle.driving(current=None):
-            wait(lambda: len(vehicle.estimates) > 100, "the first estimates", 20.0)
+        with vehicle.driving(current=None, contiguous=True):
+            wait(lambda: len(vehicle.estimates) > 100, "the first estimates")
             assert set_twice(vehicle) == ["unexpected error in the node; see its log"]
             assert "being checked" in vehicle.reloads.answer().message
             vehicle.hears_value("last change of the model", "not checked within 0.5 s")
-            wait(lambda: len(vehicle.driven) > 4 * STEPS, "four failures of the estimator", 20.0)
+            wait(lambda: len(vehicle.driven) > 4 * STEPS, "four failures of the estimator")
             vehicle.hears("unexpected errors, the last: ", None)
         node.interrupt()
         status, output = node.ended()

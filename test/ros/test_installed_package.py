@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from node_process import NodeProcess, ros_args
+from patience import PATIENCE_S
 from vehicle import Vehicle, wait
 
 from ces_cli.main import PROGRAMS
@@ -58,4 +59,4 @@ def test_ros2_run_gives_the_exit_status(installed: dict[str, str], namespace: st
 
 
 def run(command: list[str], env: dict[str, str]) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(command, env=env, capture_output=True, text=True, check=False, timeout=60)
+    return subprocess.run(command, env=env, capture_output=True, text=True, check=False, timeout=PATIENCE_S)

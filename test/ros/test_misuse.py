@@ -77,7 +77,8 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
 @contextmanager
 def driving(vehicle: Vehicle) -> Iterator[None]:
     ends = threading.Event()
-    thread = threading.Thread(target=vehicle.drive, args=(3600.0,), kwargs={"current": None, "ends": ends})
+    options = {"current": None, "contiguous": True, "ends": ends}
+    thread = threading.Thread(target=vehicle.drive, args=(3600.0,), kwargs=options)
     thread.start()
     try:
         with vehicle.repeating(0.01, lambda: vehicle.publish_current(vehicle.driven[-1], CURRENT_A)):
@@ -95,14 +96,14 @@ def test_no_misuse_ends_a_node_or_changes_an_estimate(
     with running(namespace, executor, tmp_path) as nodes, Misuser(namespace, names) as misuser:
         vehicle.meets_node()
         with driving(vehicle):
-            wait(lambda: len(vehicle.estimates) > 100, "the first estimates", 20.0)
+            wait(lambda: len(vehicle.estimates) > 100, "the first estimates")
             for done in misuser.attack_all(damper().to_json()):
                 dead = {name: node.ended() for name, node in nodes.items() if not node.is_running()}
                 assert not dead, done
                 before = len(vehicle.estimates)
-                wait(lambda count=before: len(vehicle.estimates) > count + 10, f"estimates after {done}", 20.0)
+                wait(lambda count=before: len(vehicle.estimates) > count + 10, f"estimates after {done}")
         last = vehicle.driven[-1]
-        wait(lambda: stamp_of(vehicle.estimates[-1]) == last, "the last estimate", 20.0)
+        wait(lambda: stamp_of(vehicle.estimates[-1]) == last, "the last estimate")
         assert all(node.is_running() for node in nodes.values())
     compare(vehicle)
 

@@ -36,8 +36,8 @@ def test_the_band_surrounds_each_estimate(
     replace(plain_damper(), band=BAND).save(tmp_path / "model.json")
     start(model=tmp_path / "model.json")
     vehicle.meets_node()
-    vehicle.drive(1.5)
-    wait(lambda: len(heard) > 1000 and len(heard) == len(vehicle.estimates), "a band for each estimate")
+    vehicle.drive_until(lambda: len(heard) > 1000, "bands")
+    wait(lambda: len(heard) == len(vehicle.estimates), "a band for each estimate")
     for estimate, band in zip(list(vehicle.estimates), list(heard), strict=True):
         assert (stamp_of(band), band.header.frame_id) == (stamp_of(estimate), estimate.header.frame_id)
         assert list(band.name) == [f"{JOINT}_lower", f"{JOINT}_upper"]
@@ -53,22 +53,19 @@ def test_the_band_is_withheld_with_the_estimate(
     replace(plain_damper(), band=BAND).save(tmp_path / "model.json")
     start(model=tmp_path / "model.json")
     vehicle.meets_node()
-    vehicle.drive(0.5)
-    wait(lambda: len(heard) > 100, "bands")
+    vehicle.drive_until(lambda: len(heard) > 100, "bands")
     with vehicle.driving(position=lambda time_s: nan):
         vehicle.hears("position is not finite", None)
-        time.sleep(0.2)
-        before = len(heard)
-        time.sleep(0.3)
-        assert len(heard) == before
-    vehicle.drive(0.5)
-    wait(lambda: len(heard) > before, "bands again")
+        fails = vehicle.driven[-1]
+        vehicle.hears("position is not finite", None, len(vehicle.statuses))
+    recovers = time.time_ns()
+    vehicle.drive_until(lambda: stamp_of(heard[-1]) > recovers, "bands again")
+    assert not [band for band in heard if fails < stamp_of(band) < recovers]
 
 
 def test_a_model_without_a_band_publishes_none(vehicle: Vehicle, heard: list[JointState], start: Start) -> None:
     start()
     vehicle.meets_node()
-    vehicle.drive(0.5)
-    wait(lambda: len(vehicle.estimates) > 100, "estimates")
+    vehicle.drive_until(lambda: len(vehicle.estimates) > 100, "estimates")
     assert vehicle.node.count_publishers(TOPIC) == 1
     assert not heard

@@ -35,11 +35,11 @@ def test_every_sample_of_a_stall_is_estimated_late_but_right(
     model.save(path)
     node = start(executor=executor, max_age_s=0.0, model=path)
     vehicle.meets_node()
-    with vehicle.driving():
+    with vehicle.driving(contiguous=True):
         wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
         stall(node)
         time.sleep(0.3)
-    wait(lambda: stamp_of(vehicle.estimates[-1]) == vehicle.driven[-1], "the last estimate", 30.0)
+    wait(lambda: stamp_of(vehicle.estimates[-1]) == vehicle.driven[-1], "the last estimate")
     estimates = list(vehicle.estimates)
     assert vehicle.stamps() == vehicle.driven[vehicle.driven.index(vehicle.stamps()[0]) :]
     positions = [(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in vehicle.driven]
@@ -56,12 +56,12 @@ def test_what_a_full_queue_loses_is_counted(vehicle: Vehicle, start: Callable[..
     def count_lost() -> int:
         return max((int(v.value) for s in vehicle.statuses for v in s.values if v.key == key), default=0)
 
-    with vehicle.driving():
+    with vehicle.driving(contiguous=True):
         wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
         stall(node)
         vehicle.hears("dropped by this node's queue: set input_depth higher", level=None)
         wait(lambda: count_lost() >= 300, "the count of what the stall lost")  # a status may come while it counts
-    assert count_lost() <= 1500
+    assert count_lost() <= len(vehicle.driven) - 200
 
 
 def test_options_in_force_are_in_the_diagnostics(vehicle: Vehicle, start: Callable[..., NodeProcess]) -> None:

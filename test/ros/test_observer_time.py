@@ -118,16 +118,15 @@ def test_switching_simulated_time_off_is_told(simulated: SimulatedVehicle, modul
     simulated.drives(700 * S)
     assert module_vehicle.sets("use_sim_time", False).successful
     module_vehicle.hears_value(JUMPS, "simulated time was switched off")
-    module_vehicle.drive(0.5)
-    wait(lambda: module_vehicle.stamps()[-1] > START_NS, "an estimate by the wall clock")
+    module_vehicle.drive_until(lambda: module_vehicle.stamps()[-1] > START_NS, "an estimate by the wall clock")
 
 
 @pytest.mark.parametrize("jump_s", [-30.0, 30.0])
 def test_stamps_that_jump_restart_the_estimates(vehicle: Vehicle, start: Start, namespace: str, jump_s: float) -> None:
     start(max_age_s=0.0, **{"current.constant": 0.5}, **reliable_inputs(namespace, ["joint_states"]))
     vehicle.meets_node()
-    vehicle.drive(0.4)
-    first, last = vehicle.drive(0.4, clock_offset_s=jump_s)
+    vehicle.drive(0.4, contiguous=True)
+    first, last = vehicle.drive(0.4, clock_offset_s=jump_s, contiguous=True)
     jump_ns = round(jump_s * S)
     wait(lambda: vehicle.stamps()[-1] == last + jump_ns, "the newest estimate")
     after = [stamp for stamp in vehicle.stamps() if abs(stamp - first - jump_ns) < S]

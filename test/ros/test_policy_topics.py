@@ -18,7 +18,6 @@ from rclpy.node import Node, NodeNameNonExistentError
 from vehicle import wait
 
 FOLDER = ROOT / "config" / "security"
-START_S = 20.0  # the rig's kernels may have to be compiled first
 FRONT = {"dampers": "[front]", "front.position.field": "position[front]"}
 SIMULATED = {"use_sim_time": True}
 # Each node with what makes it have all of its topics; one may need several processes, each in a namespace of its own.
@@ -107,7 +106,7 @@ def test_a_node_is_granted_what_it_has_and_nothing_else(
         return {grant for grant in grants if not any(fnmatchcase(one, grant) for one in present)}
 
     try:
-        wait(lambda: not unused() or not all(node.is_running() for node in started), "what is granted", START_S)
+        wait(lambda: not unused() or not all(node.is_running() for node in started), "what is granted")
         assert not unused(), [node.ended() for node in started if not node.is_running()]
         assert not {one for one in has() if not any(fnmatchcase(one, grant) for grant in grants)}
     finally:

@@ -18,6 +18,7 @@ import rclpy
 from geometry_msgs.msg import AccelStamped, WrenchStamped
 from node_process import NodeProcess, ros_args
 from party import Party
+from patience import PATIENCE_S
 from rclpy.parameter import Parameter
 from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
@@ -28,7 +29,6 @@ from vehicle import stamp_of, wait
 
 MS = 1_000_000
 DEEP = QoSProfile(depth=5000)
-START_S = 40.0  # compiling the kernels, the first time
 STROKE = 250  # samples, at 4 Hz
 Start = Callable[..., NodeProcess]
 
@@ -62,17 +62,17 @@ class Bench(Party):
             heard = [message.data for message in list(self.heard["valve_current"])[-STROKE:]]
             return len(heard) == STROKE and heard == pytest.approx([current_A] * STROKE, abs=0.01)
 
-        wait(stays, f"{current_A} A for a stroke", START_S)
+        wait(stays, f"{current_A} A for a stroke")
 
     def least_force_N(self) -> float:
         """Return the least force measured in the stroke that begins now."""
         ends = time.time_ns() + STROKE * MS
-        wait(lambda: self.newest("measured_force") >= ends, "the forces of a stroke", START_S)
+        wait(lambda: self.newest("measured_force") >= ends, "the forces of a stroke")
         return min(message.wrench.force.z for message in list(self.heard["measured_force"])[-STROKE:])
 
     def set(self, **values: object) -> tuple[bool, str]:
         client = AsyncParameterClient(self.node, f"{self.node.get_namespace()}/rig")
-        assert client.wait_for_services(5.0)
+        assert client.wait_for_services(PATIENCE_S)
         answer = client.set_parameters(
             [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
         )
@@ -87,8 +87,8 @@ class Bench(Party):
     def stamps(self, topic: str) -> np.ndarray:
         return np.array([stamp_of(message) for message in list(self.heard[topic])])
 
-    def hears(self, topic: str, count: int, timeout_s: float = START_S) -> None:
-        wait(lambda: len(self.heard[topic]) >= count, f"{count} of {topic}", timeout_s)
+    def hears(self, topic: str, count: int) -> None:
+        wait(lambda: len(self.heard[topic]) >= count, f"{count} of {topic}")
 
     def forget(self) -> None:
         for messages in self.heard.values():
@@ -131,7 +131,7 @@ def test_samples_come_at_the_rate_with_true_stamps_and_the_damper_obeys(bench: B
         bench.stays_at(1.6)
         firm = bench.least_force_N()
     read = bench.stamps("measured_force")[10:]
-    wait(lambda: bench.newest("joint_states") >= max(read[-1], time.time_ns() - 200 * MS), "samples of now", START_S)
+    wait(lambda: bench.newest("joint_states") >= max(read[-1], time.time_ns() - 200 * MS), "samples of now")
     stamps = bench.stamps("joint_states")
     assert set(np.diff(stamps).tolist()) == {MS}
     assert set(read.tolist()) <= set(stamps.tolist())  # read at the same instants
@@ -166,13 +166,15 @@ def test_a_vehicle_in_its_own_time(bench: Bench, rig: Start) -> None:
         rate_hz=200, vehicle__road_class="D",
     )  # fmt: skip
     bench.hears("joint_states", 20)
-    bench.forget()
-    began = time.monotonic()
-    bench.hears("joint_states", 400)
-    took = time.monotonic() - began
+
+    def rig_time_per_time() -> float:
+        before, began = len(bench.heard["joint_states"]), time.monotonic()
+        bench.hears("joint_states", before + 400)
+        return 400 * 5e-3 / (time.monotonic() - began)
+
+    wait(lambda: rig_time_per_time() == pytest.approx(0.5, rel=0.25), "half as fast, when nothing holds it up")
     stamps = bench.stamps("joint_states")
     assert set(np.diff(stamps).tolist()) == {5 * MS}
-    assert took == pytest.approx(2.0 / 0.5, rel=0.25)  # a busy computer may not manage to be faster than time
     clock = [message.clock.sec * 10**9 + message.clock.nanosec for message in list(bench.heard["clock"])]
     assert set(stamps.tolist()) & set(clock)
     assert stamps[-1] < 600 * 10**9  # not this computer's time
@@ -204,7 +206,7 @@ def test_as_fast_as_it_is_answered(bench: Bench, rig: Start) -> None:
 
     bench.node.create_subscription(JointState, "joint_states", answer, DEEP)
     bench.listen_to_current(Float64)
-    rig(publish_clock="true", real_time_factor=0.0, answer_s=2.0, noise=0.0)
+    rig(publish_clock="true", real_time_factor=0.0, answer_s=30.0, noise=0.0)
     bench.hears("joint_states", 1000)
     assert set(np.diff(bench.stamps("joint_states")).tolist()) == {MS}
     assert abs(len(answers) - len(bench.heard["joint_states"])) < 5

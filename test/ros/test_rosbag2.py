@@ -29,6 +29,7 @@ from bag_recorders import (
 )
 from conftest import new_namespace
 from node_process import NodeProcess
+from patience import PATIENCE_S
 from vehicle import JOINT, Vehicle, stamp_of, wait
 
 from ces_identify.recordings.bag_reader import read_recording
@@ -126,7 +127,7 @@ def test_a_reindexed_recording_is_read_alike(
     published, recorders = experiment
     copy = shutil.copytree(recorders["killed zstd_fast"].path, tmp_path / "copy")
     before = read(copy, described_signals(published.namespace))[0]
-    subprocess.run(["ros2", "bag", "reindex", str(copy)], check=True, timeout=60.0, capture_output=True)
+    subprocess.run(["ros2", "bag", "reindex", str(copy)], check=True, timeout=PATIENCE_S, capture_output=True)
     assert (copy / "metadata.yaml").exists()
     after = read(copy, described_signals(published.namespace))[0]
     for name, (stamps, values) in before.items():
@@ -168,7 +169,7 @@ def test_playing_a_bag_equals_the_offline_replay(
         with Vehicle(namespace) as vehicle:
             vehicle.meets_node()
             play(path, published.topics, "--delay", "1", "--remap", f"/clock:={namespace}/clock", *options)
-            wait(lambda: len(vehicle.estimates) >= len(expected), f"{len(expected)} estimates", 30.0)
+            wait(lambda: len(vehicle.estimates) >= len(expected), f"{len(expected)} estimates")
             vehicle.hears_value("jumps of time", "0, the last: none")
             heard = {stamp_of(m): (m.position[0], m.velocity[0], m.effort[0]) for m in vehicle.estimates}
     finally:

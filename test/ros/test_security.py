@@ -7,6 +7,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from math import inf
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,7 @@ import sros2._utilities
 from cryptography.hazmat.primitives.asymmetric import ec
 from damper_models import plain_damper
 from node_process import ROOT, NodeProcess
+from patience import PATIENCE_S
 from ros2cli.cli import main as ros2
 from sros2.policy import load_policy
 from vehicle import Vehicle
@@ -107,8 +109,8 @@ def observer_words(tmp_path: Path) -> list[str]:
     return ["-m", "ces_observer.nodes.observer", "--ros-args", "-p", f"model:={tmp_path / 'model.json'}", "--"]
 
 
-def participant(role: str) -> list[str]:
-    return [str(PARTICIPANT), role, str(PHASE_S)]
+def participant(role: str, duration_s: float = PHASE_S, enough: float = inf, stop: Path | None = None) -> list[str]:
+    return [str(PARTICIPANT), role, str(duration_s), str(enough), *([str(stop)] if stop else [])]
 
 
 def told(process: NodeProcess) -> Mapping[str, int]:
@@ -120,7 +122,7 @@ def told(process: NodeProcess) -> Mapping[str, int]:
 
 
 def test_only_permitted_participants_drive_and_hear_the_observer(
-    keystore: Path, other_keystore: Path, start_secured: Start, observer_words: list[str]
+    keystore: Path, other_keystore: Path, start_secured: Start, observer_words: list[str], tmp_path: Path
 ) -> None:
     observer = start_secured(observer_words, keystore, "observer")
     strangers = [
@@ -129,12 +131,12 @@ def test_only_permitted_participants_drive_and_hear_the_observer(
         start_secured(participant("hear"), keystore, "controller"),  # no estimate comes of what strangers publish
     ]
     assert [told(stranger) for stranger in strangers] == [{"heard": 0, "matched": 0}] * 3
-    driver = start_secured(participant("drive"), keystore, "rig")
-    listener = start_secured(participant("hear"), keystore, "controller")
-    eavesdropper = start_secured(participant("both"))
-    assert told(driver)["matched"] == 1
+    driver = start_secured(participant("drive", PATIENCE_S, stop=tmp_path / "stop"), keystore, "rig")
+    listener = start_secured(participant("hear", PATIENCE_S, enough=101), keystore, "controller")
     assert told(listener)["heard"] > 100
-    assert told(eavesdropper) == {"heard": 0, "matched": 0}
+    assert told(start_secured(participant("both"))) == {"heard": 0, "matched": 0}
+    (tmp_path / "stop").touch()
+    assert told(driver)["matched"] == 1
     observer.interrupt()
     assert observer.ended()[0] == 0
 

@@ -12,6 +12,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from model_reloads import ModelReloads
 from party import Party
+from patience import PATIENCE_S, wait_until
 from rcl_interfaces.msg import SetParametersResult
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.parameter_client import AsyncParameterClient
@@ -24,6 +25,8 @@ DEEP = QoSProfile(depth=DEPTH)  # reliable
 LOSSY = QoSProfile(depth=DEPTH, reliability=QoSReliabilityPolicy.BEST_EFFORT)  # hears any publisher
 JOINT = "rear_damper"
 RATE_HZ = 1000
+RECOVERIES = 5
+LATE_S = 0.2  # less than the age of a sample that a node allows
 
 
 def stroke(time_s: float) -> float:
@@ -55,7 +58,7 @@ class Vehicle(Party):
 
     def meets_node(self, estimate: str = "observer/estimate") -> None:
         """Wait until the node hears this vehicle's position and this vehicle hears the node."""
-        wait(lambda: self.position.get_subscription_count() > 0, "the node subscribes to position", 20.0)
+        wait(lambda: self.position.get_subscription_count() > 0, "the node subscribes to position")
         wait(lambda: self.node.count_publishers(estimate) > 0, "the node offers estimates")
         time.sleep(0.3)  # matching is told to each side on its own
 
@@ -71,6 +74,25 @@ class Vehicle(Party):
             ends.set()
             thread.join()
 
+    def drive_until(self, condition: Callable[[], bool], what: str, **options: Any) -> None:
+        """Drive until `condition` holds: samples that a busy computer holds up for too long are withheld."""
+        with self.driving(**options):
+            wait(condition, what)
+
+    def recover(self, most_s: float) -> int:
+        """Drive until there is an estimate again, after samples of `most_s` at most; return when it began [ns].
+
+        Where this computer holds samples up, the node withholds more of them, and rightly; then it is tried again.
+        """
+        for _ in range(RECOVERIES):
+            began, told = time.time_ns(), len(self.statuses)
+            self.drive_until(lambda since=began: bool(self.estimates) and self.stamps()[-1] > since, "recovery")
+            resumed = next(stamp for stamp in self.stamps() if stamp >= began)
+            if sum(began <= stamp < resumed for stamp in self.driven) <= most_s * RATE_HZ:
+                return began
+            self.hears("joint_states has a publisher that is silent", since=told)
+        raise AssertionError(f"more than {most_s} s until an estimate, {RECOVERIES} times")
+
     def drive(
         self,
         duration_s: float,
@@ -79,17 +101,22 @@ class Vehicle(Party):
         position: Callable[[float], float] = stroke,
         current: float | None = 0.5,
         clock_offset_s: float = 0.0,
+        contiguous: bool = False,
         ends: threading.Event | None = None,
     ) -> tuple[int, int]:
         """Publish at 1 kHz for `duration_s`, a current at every fifth sample; return the first and last time [ns].
 
-        The stamps are a millisecond apart, as a sensor's are, also where this computer stalls and publishes late.
+        The stamps are a millisecond apart, as a sensor's are. Where this computer is late by more than LATE_S, the
+        samples until then are left out, or if they are to be `contiguous`, published late.
         """
         times: list[int] = []
         offset_ns = round(clock_offset_s * 1e9)
         start, start_ns = time.monotonic(), time.time_ns()
         for k in range(round(duration_s * RATE_HZ)):
-            time.sleep(max(0.0, start + k / RATE_HZ - time.monotonic()))
+            late_s = time.monotonic() - start - k / RATE_HZ
+            time.sleep(max(0.0, -late_s))
+            if late_s > LATE_S and not contiguous:
+                start, start_ns = start + late_s, start_ns + round(late_s * RATE_HZ) * 10**9 // RATE_HZ
             if ends is not None and ends.is_set():
                 break
             times.append(start_ns + k * 10**9 // RATE_HZ)
@@ -145,7 +172,7 @@ class Vehicle(Party):
     def sets(self, name: str, value: object) -> SetParametersResult:
         """Set a parameter of the node; returns its answer."""
         client = AsyncParameterClient(self.node, self._name)
-        assert client.wait_for_services(5.0)
+        assert client.wait_for_services(PATIENCE_S)
         answer = client.set_parameters([Parameter(name, value=value)])
         wait(answer.done, f"an answer to {name}: {value}")
         return answer.result().results[0]
@@ -153,7 +180,7 @@ class Vehicle(Party):
     def gets(self, name: str) -> object:
         """Return the value of a parameter of the node."""
         client = AsyncParameterClient(self.node, self._name)
-        assert client.wait_for_services(5.0)
+        assert client.wait_for_services(PATIENCE_S)
         answer = client.get_parameters([name])
         wait(answer.done, f"an answer to {name}")
         return parameter_value_to_python(answer.result().values[0])
@@ -170,12 +197,9 @@ def stamp_of(message: JointState) -> int:
     return int(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
 
 
-def wait(condition: Callable[[], bool], what: str, timeout_s: float = 10.0) -> None:
-    """Wait until `condition` holds; fail, naming `what`, if it does not in time."""
-    end = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end, f"not within {timeout_s} s: {what}"
-        time.sleep(0.01)
+def wait(condition: Callable[[], bool], what: str) -> None:
+    """Wait until `condition` holds; fail, naming `what`, if it does not within PATIENCE_S."""
+    wait_until(condition, f"not within {PATIENCE_S} s: {what}")
 
 
 def reliable_inputs(namespace: str, topics: Iterable[str]) -> dict[str, object]:

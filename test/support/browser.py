@@ -24,6 +24,7 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
+PATIENCE_MS = 120_000  # for what a page does by itself; only what hangs takes longer, however busy the computer is
 CHECKS = (Path(__file__).parent / "page_checks.js").read_text(encoding="utf-8").strip()
 A4_PX = {"width": 698, "height": 1032}  # the printable part of A4 with the page's margins, at 96 px an inch
 
@@ -33,10 +34,11 @@ def start_browser() -> Any:
     """Return the browser of this test run; skips the test where there is none."""
     playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
     program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+    playwright.expect.set_options(timeout=PATIENCE_MS)
     session = playwright.sync_playwright().start()
     atexit.register(session.stop)
     try:
-        browser = session.chromium.launch(executable_path=program, args=list(FLAGS))
+        browser = session.chromium.launch(executable_path=program, args=list(FLAGS), timeout=PATIENCE_MS)
     except playwright.Error as error:
         pytest.skip(f"no browser: {str(error).splitlines()[0]}")
     atexit.register(browser.close)
@@ -67,6 +69,7 @@ def open_page(
         java_script_enabled=scripts,
         reduced_motion="reduce",
     )
+    context.set_default_timeout(PATIENCE_MS)
     page = context.new_page()
     wrong: list[str] = []
     page.on("console", lambda m: wrong.append(f"console: {m.text}") if m.type in ("error", "warning") else None)

@@ -24,7 +24,7 @@ structures:
   polynomial: {terms: [2, 4], method: random, candidates: rules.yaml}
   sigmoid: {units: 2}
 seeds: [1, 2]
-limits: {seconds: 20}
+limits: {seconds: 600}
 """
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 import cheap_diagnosis
 import numpy as np
 import pytest
+from patience import PATIENCE_S
 
 from ces_cli.main import main
 from ces_cli.terminal.bag_paths import find_bags, find_fleet_units
@@ -353,7 +354,8 @@ def test_a_fleet_without_any_diagnosis(quick, capsys, tmp_path):
     assert printed[-1] == "ces diagnose: error: all 1 diagnoses failed, for the reasons above"
 
 
-def test_a_dask_scheduler_runs_the_diagnoses(quick, capsys):
+def test_a_dask_scheduler_runs_the_diagnoses(quick, capsys, monkeypatch):
+    monkeypatch.setattr("ces_identify.jobs.cluster.CONNECT_S", PATIENCE_S)
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
     with distributed.LocalCluster(
         n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"

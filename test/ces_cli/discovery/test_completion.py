@@ -7,6 +7,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE_S
 
 from ces_cli.discovery.completion import (
     KINDS,
@@ -39,7 +40,7 @@ finish() { : > finished }; zle -N finish; bindkey '^X' finish; bindkey '^I' comp
 ZSH = """
 rm -f ready hits finished; touch hits
 zmodload zsh/zpty
-wait_for() {{ repeat 2000; do [[ -e $1 ]] && return; zpty -rt shell _; sleep 0.005; done }}
+wait_for() {{ repeat 30000; do [[ -e $1 ]] && return; zpty -rt shell _; sleep 0.005; done }}
 zpty -b shell zsh -f -i
 zpty -w shell 'source setup.zsh'; wait_for ready
 zpty -w -n shell $'{line}\t\x18'; wait_for finished
@@ -80,7 +81,7 @@ def ask(place: Path, shell: str, code: str) -> set[str]:
         pytest.skip(f"{shell} is not installed")
     words = [shell, "-f", "-c", code] if shell == "zsh" else [shell, "-c", code]
     home = {"HOME": str(place), "PATH": "/usr/bin:/bin", "TERM": "vt100"}
-    done = subprocess.run(words, cwd=place, env=home, capture_output=True, text=True, check=False, timeout=30)
+    done = subprocess.run(words, cwd=place, env=home, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert not done.stderr
     return {word.strip().removesuffix("/") for line in done.stdout.splitlines() for word in line.split("\t")[:1]}
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
+from patience import command_of, wait_until
 
 from ces_cli.identify.process import EXIT_STATUS, WARNING, IdentifyProcess
 from ces_cli.identify.progress import DONE, READING, SEARCHING, WRITING, SearchState
@@ -16,17 +16,18 @@ from ces_cli.identify.worker import name_parameters
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).resolve().parents[3]
-LONG_S = 60.0
 QUICK = ("--terms=2", "--threads=1", "--method=random")
 
 
 def read_until(process, until=EXIT_STATUS):
     """Return the messages of the process up to one with the key `until`."""
-    messages, end = [], time.monotonic() + LONG_S
-    while not any(until in message for message in messages):
-        assert time.monotonic() < end, messages
-        messages += process.read_messages()
-        time.sleep(0.01)
+    messages = []
+
+    def has_come():
+        messages.extend(process.read_messages())
+        return any(until in message for message in messages)
+
+    wait_until(has_come, messages)
     return messages
 
 
@@ -36,7 +37,7 @@ def start_identification(*words):
 
 def test_it_sends_stages_costs_warnings_and_the_result(tmp_path):
     out, report = tmp_path / "model.json", tmp_path / "report.html"
-    messages = read_until(start_identification("--time=0.5", "--starts=2", f"--out={out}", f"--report={report}"))
+    messages = read_until(start_identification("--time=60", "--starts=1", f"--out={out}", f"--report={report}"))
     assert [message["stage"] for message in messages if "stage" in message] == [READING, SEARCHING, WRITING]
     assert any("no header" in message[WARNING] for message in messages if WARNING in message)
     costs = [message["cost"] for message in messages if "cost" in message]
@@ -74,16 +75,13 @@ def test_a_mistake_gives_one_line():
 def test_it_ends_with_its_parent():
     code = "from test_identify_process import start_identification; import os; "
     code += "print(start_identification('--time=600')._process.pid, flush=True)"
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(Path(__file__).parent)])}
+    folders = (ROOT, ROOT / "test" / "support", Path(__file__).parent)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))}
     command = [sys.executable, "-c", f"{code}; os._exit(1)"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    worker = Path(f"/proc/{int(done.stdout)}/cmdline")
     if not Path("/proc").is_dir():
         pytest.skip("needs /proc")
-    end = time.monotonic() + LONG_S
-    while worker.exists() and b"identify_worker" in worker.read_bytes():
-        assert time.monotonic() < end
-        time.sleep(0.05)
+    wait_until(lambda: b"ces_cli.identify" not in command_of(int(done.stdout)))
 
 
 def test_progress_is_a_line_and_values():

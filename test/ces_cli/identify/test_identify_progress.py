@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import threading
-import time
+from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from campaign_parts import RULES, made
 
+from ces_cli.identify import identification
 from ces_cli.main import main
-from ces_identify.progress_file import RunProgress, read_progress
+from ces_identify.progress_file import RunProgress, SearchProgressFile, read_progress
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.signals_file import load_signals
 
@@ -22,26 +23,22 @@ def bag(tmp_path: Path) -> Path:
     return tmp_path / "bag"
 
 
-def test_the_search_can_be_read_while_it_runs(bag: Path, tmp_path: Path) -> None:
-    path, seen, ended = tmp_path / ".model.json.progress", [], threading.Event()
+def test_the_search_can_be_read_while_it_runs(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seen: list[RunProgress] = []
 
-    def watch() -> None:
-        while not ended.wait(0.02):
-            progress = read_progress(path)
-            if progress is not None:
-                seen.append((time.monotonic(), progress))
+    class WatchedFile(SearchProgressFile):
+        def write(self, row: Mapping[str, Any]) -> None:
+            super().write(row)
+            progress = read_progress(tmp_path / ".model.json.progress")
+            assert progress is not None
+            seen.append(progress)
 
-    watcher = threading.Thread(target=watch)
-    watcher.start()
-    try:
-        words = ["--terms", "4", "--starts", "2", "--time", "3", "--threads", "1", "--no-band"]
-        words += ["--candidates", str(tmp_path / "rules.yaml")]
-        assert main(["identify", str(bag), "--out", str(tmp_path / "model.json"), *words]) == 0
-    finally:
-        ended.set()
-        watcher.join()
-    last: RunProgress = seen[-1][1]
-    assert last.alive
+    monkeypatch.setattr(identification, "SearchProgressFile", WatchedFile)
+    words = ["--terms", "4", "--starts", "2", "--time", "60", "--threads", "1", "--no-band"]
+    words += ["--candidates", str(tmp_path / "rules.yaml")]
+    assert main(["identify", str(bag), "--out", str(tmp_path / "model.json"), *words]) == 0
+    last = seen[-1]
+    assert all(progress.alive for progress in seen)
     assert (last.head["program"], last.head["starts"], last.head["recordings"]) == ("identify", 2, ["bag"])
     costs = [row["cost"] for row in last.rows]
     assert costs and min(costs) < 50.0

@@ -13,6 +13,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
+from patience import PATIENCE_S
 
 from ces_cli.main import main
 from ces_cli.serve.program import make_parser
@@ -51,7 +52,7 @@ def test_it_serves_until_ctrl_c(tmp_path: Path) -> None:
             assert (answer.status, answer.headers["Server"]) == (200, "ces")
             assert tmp_path.name in answer.read().decode()
         os.kill(process.pid, signal.SIGINT)
-        out, err = process.communicate(timeout=10.0)
+        out, err = process.communicate(timeout=PATIENCE_S)
     assert (process.returncode, out, err) == (0, "stopped\n", "")
 
 

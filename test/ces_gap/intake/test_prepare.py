@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -74,15 +74,22 @@ def test_a_slow_simulation_gets_a_surrogate_with_changed_inputs(monkeypatch: pyt
     assert np.std((predicted - changed)[trace.usable]) < 0.5 * np.std(changed[trace.usable])
 
 
-def test_a_simulation_that_waits_is_slow(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
+@pytest.mark.parametrize(("waits_s", "is_slow"), [((0.3, 0.3, 0.3), True), ((0.3, 0.3, 0.0), False)])
+def test_a_simulation_that_waits_each_time_is_slow(
+    monkeypatch: pytest.MonkeyPatch, waits_s: tuple[float, ...], is_slow: bool
+) -> None:
+    """The first run is for the forces on the recording; what is held up in one of the others only is not slow."""
+    now_s, waits = [0.0], iter(waits_s)
+    clock = SimpleNamespace(process_time=lambda: 0.0, monotonic=lambda: now_s[0])
+    monkeypatch.setattr(prepare_module, "time", clock)
 
     def wait(time_s: F, position_m: F, current_A: F) -> F:
-        time.sleep(0.3)
+        now_s[0] += next(waits, 0.0)
         return damper(time_s, position_m, current_A)
 
     inputs = prepare_recordings(FunctionSimulation("waiting", wait), [recorded()], [], [])
-    assert inputs.slow is inputs.exact and inputs.cheap is inputs.surrogate
+    assert (inputs.slow is not None) == is_slow
+    assert inputs.cheap is (inputs.surrogate if is_slow else inputs.exact)
 
 
 def add_predictions(recording: Recording) -> Recording:

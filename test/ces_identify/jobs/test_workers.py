@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import pytest
 from campaign_parts import CAMPAIGN, RULES, made
+from patience import PATIENCE_S
 
 from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import load_campaign
@@ -60,9 +61,13 @@ def test_processes_on_this_machine(work, expected):
 def cluster():
     """The address of a scheduler with two workers, each a process of its own."""
     distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
-    ) as made_cluster:
+    with (
+        pytest.MonkeyPatch.context() as patch,
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
+        ) as made_cluster,
+    ):
+        patch.setattr(cluster_module, "CONNECT_S", PATIENCE_S)
         yield made_cluster.scheduler_address
 
 

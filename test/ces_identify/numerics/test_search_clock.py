@@ -11,6 +11,11 @@ from numba.core import event
 from ces_identify.numerics import search_clock
 
 
+@pytest.fixture(autouse=True)
+def own_clock(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(search_clock, "time", time)
+
+
 def test_compilation_takes_no_time() -> None:
     inner = numba.njit(lambda x: x * x + 1.0)
     kernel = numba.njit(lambda x: inner(x) + inner(2.0 * x))
@@ -19,7 +24,7 @@ def test_compilation_takes_no_time() -> None:
         kernel(1.5)
     passed, wall = search_clock.now() - began, time.monotonic() - wall
     assert timer.duration > 0.01
-    assert wall - passed == pytest.approx(timer.duration, rel=0.1)
+    assert wall - passed == pytest.approx(timer.duration, rel=0.3)
 
 
 def test_everything_else_does() -> None:

@@ -219,6 +219,6 @@ def test_topic_data_is_checked_at_the_door():
 def test_half_a_minute_at_1_khz_takes_seconds_at_most(tmp_path):
     stamps = np.arange(30_000) * 1_000_000
     channels = {k: Channel(k, "", stamps, np.zeros(30_000)) for k in ("position", "current", "force")}
-    start = time.perf_counter()
+    start = time.process_time()
     write_bag(tmp_path / "run", recording_topics(Recording("run", channels), DEFAULT))
-    assert time.perf_counter() - start < 10
+    assert time.process_time() - start < 10

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 from random import Random
-from time import perf_counter
+from time import process_time
 from typing import Any
 
 import pytest
@@ -113,6 +113,6 @@ def test_what_harms_is_refused_in_one_line(path: Path, name: str) -> None:
 
 def test_a_file_with_as_many_keys_as_fit_takes_no_time(path: Path) -> None:
     path.write_text("position: {topic: a}\n" + "".join(f"k{i:x}:\n" for i in range(8000)))
-    start = perf_counter()
+    start = process_time()
     assert load_signals(path)["position"]
-    assert perf_counter() - start < 15.0  # one on an idle computer
+    assert process_time() - start < 15.0  # one on an idle computer

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from browser import A4_PX, find_clipped, find_collisions, find_low_contrast, open_page
 from diagnoses import named
+from patience import wait_until
 from report_examples import SAMPLING, damper, model
 
 from ces_cli.diagnose.fleet_page import write_page
@@ -20,7 +21,7 @@ from ces_identify.report import write_report
 from ces_identify.report.window import choose_window
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 
-MAX_BYTES, MAX_PAINT_MS = 3_000_000, 1000.0
+MAX_BYTES, MAX_DRAWING_S = 3_000_000, 1.0
 COMMAND = "ces identify " + " ".join(f"bags/a_rather_long_name_of_a_recording_{n}" for n in range(9))
 LONG = model(sampling=replace(SAMPLING, rate_Hz=1000.0))
 FLEET = {
@@ -62,15 +63,13 @@ def page(report: Path) -> Iterator[Any]:
         yield opened
 
 
-def first_paint(path: Path) -> float:
-    """The time of a page's first paint [ms]."""
-    with open_page(path) as page:
-        paints: list[float] = page.evaluate(
-            "new Promise(done => new PerformanceObserver(l => done(l.getEntries().map(e => e.startTime)))"
-            ".observe({type: 'paint', buffered: true}))"
-        )
-        assert min(paints) > 0.0
-        return min(paints)
+def drawing_time(page: Any) -> float:
+    """The processor time [s] in which the browser reads, lays out and draws a page, whatever runs beside it."""
+    browser = page.context.new_cdp_session(page)
+    browser.send("Performance.enable", {"timeDomain": "threadTicks"})
+    page.reload()
+    metrics = {one["name"]: one["value"] for one in browser.send("Performance.getMetrics")["metrics"]}
+    return float(metrics["TaskDuration"])
 
 
 def ticks(page: Any, ident: str, area: int) -> list[float]:
@@ -93,7 +92,8 @@ def middle(page: Any, ident: str, across: float = 0.5, down: float = 0.2) -> tup
 
 def test_a_page_of_long_recordings_is_small_and_drawn_at_once(report: Path) -> None:
     assert report.stat().st_size < MAX_BYTES
-    assert min(first_paint(report) for _ in range(3)) < MAX_PAINT_MS  # the best of three: other tests run beside
+    with open_page(report) as page:
+        assert 0.0 < drawing_time(page) < MAX_DRAWING_S
 
 
 def test_a_drag_zooms_all_areas_and_a_double_click_resets(page: Any) -> None:
@@ -117,13 +117,10 @@ def test_the_wheel_zooms_a_chart_in_use_only(page: Any) -> None:
     page.mouse.move(x, y)
     page.mouse.wheel(0, -200)
     assert ticks(page, "tp0", 1) == first
-    shown = page.locator("#tp0-plot g.area").nth(1).text_content()
     page.mouse.click(*middle(page, "tp0", 0.6))
     for _ in range(4):
         page.mouse.wheel(0, -200)
-    expect = pytest.importorskip("playwright.sync_api").expect
-    expect(page.locator("#tp0-plot g.area").nth(1)).not_to_have_text(shown)
-    assert np.diff(ticks(page, "tp0", 1)).max() < np.diff(first).max()
+    wait_until(lambda: np.diff(ticks(page, "tp0", 1)).max() < np.diff(first).max())
 
 
 def test_the_cursor_reads_the_recorded_values(page: Any, evaluations: list[Evaluation]) -> None:
@@ -204,8 +201,12 @@ def test_charts_of_a_group_follow_each_other(pages: dict[str, Path]) -> None:
 
 def test_a_command_can_be_copied(page: Any) -> None:
     page.context.grant_permissions(["clipboard-read", "clipboard-write"])
-    page.locator(".command .copy").click()
-    page.get_by_text(re.compile("^(Copied|Selected)$")).wait_for()
+    button = page.locator(".command .copy")
+    button.evaluate(
+        "b => new MutationObserver(() => { b.dataset.said ??= b.textContent; }).observe(b, {childList: true})"
+    )
+    button.click()
+    wait_until(lambda: button.get_attribute("data-said") in ("Copied", "Selected"))  # it says so for two seconds only
     assert page.evaluate("getSelection().toString() || navigator.clipboard.readText()") == COMMAND
 
 

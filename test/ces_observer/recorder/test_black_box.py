@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from patience import PATIENCE_S
 from raw_messages import CURRENT, MS, SECOND, TOPICS, channels, drive
 from rosbags.rosbag2 import Reader
 
@@ -39,7 +40,7 @@ def keep(box: BlackBox, messages: list[Message]) -> None:
 
 
 def finish(box: BlackBox, now_ns: int) -> None:
-    end = time.monotonic() + 20.0
+    end = time.monotonic() + PATIENCE_S
     while box.busy:
         assert time.monotonic() < end
         box.work(1e-2, now_ns)

@@ -7,15 +7,16 @@ import pytest
 pytest.importorskip("flask", reason="Flask is not installed")
 
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 from urllib.error import HTTPError
 from urllib.request import urlopen
 
+from patience import children_running, wait_until
 from served_folders import BAGS
 
 from ces_serve.web.server import PageServer
+from ces_serve.work import process
 
 
 @pytest.fixture
@@ -28,27 +29,15 @@ def url() -> Iterator[str]:
     thread.join()
 
 
-def workers() -> int:
-    """Return the number of worker processes of this one."""
-    found = [path.read_text().split() for path in Path("/proc/self/task").glob("*/children")]
-    lines = [Path(f"/proc/{pid}/cmdline").read_bytes() for pids in found for pid in pids]
-    return sum(b"ces_serve.work.worker" in line for line in lines)
-
-
-def wait_for_no_worker() -> None:
-    end = time.monotonic() + 5.0
-    while workers():
-        assert time.monotonic() < end
-        time.sleep(0.02)
-
-
-def test_work_ends_when_the_reader_leaves(url: str) -> None:
+def test_work_ends_when_the_reader_leaves(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "endless_worker.py").write_text("import time; time.sleep(3600)")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    monkeypatch.setattr(process, "WORKER", "endless_worker")
     with urlopen(f"{url}events/inspect/sine_4hz") as answer:
         assert answer.headers["Content-Type"].startswith("text/event-stream")
         answer.readline()
-        while not workers():
-            time.sleep(0.01)
-    wait_for_no_worker()
+        assert wait_until(lambda: children_running("endless_worker"))
+    wait_until(lambda: not children_running("endless_worker"))
 
 
 def test_streams_are_limited_and_closed_ones_are_free_again(url: str) -> None:
@@ -58,11 +47,12 @@ def test_streams_are_limited_and_closed_ones_are_free_again(url: str) -> None:
     assert urlopen(url).status == 200  # pages are still there
     for stream in open_streams:
         stream.close()
-    end = time.monotonic() + 5.0
-    while True:
+
+    def is_free() -> bool:
         try:
             urlopen(f"{url}events/overview").close()
-            break
         except HTTPError:
-            assert time.monotonic() < end
-            time.sleep(0.1)
+            return False
+        return True
+
+    wait_until(is_free)

@@ -32,6 +32,7 @@ def client(root: Path) -> FlaskClient:
 @pytest.fixture(autouse=True)
 def _always_new(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ces_serve.files.catalogue.FRESH_S", 0.0)
+    monkeypatch.setattr("ces_serve.files.catalogue.WALKS", 0.0)  # of a slow walk, as on a busy computer
 
 
 def open_client(folder: Path) -> FlaskClient:
@@ -213,6 +214,19 @@ def test_a_running_search_is_shown_and_followed_to_its_end(tmp_path: Path, searc
     answer.close()
     assert b"/view/model/new.json" in seen[-1]
     assert "not running" in text_of(client, "/search/new.json")
+
+
+def test_a_search_that_ended_before_its_page_was_followed_is_said_to_have_ended(
+    tmp_path: Path, search: SearchProgressFile
+) -> None:
+    site = Site.open(tmp_path)
+    client = make_app(site, "127.0.0.1").test_client()
+    assert "/events/search/new.json" in text_of(client, "/search/new.json")
+    described_model().save(tmp_path / "new.json")
+    search.__exit__(None, None, None)
+    site.catalogue.listing(anew=True)
+    found = read_events(client, "/events/search/new.json", ("content", "ended"))
+    assert "/view/model/new.json" in found["ended"][0] and "content" not in found
 
 
 def test_a_running_campaign_shows_its_results_so_far(tmp_path: Path) -> None:
