@@ -6,6 +6,7 @@ import argparse
 import shlex
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 from ces_cli.compare.arguments import ComparedWords, open_models, read_recordings, sort_words
 from ces_cli.compare.campaign_fronts import front_models, show_campaigns
