@@ -74,3 +74,13 @@ def test_mistakes_are_one_line(tmp_path, capsys):
     for words in ((tmp_path / "none",), (Path(__file__),), (tmp_path,)):
         assert run(*words) == 2
         assert len(capsys.readouterr().err.strip().splitlines()) == 1
+
+
+def test_a_file_without_a_force_is_to_be_completed_by_hand(tmp_path, capsys):
+    path = tiny.write(tmp_path / "bag", [bags.numbers("/stroke", X), bags.numbers("/current", CURRENT)])
+    assert run(path, "--out", tmp_path / "my.yaml") == 0
+    err = capsys.readouterr().err
+    assert (
+        f"next:    complete {tmp_path / 'my.yaml'} by hand: nothing was found for force" in err
+        and "ces info" not in err
+    )

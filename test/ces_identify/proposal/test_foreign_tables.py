@@ -54,7 +54,19 @@ def clock(form):
         "Log\nTime (s) - Voltage_0,Displacement (mm) - Voltage_0,Current (A) - Amp,Force (N) - Bridge\n" + TABLE,
         NAMES + "\n".join([*CELLS[:500], "# marker: bump", *CELLS[500:]]) + "\n",
     ],
-    ids=[*"comments named percent lines above pandas waveform labview dspace express inside".split()],
+    ids=[
+        "comments",
+        "named",
+        "percent",
+        "lines",
+        "above",
+        "pandas",
+        "waveform",
+        "labview",
+        "dspace",
+        "express",
+        "inside",
+    ],
 )
 def test_headers_and_comments_of_other_programs(tmp_path, text):
     assert_recording(read(tmp_path, text), slow=False)
