@@ -287,7 +287,7 @@ def test_a_variance_is_no_measurement(tmp_path):
         bags.numbers("/valve_current/data", CURRENT),
         bags.wrenches("/force", F),
     ]
-    proposal, path = proposed(tmp_path, *streams)
+    _, path = proposed(tmp_path, *streams)
     assert_reads(reread(tmp_path, path))
     only = [stream for stream in streams if stream is not streams[2]]
     missing = propose_signals([tiny.write(tmp_path / "without", only)]).selection.missing
