@@ -36,6 +36,7 @@ CURRENT_STEP = 2  # ticks between shifts of the current
 FACTOR, FLOOR = 1.35, 0.02  # error that still counts as a fit: a multiple of the least, and never below the floor
 CURRENT_FACTOR, CURRENT_FLOOR = 1.12, 0.025
 LIKELY_S, LIKELY_FACTOR, LIKELY_FLOOR, LIKELY_ERROR = 0.015, 1.15, 0.01, 0.2  # of a delay that is probable only
+LIKELY_WIDTH_S = 0.05  # of the interval
 MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these signals
 
 
@@ -58,7 +59,8 @@ class DelayEstimate:
     def likely(self) -> bool:
         """Whether a delay beyond the lags of dampers fits clearly better than none; none cannot be excluded."""
         limit = max(LIKELY_FACTOR * self.least_error, float(np.hypot(self.least_error, LIKELY_FLOOR)))
-        return abs(self.late_s) > LIKELY_S and self.least_error < LIKELY_ERROR and self.error_at_zero > limit
+        narrow = self.high_s - self.low_s < LIKELY_WIDTH_S  # a single fast sine fits at any phase
+        return narrow and abs(self.late_s) > LIKELY_S and self.least_error < LIKELY_ERROR and self.error_at_zero > limit
 
     @property
     def nearest_s(self) -> float:

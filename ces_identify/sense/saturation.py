@@ -17,6 +17,7 @@ NEIGHBOURS = 5  # number of neighbouring values
 SATURATES = "the channel saturates"
 REMEDIES = {"force": "record with a larger range", "position": "move the sensor's range to that of the stroke"}
 ARRIVAL_S, ARRIVAL_SPEED = 0.01, 0.2  # before a limit of the position: its speed, of its RMS; a stop by nature brakes
+MIN_STAY = 3  # samples at a limit of the position, on average
 WRONG_SHARE = 0.02  # of the samples at a limit: a model would learn the sensor's limit
 
 
@@ -55,6 +56,8 @@ def _arrives_fast(channel: Channel, limit: float) -> bool:
     back = max(1, round(ARRIVAL_S * mean_rate(channel)))
     steps = np.abs(values[back:] - values[:-back])
     arrivals = np.flatnonzero((values[1:] == limit) & (values[:-1] != limit)) - back
+    if (values == limit).sum() < MIN_STAY * len(arrivals):  # a noise-free sine touches its largest value only
+        return False
     arrivals = arrivals[arrivals >= 0]
     usual = float(np.sqrt(np.nanmean(steps**2)))
     return bool(len(arrivals)) and float(np.nanmedian(steps[arrivals])) > ARRIVAL_SPEED * usual

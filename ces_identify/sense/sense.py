@@ -47,8 +47,8 @@ def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
         return single
     known = {f.text.split(": ")[1] for f in single if f.severity == WRONG_MODEL}
     between = [f for f in differences(recordings) if f.text.split(":")[0].split(" ")[0] not in known]
-    joint = () if any(IS_DELAY in f.text for f in single) else _joint_delay(recordings)
-    return sort_findings(between, single, joint)
+    known_bad = between or any(f.severity == WRONG_MODEL or IS_DELAY in f.text for f in single)
+    return sort_findings(between, single, () if known_bad else _joint_delay(recordings))
 
 
 def _joint_delay(recordings: Sequence[Recording]) -> Iterator[Finding]:

@@ -120,7 +120,7 @@ def clipped(low=-1e9, high=1e9, step=0.0):
 @pytest.mark.parametrize("step", [0.0, 1.0, 10.0])
 def test_flat_tops_are_detected_with_any_converter(step):
     (result,) = find_saturations(ride(change=clipped(high=400.0, step=step)))
-    assert result.limit_N == 400.0
+    assert result.limit == 400.0
     assert 0.01 < result.share < 0.4
     assert [s.limit for s in find_saturations(ride(change=clipped(-300.0, 350.0, step)))] == [-300.0, 350.0]
 

@@ -14,7 +14,7 @@ from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.log_mapping import load_dyno_mapping
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.recordings.signals_file import load_signals
-from ces_identify.sense.delays import current_delay, force_delay
+from ces_identify.sense.delays import DelayEstimate, current_delay, force_delay
 from ces_identify.sense.motion import recorded_motion
 from ces_identify.sense.saturation import find_saturations
 from ces_identify.sense.sense import require_sensible, sense, sense_each, sense_together
@@ -187,13 +187,23 @@ def test_the_late_signal_is_named_with_the_key_to_write(signal, seconds, late):
     assert found.text.endswith(f" to the key delay (default 0) of {late} in the signals file")
 
 
-def test_a_delay_on_a_single_sine_is_only_a_warning():
+def test_a_single_sine_says_nothing_about_a_delay():
     """Elasticity, valve lag and a delay look alike there."""
-    assert sense(shifted(bag("sine_4hz"), "force", 0.01)) == ()
-    found = sense(shifted(bag("sine_4hz"), "force", 0.03))
-    assert [f.severity for f in found] == ["warning"]
-    assert found[0].text.startswith("force: perhaps logged ")
-    assert "ms fit, too, as a damper's elasticity does on these strokes" in found[0].text
+    assert sense(shifted(bag("sine_4hz"), "force", 0.02)) == ()
+
+
+@pytest.mark.parametrize(
+    ("late_s", "low_s", "high_s", "least", "likely"),
+    [
+        (0.019, -0.003, 0.029, 0.10, True),
+        (-0.019, -0.029, 0.003, 0.10, True),
+        (0.010, -0.003, 0.029, 0.10, False),  # the lag of a damper
+        (0.019, -0.070, 0.070, 0.10, False),  # a single sine
+        (0.019, -0.003, 0.029, 0.18, False),  # hardly better than none
+    ],
+)
+def test_a_delay_that_fits_better_than_none_is_likely(late_s, low_s, high_s, least, likely):
+    assert DelayEstimate(late_s, low_s, high_s, 0.2, least).likely == likely
 
 
 def test_sines_of_several_frequencies_show_a_delay_together():
