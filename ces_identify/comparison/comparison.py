@@ -223,18 +223,21 @@ def _training_notes(comparison: Comparison) -> list[str]:
 
 
 def _exit_notes(comparison: Comparison) -> list[str]:
-    """Return where a recording leaves the envelopes of models, models of equal envelope together."""
-    groups: dict[tuple[str, str], list[str]] = {}
+    """Return where recordings leave the envelopes of models, models and recordings of equal ranges together."""
+    by_recording: dict[tuple[str, str], list[str]] = {}
     for recording in comparison.recordings:
         for model, exits in zip(comparison.models, recording.exits, strict=True):
             if exits:
                 share = f"for {100 * exits[0].outside_share:.1f} % of the time"
                 ranges = f"{share}: {'; '.join(map(str, exits))}"
-                groups.setdefault((recording.name, ranges), []).append(model.name)
-    everyone = len(comparison.models)
+                by_recording.setdefault((recording.name, ranges), []).append(model.name)
+    groups: dict[tuple[str, str], list[str]] = {}
+    for (recording_name, ranges), names in by_recording.items():
+        models = "all models" if len(names) == len(comparison.models) > 2 else join(names)
+        groups.setdefault((models, ranges), []).append(recording_name)
     return [
-        f"{name} leaves the envelope of {'all models' if len(names) == everyone > 2 else join(names)} {ranges}"
-        for (name, ranges), names in groups.items()
+        f"{join(names)} {'leaves' if len(names) == 1 else 'leave'} the envelope of {models} {ranges}"
+        for (models, ranges), names in groups.items()
     ]
 
 

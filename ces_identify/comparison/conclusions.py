@@ -25,7 +25,7 @@ def headline(comparison: Comparison) -> str:
             groups.setdefault(comparison.pair(best, i).verdict, []).append(model.name)
     name = comparison.models[best].name
     sentence = "; ".join(
-        _describe(verdict, name, _shorten(groups[verdict]))
+        _describe(verdict, name, _shorten(groups[verdict], len(comparison.models) - 1))
         for verdict in (BETTER, SAME, SHORT, NO_TEST, DIVERGED)
         if verdict in groups
     )
@@ -43,8 +43,10 @@ def _describe(verdict: str, best: str, others: str) -> str:
     }[verdict]
 
 
-def _shorten(names: Sequence[str]) -> str:
-    return join(names) if len(names) <= MAX_NAMES else f"{len(names)} of the others"
+def _shorten(names: Sequence[str], others: int) -> str:
+    if len(names) <= MAX_NAMES:
+        return join(names)
+    return f"all {others} others" if len(names) == others else f"{len(names)} of the others"
 
 
 def format_signed(value: float) -> str:

@@ -160,3 +160,13 @@ def test_more_models_and_recordings_than_charts_can_show():
     assert "tables all 10; not in the charts: m8 and m9" in models_left
     assert "2 of 4 recordings, the tables all; not in the charts: r0 and r3" in recordings_left
     assert len(pairs) == 45
+
+
+def test_a_simulation_that_grows_without_end_has_no_cost(sine):
+    def explode(t, x, i):
+        return 1000.0 * np.sign(np.gradient(x, t)) * np.exp(np.minimum(20.0 * t, 200.0))
+
+    found = compare_models({"a": MODEL, "wild": FunctionSimulation("wild", explode)}, sine, timing=False)
+    assert found.models[1].pooled == float("inf") and found.pairs[0].verdict == DIVERGED
+    assert any("wild diverged, to more than 1000 times the measured force" in note for note in found.notes())
+    assert found.models[0].pooled < 10.0
