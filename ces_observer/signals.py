@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ces_observer.errors import SignalsError
@@ -133,10 +133,14 @@ class Constant:
 
 @dataclass(frozen=True)
 class Signals:
-    """All signals by name; `position` and `current` are always present."""
+    """All signals by name; `position` and `current` are always present.
+
+    `assumed` are those that the source does not describe, which have their defaults.
+    """
 
     by_name: Mapping[str, Signal | Constant]
     source: str = "defaults"
+    assumed: frozenset[str] = field(default=frozenset(), compare=False)
 
     def __getitem__(self, name: str) -> Signal | Constant:
         """Return the signal `name`; raises SignalsError if it is missing."""
@@ -160,7 +164,8 @@ class Signals:
         Other keys are ignored: they are a node's other parameters. Raises SignalsError.
         """
         names = [name for name in NAMES if name in mapping or name in DEFAULTS]
-        return cls({name: _signal(name, mapping.get(name, {}), source) for name in names}, source)
+        signals = {name: _signal(name, mapping.get(name, {}), source) for name in names}
+        return cls(signals, source, frozenset(names) - mapping.keys())
 
 
 def override(common: Any, own: Any) -> Any:

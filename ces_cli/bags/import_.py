@@ -13,6 +13,7 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.json_output import add_json, print_document, without_text
 from ces_cli.terminal.option_rules import ALL, never_with
 from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_cli.terminal.progress import FileProgress
 from ces_identify.proposal.mapping_proposal import MappingProposal, propose_mapping
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
 from ces_identify.recordings.checks import findings, mean_rate
@@ -107,8 +108,8 @@ def _propose(options: Namespace, parser: terminal.Parser) -> int:
 
 
 def _find_mapping(path: Path, options: Namespace) -> MappingProposal:
-    with terminal.err.status(f"reading {path}"):
-        return propose_mapping(path, rate=options.rate, dbc=options.dbc)
+    with FileProgress("reading", path) as bar:
+        return propose_mapping(path, rate=options.rate, dbc=options.dbc, progress=bar.listen)
 
 
 def _import(options: Namespace) -> dict[Path, Recording]:
@@ -152,8 +153,8 @@ def _read(path: Path, mapping: DynoMapping | None, options: Namespace) -> Record
         for remark in proposal.remarks:
             terminal.print_warning(f"{path}: {remark}; taken as logged")
         return to_recording(proposal.log, proposal.mapping)
-    with terminal.err.status(f"reading {path}"):
-        log = open_log(path, mapping)
+    with FileProgress("reading", path) as bar:
+        log = open_log(path, mapping, bar.listen)
         recording = to_recording(log, mapping)
     if log.notes:
         print(f"{path}: {', '.join(log.notes)}")
@@ -192,8 +193,9 @@ def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool, 
     for name in recording.channels.keys() - set(written):
         terminal.print_warning(f"{recording.source}: {name} is left out; give it a topic in the signals file")
     notes = {"imported_from": Path(recording.source).name}
-    with terminal.err.status(f"writing {path}"):
-        write_bag(path, recording_topics(recording, signals.without_delays()), overwrite=overwrite, notes=notes)
+    topics = recording_topics(recording, signals.without_delays())
+    with FileProgress("writing", path) as bar:
+        write_bag(path, topics, overwrite=overwrite, notes=notes, progress=bar.listen)
     position = recording.channel("position")
     rate = mean_rate(position)
     print(f"{path}: {len(position)} samples of {', '.join(written)} at {rate:.1f} Hz")

@@ -10,8 +10,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from ces_identify.recordings.foreign_files import explain_import, is_foreign
+from ces_identify.recordings.mcap_records import require_complete
 from ces_identify.recordings.recording import Recording
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, RecordingError
 
 FILES = (".mcap", ".db3", ".bag")
 PART = re.compile(r"(.+?)(?:_([0-9]+))?\.(?:mcap|db3)(?:\.zstd)?")  # as recorders name the files of a bag
@@ -39,6 +40,7 @@ def find_bags(words: Sequence[str], repeated: bool = False) -> list[Path]:
     A bag that several arguments name is returned once, or with `repeated` each time. A path that does not exist is
     returned as it is, for the reader's message.
     """
+    _refuse_expanded_folder([Path(word) for word in words])
     paths = [path for word in words for path in _match_word(word)]
     return paths if repeated else list(dict.fromkeys(paths))
 
@@ -67,7 +69,18 @@ def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
     return [FleetUnit(name, tuple(paths)) for name, paths in zip(names, groups.values(), strict=True)]
 
 
+def _refuse_expanded_folder(paths: Sequence[Path]) -> None:
+    """Raise CesError if a shell's `FOLDER/*` has become a file that is no recording, beside others that are."""
+    for path in paths:
+        beside = [other for other in paths if other.parent == path.parent and (other.is_dir() or is_bag(other))]
+        if beside and path.is_file() and not is_bag(path):
+            raise CesError(f"{path}: is not a recording; to use all in this folder, give the folder: {path.parent}")
+
+
 def _match_word(word: str) -> Iterator[Path]:
+    if (folder := Path(word)).is_dir() and not is_bag(folder) and _is_cut_short(folder):
+        yield folder
+        return
     paths = [Path(word)]
     matched = paths
     if not paths[0].exists() and any(letter in word for letter in WILD):
@@ -109,6 +122,20 @@ def _is_unfinished(folder: Path) -> bool:
     parts = [PART.fullmatch(file.name) for file in files]
     numbers = {int(match.group(2) or 0) for match in parts if match and match.group(1) == folder.name}
     return 0 in numbers and len(numbers) == len(files)
+
+
+def _is_cut_short(folder: Path) -> bool:
+    """Return whether all files in a folder are the numbered MCAP files of one recorder, the last without its end."""
+    files = [file for file in folder.iterdir() if file.suffix in (".mcap", ".db3", ".zstd")]
+    parts = {int(match.group(2) or 0): file for file in files if (match := PART.fullmatch(file.name))}
+    names = {match.group(1) for file in files if (match := PART.fullmatch(file.name))}
+    if len(names) != 1 or len(parts) != len(files) or 0 not in parts or parts[max(parts)].suffix != ".mcap":
+        return False
+    try:
+        require_complete(parts[max(parts)])
+    except RecordingError:
+        return True
+    return False
 
 
 def with_distinct_names(recordings: Mapping[Path, Recording]) -> dict[Path, Recording]:

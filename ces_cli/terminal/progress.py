@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
+from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from rich.markup import escape
 from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
@@ -68,6 +70,19 @@ class LiveBar:
         if time.monotonic() - self._logged > LOG_EVERY_S:
             self._logged = time.monotonic()
             self.log(f"{self.elapsed_s:5.0f} s  {text}")
+
+
+class FileProgress(LiveBar):
+    """Shows the share of a file that is read or written (`verb`)."""
+
+    def __init__(self, verb: str, path: Path) -> None:
+        super().__init__(verb, TaskProgressColumn(), TimeElapsedColumn(), total=1.0, text=escape(str(path)))
+        self._verb, self._path = verb, path
+
+    def listen(self, share: float) -> None:
+        """Show the share (0 to 1) that is done."""
+        self.show(share, escape(str(self._path)))
+        self.log_seldom(f"{self._verb} {self._path}: {share:.0%}")
 
 
 class DiagnoseProgress(LiveBar):

@@ -36,7 +36,8 @@ class Candidate:
     @cached_property
     def finite(self) -> Values:
         """The finite values."""
-        return np.asarray(self.values[np.isfinite(self.values)])
+        there = np.isfinite(self.values)
+        return self.values if there.all() else np.asarray(self.values[there])
 
     @cached_property
     def span(self) -> float:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -18,6 +18,7 @@ from ces_identify.proposal.text import (
     explain,
     explain_missing,
     format_number,
+    one_line,
     quote_yaml,
 )
 from ces_identify.recordings.formats.can_log import CanLog
@@ -55,13 +56,20 @@ class MappingProposal:
     faults: frozenset[str] = frozenset()
 
 
-def propose_mapping(path: Path, *, rate: float | None = None, dbc: Sequence[Path] = ()) -> MappingProposal:
+def propose_mapping(
+    path: Path,
+    *,
+    rate: float | None = None,
+    dbc: Sequence[Path] = (),
+    progress: Callable[[float], None] = lambda share: None,
+) -> MappingProposal:
     """Return a mapping for a log from the names, units and numbers of its columns; raises RecordingError.
 
-    `rate` [Hz] is that of a table without a time, `dbc` are the databases of a CAN log.
+    `rate` [Hz] is that of a table without a time, `dbc` are the databases of a CAN log, `progress` is that of
+    `open_log`.
     """
     bare = DynoMapping(source="a mapping", signals={}, blank="missing", dbc=tuple(dbc))
-    log = open_log(path, bare)
+    log = open_log(path, bare, progress)
     if rate is not None and isinstance(log, TimedLog):
         raise RecordingError(f"{path}: --rate does not apply: the channels of this log have their own times")
     if dbc and not isinstance(log, CanLog):
@@ -152,7 +160,7 @@ class _Writer:
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file."""
-        yield from HEAD.format(name=self.path.name).splitlines()
+        yield from HEAD.format(name=one_line(self.path.name)).splitlines()
         for doubt in self.doubts:
             yield from comment(f"{CHECK}: {doubt}", "")
         yield from self._layout()

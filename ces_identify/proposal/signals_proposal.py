@@ -16,6 +16,8 @@ from ces_identify.proposal.text import (
     explain,
     explain_missing,
     format_number,
+    name_yaml,
+    one_line,
     quote_yaml,
 )
 from ces_observer.errors import RecordingError
@@ -46,7 +48,7 @@ def propose_signals(paths: Sequence[Path]) -> SignalsProposal:
             f"{paths[0]}: nothing looks like position, current or force; it has {labels}; write a signals file by hand,"
             " see docs/recordings.md"
         )
-    lines = HEAD.format(sources=", ".join(str(path) for path in paths)).splitlines()
+    lines = HEAD.format(sources=", ".join(map(one_line, paths))).splitlines()
     lines += _format(selection)
     return SignalsProposal(selection, "\n".join(lines) + "\n", found.skipped)
 
@@ -75,7 +77,7 @@ def _format_damper(damper: DamperChoice, indent: str) -> Iterator[str]:
         yield from explain_missing(missing, indent)
         for rating in missing.others[:2]:
             c = rating.candidate
-            signal = f"topic: {c.topic}, type: {c.kind}, field: {quote_yaml(c.field)}"
+            signal = f"topic: {name_yaml(c.topic)}, type: {name_yaml(c.kind)}, field: {quote_yaml(c.field)}"
             yield f"{indent}# {missing.signal}: {{{signal}}}"
         if missing.signal == "current":
             yield f"{indent}# {PASSIVE}"
@@ -84,8 +86,8 @@ def _format_damper(damper: DamperChoice, indent: str) -> Iterator[str]:
 def _format_signal(choice: Choice, indent: str) -> Iterator[str]:
     c, remark = choice.candidate, describe_scale(choice)
     yield f"{indent}{choice.signal}:"
-    yield f"{indent}  topic: {c.topic}"
-    yield f"{indent}  type: {c.kind}"
-    yield f"{indent}  field: {quote_yaml(c.field) if '[' in c.field else c.field}"
+    yield f"{indent}  topic: {name_yaml(c.topic)}"
+    yield f"{indent}  type: {name_yaml(c.kind)}"
+    yield f"{indent}  field: {name_yaml(c.field)}"
     yield f"{indent}  scale: {format_number(choice.scale)}" + (f"  # {remark}" if remark else "")
     yield f"{indent}  offset: {format_number(choice.offset)}"

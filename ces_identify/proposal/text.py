@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import textwrap
 from collections.abc import Iterator, Sequence
 
@@ -12,6 +13,7 @@ from ces_identify.proposal.rating import Rating
 WIDTH = 110
 MAX_OTHERS = 4
 CHECK = "CHECK"
+PLAIN = re.compile(r"/?[A-Za-z_][A-Za-z0-9_./]*")
 
 
 def explain(choice: Choice, indent: str) -> Iterator[str]:
@@ -36,9 +38,19 @@ def comment(text: str, indent: str) -> Iterator[str]:
     yield from (f"{indent}# {line if i == 0 else '  ' + line}" for i, line in enumerate(lines))
 
 
+def one_line(text: object) -> str:
+    """Return a text for a comment that is not wrapped, in which a control character is written as Python does."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(text))
+
+
 def quote_yaml(text: str) -> str:
     """Return a text as a double-quoted YAML scalar."""
     return json.dumps(text, ensure_ascii=False)
+
+
+def name_yaml(text: str) -> str:
+    """Return a topic, type or field as a YAML scalar, quoted only if it holds more than letters, digits and /_."""
+    return text if PLAIN.fullmatch(text) else quote_yaml(text)
 
 
 def format_number(value: float) -> str:

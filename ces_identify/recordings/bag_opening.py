@@ -11,7 +11,7 @@ import yaml
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2 import Reader
 
-from ces_identify.recordings import mcap_records, rosbag1_records
+from ces_identify.recordings import mcap_records, mcap_topics, rosbag1_records
 from ces_identify.recordings.bag_storage import Bag, DataFile
 from ces_identify.recordings.foreign_files import explain_import, is_foreign
 from ces_identify.recordings.interrupted_bag import list_data_files, open_interrupted_bag
@@ -106,9 +106,29 @@ def _find_stored_file(path: Path, file: Path) -> Path:
     return packed if path.is_dir() and file.parent != path and packed.exists() else file
 
 
+def _require_ros2(file: Path) -> None:
+    """Raise RecordingError if topics of a complete MCAP file are encoded in another way than ROS 2 does."""
+    topics = mcap_topics.list_topics(file)
+    others = [topic for topic in topics if topic.encoding != "cdr"]
+    if not others:
+        return
+    codes = ", ".join(sorted({f"'{topic.encoding}'" for topic in others}))
+    names = ", ".join(sorted({topic.name for topic in others})[:3])
+    if len(others) < len(topics):
+        raise RecordingError(
+            f"{file}: topics ({names}) are encoded as {codes}; expected ROS 2's cdr in all: keep the others alone, "
+            "with mcap filter"
+        )
+    raise RecordingError(
+        f"{file}: an MCAP file, but not of ROS 2: its messages ({names}) are encoded as {codes}, expected cdr; write "
+        "their numbers as a CSV table, and convert that: ces import TABLE.csv --out BAG"
+    )
+
+
 def _open_error(path: Path, error: Exception) -> RecordingError:
     for file in path.glob("*.mcap") if path.is_dir() else [path]:
         if file.suffix == ".mcap":
             mcap_records.require_complete(file)
+            _require_ros2(file)
     reason = str(error).strip().splitlines()[0].rstrip(".") if str(error).strip() else type(error).__name__
     return RecordingError(f"{path}: cannot be opened as a bag: {reason}")

@@ -96,13 +96,13 @@ def _readers(bag: Bag, signals: Signals, need: Collection[str]) -> dict[str, _To
     """Return a reader for each topic that carries a signal, by the topic's name."""
     by_topic: dict[Topic, list[Signal]] = {}
     for signal in signals.list_topic_signals():
-        topic = _topic(bag, signal, signals.source, signal.name in need)
+        topic = _topic(bag, signal, signals, signal.name in need)
         if topic is not None:
             by_topic.setdefault(topic, []).append(signal)
     return {topic.name: _TopicReader(bag, topic, mine) for topic, mine in by_topic.items()}
 
 
-def _topic(bag: Bag, signal: Signal, source: str, needed: bool) -> Topic | None:
+def _topic(bag: Bag, signal: Signal, signals: Signals, needed: bool) -> Topic | None:
     """Return the topic of a signal; None if it is not in the bag and not `needed`."""
     topics = [topic for topic in bag.topics if signal.matches(topic.name)]
     if not topics and not needed:
@@ -110,18 +110,24 @@ def _topic(bag: Bag, signal: Signal, source: str, needed: bool) -> Topic | None:
     if not topics:
         raise RecordingError(
             f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has {_format_topics(bag.topics)}; "
-            f"{_advice(bag.path)}"
+            f"{_advice(bag.path, signal, signals)}"
         )
     for topic in topics:
         if topic.type == signal.type:
             return topic
     raise SignalsError(
-        f"{source}: signal '{signal.name}': topic '{signal.topic}' is {topics[0].type} in {bag.path}, not"
-        f" {signal.type}; correct type and field, or: {_advice(bag.path)}"
+        f"{signals.source}: signal '{signal.name}': topic '{signal.topic}' is {topics[0].type} in {bag.path}, not"
+        f" {signal.type}; correct type and field, or: {_advice(bag.path, signal, signals)}"
     )
 
 
-def _advice(path: Path) -> str:
+def _advice(path: Path, signal: Signal, signals: Signals) -> str:
+    """Return what to do about a topic that is not found: complete the signals file, or let a program propose one."""
+    if signal.name in signals.assumed and len(signals.assumed) < len(signals.by_name):
+        return (
+            f"{signals.source} has no key '{signal.name}', so its default was looked for: add it, with topic, type and "
+            "field"
+        )
     return f"'ces signals {path} --out my_signals.yaml' proposes a file for --signals"
 
 

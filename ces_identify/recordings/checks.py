@@ -32,10 +32,15 @@ SECOND = 1e9
 class Finding:
     """A fault: with severity "error" the recording cannot be used; with "wrong model" it can be read, but a model of it
     would be wrong; with "warning" it can be used.
+
+    `signal` is the one that it is about, empty if it is about several; `recording` the name of the one that it is
+    about, empty where the caller knows it, or if it is about several.
     """
 
     severity: str
     text: str
+    signal: str = ""
+    recording: str = ""
 
 
 def findings(recording: Recording) -> tuple[Finding, ...]:
@@ -76,16 +81,16 @@ def mean_rate(channel: Channel) -> float:
 
 def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
     if not len(channel):
-        yield Finding(ERROR, f"{channel.name}: the channel is empty; expected samples")
+        yield Finding(ERROR, f"{channel.name}: the channel is empty; expected samples", signal=channel.name)
         return
     bad = ~np.isfinite(channel.values)
     if bad.any():
         first = (int(channel.stamps_ns[np.argmax(bad)]) - start_ns) / SECOND
         text = f"{channel.name}: {int(bad.sum())} of {len(bad)} samples are NaN or infinite, the first at {first:.3f} s"
         if bad.mean() > BAD_SHARE:
-            yield Finding(ERROR, f"{text}; expected at most {BAD_SHARE:.0%}")
+            yield Finding(ERROR, f"{text}; expected at most {BAD_SHARE:.0%}", signal=channel.name)
         else:
-            yield Finding(WARNING, f"{text}; they are left out")
+            yield Finding(WARNING, f"{text}; they are left out", signal=channel.name)
     yield from _check_values(channel, start_ns)
     yield from _check_stamps(channel, start_ns)
 
@@ -100,6 +105,7 @@ def _check_values(channel: Channel, start_ns: int) -> Iterator[Finding]:
             ERROR,
             f"{channel.name}: {channel.values[worst]:.4g} {channel.unit} at {at:.3f} s; expected at most {limit:g}: "
             "check type, field and scale in the signals file, or remove the sample",
+            signal=channel.name,
         )
 
 
@@ -112,13 +118,14 @@ def _check_stamps(channel: Channel, start_ns: int) -> Iterator[Finding]:
             ERROR,
             f"{channel.name}: {equal + 1} samples in a row have the same stamp, at {at:.3f} s; expected a stamp for "
             "each sample (is the header's stamp filled in?)",
+            signal=channel.name,
         )
     if (steps < 0).any():
         row = int(np.argmin(steps))
         at = (int(channel.stamps_ns[row]) - start_ns) / SECOND
         times = f"{int((steps < 0).sum())} times, most at {at:.3f} s by {-steps[row] / SECOND:.6f} s"
         hint = "expected stamps in order (did a clock jump, or a bag loop?)"
-        yield Finding(ERROR, f"{channel.name}: time runs backwards {times}; {hint}")
+        yield Finding(ERROR, f"{channel.name}: time runs backwards {times}; {hint}", signal=channel.name)
 
 
 def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
@@ -134,9 +141,15 @@ def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
 def _check_position(recording: Recording) -> Iterator[Finding]:
     values = finite_values(recording, "position")
     if "position" in recording.constants:
-        yield Finding(ERROR, "position: is a constant in the signals file; expected a recorded stroke")
+        yield Finding(
+            ERROR, "position: is a constant in the signals file; expected a recorded stroke", signal="position"
+        )
     elif len(values) and values.min() == values.max():
-        yield Finding(ERROR, f"position: constant at {values[0]:g} m; expected a stroke (is it the right field?)")
+        yield Finding(
+            ERROR,
+            f"position: constant at {values[0]:g} m; expected a stroke (is it the right field?)",
+            signal="position",
+        )
 
 
 def _check_rates(recording: Recording) -> Iterator[Finding]:
@@ -144,8 +157,7 @@ def _check_rates(recording: Recording) -> Iterator[Finding]:
     for (slow, low), (fast, high) in combinations(sorted(rates.items(), key=lambda item: item[1]), 2):
         if high >= RATE_RATIO * low and "temperature" not in (slow, fast):
             yield Finding(
-                ERROR,
-                f"{slow} at {low:.4g} Hz and {fast} at {high:.4g} Hz: rates more than {RATE_RATIO:g} times apart",
+                ERROR, f"{slow} at {low:.4g} Hz and {fast} at {high:.4g} Hz: rates more than {RATE_RATIO:g} times apart"
             )
 
 
@@ -184,7 +196,9 @@ def _check_current(recording: Recording, start_ns: int) -> Iterator[Finding]:
     span = _describe_stretches(stretches, start_ns)
     severity = ERROR if share > MISSING_SHARE else WARNING
     yield Finding(
-        severity, f"current: absent {span}, {share:.1%} of the time; expected it wherever position is recorded"
+        severity,
+        f"current: absent {span}, {share:.1%} of the time; expected it wherever position is recorded",
+        signal="current",
     )
 
 

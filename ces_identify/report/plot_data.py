@@ -83,7 +83,7 @@ class _Packer:
         self.arrays: list[dict[str, Any]] = []
         self.samples = 1
         self._max_points = max_points
-        self._known: dict[bytes, int] = {}
+        self._known: dict[tuple[bool, bytes], int] = {}
 
     def mark(self, mark: PlotMark) -> dict[str, Any]:
         """Return a mark with the numbers of its arrays."""
@@ -126,7 +126,7 @@ class _Packer:
         return _group_starts(x, breaks, size), size
 
     def _add(self, values: F, wide: bool = False) -> int:
-        key = values.tobytes()
+        key = wide, values.tobytes()
         if key not in self._known:
             self._known[key] = len(self.arrays)
             self.arrays.append(_encode(np.asarray(values, np.float64), wide))

@@ -29,12 +29,14 @@ def unit_against_model(measured: F, simulated: F) -> Iterator[Finding]:
             WRONG_MODEL,
             f"force: {slope:.3g} times as large as the model's; if it is in {unit}, multiply its scale in the signals "
             f"file by {UNITS[unit]:.6g}",
+            signal="force",
         )
     elif unit is not None:
         yield Finding(
             WRONG_MODEL,
             f"force: {slope:.3g} times as large as the model's; if the model was identified in {unit}, multiply the "
             f"scale of the force by {UNITS[unit]:.6g} in the signals file it was identified with, and identify again",
+            signal="force",
         )
 
 

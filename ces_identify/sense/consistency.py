@@ -98,6 +98,7 @@ def _unit_finding(signal: str, text: str, unit: str) -> Finding:
     return Finding(
         WRONG_MODEL,
         f"{signal}: {text}; expected one unit: is one of them in {unit}? convert it, or identify on them one by one",
+        signal=signal,
     )
 
 
@@ -110,6 +111,7 @@ def _signs(all_: Sequence[Traits]) -> Iterator[Finding]:
             WRONG_MODEL,
             f"force {_sense(odd)} in {_names(odd)}, {_sense(rest)} in {_names(rest)}; expected one sign: "
             "position and force are positive in compression; set scale: -1 in the signals file of the wrong ones",
+            signal="force",
         )
 
 

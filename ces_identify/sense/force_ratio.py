@@ -38,6 +38,7 @@ def ratio_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
                 f"force: {max(slope, 1.0 / slope):.3g} times as large in {large} as in {small} at equal "
                 f"speeds and currents; if {small} is in {unit}, multiply its scale in the signals file by "
                 f"{UNITS[unit]:.6g}",
+                signal="force",
             )
 
 

@@ -36,12 +36,14 @@ def rate_findings(recording: Recording) -> Iterator[Finding]:
             f"force: changes too fast for {rate:.0f} Hz: half of its samples, interpolated from the others, miss by "
             f"{miss:.0%} of its RMS, and a model will err by a third to half of that; oil and valves change a force "
             "within 5 to 30 ms: record at 500 Hz or more",
+            signal="force",
         )
     elif rate < MIN_VALVE_HZ and current is not None and not is_constant(_finite(current)):
         yield Finding(
             WARNING,
             f"force: {rate:.0f} Hz is too low for the response of a valve, 5 to 30 ms: a model cannot learn how the "
             "force follows the current; record at 500 Hz or more",
+            signal="force",
         )
 
 

@@ -72,6 +72,7 @@ def saturation_findings(recording: Recording) -> Iterator[Finding]:
             yield Finding(
                 WRONG_MODEL if share > WRONG_SHARE else WARNING,
                 f"{signal}: {SATURATES}: {describe_saturations(limits, recording.channel(signal).unit)}; {remedy}",
+                signal=signal,
             )
 
 

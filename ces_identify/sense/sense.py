@@ -42,11 +42,13 @@ def sense(recording: Recording) -> tuple[Finding, ...]:
 
 def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
     """Return the findings on each recording, with its name, and on what they show together, the worst first."""
-    single = sort_findings(replace(f, text=f"{r.name}: {f.text}") for r in recordings for f in sense(r))
+    single = sort_findings(
+        replace(f, text=f"{r.name}: {f.text}", recording=r.name) for r in recordings for f in sense(r)
+    )
     if len(recordings) < 2:
         return single
-    known = {f.text.split(": ")[1] for f in single if f.severity == WRONG_MODEL}
-    between = [f for f in differences(recordings) if f.text.split(":")[0].split(" ")[0] not in known]
+    known = {f.signal for f in single if f.severity == WRONG_MODEL}
+    between = [f for f in differences(recordings) if f.signal not in known]
     known_bad = between or any(f.severity == WRONG_MODEL or IS_DELAY in f.text for f in single)
     return sort_findings(between, single, () if known_bad else _joint_delay(recordings))
 
@@ -88,4 +90,5 @@ def _one_current(recordings: Sequence[Recording]) -> Iterator[Finding]:
             WARNING,
             f"current: {values.mean():.3g} A in all recordings; a model knows no other current: record others, too, or "
             "check its topic",
+            signal="current",
         )

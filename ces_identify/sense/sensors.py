@@ -50,6 +50,7 @@ def _dead(channel: Channel) -> Iterator[Finding]:
             WRONG_MODEL,
             f"force: constant at {channel.values[0]:g} N; expected a force that changes with the stroke: check topic "
             "and field in the signals file, and the load cell",
+            signal="force",
         )
 
 
@@ -72,6 +73,7 @@ def _stuck(channel: Channel, other: Channel | None, runs: I) -> Iterator[Finding
         WRONG_MODEL if total > WRONG_STUCK else WARNING,
         f"{channel.name}: stuck {len(moved)} times, first at {first:.2f} s, {total:.1%} of the time, while the "
         f"{other.name} changes; check the sensor and its cable, and cut these stretches out",
+        signal=channel.name,
     )
 
 
@@ -94,6 +96,7 @@ def _held(channel: Channel, runs: I) -> Iterator[Finding]:
             WARNING,
             f"{channel.name}: stamped at {rate:.0f} Hz, but each value is repeated {np.median(lengths):.0f} times: it "
             f"is measured at {rate / np.median(lengths):.0f} Hz; log it at the rate of its sensor, 500 Hz or more",
+            signal=channel.name,
         )
 
 
@@ -112,6 +115,7 @@ def _coarse(channel: Channel, runs: I) -> Iterator[Finding]:
             WARNING,
             f"{channel.name}: only {levels} values between {low:.4g} and {high:.4g} {channel.unit}: too coarse for a "
             "speed or a force; record with more resolution",
+            signal=channel.name,
         )
 
 
@@ -131,6 +135,7 @@ def _coarse_position(channel: Channel) -> Iterator[Finding]:
             WARNING,
             f"position: its steps of {1e3 * quantum:.2g} mm disturb the speed by {noise:.2g} m/s, {noise / speed:.0%} "
             f"of its usual {speed:.2g} m/s: too coarse; record with more resolution, or with faster strokes",
+            signal="position",
         )
 
 

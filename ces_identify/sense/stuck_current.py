@@ -53,6 +53,7 @@ def _unlike_force(motion: Motion) -> Finding | None:
                 f"current: stuck at {motion.current[begin]:.3g} A for {(end - begin) / RATE_HZ:.1f} s, {share:.0%} of "
                 f"the time, while the force changes as if it moved ({inside:.0%} of it does not follow the motion, "
                 f"{outside:.0%} elsewhere); {REMEDY}",
+                signal="current",
             )
     return None
 
@@ -72,6 +73,7 @@ def _without_noise(channel: Channel) -> Iterator[Finding]:
             WARNING,
             f"current: stuck {int(long.sum())} times, first at {first:.2f} s, {total:.1%} of the time, although noise "
             f"changes it everywhere else; {REMEDY}",
+            signal="current",
         )
 
 

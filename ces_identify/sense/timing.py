@@ -54,6 +54,7 @@ def sign_findings(motion: Motion, delay: DelayEstimate | None = None) -> Iterato
             WRONG_MODEL,
             "force: acts with the motion instead of against it, and no damper gives energy; position and force are "
             "positive in compression: multiply the scale of the one that is not by -1 in the signals file",
+            signal="force",
         )
 
 
@@ -93,6 +94,7 @@ def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> Finding:
         severity,
         f"{name}: logged {1e3 * abs(delay.late_s):.0f} ms ({size[0]:.0f} to {size[1]:.0f}) {relation}; add {key_s:.3f} "
         f"to {IS_DELAY} (default 0) of {name} in the signals file",
+        signal=name,
     )
 
 
@@ -106,6 +108,7 @@ def _describe_likely(signal: str, other: str, delay: DelayEstimate) -> Finding:
         f"{name}: perhaps logged {1e3 * abs(delay.late_s):.0f} ms {relation}; {low:.0f} to {high:.0f} ms fit, too, as "
         f"a damper's {cause} does on these strokes: check with faster and more varied ones, or set {IS_DELAY} "
         f"(default 0) of {name} in the signals file",
+        signal=name,
     )
 
 

@@ -45,18 +45,21 @@ def _position(stroke: float, motion: Motion | None, force: float) -> Iterator[Fi
             WRONG_MODEL,
             f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper; multiply its scale "
             "in the signals file by 0.001 if it is in mm, by 0.0254 if it is in inches",
+            signal="position",
         )
     elif rms > USUAL_RMS_M_S:
         yield Finding(
             WARNING,
             f"position: moves at {rms:.2g} m/s on average (RMS), which few dampers do; if it is in inches, multiply "
             "its scale in the signals file by 0.0254",
+            signal="position",
         )
     elif 0.0 < stroke < MIN_STROKE_M and force > STROKE_FORCE_N:
         yield Finding(
             WARNING,
             f"position: spans {1e3 * stroke:.2g} mm with forces of {force:.3g} N; if it was in m already, remove "
             "scale: 0.001 from the signals file",
+            signal="position",
         )
 
 
@@ -67,12 +70,14 @@ def _current(current: F) -> Iterator[Finding]:
             WRONG_MODEL,
             f"current: reaches {reach:.4g} A, more than any valve; multiply its scale in the signals file by 0.001 if "
             "it is in mA, or by the factor from raw counts to A",
+            signal="current",
         )
     elif reach > VALVE_A:
         yield Finding(
             WARNING,
             f"current: reaches {reach:.4g} A; if it is in mA, percent or raw counts, set its scale in the signals "
             "file, and the same on the vehicle",
+            signal="current",
         )
 
 
@@ -82,6 +87,7 @@ def _force(force: float, speed: float) -> Iterator[Finding]:
             WRONG_MODEL,
             f"force: reaches {force:.3g} N, more than any damper; multiply its scale in the signals file by 0.001 if "
             "it is in mN, by 0.00981 if it is in gf",
+            signal="force",
         )
     if force == 0.0 or speed < MIN_SPEED_M_S:
         return
@@ -91,10 +97,13 @@ def _force(force: float, speed: float) -> Iterator[Finding]:
             WRONG_MODEL,
             f"{what}, less than the friction of any damper's seals; multiply its scale in the signals file by 1000 if "
             "it is in kN",
+            signal="force",
         )
     elif force < SMALL_FORCE_N and force / speed < SMALL_DAMPING_N_S_M:
         yield Finding(
-            WARNING, f"{what} is little for a damper; if it is in kN, multiply its scale in the signals file by 1000"
+            WARNING,
+            f"{what} is little for a damper; if it is in kN, multiply its scale in the signals file by 1000",
+            signal="force",
         )
 
 

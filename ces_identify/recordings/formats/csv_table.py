@@ -5,9 +5,12 @@ from __future__ import annotations
 import csv
 import re
 from array import array
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from io import TextIOWrapper
+from itertools import chain, repeat, zip_longest
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +23,26 @@ from ces_identify.recordings.log_mapping import Column, DynoMapping
 from ces_identify.recordings.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
+BATCH = 5_000  # rows converted together
 EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a float would round it
 EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
 NAN = float("nan")
 GROUPED = re.compile(r"[-+]?\d{1,3}([.,'’ \u00a0\u202f]\d{3})+([.,]\d+)?$")  # 1.234,5 or 1'234.5
+
+
+def _as_values(numbers: array[float]) -> Values:
+    """Return the numbers without a copy, not to be written to."""
+    values = np.frombuffer(numbers, dtype=np.float64) if numbers else np.empty(0)
+    values.flags.writeable = False
+    return values
+
+
+def _read_whole(cells: Sequence[str], factor: int) -> Stamps:
+    """Return whole numbers times a factor; raises ValueError with the first cell that is none, and its row."""
+    for row, cell in enumerate(cells):
+        if not cell.removeprefix("-").isdecimal():
+            raise ValueError(cell, row)
+    return np.array([int(cell) * factor for cell in cells], dtype=np.int64)
 
 
 @dataclass
@@ -40,8 +59,10 @@ class _Cells:
 class CsvTable(LogTable):
     """A table of text cells. Memory is 8 bytes a cell, and the text of columns that hold dates."""
 
-    def __init__(self, path: Path, mapping: DynoMapping) -> None:
-        self.path, self.mapping = path, mapping
+    def __init__(
+        self, path: Path, mapping: DynoMapping, progress: Callable[[float], None] = lambda share: None
+    ) -> None:
+        self.path, self.mapping, self._progress = path, mapping, progress
         self.dialect = find_dialect(path, mapping)
         self.names = mapping.names or self.dialect.names
         self._lines = array("q")
@@ -65,7 +86,7 @@ class CsvTable(LogTable):
             raise self._bad_cell(cells.bad, name)
         if len(cells.blanks) and self.mapping.blank == "error":
             raise self._bad_cell((cells.blanks[0], cells.blank), name)
-        return np.array(cells.numbers, dtype=np.float64)
+        return _as_values(cells.numbers)
 
     def missing(self, key: str | int) -> NDArray[np.bool_] | None:
         """Return which rows are blank in a column, None if none is."""
@@ -83,7 +104,7 @@ class CsvTable(LogTable):
             return None
         try:
             if column.unit in EXACT_UNITS and cells.texts[0].isdigit():
-                return np.array([int(text) * EXACT_UNITS[column.unit] for text in cells.texts], dtype=np.int64)
+                return _read_whole(cells.texts, EXACT_UNITS[column.unit])
             return parse_dates(cells.texts, column.date)
         except OverflowError:
             raise RecordingError(
@@ -95,7 +116,7 @@ class CsvTable(LogTable):
                 f"'%m/%d/%Y %H:%M:%S.%f' or '%d/%m/%Y %H:%M:%S.%f' in {self.mapping.source}"
             ) from None
         except ValueError as error:
-            text, row = error.args if len(error.args) == 2 else ("", 0)
+            text, row = error.args
             expected = f"a time like the first one, {cells.texts[0]!r}" if row else "a date that exists"
             raise RecordingError(
                 f"{self.path}:{self._lines[row]}: column {name} is {text!r}; expected {expected} "
@@ -134,20 +155,34 @@ class CsvTable(LogTable):
 
     def _read(self) -> None:
         """Read all rows; the first one decides which columns are text."""
-        for row, (line, cells) in enumerate(self._rows()):
-            if row == 0:
-                self._columns = [_Cells(texts=[] if self._is_text(cell) else None) for cell in cells]
+        for rows in self._batches():
+            if not self._columns:
+                self._columns = [_Cells(texts=[] if self._is_text(cell) else None) for cell in rows[0]]
+            first = len(self._widths)
+            self._widths.extend(map(len, rows))
+            missing = (None,) * len(rows)
+            for column, cells in zip(self._columns, chain(zip_longest(*rows), repeat(missing)), strict=False):
+                self._add_all(column, first, cells)
+
+    def _batches(self) -> Iterator[list[list[str]]]:
+        """Yield the cells of the next rows; counts their lines and the share of the file that is read."""
+        rows: list[list[str]] = []
+        for line, cells in self._rows():
             self._lines.append(line)
-            self._widths.append(len(cells))
-            for i, column in enumerate(self._columns):
-                self._add(column, row, cells[i] if i < len(cells) else None)
+            rows.append(cells)
+            if len(rows) == BATCH:
+                yield rows
+                rows = []
+        if rows:
+            yield rows
 
     def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        with self.path.open(encoding=self.dialect.encoding, errors="replace", newline="") as file:
+        size = max(1, self.path.stat().st_size)
+        with self.path.open("rb") as raw, TextIOWrapper(raw, self.dialect.encoding, "replace", newline="") as file:
             reader = csv.reader(file, delimiter=self.dialect.delimiter, skipinitialspace=True)
             head = self.dialect.head
             for cells in reader:
-                if not any(cell.strip() for cell in cells):
+                if not any(map(str.strip, cells)):
                     continue
                 if head:
                     head -= 1
@@ -155,6 +190,22 @@ class CsvTable(LogTable):
                     self._comments += 1
                 else:
                     yield reader.line_num, cells
+                if reader.line_num % BATCH == 0:
+                    self._progress(raw.tell() / size)
+
+    def _add_all(self, column: _Cells, row: int, cells: Sequence[str | None]) -> None:
+        """Add the cells of rows from `row` on, at once if all are numbers; None stands for one that is missing."""
+        if column.texts is None and None not in cells:
+            texts = cast(Sequence[str], cells)
+            if self.dialect.decimal != ".":
+                texts = [text.replace(self.dialect.decimal, ".") for text in texts]
+            try:
+                column.numbers.extend(array("d", map(float, texts)))
+                return
+            except ValueError:
+                pass
+        for at, cell in enumerate(cells, start=row):
+            self._add(column, at, cell)
 
     def _is_text(self, cell: str) -> bool:
         text = cell.strip()

@@ -47,13 +47,20 @@ CAN_ASC = re.compile(rb"^\s*(date\s|base\s+(hex|dec)|//\s*version|Begin\s+Trigge
 BAGS = (".mcap", ".db3")
 
 
-def open_log(path: Path, mapping: DynoMapping) -> LogTable | TimedLog:
-    """Open a log; raises RecordingError if it does not have the format of the mapping or the suffix."""
+def open_log(
+    path: Path, mapping: DynoMapping, progress: Callable[[float], None] = lambda share: None
+) -> LogTable | TimedLog:
+    """Open a log; raises RecordingError if it does not have the format of the mapping or the suffix.
+
+    `progress` is called with the share of a text table that is read.
+    """
     refuse_bag(path)
     if not path.exists():
         raise RecordingError(f"{path}: cannot be read: No such file or directory")
     kind = mapping.format or find_format(path)
     try:
+        if kind == "csv":
+            return CsvTable(path, mapping, progress)
         if kind in READERS:
             return READERS[kind](path, mapping)
     except OSError as error:
@@ -128,7 +135,6 @@ def _table_or_series(path: Path, mapping: DynoMapping, tree: Any) -> LogTable | 
 
 
 READERS: dict[str, Callable[[Path, DynoMapping], LogTable | TimedLog]] = {
-    "csv": CsvTable,
     "json": _open_json,
     "mat": _open_mat,
     "mdf": lambda path, mapping: CanLog(path, mapping) if mapping.dbc else MdfLog(path),

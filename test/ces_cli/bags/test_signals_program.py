@@ -8,6 +8,7 @@ import pytest
 import tiny_bags as tiny
 
 from ces_cli.bags import info, signals
+from ces_cli.main import main
 from ces_cli.terminal import terminal
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.signals_file import load_signals
@@ -84,3 +85,16 @@ def test_a_file_without_a_force_is_to_be_completed_by_hand(tmp_path, capsys):
         f"next:    complete {tmp_path / 'my.yaml'} by hand: nothing was found for force" in err
         and "ces info" not in err
     )
+
+
+def test_a_signals_file_without_a_needed_key_is_named(bag, tmp_path, capsys):
+    assert run(bag, "--out", tmp_path / "my.yaml") == 0
+    lines = (tmp_path / "my.yaml").read_text().splitlines()
+    first = lines.index("    force:")
+    (tmp_path / "part.yaml").write_text("\n".join(lines[:first] + lines[first + 6 :]) + "\n")
+    capsys.readouterr()
+    words = ["identify", str(bag), "--signals", str(tmp_path / "part.yaml"), "--out", str(tmp_path / "m.json")]
+    assert main(words) == 2
+    line = capsys.readouterr().err
+    assert f"{tmp_path / 'part.yaml'} has no key 'force', so its default was looked for: add it" in line
+    assert "ces signals" not in line

@@ -90,3 +90,34 @@ def test_programs_take_folders_and_globs(here, capsys):
     words = ["identify", str(BAGS / "n*"), "--validate", str(BAGS / "sine_*"), "--out", "m.json", "--rate", "1e5"]
     assert main(words) == 2
     assert "--rate 100000: the positions in noise are at 1000 Hz" in capsys.readouterr().err
+
+
+def test_a_shells_star_with_another_file_names_the_folder(here):
+    (here / "README.md").write_text("our recordings")
+    with pytest.raises(CesError, match=r"README\.md: is not a recording; .* give the folder: \."):
+        find_bags(["README.md", "deep", "one", "two"])
+    assert len(find_bags(["."])) == 3
+
+
+def test_a_folder_with_a_file_that_lost_its_end_is_a_bag_whatever_its_name(here):
+    whole = next((here / "one").glob("*.mcap")).read_bytes()
+    for name, files in {
+        "killed": {"run_0.mcap": whole[:-100]},
+        "two_parts": {"run_0.mcap": whole, "run_1.mcap": whole[:-100]},
+        "several": {"a.mcap": whole, "b.mcap": whole[:-100]},
+        "ended": {"run_0.mcap": whole},
+    }.items():
+        (here / name).mkdir()
+        for file, content in files.items():
+            (here / name / file).write_bytes(content)
+    assert find_bags(["killed", "two_parts"]) == [Path("killed"), Path("two_parts")]
+    assert find_bags(["several"]) == [Path("several/a.mcap"), Path("several/b.mcap")]
+    assert find_bags(["ended"]) == [Path("ended/run_0.mcap")]
+
+
+def test_signals_are_proposed_for_what_a_killed_recorder_left(here, capsys):
+    file = next((here / "one").glob("*.mcap"))
+    (here / "killed").mkdir()
+    (here / "killed" / "run_0.mcap").write_bytes(file.read_bytes()[:-100])
+    assert main(["signals", "killed"]) == 0
+    assert "joint_states" in capsys.readouterr().out

@@ -292,3 +292,13 @@ def test_a_variance_is_no_measurement(tmp_path):
     only = [stream for stream in streams if stream is not streams[2]]
     missing = propose_signals([tiny.write(tmp_path / "without", only)]).selection.missing
     assert [one.signal for one in missing] == ["current"]
+
+
+def test_names_that_yaml_would_read_otherwise_are_quoted(tmp_path):
+    streams = [bags.numbers("/rig/lvdt: mm #1", X), bags.numbers("/coil/current", CURRENT), bags.wrenches("/load", F)]
+    path = tiny.write(tmp_path / "run\nposition", streams)
+    proposal = propose_signals([path])
+    (tmp_path / "proposed.yaml").write_text(proposal.text)
+    assert 'topic: "/rig/lvdt: mm #1"' in proposal.text
+    assert "topic: /coil/current\n" in proposal.text
+    assert_reads(reread(tmp_path, path))

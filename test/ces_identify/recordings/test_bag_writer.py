@@ -1,14 +1,17 @@
 import os
 import time
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
 import pytest
 import tiny_bags as tiny
 import yaml
+from mcap.reader import NonSeekingReader
 from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
 
-from ces_identify.recordings import bag_writer
+from ces_identify.recordings import bag_writer, mcap_blocks
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
 from ces_identify.recordings.recording import Channel, Recording
@@ -222,3 +225,45 @@ def test_half_a_minute_at_1_khz_takes_seconds_at_most(tmp_path):
     start = time.process_time()
     write_bag(tmp_path / "run", recording_topics(Recording("run", channels), DEFAULT))
     assert time.process_time() - start < 10
+
+
+def test_chunks_of_several_topics_hold_what_one_message_after_the_other_would(tmp_path, monkeypatch):
+    """Against rosbags' own writer: the same messages in the same order; a topic begins late, one runs backwards."""
+    monkeypatch.setattr(mcap_blocks, "CHUNK_BYTES", 4096)
+    rng = np.random.default_rng(3)
+    stamps = [np.sort(rng.integers(0, 10**9, 700)), np.arange(0, 10**9, 10**7), rng.integers(9 * 10**8, 10**9, 60)]
+    topics = [
+        TopicData(name, kind, stamps[i], {field: rng.standard_normal(len(stamps[i]))})
+        for i, (name, kind, field) in enumerate(
+            (
+                ("a", "std_msgs/msg/Float64", "data"),
+                ("b", "geometry_msgs/msg/WrenchStamped", "wrench.force.z"),
+                ("c", "std_msgs/msg/Float32", "data"),
+            )
+        )
+    ]
+    shares = []
+    write_bag(tmp_path / "bag", topics, progress=shares.append)
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
+    with Reader(tmp_path / "bag") as reader:
+        read = [(c.topic, stamp) for c, stamp, _ in reader.messages()]
+        counts = {c.topic: c.msgcount for c in reader.connections}
+        assert (reader.message_count, reader.start_time) == (860, 0)
+        assert reader.end_time == max(int(s.max()) for s in stamps) + 1
+    assert counts == {"/a": 700, "/b": 100, "/c": 60}
+    assert sorted(read) == sorted((f"/{t.name}", int(s)) for t in topics for s in t.stamps_ns)
+    with (tmp_path / "bag" / "bag.mcap").open("rb") as file:
+        stored = [(c.topic, m.log_time) for _, c, m in NonSeekingReader(file).iter_messages(log_time_order=False)]
+    order = [
+        (int(late), i, int(s))
+        for i, t in enumerate(stamps)
+        for late, s in zip(np.maximum.accumulate(t), t, strict=True)
+    ]
+    assert stored == [(f"/{'abc'[i]}", stamp) for _, i, stamp in sorted(order, key=itemgetter(0))]
+    for i, topic in enumerate(topics[:2]):
+        with AnyReader([tmp_path / "bag"]) as reader:
+            mine = [c for c in reader.connections if c.topic == f"/{topic.name}"]
+            raw = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(mine)]
+        values = [m.data if i == 0 else m.wrench.force.z for m in raw]
+        np.testing.assert_array_equal(values, next(iter(topic.columns.values())))

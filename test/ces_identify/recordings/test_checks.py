@@ -39,7 +39,9 @@ def test_sound_recording_has_no_findings():
 
 def test_constant_position():
     result = only(recording(channel("position", values=np.full(10_000, 0.02)), channel("current")))
-    assert result == Finding("error", "position: constant at 0.02 m; expected a stroke (is it the right field?)")
+    assert result == Finding(
+        "error", "position: constant at 0.02 m; expected a stroke (is it the right field?)", signal="position"
+    )
 
 
 def test_position_given_as_a_constant():
@@ -48,14 +50,16 @@ def test_position_given_as_a_constant():
 
 def test_empty_channel():
     result = only(recording(channel("position"), channel("current", 0)))
-    assert result == Finding("error", "current: the channel is empty; expected samples")
+    assert result == Finding("error", "current: the channel is empty; expected samples", signal="current")
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_few_bad_samples_are_a_warning_many_an_error(bad):
     few = recording(channel("position"), channel("current", values=with_values(10_000, slice(500, 600), bad)))
     assert only(few) == Finding(
-        "warning", "current: 100 of 10000 samples are NaN or infinite, the first at 0.500 s; they are left out"
+        "warning",
+        "current: 100 of 10000 samples are NaN or infinite, the first at 0.500 s; they are left out",
+        signal="current",
     )
     assert require_usable(few) == findings(few)
     many = recording(channel("position"), channel("current", values=with_values(10_000, slice(500, 601), bad)))

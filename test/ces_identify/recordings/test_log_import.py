@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import scipy.io
 
+from ces_identify.recordings.formats import csv_table
+from ces_identify.recordings.formats.open_log import open_log
 from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.log_mapping import (
     TEMPLATE,
@@ -114,6 +116,49 @@ def test_rate_instead_of_time(tmp_path, rate):
 def test_time_before_zero_starts_at_zero(tmp_path):
     recording = log(tmp_path, "t,x,i,F\n-0.25,1,0,0\n0,2,0,0\n")
     assert recording.channel("force").stamps_ns.tolist() == [0, 250_000_000]
+
+
+@pytest.mark.parametrize("decimal", [".", ","])
+def test_a_table_is_the_same_read_in_parts_of_any_length(tmp_path, monkeypatch, decimal):
+    """Parts with rows that are all short, blank cells, comments and a wide row, as one cell after the other says."""
+    rows = ["0,1,2,3", "1,,2,3", "2,NA,2,3", "# note", "3,4,5,6", "4,4,5,6,7", "5,1e-3,2,3", "6,1,2,3", "7,8,9,10"]
+    text = "\n".join(["t,x,i,F", *rows]).replace(",", ";") + "\n"
+    text = text.replace("1e-3", f"1{decimal}5")
+    found = []
+    for size in (1, 2, 3, 100):
+        monkeypatch.setattr(csv_table, "BATCH", size)
+        found.append(log(tmp_path, text, f'delimiter: ";"\ndecimal: "{decimal}"\nblank: missing\n' + TIME + SIGNALS))
+    for one in found:
+        assert columns(one) == {
+            "position": [1.0, 4.0, 4.0, 1.5, 1.0, 8.0],
+            "current": [2.0, 2.0, 2.0, 5.0, 5.0, 2.0, 2.0, 9.0],
+            "force": [3.0, 3.0, 3.0, 6.0, 6.0, 3.0, 3.0, 10.0],
+        }
+        assert one.channel("position").stamps_ns.tolist() == [n * 10**9 for n in (0, 3, 4, 5, 6, 7)]
+
+
+def test_lines_that_end_early_are_named_also_where_a_whole_part_does(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_table, "BATCH", 2)
+    with pytest.raises(RecordingError, match=r":4: column 'F' is missing; the line has 3 cells"):
+        log(tmp_path, "t,x,i,F\n0,1,2,3\n1,1,2,3\n2,1,2\n3,1,2\n")
+
+
+def test_a_bad_cell_among_long_nanoseconds_is_named_with_its_line(tmp_path):
+    rows = [f"{1_700_000_000_000_000_000 + n * 10**6},{n},1,{n}" for n in range(20)]
+    rows[12] = "oops,12,1,12"
+    phrase = r":14: column 't' is 'oops'; expected a time like the first one, '1700000000000000000'"
+    with pytest.raises(RecordingError, match=phrase):
+        log(tmp_path, "\n".join(["t,x,i,F", *rows]), "time: {column: t, unit: ns}\n" + SIGNALS)
+
+
+def test_the_share_that_is_read_grows_to_the_whole_table(tmp_path, monkeypatch):
+    monkeypatch.setattr(csv_table, "BATCH", 100)
+    (tmp_path / "log.csv").write_text("t,x,i,F\n" + "".join(f"{n},1,2,3\n" for n in range(20_000)))
+    shares = []
+    open_log(tmp_path / "log.csv", mapping(tmp_path, TIME + SIGNALS), shares.append)
+    assert len(shares) == 200
+    assert shares == sorted(shares)
+    assert 0.0 < shares[0] < 0.5 < shares[-1] <= 1.0
 
 
 def test_missing_values_stay_missing(tmp_path):

@@ -14,6 +14,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 
 from ces_identify.recordings import mcap_records
+from ces_identify.recordings.bag_reader import list_topics
 from ces_identify.recordings.mcap_records import blocks, require_complete, split_messages
 from ces_observer.errors import RecordingError
 
@@ -177,3 +178,28 @@ def refusal(path, chunk):
     with pytest.raises(RecordingError) as caught:
         list(blocks(path))
     return str(caught.value)
+
+
+def write_mixed(path, profile, *encodings):
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile=profile, library="a logger")
+        schema = writer.register_schema("Pos", "jsonschema", b"{}")
+        for number, encoding in enumerate(encodings):
+            channel = writer.register_channel(f"/pos{number}", encoding, schema)
+            writer.add_message(channel, log_time=5, publish_time=5, data=b'{"x": 1}')
+        writer.finish()
+
+
+@pytest.mark.parametrize("profile", ["", "ros2"])
+def test_a_file_of_other_messages_says_what_it_is_and_what_to_do(tmp_path, profile):
+    path = tmp_path / "log.mcap"
+    write_mixed(path, profile, "json")
+    phrase = r"log\.mcap: an MCAP file, but not of ROS 2: its messages \(/pos0\) are encoded as 'json', .*ces import"
+    with pytest.raises(RecordingError, match=phrase):
+        list_topics(path)
+    write_mixed(path, profile, "json", "cdr", "protobuf")
+    with pytest.raises(
+        RecordingError, match=r"topics \(/pos0, /pos2\) are encoded as 'json', 'protobuf'; .*mcap filter"
+    ):
+        list_topics(path)

@@ -162,6 +162,14 @@ def test_a_sign_turned_in_one_of_two_recordings_is_named_once():
     assert [(f.severity, f.text[:15]) for f in found] == [("wrong model", "sweep: force: a")]
 
 
+@pytest.mark.parametrize("name", ["run: 1", "force: b", "current"])
+def test_findings_know_their_recording_and_signal_whatever_its_name_says(name):
+    odd = replace(changed(bag("sweep"), force=scaled(-1.0)), name=name)
+    (found,) = sense_together([bag("noise"), odd])
+    assert (found.recording, found.signal) == (name, "force")
+    assert found.text.startswith(f"{name}: force: acts with the motion")
+
+
 @pytest.mark.parametrize("seconds", [-0.05, -0.02, 0.02, 0.05])
 @pytest.mark.parametrize("name", ["noise", "road", "sweep"])
 def test_a_delay_is_estimated_with_an_interval_that_holds_it(name, seconds):

@@ -9,10 +9,11 @@ from log_examples import CURRENT, I_SLOW, T_SLOW, F, T, X, assert_recording
 from scipy.io.matlab import MatlabOpaque
 
 from ces_identify.proposal.mapping_proposal import propose_mapping
+from ces_identify.recordings.formats.mat73_file import open_mat73
 from ces_identify.recordings.formats.matlab_objects import MatlabObject, replace_objects
 from ces_identify.recordings.log_import import import_log, to_recording
 from ces_identify.recordings.log_mapping import parse_dyno_mapping
-from ces_observer.errors import CesError
+from ces_observer.errors import CesError, RecordingError
 
 h5py = pytest.importorskip("h5py", reason="h5py is not installed")
 TABLE = "time: {column: t}\nposition: {column: x_mm, unit: mm}\ncurrent: {column: i}\nforce: {column: F}\n"
@@ -216,3 +217,27 @@ def test_columns_of_different_lengths_are_named(tmp_path):
     assert propose_mapping(tmp_path / "log.mat").doubts == (
         f"position: 'x_mm' has {len(T) - 5} values for {len(T)} rows",
     )
+
+
+def test_numbers_beyond_memory_and_those_of_other_files_are_refused(tmp_path):
+    path = save(tmp_path / "m.mat", {"x": column(X), "t": column(T)})
+    save(tmp_path / "other.mat", {"x": column(X)})
+    (tmp_path / "raw.bin").write_bytes(bytes(80))
+    with h5py.File(path, "r+") as file:
+        file.create_dataset("huge", shape=(10**12, 1), dtype="f8", chunks=(1024, 1))
+        file["link"] = h5py.ExternalLink("other.mat", "x")
+        file.create_dataset("raw", shape=(10,), dtype="f8", external=[(str(tmp_path / "raw.bin"), 0, 80)])
+        layout = h5py.VirtualLayout(shape=(1, len(X)), dtype="f8")
+        layout[:] = h5py.VirtualSource(str(tmp_path / "other.mat"), "x", shape=(1, len(X)))
+        file.create_virtual_dataset("virtual", layout)
+    tree = open_mat73(path)
+    np.testing.assert_array_equal(tree["x"], X)
+    assert sorted(tree) == ["huge", "raw", "t", "virtual", "x"]
+    for name, phrase in (
+        ("huge", r"m\.mat: 'huge' states 1000000000000 numbers, 8e\+03 GB; expected at most 4 GB"),
+        ("link", "'link' is a link to another file"),
+        ("raw", "the numbers of 'raw' are in another file"),
+        ("virtual", "the numbers of 'virtual' are in another file"),
+    ):
+        with pytest.raises(RecordingError, match=phrase):
+            tree[name]
