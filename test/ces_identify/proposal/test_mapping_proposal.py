@@ -212,6 +212,12 @@ def test_a_measured_speed_is_not_the_force(tmp_path):
     assert_reads(recording_of(propose_mapping(path)))
 
 
+@pytest.mark.parametrize("current", [0.0, 0.5])
+def test_a_current_that_is_constant_in_a_dynos_log_is_no_doubt(tmp_path, current):
+    path = write(tmp_path / "log.csv", {**PLAIN, "current_A": np.full(len(T), current)})
+    assert_reads(recording_of(propose_mapping(path)), i=np.full(len(T), current))
+
+
 @measured
 @pytest.mark.parametrize("name", ["sine_5mm4Hz_0.25A", "sine_25mm0x5Hz_0.00A", "sweep_15Hz_0.5A"])
 def test_measured_logs_are_read_as_by_their_mapping(name):
