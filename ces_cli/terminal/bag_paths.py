@@ -72,9 +72,11 @@ def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
 def _refuse_expanded_folder(paths: Sequence[Path]) -> None:
     """Raise CesError if a shell's `FOLDER/*` has become a file that is no recording, beside others that are."""
     for path in paths:
-        beside = [other for other in paths if other.parent == path.parent and (other.is_dir() or is_bag(other))]
-        if beside and path.is_file() and not is_bag(path):
-            raise CesError(f"{path}: is not a recording; to use all in this folder, give the folder: {path.parent}")
+        if is_bag(path) or not path.is_file():
+            continue
+        if any(other.parent == path.parent and (other.is_dir() or is_bag(other)) for other in paths):
+            what = explain_import(path) if is_foreign(path) else "is not a recording"
+            raise CesError(f"{path}: {what}; or, to use all bags in this folder, give the folder: {path.parent}")
 
 
 def _match_word(word: str) -> Iterator[Path]:

@@ -96,6 +96,11 @@ def test_a_shells_star_with_another_file_names_the_folder(here):
     (here / "README.md").write_text("our recordings")
     with pytest.raises(CesError, match=r"README\.md: is not a recording; .* give the folder: \."):
         find_bags(["README.md", "deep", "one", "two"])
+    (here / "log.csv").write_text("t,x\n0,1\n")
+    with pytest.raises(
+        CesError, match=r"log\.csv: is a CSV table, .*ces import log\.csv --out BAG; .* give the folder: \."
+    ):
+        find_bags(["deep", "log.csv"])
     assert len(find_bags(["."])) == 3
 
 
