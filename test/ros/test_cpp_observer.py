@@ -169,8 +169,6 @@ def faulty_currents(count: int) -> Samples:
 def test_faulty_samples_give_the_same_estimates_and_reasons(
     start_pair: Callable[..., Pair], executor: str, delays_ms: tuple[int, int]
 ) -> None:
-    if executor == "events":
-        pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
     positions = faulty_positions(3000)
     delays = {f"{name}.delay": ms * 1e-3 for name, ms in zip(("position", "current"), delays_ms, strict=True)}
     pair = start_pair(executor=executor, max_age_s=0.0, wait_for_current_s=10.0, **STAMPED_CURRENT, **delays)

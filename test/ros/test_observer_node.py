@@ -168,8 +168,6 @@ def recorded_estimates(bag: Path, topic: str) -> dict[int, float]:
 def test_a_signal_ends_the_node_in_order_under_load(
     vehicle: Vehicle, start: Start, executor: str, numbers: list[int]
 ) -> None:
-    if executor == "events":
-        pytest.importorskip("rclpy.experimental", reason="this rclpy has no EventsExecutor")
     node = start(executor=executor)
     vehicle.meets_node()
     with vehicle.driving():
