@@ -34,6 +34,12 @@ class Rating:
             return replace(self, points=self.points + points, reasons=(*self.reasons, reason))
         return replace(self, points=self.points + points, against=(*self.against, reason))
 
+    def rank_lower(self, points: float, reason: str) -> Rating:
+        """Return the rating with negative points, so that another is preferred; no reason against what is named so."""
+        if not self.named:
+            return self.add(points, reason)
+        return replace(self, points=self.points + points, reasons=(*self.reasons, reason))
+
     @property
     def why(self) -> str:
         """What speaks against the candidate, or else for it."""
@@ -54,6 +60,8 @@ def rate(candidate: Candidate, signal: str) -> Rating:
         rating = rating.add(UNIT_POINTS, f"unit {candidate.unit.text} {candidate.stated}".rstrip())
     for points, reason in _remarks(candidate, signal):
         rating = rating.add(points, reason)
+    if signal == "current" and candidate.constant:
+        rating = rating.rank_lower(CONSTANT_POINTS, f"constant at {candidate.high:g}")
     return rating
 
 

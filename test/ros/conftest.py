@@ -30,6 +30,16 @@ def new_namespace() -> str:
     return f"/test{os.getpid()}_{next(NUMBERS)}"
 
 
+@pytest.fixture(autouse=True)
+def _skip_without_executor(request: pytest.FixtureRequest) -> None:
+    """Skip a test of the executor of events where this rclpy has none."""
+    if getattr(request.node, "callspec", None) and request.node.callspec.params.get("executor") == "events":
+        from ces_observer.nodes.executors import EventsExecutor
+
+        if EventsExecutor is None:
+            pytest.skip("this rclpy has no EventsExecutor")
+
+
 @pytest.fixture
 def namespace() -> str:
     return new_namespace()

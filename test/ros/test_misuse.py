@@ -22,13 +22,9 @@ from replay import offline
 from vehicle import JOINT, Vehicle, reliable_inputs, stamp_of, stroke, wait
 
 from ces_observer.model import Model
-from ces_observer.nodes.executors import EventsExecutor
 
 CURRENT_A = 0.5
-EXECUTORS = [
-    pytest.param("events", marks=pytest.mark.skipif(EventsExecutor is None, reason="this rclpy has no EventsExecutor")),
-    "single",
-]
+EXECUTORS = ("events", "single")
 SIGNALS = {
     "current.topic": "stamped_current",
     "current.type": "sensor_msgs/msg/Temperature",
