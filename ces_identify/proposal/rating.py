@@ -12,7 +12,7 @@ from ces_observer.signals import UNITS
 
 UNIT_POINTS, STEADY_POINTS, POSITIVE_POINTS, DEVICE_POINTS = 3.0, 1.0, 1.0, 1.0
 COMMAND_POINTS, COMPUTED_POINTS, FOREIGN_POINTS, SIGN_POINTS, RANGE_POINTS = -3.0, -5.0, -5.0, -2.0, -1.0
-CONSTANT_POINTS = 0.0  # of a current: usual on a dyno, but not beside one that changes
+CONSTANT_POINTS = -1.0  # of a current: possible, but not beside one that changes
 NEGATIVE_SHARE = 0.05  # of the peak, that an amplifier's offset may take a current below zero
 
 
@@ -100,8 +100,6 @@ def _remarks(candidate: Candidate, signal: str) -> Iterator[tuple[float, str]]:
 def _current_remarks(candidate: Candidate) -> Iterator[tuple[float, str]]:
     if candidate.low < -NEGATIVE_SHARE * candidate.peak:
         yield SIGN_POINTS, f"goes below zero, to {candidate.low:.4g}"
-    elif candidate.constant:
-        yield CONSTANT_POINTS, f"constant at {candidate.high:g}"
     else:
         yield POSITIVE_POINTS, "never negative"
     if candidate.held:
