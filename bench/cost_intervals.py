@@ -59,7 +59,10 @@ def main() -> None:
     for family in (families[i] for i in options.only or range(len(families))):
         truth = float(pooled_costs([make_recording(family, TRUTH_S, 1, np.random.default_rng(options.seed))])[0])
         for seconds in options.seconds:
-            print(f"| {family} | {seconds:g} | {' | '.join(count_outcomes(family, truth, seconds, options))} |", flush=True)
+            print(
+                f"| {family} | {seconds:g} | {' | '.join(count_outcomes(family, truth, seconds, options))} |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -131,7 +131,9 @@ def test_a_log_that_exists_already_is_no_new_experiment(tmp_path: Path) -> None:
     shutil.rmtree(out / "iteration_01" / DROP / "by mistake")
     for step in ("iteration_01", "iteration_02"):
         shutil.copytree(tmp_path / "new", out / step / DROP / "new")
-    with pytest.raises(CesError, match="iteration_02: the recording from the rig and .*iteration_01.recording: the same recording; an"):
+    with pytest.raises(
+        CesError, match="iteration_02: the recording from the rig and .*iteration_01.recording: the same recording; an"
+    ):
         iterations.run()
     assert [row["number"] for row in rows(out)] == [1]
 
