@@ -143,7 +143,7 @@ class Iterations:
             if shared := shared_content(earlier, recording):
                 raise IterateError(
                     f"{step.folder}: the recording from the rig and {earlier.source or earlier.name}: {shared}; an "
-                    "experiment needs a new recording: run commands.csv of this folder, then go on with the same command"
+                    "experiment needs a new recording: run commands.csv of this folder, then repeat the command"
                 )
 
     def _design(self, number: int) -> RigCommands:

@@ -126,13 +126,15 @@ def test_a_log_that_exists_already_is_no_new_experiment(tmp_path: Path) -> None:
     out = tmp_path / "out"
     iterations = Iterations(make_plan(tmp_path, rig={"kind": "folder"}, validate=["judged"]), rig, out)
     shutil.copytree(tmp_path / "judged", out / "iteration_01" / DROP / "by mistake")
-    with pytest.raises(CesError, match="iteration_01: the recording from the rig and .*judged: the same recording; an"):
+    with pytest.raises(
+        CesError, match=r"iteration_01: the recording from the rig and .*judged: the same recording; an"
+    ):
         iterations.run()
     shutil.rmtree(out / "iteration_01" / DROP / "by mistake")
     for step in ("iteration_01", "iteration_02"):
         shutil.copytree(tmp_path / "new", out / step / DROP / "new")
     with pytest.raises(
-        CesError, match="iteration_02: the recording from the rig and .*iteration_01.recording: the same recording; an"
+        CesError, match=r"iteration_02: the recording from the rig and .*iteration_01.recording: the same recording; an"
     ):
         iterations.run()
     assert [row["number"] for row in rows(out)] == [1]
