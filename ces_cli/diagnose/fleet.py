@@ -20,6 +20,7 @@ from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress
 from ces_cli.terminal.simulations import open_simulation, with_predictions
 from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest, job_of
 from ces_gap.fleet.unit_result import diagnose_unit
+from ces_gap.intake.checks import is_seen
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.report.result_files import result_files
 from ces_identify.jobs.job import DONE, FAILED
@@ -34,6 +35,7 @@ from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 
 RESULTS = "fleet.jsonl"
+MAX_NAMES = 6  # of vehicles or recordings in a line
 REQUEST = "request"  # key of the object that all tasks share
 
 
@@ -73,18 +75,29 @@ def _plan_jobs(
     """Return a job for each unit that can be read, and a row for each that cannot; keeps no recordings in memory."""
     described = repr(sorted(signals.by_name.items()))
     jobs: dict[str, tuple[DiagnosisJob, FleetUnit]] = {}
-    unread = []
+    unread, seen = [], []
     for number, unit in enumerate(units, start=1):
         with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
             try:
                 recordings = _read(request.simulation, unit, signals)
+                seen += [unit.name] if any(is_seen(one, request.simulation) for one in recordings) else []
                 job = job_of(unit.name, recordings, request, described, folder)
                 if job.key in jobs:
                     raise CesError(f"the same recordings as {jobs[job.key][0].name}")
                 jobs[job.key] = (job, unit)
             except CesError as error:
                 unread.append({"key": "", "name": unit.name, "status": FAILED, "reason": str(error)})
+    _warn_of_seen(seen, PurePath(request.spec).name)
     return dict(jobs.values()), unread
+
+
+def _warn_of_seen(units: Sequence[str], simulation: str) -> None:
+    if units:
+        more = f" and {len(units) - MAX_NAMES} more" if len(units) > MAX_NAMES else ""
+        terminal.print_warning(
+            f"{', '.join(units[:MAX_NAMES])}{more}: {simulation} was identified on seconds of their recordings: their "
+            "gaps are smaller than on new recordings, and effects may be missing"
+        )
 
 
 def _read(simulation: Simulation, unit: FleetUnit, signals: Signals) -> list[Recording]:

@@ -70,16 +70,19 @@ def check_traces(traces: Sequence[Trace], simulation: Simulation, name: str) -> 
 
 def seen_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> tuple[str, ...]:
     """Return a note for each recording that the simulation, a model or a wrapped one, was identified on."""
-    model = model_inside(simulation)
-    if model is None:
-        return ()
-    seen = sorted({t.name for t in traces if find_known_recording(t.recording, model.provenance)})
+    seen = sorted({t.name for t in traces if is_seen(t.recording, simulation)})
     return tuple(
         f"{recording}: {name} was identified on seconds of this recording: it has learned part of the gap, so that the "
         "gap found here is smaller than on new recordings, and effects may be missing; identify it on references, or "
         "diagnose on other recordings"
         for recording in seen
     )
+
+
+def is_seen(recording: Recording, simulation: Simulation) -> bool:
+    """Return whether the model inside a simulation was identified on seconds of a recording."""
+    model = model_inside(simulation)
+    return model is not None and bool(find_known_recording(recording, model.provenance))
 
 
 def is_current_constant(traces: Sequence[Trace]) -> bool:

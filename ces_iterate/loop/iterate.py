@@ -12,7 +12,7 @@ from ces_identify.jobs.row_log import append_row, open_rows, read_rows
 from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.recording import Recording
 from ces_identify.recordings.signals_file import load_signals
-from ces_identify.sense.content import require_distinct
+from ces_identify.sense.content import require_distinct, shared_content
 from ces_iterate.commands import INTERVAL_S, RigCommands, read_commands
 from ces_iterate.design.designer import DesignTask, design_experiment, rows_of
 from ces_iterate.design.features import Features, draw_features
@@ -21,6 +21,7 @@ from ces_iterate.design.knowledge import Knowledge, ask_models, nothing_known
 from ces_iterate.design.pool import Pool, draw_pool
 from ces_iterate.design.recorded import recorded_commands, recorded_power
 from ces_iterate.design.regions import least_known
+from ces_iterate.errors import IterateError
 from ces_iterate.loop.heat import make_power_model, plan_rest
 from ces_iterate.loop.identification import Identified, evaluate_fresh, identify_all, score_fresh
 from ces_iterate.loop.progress import IterateListener, SilentListener
@@ -127,8 +128,23 @@ class Iterations:
         if not step.has_recording():
             rest = f" after a rest of {commands.rest_s:.0f} s" if commands.rest_s else ""
             self.listener.begin(step.number, f"running {commands.duration_s:.1f} s on the rig{rest}")
-            step.write_recording(self.rig.run(commands, step.folder))
+            recording = self.rig.run(commands, step.folder)
+            self._require_new(recording, step)
+            step.write_recording(recording)
         return step.read_recording(commands.name)
+
+    def _require_new(self, recording: Recording, step: Step) -> None:
+        """Raise IterateError if it is one that exists already: the score before its fit would be that of known data.
+
+        The virtual rig may repeat itself, if its sensors have no noise.
+        """
+        seen = [] if self.plan.rig["kind"] == "virtual" else [*self.given, *self.done.recordings]
+        for earlier in (*self.validation, *seen):
+            if shared := shared_content(earlier, recording):
+                raise IterateError(
+                    f"{step.folder}: the recording from the rig and {earlier.source or earlier.name}: {shared}; an "
+                    "experiment needs a new recording: run commands.csv of this folder, then repeat the command"
+                )
 
     def _design(self, number: int) -> RigCommands:
         """Return the next experiment, with the rest that the damper needs before it."""

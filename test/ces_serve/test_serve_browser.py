@@ -123,6 +123,27 @@ def test_two_models_are_compared_by_clicking(url: str) -> None:
         expect(page.get_by_role("button", name="Compare")).to_be_visible()
 
 
+def test_a_comparison_survives_reload_back_and_forward(tmp_path: Path) -> None:
+    start_browser()
+    with serving(fill_folder(tmp_path)) as address, own_page(f"{address}list/model") as page:
+        for name in ("first.json", "second.json"):
+            page.get_by_label(f"Compare {name}").check()
+        page.locator("#chooser button").click()
+        page.get_by_role("button", name="Compare").click()
+        expect(page.locator("h1")).to_have_text("Comparing")
+        page.reload()  # breaks the first computation off
+        page.wait_for_url("**/compare/page/*")
+        title = page.title()
+        page.go_back()
+        expect(page.get_by_label("recordings/sine_4hz")).to_be_checked()
+        page.go_back()
+        expect(page.get_by_label("Compare first.json")).to_be_visible()
+        page.go_forward()
+        expect(page.get_by_label("recordings/sine_4hz")).to_be_checked()
+        page.go_forward()
+        expect(page).to_have_title(title)
+
+
 def test_a_running_search_grows_and_ends(tmp_path: Path) -> None:
     facts = {"starts": 2, "seconds": 60.0}
     with serving(tmp_path) as address, SearchProgressFile("identify", tmp_path / "new.json", facts) as file:

@@ -13,9 +13,11 @@ from patience import PATIENCE_S
 
 from ces_cli.main import main
 from ces_cli.terminal.bag_paths import find_bags, find_fleet_units
+from ces_identify.recordings.bag_reader import read_recording
 from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_identify.sense.content import recording_marks
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -317,6 +319,18 @@ def test_a_fleet_has_a_row_for_each_vehicle(quick, capsys):
     assert [row["name"] for row in document["diagnoses"]] == list(rows)
     assert [row["gap_N"] for row in document["diagnoses"]] == [float(row["gap_N"]) for row in rows.values()]
     assert (quick / "fleet_gap" / "fleet.jsonl").read_bytes() == lines
+
+
+def test_vehicles_that_the_model_was_identified_on_are_named(quick, capsys):
+    model = load_model(narrow(quick / "known.json"))
+    marks = " ".join(recording_marks(read_recording(Path("fleet/red/town"), DEFAULT)))
+    known = {"identification": [{"recording": "town", "sha256": "", "marks": marks}]}
+    replace(model, provenance=known).save(quick / "known.json")
+    words = ("--sim", "known.json", "--real", "fleet/red", "--reference", "fleet/red/town", "--each", "vehicle")
+    assert ces("diagnose", *words, "--out", "known_gap", "--jobs", 1) == 2
+    printed = " ".join(capsys.readouterr().err.split())
+    assert "red: known.json was identified on seconds of their recordings" in printed
+    assert "the same recording, under --real and --reference" in printed
 
 
 def test_failures_do_not_stop_the_other_diagnoses(quick, capsys, tmp_path):

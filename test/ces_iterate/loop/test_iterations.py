@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from ces_iterate.loop.identification import evaluate_fresh
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import ROWS
 from ces_iterate.report.page import write_page
+from ces_iterate.rigs.folder import DROP, FolderRig
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 
@@ -114,6 +116,28 @@ def test_given_recordings_are_identified_first_and_cost_nothing(tmp_path: Path) 
     twice = make_plan(tmp_path, recordings=["bag"], validate=["bag"], stop={"budget_s": 3.0})
     with pytest.raises(CesError, match="bag: the same recording, for"):
         Iterations(twice, monotube_rig(), tmp_path / "twice")
+
+
+def test_a_log_that_exists_already_is_no_new_experiment(tmp_path: Path) -> None:
+    for seed, name in enumerate(("judged", "new")):
+        recording = monotube_rig().run(sine_commands().repeat(name, seed, 0.0), tmp_path)
+        write_bag(tmp_path / name, recording_topics(recording, load_signals()))
+    rig = FolderRig(None, load_signals(), 0.0, note=lambda text: None, sleep=lambda seconds: None)
+    out = tmp_path / "out"
+    iterations = Iterations(make_plan(tmp_path, rig={"kind": "folder"}, validate=["judged"]), rig, out)
+    shutil.copytree(tmp_path / "judged", out / "iteration_01" / DROP / "by mistake")
+    with pytest.raises(
+        CesError, match=r"iteration_01: the recording from the rig and .*judged: the same recording; an"
+    ):
+        iterations.run()
+    shutil.rmtree(out / "iteration_01" / DROP / "by mistake")
+    for step in ("iteration_01", "iteration_02"):
+        shutil.copytree(tmp_path / "new", out / step / DROP / "new")
+    with pytest.raises(
+        CesError, match=r"iteration_02: the recording from the rig and .*iteration_01.recording: the same recording; an"
+    ):
+        iterations.run()
+    assert [row["number"] for row in rows(out)] == [1]
 
 
 def test_a_repeated_experiment_improves_the_parameters_until_the_cost_stops_falling(tmp_path: Path) -> None:
