@@ -344,6 +344,15 @@ def test_one_wild_sample_among_many_is_still_drawn() -> None:
     assert len(heights) < 3000
 
 
+def test_a_jump_between_two_pixel_columns_of_a_dense_line_is_drawn() -> None:
+    x = np.arange(30_000.0)
+    p = panel((0.0, 30_000.0), (-1.0, 1.0), (0.0, 0.0, 600.0, 100.0))
+    path = line(p, x, np.where(x < 15_000.0, -0.5, 0.5), "error")  # the step is at the edge of column 300
+    drawn = [(float(a), float(b)) for a, b in re.findall(r"[ML](-?[\d.]+),(-?[\d.]+)", path)]
+    heights = {round(b) for a, b in drawn if 299.0 <= a <= 300.0}
+    assert min(heights) <= 25 and max(heights) >= 75
+
+
 def test_band_is_open_where_nothing_was_logged() -> None:
     x = np.concatenate([np.arange(0.0, 10_000.0), np.arange(20_000.0, 30_000.0)])
     p = panel((0.0, 30_000.0), (-1.0, 1.0), (0.0, 0.0, 600.0, 100.0))
