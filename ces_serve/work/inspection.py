@@ -51,7 +51,7 @@ def inspect_recording(path: str, signals: str | None, report: Callable[[str], No
 
 
 def _line(channel: Channel, start_ns: int) -> dict[str, Any]:
-    """Return the channel's line: `time_s` and `value`, at most two points a bin, the extremes of each; None in a gap."""
+    """Return the channel's line: `time_s` and `value`, the extremes of each bin, and None in a gap."""
     good = np.isfinite(channel.values)
     time_s, value = (channel.stamps_ns[good] - start_ns) / SECOND, channel.values[good]
     order = np.argsort(time_s, kind="stable")

@@ -19,8 +19,10 @@ from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.report import write_report
 from ces_identify.report.drawing import PlotAxis, panel
 from ces_identify.report.grid import make_grid
+from ces_identify.report.interval_chart import MAX_NAME, IntervalRow, draw_intervals
 from ces_identify.report.marks import band, line
 from ces_identify.report.window import choose_window
+from ces_identify.typesetting import join_names
 from ces_identify.validation.cost_interval import pooled_cost
 from ces_identify.validation.error_regions import error_cells
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
@@ -444,3 +446,20 @@ def test_many_recordings_outside_the_envelope_have_one_warning_and_a_table(tmp_p
     rows = [[cell.text for cell in row] for row in table.iter(f"{XHTML}tr")][1:]
     assert [row[:2] for row in rows] == [[e.name, "position [m]"] for e in ran]
     assert all(row[3] == "−0.00100 to 0.00100" for row in rows)
+
+
+def test_a_title_names_as_many_recordings_as_it_can_hold() -> None:
+    assert join_names(["a", "b", "a"]) == "a, b"
+    assert join_names([f"r{n}" for n in range(6)]) == "r0, r1, r2, r3, r4, r5"
+    assert join_names([f"r{n}" for n in range(9)]) == "r0, r1, r2, r3, r4 and 4 more"
+    long = [f"{n}{'x' * 60}" for n in range(3)]
+    assert join_names(long) == f"{long[0]} and 2 more"
+    assert join_names(["y" * 300]) == "y" * 300
+
+
+def test_a_long_name_beside_intervals_keeps_both_ends() -> None:
+    rows = [IntervalRow(f"model_of_{'x' * 40}_seed_{n} − other_{'z' * 40}_{n}", 0.0, 1.0, 0.5, "") for n in range(2)]
+    names = re.findall(r'class="name"[^>]*>([^<]*)<', draw_intervals("i", "Differences", "J", rows))
+    shown = [name for name in names if " − " in name]
+    assert len(set(shown)) == 2
+    assert all(len(name) <= MAX_NAME and name.startswith("mod") for name in shown)
