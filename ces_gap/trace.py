@@ -39,6 +39,7 @@ B = NDArray[np.bool_]
 CURRENT_AGE_S = 0.5  # [s] an older current counts as unknown
 EDGE_S = 0.1  # [s] at both ends of a stretch, where filters settle
 MIN_USABLE_S = 1.0  # [s] of usable samples
+SEEN = "was identified on seconds of this recording"  # says a note about a recording and the simulation
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from markupsafe import Markup
@@ -14,6 +15,7 @@ F = NDArray[np.float64]
 
 SYMBOLS = {"force": "F", "speed": "v", "current": "i", "position": "x"}
 MAX_NAMES = 5  # of recordings in a title
+MAX_NAMES_LENGTH = 120  # characters of those names together
 UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
 MEANINGS = {
     "speed": "speed [m/s], positive in compression",
@@ -116,5 +118,8 @@ def minus(text: str) -> str:
 def join_names(names: Sequence[str]) -> str:
     """Return names as a list; of many, the first ones and how many more there are."""
     names = list(dict.fromkeys(names))
-    more = len(names) - MAX_NAMES
-    return ", ".join(names) if more <= 1 else f"{', '.join(names[:MAX_NAMES])} and {more} more"
+    fit = sum(length <= MAX_NAMES_LENGTH for length in accumulate(len(name) + 2 for name in names))
+    shown = max(1, min(fit, MAX_NAMES))
+    more = len(names) - shown
+    most = len(names) if fit == len(names) and more <= 1 else shown
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if most < len(names) else "")

@@ -165,7 +165,7 @@ ROOMS = {  # what each room of a package imports, from the bottom up
         "witness": "baseline errors inference intake progress trace",
         "diagnosis": "baseline experiment inference where witness",
         "calibration_map": "diagnosis inference trace",
-        "report": "augmented calibration_map diagnosis effects errors experiment inference optional_steps",
+        "report": "augmented calibration_map diagnosis effects errors experiment inference optional_steps trace",
         "verdict_sentence": "calibration_map diagnosis inference",
         "pipeline": "diagnosis effects experiment inference intake optional_steps progress verdict_sentence where "
         "witness",

@@ -34,7 +34,7 @@ def describe_diagnosis(row: Row) -> str:
 
 def verdict_text(row: Row) -> str:
     """Return the verdict with the effects that it names."""
-    effects = " + ".join(row["effects"])
+    effects = " + ".join(effect.replace("_", " ") for effect in row["effects"])
     verdict = str(row["verdict"]).replace("_", " ")
     return f"{verdict}: {effects}" if effects else verdict
 

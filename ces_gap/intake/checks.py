@@ -13,7 +13,7 @@ from ces_gap.errors import GapError
 from ces_gap.intake.force_units import MIN_CORRELATION, compare_forces, require_same_sign_and_unit
 from ces_gap.intake.operating_range import model_inside, outside_notes
 from ces_gap.intake.saturation import saturation_notes
-from ces_gap.trace import F, Trace
+from ces_gap.trace import SEEN, F, Trace
 from ces_identify.recordings.recording import Recording
 from ces_identify.sense.consistency import require_consistent
 from ces_identify.sense.content import find_known_recording, shared_content
@@ -72,7 +72,7 @@ def seen_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> tu
     """Return a note for each recording that the simulation, a model or a wrapped one, was identified on."""
     seen = sorted({t.name for t in traces if is_seen(t.recording, simulation)})
     return tuple(
-        f"{recording}: {name} was identified on seconds of this recording: it has learned part of the gap, so that the "
+        f"{recording}: {name} {SEEN}: it has learned part of the gap, so that the "
         "gap found here is smaller than on new recordings, and effects may be missing; identify it on references, or "
         "diagnose on other recordings"
         for recording in seen

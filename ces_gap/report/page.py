@@ -32,6 +32,7 @@ from ces_gap.report.gap_json import to_plain_json
 from ces_gap.report.gap_maps import draw_gap_maps
 from ces_gap.report.gap_steps import build_gap_steps, has_correction
 from ces_gap.report.share_chart import draw_share_charts
+from ces_gap.trace import SEEN
 from ces_identify.report.shell import page_template, replace_unencodable
 from ces_identify.typesetting import three_figures
 
@@ -85,6 +86,9 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
     if d.verdict == UNKNOWN:
         left = percent(1.0 - c.shrink if c.effects else 1.0)
         text = "of the gap on held-out recordings remains unexplained by known effects; a generic learner explains"
+        if c.effects and c.shrink < 0.0:
+            text = "of the gap is there on held-out recordings with what was fitted, so the fit does not carry over; a "
+            text += "generic learner explains"
         return {"figure": left, "unit": "%", "text": f"{text} {_learner_share(d)}."}
     if d.verdict == NO_GAP or not c.effects:
         text = f"between simulation and measurement; the measurement noise is {three_figures(d.gap.noise_floor_N)} N."
@@ -145,16 +149,19 @@ def _refits(d: Diagnosis) -> list[dict[str, str]]:
 
 
 def _warnings(d: Diagnosis) -> list[str]:
+    """Return what a reader must know before the result; the other notes are at the end of the page."""
+    seen = [f"{sentence_case(note)}." for note in d.notes if SEEN in note]
     if d.surrogate_cost_J is None:
-        return []
+        return seen
     return [
+        *seen,
         "The simulation is available only as recorded predictions. Effects on position and current were evaluated with "
         f"a surrogate learned from these predictions; its cost J is {three_figures(d.surrogate_cost_J)} %."
         + (
             ""
             if d.surrogate_error is None
             else f" Its error where inputs change is about {percent(d.surrogate_error)} % of the change."
-        )
+        ),
     ]
 
 

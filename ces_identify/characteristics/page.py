@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from markupsafe import Markup
 
@@ -27,9 +27,17 @@ from ces_identify.typesetting import join_names, minus
 from ces_observer.json_checks import write_atomically
 
 TITLE = "Characteristics"
-MAX_ROWS = 60  # of a table on the page; the CSV file has all
+MAX_ROWS = 60  # of a table on the page, about; the CSV file has all
+MAX_OPEN_ROWS = 20  # of a table that is not folded
 WIDTH_SHARES = (0.25, 0.5, 0.75)  # of the peak speed, at which the page shows the hysteresis
 MISSING = "–"
+
+
+class TableRows(NamedTuple):
+    """The rows of a table that the page shows, and how many there are."""
+
+    shown: list[dict[str, Any]]
+    total: int
 
 
 def write_page(path: Path, results: Characteristics, command: str = "") -> None:
@@ -60,16 +68,29 @@ def format_page(results: Characteristics, command: str = "") -> str:
         loops=[draw(pair) for pair in loops],
         responses=draw(responses),
         motions=draw(motions),
-        peak_rows=_limit(peak_cells(results)),
-        work_rows=_limit(work_cells(results)),
-        width_rows=_limit(width_cells(results)),
-        knee_rows=_limit(knee_cells(results)),
-        response_rows=_limit(response_cells(results)),
-        more=MAX_ROWS,
+        peak_rows=choose_rows(peak_cells(results)),
+        work_rows=choose_rows(work_cells(results)),
+        width_rows=choose_rows(width_cells(results)),
+        knee_rows=choose_rows(knee_cells(results)),
+        response_rows=list(response_cells(results)),
+        fold=MAX_OPEN_ROWS,
         number=number,
         spread=with_spread,
     )
     return replace_unencodable(page)
+
+
+def choose_rows(cells: Iterable[dict[str, Any]]) -> TableRows:
+    """Return the rows of a table for the page: of many, those of evenly chosen conditions of each current."""
+    rows = list(cells)
+    conditions: dict[float, dict[tuple[float, float], list[dict[str, Any]]]] = {}
+    for cell in rows:
+        row = cell["row"]
+        of_current = conditions.setdefault(row.current_A, {})
+        of_current.setdefault((row.amplitude_m, row.frequency_Hz), []).append(cell)
+    every = max(1, math.ceil(len(rows) / MAX_ROWS))
+    shown = [cell for own in conditions.values() for some in list(own.values())[::every] for cell in some]
+    return TableRows(shown, len(rows))
 
 
 def peak_cells(results: Characteristics) -> Iterator[dict[str, Any]]:
@@ -160,7 +181,3 @@ def _same(one: ConditionRow, other: ConditionRow) -> bool:
 def _others(results: Characteristics, rows: Sequence[Any]) -> list[Any]:
     """Return the rows of the simulations in their order."""
     return [row for source in results.sources[1:] for row in rows if row.source == source]
-
-
-def _limit(rows: Iterator[dict[str, Any]]) -> list[dict[str, Any]]:
-    return list(rows)[: MAX_ROWS + 1]

@@ -25,6 +25,7 @@ from ces_identify.report.plot_marks import PlotMark
 
 BAND_POINTS = 400  # a band is drawn in columns, which should touch each other
 SPEED, FORCE = "Speed [m/s]", "Force [N]"
+SPREAD = "bounds measured"  # the style of a band of measured forces
 
 Row = TypeVar("Row")
 
@@ -89,7 +90,7 @@ def response_chart(results: Characteristics, direction: str, palette: Palette) -
         points = [r for r in rows if (round(r.from_A, 6), round(r.to_A, 6), r.source) == key]
         t, y, spread = (_values(points, attrgetter(name)) for name in ("time_s", "share", "share_sd"))
         if key[2] == MEASURED:
-            marks.insert(0, PlotBand("± standard deviation, measured", 1e3 * t, y - spread, y + spread))
+            marks.insert(0, PlotBand("± standard deviation, measured", 1e3 * t, y - spread, y + spread, SPREAD))
         marks.append(PlotLine(f"{key[0]:.2g} to {key[1]:.2g} A, {key[2]}", 1e3 * t, y, series_css(n)))
     if not marks:
         return None
@@ -149,7 +150,7 @@ def _bin_marks(bins: Sequence[SpeedBin], source: str, css: str) -> Iterator[Plot
     low, middle, high = (_values(bins, attrgetter(name)) for name in ("low_N", "median_N", "high_N"))
     if source == MEASURED:
         dense = np.linspace(x[0], x[-1], BAND_POINTS) if len(x) else x
-        yield PlotBand(f"10 to 90 %, {source}", dense, np.interp(dense, x, low), np.interp(dense, x, high))
+        yield PlotBand(f"10 to 90 %, {source}", dense, np.interp(dense, x, low), np.interp(dense, x, high), SPREAD)
     yield PlotLine(source, x, middle, css)
 
 

@@ -22,6 +22,7 @@ from ces_identify.validation.cost_interval import CostInterval
 from ces_identify.validation.envelope_use import UNITS
 from ces_observer.json_checks import write_atomically
 
+MAX_OPEN_ROWS = 20  # of a table that is not folded
 MAX_DETAILED_PAIRS = 3  # pairs of models up to which the differences on each recording are drawn
 NAMES_IN_TITLE = 4
 
@@ -72,6 +73,7 @@ def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
             for n in comparison.drawn_recordings
         ],
         envelopes=_envelope_charts(comparison),
+        fold=MAX_OPEN_ROWS,
         swatches=[_swatch(comparison, i) for i in range(len(comparison.models))],
         notes_on_charts=[note[0].upper() + note[1:] for note in comparison.notes_on_charts()],
         trained=TRAINED,

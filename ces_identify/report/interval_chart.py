@@ -11,9 +11,10 @@ from markupsafe import Markup
 
 from ces_identify.report.drawing import Panel, axes, label, panel, span_of, svg, with_value
 
-WIDTH, LEFT, RIGHT, TOP, ROW, AXIS = 780.0, 220.0, 220.0, 12.0, 24.0, 46.0
+WIDTH, LEFT, RIGHT, TOP, ROW, AXIS = 830.0, 270.0, 220.0, 12.0, 24.0, 46.0
 INDENT = 18.0
-MAX_NAME = 36  # letters of a row's name
+MAX_NAME = 28  # letters of a row's name; more would reach the axis, in print at the latest
+MINUS = " − "  # between the names of a difference
 
 
 @dataclass(frozen=True)
@@ -62,4 +63,13 @@ def _row(p: Panel, i: int, row: IntervalRow) -> str:
 
 
 def _shorten(name: str) -> str:
-    return name if len(name) <= MAX_NAME else f"…{name[-MAX_NAME + 1 :]}"
+    """Return a name without its middle if it is too long; of a difference, each of the two names."""
+    first, minus, second = name.partition(MINUS)
+    if len(name) <= MAX_NAME or not minus:
+        return _leave_out(name, MAX_NAME)
+    half = (MAX_NAME - len(MINUS)) // 2
+    return f"{_leave_out(first, half)}{MINUS}{_leave_out(second, half)}"
+
+
+def _leave_out(name: str, most: int) -> str:
+    return name if len(name) <= most else f"{name[: most // 3]}…{name[most // 3 + 1 - most :]}"

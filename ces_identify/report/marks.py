@@ -19,15 +19,22 @@ def line(p: Panel, x: F, y: F, css: str, breaks: Mask | None = None) -> str:
 
 
 def band(p: Panel, x: F, y: F, css: str) -> str:
-    """Return the area between the extremes of y (n,) in each pixel column, interrupted at columns without a point."""
+    """Return the area between the extremes of y (n,) in each pixel column, interrupted at columns without a point.
+
+    A column reaches to the first point of the next one, so a jump between two columns is drawn as well.
+    """
     finite = np.flatnonzero(np.isfinite(y))
     column = np.floor(p.x.px(x[finite])).astype(int)
     starts = np.flatnonzero(np.diff(column, prepend=column[:1] - 1))
     if not len(starts):
         return ""
     pixels = p.y.px(y[finite])
-    top, bottom = np.minimum.reduceat(pixels, starts) - 0.5, np.maximum.reduceat(pixels, starts) + 0.5
-    return _area(css, column[starts], top, bottom)
+    top, bottom = np.minimum.reduceat(pixels, starts), np.maximum.reduceat(pixels, starts)
+    after = starts[1:]
+    joined = (column[after] - column[after - 1] == 1) & (finite[after] - finite[after - 1] == 1)
+    top[:-1] = np.where(joined, np.minimum(top[:-1], pixels[after]), top[:-1])
+    bottom[:-1] = np.where(joined, np.maximum(bottom[:-1], pixels[after]), bottom[:-1])
+    return _area(css, column[starts], top - 0.5, bottom + 0.5)
 
 
 def corridor(p: Panel, x: F, low: F, high: F, css: str) -> str:

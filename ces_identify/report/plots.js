@@ -673,7 +673,14 @@
 
   // ---- commands that can be copied ----------------------------------------------------------------------------------
 
+  // Lines break between words, so an option is not torn at its hyphens.
+  function keepWords(code) {
+    const wrap = word => Object.assign(document.createElement("span"), {textContent: word});
+    code.replaceChildren(...code.textContent.split(/(\s+)/).map(part => part.trim() ? wrap(part) : part));
+  }
+
   function addCopyButton(block) {
+    keepWords(block.querySelector("code"));
     const button = document.createElement("button");
     Object.assign(button, {type: "button", textContent: "Copy", className: "copy"});
     button.setAttribute("aria-label", "Copy the command");

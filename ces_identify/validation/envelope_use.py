@@ -27,7 +27,7 @@ class RangeUse:
 
     def as_texts(self) -> tuple[str, str]:
         """Return the ranges used and known as text, without their unit."""
-        used, known = (f"{low} to {high}" for low, high in _format_alike(self.used, self.known))
+        used, known = (f"{low} to {high}" if low != high else low for low, high in _format_alike(self.used, self.known))
         return used, known
 
     def __str__(self) -> str:

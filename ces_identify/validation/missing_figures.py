@@ -20,7 +20,7 @@ def explain_missing(
 ) -> list[str]:
     """Return a line for each reason, with the names of the recordings; intervals and floors are those of `evaluations`.
 
-    The line is such as `no noise floor (the stroke does not repeat): noise, road`.
+    The line is such as `no noise floor (the stroke does not repeat): noise, road`, or `...: all recordings`.
     """
     names: dict[str, list[str]] = {}
     for evaluation, interval, floor in zip(evaluations, intervals, floors, strict=True):
@@ -30,4 +30,9 @@ def explain_missing(
             names.setdefault(SHORT, []).append(evaluation.name)
         if isinstance(floor, str):
             names.setdefault(f"no noise floor ({floor})", []).append(evaluation.name)
-    return [f"{reason}: {', '.join(which)}" for reason, which in names.items()]
+    return [f"{reason}: {_join(which, len(evaluations))}" for reason, which in names.items()]
+
+
+def _join(names: Sequence[str], of: int) -> str:
+    """Return the names of recordings, each once; of several that are all, that they are all."""
+    return "all recordings" if 1 < of == len(names) else ", ".join(dict.fromkeys(names))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from ces_identify.numerics.arrays import F
 from ces_identify.recordings.bag_reader import list_topics, read_recording
 from ces_identify.recordings.channel_stats import channel_stats
 from ces_identify.recordings.checks import ERROR, Finding, findings, sort_findings
@@ -19,6 +20,7 @@ from ces_identify.recordings.signals_file import load_signals
 from ces_identify.sense.sense import sense
 
 MAX_BINS = 600  # of a chart's line: the lowest and highest value of each
+MIN_GAP_S, MIN_GAP_STEPS = 0.05, 10.0  # [s] and sampling intervals: what counts as a gap everywhere
 SECOND = 1e9
 
 
@@ -49,7 +51,7 @@ def inspect_recording(path: str, signals: str | None, report: Callable[[str], No
 
 
 def _line(channel: Channel, start_ns: int) -> dict[str, Any]:
-    """Return the channel's line: `time_s` and `value`, at most two points a bin, the extremes of each."""
+    """Return the channel's line: `time_s` and `value`, the extremes of each bin, and None in a gap."""
     good = np.isfinite(channel.values)
     time_s, value = (channel.stamps_ns[good] - start_ns) / SECOND, channel.values[good]
     order = np.argsort(time_s, kind="stable")
@@ -60,7 +62,23 @@ def _line(channel: Channel, start_ns: int) -> dict[str, Any]:
             for part in parts
         ]
         order = np.array(ends).ravel()
-    return {"time_s": np.round(time_s[order], 4).tolist(), "value": [float(f"{v:.6g}") for v in value[order]]}
+    shown_s, shown = _interrupt(time_s[order], value[order], np.sort(time_s))
+    return {
+        "time_s": np.round(shown_s, 4).tolist(),
+        "value": [float(f"{v:.6g}") if math.isfinite(v) else None for v in shown],
+    }
+
+
+def _interrupt(time_s: F, value: F, logged_s: F) -> tuple[F, F]:
+    """Return a line (n,) with a NaN in each gap between the logged times that is wide enough to see."""
+    steps = np.diff(logged_s)
+    if not len(steps):
+        return time_s, value
+    least = max(MIN_GAP_S, MIN_GAP_STEPS * float(np.median(steps)), float(logged_s[-1] - logged_s[0]) / MAX_BINS)
+    gaps = np.flatnonzero(steps > least)
+    middle = 0.5 * (logged_s[gaps] + logged_s[gaps + 1])
+    places = np.searchsorted(time_s, middle)
+    return np.insert(time_s, places, middle), np.insert(value, places, np.nan)
 
 
 def _finite(values: dict[str, Any]) -> dict[str, Any]:

@@ -22,6 +22,7 @@ from ces_gap.report.formatting import EFFECTS, format_number, join_effect_names,
 from ces_gap.report.gap_steps import after_ci95_N, build_gap_steps
 from ces_gap.report.result_files import result_files
 from ces_gap.report.share_chart import shares_ci95
+from ces_gap.trace import SEEN
 
 XHTML = "{http://www.w3.org/1999/xhtml}"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -350,3 +351,15 @@ def test_a_control_longer_than_the_gap_is_shown_as_such() -> None:
 def test_a_learner_that_makes_the_gap_larger_explains_nothing() -> None:
     d = unknown()
     assert "explains nothing of it." in report_page(replace(d, ceiling_after_N=1.3 * d.gap.rms_N))
+
+
+def test_a_simulation_that_knows_the_recording_is_a_warning_before_the_result() -> None:
+    d = replace(named(), notes=(f"road: model.json {SEEN}: it has learned part of the gap", "another note"))
+    warnings = [words(e) for e in classed(page_of(d), "warning")]
+    assert warnings == ["Road: model.json was identified on seconds of this recording: it has learned part of the gap."]
+
+
+def test_a_fit_that_makes_held_out_recordings_worse_says_so() -> None:
+    d = unknown()
+    worse = replace(d, composition=replace(d.composition, effects=named().composition.effects, shrink=-0.33))
+    assert "133 % of the gap is there on held-out recordings with what was fitted" in words(page_of(worse))

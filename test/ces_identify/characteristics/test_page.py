@@ -1,7 +1,7 @@
 """The page and the tables: every table is there with units, charts read well in a real browser, prints and scales."""
 
 import csv
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,7 @@ from dyno_recordings import recording_of, sine_motion, triangle_motion
 
 import ces_identify
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import format_page, number, with_spread
+from ces_identify.characteristics.page import MAX_ROWS, choose_rows, format_page, number, peak_cells, with_spread
 from ces_identify.characteristics.results import TABLES
 from ces_identify.simulations.simulation import FunctionSimulation
 
@@ -65,6 +65,22 @@ def test_the_page_shows_measured_beside_simulated(results):
         assert text in page
     assert "0.3 A, law" in page
     assert "ces characterise dyno --model law" in page
+
+
+def test_a_long_table_shows_conditions_of_every_current(results):
+    first = next(peak_cells(results))
+    conditions = [(0.0, 200), (0.5, 1), (1.0, 80)]  # current, number of conditions, each in two directions
+    cells = [
+        {**first, "row": replace(first["row"], current_A=current, frequency_Hz=1.0 + n)}
+        for current, count in conditions
+        for n in range(count)
+        for direction in range(2)
+    ]
+    rows = choose_rows(cells)
+    assert rows.total == len(cells) and len(rows.shown) < 1.2 * MAX_ROWS
+    assert {cell["row"].current_A for cell in rows.shown} == {0.0, 0.5, 1.0}
+    shown = [(cell["row"].current_A, cell["row"].frequency_Hz) for cell in rows.shown]
+    assert all(shown.count(one) == 2 for one in shown)
 
 
 def test_the_page_without_cycles_says_so():

@@ -19,8 +19,10 @@ from ces_identify.preparation.weighting import parse_weighting
 from ces_identify.report import write_report
 from ces_identify.report.drawing import PlotAxis, panel
 from ces_identify.report.grid import make_grid
+from ces_identify.report.interval_chart import MAX_NAME, IntervalRow, draw_intervals
 from ces_identify.report.marks import band, line
 from ces_identify.report.window import choose_window
+from ces_identify.typesetting import join_names
 from ces_identify.validation.cost_interval import pooled_cost
 from ces_identify.validation.error_regions import error_cells
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
@@ -344,6 +346,15 @@ def test_one_wild_sample_among_many_is_still_drawn() -> None:
     assert len(heights) < 3000
 
 
+def test_a_jump_between_two_pixel_columns_of_a_dense_line_is_drawn() -> None:
+    x = np.arange(30_000.0)
+    p = panel((0.0, 30_000.0), (-1.0, 1.0), (0.0, 0.0, 600.0, 100.0))
+    path = line(p, x, np.where(x < 15_000.0, -0.5, 0.5), "error")  # the step is at the edge of column 300
+    drawn = [(float(a), float(b)) for a, b in re.findall(r"[ML](-?[\d.]+),(-?[\d.]+)", path)]
+    heights = {round(b) for a, b in drawn if 299.0 <= a <= 300.0}
+    assert min(heights) <= 25 and max(heights) >= 75
+
+
 def test_band_is_open_where_nothing_was_logged() -> None:
     x = np.concatenate([np.arange(0.0, 10_000.0), np.arange(20_000.0, 30_000.0)])
     p = panel((0.0, 30_000.0), (-1.0, 1.0), (0.0, 0.0, 600.0, 100.0))
@@ -435,3 +446,20 @@ def test_many_recordings_outside_the_envelope_have_one_warning_and_a_table(tmp_p
     rows = [[cell.text for cell in row] for row in table.iter(f"{XHTML}tr")][1:]
     assert [row[:2] for row in rows] == [[e.name, "position [m]"] for e in ran]
     assert all(row[3] == "−0.00100 to 0.00100" for row in rows)
+
+
+def test_a_title_names_as_many_recordings_as_it_can_hold() -> None:
+    assert join_names(["a", "b", "a"]) == "a, b"
+    assert join_names([f"r{n}" for n in range(6)]) == "r0, r1, r2, r3, r4, r5"
+    assert join_names([f"r{n}" for n in range(9)]) == "r0, r1, r2, r3, r4 and 4 more"
+    long = [f"{n}{'x' * 60}" for n in range(3)]
+    assert join_names(long) == f"{long[0]} and 2 more"
+    assert join_names(["y" * 300]) == "y" * 300
+
+
+def test_a_long_name_beside_intervals_keeps_both_ends() -> None:
+    rows = [IntervalRow(f"model_of_{'x' * 40}_seed_{n} − other_{'z' * 40}_{n}", 0.0, 1.0, 0.5, "") for n in range(2)]
+    names = re.findall(r'class="name"[^>]*>([^<]*)<', draw_intervals("i", "Differences", "J", rows))
+    shown = [name for name in names if " − " in name]
+    assert len(set(shown)) == 2
+    assert all(len(name) <= MAX_NAME and name.startswith("mod") for name in shown)

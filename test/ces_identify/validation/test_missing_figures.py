@@ -45,4 +45,7 @@ def test_a_diverged_run_is_named_once(road: Evaluation) -> None:
 
 def test_recordings_with_the_same_reason_share_a_line(road: Evaluation) -> None:
     again = replace(road, name="town")
-    assert explain(road, again) == [f"no noise floor ({cycle_noise(road.series)}): road, town"]
+    whole = [f"no noise floor ({cycle_noise(road.series)}): all recordings"]
+    assert explain(road, again) == explain(road, road) == whole
+    some = explain_missing([road, again, road], [cost_interval([road])] * 3, ["why", "why", FLOOR])
+    assert some == ["no noise floor (why): road, town"]

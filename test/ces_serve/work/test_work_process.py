@@ -8,11 +8,14 @@ from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from patience import PATIENCE_S, children_running
 from served_folders import BAGS
 
+from ces_identify import make_recording, write_recording
 from ces_serve.work import process
+from ces_serve.work.inspection import inspect_recording
 from ces_serve.work.process import FAILED, RESULT, do_work
 from ces_serve.work.worker import MAX_FILE_BYTES, MAX_MEMORY_BYTES
 
@@ -32,6 +35,16 @@ def test_a_recording_is_inspected_as_by_ces_info() -> None:
     assert force["rate_Hz"] == pytest.approx(1000.0, rel=1e-3)
     assert (min(force["value"]), max(force["value"])) == (force["low"], force["high"])  # no peak is lost
     assert len(force["time_s"]) == len(force["value"]) == 1200
+
+
+def test_a_pause_of_a_recording_is_a_gap_in_its_lines(tmp_path: Path) -> None:
+    time_s = np.concatenate([np.arange(0.0, 2.0, 1e-3), np.arange(3.0, 5.0, 1e-3)])
+    wave = np.sin(9.0 * time_s)
+    write_recording(make_recording(time_s, 0.01 * wave, 0.5 + 0.1 * wave, 900.0 * wave), tmp_path / "paused")
+    for channel in inspect_recording(str(tmp_path / "paused"), None, lambda what: None)["channels"]:
+        open_s = [t for t, value in zip(channel["time_s"], channel["value"], strict=True) if value is None]
+        assert open_s == [pytest.approx(2.5, abs=1e-3)]
+        assert channel["time_s"] == sorted(channel["time_s"])
 
 
 def test_a_wrong_path_is_one_line(tmp_path: Path) -> None:
