@@ -203,7 +203,6 @@ BAG_MODULES = {
     "ces_identify.recordings.bag_opening",
     "ces_identify.recordings.bag_storage",
     "ces_identify.recordings.bag_writer",
-    "ces_identify.recordings.mcap_blocks",
     "ces_identify.recordings.rosbag1_records",
     "ces_identify.recordings.stored_topic",
 }

@@ -5,13 +5,15 @@ A bag is written to a temporary folder beside its final place and renamed when i
 
 from __future__ import annotations
 
+import heapq
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
-from rosbags.interfaces import Connection, Nodetype
+from rosbags.interfaces import Nodetype
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
@@ -20,12 +22,12 @@ from ces_identify.recordings.bag_layout import describe_layout
 from ces_identify.recordings.bag_message import blank_message
 from ces_identify.recordings.bag_opening import WRITTEN_BY
 from ces_identify.recordings.bulk_decode import NumberField
-from ces_identify.recordings.mcap_blocks import MessageBlock, find_windows, write_blocks
 from ces_identify.recordings.recording import Recording, Stamps, Values
 from ces_observer import __version__
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import FieldPath, Signal, Signals
 
+BATCH = 10_000  # messages encoded at a time
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 SECOND = 1_000_000_000
 
@@ -142,18 +144,12 @@ def _write(
         connections = [
             writer.add_connection(f"/{topic.name.lstrip('/')}", topic.type, typestore=typestore) for topic in topics
         ]
-        for share, parts in _windows(encoders):
-            topic_parts = zip(encoders, connections, parts, strict=True)
-            write_blocks(writer, [e.block(c, part) for e, c, part in topic_parts if part.stop > part.start])
-            progress(share)
-
-
-def _windows(encoders: Sequence[_Encoder]) -> Iterator[tuple[float, tuple[slice, ...]]]:
-    """Yield the share of the messages that is written with it, and the rows of each topic that follow next in time."""
-    total, written = sum(len(encoder.order_ns) for encoder in encoders), 0
-    for parts in find_windows([encoder.order_ns for encoder in encoders], [len(e.blank) for e in encoders]):
-        written += sum(part.stop - part.start for part in parts)
-        yield written / total, parts
+        streams = [encoder.messages(i) for i, encoder in enumerate(encoders)]
+        total = sum(len(topic.stamps_ns) for topic in topics)
+        for count, (_, stamp, i, payload) in enumerate(heapq.merge(*streams, key=itemgetter(0)), 1):
+            writer.write(connections[i], stamp, payload)
+            if count % BATCH == 0 or count == total:
+                progress(count / total)
 
 
 class _Encoder:
@@ -166,12 +162,17 @@ class _Encoder:
         stamped = fields.get("header") == (Nodetype.NAME, "std_msgs/msg/Header")
         paths = [FieldPath.parse(text) for text in (*(STAMP if stamped else ()), *topic.columns)]
         self.topic, self.stamped = topic, stamped
-        self.order_ns = np.maximum.accumulate(topic.stamps_ns)  # of each, the latest stamp so far
         self.blank, self.numbers = _places(topic, paths, typestore)
 
-    def block(self, connection: Connection, part: slice) -> MessageBlock:
-        """Return some of the messages."""
-        return MessageBlock(connection, self.topic.stamps_ns[part], self.order_ns[part], self._encode(part))
+    def messages(self, index: int) -> Iterator[tuple[int, int, int, bytes]]:
+        """Yield (latest stamp so far, stamp, index, payload) of each message."""
+        order = np.maximum.accumulate(self.topic.stamps_ns)
+        for begin in range(0, len(order), BATCH):
+            part = slice(begin, begin + BATCH)
+            rows = self._encode(part)
+            times = zip(order[part].tolist(), self.topic.stamps_ns[part].tolist(), rows, strict=True)
+            for latest, stamp, row in times:
+                yield latest, stamp, index, row.tobytes()
 
     def _encode(self, part: slice) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
         stamps = self.topic.stamps_ns[part]

@@ -53,7 +53,11 @@ def prefix(tmp_path: Path) -> dict[str, str]:
         program = programs / name
         program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {module} "$@"\n', encoding="utf-8")
         program.chmod(0o755)
-    return {"AMENT_PREFIX_PATH": f"{tmp_path}:{os.environ['AMENT_PREFIX_PATH']}", "ROS_LOG_DIR": str(tmp_path / "log")}
+    return {
+        "AMENT_PREFIX_PATH": f"{tmp_path}:{os.environ['AMENT_PREFIX_PATH']}",
+        "PYTHONPATH": f"{ROOT}:{os.environ['PYTHONPATH']}",  # launch files import from the package
+        "ROS_LOG_DIR": str(tmp_path / "log"),
+    }
 
 
 class Ears(Party):
