@@ -117,13 +117,13 @@ class Vehicle(Party):
             time.sleep(max(0.0, -late_s))
             if late_s > LATE_S and not contiguous:
                 start, start_ns = start + late_s, start_ns + round(late_s * RATE_HZ) * 10**9 // RATE_HZ
-            if ends is not None and ends.is_set():
-                break
             times.append(start_ns + k * 10**9 // RATE_HZ)
             if current is not None and k % 5 == 0:
                 self.current.publish(Float64(data=current))
             self.driven.append(times[-1] + offset_ns)
             self.publish_position(self.driven[-1], position(times[-1] % 10**12 * 1e-9), joint)
+            if ends is not None and ends.is_set():
+                break
         return times[0], times[-1]
 
     def publish_position(self, stamp_ns: int, position_m: float, joint: str = JOINT) -> None:
