@@ -246,6 +246,7 @@ def test_a_running_campaign_shows_its_results_so_far(tmp_path: Path) -> None:
 
 
 def test_the_page_of_the_observer_without_ros_says_so(client: FlaskClient, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ROS_DISTRO", raising=False)
     monkeypatch.setattr("ces_serve.live.link.find_python", lambda: None)
     assert "/events/observer" in text_of(client, "/observer")
     assert "ROS 2 is not sourced" in read_events(client, "/events/observer", ("observer",))["observer"][0]
