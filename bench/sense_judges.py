@@ -141,7 +141,7 @@ def _triangle(time: F, rng: Generator) -> F:
     return Triangle(0.02, rng.uniform(0.05, 0.4)).samples(time, rng)
 
 
-def _modulated(time: F, rng: Generator) -> F:
+def _frequency_modulation(time: F, rng: Generator) -> F:
     return FrequencyModulated(0.012, rng.uniform(0.5, 2.0), rng.uniform(4.0, 12.0)).samples(time, rng)
 
 
@@ -149,19 +149,19 @@ def _constant(span: tuple[float, float], rng: Generator) -> Current:
     return ConstantLevel(rng.uniform(*span))
 
 
-def _stepped(span: tuple[float, float], rng: Generator) -> Current:
+def _current_steps(span: tuple[float, float], rng: Generator) -> Current:
     return Steps(tuple(rng.uniform(*span, 5).tolist()), rng.uniform(0.3, 2.0))
 
 
-def _switched(span: tuple[float, float], rng: Generator) -> Current:
+def _binary_current(span: tuple[float, float], rng: Generator) -> Current:
     return Binary(*span, shortest_s=0.05, mean_s=rng.uniform(0.1, 0.6))
 
 
-def _filtered(span: tuple[float, float], rng: Generator) -> Current:
+def _noise_current(span: tuple[float, float], rng: Generator) -> Current:
     return FilteredNoise(*span, cutoff_Hz=rng.uniform(1.0, 8.0))
 
 
-def _swung(span: tuple[float, float], rng: Generator) -> Current:
+def _sine_current(span: tuple[float, float], rng: Generator) -> Current:
     return SineCurrent(*span, frequency_Hz=rng.uniform(0.1, 4.0))
 
 
@@ -170,19 +170,19 @@ def _following(span: tuple[float, float], rng: Generator) -> Current:
 
 
 RIDES: dict[str, tuple[Stroke, Callable[[tuple[float, float], Generator], Current]]] = {
-    "noise switched": (_noise, _switched),
+    "noise switched": (_noise, _binary_current),
     "noise constant": (_noise, _constant),
-    "noise stepped": (_noise, _stepped),
+    "noise stepped": (_noise, _current_steps),
     "road constant": (_road, _constant),
-    "road modulated": (_road, _filtered),
+    "road modulated": (_road, _noise_current),
     "road following": (_road, _following),
     "sweep constant": (_sweep, _constant),
-    "sweep stepped": (_sweep, _stepped),
+    "sweep stepped": (_sweep, _current_steps),
     "drop constant": (_drop, _constant),
-    "drop switched": (_drop, _switched),
-    "stop and go": (_stop_and_go, _filtered),
+    "drop switched": (_drop, _binary_current),
+    "stop and go": (_stop_and_go, _noise_current),
     "dyno sine": (_dyno, _constant),
-    "sines swung": (_sines, _swung),
-    "triangle stepped": (_triangle, _stepped),
-    "modulated switched": (_modulated, _switched),
+    "sines swung": (_sines, _sine_current),
+    "triangle stepped": (_triangle, _current_steps),
+    "modulated switched": (_frequency_modulation, _binary_current),
 }

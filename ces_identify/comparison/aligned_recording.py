@@ -82,7 +82,7 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
     for force, lost in zip(forces, diverged, strict=True):
         counted &= np.isfinite(force) | lost
     _require_enough(recording.name, counted, measured)
-    speed, current = _speed(runs, time_s, position.values), hold_current(recording, stamps, 1e6)
+    speed, current = _find_speed(runs, time_s, position.values), hold_current(recording, stamps, 1e6)
     return AlignedRecording(
         name=recording.name,
         sha256=recording.sha256,
@@ -139,7 +139,7 @@ def _require_enough(name: str, counted: Mask, measured: F) -> None:
         raise RecordingError(f"{name}: measured force is constant; check its topic and field in the signals file")
 
 
-def _speed(runs: Sequence[tuple[F, SampleRun | None]], time_s: F, position: F) -> F:
+def _find_speed(runs: Sequence[tuple[F, SampleRun | None]], time_s: F, position: F) -> F:
     """Return a speed [m/s] (n,) for charts: that of the first model, else the slope of the position."""
     for _, run in runs:
         if run is not None:

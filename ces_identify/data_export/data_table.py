@@ -60,7 +60,7 @@ def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: floa
         DataColumn(f"{name}_{_suffix(UNITS[name])}", UNITS[name], np.full(len(stamps), value), _none(stamps))
         for name, value in recording.constants.items()
     ]
-    columns += [_placed(name, c, stamps) if rate_Hz is None else _column(name, c, stamps) for name, c in more.items()]
+    columns += [_place(name, c, stamps) if rate_Hz is None else _column(name, c, stamps) for name, c in more.items()]
     return DataTable(recording.name, stamps, tuple(columns), _notes(recording))
 
 
@@ -116,7 +116,7 @@ def _column(name: str, channel: Channel, stamps: Stamps) -> DataColumn:
     return DataColumn(f"{name}_interp_{unit}", channel.unit, values, missing)
 
 
-def _placed(name: str, channel: Channel, stamps: Stamps) -> DataColumn:
+def _place(name: str, channel: Channel, stamps: Stamps) -> DataColumn:
     at = np.searchsorted(stamps, channel.stamps_ns)
     values, missing = np.full(len(stamps), np.nan), np.ones(len(stamps), dtype=np.bool_)
     values[at], missing[at] = channel.values, False

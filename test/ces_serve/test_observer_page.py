@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import re
 import sys
-import threading
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -15,10 +12,10 @@ pytest.importorskip("flask", reason="Flask is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
 from browser import open_page, start_browser
+from page_servers import serving
 from playwright.sync_api import expect
 
 from ces_serve.live import link
-from ces_serve.web.server import PageServer
 
 LISTENER = """\
 import json, os, sys, threading, time
@@ -39,20 +36,6 @@ while not os.path.exists("END"):
     send_second(0.0, -250.0)  # a bag that begins again
 time.sleep(600)
 """
-PATIENCE_MS = 30_000
-
-
-@contextmanager
-def serving(folder: Path) -> Iterator[str]:
-    """Yield the address of a server of `folder`."""
-    server = PageServer(folder, "127.0.0.1", 0)
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    try:
-        yield server.url
-    finally:
-        server.stop()
-        thread.join()
 
 
 def test_a_bag_that_begins_again_is_followed_and_silence_is_shown(
@@ -65,9 +48,9 @@ def test_a_bag_that_begins_again_is_followed_and_silence_is_shown(
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     with serving(tmp_path) as url, open_page("about:blank", network=True) as page:
         page.goto(f"{url}observer")
-        expect(page.locator("#statuses")).to_contain_text("ok /observer: rear: estimating", timeout=PATIENCE_MS)
-        expect(page.locator(".now")).to_contain_text("−250 N (band −260 to −240 N)", timeout=PATIENCE_MS)
+        expect(page.locator("#statuses")).to_contain_text("ok /observer: rear: estimating")
+        expect(page.locator(".now")).to_contain_text("−250 N (band −260 to −240 N)")
         (tmp_path / "end").touch()
-        expect(page.locator(".now")).to_contain_text("no estimate for", timeout=PATIENCE_MS)
+        expect(page.locator(".now")).to_contain_text("no estimate for")
         silent = re.compile("stale /observer: rear: silent for [0-9]+ s; before: estimating")
-        expect(page.locator("#statuses")).to_contain_text(silent, timeout=PATIENCE_MS)
+        expect(page.locator("#statuses")).to_contain_text(silent)

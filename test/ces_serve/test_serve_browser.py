@@ -7,7 +7,6 @@ import pytest
 pytest.importorskip("flask", reason="Flask is not installed")
 
 import re
-import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,27 +14,14 @@ from pathlib import Path
 from typing import Any
 
 from browser import find_clipped, find_low_contrast, open_page, start_browser
+from page_servers import serving
 from served_folders import described_model, fill_folder
 
 from ces_identify.progress_file import SearchProgressFile
 from ces_serve.files.catalogue import FRESH_S
-from ces_serve.web.server import PageServer
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from playwright.sync_api import expect
-
-
-@contextmanager
-def serving(folder: Path) -> Iterator[str]:
-    """Yield the address of a server of `folder`."""
-    server = PageServer(folder, "127.0.0.1", 0)
-    thread = threading.Thread(target=server.run)
-    thread.start()
-    try:
-        yield server.url
-    finally:
-        server.stop()
-        thread.join()
 
 
 @contextmanager
