@@ -43,6 +43,7 @@ class Vehicle(Party):
         self.estimates: list[JointState] = []
         self.statuses: list[DiagnosticStatus] = []
         self.driven: list[int] = []  # stamps of the positions published by drive
+        self.late_s = 0.0  # the most that the last drive was late: something held this process up
         self.node.create_subscription(JointState, "observer/estimate", self._hear_estimate, DEEP)
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_diagnostics, DEEP)
         self.reloads = ModelReloads(self.node, "observer")
@@ -112,8 +113,10 @@ class Vehicle(Party):
         times: list[int] = []
         offset_ns = round(clock_offset_s * 1e9)
         start, start_ns = time.monotonic(), time.time_ns()
+        self.late_s = 0.0
         for k in range(round(duration_s * RATE_HZ)):
             late_s = time.monotonic() - start - k / RATE_HZ
+            self.late_s = max(self.late_s, late_s)
             time.sleep(max(0.0, -late_s))
             if late_s > LATE_S and not contiguous:
                 start, start_ns = start + late_s, start_ns + round(late_s * RATE_HZ) * 10**9 // RATE_HZ
@@ -139,9 +142,9 @@ class Vehicle(Party):
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp_ns, 10**9)
         self.stamped_current.publish(message)
 
-    def stamps(self) -> list[int]:
-        """Return the stamps of the estimates heard [ns]."""
-        return [stamp_of(estimate) for estimate in list(self.estimates)]
+    def stamps(self, since_ns: int = 0) -> list[int]:
+        """Return the stamps of the estimates heard [ns], from `since_ns` on."""
+        return [stamp for stamp in map(stamp_of, list(self.estimates)) if stamp >= since_ns]
 
     def hears(self, text: str, level: bytes | None = DiagnosticStatus.ERROR, since: int = 0) -> DiagnosticStatus:
         """Wait for a status of this level, None for any, that has `text` in its message, and return it.
