@@ -49,11 +49,15 @@ class Episodes:
             self._reasons.append(reason)
 
     def end_episode(self, now_ns: int, withheld: int) -> None:
-        """End the episode, if there is one; `withheld` counts the samples withheld so far."""
+        """End the episode, if there is one; `withheld` counts the samples withheld so far.
+
+        One that began at 0, before the first /clock of simulated time, is taken to begin now.
+        """
         if not self._reasons:
             return
-        length_s = max(0, now_ns - self._start_ns) * 1e-9
-        episode = Episode(self._start_ns, length_s, tuple(self._reasons), withheld - self._withheld)
+        start_ns = self._start_ns or now_ns
+        length_s = max(0, now_ns - start_ns) * 1e-9
+        episode = Episode(start_ns, length_s, tuple(self._reasons), withheld - self._withheld)
         self._reasons.clear()
         self.total += 1
         self.last.append(episode)

@@ -156,6 +156,18 @@ def test_an_episode_with_several_reasons_names_them_in_order() -> None:
     assert dict(health.status("").values)["last episode 1"].endswith("(50 samples withheld)")
 
 
+def test_an_episode_that_began_before_the_first_clock_does_not_last_since_1970() -> None:
+    damper, health = damper_and_health()
+    began_ns = 1_795_392_125 * 10**9
+    for k in range(200):
+        before = damper.reason
+        damper.step(began_ns + k * MS, 0.01, began_ns + k * MS)
+        if damper.reason != before:
+            health.note_change(0 if k < 10 else began_ns + k * MS)  # as the node's clock then says
+    assert health.status("").message == f"estimating; recovered from {WARMING_UP} (0 s)"
+    assert dict(health.status("").values)["last episode 1"].startswith("1795392125.0")
+
+
 def test_an_ended_episode_is_reported_even_if_another_has_begun() -> None:
     damper, health = damper_and_health()
     for k in range(200):

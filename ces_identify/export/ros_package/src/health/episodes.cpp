@@ -37,6 +37,7 @@ void Episodes::add_withheld(Reason reason, Nanoseconds now, std::uint64_t withhe
 void Episodes::end_episode(Nanoseconds now, std::uint64_t withheld)
 {
   if (present_.reason_count == 0) {return;}
+  if (present_.start == 0) {present_.start = now;}
   present_.length_s = to_s(std::max(Nanoseconds(0), now - present_.start));
   present_.withheld = withheld - present_.withheld;
   last_[total_++ % MAX_EPISODES] = present_;

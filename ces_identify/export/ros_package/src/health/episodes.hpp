@@ -44,6 +44,7 @@ public:
   void add_withheld(Reason reason, Nanoseconds now, std::uint64_t withheld_before);
 
   // End the episode, if there is one; `withheld` counts the samples withheld so far.
+  // One that began at 0, before the first /clock of simulated time, is taken to begin now.
   void end_episode(Nanoseconds now, std::uint64_t withheld);
 
   std::uint64_t total() const {return total_;}
