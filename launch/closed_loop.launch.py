@@ -19,6 +19,7 @@ from ces_observer.nodes.launch_arguments import check_files, check_names
 
 SHARE = get_package_share_path("ces_observer")
 ANSWER_S = 2.0  # longest wait in lockstep
+SILENCE_S = 10.0  # in lockstep, until the controller commands the safe current unasked: longer than that wait
 ARGUMENTS = {
     "model": (SHARE / "config" / "models" / "sample.json", "model file of observer and controller"),
     "model_topic": ("", "latched topic of models that observer and controller both change to; empty: none"),
@@ -61,7 +62,7 @@ def generate_launch_description() -> LaunchDescription:
             OpaqueFunction(function=check_arguments),
             node("rig", rig),
             node("observer", model),
-            node("controller", {**model, "feedback": argument_value("feedback")}),
+            OpaqueFunction(function=make_controller, args=[{**model, "feedback": argument_value("feedback")}]),
         ]
     )
 
@@ -70,6 +71,14 @@ def check_arguments(context: LaunchContext) -> None:
     check_names(__file__, list(ARGUMENTS))
     files = ("model", "rig_params", "observer_params", "controller_params")
     check_files({name: context.launch_configurations[name] for name in files})
+
+
+def make_controller(context: LaunchContext, parameters: dict[str, Any]) -> list[Node]:
+    """Return the controller; in lockstep it waits for the rig rather than the rig for it."""
+    given = context.launch_configurations
+    simulated = given["use_sim_time"].lower() == "true"
+    in_lockstep = simulated and given["real_time_factor"].strip("0") in ("", ".")
+    return [node("controller", {**parameters, **({"timeout_s": SILENCE_S} if in_lockstep else {})})]
 
 
 def node(name: str, parameters: dict[str, Any]) -> Node:

@@ -21,6 +21,7 @@ from ces_observer.nodes.executors import collect_garbage, run
 from ces_observer.nodes.node_parameters import TableNode, declare_table
 from ces_rig.drive import vehicle_kernel as qv
 from ces_rig.errors import RigError
+from ces_rig.live.lockstep import Lockstep
 from ces_rig.live.node_table import OF_THE_NODE, OF_THE_RIG, RigNodeSettings, read_settings
 from ces_rig.live.pace import Pace
 from ces_rig.live.rig import LIVE, SET_POINTS, VEHICLE, LiveRig, RigSettings
@@ -33,7 +34,6 @@ LAG_S = 0.1  # lag above which the node warns
 DRIFT_S = 0.01  # drift of the system clock from the steady clock above which the stamps are corrected
 IDLE_S = 1e-3  # period of the timer when the readers of the samples set the pace
 MIN_PERIOD_S = 1e-4
-QUIET = 1000  # idle periods without a command after which no answer to earlier samples can be on its way
 
 
 class Rig(TableNode):
@@ -47,7 +47,7 @@ class Rig(TableNode):
         self.executor_choice = own.executor
         self._own, self._rig = own, _build_rig(settings, self)
         self._free = own.publish_clock and own.real_time_factor == 0.0
-        self._answers = self._free and own.answer_s > 0.0
+        self._lockstep = Lockstep(own.answer_s, monotonic()) if self._free and own.answer_s > 0.0 else None
         self._topics = RigTopics(
             self,
             own.joint,
@@ -62,9 +62,7 @@ class Rig(TableNode):
             self._topics.listen_to_strokes(self._rig.follower.set_stroke)
         self.add_on_set_parameters_callback(self._check_parameters)
         self.add_post_set_parameters_callback(self._apply_parameters)
-        self._sample_s, self._blows, self._refused, self._commanded = monotonic(), 0, 0, False
-        self._overdue = False  # an answer is overdue: samples do not wait until one comes
-        self._quiet = 0  # idle periods since a commander appeared, or since its last command before samples wait for it
+        self._blows = self._refused = self._unasked = 0
         self._start()
 
     def _start(self) -> None:
@@ -74,7 +72,7 @@ class Rig(TableNode):
         self._first_ns = CLOCK_START_NS if self._own.publish_clock else self.get_clock().now().nanoseconds
         self._pace = Pace(self._rig.period_s, self._begin_s, factor or 1.0)
         period_s = (
-            max(self._rig.period_s / factor, MIN_PERIOD_S) if factor else IDLE_S if self._answers else MIN_PERIOD_S
+            max(self._rig.period_s / factor, MIN_PERIOD_S) if factor else IDLE_S if self._lockstep else MIN_PERIOD_S
         )
         self.create_timer(period_s, self._follow if self._free else self._keep_pace, clock=steady)
         self.create_timer(1.0, self._watch, clock=steady)
@@ -87,11 +85,8 @@ class Rig(TableNode):
 
     def _follow(self) -> None:
         """Make samples as fast as the readers allow, or without waiting while an answer is overdue."""
-        if self._answers:
-            self._quiet += 1
-            late = monotonic() - self._sample_s > self._own.answer_s
-            self._overdue = self._overdue or (self._waits and late)
-            if not self._commanded or self._overdue or self._quiet == QUIET:
+        if self._lockstep:
+            if self._lockstep.is_due_idle(monotonic()):
                 self._tick()
             return
         for _ in range(AT_ONCE):  # a reliable reader that keeps all messages blocks `publish`
@@ -99,21 +94,14 @@ class Rig(TableNode):
 
     def _tick(self) -> None:
         sample = self._rig.tick()
-        self._sample_s = monotonic()
+        if self._lockstep:
+            self._lockstep.mark_sample(monotonic())
         self._topics.publish(sample, self._first_ns + sample.tick * SECOND_NS // self._rig.settings.rate_hz)
-
-    @property
-    def _waits(self) -> bool:
-        """Whether all answers to the samples made before waiting began have arrived."""
-        return self._quiet >= QUIET
 
     def _on_command(self, current_A: float) -> None:
         self._rig.command.set_current(current_A, self._rig.time_s)
-        if self._answers and self._commanded:
-            if self._waits and not self._overdue:
-                self._tick()
-            else:
-                self._overdue, self._quiet = False, 0
+        if self._lockstep and self._lockstep.take_command():
+            self._tick()
 
     def _watch(self) -> None:
         """Check clocks and report problems, once a second."""
@@ -127,10 +115,16 @@ class Rig(TableNode):
         self._publish_status()
 
     def _look_for_commander(self) -> None:
-        """When one appears, ignore the answers to earlier samples, or each would trigger samples forever."""
-        before, self._commanded = self._commanded, self._topics.is_commanded()
-        if self._commanded and not before:
-            self._overdue, self._quiet = False, 0
+        """Look for one, and warn if it sends commands that answer no sample."""
+        if not self._lockstep:
+            return
+        self._lockstep.find_commander(self._topics.is_commanded())
+        if self._lockstep.unasked > self._unasked:
+            self._unasked = self._lockstep.unasked
+            self.get_logger().warning(
+                f"commands come without samples, so samples may not wait for their answers; set the controller's "
+                f"timeout_s above answer_s ({self._own.answer_s:g} s)"
+            )
 
     def _follow_clock(self) -> None:
         """Keep the stamps on the system clock when it is set or drifts away from the steady clock."""
