@@ -109,6 +109,36 @@ def test_two_models_are_compared_by_clicking(url: str) -> None:
         expect(page.get_by_role("button", name="Compare")).to_be_visible()
 
 
+def test_recordings_to_compare_on_are_filtered_and_chosen_ones_stay(tmp_path: Path) -> None:
+    start_browser()
+    for name in ("first", "second"):
+        described_model().save(tmp_path / f"{name}.json")
+    for k in range(13):
+        (tmp_path / f"week_{k}.mcap").touch()
+    (tmp_path / "sine_4hz").mkdir()
+    (tmp_path / "sine_4hz" / "metadata.yaml").touch()  # on which both were validated
+    with serving(tmp_path) as address, own_page(f"{address}compare?model=first.json&model=second.json") as page:
+        shown = page.locator("#recordings li:visible")
+        expect(shown.first).to_contain_text("sine_4hz")
+        expect(page.get_by_role("button", name="Compare")).to_be_in_viewport()
+        page.get_by_label("Filter").fill("week 12")
+        expect(shown).to_have_count(2)
+        expect(shown.locator("input:checked")).to_have_count(1)
+
+
+def test_a_folder_that_is_moved_away_is_missed_and_found_again(tmp_path: Path) -> None:
+    start_browser()
+    folder = tmp_path / "results"
+    folder.mkdir()
+    described_model().save(folder / "a.json")
+    with serving(folder) as address, own_page(address) as page:
+        expect(page.locator("tbody tr")).to_have_count(1)
+        folder.rename(tmp_path / "moved")
+        expect(page.locator(".warning")).to_contain_text("cannot be read now: No such file or directory")
+        (tmp_path / "moved").rename(folder)
+        expect(page.locator("tbody tr")).to_have_count(1)
+
+
 def test_a_comparison_survives_reload_back_and_forward(tmp_path: Path) -> None:
     start_browser()
     with serving(fill_folder(tmp_path)) as address, own_page(f"{address}list/model") as page:

@@ -120,6 +120,20 @@
     showChoice();
   }
 
+  // ---- choices that are filtered where they are; what is chosen stays in sight --------------------------------------
+
+  for (const field of document.querySelectorAll("[data-filters]")) {
+    const rows = document.getElementById(field.dataset.filters).children;
+    field.addEventListener("input", () => {
+      const words = field.value.toLowerCase().split(/\s+/);
+      for (const row of rows) {
+        const text = row.textContent.toLowerCase();
+        row.hidden = !row.querySelector("input").checked && !words.every(word => text.includes(word));
+      }
+    });
+    field.addEventListener("keydown", event => { if (event.key === "Enter") event.preventDefault(); });
+  }
+
   // ---- work in progress ---------------------------------------------------------------------------------------------
 
   for (const place of document.querySelectorAll("[data-work]")) {
