@@ -15,6 +15,7 @@ from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLin
 
 WIDTH = 760.0
 LIVE_S = 10.0  # [s] that the view of a running observer shows
+MAX_OVER_BEST = 5.0  # of a search: the first costs, which are far higher, would leave the rest a flat line
 NO_LINE: F = np.array([-LIVE_S, 0.0])
 NOTHING: F = np.full(2, np.nan)
 UNITS = {"position": "Position [m]", "current": "Current [A]", "force": "Force [N]"}
@@ -92,17 +93,20 @@ def search_chart(rows: Sequence[Mapping[str, Any]], title: str) -> list[Markup]:
     found = [row for row in rows if isinstance(row.get("cost"), int | float)]
     if not found:
         return []
-    time_s, cost = _array(row["elapsed_s"] for row in found), _array(row["cost"] for row in found)
+    limit = MAX_OVER_BEST * min(row["cost"] for row in found)
+    shown = [row for row in found if row["cost"] <= limit]
+    time_s, cost = _array(row["elapsed_s"] for row in shown), _array(row["cost"] for row in shown)
     best = np.minimum.accumulate(cost)
     steps = np.repeat(time_s, 2)[1:], np.repeat(best, 2)[:-1]
-    ended = np.array([row.get("ended") != "running" for row in found])
+    ended = np.array([row.get("ended") != "running" for row in shown])
     marks: list[PlotLine | PlotDots] = [
         PlotLine("best so far", *steps, series_css(0)),
         PlotDots("improvement", time_s[~ended], cost[~ended], f"{series_css(0)} spot"),
         PlotDots("end of a start", time_s[ended], cost[ended], f"{series_css(1)} spot"),
     ]
     text = f"Selection cost of the best model so far: {best[-1]:.2f} % after {time_s[-1]:.1f} s."
-    area = PlotArea("Selection cost J [%]", marks, height=240.0)
+    label = "Selection cost J [%]" + (f", up to {MAX_OVER_BEST:g} times the best" if len(shown) < len(found) else "")
+    area = PlotArea(label, marks, height=240.0)
     plot = Plot("search", title, text, "Time [s]", [area], WIDTH, x_view=(0.0, 1.03 * float(time_s[-1])))
     return [draw_plot(plot)]
 

@@ -169,13 +169,17 @@ def test_a_running_search_grows_and_ends(tmp_path: Path) -> None:
             page.mouse.move(0, 0)  # a chart under the mouse stays as it is
             points = page.locator("#search-plot g.area path.spot")
             before = len(points.first.get_attribute("d") or "")
-            for cost in (20.0, 12.0, 8.25):
+            for cost in (20.0, 12.0, 8.25, 80.0):
                 file.write({"seed": 1, "cost": cost, "size": 5, "ended": "running"})
             expect(page.locator(".headline").first).to_contain_text("J = 8.25 %")
             assert len(points.first.get_attribute("d") or "") > before
             expect(page.locator(".plot-frame")).to_have_count(1)  # it can be zoomed after each change
+            expect(page.locator("#search-plot")).to_contain_text("up to 5 times the best")
+            expect(page.locator("td", has_text="running")).to_have_text("running")
             described_model().save(tmp_path / "new.json")
             file.__exit__(None, None, None)
+            expect(page.locator("td", has_text="running")).to_have_text("was running")
+            expect(page.locator(".following")).to_have_count(0)
             page.get_by_role("link", name="new.json").click()
             expect(page.locator(".headline")).to_contain_text("Polynomial, 3 terms")
 

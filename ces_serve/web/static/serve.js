@@ -153,7 +153,13 @@
   for (const place of document.querySelectorAll("[data-follow]")) {
     follow(place.dataset.follow, {
       content: html => { if (!place.querySelector(".plot-frame:focus, .plot-frame:hover")) fill(place, html); },
-      ended: (html, stop) => { stop(); document.querySelector(".kind").textContent = "ended"; place.insertAdjacentHTML("afterbegin", html); },
+      ended: (html, stop) => {
+        stop();
+        document.querySelector(".kind").textContent = "ended";
+        document.querySelector(".following").remove();
+        for (const cell of place.querySelectorAll("td")) if (cell.textContent === "running") cell.textContent = "was running";
+        place.insertAdjacentHTML("afterbegin", html);
+      },
     });
   }
 

@@ -72,12 +72,12 @@ def test_it_serves_until_ctrl_c(tmp_path: Path) -> None:
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_it_ends_in_order_when_its_connection_breaks(tmp_path: Path, number: signal.Signals) -> None:
     shutil.copytree(BAGS / "sine_4hz", tmp_path / "results" / "sine_4hz")
-    with serving(tmp_path / "results", TMPDIR=str(tmp_path)) as (process, url):
-        with urllib.request.urlopen(f"{url}events/inspect/sine_4hz") as answer:
-            assert answer.readline() == b"retry: 2000\n"
-            wait_until(lambda: bool(list(tmp_path.glob("ces-serve-*"))), "the work has begun")
-            process.send_signal(number)
-            assert process.communicate(timeout=PATIENCE_S) == ("stopped\n", "")
+    running = serving(tmp_path / "results", TMPDIR=str(tmp_path))
+    with running as (process, url), urllib.request.urlopen(f"{url}events/inspect/sine_4hz") as answer:
+        assert answer.readline() == b"retry: 2000\n"
+        wait_until(lambda: bool(list(tmp_path.glob("ces-serve-*"))), "the work has begun")
+        process.send_signal(number)
+        assert process.communicate(timeout=PATIENCE_S) == ("stopped\n", "")
     assert list(tmp_path.glob("ces-serve-*")) == []
 
 
