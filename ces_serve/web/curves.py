@@ -22,9 +22,9 @@ UNITS = {"position": "Position [m]", "current": "Current [A]", "force": "Force [
 
 
 def campaign_chart(number: int, bags: str, rows: Sequence[Row]) -> Markup | None:
-    """Return selection cost against parameters, with the front; None if no model has a cost."""
+    """Return selection cost against parameters, with the front; None unless models of two sizes have a cost."""
     rows = [row for row in rows if row["selection_J"] is not None]
-    if not rows:
+    if len({row["parameters"] for row in rows}) < 2:
         return None
     structures = list(dict.fromkeys(str(row["structure"]) for row in rows))
     best = front(rows)

@@ -31,8 +31,7 @@ pages = Blueprint("searches", __name__)
 @pages.get("/search/<path:path>")
 def show(path: str) -> str:
     """Return the page of a running program; of one that has ended, what it wrote."""
-    search = _find(path)
-    began_s = _began_s(_left_behind(site(), path))
+    search, left = _find(path), _left_behind(site(), path)
     content = _content_now(site(), path, search.progress) if search else PageContent()
     return render_template(
         "search.html",
@@ -40,7 +39,8 @@ def show(path: str) -> str:
         kind="",
         running=search is not None,
         content=content,
-        outcome=_outcome(site(), path, began_s),
+        outcome=_outcome(site(), path, _began_s(left)),
+        killed=left is not None,
         events=url_for("searches.follow", path=path),
         can_compare=False,
     )
@@ -50,7 +50,7 @@ def show(path: str) -> str:
 def follow(path: str) -> Response:
     """Stream the content of the page whenever the program has written more, until it ends; only its end if it has."""
     search = _find(path)
-    return streams().respond(_follow(site(), search) if search else _end(site(), path, 0.0))
+    return streams().respond(_follow(site(), search) if search else _end(site(), path))
 
 
 def describe_search(search: RunningSearch) -> str:
@@ -108,7 +108,7 @@ def _follow(where: Site, search: RunningSearch) -> Events:
         now = _size(search.file)
         progress = read_progress(search.file) if now != before or looks % REPORT_EVERY == 0 else None
         if now is None or (progress is not None and not progress.alive):
-            yield from _end(where, search.path, _began_s(search.progress))
+            yield from _end(where, search.path, search.progress, killed=now is not None)
             return
         if progress is not None:
             yield "content", render_template("content.html", content=_content_now(where, search.path, progress))
@@ -118,8 +118,9 @@ def _follow(where: Site, search: RunningSearch) -> Events:
         time.sleep(POLL_S)
 
 
-def _end(where: Site, path: str, began_s: float) -> Events:
-    yield "ended", render_template("outcome.html", outcome=_outcome(where, path, began_s))
+def _end(where: Site, path: str, progress: RunProgress | None = None, killed: bool = False) -> Events:
+    outcome = _outcome(where, path, _began_s(progress))
+    yield "ended", render_template("outcome.html", outcome=outcome, killed=killed)
 
 
 def _content_now(where: Site, path: str, progress: RunProgress) -> PageContent:

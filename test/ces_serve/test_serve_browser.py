@@ -180,6 +180,7 @@ def test_a_running_search_grows_and_ends(tmp_path: Path) -> None:
             file.__exit__(None, None, None)
             expect(page.locator("td", has_text="running")).to_have_text("was running")
             expect(page.locator(".following")).to_have_count(0)
+            expect(page.locator(".headline")).to_have_text(["It has ended: new.json, polynomial, 3 terms."])
             page.get_by_role("link", name="new.json").click()
             expect(page.locator(".headline")).to_contain_text("Polynomial, 3 terms")
 

@@ -158,6 +158,7 @@
         document.querySelector(".kind").textContent = "ended";
         document.querySelector(".following").remove();
         for (const cell of place.querySelectorAll("td")) if (cell.textContent === "running") cell.textContent = "was running";
+        place.querySelector(".headline")?.remove();  // how far it was when it was last seen
         place.insertAdjacentHTML("afterbegin", html);
       },
     });

@@ -252,8 +252,8 @@ def test_a_killed_search_does_not_claim_the_result_of_a_run_before(tmp_path: Pat
         if chunk.startswith(b"event: ended"):
             break
     answer.close()
-    assert b"without a new result" in seen[-1] and b"/view/model/new.json" not in seen[-1]
-    assert "without a new result" in text_of(client, "/search/new.json")
+    assert b"killed before its end without a new result" in seen[-1] and b"/view/model/new.json" not in seen[-1]
+    assert "killed before its end without a new result" in text_of(client, "/search/new.json")
 
 
 def test_a_running_campaign_shows_its_results_so_far(tmp_path: Path) -> None:
