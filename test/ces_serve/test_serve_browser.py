@@ -198,7 +198,14 @@ def test_a_report_runs_its_own_script_in_an_origin_of_its_own(url: str) -> None:
 
 
 NARROW = ("", "list/model", "view/model/first.json", "view/campaign/sizes/results.jsonl", "compare?model=first.json")
-LOOKS = [(800, "dark", NARROW), (1280, "light", ("list/model", "observer"))]
+LISTS = ("list/diagnosis", "list/iteration", "list/recording")
+THINGS = ("view/fleet/fleet/fleet.jsonl", "view/iteration/loop/iterations.jsonl")
+LOOKS = [
+    (390, "light", (*NARROW, *LISTS, *THINGS)),
+    (800, "dark", NARROW),
+    (1280, "light", ("list/model", "observer")),
+]
+SCROLLED = "tables => tables.filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent)"
 
 
 @pytest.mark.parametrize(("width", "scheme", "paths"), LOOKS)
@@ -208,3 +215,4 @@ def test_pages_fit_and_have_contrast(url: str, width: int, scheme: Any, paths: t
             page.goto(f"{url}{path}")
             assert find_clipped(page) == [], path
             assert find_low_contrast(page) == [], path
+            assert page.locator("main .wide:not(.plot-table *)").evaluate_all(SCROLLED) == [], path
