@@ -13,7 +13,7 @@ from ces_identify.jobs.row_log import Row
 from ces_identify.numerics.arrays import F
 from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, draw_plot, series_css
 
-WIDTH = 760.0
+WIDTH, NARROW_WIDTH = 760.0, 420.0  # the latter for a phone
 LIVE_S = 10.0  # [s] that the view of a running observer shows
 MAX_OVER_BEST = 5.0  # of a search: the first costs, which are far higher, would leave the rest a flat line
 NO_LINE: F = np.array([-LIVE_S, 0.0])
@@ -111,8 +111,9 @@ def search_chart(rows: Sequence[Mapping[str, Any]], title: str) -> list[Markup]:
     return [draw_plot(plot)]
 
 
-def observer_chart(ident: str, name: str) -> Markup:
+def observer_chart(ident: str, name: str, narrow: bool) -> Markup:
     """Return the chart of a running observer without values, which the page fills while they come."""
+    width = NARROW_WIDTH if narrow else WIDTH
     band = PlotBand("band, 90 %", NO_LINE, NOTHING, NOTHING, "bounds")
     areas = [
         PlotArea("Force [N]", [band, PlotLine("estimate", NO_LINE, NOTHING, "simulated")], 240.0, (-1.0, 1.0)),
@@ -120,7 +121,7 @@ def observer_chart(ident: str, name: str) -> Markup:
         PlotArea("Position [mm]", [PlotLine("position", NO_LINE, NOTHING, series_css(2))], 80.0, (-1.0, 1.0)),
     ]
     text = f"Estimated force with its band, speed and position of {name} in the last {LIVE_S:.0f} s."
-    return draw_plot(Plot(ident, f"Observer {name}", text, "Time [s]", areas, WIDTH, x_view=(-LIVE_S, 0.0)))
+    return draw_plot(Plot(ident, f"Observer {name}", text, "Time [s]", areas, width, x_view=(-LIVE_S, 0.0)))
 
 
 def _points(rows: Sequence[Mapping[str, Any]]) -> tuple[F, F]:

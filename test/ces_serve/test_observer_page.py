@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("flask", reason="Flask is not installed")
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 
-from browser import open_page, start_browser
+from browser import find_clipped, find_collisions, open_page, start_browser
 from page_servers import serving
 from playwright.sync_api import expect
 
@@ -58,14 +58,14 @@ threading.Event().wait()
 
 
 @contextmanager
-def watching(listener: str, folder: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
+def watching(listener: str, folder: Path, monkeypatch: pytest.MonkeyPatch, width: int = 1280) -> Iterator[Any]:
     """Yield the page of running observers, which a script feeds."""
     start_browser()  # skips before the work where there is none
     (folder / "some_listener.py").write_text(listener)
     monkeypatch.setattr(link, "find_python", lambda: sys.executable)
     monkeypatch.setattr(link, "LISTENER", "some_listener")
     monkeypatch.setenv("PYTHONPATH", str(folder))
-    with serving(folder) as url, open_page("about:blank", network=True) as page:
+    with serving(folder) as url, open_page("about:blank", network=True, width=width) as page:
         page.goto(f"{url}observer")
         yield page
 
@@ -79,8 +79,11 @@ def test_no_line_is_drawn_over_a_pause(tmp_path: Path, monkeypatch: pytest.Monke
 
 def test_observers_that_have_ended_are_said_to_have_ended(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     ends = PAUSE.replace("threading.Event()", 'send({"topics": []}); threading.Event()')
-    with watching(ends, tmp_path, monkeypatch) as page:
+    with watching(ends, tmp_path, monkeypatch, width=390) as page:
         expect(page.locator("#state")).to_have_text("listening; no observer publishes an estimate now")
+        assert (find_clipped(page), find_collisions(page)) == ([], [])
+        drawn_px = page.locator(".observer .tick").first.evaluate("e => e.getBBox().height * e.getScreenCTM().a")
+        assert drawn_px > 12.0
 
 
 def test_a_bag_that_begins_again_is_followed_and_silence_is_shown(

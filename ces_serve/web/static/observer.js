@@ -98,8 +98,6 @@
       section.append(heading, now, figure);
       place.append(section);
       globalThis.cesPlots.attachAll(figure);
-      const frame = figure.querySelector(".plot-frame");
-      frame.scrollLeft = frame.scrollWidth;  // now is at the right
       observers.set(topic, new LiveObserver(section, topic));
     }
     const count = topics.length;
@@ -152,7 +150,8 @@
 
   setInterval(() => { if (!document.hidden) showStatuses(); }, 1000);
 
-  globalThis.cesServe.follow(state.dataset.listen, {
+  const isNarrow = matchMedia("(max-width: 560px)").matches;
+  globalThis.cesServe.follow(state.dataset.listen + (isNarrow ? "?narrow" : ""), {
     topics: showTopics,
     observer: (message, stop) => {
       if (message.missing || message.ended) { stop(); state.textContent = message.missing || message.ended; }
