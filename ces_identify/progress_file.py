@@ -26,6 +26,7 @@ SUFFIX = ".progress"
 MAX_BYTES = 8_000_000
 FOREIGN_SILENCE_S = 60.0  # without a new line for so long, a run on another computer is taken for ended
 RUNNING = "running"
+ENDED = ("Z", "X")  # states of a process in /proc
 
 
 def progress_path(output: Path) -> Path:
@@ -150,8 +151,12 @@ def _is_alive(head: Mapping[str, Any], written_s: float) -> bool:
 
 
 def _process_start(pid: int) -> str:
-    """Return when a process started, in the kernel's ticks; empty where the system has no /proc."""
+    """Return when a process started, in the kernel's ticks; empty where the system has no /proc, and once it has ended.
+
+    A process that has ended is there until its parent has asked, which in a container may be never.
+    """
     try:
-        return Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()[19]
+        fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        return "" if fields[0] in ENDED else fields[19]
     except (OSError, IndexError):
         return ""

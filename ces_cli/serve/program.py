@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import argparse
 import re
-import webbrowser
+import signal
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 
+from ces_cli.serve.desktop import open_browser
 from ces_cli.terminal import terminal
 from ces_observer.errors import CesError
 
 LOOPBACK = "127.0.0.1"
 PORT = 8000
+ENDS = ("SIGTERM", "SIGHUP")  # of a service, and of an ssh connection that breaks
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -65,9 +67,17 @@ def _serve(options: argparse.Namespace) -> None:
     server = PageServer(options.folder, options.host, options.port, options.observer or "", options.signals)
     if not is_loopback(options.host):
         terminal.print_warning(f"--host {options.host}: everyone on that network can read {options.folder}")
-    print(f"{options.folder}: {server.url}  (Ctrl-C ends it)", flush=True)
-    if options.open:
-        webbrowser.open(server.url)
     with suppress(KeyboardInterrupt):
+        _end_in_order()
+        print(f"{options.folder}: {server.url}  (Ctrl-C ends it)", flush=True)
+        if options.open:
+            open_browser(server.local_url)
         server.run()
     print("stopped")
+
+
+def _end_in_order() -> None:
+    """End at the other signals as at Ctrl-C, so that temporary files go; not at one that is ignored, as under nohup."""
+    for number in (getattr(signal, name) for name in ENDS if hasattr(signal, name)):
+        if signal.getsignal(number) == signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)

@@ -36,6 +36,7 @@ class _Walk:
     searches: list[RunningSearch] = field(default_factory=list)
     files: int = 0
     cut: bool = False
+    problem: str = ""
 
 
 class Catalogue:
@@ -65,14 +66,15 @@ class Catalogue:
             for entry in self._visit(folder, entries, walk, before):
                 walk.items.append(entry)
         walk.items.sort(key=lambda one: (-one.modified_s, one.path))
-        return Listing(tuple(walk.items), tuple(walk.searches), walk.cut, time.monotonic())
+        return Listing(tuple(walk.items), tuple(walk.searches), walk.cut, time.monotonic(), walk.problem)
 
     def _folders(self, folder: Path, depth: int, walk: _Walk) -> Iterator[tuple[Path, list[os.DirEntry[str]]]]:
         """Yield the folders, each with its entries; links to folders are not followed, nor what is too deep."""
         try:
             with os.scandir(folder) as found:
                 entries = sorted(found, key=lambda entry: entry.name)
-        except OSError:
+        except OSError as error:
+            self._explain_missing(folder, error, walk)
             return
         walk.files += len(entries)
         if walk.files > MAX_FILES or depth > MAX_DEPTH:
@@ -85,6 +87,14 @@ class Catalogue:
         for entry in entries:
             if not entry.name.startswith(".") and entry.name not in SKIPPED and entry.is_dir(follow_symlinks=False):
                 yield from self._folders(folder / entry.name, depth + 1, walk)
+
+    def _explain_missing(self, folder: Path, error: OSError, walk: _Walk) -> None:
+        """Say why a folder cannot be listed, unless it is below and has gone since its name was read."""
+        if folder == self.folder.root:
+            walk.problem = f"the folder cannot be read now: {error.strerror or error}"
+        elif not isinstance(error, FileNotFoundError):
+            problem = f"the folder cannot be read: {error.strerror or error}"
+            walk.items.append(Item(item.UNREADABLE, self.folder.relative(folder), 0.0, {}, problem))
 
     def _has_address(self, folder: Path, entry: os.DirEntry[str], walk: _Walk) -> bool:
         """Return whether a name can stand in an address; folders and files of ours that have another one are listed."""

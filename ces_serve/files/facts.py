@@ -82,7 +82,7 @@ def diagnosis_facts(path: Path) -> Facts:
     gap, after = content["gap"], content["composition"]["gap_after_N"]
     return {
         "verdict": str(content["verdict"]).replace("_", " "),
-        "effects": [str(effect) for effect in content["composition"]["effects"]],
+        "effects": [str(effect).replace("_", " ") for effect in content["composition"]["effects"]],
         "gap_N": number(gap["rms_N"]),
         "after_N": number(after),
         "cost_J": number(gap["cost_J"]),

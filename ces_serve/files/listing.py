@@ -23,12 +23,16 @@ class RunningSearch:
 
 @dataclass(frozen=True)
 class Listing:
-    """What one walk found, newest first; `cut` says that there is more than the limits allow."""
+    """What one walk found, newest first; `cut` says that there is more than the limits allow.
+
+    `problem` is why the folder itself cannot be read, empty if it can.
+    """
 
     items: tuple[Item, ...]
     searches: tuple[RunningSearch, ...]
     cut: bool
     made_s: float
+    problem: str = ""
 
     def of_kind(self, kind: str) -> tuple[Item, ...]:
         """Return the things of one kind."""

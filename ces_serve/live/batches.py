@@ -16,10 +16,15 @@ Bounds = tuple[float, float]  # [N]
 
 @dataclass
 class EstimateBatches:
-    """Pairs estimates with their bands by stamp [ns], and thins them out."""
+    """Pairs estimates with their bands by stamp [ns], and thins them out.
+
+    A band comes after its estimate: where bands come, the estimates after the last one wait for the next batch, once.
+    """
 
     samples: dict[int, Sample] = field(default_factory=dict)
     bounds: dict[int, Bounds] = field(default_factory=dict)
+    _newest_ns: int | None = None  # stamp of the last band since the last batch
+    _waited: frozenset[int] = frozenset()
 
     def add_estimate(self, stamp_ns: int, position_m: float, speed_m_s: float, force_N: float) -> None:
         """Receive an estimate."""
@@ -28,6 +33,7 @@ class EstimateBatches:
     def add_band(self, stamp_ns: int, lower_N: float, upper_N: float) -> None:
         """Receive the bounds of an estimate, which may be still to come."""
         self.bounds[stamp_ns] = (lower_N, upper_N)
+        self._newest_ns = stamp_ns
         while len(self.bounds) > MAX_WAITING:
             del self.bounds[next(iter(self.bounds))]
 
@@ -37,7 +43,7 @@ class EstimateBatches:
         `count` is the number of estimates behind them; lists `time_ns` (text: JSON's numbers lose nanoseconds),
         `force`, `lower`, `upper` (null without a band), `position` and `speed`.
         """
-        samples, self.samples = sorted(self.samples.items()), {}
+        samples = sorted(self._take_paired().items())
         if not samples:
             return None
         points = _thin_out(samples)
@@ -53,6 +59,15 @@ class EstimateBatches:
             "lower": [band[0] for band in bands],
             "upper": [band[1] for band in bands],
         }
+
+    def _take_paired(self) -> dict[int, Sample]:
+        """Return the samples whose band is there, or is not to be waited for; the others stay."""
+        newest_ns, self._newest_ns = self._newest_ns, None
+        late = {stamp for stamp in self.samples.keys() - self._waited if newest_ns is not None and stamp > newest_ns}
+        taken = {stamp: sample for stamp, sample in self.samples.items() if stamp not in late}
+        self.samples = {stamp: self.samples[stamp] for stamp in late}
+        self._waited = frozenset(late)
+        return taken
 
 
 def _thin_out(samples: list[tuple[int, Sample]]) -> list[tuple[int, Sample]]:

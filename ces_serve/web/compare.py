@@ -16,6 +16,7 @@ from ces_serve.web.site import Site, site, stamp
 from ces_serve.web.work_events import stream_work
 
 MAX_MODELS, MAX_RECORDINGS = 8, 12  # on a page, as many as its charts can show
+MAX_OTHERS = 100  # models offered beside those that were chosen
 LIMIT_S = 180.0
 
 pages = Blueprint("compare", __name__)
@@ -26,15 +27,18 @@ def choose() -> str:
     """Return the page where recordings are chosen for the chosen models."""
     listing = site().catalogue.listing()
     models = _chosen(MODEL, "model")
+    others = [one for one in listing.of_kind(MODEL) if one not in models]
     recordings = listing.of_kind(RECORDING)
+    suggested = _suggest(models, recordings)
     return render_template(
         "compare.html",
         title="Compare models",
         kind=MODEL,
         models=models,
-        others=[one for one in listing.of_kind(MODEL) if one not in models][:100],
-        recordings=recordings,
-        suggested=_suggest(models, recordings),
+        others=others[:MAX_OTHERS],
+        more=len(others[MAX_OTHERS:]),
+        recordings=sorted(recordings, key=lambda one: one.path not in suggested),
+        suggested=suggested,
         uses={one.path: _describe_use(one, models) for one in recordings},
         max_models=MAX_MODELS,
         max_recordings=MAX_RECORDINGS,

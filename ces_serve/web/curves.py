@@ -13,17 +13,18 @@ from ces_identify.jobs.row_log import Row
 from ces_identify.numerics.arrays import F
 from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, draw_plot, series_css
 
-WIDTH = 760.0
+WIDTH, NARROW_WIDTH = 760.0, 420.0  # the latter for a phone
 LIVE_S = 10.0  # [s] that the view of a running observer shows
+MAX_OVER_BEST = 5.0  # of a search: the first costs, which are far higher, would leave the rest a flat line
 NO_LINE: F = np.array([-LIVE_S, 0.0])
 NOTHING: F = np.full(2, np.nan)
 UNITS = {"position": "Position [m]", "current": "Current [A]", "force": "Force [N]"}
 
 
 def campaign_chart(number: int, bags: str, rows: Sequence[Row]) -> Markup | None:
-    """Return selection cost against parameters, with the front; None if no model has a cost."""
+    """Return selection cost against parameters, with the front; None unless models of two sizes have a cost."""
     rows = [row for row in rows if row["selection_J"] is not None]
-    if not rows:
+    if len({row["parameters"] for row in rows}) < 2:
         return None
     structures = list(dict.fromkeys(str(row["structure"]) for row in rows))
     best = front(rows)
@@ -92,23 +93,27 @@ def search_chart(rows: Sequence[Mapping[str, Any]], title: str) -> list[Markup]:
     found = [row for row in rows if isinstance(row.get("cost"), int | float)]
     if not found:
         return []
-    time_s, cost = _array(row["elapsed_s"] for row in found), _array(row["cost"] for row in found)
+    limit = MAX_OVER_BEST * min(row["cost"] for row in found)
+    shown = [row for row in found if row["cost"] <= limit]
+    time_s, cost = _array(row["elapsed_s"] for row in shown), _array(row["cost"] for row in shown)
     best = np.minimum.accumulate(cost)
     steps = np.repeat(time_s, 2)[1:], np.repeat(best, 2)[:-1]
-    ended = np.array([row.get("ended") != "running" for row in found])
+    ended = np.array([row.get("ended") != "running" for row in shown])
     marks: list[PlotLine | PlotDots] = [
         PlotLine("best so far", *steps, series_css(0)),
         PlotDots("improvement", time_s[~ended], cost[~ended], f"{series_css(0)} spot"),
         PlotDots("end of a start", time_s[ended], cost[ended], f"{series_css(1)} spot"),
     ]
     text = f"Selection cost of the best model so far: {best[-1]:.2f} % after {time_s[-1]:.1f} s."
-    area = PlotArea("Selection cost J [%]", marks, height=240.0)
+    label = "Selection cost J [%]" + (f", up to {MAX_OVER_BEST:g} times the best" if len(shown) < len(found) else "")
+    area = PlotArea(label, marks, height=240.0)
     plot = Plot("search", title, text, "Time [s]", [area], WIDTH, x_view=(0.0, 1.03 * float(time_s[-1])))
     return [draw_plot(plot)]
 
 
-def observer_chart(ident: str, name: str) -> Markup:
+def observer_chart(ident: str, name: str, narrow: bool) -> Markup:
     """Return the chart of a running observer without values, which the page fills while they come."""
+    width = NARROW_WIDTH if narrow else WIDTH
     band = PlotBand("band, 90 %", NO_LINE, NOTHING, NOTHING, "bounds")
     areas = [
         PlotArea("Force [N]", [band, PlotLine("estimate", NO_LINE, NOTHING, "simulated")], 240.0, (-1.0, 1.0)),
@@ -116,7 +121,7 @@ def observer_chart(ident: str, name: str) -> Markup:
         PlotArea("Position [mm]", [PlotLine("position", NO_LINE, NOTHING, series_css(2))], 80.0, (-1.0, 1.0)),
     ]
     text = f"Estimated force with its band, speed and position of {name} in the last {LIVE_S:.0f} s."
-    return draw_plot(Plot(ident, f"Observer {name}", text, "Time [s]", areas, WIDTH, x_view=(-LIVE_S, 0.0)))
+    return draw_plot(Plot(ident, f"Observer {name}", text, "Time [s]", areas, width, x_view=(-LIVE_S, 0.0)))
 
 
 def _points(rows: Sequence[Mapping[str, Any]]) -> tuple[F, F]:

@@ -93,6 +93,7 @@ def _page(kind: str, title: str) -> str:
         searches=listing.searches,
         state=_fingerprint(listing),
         cut=listing.cut,
+        problem=listing.problem,
         can_compare=kind == MODEL,
         can_link=kind != UNREADABLE,
     )
@@ -128,4 +129,4 @@ def _watch(listing_of: Callable[[], Listing]) -> Events:
 def _fingerprint(listing: Listing) -> str:
     items = ((one.kind, one.path, one.modified_s, one.problem) for one in listing.items)
     searches = ((search.path, len(search.progress.rows)) for search in listing.searches)
-    return f"{hash((tuple(items), tuple(searches))):x}"
+    return f"{hash((tuple(items), tuple(searches), listing.problem)):x}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from contextlib import closing
 from zlib import crc32
 
-from flask import Blueprint, Response, render_template, url_for
+from flask import Blueprint, Response, render_template, request, url_for
 
 from ces_serve.live.link import ObserverLink
 from ces_serve.web import curves
@@ -24,20 +24,20 @@ def show() -> str:
 @pages.get("/events/observer")
 def listen() -> Response:
     """Stream topics (each with its chart), estimates and statuses as they come."""
-    return streams().respond(_listen(site().link))
+    return streams().respond(_listen(site().link, "narrow" in request.args))
 
 
-def _listen(link: ObserverLink) -> Events:
+def _listen(link: ObserverLink, narrow: bool) -> Events:
     with closing(link.messages()) as messages:
         for message in messages:
             if "topics" in message:
-                yield "topics", [{"topic": topic, "chart": _chart(topic)} for topic in message["topics"]]
+                yield "topics", [{"topic": topic, "chart": _chart(topic, narrow)} for topic in message["topics"]]
             elif message:
                 yield "observer", message
             else:
                 yield ALIVE
 
 
-def _chart(topic: str) -> str:
+def _chart(topic: str, narrow: bool) -> str:
     """Return the chart of a topic, by its own id: a page keeps its charts while topics come and go."""
-    return str(curves.observer_chart(f"observer{crc32(topic.encode()):08x}", topic.removesuffix("/estimate")))
+    return str(curves.observer_chart(f"observer{crc32(topic.encode()):08x}", topic.removesuffix("/estimate"), narrow))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections.abc import Mapping
 from dataclasses import replace
@@ -10,11 +11,12 @@ from typing import Any
 
 from flask import Blueprint, Response, render_template, url_for
 
-from ces_identify.progress_file import RUNNING, RunProgress, read_progress
+from ces_identify.progress_file import RUNNING, RunProgress, progress_path, read_progress
 from ces_observer.errors import CesError
 from ces_serve.files.facts import WRONG_CONTENT
 from ces_serve.files.item import CAMPAIGN, REPORT, Item
 from ces_serve.files.listing import RunningSearch
+from ces_serve.files.served_folder import NotServedError
 from ces_serve.web import curves
 from ces_serve.web.campaign_content import campaign_content
 from ces_serve.web.events import ALIVE, Events, streams
@@ -29,7 +31,7 @@ pages = Blueprint("searches", __name__)
 @pages.get("/search/<path:path>")
 def show(path: str) -> str:
     """Return the page of a running program; of one that has ended, what it wrote."""
-    search = _find(path)
+    search, left = _find(path), _left_behind(site(), path)
     content = _content_now(site(), path, search.progress) if search else PageContent()
     return render_template(
         "search.html",
@@ -37,7 +39,8 @@ def show(path: str) -> str:
         kind="",
         running=search is not None,
         content=content,
-        outcome=_outcome(site(), path),
+        outcome=_outcome(site(), path, _began_s(left)),
+        killed=left is not None,
         events=url_for("searches.follow", path=path),
         can_compare=False,
     )
@@ -105,7 +108,7 @@ def _follow(where: Site, search: RunningSearch) -> Events:
         now = _size(search.file)
         progress = read_progress(search.file) if now != before or looks % REPORT_EVERY == 0 else None
         if now is None or (progress is not None and not progress.alive):
-            yield from _end(where, search.path)
+            yield from _end(where, search.path, search.progress, killed=now is not None)
             return
         if progress is not None:
             yield "content", render_template("content.html", content=_content_now(where, search.path, progress))
@@ -115,8 +118,9 @@ def _follow(where: Site, search: RunningSearch) -> Events:
         time.sleep(POLL_S)
 
 
-def _end(where: Site, path: str) -> Events:
-    yield "ended", render_template("outcome.html", outcome=_outcome(where, path))
+def _end(where: Site, path: str, progress: RunProgress | None = None, killed: bool = False) -> Events:
+    outcome = _outcome(where, path, _began_s(progress))
+    yield "ended", render_template("outcome.html", outcome=outcome, killed=killed)
 
 
 def _content_now(where: Site, path: str, progress: RunProgress) -> PageContent:
@@ -126,11 +130,27 @@ def _content_now(where: Site, path: str, progress: RunProgress) -> PageContent:
         return PageContent(warnings=[f"cannot be read now: {error}"])
 
 
-def _outcome(where: Site, path: str) -> list[Item]:
-    """Return what a program with this output has written."""
+def _outcome(where: Site, path: str, began_s: float) -> list[Item]:
+    """Return what a program with this output has written since it began; what is older is of a run before."""
     results = ("results.jsonl", "iterations.jsonl", "fleet.jsonl")
     paths = {path, *(f"{path}/{name}".removeprefix("./") for name in results)}
-    return [one for one in where.catalogue.listing(anew=True).items if one.path in paths and one.kind != REPORT]
+    found = [one for one in where.catalogue.listing(anew=True).items if one.path in paths and one.kind != REPORT]
+    return [one for one in found if one.modified_s >= began_s]
+
+
+def _began_s(progress: RunProgress | None) -> float:
+    """Return when a program of this computer began (Unix time), 0 if that is not known."""
+    head = progress.head if progress else {}
+    began_s = head.get("began_s")
+    return began_s if isinstance(began_s, float) and head.get("host") == socket.gethostname() else 0.0
+
+
+def _left_behind(where: Site, path: str) -> RunProgress | None:
+    """Return what a killed program with this output has left."""
+    try:
+        return read_progress(progress_path(where.folder.find(path)))
+    except NotServedError:
+        return None
 
 
 def _find(path: str) -> RunningSearch | None:

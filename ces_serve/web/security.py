@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ipaddress
+import socket
 
 from flask import Flask, Response, request
 
@@ -59,19 +60,26 @@ def is_own_name(host_header: str, bound: str) -> bool:
     """Return whether a Host header names this server, bound to `bound`.
 
     A page of another site that makes its own name point here (DNS rebinding) sends that name. On loopback only its
-    names are right, with any port, which a tunnel may change; on another address all addresses are, which are no names.
+    names are right, with any port, which a tunnel may change; on another address also this computer's name, and all
+    addresses, which are no names.
     """
-    name = _strip_port(host_header)
-    if name.lower() in (*LOOPBACK_NAMES, bound.lower()):
+    name, shared = _strip_port(host_header).lower(), not is_loopback(bound)
+    if name in (*LOOPBACK_NAMES, bound.lower()) or (shared and name in _own_names()):
         return True
     address = _parse_address(name)
-    return address is not None and (address.is_loopback or not is_loopback(bound))
+    return address is not None and (address.is_loopback or shared)
 
 
 def is_loopback(host: str) -> bool:
     """Return whether `host`, a name or an address, is this computer only."""
     address = _parse_address(host)
     return host.lower() in LOOPBACK_NAMES if address is None else address.is_loopback
+
+
+def _own_names() -> tuple[str, str]:
+    """Return the names by which a network knows this computer."""
+    name = socket.gethostname().lower()
+    return name, f"{name}.local"
 
 
 def _strip_port(host: str) -> str:

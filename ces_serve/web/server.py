@@ -18,6 +18,7 @@ from ces_observer.errors import CesError
 from ces_serve.web.app import make_app
 from ces_serve.web.site import Site
 
+EVERYWHERE = ("0.0.0.0", "::")
 IDLE_S = 120.0  # after which a silent connection is closed
 
 
@@ -36,13 +37,17 @@ class QuietHandler(WSGIRequestHandler):
 
 
 class PageServer:
-    """A server of one folder; raises CesError if it cannot listen. `url` is where its overview is."""
+    """A server of one folder; raises CesError if it cannot listen.
+
+    `url` is where its overview is, `local_url` where this computer finds it: the same, unless it listens everywhere.
+    """
 
     def __init__(self, folder: Path, host: str, port: int, observer: str = "", signals: Path | None = None) -> None:
         self._site = Site.open(folder, observer, signals)
         self._server = _listen(self._site, host, port)
-        shown = f"[{host}]" if ":" in host else host
-        self.url = f"http://{shown}:{self._server.port}/"
+        everywhere = host in EVERYWHERE
+        self.url = _url(socket.gethostname() if everywhere else host, self._server.port)
+        self.local_url = _url("localhost", self._server.port) if everywhere else self.url
 
     def run(self) -> None:
         """Serve until Ctrl-C or `stop`."""
@@ -56,6 +61,10 @@ class PageServer:
     def stop(self) -> None:
         """End `run`, called in another thread."""
         self._server.shutdown()
+
+
+def _url(host: str, port: int) -> str:
+    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
 
 
 def _listen(site: Site, host: str, port: int) -> BaseWSGIServer:

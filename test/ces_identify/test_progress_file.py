@@ -104,6 +104,21 @@ def test_the_file_of_a_killed_program_is_not_alive(tmp_path: Path) -> None:
     assert progress is not None and not progress.alive
 
 
+def test_a_killed_program_whose_parent_has_not_asked_is_not_alive(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from ces_identify.progress_file import ProgressFile\n"
+        f"ProgressFile('identify', Path({str(tmp_path / 'm')!r}), {{}}).__enter__(); print(); sys.stdin.read()"
+    )
+    with subprocess.Popen([sys.executable, "-uc", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        assert process.stdout is not None and process.stdout.readline()
+        alive = read_progress(tmp_path / ".m.progress")
+        assert alive is not None and alive.alive
+        process.kill()
+        os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # it stays
+        killed = read_progress(tmp_path / ".m.progress")
+        assert killed is not None and not killed.alive
+
+
 def test_another_process_with_the_same_number_is_not_the_one(tmp_path: Path) -> None:
     with ProgressFile("identify", tmp_path / "m", {}):
         path = tmp_path / ".m.progress"

@@ -109,6 +109,36 @@ def test_two_models_are_compared_by_clicking(url: str) -> None:
         expect(page.get_by_role("button", name="Compare")).to_be_visible()
 
 
+def test_recordings_to_compare_on_are_filtered_and_chosen_ones_stay(tmp_path: Path) -> None:
+    start_browser()
+    for name in ("first", "second"):
+        described_model().save(tmp_path / f"{name}.json")
+    for k in range(13):
+        (tmp_path / f"week_{k}.mcap").touch()
+    (tmp_path / "sine_4hz").mkdir()
+    (tmp_path / "sine_4hz" / "metadata.yaml").touch()  # on which both were validated
+    with serving(tmp_path) as address, own_page(f"{address}compare?model=first.json&model=second.json") as page:
+        shown = page.locator("#recordings li:visible")
+        expect(shown.first).to_contain_text("sine_4hz")
+        expect(page.get_by_role("button", name="Compare")).to_be_in_viewport()
+        page.get_by_label("Filter").fill("week 12")
+        expect(shown).to_have_count(2)
+        expect(shown.locator("input:checked")).to_have_count(1)
+
+
+def test_a_folder_that_is_moved_away_is_missed_and_found_again(tmp_path: Path) -> None:
+    start_browser()
+    folder = tmp_path / "results"
+    folder.mkdir()
+    described_model().save(folder / "a.json")
+    with serving(folder) as address, own_page(address) as page:
+        expect(page.locator("tbody tr")).to_have_count(1)
+        folder.rename(tmp_path / "moved")
+        expect(page.locator(".warning")).to_contain_text("cannot be read now: No such file or directory")
+        (tmp_path / "moved").rename(folder)
+        expect(page.locator("tbody tr")).to_have_count(1)
+
+
 def test_a_comparison_survives_reload_back_and_forward(tmp_path: Path) -> None:
     start_browser()
     with serving(fill_folder(tmp_path)) as address, own_page(f"{address}list/model") as page:
@@ -139,13 +169,18 @@ def test_a_running_search_grows_and_ends(tmp_path: Path) -> None:
             page.mouse.move(0, 0)  # a chart under the mouse stays as it is
             points = page.locator("#search-plot g.area path.spot")
             before = len(points.first.get_attribute("d") or "")
-            for cost in (20.0, 12.0, 8.25):
+            for cost in (20.0, 12.0, 8.25, 80.0):
                 file.write({"seed": 1, "cost": cost, "size": 5, "ended": "running"})
             expect(page.locator(".headline").first).to_contain_text("J = 8.25 %")
             assert len(points.first.get_attribute("d") or "") > before
             expect(page.locator(".plot-frame")).to_have_count(1)  # it can be zoomed after each change
+            expect(page.locator("#search-plot")).to_contain_text("up to 5 times the best")
+            expect(page.locator("td", has_text="running")).to_have_text("running")
             described_model().save(tmp_path / "new.json")
             file.__exit__(None, None, None)
+            expect(page.locator("td", has_text="running")).to_have_text("was running")
+            expect(page.locator(".following")).to_have_count(0)
+            expect(page.locator(".headline")).to_have_text(["It has ended: new.json, polynomial, 3 terms."])
             page.get_by_role("link", name="new.json").click()
             expect(page.locator(".headline")).to_contain_text("Polynomial, 3 terms")
 
@@ -163,7 +198,14 @@ def test_a_report_runs_its_own_script_in_an_origin_of_its_own(url: str) -> None:
 
 
 NARROW = ("", "list/model", "view/model/first.json", "view/campaign/sizes/results.jsonl", "compare?model=first.json")
-LOOKS = [(800, "dark", NARROW), (1280, "light", ("list/model", "observer"))]
+LISTS = ("list/diagnosis", "list/iteration", "list/recording")
+THINGS = ("view/fleet/fleet/fleet.jsonl", "view/iteration/loop/iterations.jsonl")
+LOOKS = [
+    (390, "light", (*NARROW, *LISTS, *THINGS)),
+    (800, "dark", NARROW),
+    (1280, "light", ("list/model", "observer")),
+]
+SCROLLED = "tables => tables.filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent)"
 
 
 @pytest.mark.parametrize(("width", "scheme", "paths"), LOOKS)
@@ -173,3 +215,4 @@ def test_pages_fit_and_have_contrast(url: str, width: int, scheme: Any, paths: t
             page.goto(f"{url}{path}")
             assert find_clipped(page) == [], path
             assert find_low_contrast(page) == [], path
+            assert page.locator("main .wide:not(.plot-table *)").evaluate_all(SCROLLED) == [], path

@@ -1,9 +1,11 @@
 // The live view of running observers: batches of estimates come in, the charts of the last ten seconds go on.
 "use strict";
 (() => {
-  const WINDOW_S = 10, DRAW_MS = 50, STALE_S = 2;
+  const WINDOW_S = 10, STALE_S = 2;
+  const DRAW_MS = 100, SAY_MS = 250;  // between drawings; between numbers, which are to be read
   const SILENT_S = 3;             // of a status: they come each second
-  const BACK_S = 0.5, GAP_S = 0.5;  // a clock that was set back; a pause over which no line is drawn
+  const BACK_S = 0.5;             // of a clock that was set back
+  const GAP_S = 0.05, GAP_STEPS = 10;  // a pause over which no line is drawn: in seconds and in estimates
   const LEVELS = ["ok", "warning", "error", "stale"];
   const state = document.getElementById("state"), place = document.getElementById("observers");
   const health = document.getElementById("health"), statuses = document.getElementById("statuses");
@@ -16,6 +18,7 @@
       this.topic = topic;
       this.points = [];
       this.arrivals = [];
+      this.step = Infinity;  // seconds between estimates
       this.plot = element.querySelector(".plot").interactivePlot;
       this.value = element.querySelector(".now");
     }
@@ -24,12 +27,12 @@
     add(batch) {
       const now = performance.now();
       this.zero ??= BigInt(batch.time_ns[0]);
-      batch.time_ns.forEach((stamp, k) => {
-        const time = Number(BigInt(stamp) - this.zero) * 1e-9;
-        const newest = this.points.length ? this.points[this.points.length - 1].time : -Infinity;
+      const times = batch.time_ns.map(stamp => Number(BigInt(stamp) - this.zero) * 1e-9), gap = this.findGap(times, batch.count);
+      times.forEach((time, k) => {
+        const newest = this.newest();
         if (time < newest - BACK_S) this.points = [];  // a bag that begins again
         else if (time <= newest) return;
-        else if (time > newest + GAP_S) this.points.push({time: newest, force: NaN, lower: NaN, upper: NaN, speed: NaN, position: NaN});
+        else if (time > newest + gap) this.points.push({time: newest, force: NaN, lower: NaN, upper: NaN, speed: NaN, position: NaN});
         this.points.push({time, force: batch.force[k], lower: batch.lower[k] ?? NaN, upper: batch.upper[k] ?? NaN,
           speed: batch.speed[k], position: 1000 * batch.position[k]});
       });
@@ -38,6 +41,15 @@
       this.arrivals.push([now, batch.count]);
       while (now - this.arrivals[0][0] > 2000) this.arrivals.shift();
       this.changed = true;
+    }
+
+    newest() { return this.points.length ? this.points[this.points.length - 1].time : -Infinity; }
+
+    // What counts as a pause. The step is the smallest of late: a pause inside a batch is none.
+    findGap(times, count) {
+      const step = count > 1 ? (times[times.length - 1] - times[0]) / (count - 1) : times[0] - this.newest();
+      if (step > 0) this.step = Math.min(step, 1.1 * this.step);
+      return Math.max(GAP_S, GAP_STEPS * this.step);
     }
 
     draw() {
@@ -51,7 +63,6 @@
         {y: findRange(speed), marks: [{x, y: speed}]},
         {y: findRange(position), marks: [{x, y: position}]},
       ], [-WINDOW_S, 0]);
-      this.describe(points[points.length - 1]);
     }
 
     describe(point) {
@@ -90,8 +101,8 @@
       observers.set(topic, new LiveObserver(section, topic));
     }
     const count = topics.length;
-    state.textContent = count ? `${count} ${count === 1 ? "observer publishes" : "observers publish"} estimates`
-      : "listening; no observer publishes an estimate yet";
+    state.textContent = count ? `listening to the estimates of ${count} ${count === 1 ? "damper" : "dampers"}`
+      : `listening; no observer publishes an estimate ${observers.size ? "now" : "yet"}`;
   }
 
   function showStatus(status) {
@@ -127,15 +138,20 @@
 
   setInterval(() => {
     if (document.hidden) return;
+    for (const observer of observers.values()) observer.draw();
+  }, DRAW_MS);
+
+  setInterval(() => {
+    if (document.hidden) return;
     for (const observer of observers.values()) {
-      observer.draw();
       if (observer.points.length) observer.describe(observer.points[observer.points.length - 1]);
     }
-  }, DRAW_MS);
+  }, SAY_MS);
 
   setInterval(() => { if (!document.hidden) showStatuses(); }, 1000);
 
-  globalThis.cesServe.follow(state.dataset.listen, {
+  const isNarrow = matchMedia("(max-width: 560px)").matches;
+  globalThis.cesServe.follow(state.dataset.listen + (isNarrow ? "?narrow" : ""), {
     topics: showTopics,
     observer: (message, stop) => {
       if (message.missing || message.ended) { stop(); state.textContent = message.missing || message.ended; }

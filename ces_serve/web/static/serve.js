@@ -120,6 +120,20 @@
     showChoice();
   }
 
+  // ---- choices that are filtered where they are; what is chosen stays in sight --------------------------------------
+
+  for (const field of document.querySelectorAll("[data-filters]")) {
+    const rows = document.getElementById(field.dataset.filters).children;
+    field.addEventListener("input", () => {
+      const words = field.value.toLowerCase().split(/\s+/);
+      for (const row of rows) {
+        const text = row.textContent.toLowerCase();
+        row.hidden = !row.querySelector("input").checked && !words.every(word => text.includes(word));
+      }
+    });
+    field.addEventListener("keydown", event => { if (event.key === "Enter") event.preventDefault(); });
+  }
+
   // ---- work in progress ---------------------------------------------------------------------------------------------
 
   for (const place of document.querySelectorAll("[data-work]")) {
@@ -139,7 +153,14 @@
   for (const place of document.querySelectorAll("[data-follow]")) {
     follow(place.dataset.follow, {
       content: html => { if (!place.querySelector(".plot-frame:focus, .plot-frame:hover")) fill(place, html); },
-      ended: (html, stop) => { stop(); document.querySelector(".kind").textContent = "ended"; place.insertAdjacentHTML("afterbegin", html); },
+      ended: (html, stop) => {
+        stop();
+        document.querySelector(".kind").textContent = "ended";
+        document.querySelector(".following").remove();
+        for (const cell of place.querySelectorAll("td")) if (cell.textContent === "running") cell.textContent = "was running";
+        place.querySelector(".headline")?.remove();  // how far it was when it was last seen
+        place.insertAdjacentHTML("afterbegin", html);
+      },
     });
   }
 

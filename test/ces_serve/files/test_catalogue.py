@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 from served_folders import described_model, fill_folder
@@ -137,6 +139,31 @@ def test_a_running_search_is_listed_until_it_ends(tmp_path: Path, monkeypatch: p
         assert sorted(search.path for search in catalogue.listing().searches) == [".", "model.json"]
         assert catalogue.listing().items == ()
     assert catalogue.listing().searches == ()
+
+
+def test_a_folder_that_is_gone_is_said_to_be_gone(tmp_path: Path) -> None:
+    folder = tmp_path / "results"
+    folder.mkdir()
+    described_model().save(folder / "a.json")
+    catalogue = Catalogue(ServedFolder(folder))
+    assert (len(catalogue.listing().items), catalogue.listing().problem) == (1, "")
+    folder.rename(tmp_path / "moved")
+    gone = catalogue.listing(anew=True)
+    assert (gone.items, gone.problem) == ((), "the folder cannot be read now: No such file or directory")
+    (tmp_path / "moved").rename(folder)
+    assert (len(catalogue.listing(anew=True).items), catalogue.listing().problem) == (1, "")
+
+
+def test_a_folder_inside_that_refuses_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def scan(folder: Path) -> Any:
+        if folder.name == "refuses":  # also for root, whom no permission stops
+            raise PermissionError(errno.EACCES, "Permission denied")
+        return list_folder(folder)
+
+    list_folder = os.scandir
+    (tmp_path / "refuses").mkdir()
+    monkeypatch.setattr(os, "scandir", scan)
+    assert problems(tmp_path) == {"refuses": "the folder cannot be read: Permission denied"}
 
 
 def test_depth_and_number_of_files_are_limited(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,12 +10,37 @@ def test_bands_join_their_estimates_whichever_comes_first() -> None:
     batches.add_band(1, -5.0, 5.0)
     for stamp in (1, 2, 3):
         batches.add_estimate(stamp, 0.1, 0.2, float(stamp))
-    batches.add_band(2, -6.0, 6.0)
+    batches.add_band(3, -7.0, 7.0)
     batch = batches.take()
     assert batch is not None
     assert (batch["count"], batch["force"]) == (3, [1.0, 2.0, 3.0])
-    assert (batch["lower"], batch["upper"]) == ([-5.0, -6.0, None], [5.0, 6.0, None])
+    assert (batch["lower"], batch["upper"]) == ([-5.0, None, -7.0], [5.0, None, 7.0])
     assert batches.take() is None
+
+
+def test_an_estimate_waits_for_its_band_once() -> None:
+    batches = EstimateBatches()
+    batches.add_estimate(1, 0.0, 0.0, 1.0)
+    batches.add_band(1, -5.0, 5.0)
+    batches.add_estimate(2, 0.0, 0.0, 2.0)
+    first = batches.take()
+    assert first is not None and (first["force"], first["lower"]) == ([1.0], [-5.0])
+    batches.add_band(2, -6.0, 6.0)
+    batches.add_estimate(3, 0.0, 0.0, 3.0)
+    second = batches.take()
+    assert second is not None and (second["force"], second["lower"]) == ([2.0], [-6.0])
+    third = batches.take()  # no band came: the model has none any more
+    assert third is not None and (third["force"], third["lower"]) == ([3.0], [None])
+
+
+def test_no_estimate_waits_after_the_clock_was_set_back() -> None:
+    batches = EstimateBatches()
+    batches.add_estimate(1000, 0.0, 0.0, 1.0)
+    batches.add_band(5, -5.0, 5.0)
+    assert batches.take() is None
+    batches.add_band(6, -6.0, 6.0)
+    batch = batches.take()
+    assert batch is not None and batch["force"] == [1.0]
 
 
 def test_stamps_keep_their_nanoseconds() -> None:

@@ -6,6 +6,7 @@ import pytest
 
 pytest.importorskip("flask", reason="Flask is not installed")
 
+import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -233,6 +234,26 @@ def test_a_search_that_ended_before_its_page_was_followed_is_said_to_have_ended(
     site.catalogue.listing(anew=True)
     found = read_events(client, "/events/search/new.json", ("content", "ended"))
     assert "/view/model/new.json" in found["ended"][0] and "content" not in found
+
+
+def test_a_killed_search_does_not_claim_the_result_of_a_run_before(tmp_path: Path) -> None:
+    described_model().save(tmp_path / "new.json")
+    os.utime(tmp_path / "new.json", (1e9, 1e9))
+    killed = SearchProgressFile("identify", tmp_path / "new.json", {})
+    killed.__enter__()
+    file = tmp_path / ".new.json.progress"
+    client = open_client(tmp_path)
+    answer = client.get("/events/search/new.json", buffered=False)
+    seen: list[bytes] = []
+    for chunk in answer.response:
+        assert isinstance(chunk, bytes)
+        seen.append(chunk)
+        file.write_text(file.read_text().replace('"process_start": "', '"process_start": "9'))
+        if chunk.startswith(b"event: ended"):
+            break
+    answer.close()
+    assert b"killed before its end without a new result" in seen[-1] and b"/view/model/new.json" not in seen[-1]
+    assert "killed before its end without a new result" in text_of(client, "/search/new.json")
 
 
 def test_a_running_campaign_shows_its_results_so_far(tmp_path: Path) -> None:
