@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import csv
-import re
 from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
@@ -15,7 +14,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.recordings.formats.csv_cells import is_comment, is_missing
+from ces_identify.recordings.formats.csv_cells import is_comment, is_grouped, is_missing, is_number, mixes_groups, parse_number
 from ces_identify.recordings.formats.csv_dialect import DELIMITERS, find_dialect
 from ces_identify.recordings.formats.dates import AmbiguousDateError, is_date, parse_dates
 from ces_identify.recordings.formats.log_file import LogTable
@@ -27,7 +26,6 @@ BATCH = 5_000  # rows converted together
 EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a float would round it
 EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
 NAN = float("nan")
-GROUPED = re.compile(r"[-+]?\d{1,3}([.,'’ \u00a0\u202f]\d{3})+([.,]\d+)?$")  # 1.234,5 or 1'234.5
 
 
 def _as_values(numbers: array[float]) -> Values:
@@ -158,11 +156,21 @@ class CsvTable(LogTable):
         for rows in self._batches():
             if not self._columns:
                 self._columns = [_Cells(texts=[] if self._is_text(cell) else None) for cell in rows[0]]
+                self._refuse_groups(rows)
             first = len(self._widths)
             self._widths.extend(map(len, rows))
             missing = (None,) * len(rows)
             for column, cells in zip(self._columns, chain(zip_longest(*rows), repeat(missing)), strict=False):
                 self._add_all(column, first, cells)
+
+    def _refuse_groups(self, rows: Sequence[Sequence[str]]) -> None:
+        """Mark as bad what has thousands separators that look like decimal marks, unless the mapping states those."""
+        if self.mapping.decimal is not None:
+            return
+        mark = self.dialect.decimal
+        for column, cells in zip(self._columns, zip_longest(*rows, fillvalue=""), strict=False):
+            if mixes_groups(cells, mark):
+                column.bad = next((row, cell) for row, cell in enumerate(cells) if mark in cell)
 
     def _batches(self) -> Iterator[list[list[str]]]:
         """Yield the cells of the next rows; counts their lines and the share of the file that is read."""
@@ -197,15 +205,22 @@ class CsvTable(LogTable):
         """Add the cells of rows from `row` on, at once if all are numbers; None stands for one that is missing."""
         if column.texts is None and None not in cells:
             texts = cast(Sequence[str], cells)
-            if self.dialect.decimal != ".":
-                texts = [text.replace(self.dialect.decimal, ".") for text in texts]
             try:
-                column.numbers.extend(array("d", map(float, texts)))
+                column.numbers.extend(array("d", map(float, self._with_points(texts))))
                 return
             except ValueError:
                 pass
         for at, cell in enumerate(cells, start=row):
             self._add(column, at, cell)
+
+    def _with_points(self, texts: Sequence[str]) -> Sequence[str]:
+        """Return cells with decimal points; raises ValueError if a point stands among decimal commas."""
+        if self.dialect.decimal == ".":
+            return texts
+        joined = "\0".join(texts)
+        if "." in joined:
+            raise ValueError("decimal point")
+        return joined.replace(self.dialect.decimal, ".").split("\0")
 
     def _is_text(self, cell: str) -> bool:
         text = cell.strip()
@@ -215,7 +230,7 @@ class CsvTable(LogTable):
         if column.texts is not None:
             column.texts.append((cell or "").strip())
         try:
-            number = float((cell or "").replace(self.dialect.decimal, "."))
+            number = parse_number(cell or "", self.dialect.decimal)
         except ValueError:
             number = NAN
             if cell is not None and (not cell.strip() or is_missing(cell)):
@@ -238,8 +253,10 @@ class CsvTable(LogTable):
             return RecordingError(f"{where} is missing; the line has {self._widths[row]} cells")
         kind = "that" if text.strip() else "a blank"
         blank = f" (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
-        if GROUPED.match(text.strip()):
+        if is_grouped(text):
             return RecordingError(f"{where} is {text!r}; expected a number without thousands separators: export it so")
+        if self.dialect.decimal != "." and is_number(text, "."):
+            return RecordingError(f"{where} is {text!r}; expected decimals by '{self.dialect.decimal}' as elsewhere")
         return RecordingError(
             f"{where} is {text!r}; expected a number{blank if not text.strip() or is_missing(text) else ''}"
         )
