@@ -129,20 +129,33 @@ def _meanings(name: str) -> Iterator[str]:
 
 
 def _doubt_pairs(columns: Sequence[_TableColumn], time: Column) -> str:
-    """Return that each signal has a time of its own, as in `t_x, x, t_F, F`, '' if one time is that of all."""
-    at = [i for i, c in enumerate(columns) if _is_time(c)]
-    own = [columns[i] for i in at if i and not _is_time(columns[i - 1]) and columns[i].key != time.key]
+    """Return that signals have times of their own, as in `t_x, x, t_F, F`, '' if one time is that of all."""
     first = next((c for c in columns if c.key == time.key), None)
-    for other in own if first is not None else ():
-        step = float(np.median(np.diff(first.values)))
-        apart = float(np.abs(other.values - first.values).max()) if other.values.shape == first.values.shape else np.inf
-        if step > 0.0 and abs(other.values[0] - first.values[0]) < MAX_APART * step and apart > MIN_APART * step:
-            return (
-                f"time: columns {first.key!r} and {other.key!r} are both times and differ by up to {apart:.4g}; a table "
-                "has one time for all its columns (save each signal with its time as MAT, JSON or MDF, or a table for "
-                "each with blank cells where a signal has no sample)"
-            )
-    return ""
+    if first is None:
+        return ""
+    pairs = zip(columns, columns[1:], strict=False)
+    own = [c for before, c in pairs if c is not first and _is_time(c) and not _is_time(before)]
+    other = next((c for c in own if _is_other_time(_in_seconds(first), _in_seconds(c))), None)
+    if other is None:
+        return ""
+    return (
+        f"time: columns {first.key!r} and {other.key!r} are both times and differ; a table has one time for all its "
+        "columns (save each signal with its own time as MAT, JSON or MDF, or one time with blank cells where a signal "
+        "has no sample)"
+    )
+
+
+def _is_other_time(first: Values, other: Values) -> bool:
+    """Return whether a time is that of other samples, not the same one, and not one of another clock."""
+    if other.shape != first.shape:
+        return True
+    step = float(np.median(np.diff(first)))
+    return bool(abs(other[0] - first[0]) < MAX_APART * step and np.abs(other - first).max() > MIN_APART * step)
+
+
+def _in_seconds(column: _TableColumn) -> Values:
+    unit = _stated_time_unit(column)
+    return column.values if unit is None else unit.scale * column.values
 
 
 def _is_time(column: _TableColumn) -> bool:

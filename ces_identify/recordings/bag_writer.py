@@ -153,7 +153,7 @@ def _write(
 
 
 def _batches(encoders: Sequence[_Encoder]) -> Iterator[list[tuple[int, int, bytes]]]:
-    """Yield index of the topic, stamp and payload of all messages in time order, in batches of `BATCH` of the longest topic.
+    """Yield index of the topic, stamp and payload of all messages in time order; 1,000 a batch of the longest topic.
 
     Messages at the same time are in the order of the topics.
     """
@@ -197,7 +197,11 @@ class _Encoder:
         rows = np.tile(self.blank, (len(stamps), 1))
         for number, column in zip(self.numbers, [*times, *columns], strict=True):
             whole = np.rint(column) if number.dtype.kind in "iu" else column
-            raw = np.ascontiguousarray(whole.astype(number.dtype)).view(np.uint8).reshape(len(column), number.dtype.itemsize)
+            raw = (
+                np.ascontiguousarray(whole.astype(number.dtype))
+                .view(np.uint8)
+                .reshape(len(column), number.dtype.itemsize)
+            )
             rows[:, number.offset : number.offset + number.dtype.itemsize] = raw
         return rows
 

@@ -124,8 +124,8 @@ def _check_stamps(channel: Channel, start_ns: int) -> Iterator[Finding]:
     elif len(steps) and (steps == 0).mean() > MAX_EQUAL_SHARE:
         yield Finding(
             WARNING,
-            f"{channel.name}: {(steps == 0).mean():.0%} of the samples have the same stamp as the one before: times are "
-            "rounded, or samples are repeated; log times that tell one sample from the next",
+            f"{channel.name}: {(steps == 0).mean():.0%} of the samples have the same stamp as the one before: times "
+            "are rounded, or samples are repeated; log times that tell one sample from the next",
             signal=channel.name,
         )
     if (steps < 0).any():

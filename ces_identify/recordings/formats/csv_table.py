@@ -15,7 +15,14 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.recordings.formats.csv_cells import is_comment, is_grouped, is_missing, is_number, mixes_groups, parse_number
+from ces_identify.recordings.formats.csv_cells import (
+    is_comment,
+    is_grouped,
+    is_missing,
+    is_number,
+    mixes_groups,
+    parse_number,
+)
 from ces_identify.recordings.formats.csv_dialect import DELIMITERS, find_dialect
 from ces_identify.recordings.formats.dates import AmbiguousDateError, is_date, parse_dates
 from ces_identify.recordings.formats.log_file import LogTable

@@ -14,8 +14,20 @@ FRACTION = r"([.,]\d{1,9}|:\d{3})?"  # controllers of machines write 12:00:00:12
 ISO = re.compile(rf"(\d{{4}}-\d\d-\d\d)[T _](\d\d:\d\d(?::\d\d)?){FRACTION}\s*(Z|[+-]\d\d:?\d\d)?$")
 GERMAN = re.compile(rf"(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}})[ _T](\d{{1,2}}):(\d\d):(\d\d){FRACTION}$")
 NAMED = re.compile(rf"(\d{{1,2}})[-. ]+([A-Za-zä]{{3,9}})[-. ]+(\d{{4}})[ T]+(\d{{1,2}}):(\d\d):(\d\d){FRACTION}$")
-MONTHS = {name: 1 + i for i, name in enumerate("jan feb mar apr may jun jul aug sep oct nov dec".split())}
-MONTHS |= {"mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12}
+MONTHS = {
+    "jan": 1,
+    "feb": 2,
+    "mar": 3,
+    "apr": 4,
+    "may": 5,
+    "jun": 6,
+    "jul": 7,
+    "aug": 8,
+    "sep": 9,
+    "oct": 10,
+    "nov": 11,
+}
+MONTHS |= {"dec": 12, "mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12}
 CLOCK = re.compile(rf"(?:(-?\d+) days? )?(\d{{1,2}}):(\d\d):(\d\d){FRACTION}\s*([AaPp])?(?:\.?[Mm]\.?)?$")
 MINUTES = re.compile(r"(\d{1,3}):(\d\d)([.,]\d{1,9})$")
 DAY_NS = 86_400_000_000_000
@@ -37,8 +49,9 @@ def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
     """Return the times of cells in nanoseconds since 1970, UTC if they state no zone; times of day count from midnight.
 
     Without a `pattern` (as in `datetime.strptime`) ISO 8601, 31.12.2024 23:59:59.5, 31-Dec-2024 23:59:59.5,
-    12/31/2024 11:59:59.5 PM, 23:59:59.5, 59:59.5 (minutes and seconds) and `0 days 23:59:59.5` are read. Raises ValueError for the first cell
-    that is not a time, with its row as second argument; AmbiguousDateError if it may have two meanings.
+    12/31/2024 11:59:59.5 PM, 23:59:59.5, 59:59.5 (minutes and seconds) and `0 days 23:59:59.5` are read. Raises
+    ValueError for the first cell that is not a time, with its row as second argument; AmbiguousDateError if it may have
+    two meanings.
     """
     read = _reader([cell.strip() for cell in (cells[0], cells[-1])] if cells else [""], pattern)
     stamps = np.empty(len(cells), dtype=np.int64)

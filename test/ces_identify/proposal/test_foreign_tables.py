@@ -192,7 +192,7 @@ def interleave(later_s):
 def test_signals_with_times_of_their_own_are_refused_if_these_differ(tmp_path):
     assert_recording(read(tmp_path, interleave(0.0)), slow=False)
     doubts = propose(tmp_path, interleave(0.0007)).doubts
-    assert "columns 't_x [s]' and 't_i [s]' are both times and differ by up to 0.0007" in doubts[0]
+    assert "columns 't_x [s]' and 't_i [s]' are both times and differ" in doubts[0]
 
 
 def test_a_position_too_slow_for_its_motion_is_named(tmp_path):
@@ -223,7 +223,19 @@ def test_a_position_too_slow_for_its_motion_is_named(tmp_path):
         (NAMES + "\n".join(CELLS[::-1]) + "\n", "the rows are in descending order of time; sort them by time"),
         ("Dear reader,\nthis is a letter.\n", "no cell from line 2 on is a number; expected rows of numbers"),
     ],
-    ids=["word", "thousands", "header_again", "footer", "ambiguous", "coarse", "pairs", "odd", "days", "descending", "letter"],
+    ids=[
+        "word",
+        "thousands",
+        "header_again",
+        "footer",
+        "ambiguous",
+        "coarse",
+        "pairs",
+        "odd",
+        "days",
+        "descending",
+        "letter",
+    ],
 )
 def test_what_cannot_be_read_is_named_and_nothing_is_written(tmp_path, capsys, text, message):
     (tmp_path / "log.csv").write_text(text)

@@ -86,7 +86,9 @@ def test_repeated_stamps_are_no_backward_time():
 def test_a_few_repeated_stamps_are_not_reported():
     stamps = START + np.arange(10_000) * MS
     stamps[1::10] = stamps[::10]
-    assert findings(recording(Channel("position", "m", stamps, 0.02 * np.sin(stamps)), channel("current", 10_000))) == ()
+    assert (
+        findings(recording(Channel("position", "m", stamps, 0.02 * np.sin(stamps)), channel("current", 10_000))) == ()
+    )
 
 
 @pytest.mark.parametrize(("period_ms", "wrong"), [(99.0, False), (101.0, True)])
