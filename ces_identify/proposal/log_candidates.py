@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -133,8 +134,7 @@ def _doubt_pairs(columns: Sequence[_TableColumn], time: Column) -> str:
     first = next((c for c in columns if c.key == time.key), None)
     if first is None:
         return ""
-    pairs = zip(columns, columns[1:], strict=False)
-    own = [c for before, c in pairs if c is not first and _is_time(c) and not _is_time(before)]
+    own = [c for before, c in pairwise(columns) if c is not first and _is_time(c) and not _is_time(before)]
     other = next((c for c in own if _is_other_time(_in_seconds(first), _in_seconds(c))), None)
     if other is None:
         return ""
