@@ -81,7 +81,10 @@ def make_parser() -> terminal.Parser:
     text = "database of a CAN log; may be repeated (no --mapping)"
     parser.add_argument("--dbc", type=Path, action="append", default=[], metavar="FILE", help=text)
     parser.add_argument("--template", action="store_true", help="print a commented mapping file and exit")
-    parser.rules = (never_with(ALL, "template", "does not apply with --template", but="template"),)
+    parser.rules = (
+        never_with(ALL, "template", "does not apply with --template", but="template"),
+        never_with("json overwrite signals", "propose", "does not apply with --propose, which prints a mapping"),
+    )
     return parser
 
 

@@ -173,7 +173,7 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
     others = tuple(r for r in ratings if not r.excluded and (r.points > 0.0 or r.against))
     if not good:
         near = others or tuple(ratings)
-        return NotFound(signal, "nothing is named like it or has its unit, and moves like it", near)
+        return NotFound(signal, _why_none(ratings), near)
     best, *rest = good
     rivals = [r for r in rest if best.points - r.points < MIN_MARGIN]
     same = bool(rivals) and all(table.is_same(best.candidate, r.candidate) for r in rivals)
@@ -182,6 +182,14 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
         return NotFound(signal, f"{1 + len(rivals)} candidates are equally good: {labels}", (best, *rivals))
     twins = [f"the same motion as {r.candidate.label}: take the one that is measured" for r in rivals]
     return _make_choice(best, tuple(r for r in others if r is not best), twins)
+
+
+def _why_none(ratings: Sequence[Rating]) -> str:
+    """Return why nothing was chosen: what speaks against the one that is named so, if one is."""
+    named = next((r for r in ratings if r.excluded and read_meaning(r.candidate.names).quantity == r.signal), None)
+    if named is None:
+        return "nothing is named like it or has its unit, and moves like it"
+    return f"'{named.candidate.label}' is named like it, but {named.excluded}"
 
 
 def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[str]) -> Choice:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -20,7 +21,8 @@ from ces_observer.errors import RecordingError
 MIN_SAMPLES, MAX_USUAL_STEP_S = 3, 0.1
 EPOCHS = {"s": 1e8, "ms": 1e11, "us": 1e14, "ns": 1e17}  # smallest numbers of times since 1970, from 1973 on
 DATE_WORDS = frozenset({"date", "datum", "datetime"})
-MIN_STEP_S, MAX_ROWS_PER_TIME = 1e-6, 5  # of a time as logged
+MIN_STEP_S, MAX_ROWS_PER_TIME = 1e-6, 1.5  # of a time as logged
+MIN_APART, MAX_APART = 0.05, 100.0  # steps between two times in a row: those of two signals, or two clocks
 DIALLED_PATH = re.compile(r"(Platform\(\)://)?Model Root/")  # before each name in ControlDesk's exports
 TIME_AXES = (("s",), ("x", "value"), ("x", "axis"))  # `X_Value` is LabVIEW's, `XAxis` ControlDesk's
 ANY = ""  # key of what may be any signal
@@ -115,7 +117,7 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
             unread.update(dict.fromkeys(_meanings(str(column.key)), reason))
     for name, reason in table.unread.items():
         unread.update(dict.fromkeys((ANY, *_meanings(name)), reason))
-    doubt = "" if time is None else _doubt_time(table, time, stamps)
+    doubt = "" if time is None else _doubt_time(table, time, stamps, candidates) or _doubt_pairs(columns, time)
     return LogCandidates(candidates, keys, time, known_rate, _describe_time(table, time, known_rate), doubt, unread)
 
 
@@ -127,16 +129,51 @@ def _meanings(name: str) -> Iterator[str]:
         yield quantity
 
 
-def _doubt_time(table: LogTable, time: Column, stamps: Stamps) -> str:
-    """Return why the unit of a time without one is doubtful, '' if it is not."""
+def _doubt_pairs(columns: Sequence[_TableColumn], time: Column) -> str:
+    """Return that signals have times of their own, as in `t_x, x, t_F, F`, '' if one time is that of all."""
+    first = next((c for c in columns if c.key == time.key), None)
+    if first is None:
+        return ""
+    own = [c for before, c in pairwise(columns) if c is not first and _is_time(c) and not _is_time(before)]
+    other = next((c for c in own if _is_other_time(_in_seconds(first), _in_seconds(c))), None)
+    if other is None:
+        return ""
+    return (
+        f"time: columns {first.key!r} and {other.key!r} are both times and differ; a table has one time for all its "
+        "columns (save each signal with its own time as MAT, JSON or MDF, or one time with blank cells where a signal "
+        "has no sample)"
+    )
+
+
+def _is_other_time(first: Values, other: Values) -> bool:
+    """Return whether a time is that of other samples, not the same one, and not one of another clock."""
+    if other.shape != first.shape:
+        return True
+    step = float(np.median(np.diff(first)))
+    return bool(abs(other[0] - first[0]) < MAX_APART * step and np.abs(other - first).max() > MIN_APART * step)
+
+
+def _in_seconds(column: _TableColumn) -> Values:
+    unit = _stated_time_unit(column)
+    return column.values if unit is None else unit.scale * column.values
+
+
+def _is_time(column: _TableColumn) -> bool:
+    """Return whether a column is named like a time, or has its unit, and goes forward."""
+    named = _stated_time_unit(column) is not None or read_meaning((column.name,)).quantity == "time"
+    return named and _goes_forward(column.values)
+
+
+def _doubt_time(table: LogTable, time: Column, stamps: Stamps, candidates: Sequence[Candidate]) -> str:
+    """Return why the unit of a time without one is doubtful, or why its steps are; '' if neither is."""
     if not table.names:
         return f"time: column {time.key!r} by its numbers alone, the table has no names"
     usual = float(np.median(np.diff(stamps))) * 1e-9 if len(stamps) > 1 else 0.0
-    different = 1 + int(np.count_nonzero(np.diff(stamps)))  # they are in order
-    if len(stamps) > MAX_ROWS_PER_TIME * different:
+    rows, different = min((_count_times(c.stamps_ns) for c in candidates), default=(0, 0), key=_rows_per_time)
+    if rows > MAX_ROWS_PER_TIME * different:
         return (
-            f"time: column {time.key!r} has only {different} different times in {len(stamps)} rows, too coarse to tell "
-            "one row from the next; give --rate HZ"
+            f"time: column {time.key!r} has only {different} different times in {rows} rows, too coarse to tell one "
+            "row from the next (or are rows repeated?); give --rate HZ"
         )
     if 0.0 < usual < MIN_STEP_S and not time.unit and not time.scaled and table.stamps(time) is None:
         return (
@@ -145,6 +182,15 @@ def _doubt_time(table: LogTable, time: Column, stamps: Stamps) -> str:
     if time.unit or time.scaled or usual < MAX_USUAL_STEP_S or table.stamps(time) is not None:
         return ""
     return f"time: column {time.key!r} states no unit; in seconds its steps are {usual:g} s (is it in ms, or a number?)"
+
+
+def _count_times(stamps: Stamps) -> tuple[int, int]:
+    """Return the number of samples, and that of different stamps, which are in order."""
+    return len(stamps), 1 + int(np.count_nonzero(np.diff(stamps)))
+
+
+def _rows_per_time(counts: tuple[int, int]) -> float:
+    return counts[0] / counts[1]
 
 
 def _read_columns(table: LogTable) -> tuple[list[_TableColumn], dict[str, str]]:

@@ -77,7 +77,7 @@ def _exclusion(candidate: Candidate, signal: str) -> str:
     if candidate.constant and signal in ("position", "force"):
         return f"constant at {candidate.high:g}"
     if signal == "position" and candidate.rough:
-        return "jumps like noise from sample to sample; a stroke moves smoothly"
+        return f"jumps like noise from sample to sample, at {candidate.rate_Hz:.4g} Hz; a stroke moves smoothly"
     return ""
 
 

@@ -28,7 +28,10 @@ def find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice
         return found
     correlation, _ = table.correlate(position.candidate, force.candidate)
     outward = find_word(position.candidate.names, OUTWARD)
-    if not abs(correlation) >= MIN_CORRELATION:
+    if np.isnan(correlation):
+        text = f"{UNCHECKED}: too few samples to compare force and speed"
+        return {**found, "force": replace(force, checks=(*force.checks, text))}
+    if abs(correlation) < MIN_CORRELATION:
         text = f"{UNCHECKED}: force and speed hardly correlate ({correlation:+.2f})"
         return {**found, "force": replace(force, checks=(*force.checks, text))}
     if outward:

@@ -5,10 +5,8 @@ A bag is written to a temporary folder beside its final place and renamed when i
 
 from __future__ import annotations
 
-import heapq
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -27,7 +25,7 @@ from ces_observer import __version__
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import FieldPath, Signal, Signals
 
-BATCH = 10_000  # messages encoded at a time
+BATCH = 1_000  # messages of a topic encoded at a time
 STAMP = ("header.stamp.sec", "header.stamp.nanosec")
 SECOND = 1_000_000_000
 
@@ -144,12 +142,32 @@ def _write(
         connections = [
             writer.add_connection(f"/{topic.name.lstrip('/')}", topic.type, typestore=typestore) for topic in topics
         ]
-        streams = [encoder.messages(i) for i, encoder in enumerate(encoders)]
         total = sum(len(topic.stamps_ns) for topic in topics)
-        for count, (_, stamp, i, payload) in enumerate(heapq.merge(*streams, key=itemgetter(0)), 1):
-            writer.write(connections[i], stamp, payload)
-            if count % BATCH == 0 or count == total:
-                progress(count / total)
+        count = 0
+        for batch in _batches(encoders):
+            for i, stamp, payload in batch:
+                writer.write(connections[i], stamp, payload)
+                count += 1
+                if count % BATCH == 0 or count == total:
+                    progress(count / total)
+
+
+def _batches(encoders: Sequence[_Encoder]) -> Iterator[list[tuple[int, int, bytes]]]:
+    """Yield index of the topic, stamp and payload of all messages in time order; 1,000 a batch of the longest topic.
+
+    Messages at the same time are in the order of the topics.
+    """
+    longest = max((encoder.order for encoder in encoders), key=len, default=np.empty(0, dtype=np.int64))
+    edges = [*longest[BATCH::BATCH].tolist(), None]
+    begins = [0] * len(encoders)
+    for edge in edges:
+        ends = [len(e.order) if edge is None else int(np.searchsorted(e.order, edge)) for e in encoders]
+        parts = [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]
+        rows = [row for i, part in enumerate(parts) for row in encoders[i].messages(i, part)]
+        times = [encoder.order[part] for encoder, part in zip(encoders, parts, strict=True)]
+        order = np.argsort(np.concatenate(times), kind="stable") if times else ()
+        yield [rows[at] for at in order]
+        begins = ends
 
 
 class _Encoder:
@@ -163,16 +181,14 @@ class _Encoder:
         paths = [FieldPath.parse(text) for text in (*(STAMP if stamped else ()), *topic.columns)]
         self.topic, self.stamped = topic, stamped
         self.blank, self.numbers = _places(topic, paths, typestore)
+        self.order = np.maximum.accumulate(topic.stamps_ns)  # the latest stamp so far
 
-    def messages(self, index: int) -> Iterator[tuple[int, int, int, bytes]]:
-        """Yield (latest stamp so far, stamp, index, payload) of each message."""
-        order = np.maximum.accumulate(self.topic.stamps_ns)
-        for begin in range(0, len(order), BATCH):
-            part = slice(begin, begin + BATCH)
-            rows = self._encode(part)
-            times = zip(order[part].tolist(), self.topic.stamps_ns[part].tolist(), rows, strict=True)
-            for latest, stamp, row in times:
-                yield latest, stamp, index, row.tobytes()
+    def messages(self, index: int, part: slice) -> Iterator[tuple[int, int, bytes]]:
+        """Yield `index`, stamp and payload of each message of a part."""
+        rows = self._encode(part).tobytes()
+        width = len(self.blank)
+        for i, stamp in enumerate(self.topic.stamps_ns[part].tolist()):
+            yield index, stamp, rows[i * width : (i + 1) * width]
 
     def _encode(self, part: slice) -> np.ndarray[tuple[int, int], np.dtype[np.uint8]]:
         stamps = self.topic.stamps_ns[part]
@@ -181,7 +197,11 @@ class _Encoder:
         rows = np.tile(self.blank, (len(stamps), 1))
         for number, column in zip(self.numbers, [*times, *columns], strict=True):
             whole = np.rint(column) if number.dtype.kind in "iu" else column
-            raw = np.ascontiguousarray(whole.astype(number.dtype)).view(np.uint8).reshape(len(column), -1)
+            raw = (
+                np.ascontiguousarray(whole.astype(number.dtype))
+                .view(np.uint8)
+                .reshape(len(column), number.dtype.itemsize)
+            )
             rows[:, number.offset : number.offset + number.dtype.itemsize] = raw
         return rows
 

@@ -20,6 +20,7 @@ POSSIBLE = {
     "force": 1e9,
     "sim_force": 1e9,
 }  # [m, A, N] none is beyond, in any unit
+MAX_EQUAL_SHARE = 0.2  # of the samples
 MAX_EQUAL_STAMPS = 100  # samples in a row with one stamp; a driver that stamps its batches makes fewer
 BAD_SHARE = 0.01  # largest share of NaN or infinite samples that preparation may omit
 RATE_RATIO = 100.0
@@ -118,6 +119,13 @@ def _check_stamps(channel: Channel, start_ns: int) -> Iterator[Finding]:
             ERROR,
             f"{channel.name}: {equal + 1} samples in a row have the same stamp, at {at:.3f} s; expected a stamp for "
             "each sample (is the header's stamp filled in?)",
+            signal=channel.name,
+        )
+    elif len(steps) and (steps == 0).mean() > MAX_EQUAL_SHARE:
+        yield Finding(
+            WARNING,
+            f"{channel.name}: {(steps == 0).mean():.0%} of the samples have the same stamp as the one before: times "
+            "are rounded, or samples are repeated; log times that tell one sample from the next",
             signal=channel.name,
         )
     if (steps < 0).any():

@@ -21,6 +21,7 @@ from small_recordings import write_small_csv
 from ces_cli.main import PROGRAMS, main
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 MORE = {  # options that make an example quick
     "identify": "--time 1 --starts 1 --terms 3 --threads 1 --no-band --candidates rules.yaml",
 }
@@ -117,6 +118,22 @@ def test_quick_examples_run(name: str, line: str, place: Path, monkeypatch: pyte
     if name == "identify":
         (place / "model.json").unlink()  # its output
     assert run_line(line) == 0
+
+
+def commands_of(page: Path) -> Iterator[str]:
+    """Yield the commands in a page's blocks, without prompt, pipe, output file and optional parts."""
+    for block in re.findall(r"^```[a-z]*\n(.*?)^```", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL):
+        for line in re.sub(r"\\\n\s*", "", block).splitlines():
+            if match := re.match(r"\s*(?:\$ )?ces ([a-z-]+ .*)", re.sub(r"\[.*?\]", "", line)):
+                yield re.split(r" [|>] ", match.group(1))[0]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_commands_in_the_documents_are_parsed(page: Path) -> None:
+    for command in commands_of(page):
+        program, *words = shlex.split(command.replace("--seed N ", "--seed 1 "), comments=True)
+        options = import_module(f"ces_cli.{PROGRAMS[program][0]}").make_parser().parse_args(words)
+        assert vars(options), command
 
 
 def test_examples_that_do_not_run_are_named() -> None:

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 
-from ces_identify.recordings.formats.csv_cells import COMMENT_MARKS, is_missing, is_number
+from ces_identify.recordings.formats.csv_cells import COMMENT_MARKS, is_number, is_value
 from ces_identify.recordings.formats.dates import is_date
 from ces_identify.recordings.units import find_unit
 
 NO_UNIT = frozenset({"", "-", "--", "1", "[-]", "(-)", "%", "[]"})
+LINE_BREAK = re.compile(r"\s*[\r\n\t]\s*")  # in a quoted cell
 LAST_ROWS = 20  # which say how wide the table is
 Rows = list[tuple[int, list[str]]]  # number and cells of each line that is not blank
 
@@ -43,16 +45,17 @@ def find_header(rows: Rows, stated: int | None, decimal: str) -> CsvHeader:
         first = _skip_header_text(rows, max(names_at, -1 if units_at is None else units_at) + 1, first, decimal)
     above = [strip_mark(rows[at][1]) for at in range(names_at, first or len(rows)) if at not in block or at == names_at]
     units = rows[units_at][1] if units_at is not None else []
+    below = [rows[at][1] for at in block if at > names_at and not is_unit_row(rows[at][1])]
     return CsvHeader(
         names_at + 1 if first is None else first,
-        _fill_blanks(above[0], above[1:]),
+        _add_groups(_fill_blanks(above[0], above[1:]), below),
         tuple(cell.strip().strip("[]()") for cell in strip_mark(units)),
     )
 
 
 def strip_names(cells: Sequence[str]) -> tuple[str, ...]:
     """Return the names in a header line, without the empty ones after trailing delimiters."""
-    names = [cell.strip() for cell in cells]
+    names = [LINE_BREAK.sub(" ", cell.strip()) for cell in cells]
     while names and not names[-1]:
         names.pop()
     return tuple(names)
@@ -66,11 +69,17 @@ def strip_mark(cells: Sequence[str]) -> list[str]:
     return list(cells) if not mark else [rest, *cells[1:]] if rest else list(cells[1:])
 
 
-def is_data_row(cells: Sequence[str], decimal: str) -> bool:
-    """Return whether all cells are numbers, dates or empty, and one is a number at least."""
+def is_data_row(cells: Sequence[str], decimal: str, width: int, words: Collection[int]) -> bool:
+    """Return whether a line is a row of numbers: all cells are numbers, dates or empty, and one is a number at least.
+
+    In the columns `words` any text may stand; a row with such text has values in half of the other columns at least.
+    """
     texts = strip_names(cells)
-    numbers = sum(is_number(cell, decimal) for cell in texts)
-    return numbers > 0 and all(is_number(c, decimal) or is_date(c) or not c or is_missing(c) for c in texts)
+    others = [text for i, text in enumerate(texts) if i not in words]
+    numbers = sum(is_number(text, decimal) for text in others)
+    if not numbers or not all(is_value(text, decimal) for text in others):
+        return False
+    return len(others) == len(texts) or 2 * sum(map(bool, others)) >= width - len(words)
 
 
 def is_unit_row(cells: Sequence[str]) -> bool:
@@ -87,9 +96,17 @@ def _count_stated(rows: Rows, stated: int) -> int:
 def _find_first_row(rows: Rows, decimal: str) -> int | None:
     """Return the index of the first row of numbers, None if no row is one."""
     width = _width(rows)
-    rows_of_numbers = [at for at, (_, cells) in enumerate(rows) if is_data_row(cells, decimal)]
+    words = _word_columns(rows, width, decimal)
+    rows_of_numbers = [at for at, (_, cells) in enumerate(rows) if is_data_row(cells, decimal, width, words)]
     wide = (at for at in rows_of_numbers if len(rows[at][1]) >= width)
     return next(wide, None)
+
+
+def _word_columns(rows: Rows, width: int, decimal: str) -> frozenset[int]:
+    """Return the columns without any value, as those of a state or of remarks."""
+    wide = [texts for _, cells in rows if len(texts := strip_names(cells)) >= width]
+    filled = {i for texts in wide for i, text in enumerate(texts) if text}
+    return frozenset(filled - {i for texts in wide for i, text in enumerate(texts) if text and is_value(text, decimal)})
 
 
 def _width(rows: Rows) -> int:
@@ -118,6 +135,14 @@ def _skip_header_text(rows: Rows, start: int, first: int | None, decimal: str) -
         if any(is_number(cell, decimal) for cell in rows[at][1]):
             return at
     return first
+
+
+def _add_groups(names: tuple[str, ...], below: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return the names; where several columns share one, it is that of a group, before the name in the next line."""
+    if len(set(names)) == len(names) or not below:
+        return names
+    joined = tuple(" ".join(pair).strip() for pair in zip(names, strip_names(below[0]), strict=False))
+    return joined if len(set(joined)) == len(names) else names
 
 
 def _fill_blanks(names: Sequence[str], others: Sequence[Sequence[str]]) -> tuple[str, ...]:

@@ -8,14 +8,21 @@ from array import array
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from io import TextIOWrapper
-from itertools import chain, repeat, zip_longest
+from itertools import accumulate, chain, islice, repeat, zip_longest
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.recordings.formats.csv_cells import is_comment, is_missing
+from ces_identify.recordings.formats.csv_cells import (
+    is_comment,
+    is_grouped,
+    is_missing,
+    is_number,
+    mixes_groups,
+    parse_number,
+)
 from ces_identify.recordings.formats.csv_dialect import DELIMITERS, find_dialect
 from ces_identify.recordings.formats.dates import AmbiguousDateError, is_date, parse_dates
 from ces_identify.recordings.formats.log_file import LogTable
@@ -23,11 +30,13 @@ from ces_identify.recordings.log_mapping import Column, DynoMapping
 from ces_identify.recordings.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
-BATCH = 5_000  # rows converted together
+BATCH = 300  # rows converted together; their cells fit into the processor's cache
+SAMPLE = 5_000  # rows that show how numbers are written
 EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a float would round it
+NUMBER_STARTS = frozenset("0123456789+-.")
+LINE_BREAK = re.compile("\r\n|\r|\n")
 EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
 NAN = float("nan")
-GROUPED = re.compile(r"[-+]?\d{1,3}([.,'’ \u00a0\u202f]\d{3})+([.,]\d+)?$")  # 1.234,5 or 1'234.5
 
 
 def _as_values(numbers: array[float]) -> Values:
@@ -43,6 +52,13 @@ def _read_whole(cells: Sequence[str], factor: int) -> Stamps:
         if not cell.removeprefix("-").isdecimal():
             raise ValueError(cell, row)
     return np.array([int(cell) * factor for cell in cells], dtype=np.int64)
+
+
+def _last_lines(rows: Sequence[Sequence[str]], before: int, last: int) -> Sequence[int]:
+    """Return the number of each row's last line; a row has several if there are line breaks in its quoted cells."""
+    if last - before == len(rows):
+        return range(before + 1, last + 1)
+    return [before + n for n in accumulate(1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in rows)]
 
 
 @dataclass
@@ -68,7 +84,7 @@ class CsvTable(LogTable):
         self._lines = array("q")
         self._widths = array("l")
         self._columns: list[_Cells] = []
-        self._comments = 0
+        self._comments, self._head = 0, self.dialect.head
         self._read()
         left_out = [f"{self._comments} comment lines are left out"] if self._comments else []
         self.notes = (*self.dialect.notes, *left_out)
@@ -155,7 +171,9 @@ class CsvTable(LogTable):
 
     def _read(self) -> None:
         """Read all rows; the first one decides which columns are text."""
+        sample: list[list[str]] = []
         for rows in self._batches():
+            sample += rows[: SAMPLE - len(sample)]
             if not self._columns:
                 self._columns = [_Cells(texts=[] if self._is_text(cell) else None) for cell in rows[0]]
             first = len(self._widths)
@@ -163,49 +181,65 @@ class CsvTable(LogTable):
             missing = (None,) * len(rows)
             for column, cells in zip(self._columns, chain(zip_longest(*rows), repeat(missing)), strict=False):
                 self._add_all(column, first, cells)
+        self._refuse_groups(sample)
+
+    def _refuse_groups(self, rows: Sequence[Sequence[str]]) -> None:
+        """Mark as bad what has thousands separators that look like decimal marks, unless the mapping states those."""
+        if self.mapping.decimal is not None:
+            return
+        mark = self.dialect.decimal
+        for column, cells in zip(self._columns, zip_longest(*rows, fillvalue=""), strict=False):
+            if mixes_groups(cells, mark):
+                column.bad = column.bad or next((row, cell) for row, cell in enumerate(cells) if mark in cell)
 
     def _batches(self) -> Iterator[list[list[str]]]:
-        """Yield the cells of the next rows; counts their lines and the share of the file that is read."""
-        rows: list[list[str]] = []
-        for line, cells in self._rows():
-            self._lines.append(line)
-            rows.append(cells)
-            if len(rows) == BATCH:
-                yield rows
-                rows = []
-        if rows:
-            yield rows
-
-    def _rows(self) -> Iterator[tuple[int, list[str]]]:
-        size = max(1, self.path.stat().st_size)
+        """Yield the cells of the next rows; keeps the number of each one's line, and reports the share that is read."""
+        size, line = max(1, self.path.stat().st_size), 0
         with self.path.open("rb") as raw, TextIOWrapper(raw, self.dialect.encoding, "replace", newline="") as file:
             reader = csv.reader(file, delimiter=self.dialect.delimiter, skipinitialspace=True)
-            head = self.dialect.head
-            for cells in reader:
-                if not any(map(str.strip, cells)):
-                    continue
-                if head:
-                    head -= 1
-                elif is_comment(cells):
-                    self._comments += 1
-                else:
-                    yield reader.line_num, cells
-                if reader.line_num % BATCH == 0:
-                    self._progress(raw.tell() / size)
+            while batch := list(islice(reader, BATCH)):
+                lines = _last_lines(batch, line, reader.line_num)
+                line = reader.line_num
+                kept = [at for at, cells in enumerate(batch) if self._is_row(cells)]
+                self._lines.extend(lines[at] for at in kept)
+                self._progress(raw.tell() / size)
+                if kept:
+                    yield batch if len(kept) == len(batch) else [batch[at] for at in kept]
+
+    def _is_row(self, cells: Sequence[str]) -> bool:
+        """Return whether a line is a row: not blank, below the header, and no comment; counts the others."""
+        if not self._head and cells and cells[0][:1] in NUMBER_STARTS:
+            return True
+        if not any(map(str.strip, cells)):
+            return False
+        if self._head:
+            self._head -= 1
+            return False
+        if is_comment(cells):
+            self._comments += 1
+            return False
+        return True
 
     def _add_all(self, column: _Cells, row: int, cells: Sequence[str | None]) -> None:
         """Add the cells of rows from `row` on, at once if all are numbers; None stands for one that is missing."""
         if column.texts is None and None not in cells:
             texts = cast(Sequence[str], cells)
-            if self.dialect.decimal != ".":
-                texts = [text.replace(self.dialect.decimal, ".") for text in texts]
             try:
-                column.numbers.extend(array("d", map(float, texts)))
+                column.numbers.extend(array("d", map(float, self._with_points(texts))))
                 return
             except ValueError:
                 pass
         for at, cell in enumerate(cells, start=row):
             self._add(column, at, cell)
+
+    def _with_points(self, texts: Sequence[str]) -> Sequence[str]:
+        """Return cells with decimal points; raises ValueError if a point stands among decimal commas."""
+        if self.dialect.decimal == ".":
+            return texts
+        joined = "\0".join(texts)
+        if "." in joined:
+            raise ValueError("decimal point")
+        return joined.replace(self.dialect.decimal, ".").split("\0")
 
     def _is_text(self, cell: str) -> bool:
         text = cell.strip()
@@ -215,7 +249,7 @@ class CsvTable(LogTable):
         if column.texts is not None:
             column.texts.append((cell or "").strip())
         try:
-            number = float((cell or "").replace(self.dialect.decimal, "."))
+            number = parse_number(cell or "", self.dialect.decimal)
         except ValueError:
             number = NAN
             if cell is not None and (not cell.strip() or is_missing(cell)):
@@ -238,8 +272,10 @@ class CsvTable(LogTable):
             return RecordingError(f"{where} is missing; the line has {self._widths[row]} cells")
         kind = "that" if text.strip() else "a blank"
         blank = f" (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
-        if GROUPED.match(text.strip()):
+        if is_grouped(text):
             return RecordingError(f"{where} is {text!r}; expected a number without thousands separators: export it so")
+        if self.dialect.decimal != "." and is_number(text, "."):
+            return RecordingError(f"{where} is {text!r}; expected decimals by '{self.dialect.decimal}' as elsewhere")
         return RecordingError(
             f"{where} is {text!r}; expected a number{blank if not text.strip() or is_missing(text) else ''}"
         )

@@ -10,9 +10,25 @@ import numpy as np
 
 from ces_identify.recordings.recording import Stamps
 
-ISO = re.compile(r"(\d{4}-\d\d-\d\d)[T _](\d\d:\d\d(?::\d\d)?)([.,]\d{1,9})?\s*(Z|[+-]\d\d:?\d\d)?$")
-GERMAN = re.compile(r"(\d{1,2})\.(\d{1,2})\.(\d{4})[ _T](\d{1,2}):(\d\d):(\d\d)([.,]\d{1,9})?$")
-CLOCK = re.compile(r"(?:(-?\d+) days? )?(\d{1,2}):(\d\d):(\d\d)([.,]\d{1,9})?\s*([AaPp])?(?:\.?[Mm]\.?)?$")
+FRACTION = r"([.,]\d{1,9}|:\d{3})?"  # controllers of machines write 12:00:00:125
+ISO = re.compile(rf"(\d{{4}}-\d\d-\d\d)[T _](\d\d:\d\d(?::\d\d)?){FRACTION}\s*(Z|[+-]\d\d:?\d\d)?$")
+GERMAN = re.compile(rf"(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}})[ _T](\d{{1,2}}):(\d\d):(\d\d){FRACTION}$")
+NAMED = re.compile(rf"(\d{{1,2}})[-. ]+([A-Za-zä]{{3,9}})[-. ]+(\d{{4}})[ T]+(\d{{1,2}}):(\d\d):(\d\d){FRACTION}$")
+MONTHS = {
+    "jan": 1,
+    "feb": 2,
+    "mar": 3,
+    "apr": 4,
+    "may": 5,
+    "jun": 6,
+    "jul": 7,
+    "aug": 8,
+    "sep": 9,
+    "oct": 10,
+    "nov": 11,
+}
+MONTHS |= {"dec": 12, "mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12}
+CLOCK = re.compile(rf"(?:(-?\d+) days? )?(\d{{1,2}}):(\d\d):(\d\d){FRACTION}\s*([AaPp])?(?:\.?[Mm]\.?)?$")
 MINUTES = re.compile(r"(\d{1,3}):(\d\d)([.,]\d{1,9})$")
 DAY_NS = 86_400_000_000_000
 SLASHED = re.compile(r"(\d{1,4})/(\d{1,2})/(\d{1,4})[ T]+(\d{1,2}:\d\d:\d\d)([.,]\d{1,9})?\s*([AaPp])?(?:\.?[Mm]\.?)?$")
@@ -26,15 +42,16 @@ class AmbiguousDateError(ValueError):
 def is_date(cell: str) -> bool:
     """Return whether a cell is a date or a time of day in some form."""
     text = cell.strip()
-    return any(pattern.match(text) for pattern in (ISO, GERMAN, CLOCK, MINUTES, SLASHED))
+    return any(pattern.match(text) for pattern in (ISO, GERMAN, NAMED, CLOCK, MINUTES, SLASHED))
 
 
 def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
     """Return the times of cells in nanoseconds since 1970, UTC if they state no zone; times of day count from midnight.
 
-    Without a `pattern` (as in `datetime.strptime`) ISO 8601, 31.12.2024 23:59:59.5, 12/31/2024 11:59:59.5 PM,
-    23:59:59.5, 59:59.5 (minutes and seconds) and `0 days 23:59:59.5` are read. Raises ValueError for the first cell
-    that is not a time, with its row as second argument; AmbiguousDateError if it may have two meanings.
+    Without a `pattern` (as in `datetime.strptime`) ISO 8601, 31.12.2024 23:59:59.5, 31-Dec-2024 23:59:59.5,
+    12/31/2024 11:59:59.5 PM, 23:59:59.5, 59:59.5 (minutes and seconds) and `0 days 23:59:59.5` are read. Raises
+    ValueError for the first cell that is not a time, with its row as second argument; AmbiguousDateError if it may have
+    two meanings.
     """
     read = _reader([cell.strip() for cell in (cells[0], cells[-1])] if cells else [""], pattern)
     stamps = np.empty(len(cells), dtype=np.int64)
@@ -55,7 +72,7 @@ def _reader(ends: Sequence[str], pattern: str) -> Callable[[str], int]:
     if SLASHED.match(first):
         order = _find_order([match for text in ends if (match := SLASHED.match(text))])
         return lambda text: _read_slashed(text, order)
-    readers = {CLOCK: _read_clock, MINUTES: _read_minutes, GERMAN: _read_german}
+    readers = {CLOCK: _read_clock, MINUTES: _read_minutes, GERMAN: _read_german, NAMED: _read_named}
     return next((read for form, read in readers.items() if form.match(first)), _read_iso)
 
 
@@ -94,10 +111,20 @@ def _read_iso(text: str) -> int:
 
 
 def _read_german(text: str) -> int:
-    day, month, year, hour, minute, second, fraction = _match(GERMAN, text)
-    return _to_ns(
-        datetime(int(year), int(month), int(day), int(hour), int(minute), int(second), tzinfo=UTC)
-    ) + _fraction_ns(fraction)
+    day, month, *clock, fraction = _match(GERMAN, text)
+    return _moment_ns(int(day), int(month), clock) + _fraction_ns(fraction)
+
+
+def _read_named(text: str) -> int:
+    day, name, *clock, fraction = _match(NAMED, text)
+    if name[:3].casefold() not in MONTHS:
+        raise ValueError(text)
+    return _moment_ns(int(day), MONTHS[name[:3].casefold()], clock) + _fraction_ns(fraction)
+
+
+def _moment_ns(day: int, month: int, clock: Sequence[str]) -> int:
+    year, hour, minute, second = map(int, clock)
+    return _to_ns(datetime(year, month, day, hour, minute, second, tzinfo=UTC))
 
 
 def _read_clock(text: str) -> int:

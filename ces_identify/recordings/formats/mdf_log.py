@@ -49,9 +49,11 @@ class MdfLog(TimedLog):
             return list(self._all(mdf, start))
 
     def _all(self, mdf: Any, start: int) -> Iterator[LogSeries]:
-        masters = {(group, master) for group, master in mdf.masters_db.items()}
+        masters = set(mdf.masters_db.items())
+        seen: set[Place] = set()  # a channel may have a second name, as `force\XCP:1` is also `force`
         for name, places in mdf.channels_db.items():
-            for place in sorted(set(places) - masters):
+            for place in sorted(set(places) - masters - seen):
+                seen.add(place)
                 try:
                     series = self._series(mdf, place, start, MAX_PROPOSAL_RECORDS)
                 except RecordingError:

@@ -67,7 +67,9 @@ class TreeTable(LogTable):
     def _find_names(self) -> Iterator[str]:
         """Yield the paths to the columns that have names."""
         if isinstance(self.root, Mapping):
-            yield from (name for name, _ in list_arrays(self.root))
+            arrays = [name for name, _ in list_arrays(self.root)]
+            yield from arrays
+            yield from list_single_numbers(self.root) if arrays else ()
         elif isinstance(self.root[0], Mapping):
             yield from (str(name) for name in self.root[0])
 
@@ -228,6 +230,17 @@ def list_arrays(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str
             yield from list_arrays(value, f"{prefix}{name}.")
         elif (numbers := as_numbers(value)) is not None and len(numbers) >= MIN_ROWS:
             yield f"{prefix}{name}", numbers
+
+
+def list_single_numbers(tree: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
+    """Yield the path of every number that stands alone in a tree, such as the rate of its arrays."""
+    for name, value in tree.items():
+        if str(name).startswith(("__", "#")):
+            continue
+        if isinstance(value, Mapping):
+            yield from list_single_numbers(value, f"{prefix}{name}.")
+        elif not _is_complex(value) and np.size(value) == 1 and np.asarray(value).dtype.kind in "iuf":
+            yield f"{prefix}{name}"
 
 
 def _list_unread(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

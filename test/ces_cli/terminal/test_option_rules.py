@@ -92,6 +92,7 @@ SIGMOID, POLYNOMIAL = ("--structure", "sigmoid"), ()
             )
         ),
         (("identify", "bag", "--dask", "here:1"), "--dask applies to campaigns; add --campaign FILE.yaml"),
+        (("import", "log.csv", "--propose", "--json"), "--json does not apply with --propose, which prints a mapping"),
         (("identify", "bag", "--jobs", "2"), "--jobs applies to campaigns"),
         (("identify", "bag", "--campaign", "c.yaml"), "BAG has no effect with --campaign; set it in c.yaml instead"),
         (("identify", "--campaign", "c.yaml", "--seed", "1"), "--seed has no effect with --campaign"),

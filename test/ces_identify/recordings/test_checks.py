@@ -78,7 +78,17 @@ def test_time_running_backwards_says_where():
 
 def test_repeated_stamps_are_no_backward_time():
     stamps = np.repeat(START + np.arange(5000) * MS, 2)
-    assert findings(recording(Channel("position", "m", stamps, 0.02 * np.sin(stamps)), channel("current", 5000))) == ()
+    found = findings(recording(Channel("position", "m", stamps, 0.02 * np.sin(stamps)), channel("current", 5000)))
+    assert [(finding.severity, finding.signal) for finding in found] == [("warning", "position")]
+    assert "position: 50% of the samples have the same stamp as the one before" in found[0].text
+
+
+def test_a_few_repeated_stamps_are_not_reported():
+    stamps = START + np.arange(10_000) * MS
+    stamps[1::10] = stamps[::10]
+    assert (
+        findings(recording(Channel("position", "m", stamps, 0.02 * np.sin(stamps)), channel("current", 10_000))) == ()
+    )
 
 
 @pytest.mark.parametrize(("period_ms", "wrong"), [(99.0, False), (101.0, True)])

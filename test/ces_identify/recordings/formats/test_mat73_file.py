@@ -128,6 +128,16 @@ def test_a_proposal_needs_no_mapping(tmp_path):
     assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
 
 
+@pytest.mark.parametrize("more", [{}, {"gain": 3.0, "position_offset_mm": 1.0}], ids=["alone", "among_others"])
+def test_a_rate_beside_arrays_without_times(tmp_path, more):
+    rate = 1.0 / (T[1] - T[0])
+    arrays = {"x_mm": 1e3 * X, "i_A": CURRENT, "F_N": F}
+    scipy.io.savemat(tmp_path / "run.mat", {"fs": rate, **more, **arrays})
+    proposal = propose_mapping(tmp_path / "run.mat")
+    assert proposal.doubts == () and "rate from 'fs'" in proposal.found
+    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
+
+
 def test_an_object_is_refused_with_what_to_save_instead(tmp_path):
     path = save(tmp_path / "log.mat", {"t": T, "x_mm": X, "i": CURRENT, "F": F})
     with h5py.File(path, "r+") as file:

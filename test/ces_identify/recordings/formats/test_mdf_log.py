@@ -4,7 +4,7 @@ import datetime
 
 import numpy as np
 import pytest
-from log_examples import I_SLOW, START_NS, T_SLOW, F, T, X, assert_recording
+from log_examples import CURRENT, I_SLOW, START_NS, T_SLOW, F, T, X, assert_recording
 
 from ces_identify.proposal.mapping_proposal import propose_mapping
 from ces_identify.recordings.log_import import import_log, to_recording
@@ -52,6 +52,18 @@ def test_invalid_samples_are_left_out(tmp_path):
     recording = import_log(write(tmp_path / "run.mf4", invalid=invalid), mapping())
     np.testing.assert_allclose(recording.channel("position").values, X[~invalid])
     assert len(recording.channel("force")) == len(T)
+
+
+def test_a_channel_with_a_second_name_is_one_candidate(tmp_path):
+    path = tmp_path / "run.mf4"
+    with asammdf.MDF(version="4.10") as mdf:
+        names = (("damper.position\\XCP:1", 1000 * X, "mm"), ("iValve", CURRENT, "A"), ("fz\\XCP:1", F, "N"))
+        mdf.append([asammdf.Signal(values, T, name=name, unit=unit) for name, values, unit in names])
+        mdf.start_time = datetime.datetime(2024, 5, 1, 12, 0, 0, 250_000, tzinfo=datetime.UTC)
+        mdf.save(path)
+    proposal = propose_mapping(path)
+    assert proposal.doubts == ()
+    assert_recording(to_recording(proposal.log, proposal.mapping), START_NS, slow=False)
 
 
 def test_a_name_in_two_groups_is_selected_by_its_group(tmp_path):
