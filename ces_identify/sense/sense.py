@@ -9,10 +9,12 @@ import numpy as np
 
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, sort_findings
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.clock_drift import find_clock_drift
 from ces_identify.sense.consistency import differences
 from ces_identify.sense.delays import force_delay
+from ces_identify.sense.exchange import find_exchange
 from ces_identify.sense.force_map import is_constant
-from ces_identify.sense.motion import join_motions, recorded_motion
+from ces_identify.sense.motion import Motion, join_motions, recorded_motion
 from ces_identify.sense.rates import rate_findings
 from ces_identify.sense.saturation import saturation_findings
 from ces_identify.sense.sensors import sensor_findings
@@ -28,16 +30,24 @@ def sense(recording: Recording) -> tuple[Finding, ...]:
     "wrong model": a model of it would be wrong. A check that cannot know says nothing.
     """
     motion = recorded_motion(recording)
+    if exchange := find_exchange(recording, motion):
+        return (exchange,)
     sensors = [*saturation_findings(recording), *sensor_findings(recording)]
     intact = None if any(f.severity == WRONG_MODEL for f in sensors) else motion  # else follow-up findings mislead
     return sort_findings(
         unit_findings(recording, motion),
-        timing_findings(intact) if intact is not None else (),
-        sign_findings(motion) if motion is not None and intact is None else (),
+        () if motion is None else sign_findings(motion) if sensors else _timing(recording, motion),
         rate_findings(recording),
         sensors,
         current_findings(recording, intact),
     )
+
+
+def _timing(recording: Recording, motion: Motion) -> Sequence[Finding]:
+    """Return the findings on delays and signs of sensors without a fault; clocks that drift replace a delay."""
+    found = list(timing_findings(motion))
+    drift = find_clock_drift(recording) if any(IS_DELAY in f.text and f.signal != "current" for f in found) else None
+    return found if drift is None else [drift]
 
 
 def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
@@ -49,8 +59,10 @@ def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
         return single
     known = {f.signal for f in single if f.severity == WRONG_MODEL}
     between = [f for f in differences(recordings) if f.signal not in known]
+    faulty = {f.recording for f in single if f.signal in ("position", "force")}
     known_bad = between or any(f.severity == WRONG_MODEL or IS_DELAY in f.text for f in single)
-    return sort_findings(between, single, () if known_bad else _joint_delay(recordings))
+    sound = [r for r in recordings if r.name not in faulty]
+    return sort_findings(between, single, () if known_bad else _joint_delay(sound))
 
 
 def _joint_delay(recordings: Sequence[Recording]) -> Iterator[Finding]:
