@@ -6,14 +6,12 @@ does not correct that. Begin and end of the recording are examined apart.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from ces_identify.recordings.checks import WRONG_MODEL, Finding
 from ces_identify.recordings.recording import Recording
 from ces_identify.sense.delays import DelayEstimate, force_delay
 from ces_identify.sense.motion import recorded_motion
 
-THIRDS = ((0.0, 1.0 / 3.0), (1.0 / 3.0, 2.0 / 3.0), (2.0 / 3.0, 1.0))  # of the time
+THIRDS = ((0.0, 1.0 / 3.0), (1.0 / 3.0, 2.0 / 3.0), (2.0 / 3.0, 1.0))  # of the position's samples
 MIN_CHANGE_S, CLEARLY = 0.01, 0.5  # between the first and the last third; in widths of the intervals
 STEADY = 0.35  # of the change, by which the middle may miss the mean of both ends
 
@@ -42,16 +40,9 @@ def _is_apart(a: DelayEstimate, b: DelayEstimate) -> bool:
     return not (a.beyond or b.beyond) and abs(a.late_s - b.late_s) > max(MIN_CHANGE_S, CLEARLY * width)
 
 
-def _delay_within(recording: Recording, begin: float, end: float) -> DelayEstimate | None:
-    """Return the delay of the force in a part of the recording, between two shares of the position's time."""
-    stamps = recording.channels["position"].stamps_ns
-    origin, length = int(stamps.min()), int(stamps.max() - stamps.min())
-    low, high = origin + begin * length, origin + end * length
-    parts = {
-        name: channel.select((channel.stamps_ns >= low) & (channel.stamps_ns <= high))
-        for name, channel in recording.channels.items()
-    }
-    motion = recorded_motion(replace(recording, channels=parts))
+def _delay_within(recording: Recording, first: float, last: float) -> DelayEstimate | None:
+    """Return the delay of the force in a part of the recording."""
+    motion = recorded_motion(recording.part(first, last))
     return None if motion is None else force_delay(motion, far=False)
 
 

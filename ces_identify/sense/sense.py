@@ -23,6 +23,8 @@ from ces_identify.sense.timing import IS_DELAY, delay_findings, sign_findings, t
 from ces_identify.sense.units import unit_findings
 from ces_observer.errors import RecordingError
 
+LONG_S = 60.0  # clocks that differ by 100 ppm drift by 6 ms in it
+
 
 def sense(recording: Recording) -> tuple[Finding, ...]:
     """Return what is wrong with a recording that can be read, the worst first, each with its remedy.
@@ -46,7 +48,12 @@ def sense(recording: Recording) -> tuple[Finding, ...]:
 def _timing(recording: Recording, motion: Motion) -> Sequence[Finding]:
     """Return the findings on delays and signs of sensors without a fault; clocks that drift replace a delay."""
     found = list(timing_findings(motion))
-    drift = find_clock_drift(recording) if any(IS_DELAY in f.text and f.signal != "current" for f in found) else None
+    late = any(IS_DELAY in f.text and f.signal != "current" for f in found)
+    drift = (
+        find_clock_drift(recording)
+        if late or np.ptp(recording.channels["position"].stamps_ns) >= 1e9 * LONG_S
+        else None
+    )
     return found if drift is None else [drift]
 
 

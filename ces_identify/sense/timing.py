@@ -18,10 +18,9 @@ MIN_WORK, MIN_BLOCKS = 0.3, 0.8  # share of the power that is negative on balanc
 
 
 def timing_findings(motion: Motion) -> Iterator[Finding]:
-    """Yield findings on delays, and on the sign of the force."""
+    """Yield findings on the sign of the force or, where it is right, on delays."""
     delay = force_delay(motion)
-    yield from delay_findings(motion, delay)
-    yield from sign_findings(motion, delay)
+    yield from list(sign_findings(motion, delay)) or delay_findings(motion, delay)
 
 
 def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
