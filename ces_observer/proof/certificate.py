@@ -67,7 +67,8 @@ def summarize(stored: Mapping[str, Any]) -> str:
         return f"contraction: the gains of the past forces sum to at most {gain:.3f} < 1 for any input in the envelope"
     if anywhere is not None:
         within = "" if inside is None else f"{inside:.0f} N within the envelope, "
-        return f"passive: the difference of two runs never grows, and |force| at most {within}{anywhere:.0f} N for any input"
+        bound = f"|force| at most {within}{anywhere:.0f} N for any input"
+        return f"passive: the difference of two runs never grows, and {bound}"
     return str(stored.get("claim"))
 
 
