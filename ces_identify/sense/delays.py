@@ -99,7 +99,7 @@ def force_delay(motion: Motion, far: bool = True) -> DelayEstimate | None:
     if not far or (near is not None and near.settled):
         return near
     wide = _force_delay_within(motion, FAR_S)
-    if wide is None or wide.open_ended or wide.least_error > LIKELY_ERROR:
+    if wide is None or wide.open_ended or wide.least_error > LIKELY_ERROR or abs(wide.late_s) <= MAX_DELAY_S:
         return near
     return wide if near is None or FACTOR * wide.least_error < near.least_error else near
 
