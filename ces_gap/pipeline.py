@@ -8,10 +8,11 @@ Each stage is a function from records to a record:
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis, Explanation
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
@@ -165,7 +166,7 @@ def _describe(
         rest=location.rest,
         causes=scores.causes,
         composition=scores.composition,
-        wrong=next((c for c in scores.causes if c.effects[0] not in scores.composition.effects), None),
+        wrong=_best_outside(scores.causes, scores.composition),
         ceiling_after_N=scores.ceiling_after_N,
         indistinguishable=doubts.indistinguishable,
         not_separable=decision.absorbed,
@@ -184,6 +185,12 @@ def _describe(
         witness=judged.witness,
         witness_says=judged.witness_says,
     )
+
+
+def _best_outside(causes: Sequence[Explanation], composition: Explanation) -> Explanation | None:
+    """Return the effect outside the composition that alone leaves the least of the gap."""
+    others = [c for c in causes if c.effects[0] not in composition.effects]
+    return max(others, key=lambda c: c.shrink if math.isfinite(c.shrink) else -math.inf, default=None)
 
 
 def _calibrated_for(simulation: Simulation, inputs: DiagnosisInput) -> str:

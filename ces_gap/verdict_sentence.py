@@ -57,10 +57,14 @@ def _causes(diagnosis: Diagnosis) -> list[str]:
 
 
 def _describe_closest(diagnosis: Diagnosis) -> str:
-    effects = _causes(diagnosis)
-    return (
-        f"; the closest, {_join(effects, 'and')}, leaves {diagnosis.composition.gap_after_N:.0f} N" if effects else ""
-    )
+    """Return what leaves the least of the gap: the composition, or an effect alone that is less probable."""
+    effects, left = _causes(diagnosis), diagnosis.composition.gap_after_N
+    if not effects:
+        return ""
+    alone = min(diagnosis.causes, key=lambda c: c.gap_after_N if np.isfinite(c.gap_after_N) else np.inf)
+    if alone.gap_after_N < left:
+        effects, left = [alone.effects[0]], alone.gap_after_N
+    return f"; the closest, {_join(effects, 'and')}, leaves {left:.0f} N"
 
 
 def _describe_doubt(diagnosis: Diagnosis) -> str:

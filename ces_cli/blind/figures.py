@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ces_cli.blind.mode import CLASSES, IDENTIFIED
 from ces_cli.blind.outcome import NONE, UNKNOWN, CaseOutcome
-from ces_cli.blind.statistics import Statistic, bootstrap_statistic, brier, calibration_error, mean, quantile, rate
+from ces_cli.blind.statistics import Statistic, brier, calibration_error, mean, quantile, rate
 
 F = NDArray[np.float64]
 Cases = Sequence[CaseOutcome]
@@ -66,7 +66,8 @@ def _summarize_figure(name: str, kinds: tuple[str, ...], summary: Callable[[Sequ
 
 
 def _count_covered(cases: Cases) -> Statistic:
-    return rate([hit for case in cases_of_kind(cases, *LIBRARY) for hit in case.covered])
+    comparable = [case.covered for case in cases_of_kind(cases, *LIBRARY) if case.covered]
+    return rate([hit for covered in comparable for hit in covered], cases=len(comparable))
 
 
 def candidates(cases: Cases) -> tuple[F, F]:
@@ -88,17 +89,15 @@ def _claim(case: CaseOutcome, name: str) -> float:
     return 0.0 if name in case.accepted else case.probability.get(name, 0.0)
 
 
-def _over_candidates(figure: Callable[[F, F], float]) -> Count:
-    def count(cases: Cases) -> Statistic:
-        claimed, right = candidates(cases)
-        return bootstrap_statistic(np.stack([claimed, right], axis=1), lambda part: figure(part[:, 0], part[:, 1]))
-
-    return count
+def _over_candidates(figure: Callable[[F, F], Statistic]) -> Count:
+    return lambda cases: figure(*candidates(cases))
 
 
-def _top_calibration(claimed: F, right: F) -> float:
+def _top_calibration(claimed: F, right: F) -> Statistic:
+    if not len(claimed):
+        return calibration_error(claimed, right)
     rows, first = np.arange(len(claimed)), np.argmax(claimed, axis=1)
-    return calibration_error(claimed[rows, first], right[rows, first])
+    return calibration_error(claimed[rows, first][:, None], right[rows, first][:, None])
 
 
 _median, _tenth, _ninetieth = (partial(quantile, share=share) for share in (0.5, 0.1, 0.9))

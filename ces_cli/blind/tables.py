@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from math import isnan
+from math import isfinite
 from typing import Any
 
 from ces_cli.blind.figures import BY_NAME, METRICS, Cases, Metric, baselines, cases_of_kind, cases_with_targets
@@ -197,7 +197,7 @@ def _goal(metric: Metric, target: float, figure: Statistic) -> str:
 
 
 def _number(value: float, percent: bool) -> str:
-    if isnan(value):
+    if not isfinite(value):
         return "–"
     return f"{100 * value:.1f} %" if percent else f"{value:.3f}"
 

@@ -128,7 +128,9 @@ def _print_certificate(certificate: Certificate) -> None:
             "--allow-uncertified: the stability of this model is not proved; do not use it on a vehicle"
         )
         return
-    print(f"stable: {summarize(certificate.to_mapping())} (proved); {certificate.force_claim}")
+    summary = summarize(certificate.to_mapping())
+    bound = "" if "|force|" in summary else f"; {certificate.force_claim}"
+    print(f"stable: {summary} (proved){bound}")
 
 
 def make_parser() -> terminal.Parser:

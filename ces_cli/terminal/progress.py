@@ -136,7 +136,7 @@ class SearchProgress(LiveBar):
             self._results.update(result)
             best = self._results.best or result
             text = (
-                f"selection cost J = {best.cost:.2f} %, size {len(best.chosen)}, {self._results.finished} starts done"
+                f"selection cost J = {best.cost:.2f} %, size {len(best.chosen)}, starts done: {self._results.finished}"
             )
             self.show(self.elapsed_s, text)
             self.log_seldom(text)

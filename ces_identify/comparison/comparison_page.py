@@ -102,6 +102,7 @@ def _by_cost(comparison: Comparison) -> Any:
 
 def _model_row(comparison: Comparison, i: int, best: int) -> dict[str, Any]:
     result, model = comparison.models[i], comparison.models[i].model.model
+    above, _, above_interval = ("lowest" if i == best else _above(comparison, best, i)).partition(" (")
     return {
         "name": result.name,
         "source": result.model.source,
@@ -110,7 +111,8 @@ def _model_row(comparison: Comparison, i: int, best: int) -> dict[str, Any]:
         "rate": "–" if model is None else f"{model.sampling.rate_Hz:g}",
         "cost": _percent(result.pooled),
         "interval": interval_text(result.pooled_interval),
-        "above": "lowest" if i == best else _above(comparison, best, i),
+        "above": above,
+        "above_interval": above_interval.removesuffix(")"),
         "tick": "–" if result.tick is None else f"{result.tick.median_us:.1f}",
         "bound": _bound(result),
         "outside": _outside(comparison, i),

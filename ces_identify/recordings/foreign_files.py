@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from pathlib import Path
 
@@ -32,6 +33,14 @@ def is_foreign(path: Path) -> bool:
 
 def explain_import(path: Path) -> str:
     """Return what a foreign file is, and the command that makes a bag of it."""
+    if path.suffix.lower() == ".json" and _is_own(path):
+        return "is a file that ces wrote, such as a model, and no recording; expected a bag"
     return (
         f"is {KINDS[path.suffix.lower()]}, not a rosbag2 bag; convert it: ces import {shlex.quote(str(path))} --out BAG"
     )
+
+
+def _is_own(path: Path) -> bool:
+    """Return whether a JSON file begins as those that `ces` writes do."""
+    with path.open("rb") as file:
+        return re.match(rb'\s*\{\s*"schema"\s*:\s*"ces-', file.read(100)) is not None

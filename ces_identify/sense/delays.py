@@ -29,6 +29,7 @@ from ces_identify.sense.force_map import (
 from ces_identify.sense.motion import RATE_HZ, Motion
 
 MAX_DELAY_S = 0.07
+FAR_S = 0.5  # searched if no shift within MAX_DELAY_S fits, or one at its end fits best: loggers that started apart
 MIN_TICKS = 2000
 ROWS, CURRENT_ROWS = 8000, 5000  # of the regressions
 CURRENT_KNOTS = (0.0, 0.03, 0.2, 0.4, 0.6, 0.8, 0.97, 1.0)
@@ -42,13 +43,17 @@ MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these sig
 
 @dataclass(frozen=True)
 class DelayEstimate:
-    """How late a signal is logged [s], with the interval of the shifts that fit; `errors` at zero and at the best."""
+    """How late a signal is logged [s], with the interval of the shifts that fit; `errors` at zero and at the best.
+
+    Shifts of up to `reach_s` were tried.
+    """
 
     late_s: float
     low_s: float
     high_s: float
     error_at_zero: float
     least_error: float
+    reach_s: float = MAX_DELAY_S
 
     @property
     def certain(self) -> bool:
@@ -63,17 +68,48 @@ class DelayEstimate:
         return narrow and abs(self.late_s) > LIKELY_S and self.least_error < LIKELY_ERROR and self.error_at_zero > limit
 
     @property
+    def open_ended(self) -> bool:
+        """Whether the largest shift that was tried fits, too, so that the delay may be larger."""
+        return max(-self.low_s, self.high_s) >= self.reach_s - 1.0 / RATE_HZ
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the largest shift that was tried fits best: the delay is at least that of the interval's near end."""
+        return abs(self.late_s) >= self.reach_s - 1.0 / RATE_HZ
+
+    @property
+    def settled(self) -> bool:
+        """Whether it fits well without a delay, so that there is no reason to try larger ones."""
+        return not self.open_ended and not self.certain and self.least_error < LIKELY_ERROR
+
+    @property
     def nearest_s(self) -> float:
         """The end of the interval that is nearer to zero, 0 if zero is inside."""
         return min((self.low_s, self.high_s), key=abs) if self.certain else 0.0
 
 
-def force_delay(motion: Motion) -> DelayEstimate | None:
-    """Return how late the force is logged relative to the position, None if that cannot be known."""
+def force_delay(motion: Motion, far: bool = True) -> DelayEstimate | None:
+    """Return how late the force is logged relative to the position, None if that cannot be known.
+
+    With `far`, also a delay of more than MAX_DELAY_S if none up to that fits.
+    """
     if len(motion) < MIN_TICKS or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
         return None
-    features, reach = force_features(motion), round(MAX_DELAY_S * RATE_HZ)
+    near = _force_delay_within(motion, MAX_DELAY_S)
+    if not far or (near is not None and near.settled):
+        return near
+    wide = _force_delay_within(motion, FAR_S)
+    if wide is None or wide.open_ended or wide.least_error > LIKELY_ERROR or abs(wide.late_s) <= MAX_DELAY_S:
+        return near
+    return wide if near is None or FACTOR * wide.least_error < near.least_error else near
+
+
+def _force_delay_within(motion: Motion, reach_s: float) -> DelayEstimate | None:
+    """Return the delay if one of up to `reach_s` fits, and the parts of the motion are long enough for such shifts."""
+    features, reach = force_features(motion), round(reach_s * RATE_HZ)
     rows = _rows(motion, reach, ROWS)
+    if len(rows) < MIN_TICKS // 2:
+        return None
     shifts = np.arange(-reach, reach + 1)
     targets = np.stack([motion.force[rows + shift] for shift in shifts], axis=1)
     errors = fit_errors(features[:, rows].T, targets)
@@ -127,7 +163,7 @@ def _as_delay(shifts_s: F, errors: F, factor: float, floor: float) -> DelayEstim
     limit = max(factor * float(errors[best]), float(np.hypot(errors[best], floor)))
     low, high = (_crossing(shifts_s, errors, limit, best, step) for step in (-1, 1))
     at_zero = float(errors[len(errors) // 2])
-    return DelayEstimate(_vertex(shifts_s, errors, best), low, high, at_zero, float(errors[best]))
+    return DelayEstimate(_vertex(shifts_s, errors, best), low, high, at_zero, float(errors[best]), float(shifts_s[-1]))
 
 
 def _crossing(shifts_s: F, errors: F, limit: float, best: int, step: int) -> float:

@@ -9,10 +9,12 @@ import numpy as np
 
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, sort_findings
 from ces_identify.recordings.recording import Recording
+from ces_identify.sense.clock_drift import find_clock_drift
 from ces_identify.sense.consistency import differences
 from ces_identify.sense.delays import force_delay
+from ces_identify.sense.exchange import find_exchange
 from ces_identify.sense.force_map import is_constant
-from ces_identify.sense.motion import join_motions, recorded_motion
+from ces_identify.sense.motion import Motion, join_motions, recorded_motion
 from ces_identify.sense.rates import rate_findings
 from ces_identify.sense.saturation import saturation_findings
 from ces_identify.sense.sensors import sensor_findings
@@ -21,6 +23,8 @@ from ces_identify.sense.timing import IS_DELAY, delay_findings, sign_findings, t
 from ces_identify.sense.units import unit_findings
 from ces_observer.errors import RecordingError
 
+LONG_S = 60.0  # clocks that differ by 100 ppm drift by 6 ms in it
+
 
 def sense(recording: Recording) -> tuple[Finding, ...]:
     """Return what is wrong with a recording that can be read, the worst first, each with its remedy.
@@ -28,16 +32,29 @@ def sense(recording: Recording) -> tuple[Finding, ...]:
     "wrong model": a model of it would be wrong. A check that cannot know says nothing.
     """
     motion = recorded_motion(recording)
+    if exchange := find_exchange(recording, motion):
+        return (exchange,)
     sensors = [*saturation_findings(recording), *sensor_findings(recording)]
     intact = None if any(f.severity == WRONG_MODEL for f in sensors) else motion  # else follow-up findings mislead
     return sort_findings(
         unit_findings(recording, motion),
-        timing_findings(intact) if intact is not None else (),
-        sign_findings(motion) if motion is not None and intact is None else (),
+        () if motion is None else sign_findings(motion) if sensors else _timing(recording, motion),
         rate_findings(recording),
         sensors,
         current_findings(recording, intact),
     )
+
+
+def _timing(recording: Recording, motion: Motion) -> Sequence[Finding]:
+    """Return the findings on delays and signs of sensors without a fault; clocks that drift replace a delay."""
+    found = list(timing_findings(motion))
+    late = any(IS_DELAY in f.text and f.signal != "current" for f in found)
+    drift = (
+        find_clock_drift(recording)
+        if late or np.ptp(recording.channels["position"].stamps_ns) >= 1e9 * LONG_S
+        else None
+    )
+    return found if drift is None else [drift]
 
 
 def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
@@ -49,8 +66,10 @@ def sense_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
         return single
     known = {f.signal for f in single if f.severity == WRONG_MODEL}
     between = [f for f in differences(recordings) if f.signal not in known]
+    faulty = {f.recording for f in single if f.signal in ("position", "force")}
     known_bad = between or any(f.severity == WRONG_MODEL or IS_DELAY in f.text for f in single)
-    return sort_findings(between, single, () if known_bad else _joint_delay(recordings))
+    sound = [r for r in recordings if r.name not in faulty]
+    return sort_findings(between, single, () if known_bad else _joint_delay(sound))
 
 
 def _joint_delay(recordings: Sequence[Recording]) -> Iterator[Finding]:

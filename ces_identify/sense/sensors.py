@@ -7,13 +7,14 @@ and only while the other signal shows that it should have changed.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from ces_identify.numerics.arrays import F, I, Mask
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, mean_rate
 from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.sense.saturation import find_saturations
 
 MIN_SAMPLES = 1000
 MIN_LEVELS = {"position": 100, "force": 50}  # values in the range, below which a quantum is coarse
@@ -24,6 +25,7 @@ NOISY_REPEATS = 0.3  # share of repeats up to which a channel is noisy, so that 
 STUCK_S, STUCK_SAMPLES = 0.1, 50
 STUCK_CHANGE = {"position": 0.3, "force": 0.1}  # change of the other signal meanwhile, of its range
 WRONG_STUCK = 0.02  # share of the time
+MAX_VISIT = 0.5  # of the samples at a limit: a single longer visit is a sensor that is stuck there
 JUMP = 5.0  # a signal's return from a stuck value, in its largest steps elsewhere
 HELD_SAMPLES, HELD_STEPS = 3, 4.0  # repeats of each value, and steps between values in quanta
 OTHER = {"position": "force", "force": "position"}
@@ -39,7 +41,8 @@ def sensor_findings(recording: Recording) -> Iterator[Finding]:
             yield from _dead(channel)
             continue
         runs = runs_of_equal(channel.values)
-        stuck = list(_stuck(channel, channels.get(OTHER[name]), runs))
+        limits = [s.limit for s in find_saturations(recording, name)]
+        stuck = list(_stuck(channel, channels.get(OTHER[name]), runs, limits))
         held = [] if stuck else list(_held(channel, runs))
         yield from stuck or held or _too_coarse(channel, runs)
 
@@ -54,11 +57,18 @@ def _dead(channel: Channel) -> Iterator[Finding]:
         )
 
 
-def _stuck(channel: Channel, other: Channel | None, runs: I) -> Iterator[Finding]:
-    """Yield the stretches in which a noisy channel repeats one value while the other signal changes."""
+def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[float]) -> Iterator[Finding]:
+    """Yield the stretches in which a noisy channel repeats one value while the other signal changes.
+
+    Those at a limit at which it saturates again and again are no fault of their own.
+    """
     lengths = runs[:, 1] - runs[:, 0]
     long = lengths >= max(STUCK_SAMPLES, STUCK_S * mean_rate(channel))
     rest = lengths[~long]
+    for limit in limits:
+        visits = channel.values[runs[:, 0]] == limit
+        if lengths[visits].max() < MAX_VISIT * lengths[visits].sum():
+            long &= ~visits
     if other is None or not long.any() or not len(rest):
         return
     noisy = (rest - 1).sum() <= NOISY_REPEATS * rest.sum()
@@ -71,7 +81,7 @@ def _stuck(channel: Channel, other: Channel | None, runs: I) -> Iterator[Finding
     first = (moved[0][0] - int(channel.stamps_ns[0])) * 1e-9
     yield Finding(
         WRONG_MODEL if total > WRONG_STUCK else WARNING,
-        f"{channel.name}: stuck {len(moved)} times, first at {first:.2f} s, {total:.1%} of the time, while the "
+        f"{channel.name}: stuck {count_times(len(moved))} {first:.2f} s, {total:.1%} of the time, while the "
         f"{other.name} changes; check the sensor and its cable, and cut these stretches out",
         signal=channel.name,
     )
@@ -114,7 +124,7 @@ def _coarse(channel: Channel, runs: I) -> Iterator[Finding]:
         yield Finding(
             WARNING,
             f"{channel.name}: only {levels} values between {low:.4g} and {high:.4g} {channel.unit}: too coarse for a "
-            "speed or a force; record with more resolution",
+            f"{'speed' if channel.name == 'position' else 'model'}; record with more resolution",
             signal=channel.name,
         )
 
@@ -145,6 +155,11 @@ def _usual_speed(channel: Channel) -> float:
     time = (channel.stamps_ns[step:] - channel.stamps_ns[:-step]) * 1e-9
     moved = np.abs(channel.values[step:] - channel.values[:-step])
     return float(np.percentile(moved[time > 0.0] / time[time > 0.0], 90.0)) if (time > 0.0).any() else np.nan
+
+
+def count_times(count: int) -> str:
+    """Return how often, before the time of the first."""
+    return "once, at" if count == 1 else f"{count} times, first at"
 
 
 def runs_of_equal(values: F) -> I:

@@ -17,7 +17,7 @@ from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding, mean_r
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.sense.force_map import fit_errors, force_features, is_constant
 from ces_identify.sense.motion import RATE_HZ, Motion
-from ces_identify.sense.sensors import MIN_SAMPLES, NOISY_REPEATS, STUCK_SAMPLES, runs_of_equal
+from ces_identify.sense.sensors import MIN_SAMPLES, NOISY_REPEATS, STUCK_SAMPLES, count_times, runs_of_equal
 
 MAX_STRETCHES, MIN_STRETCH_S, SETTLING_S = (
     3,
@@ -71,7 +71,7 @@ def _without_noise(channel: Channel) -> Iterator[Finding]:
         first = (channel.stamps_ns[begin] - channel.stamps_ns[0]) * 1e-9
         yield Finding(
             WARNING,
-            f"current: stuck {int(long.sum())} times, first at {first:.2f} s, {total:.1%} of the time, although noise "
+            f"current: stuck {count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time, although noise "
             f"changes it everywhere else; {REMEDY}",
             signal="current",
         )

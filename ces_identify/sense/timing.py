@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from ces_identify.recordings.checks import WARNING, WRONG_MODEL, Finding
-from ces_identify.sense.delays import DelayEstimate, current_delay, force_delay
+from ces_identify.sense.delays import MAX_DELAY_S, DelayEstimate, current_delay, force_delay
 from ces_identify.sense.motion import RATE_HZ, Motion
 
 MIN_DELAY_S, WRONG_DELAY_S = 0.002, 0.005  # that the interval must exclude to be reported; to be refused
@@ -18,10 +18,9 @@ MIN_WORK, MIN_BLOCKS = 0.3, 0.8  # share of the power that is negative on balanc
 
 
 def timing_findings(motion: Motion) -> Iterator[Finding]:
-    """Yield findings on delays, and on the sign of the force."""
+    """Yield findings on the sign of the force or, where it is right, on delays."""
     delay = force_delay(motion)
-    yield from delay_findings(motion, delay)
-    yield from sign_findings(motion, delay)
+    yield from list(sign_findings(motion, delay)) or delay_findings(motion, delay)
 
 
 def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
@@ -41,7 +40,12 @@ def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
 
 
 def is_reversed(motion: Motion, delay: DelayEstimate | None) -> bool:
-    """Return whether the recorded force drives the piston on balance: its sign or that of the position is wrong."""
+    """Return whether the recorded force drives the piston on balance: its sign or that of the position is wrong.
+
+    A force that is late by half a stroke does so, too: of an unknown delay, nothing follows.
+    """
+    if delay is not None and delay.certain and delay.beyond:
+        return False
     late = delay.late_s if delay is not None and delay.certain else 0.0
     balance, returned = dissipation(motion, late)
     return balance < -MIN_WORK and returned > MIN_BLOCKS
@@ -53,7 +57,8 @@ def sign_findings(motion: Motion, delay: DelayEstimate | None = None) -> Iterato
         yield Finding(
             WRONG_MODEL,
             "force: acts with the motion instead of against it, and no damper gives energy; position and force are "
-            "positive in compression: multiply the scale of the one that is not by -1 in the signals file",
+            "positive in compression: multiply the scale of the one that is not by -1 in the signals file (if both "
+            "are, one is late by half a stroke: align their clocks)",
             signal="force",
         )
 
@@ -68,10 +73,12 @@ def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Find
         yield _describe_delay("force", "position", force)
     elif force is not None and force.likely:
         yield _describe_likely("force", "position", force)
-    current = current_delay(motion, force.late_s if force is not None and force.certain else 0.0)
+    offset = force.late_s if force is not None and force.certain else 0.0
+    if abs(offset) > 0.5 * MAX_DELAY_S:  # the shifts that are tried do not reach the position's time
+        return
+    current = current_delay(motion, offset)
     if current is None or abs(current.nearest_s) < MIN_DELAY_S:
         return
-    offset = force.late_s if force is not None and force.certain else 0.0
     if not current.low_s <= -offset <= current.high_s:  # it may be in line with the position instead
         yield _describe_delay("current", "force", current)
 
@@ -88,11 +95,19 @@ def _current_instead(motion: Motion, force: DelayEstimate) -> DelayEstimate | No
 
 def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> Finding:
     severity = WRONG_MODEL if abs(delay.nearest_s) >= WRONG_DELAY_S else WARNING
-    size = sorted(1e3 * abs(s) for s in (delay.low_s, delay.high_s))
+    near, far = sorted(1e3 * abs(s) for s in (delay.low_s, delay.high_s))
     name, relation, key_s = _name_late(signal, other, delay.late_s)
+    if delay.beyond:
+        text = (
+            f"{name}: logged at least {near:.0f} ms {relation}, too much to estimate; compare how both are stamped, set"
+        )
+        return Finding(
+            severity, f"{text} {IS_DELAY} (default 0) of {name} in the signals file, and check again", signal=name
+        )
+    interval = f"{near:.0f} ms or more" if delay.open_ended else f"{near:.0f} to {far:.0f}"
     return Finding(
         severity,
-        f"{name}: logged {1e3 * abs(delay.late_s):.0f} ms ({size[0]:.0f} to {size[1]:.0f}) {relation}; add {key_s:.3f} "
+        f"{name}: logged {1e3 * abs(delay.late_s):.0f} ms ({interval}) {relation}; add {key_s:.3f} "
         f"to {IS_DELAY} (default 0) of {name} in the signals file",
         signal=name,
     )

@@ -29,8 +29,8 @@ MAX_FORCE_N = 1e6
 def unit_findings(recording: Recording, motion: Motion | None) -> Iterator[Finding]:
     """Yield a finding for each signal whose magnitude speaks for another unit; percentiles ignore outliers."""
     speed = float(np.percentile(np.abs(motion.speed), 99.0)) if motion is not None else 0.0
-    force = _half_span(finite_values(recording, "force"))
-    yield from _position(_half_span(finite_values(recording, "position")) * 2.0, motion, force)
+    force = half_span(finite_values(recording, "force"))
+    yield from _position(half_span(finite_values(recording, "position")) * 2.0, motion, force)
     yield from _current(finite_values(recording, "current"))
     yield from _force(force, speed)
 
@@ -44,7 +44,7 @@ def _position(stroke: float, motion: Motion | None, force: float) -> Iterator[Fi
         yield Finding(
             WRONG_MODEL,
             f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper; multiply its scale "
-            "in the signals file by 0.001 if it is in mm, by 0.0254 if it is in inches",
+            "in the signals file by 0.001 if it is in mm, by 0.01 if it is in cm, by 0.0254 if it is in inches",
             signal="position",
         )
     elif rms > USUAL_RMS_M_S:
@@ -107,5 +107,6 @@ def _force(force: float, speed: float) -> Iterator[Finding]:
         )
 
 
-def _half_span(values: F) -> float:
+def half_span(values: F) -> float:
+    """Return half the range of values (n,) between the 1st and 99th percentile, 0 if there are none."""
     return float(0.5 * np.ptp(np.percentile(values, (1.0, 99.0)))) if len(values) else 0.0

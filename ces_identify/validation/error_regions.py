@@ -52,11 +52,16 @@ def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
     v, c = _cell(ticks.speed, speeds), _cell(ticks.current, currents)
     cells = []
     for a, b in product(range(SPEEDS), range(len(currents) - 1)):
-        name = f"{speeds[a]:.2f} to {speeds[a + 1]:.2f} m/s"
+        name = f"{_round(speeds[a]):.2f} to {_round(speeds[a + 1]):.2f} m/s"
         if len(currents) > 2:
             name += f", {currents[b]:.2f} to {currents[b + 1]:.2f} A"
         cells.append(_share(ticks, "speed x current", name, (v == a) & (c == b)))
     return sorted((s for s in cells if s.ticks > 0.0), key=lambda s: -s.energy)
+
+
+def _round(speed: float) -> float:
+    """Return a speed of two decimals, without the sign of a zero."""
+    return round(float(speed), 2) + 0.0
 
 
 def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:

@@ -62,11 +62,13 @@ class Certificate(ABC):
 
 def summarize(stored: Mapping[str, Any]) -> str:
     """Return a model file's stored certificate as a sentence."""
-    gain, anywhere = stored.get("gain"), stored.get("force_bound_any_input_N")
+    gain, anywhere, inside = (stored.get(key) for key in ("gain", "force_bound_any_input_N", "force_bound_N"))
     if gain is not None:
         return f"contraction: the gains of the past forces sum to at most {gain:.3f} < 1 for any input in the envelope"
     if anywhere is not None:
-        return f"passive: the difference of two runs never grows, and |force| <= {anywhere:.0f} N for any input"
+        within = "" if inside is None else f"{inside:.0f} N within the envelope, "
+        bound = f"|force| at most {within}{anywhere:.0f} N for any input"
+        return f"passive: the difference of two runs never grows, and {bound}"
     return str(stored.get("claim"))
 
 

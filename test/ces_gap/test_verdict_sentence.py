@@ -59,6 +59,13 @@ def test_other_possible_causes_are_named() -> None:
     assert "do not rule out valve lag;" in text and "with friction" in text
 
 
+def test_the_closest_effect_is_the_one_that_leaves_least() -> None:
+    first, second, *others = FOUND.causes
+    less = replace(second, gap_after_N=0.5 * FOUND.composition.gap_after_N)
+    text = format_text(verdict=UNKNOWN, causes=(first, less, *others))
+    assert f"closest, {second.effects[0].replace('_', ' ')}, leaves {less.gap_after_N:.0f} N" in text
+
+
 def test_an_unknown_cause_comes_with_the_closest_effect() -> None:
     assert "closest" in format_text(verdict=UNKNOWN) and "friction" in format_text(verdict=UNKNOWN)
     nothing = replace(FOUND.composition, effects=())

@@ -85,15 +85,18 @@ def open_page(
 
 
 def find_faults(path: Path) -> list[str]:
-    """Return what is wrong with a page: in light and dark, at two widths, in forced colours, in print, and by keys."""
+    """Return what is wrong with a page: in light and dark, on a phone, in forced colours, in print, and by keys."""
     with open_page(path) as page:
-        faults = [*_check(page, "findUnnamed"), *find_silent_charts(page)]
+        faults: list[str] = _check(page, "findUnnamed")
         for width, scheme in ((1280, "light"), (800, "dark")):
             page.set_viewport_size({"width": width, "height": 900})
             page.emulate_media(color_scheme=scheme)
             faults += [f"{width} px, {scheme}: {fault}" for fault in (*_find_illegible(page), *find_low_contrast(page))]
+        page.set_viewport_size({"width": 390, "height": 900})
+        faults += [f"390 px: {fault}" for fault in _find_illegible(page)]
         page.emulate_media(forced_colors="active")
         faults += [f"forced colours: {fault}" for fault in find_low_contrast(page)]
+        faults += find_silent_charts(page)
         page.set_viewport_size(A4_PX)
         page.emulate_media(media="print", forced_colors="none")
         faults += [f"print: {fault}" for fault in _find_illegible(page)]

@@ -5,9 +5,11 @@
     const edge = document.documentElement.clientWidth;
     const scrolls = e => e && (["auto", "scroll"].includes(getComputedStyle(e).overflowX) || scrolls(e.parentElement));
     const isCut = e => e.scrollWidth > e.clientWidth + 1 && getComputedStyle(e).overflowX === "hidden";
+    const isTooWide = e => e.tagName === "TABLE"  // it lies over what is beside it
+      && e.getBoundingClientRect().right > e.parentElement.getBoundingClientRect().right + 1;
     return [...document.body.querySelectorAll("*")]
       .filter(e => !e.closest("svg") && e.getClientRects().length && !scrolls(e.parentElement))
-      .filter(e => e.getBoundingClientRect().right > edge + 1 || isCut(e))
+      .filter(e => e.getBoundingClientRect().right > edge + 1 || isCut(e) || isTooWide(e))
       .map(e => `${e.tagName}.${e.className} ends at ${e.getBoundingClientRect().right} of ${edge}`);
   },
 

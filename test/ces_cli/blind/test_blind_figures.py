@@ -1,7 +1,7 @@
 """Metrics of a blind test: known values of each statistic, and the criteria of a right answer."""
 
 from dataclasses import replace
-from math import isnan
+from math import inf, isnan
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from ces_cli.blind.closure import closure, where_error
 from ces_cli.blind.figures import BY_NAME, baselines, candidates, cases_with_targets
 from ces_cli.blind.mode import Mode, combine_modes
 from ces_cli.blind.outcome import CaseOutcome
-from ces_cli.blind.statistics import brier, calibration_error, quantile, rate
+from ces_cli.blind.statistics import brier, calibration_error, mean, quantile, rate, wilson_interval
 from ces_cli.blind.tables import case_rows, confusion_table, summary_table
 from ces_observer.errors import CesError
 
@@ -29,17 +29,66 @@ def test_wilson_interval():
     assert isnan(rate([]).value)
 
 
-def test_bootstrap_interval_of_a_median_is_as_wide_as_theory_says():
+def test_several_hits_of_one_case_count_as_one_for_the_interval():
+    assert rate([True] * 20 + [False] * 10, cases=10).interval() == pytest.approx(wilson_interval(2.0 / 3.0, 10))
+    assert np.ptp(rate([True] * 20 + [False] * 10, cases=10).interval()) > np.ptp(
+        rate([True] * 20 + [False] * 10).interval()
+    )
+
+
+def test_interval_of_a_median_is_as_wide_as_theory_says():
     values = np.random.default_rng(1).standard_normal(400)
     low, high = quantile(values, 0.5).interval()
     assert high - low == pytest.approx(2 * 1.96 * np.sqrt(np.pi / 2) / 20.0, rel=0.25)
 
 
+@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("count", [4, 11, 30])
+def test_intervals_of_quantiles_hold_for_few_cases(share, count):
+    rng = np.random.default_rng(count)
+    true = -np.log(1.0 - share)
+    intervals = [quantile(rng.exponential(size=count), share).interval() for _ in range(300)]
+    assert np.mean([low <= true <= high for low, high in intervals]) >= 0.94
+
+
+def test_few_cases_leave_an_end_of_an_interval_open():
+    low, high = quantile([0.7, 0.8, 0.9, 0.95], 0.1).interval()
+    assert low == -inf and high == 0.9
+    assert mean([0.5]).interval() == (-inf, inf)
+
+
+def test_intervals_of_means_hold():
+    rng = np.random.default_rng(3)
+    intervals = [mean(rng.beta(8.0, 1.0, 11)).interval() for _ in range(300)]
+    assert np.mean([low <= 8.0 / 9.0 <= high for low, high in intervals]) >= 0.9
+
+
 def test_calibration_error_and_brier():
-    p = np.array([0.9] * 10 + [0.25] * 4)
-    assert calibration_error(p, np.array([1.0] * 9 + [0.0] + [1.0, 0.0, 0.0, 0.0])) == pytest.approx(0.0)
-    assert calibration_error(p, np.zeros(14)) == pytest.approx(10.0 / 14.0)
-    assert brier(np.array([[0.8, 0.2], [0.0, 1.0]]), np.array([[1.0, 0.0], [0.0, 1.0]])) == pytest.approx(0.04)
+    p = np.array([0.9] * 10 + [0.25] * 4)[:, None]
+    right = np.array([1.0] * 9 + [0.0] + [1.0, 0.0, 0.0, 0.0])[:, None]
+    assert calibration_error(p, right).value == pytest.approx(0.0)
+    assert calibration_error(p, np.zeros((14, 1))).value == pytest.approx(10.0 / 14.0)
+    two = brier(np.array([[0.8, 0.2], [0.0, 1.0]]), np.array([[1.0, 0.0], [0.0, 1.0]]))
+    assert two.value == pytest.approx(0.04)
+
+
+@pytest.mark.parametrize("too_sure", [0.0, 0.2])
+def test_intervals_of_the_calibration_error_hold(too_sure):
+    """The calibration error of few cases is above zero even if the probabilities are right."""
+    rng = np.random.default_rng(4)
+    inside = []
+    for _ in range(300):
+        claimed = rng.uniform(0.7, 0.8, (69, 1))  # one bin: the hardest, for several bins add up their errors
+        low, high = calibration_error(claimed, (rng.random((69, 1)) < claimed - too_sure).astype(float)).interval()
+        inside.append(low <= too_sure <= high)
+    assert np.mean(inside) >= 0.92
+
+
+def test_right_probabilities_of_few_cases_are_not_called_wrong():
+    rng = np.random.default_rng(5)
+    claimed = rng.beta(2.0, 1.0, (69, 1))
+    error = calibration_error(claimed, (rng.random((69, 1)) < claimed).astype(float))
+    assert error.value > 0.05 > error.interval()[0]
 
 
 def test_outcomes():

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -88,6 +89,18 @@ def values(page: Any, ident: str) -> dict[str, float]:
 def middle(page: Any, ident: str, across: float = 0.5, down: float = 0.2) -> tuple[float, float]:
     box = page.locator(f"#{ident}-plot .plot-frame").bounding_box()
     return box["x"] + across * box["width"], box["y"] + down * box["height"]
+
+
+def has_shadow(page: Any, table: Any) -> bool:
+    """Return whether a shadow is drawn along the right edge of what scrolls: whether its colour changes the picture."""
+    table.scroll_into_view_if_needed()
+    box = table.bounding_box()
+    clip = {"x": box["x"] + box["width"] - 6.0, "y": box["y"], "width": 6.0, "height": box["height"]}
+    pictures = []
+    for colour in ("red", "transparent"):
+        table.evaluate("(e, colour) => e.style.setProperty('--more', colour)", colour)
+        pictures.append(page.screenshot(clip=clip))
+    return pictures[0] != pictures[1]
 
 
 def test_a_page_of_long_recordings_is_small_and_drawn_at_once(report: Path) -> None:
@@ -213,6 +226,27 @@ def test_a_command_can_be_copied(page: Any) -> None:
 @pytest.mark.parametrize("which", ["report", "gap", "fleet"])
 def test_every_page_is_legible_on_screen_in_print_and_by_keys(pages: dict[str, Path], which: str) -> None:
     assert find_faults(pages[which]) == []
+
+
+def test_a_table_that_scrolls_shows_it_and_keeps_its_names(report: Path) -> None:
+    with open_page(report, width=390) as page:
+        table = page.locator("#costs .wide").first
+        assert table.evaluate("e => e.scrollWidth > e.clientWidth + 50")
+        assert has_shadow(page, table)  # more is to come
+        table.evaluate("e => { e.scrollLeft = e.scrollWidth; }")
+        assert not has_shadow(page, table)
+        name = table.locator("tbody td").first.bounding_box()
+        assert name["x"] == pytest.approx(table.bounding_box()["x"], abs=1.0)
+
+
+def test_tables_of_errors_do_not_lie_over_each_other(report: Path) -> None:
+    for width in (1280, 800, 390):
+        with open_page(report, width=width) as page:
+            boxes = [one.bounding_box() for one in page.locator(".shares table").all()]
+            assert len(boxes) > 1
+            for a, b in combinations(boxes, 2):
+                across = min(a["x"] + a["width"], b["x"] + b["width"]) - max(a["x"], b["x"])
+                assert across <= 1.0 or a["y"] + a["height"] <= b["y"] or b["y"] + b["height"] <= a["y"]
 
 
 def test_without_a_script_the_page_is_whole(report: Path) -> None:

@@ -14,10 +14,12 @@ from ces_identify.recordings.log_import import import_log
 from ces_identify.recordings.log_mapping import load_dyno_mapping
 from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.recordings.signals_file import load_signals
+from ces_identify.sense.clock_drift import find_clock_drift
 from ces_identify.sense.delays import DelayEstimate, current_delay, force_delay
 from ces_identify.sense.motion import recorded_motion
 from ces_identify.sense.saturation import find_saturations
 from ces_identify.sense.sense import require_sensible, sense, sense_each, sense_together
+from ces_identify.sense.timing import delay_findings
 from ces_observer.errors import RecordingError
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -114,8 +116,8 @@ def test_measured_recordings_make_sense():
         ({"force": lambda f: np.clip(f, -1200.0, 600.0)}, "wrong model", "force: the channel saturates"),
         ({"force": lambda f: np.clip(f, -3000.0, 1250.0)}, "warning", "record with a larger range"),
         ({"force": lambda f: 0.0 * f + 3.0}, "wrong model", "force: constant at 3 N"),
-        ({"force": held(0.4, 0.5)}, "wrong model", "force: stuck 1 times, first at 10.00 s, 10.0% of the time"),
-        ({"position": held(0.4, 0.41)}, "warning", "position: stuck 1 times"),
+        ({"force": held(0.4, 0.5)}, "wrong model", "force: stuck once, at 10.00 s, 10.0% of the time"),
+        ({"position": held(0.4, 0.41)}, "warning", "position: stuck once"),
         ({"force": lambda f: f[np.arange(len(f)) // 10 * 10]}, "warning", "measured at 100 Hz"),
         (
             {"position": lambda x: 0.002 * np.round(x / 0.002)},
@@ -124,7 +126,7 @@ def test_measured_recordings_make_sense():
         ),
         ({"position": lambda x: np.clip(x, -0.01, 0.01)}, "wrong model", "position: the channel saturates"),
         ({"current": held(0.4, 0.5)}, "wrong model", "current: stuck at 0.57 A for 2.5 s, 10% of the time"),
-        ({"position": lambda x: held(0.4, 0.5)(1e-5 * np.round(1e5 * x))}, "wrong model", "position: stuck 1 times"),
+        ({"position": lambda x: held(0.4, 0.5)(1e-5 * np.round(1e5 * x))}, "wrong model", "position: stuck once"),
         ({"force": lambda f: 200.0 * np.round(f / 200.0)}, "warning", "force: only"),
     ],
     ids=lambda value: value if isinstance(value, str) else "",
@@ -220,6 +222,67 @@ def test_sines_of_several_frequencies_show_a_delay_together():
     (found,) = sense_each([shifted(one, "force", 0.02) for one in sines])
     assert found.severity == "wrong model"
     assert found.text.startswith("3 recordings together: force: logged ")
+
+
+@pytest.mark.parametrize(("late_s", "signal"), [(0.12, "force"), (0.3, "force"), (-0.2, "position")])
+@pytest.mark.parametrize("name", ["noise", "sweep", "road"])
+def test_loggers_that_started_apart_are_estimated(name, late_s, signal):
+    """Larger delays than the usual: the interval holds the true one, no sign and no current is blamed."""
+    late = shifted(bag(name), "force", late_s)
+    (found,) = sense(late)
+    assert found.text.startswith(f"{signal}: logged ") and found.severity == "wrong model"
+    delay = force_delay(recorded_motion(late))
+    assert delay.low_s < late_s < delay.high_s
+    assert abs(delay.late_s - late_s) < 0.01
+
+
+def test_a_delay_beyond_what_is_tried_has_no_figure():
+    estimate = DelayEstimate(0.07, 0.04, 0.07, 0.3, 0.1)
+    assert estimate.beyond and estimate.open_ended
+    (found,) = delay_findings(recorded_motion(bag("noise")), estimate)
+    assert found.text.startswith("force: logged at least 40 ms after the position, too much to estimate;")
+
+
+@pytest.mark.parametrize(("name", "ppm"), [("road", 1500.0), ("road", -2000.0), ("noise", 1500.0)])
+def test_clocks_that_drift_apart_are_no_delay(name, ppm):
+    """A constant delay would correct the middle of the recording only."""
+    recording = bag(name)
+    force = recording.channels["force"]
+    since = force.stamps_ns - force.stamps_ns[0]
+    stamps = force.stamps_ns[0] + np.rint(since * (1.0 + 1e-6 * ppm)).astype(np.int64)
+    drifted = replace(recording, channels={**recording.channels, "force": replace(force, stamps_ns=stamps)})
+    found = find_clock_drift(drifted)
+    assert found.severity == "wrong model" and "their clocks drift apart" in found.text
+
+
+def test_a_constant_delay_is_no_drift():
+    for name in BAGS:
+        assert find_clock_drift(shifted(bag(name), "force", 0.03)) is None
+
+
+@pytest.mark.parametrize("signal", ["position", "force"])
+def test_a_channel_that_is_held_has_no_delay_of_its_own(signal):
+    """Repeated samples come late by half of their time: the sensor's rate is the remedy, not a delay."""
+    held_at_50Hz = changed(bag("noise"), **{signal: lambda v: v[np.arange(len(v)) // 20 * 20]})
+    found = [f.text for f in sense(held_at_50Hz)]
+    assert any(f"{signal}: stamped at 1000 Hz" in text for text in found)
+    assert not any("logged" in text for text in found)
+
+
+def test_interchanged_signals_are_one_finding_units_another():
+    recording = bag("noise")
+    position, force = (recording.channels[name] for name in ("position", "force"))
+    swapped = {"position": replace(force, name="position"), "force": replace(position, name="force")}
+    (found,) = sense(replace(recording, channels={**recording.channels, **swapped}))
+    assert "position and force are interchanged" in found.text
+    in_mm_and_kN = sense(changed(recording, position=scaled(1e3), force=scaled(1e-3)))
+    assert not any("interchanged" in f.text for f in in_mm_and_kN)
+    assert {f.signal for f in in_mm_and_kN} == {"position", "force"}
+
+
+def test_a_clipped_force_is_not_stuck_too():
+    found = sense(changed(bag("sine_4hz"), force=lambda f: np.clip(f, 0.4 * f.min(), 0.4 * f.max())))
+    assert [f.text.split(";")[0].split(":")[1] for f in found if f.signal == "force"] == [" the channel saturates"]
 
 
 def test_a_current_that_comes_after_its_force_is_late():

@@ -138,4 +138,7 @@ def test_a_bound_that_is_not_finite_proves_nothing():
 
 def test_a_stored_certificate_is_told_in_a_sentence():
     stored = physical_model(RELAXATION).certify().to_mapping()
-    assert summarize(stored) == "passive: the difference of two runs never grows, and |force| <= 3122 N for any input"
+    inside = f"{stored['force_bound_N']:.0f} N within the envelope"
+    assert summarize(stored) == (
+        f"passive: the difference of two runs never grows, and |force| at most {inside}, 3122 N for any input"
+    )
