@@ -30,6 +30,7 @@ from ces_gap.plant_map.speed_map import RecentMaps, SpeedMap
 from ces_gap.sensor_noise.measure import measure_noise
 from ces_gap.sensor_noise.noise_estimate import UNMEASURED, GridSignals, MeasuredNoise
 from ces_identify.preparation.series import hold_current
+from ces_identify.recordings.holes import measured_at
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation, find_predictions
 
@@ -150,18 +151,20 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
     seconds = (clock - clock[0]) * 1e-9
     base_Hz, factor = find_rates(seconds, recording.name)
     base = base_times(seconds, base_Hz)
+    base_ns = clock[0] + np.round(base * 1e9).astype(np.int64)
     position, known_x = bridge_gaps(seconds, recording.channel("position").values, base)
     low_pass = find_low_pass_Hz(position, base_Hz)
     position = smooth_out(position, low_pass, base_Hz)
-    force, known_f = np.zeros_like(base), np.zeros(len(base), bool)
+    force, known_f, measured = np.zeros_like(base), np.zeros(len(base), bool), np.zeros(len(base), bool)
     if "force" in recording.channels:
         channel = recording.channel("force")
         force, known_f = bridge_gaps((channel.stamps_ns - clock[0]) * 1e-9, channel.values, base)
+        measured = without_edges(measured_at(channel, base_ns), factor - 1)  # what decimation mixes into a tick
     simulated, known_s = bridge_gaps(seconds, simulated_N, base)
-    current = hold_current(recording, clock[0] + np.round(base * 1e9).astype(np.int64), CURRENT_AGE_S)
+    current = hold_current(recording, base_ns, CURRENT_AGE_S)
     known_i = np.isfinite(current)
     current = np.interp(base, base[known_i], current[known_i]) if known_i.any() else np.zeros_like(base)
-    usable = without_edges(known_x & known_f & known_s & known_i, round(EDGE_S * base_Hz))
+    usable = without_edges(known_x & known_f & known_s & known_i, round(EDGE_S * base_Hz)) & measured
     keep = slice(None, None, factor)
     rate = base_Hz / factor
     speed = derivative(position, base_Hz)

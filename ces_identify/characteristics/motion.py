@@ -16,7 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from ces_identify.numerics.arrays import F, I
 from ces_identify.preparation.position_spectrum import remove_spikes, sample_rate
-from ces_identify.preparation.series import force_at, hold_current, usable_samples
+from ces_identify.preparation.series import hold_current, interpolate_force, usable_samples
 from ces_identify.recordings.recording import Channel, Recording
 
 MEASURED = "measured"
@@ -154,7 +154,7 @@ def _make_stretch(
         speed=speed,
         current=hold_current(recording, times, MAX_CURRENT_AGE_S),
         current_s=np.empty(0) if logged is None else _seconds(np.sort(logged.stamps_ns), start_ns),
-        forces={source: force_at(one, times, gap_s) for source, one in forced.items()},
+        forces={source: interpolate_force(one, times, gap_s) for source, one in forced.items()},
     )
 
 

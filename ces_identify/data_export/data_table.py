@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_identify.recordings.channel_stats import GAP_INTERVALS
+from ces_identify.recordings.holes import measured_at
 from ces_identify.recordings.recording import Channel, Recording, Stamps, Values
 from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS
@@ -113,6 +114,8 @@ def _column(name: str, channel: Channel, stamps: Stamps) -> DataColumn:
         values, missing = _hold(finite, stamps)
         return DataColumn(f"{name}_held_{unit}", channel.unit, values, missing)
     values, missing = _interpolate(finite, stamps)
+    if name == "force":
+        missing |= ~measured_at(channel, stamps)
     return DataColumn(f"{name}_interp_{unit}", channel.unit, values, missing)
 
 

@@ -1,7 +1,7 @@
 """Preparation: from a recording to uniform ticks, by the rules of the observer.
 
 Position, speed and current at each tick are those that the estimator would have used; gaps and restarts split a series
-into segments and are never bridged. Measured force is interpolated to the ticks.
+into segments and are never bridged. Measured force is interpolated to the ticks, but not over samples that are missing.
 """
 
 from __future__ import annotations
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ces_identify.numerics import kernels
 from ces_identify.numerics.arrays import F, I, Mask
+from ces_identify.recordings.holes import measured_at
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
@@ -23,9 +24,9 @@ class Series:
     """A prepared recording on its ticks.
 
     Arrays over m ticks: `time_s` from the first position sample, `position` [m], `speed` [m/s], `current` [A],
-    `force` [N] (NaN where none was logged). `segments` (s, 2) are [start, stop) ticks without a gap. `scored` (m,) is
-    true where a force was logged after the warm-up of `warm_up` ticks. `dropped` counts the omitted position samples by
-    reason.
+    `force` [N] (NaN where none was measured). `segments` (s, 2) are [start, stop) ticks without a gap. `scored` (m,)
+    is true where a force was measured after the warm-up of `warm_up` ticks. `dropped` counts the omitted position
+    samples by reason.
     """
 
     name: str
@@ -185,8 +186,16 @@ def track_samples(samples: PositionSamples, sampling: Sampling) -> tuple[F, I, I
     return tracked
 
 
-def force_at(recording: Recording, stamps_ns: I, max_gap_s: float, name: str = "force") -> F:
-    """Return the logged force [N] interpolated at each stamp, NaN outside it and inside its gaps."""
+def force_at(recording: Recording, stamps_ns: I, max_gap_s: float) -> F:
+    """Return the measured force [N] interpolated at each stamp, NaN where none was measured (see `measured_at`)."""
+    force = interpolate_force(recording, stamps_ns, max_gap_s)
+    if np.isfinite(force).any():
+        force[~measured_at(recording.channel("force"), stamps_ns)] = np.nan
+    return force
+
+
+def interpolate_force(recording: Recording, stamps_ns: I, max_gap_s: float, name: str = "force") -> F:
+    """Return the logged force [N] interpolated at each stamp, NaN outside it and inside gaps beyond `max_gap_s`."""
     if name not in recording.channels:
         return np.full(len(stamps_ns), np.nan)
     channel = _finite(recording.channel(name))

@@ -10,7 +10,7 @@ from typing import Protocol
 import numpy as np
 
 from ces_identify.numerics.arrays import F
-from ces_identify.preparation.series import force_at, usable_samples
+from ces_identify.preparation.series import interpolate_force, usable_samples
 from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError
@@ -81,7 +81,7 @@ class RecordedSimulation(Simulation):
         """Return the recorded prediction [N] interpolated at every position sample."""
         if "sim_force" not in recording.channels:
             raise CesError(f"{recording.name}: no predictions on topic {self.topic}")
-        return force_at(recording, recording.channel("position").stamps_ns, 0.05, "sim_force")
+        return interpolate_force(recording, recording.channel("position").stamps_ns, 0.05, "sim_force")
 
 
 def find_predictions(simulation: Simulation) -> RecordedSimulation | None:

@@ -92,6 +92,17 @@ def test_a_pause_of_a_channel_is_not_bridged_and_filters_settle_around_it(signal
     assert all(np.isfinite(a).all() for a in (trace.force, trace.simulated, trace.inputs.position, trace.acceleration))
 
 
+def test_force_that_was_not_measured_is_not_used_and_takes_no_edges_with_it() -> None:
+    whole = sine(seconds=4.0)
+    force = whole.channel("force")
+    lost = (np.arange(len(force)) >= 2000) & (np.arange(len(force)) < 2030)
+    holed = replace(force, values=np.where(lost, np.nan, force.values))
+    trace = make_trace(replace(whole, channels={**whole.channels, "force": holed}), force.values)
+    plain = make_trace(whole, force.values)
+    at = np.round(trace.time_s * 1000).astype(int)
+    np.testing.assert_array_equal(plain.usable & ~trace.usable, (at > 1998) & (at < 2031) & plain.usable)
+
+
 def test_ticks_without_a_simulated_force_are_not_usable() -> None:
     recording = sine()
     simulated = np.where(np.arange(4000) < 2000, np.nan, 1.0)

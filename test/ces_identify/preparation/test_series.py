@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from ces_identify.preparation.series import hold_current, prepare
+from ces_identify.recordings.holes import measured_at
 from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
@@ -43,6 +44,52 @@ def test_force_is_interpolated_to_the_ticks():
     expected = 1e3 * np.cos(3.0 * (series.time_s - 0.3e-3))
     np.testing.assert_allclose(series.force[1:-1], expected[1:-1], atol=0.01)
     assert np.isnan(series.force[0])
+
+
+def with_force(made, values=None, keep=None):
+    force = made.channels["force"]
+    force = force if values is None else Channel("force", "N", force.stamps_ns, values)
+    return Recording("holes", {**made.channels, "force": force if keep is None else force.select(keep)})
+
+
+@pytest.mark.parametrize("run", [1, 30])
+@pytest.mark.parametrize("absent", [True, False], ids=["missing", "nan"])
+def test_force_that_was_not_measured_is_neither_interpolated_nor_scored(run, absent):
+    """Ticks lie 0.3 ms before a force sample, so that one of two neighbours is absent at run + 1 ticks."""
+    whole = recording()
+    lost = np.zeros(3000, bool)
+    lost[1000 : 1000 + run] = True
+    values = np.where(lost, np.nan, whole.channels["force"].values)
+    series = prepare(with_force(whole, None, ~lost) if absent else with_force(whole, values), SAMPLING)
+    expected = np.zeros(3000, bool)
+    expected[1000 : 1000 + run + 1] = True
+    np.testing.assert_array_equal(np.isnan(series.force[500:]), expected[500:])
+    np.testing.assert_array_equal(series.scored[500:], ~expected[500:])
+    untouched = prepare(whole, SAMPLING)
+    np.testing.assert_array_equal(series.force[series.scored], untouched.force[series.scored])
+
+
+def test_values_beside_a_hole_count_at_their_own_stamps():
+    force = Channel("force", "N", np.arange(10) * MS, np.where(np.arange(10) == 4, np.nan, 1.0))
+    np.testing.assert_array_equal(np.flatnonzero(~measured_at(force, force.stamps_ns)), [4])
+    np.testing.assert_array_equal(measured_at(force, np.array([-1, 2 * MS + 1, 3 * MS + 1, 9 * MS + 1])), [0, 1, 0, 0])
+
+
+@pytest.mark.parametrize("rest", [np.nan, None])
+def test_a_force_logged_more_slowly_or_with_jitter_has_no_holes(rest):
+    """A table with a force in every tenth row, samples that arrive in bursts, and stamps with jitter."""
+    rows, dice = np.arange(1000), np.random.default_rng(1)
+    values = np.where(rows % 10 == 0, 1.0, np.nan)
+    slow = Channel("force", "N", rows * MS, values)
+    slow = slow if rest is not None else slow.select(rows % 10 == 0)
+    bursts = Channel("force", "N", (rows // 5) * 5 * MS + rows % 5, np.ones(1000))
+    jittered = Channel("force", "N", rows * MS + dice.integers(-300_000, 300_000, 1000), np.ones(1000))
+    for channel in (slow, bursts, jittered):
+        assert measured_at(channel, np.arange(2 * MS, 900 * MS, 333_333)).all()
+
+
+def test_a_channel_of_one_value_was_never_measured_between():
+    assert not measured_at(Channel("force", "N", np.array([0, MS]), np.array([1.0, np.nan])), np.array([0, 1])).any()
 
 
 def test_current_is_the_newest_at_or_before_each_sample():
