@@ -54,6 +54,7 @@ def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
 
 def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     from ces_gap.augmented.augmented_file import save_augmented
+    from ces_gap.intake.checks import require_distinct
     from ces_gap.pipeline import DiagnoseOptions, diagnose
     from ces_gap.report.gap_json import write_gap
 
@@ -62,6 +63,7 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     simulation = open_simulation(spec)
     real, held_out = (_read(simulation, case, described[role]) for role in ("real", "held_out"))
     reference = _read(simulation, case, described["reference"][: mode.references])
+    require_distinct(real, held_out, reference)
     options = DiagnoseOptions(threads=1, experiment=False)
     diagnosis = diagnose(simulation, spec, real, held_out, reference, options)
     write_gap(out / GAP, diagnosis)
