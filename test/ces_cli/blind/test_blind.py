@@ -27,6 +27,18 @@ def cases(tmp_path_factory):
     return folder
 
 
+def test_a_case_with_a_recording_twice_fails_by_name(cases, tmp_path, capsys):
+    planted = tmp_path / "planted"
+    shutil.copytree(cases, planted)
+    first = planted / "cases" / "0001"
+    shutil.rmtree(first / "reference" / "f1")
+    shutil.copytree(first / "real" / "r1", first / "reference" / "f1")
+    words = ["run", str(planted), "--out", str(tmp_path / "results"), "--limit", "1", "--jobs", "1"]
+    assert run_program("blind", main, [*words, "--simulation", "run", "--references", "2"]) == 2
+    row = json.loads((tmp_path / "results" / "run_2" / "0001" / ROW).read_text())
+    assert row["status"] == "failed" and "r1 and f1: the same recording, under --real and --reference" in row["reason"]
+
+
 def make_gap(label, knows):
     """Return the gap.json of a diagnosis that knows the label, or names a wrong effect with certainty."""
     truth = [effect["name"] for effect in label["effects"]]

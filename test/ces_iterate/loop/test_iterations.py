@@ -104,8 +104,8 @@ def test_a_target_on_fresh_data_ends_it(tmp_path: Path) -> None:
 
 
 def test_given_recordings_are_identified_first_and_cost_nothing(tmp_path: Path) -> None:
-    for name, seconds in (("bag", 4.0), ("other", 5.0)):
-        recording = monotube_rig().run(sine_commands(name, seconds), tmp_path)
+    for seed, (name, seconds) in enumerate((("bag", 4.0), ("other", 5.0))):
+        recording = monotube_rig().run(sine_commands(name, seconds).repeat(name, seed, 0.0), tmp_path)
         write_bag(tmp_path / name, recording_topics(recording, load_signals()))
     plan = make_plan(tmp_path, recordings=["bag"], validate=["other"], stop={"budget_s": 3.0})
     Iterations(plan, monotube_rig(), tmp_path / "out").run()
