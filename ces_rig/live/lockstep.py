@@ -4,10 +4,14 @@ from __future__ import annotations
 
 QUIET = 1000  # idle periods without a command after which no answer to earlier samples can be on its way
 MAX_DRAIN = 3000  # idle periods after which commands that still come are taken for no answers
+WINDOW = 200  # freely flowing samples in which the commands are counted
+MIN_ANSWERED = 0.75  # share of a window that is answered: before its first estimate, a controller commands the safe
+# current on its own, but only 100 times a second
+MAX_LOOKS = 10  # at a commander, after which samples wait for it all the same
 
 
 class Lockstep:
-    """Samples flow freely until a commander appears, and while an answer is later than `answer_s`.
+    """Samples flow freely until a commander answers them, and while an answer is later than `answer_s`.
 
     Then none is made until the answers to earlier ones have arrived (drained), or each of them would trigger samples
     forever. `unasked` counts the drains during which commands kept coming: the commander sends some on its own.
@@ -17,15 +21,20 @@ class Lockstep:
         self._answer_s, self._sample_s = answer_s, now_s
         self._commanded = self._overdue = self._waits = False
         self._quiet = self._drained = self.unasked = 0
+        self._answers = False
+        self._looks = self._samples = self._commands = 0  # looks at a commander; the rest in the present window
 
     def find_commander(self, is_there: bool) -> None:
-        """Record whether somebody commands."""
-        if is_there and not self._commanded:
+        """Record whether somebody commands; samples wait once it answers them."""
+        self._looks = self._looks + 1 if is_there else 0
+        follows = is_there and (self._commanded or self._answers or self._looks > MAX_LOOKS)
+        if follows and not self._commanded:
             self._drain()
-        self._commanded = is_there
+        self._commanded = follows
 
     def take_command(self) -> bool:
         """Return whether a command that arrived makes the next sample due."""
+        self._commands += 1
         if self._overdue or not self._waits:
             if self._overdue:
                 self._drain()
@@ -48,6 +57,10 @@ class Lockstep:
 
     def mark_sample(self, now_s: float) -> None:
         """Record that a sample was made."""
+        self._samples += 1
+        if self._samples >= WINDOW:
+            self._answers = self._commands >= MIN_ANSWERED * WINDOW
+            self._samples = self._commands = 0
         self._sample_s = now_s
 
     def _drain(self) -> None:

@@ -198,7 +198,7 @@ def test_as_fast_as_it_is_answered(bench: Bench, rig: Start) -> None:
     def answer(message: JointState) -> None:
         if silent.is_set():
             return
-        if len(answers) < 100:
+        if len(answers) < 20:
             time.sleep(0.01)  # falls behind while samples still come unasked for
         answered.append(stamp_of(message))
         answers.append(0.3 + 0.1 * (stamp_of(message) // MS % 4))
@@ -207,7 +207,7 @@ def test_as_fast_as_it_is_answered(bench: Bench, rig: Start) -> None:
     bench.node.create_subscription(JointState, "joint_states", answer, DEEP)
     bench.listen_to_current(Float64)
     rig(publish_clock="true", real_time_factor=0.0, answer_s=5.0, noise=0.0)
-    bench.hears("joint_states", 1000)
+    bench.hears("joint_states", 4000)  # those that flow freely until it is seen that they are answered, and more
     assert set(np.diff(bench.stamps("joint_states")).tolist()) == {MS}
     assert abs(len(answers) - len(bench.heard["joint_states"])) < 5
     silent.set()

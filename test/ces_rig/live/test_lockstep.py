@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ces_rig.live.lockstep import MAX_DRAIN, QUIET, Lockstep
+from ces_rig.live.lockstep import MAX_DRAIN, MAX_LOOKS, QUIET, WINDOW, Lockstep
 
 ANSWER_S = 2.0
 IDLE_S = 1e-3
@@ -30,6 +30,14 @@ class Loop:
                 if self.lockstep.take_command():
                     self._make_sample()
 
+    def be_followed(self) -> None:
+        """Answer a window of samples that flow freely, and be found."""
+        self.idle(WINDOW)
+        self.lockstep.find_commander(True)
+
+    def stop_unasked(self) -> None:
+        self._every = 0
+
     def _make_sample(self) -> None:
         self.samples += 1
         self.lockstep.mark_sample(self.now_s)
@@ -43,21 +51,21 @@ def test_samples_flow_freely_until_somebody_commands() -> None:
 
 def test_once_drained_each_answer_makes_one_sample() -> None:
     loop = Loop()
-    loop.lockstep.find_commander(True)
+    loop.be_followed()
     loop.idle(QUIET - 1)
-    assert loop.samples == 0
+    assert loop.samples == WINDOW
     loop.idle(101)
-    assert loop.samples == 102  # the first at the end of the drain, then one for each answer
+    assert loop.samples == WINDOW + 102  # the first at the end of the drain, then one for each answer
 
 
 def test_an_overdue_answer_lets_samples_flow_until_a_command_comes() -> None:
     loop = Loop()
-    loop.lockstep.find_commander(True)
+    loop.be_followed()
     loop.idle(QUIET, answers=False)
     loop.idle(round(ANSWER_S / IDLE_S) - 1, answers=False)
-    assert loop.samples == 1
+    assert loop.samples == WINDOW + 1
     loop.idle(50, answers=False)
-    assert loop.samples > 40
+    assert loop.samples > WINDOW + 40
     before = loop.samples
     loop.idle(1)  # an answer at last: the next sample waits until no further one can be on its way
     loop.idle(QUIET - 1)
@@ -69,17 +77,44 @@ def test_an_overdue_answer_lets_samples_flow_until_a_command_comes() -> None:
 
 def test_commands_that_nobody_asked_for_do_not_stop_the_samples_forever() -> None:
     loop = Loop(unasked_every=10)  # as a controller does that commands the safe current
-    loop.lockstep.find_commander(True)
+    loop.be_followed()
     loop.idle(MAX_DRAIN - 1)
-    assert loop.samples == 0
+    assert loop.samples == WINDOW
     loop.idle(500)
-    assert loop.samples > 400
+    assert loop.samples > WINDOW + 400
     assert loop.lockstep.unasked == 1
+
+
+def test_samples_flow_until_the_commander_answers_them() -> None:
+    loop = Loop(unasked_every=10)  # a controller without an estimate: the observer is warming up
+    for _ in range(MAX_LOOKS):
+        loop.idle(400, answers=False)
+        loop.lockstep.find_commander(True)
+    assert loop.samples == MAX_LOOKS * 400
+    loop.stop_unasked()
+    loop.idle(400)
+    loop.lockstep.find_commander(True)
+    before = loop.samples
+    loop.idle(QUIET - 1)
+    assert loop.samples == before
+    loop.idle(50)
+    assert loop.samples > before
+    assert loop.lockstep.unasked == 0
+
+
+def test_a_commander_that_answers_few_samples_is_followed_in_the_end() -> None:
+    loop = Loop()
+    for _ in range(MAX_LOOKS + 1):
+        loop.idle(400, answers=False)
+        loop.lockstep.find_commander(True)
+    before = loop.samples
+    loop.idle(QUIET - 1, answers=False)
+    assert loop.samples == before
 
 
 def test_without_a_commander_they_flow_again() -> None:
     loop = Loop()
-    loop.lockstep.find_commander(True)
+    loop.be_followed()
     loop.idle(QUIET)
     loop.lockstep.find_commander(False)
     before = loop.samples
