@@ -17,6 +17,8 @@ from ces_observer.errors import CesError, ModelError
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.parameter_table import ParameterSpec, find_unknown
 
+NULL = "null"  # what `ros2 param dump` writes for a parameter that is not set, and ROS 2 then reads as a text
+
 
 class TableNode(GuardedNode):
     """A guarded node whose parameters are declared from a table; raises CesError for a parameter without a type.
@@ -92,10 +94,15 @@ def descriptor_of(spec: ParameterSpec) -> ParameterDescriptor:
 
 
 def declare_anew(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
-    """Declare a parameter, again if it was declared without description, and return its value."""
+    """Declare a parameter, again if it was declared without description, and return its value.
+
+    NULL for a parameter without a default leaves it unset.
+    """
+    is_null = False
     if node.has_parameter(name):
+        is_null = default is None and node.get_parameter_or(name).value == NULL
         node.undeclare_parameter(name)
-    return node.declare_parameter(name, default, descriptor).value
+    return node.declare_parameter(name, default, descriptor, ignore_override=is_null).value
 
 
 def value_of(node: Node, name: str) -> Any:

@@ -9,8 +9,12 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
+import rclpy
 from conftest import new_namespace
-from node_process import NodeProcess
+from node_process import NodeProcess, ros_args
+
+from ces_observer.nodes.node_parameters import TableNode
+from ces_observer.nodes.observer_parameters import declare_settings
 
 MISTAKES: dict[str, dict[str, object]] = {
     "expected a finite number": {"model": "nan.json"},
@@ -71,3 +75,17 @@ def test_a_mistake_at_start_is_one_fatal_line_and_status_2(ends: dict[str, tuple
     assert status == 2, output
     assert len(fatal) == 1, output
     assert "[FATAL]" in fatal[0] and line in fatal[0]
+
+
+def test_parameters_that_are_not_set_may_be_null(model_path: Path) -> None:
+    """As `ros2 param dump` writes them, so that the node starts with the file."""
+    unset = ("dampers", "current.constant", "acceleration.topic", "acceleration.scale", "speed.field")
+    given = {"model": model_path, "max_age_s": 0.2, **dict.fromkeys(unset, "null")}
+    rclpy.init(args=ros_args("/dumped", given))
+    try:
+        (damper,) = declare_settings(TableNode("observer")).dampers
+    finally:
+        rclpy.shutdown()
+    assert damper.key == ""
+    assert damper.values["max_age_s"] == 0.2
+    assert set(damper.signals.by_name) == {"position", "current", "force"}

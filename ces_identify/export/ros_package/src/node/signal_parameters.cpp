@@ -80,6 +80,14 @@ SignalSettings find_default_current(rclcpp::Node & node)
   return current;
 }
 
+// What `ros2 param dump` writes for a parameter that is not set is read as a text.
+bool is_null(rclcpp::Node & node, const std::string & name)
+{
+  const auto & overrides = node.get_node_parameters_interface()->get_parameter_overrides();
+  const auto given = overrides.find(name);
+  return given != overrides.end() && given->second == rclcpp::ParameterValue("null");
+}
+
 }  // namespace
 
 SignalSettings declare_position(rclcpp::Node & node)
@@ -94,7 +102,7 @@ SignalSettings declare_current(rclcpp::Node & node)
   auto current = declare_signal(node, find_default_current(node));
   const auto value = node.declare_parameter(
     "current.constant", current.constant ? rclcpp::ParameterValue(*current.constant) : rclcpp::ParameterValue(),
-    describe("current: known value in SI units instead of a topic"));
+    describe("current: known value in SI units instead of a topic"), is_null(node, "current.constant"));
   current.constant = find_number(value);
   if (value.get_type() != rclcpp::PARAMETER_NOT_SET && !(current.constant && std::fabs(*current.constant) <= LARGEST)) {
     throw UserError("parameter 'current.constant' is " + quote(value) + "; expected a finite number, at most 1e+30");
