@@ -17,7 +17,7 @@ from ces_observer.cdr.joint_state import RawBand, RawEstimate
 
 Publish = Callable[..., bytes]
 TYPE = "sensor_msgs/msg/JointState"
-OUTPUT_DEPTH = 1000  # as of the inputs: a burst after a stall is published completely
+OUTPUT_DEPTH = 1000  # estimates of a burst after a stall that wait for a slow reader
 PROBE_STAMP_NS = 1_234_567_890_987_654_321
 PROBE_FRAME = "piston_rod"
 
