@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 QUIET = 1000  # idle periods without a command after which no answer to earlier samples can be on its way
-MAX_DRAIN = 3000  # idle periods after which commands that still come are taken for no answers
+MAX_UNASKED = 100  # commands more than samples, after which those that still come are no answers
 WINDOW = 200  # freely flowing samples in which the commands are counted
-MIN_ANSWERED = 0.75  # share of a window that is answered: before its first estimate, a controller commands the safe
-# current on its own, but only 100 times a second
-MAX_LOOKS = 10  # at a commander, after which samples wait for it all the same
+MIN_ANSWERED = 0.75  # share of a window: before its first estimate, a controller commands 100 times a second unasked
+MAX_LOOKS = 5  # at a commander, after which samples wait for it all the same
 
 
 class Lockstep:
@@ -19,14 +18,16 @@ class Lockstep:
 
     def __init__(self, answer_s: float, now_s: float) -> None:
         self._answer_s, self._sample_s = answer_s, now_s
-        self._commanded = self._overdue = self._waits = False
-        self._quiet = self._drained = self.unasked = 0
-        self._answers = False
-        self._looks = self._samples = self._commands = 0  # looks at a commander; the rest in the present window
+        self._commanded = self._overdue = self._waits = self._answers = False
+        self._quiet = self._looks = self.unasked = 0
+        self._samples = self._commands = 0  # in the present window
+        self._open = 0  # samples less commands since the first command: the answers that may be on their way
+        self._heard = False  # a command since a commander is there
 
     def find_commander(self, is_there: bool) -> None:
         """Record whether somebody commands; samples wait once it answers them."""
         self._looks = self._looks + 1 if is_there else 0
+        self._heard = self._heard and is_there
         follows = is_there and (self._commanded or self._answers or self._looks > MAX_LOOKS)
         if follows and not self._commanded:
             self._drain()
@@ -35,6 +36,8 @@ class Lockstep:
     def take_command(self) -> bool:
         """Return whether a command that arrived makes the next sample due."""
         self._commands += 1
+        self._open = self._open - 1 if self._heard else 0
+        self._heard = True
         if self._overdue or not self._waits:
             if self._overdue:
                 self._drain()
@@ -50,13 +53,16 @@ class Lockstep:
             self._overdue = self._overdue or now_s - self._sample_s > self._answer_s
             return self._overdue
         self._quiet += 1
-        self._drained += 1
-        self._waits = self._quiet >= QUIET or self._drained >= MAX_DRAIN
-        self.unasked += self._waits and self._quiet < QUIET
+        are_unasked = self._open < -MAX_UNASKED
+        self._waits = self._quiet >= QUIET or are_unasked
+        if self._waits:
+            self._open = 0
+            self.unasked += are_unasked
         return self._waits
 
     def mark_sample(self, now_s: float) -> None:
         """Record that a sample was made."""
+        self._open += 1
         self._samples += 1
         if self._samples >= WINDOW:
             self._answers = self._commands >= MIN_ANSWERED * WINDOW
@@ -65,4 +71,4 @@ class Lockstep:
 
     def _drain(self) -> None:
         self._overdue = self._waits = False
-        self._quiet = self._drained = 0
+        self._quiet = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ces_rig.live.lockstep import MAX_DRAIN, MAX_LOOKS, QUIET, WINDOW, Lockstep
+from ces_rig.live.lockstep import MAX_LOOKS, QUIET, WINDOW, Lockstep
 
 ANSWER_S = 2.0
 IDLE_S = 1e-3
@@ -78,11 +78,29 @@ def test_an_overdue_answer_lets_samples_flow_until_a_command_comes() -> None:
 def test_commands_that_nobody_asked_for_do_not_stop_the_samples_forever() -> None:
     loop = Loop(unasked_every=10)  # as a controller does that commands the safe current
     loop.be_followed()
-    loop.idle(MAX_DRAIN - 1)
-    assert loop.samples == WINDOW
     loop.idle(500)
+    assert loop.samples == WINDOW
+    loop.idle(1000)
     assert loop.samples > WINDOW + 400
     assert loop.lockstep.unasked == 1
+
+
+def test_a_slow_commander_ends_its_queue_before_samples_wait_for_it() -> None:
+    lockstep, now_s, queue, longest = Lockstep(ANSWER_S, 0.0), 0.0, 0, 0
+    for period in range(70_000):
+        now_s += IDLE_S
+        due = lockstep.is_due_idle(now_s)
+        if queue and period % 10 == 0:
+            queue -= 1
+            due = lockstep.take_command() or due
+        if period % 1000 == 999:
+            lockstep.find_commander(True)
+        if due:
+            queue += 1
+            lockstep.mark_sample(now_s)
+        longest = max(longest, queue) if period > 65_000 else 0
+    assert longest == 1
+    assert lockstep.unasked == 0
 
 
 def test_samples_flow_until_the_commander_answers_them() -> None:
