@@ -44,8 +44,8 @@ def test_share_holds_manifest_launch_file_and_parameters(installed: dict[str, st
 def test_launch_file_starts_the_node_with_the_shipped_parameters(launched: tuple[NodeProcess, Vehicle]) -> None:
     process, vehicle = launched
     vehicle.meets_node()
-    vehicle.drive(0.5)
-    wait(lambda: bool(vehicle.estimates), "an estimate")
+    with vehicle.driving():
+        wait(lambda: bool(vehicle.estimates), "an estimate")
     process.interrupt()
     status, output = process.ended()
     assert status == 0, output

@@ -142,9 +142,9 @@ def test_a_missing_speed_is_told_and_a_model_without_it_refused(vehicle: Vehicle
     path = saved(tmp_path, MEASURED)
     start(model=path, **{**IN_JOINTS, "speed.topic": "speeds"})
     vehicle.meets_node()
-    vehicle.drive(0.5)
-    vehicle.hears("no usable speed or acceleration", None)
-    vehicle.hears("nothing publishes", None)
+    with vehicle.driving():
+        vehicle.hears("no usable speed or acceleration", None)
+        vehicle.hears("nothing publishes", None)
     assert not vehicle.estimates
 
 
