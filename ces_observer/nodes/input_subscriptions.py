@@ -36,6 +36,7 @@ from ces_observer.signals import Signal
 Deliver = Callable[[int, float, bytes, int], None]  # stamp [ns], value [SI], frame id, the node's time on arrival [ns]
 Read = Callable[[bytes], Reading]
 Taken = tuple[bytes, dict[str, Any]]  # a message and rclpy's information about it
+MAX_ROUNDS = 100  # through all topics, before what was taken is read
 _MESSAGE_AND_INFO = Signature([Parameter(name, Parameter.POSITIONAL_ONLY) for name in ("message", "info")])
 
 
@@ -107,10 +108,13 @@ class InputSubscriptions:
             self._node.guard.call(partial(one.read, *message))
 
     def _take_waiting(self, topic: _Topic, first: Taken) -> Iterator[tuple[_Topic, Taken]]:
+        """Yield the messages of all topics until none waits: after a stall the middleware still hands them over."""
         yield topic, first
-        for one in self._topics.values():
-            for message in one.take_waiting(self._depth):
-                yield one, message
+        for _ in range(MAX_ROUNDS):
+            found = [(one, message) for one in self._topics.values() for message in one.take_waiting(self._depth)]
+            if not found:
+                return
+            yield from found
 
     def _resolve_topic(self, signal: Signal) -> str:
         try:
