@@ -26,7 +26,6 @@ from ces_observer.signals import Signals
 TOPICS = {"position": "joint_states", "current": "stamped_current", "force": "measured_force"}
 TYPES = {"position": JointState, "current": Temperature, "force": WrenchStamped}
 MS = 1_000_000
-AGAIN_S = 30.0  # until the end of a recorder is asked for again
 LOSSLESS = {"reliability": "reliable", "history": "keep_all"}  # the recorder or player is slowed down instead
 KEEP_ALL = "{history: keep_all, reliability: reliable, durability: volatile}"
 
@@ -99,14 +98,9 @@ class Recorder:
         self._process = NodeProcess([*words, *options, *topics])
 
     def ends(self, number: signal.Signals) -> None:
-        """End the recorder with a signal, sent again as by a person who waits: rosbag2 may miss one."""
-        give_up = time.monotonic() + PATIENCE_S
-        while self._process.is_running():
-            self._process.interrupt(number)
-            try:
-                self.output = self._process.ended(AGAIN_S)[1]
-            except subprocess.TimeoutExpired:
-                assert time.monotonic() < give_up, f"{self.path.name}: the recorder does not end"
+        """End the recorder with a signal, and wait for its end."""
+        self._process.interrupt(number)
+        self.output = self._process.ended()[1]
 
     def kill(self) -> None:
         self._process.kill()
