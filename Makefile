@@ -1,6 +1,8 @@
 # make demo    identify two models from the sample recordings, the default one and that of the best structure: costs and
 #              a report of each, without ROS
-# make test    everything .ci/run does: lint, types, tests; the ROS tests too where ROS 2 is sourced
+# make test    lint, types, tests; the ROS tests too where ROS 2 is sourced. What needs a program that is not installed
+#              is skipped, and a line at the end says what to install
+# make test-bare  a part of the tests without those programs, as on a bare machine; .ci/run does this and then `test`
 # make bench   speed, each beside what it is compared with
 # make tables  tables 5.1 to 5.3 and figures 5.1 to 5.8 of the thesis on the virtual rig, and one model for all
 #              experiments, into docs/; SECONDS=60 is the most for one model's search (29 models, and 2 of four times
@@ -17,7 +19,7 @@ RUN := env -u PYTHONPATH $(VENV)/bin
 OUT := out
 SECONDS ?= 60
 
-.PHONY: demo test lint suite test-ros bench tables docs clean
+.PHONY: demo test test-bare lint suite test-ros bench tables docs clean
 
 demo: $(VENV)/.installed
 	@mkdir -p $(OUT)
@@ -38,6 +40,9 @@ lint: $(VENV)/.installed-dev
 suite: $(VENV)/.installed-dev
 	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --ignore=test/ros -n auto --dist loadfile
 
+test-bare: $(VENV)/.installed-dev
+	@test/run_bare $(VENV)/bin/python
+
 test-ros:
 	@test/ros/run
 
@@ -46,7 +51,6 @@ bench: $(VENV)/.installed-dev
 
 tables: $(VENV)/.installed-dev
 	$(RUN)/python -m bench.thesis.tables --seconds $(SECONDS)
-	$(RUN)/python -m bench.thesis.one_model --seconds $(SECONDS)
 
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --quiet --strict --site-dir $(OUT)/site
@@ -58,10 +62,12 @@ clean:
 
 $(VENV)/.installed: setup.py pyproject.toml | $(VENV)/bin/python
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(RUN)/ces schema --all ces_identify/schemas
 	@touch $@
 
 $(VENV)/.installed-dev: setup.py pyproject.toml | $(VENV)/bin/python
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
+	$(RUN)/ces schema --all ces_identify/schemas
 	@touch $@ $(VENV)/.installed
 
 $(VENV)/.installed-docs: setup.py pyproject.toml | $(VENV)/bin/python

@@ -4,6 +4,9 @@ import sys
 from pathlib import Path
 
 from setuptools import find_packages, setup
+from setuptools.command.build_py import build_py
+
+from distutils.command.install_data import install_data  # isort: skip; setuptools brings distutils
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))  # both modules below need the standard library only
@@ -36,6 +39,28 @@ def security() -> list[tuple[str, list[str]]]:
     return [files(str(folder.relative_to(HERE)), "*.*") for folder in folders]
 
 
+class BuildWithSchemas(build_py):
+    """Builds the packages with the JSON Schemas, where what makes them can be imported (not in pip's isolation)."""
+
+    def run(self):
+        super().run()
+        try:
+            from ces_cli.schemas import write_schemas
+        except ImportError:  # numpy and the like: `ces` makes the schemas when it first needs them
+            return
+        if not self.editable_mode:
+            write_schemas(Path(self.build_lib) / "ces_identify" / "schemas")
+
+
+class InstallWithSchemas(install_data):
+    """Installs the schemas also where the first lines of config/*.yaml look for them."""
+
+    def run(self):
+        built = Path(self.get_finalized_command("build_py").build_lib) / "ces_identify" / "schemas"
+        self.data_files.append((f"share/{NAME}/ces_identify/schemas", [str(path) for path in built.glob("*.json")]))
+        super().run()
+
+
 readme = HERE / "README.md"
 
 setup(
@@ -47,6 +72,7 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=["ces_*"]),
+    cmdclass={"build_py": BuildWithSchemas, "install_data": InstallWithSchemas},
     package_data={
         "*": ["py.typed"],
         "ces_identify": [
@@ -57,13 +83,13 @@ setup(
             "**/*.js",
             "**/*.hpp",
             "**/*.cpp",
-            "**/*.json",
         ],
+        "ces_report": ["*.j2", "*.css", "*.js"],
         "ces_cli": ["**/*.j2", "**/*.css"],
         "ces_rig": ["**/*.yaml"],
         "ces_iterate": ["**/*.j2", "**/*.css"],
         "ces_gap": ["**/*.json", "**/*.j2", "**/*.css"],
-        "ces_serve": ["**/*.html", "**/*.css", "**/*.js"],
+        "ces_serve": ["templates/*"],
     },
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
@@ -72,7 +98,6 @@ setup(
         files("config", "*.yaml", "*.json", "*.xml"),
         files("config/import", "*.yaml"),
         files("config/models", "*.*"),
-        files("ces_identify/schemas", "*.json"),  # where the first lines of config/*.yaml look for them
         files("config/thesis", "*.yaml"),
         *security(),
     ],
@@ -97,13 +122,13 @@ setup(
         "can": CAN,  # ces import FILE.blf with a DBC
         "parquet": PARQUET,  # ces import FILE.parquet, ces export-data --out FILE.parquet
         "formats": [*MDF, *MAT73, *CAN, *PARQUET],
-        "fuzz": ["atheris>=2.3"],  # coverage-guided fuzzing: bench/fuzz/guided.py
+        "fuzz": ["atheris>=2.3"],  # coverage-guided fuzzing: bench/fuzz/coverage_fuzz.py
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "serve": ["flask>=3.0"],  # ces serve
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
         "notebook": ["notebook>=7", "ipykernel>=6.25"],  # examples/own_data.ipynb
-        "docs": ["mkdocs-material>=9.5", "mkdocstrings[python]>=0.26", "ruff>=0.6"],  # make docs
+        "docs": ["mkdocs-material>=9.5", "ruff>=0.6"],  # make docs
         "dev": [
             "pytest>=7.4",
             "pytest-xdist>=3.4",

@@ -19,8 +19,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from bench_free_run import median_seconds, ten_terms
-from measurement import processor
+from bench_free_run import ten_terms
+from measurement import median_seconds, processor
 from numpy.typing import NDArray
 from physical_examples import SAMPLING, make_chambers, make_model, make_relaxation, make_valve
 

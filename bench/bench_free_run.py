@@ -1,4 +1,4 @@
-"""Speed of the batch free run, of the polynomial's tick and of the estimator step, beside plain readings of the same
+"""Speed of the batch free run and of the polynomial's tick, beside plain readings of the same
 equations in one run; and of the ticks of models with physics inside, beside the polynomial's.
 
 Usage: python bench/bench_free_run.py. Prints medians over repetitions; the free run works on 30,000 samples and 10
@@ -8,19 +8,15 @@ terms, once from ready power tables and once with their computation.
 from __future__ import annotations
 
 import math
-import random
-import statistics
-import time
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
-from measurement import time_interleaved
+from measurement import median_seconds, time_interleaved
 
 from ces_identify.numerics.kernels import free_run
 from ces_identify.polynomial.compiled_terms import compile_terms, power_table
-from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -41,17 +37,6 @@ def ten_terms() -> tuple[Term, ...]:
     rows = [(1200.0, (v[0],)), (700.0, (v[1], i)), (100.0, (v[2], i2)), (30.0, (Factor("speed", 0, 1.5),)), (-5.0, ())]
     rows += [(0.3, (y1,)), (0.1, (y1, v[2])), (0.05, (y2, i)), (0.02, (y2, v[1])), (-0.02, (y1, v[1], i))]
     return tuple(Term(c, factors) for c, factors in rows)
-
-
-def median_seconds(work: Callable[[], object], repeats: int) -> float:
-    """Return the median CPU time of single-threaded `work` [s], after one run that is not counted."""
-    work()
-    times = []
-    for _ in range(repeats):
-        began = time.process_time()
-        work()
-        times.append(time.process_time() - began)
-    return statistics.median(times)
 
 
 def inputs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -101,7 +86,6 @@ def main() -> None:
     model = Model(Sampling(1000.0, 100.0, 0.01), Polynomial(terms), envelope, (-1e6, 1e6))
     bench_tick(model)
     bench_physical_ticks(model)
-    bench_estimator(model)
 
 
 def bench_tick(model: Model) -> None:
@@ -168,35 +152,6 @@ class PlainTick:
     def factor(self, f: Factor) -> float:
         value = self.past[f.signal][f.lag - (f.signal == "force")]
         return math.copysign(abs(value) ** f.power, value) if f.signed else abs(value) ** f.power
-
-
-def bench_estimator(model: Model) -> None:
-    print(f"estimator step, {len(model.body.terms)} terms, stamp + position + current in, force out")
-    for stamps, jitter_ns in (("steady", 0.0), ("jittered", 1e5)):
-        mean, loop = estimator_seconds(model, jitter_ns)
-        print(
-            f"  mean, {stamps:8s} stamps   {1e6 * mean:8.2f} us   (an empty call in the same loop: {1e6 * loop:.2f} us)"
-        )
-
-
-def estimator_seconds(model: Model, jitter_ns: float) -> tuple[float, float]:
-    """Return the mean times [s] of a step and of an empty call."""
-    estimator, dice = Estimator(model), random.Random(1)
-    times = [k * 1_000_000 + round(dice.gauss(0.0, jitter_ns)) for k in range(20_000)]
-    samples = [(t, 0.02 * math.sin(25e-9 * t), 0.5 + 0.1 * math.sin(3e-9 * t)) for t in times]
-
-    def run() -> None:
-        estimator.reset()
-        step = estimator.step
-        for stamp, x, c in samples:
-            step(stamp, x, c)
-
-    def empty() -> None:
-        step = math.hypot
-        for stamp, x, c in samples:
-            step(stamp, x, c)
-
-    return median_seconds(run, 11) / len(samples), median_seconds(empty, 11) / len(samples)
 
 
 if __name__ == "__main__":

@@ -19,25 +19,21 @@ from functools import partial
 import blas_one_thread  # noqa: F401 - before NumPy
 import identification_peers as peers
 import numpy as np
-from bench_time_to_cost import SAMPLING, model_of
-from damper_set import RATE, WARM_UP, F, series
+from damper_set import RATE, SAMPLING, WARM_UP, F, model_of, series
 from identification_peers import FED, HELPED, POWER_FED, RAW, Columns, Feed, PeerModel
 from measurement import Spent, is_installed, print_note, print_table, time_call
 
-from ces_identify.polynomial.refit import refit_coefficients
+from ces_identify.polynomial.free_run_fit import refit_coefficients
 from ces_identify.polynomial.search_limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
 from ces_identify.polynomial.selection import search
-from ces_identify.preparation.cost import cost
-from ces_identify.preparation.series import Series
+from ces_identify.prepare.cost import cost
+from ces_identify.prepare.series import Series
 from ces_identify.simulations.simulate import simulate_series
-from ces_identify.structures.fuzzy import FuzzyShape
+from ces_identify.structures.fuzzy import FuzzyFit, FuzzyShape, PremiseGrid
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.network import NetworkShape
+from ces_identify.structures.network import NetworkFit, NetworkShape
 from ces_identify.structures.polynomial import build_problem
-from ces_identify.trained.family import Family
-from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
-from ces_identify.trained.network_fit import NetworkFit
-from ces_identify.trained.simulation_error import train
+from ces_identify.trained.simulation_error import Family, train
 from ces_identify.trained.training import Lags, Training, build_regressors, build_training
 from ces_observer.model import Model
 from ces_observer.structures.fuzzy import Fuzzy
@@ -145,7 +141,7 @@ def fuzzy(data: Training) -> Family:
 def train_model(data: Sequence[Series], family: Callable[[Training], Family], seconds: float = SECONDS) -> Model:
     """Train on the free run: one start, one thread, stable models only."""
     of = family(build_training(data))
-    found = train(of, Limits(seconds=seconds, starts=1, threads=1))[0]
+    found = train(of, Limits(time=seconds, starts=1, threads=1))[0]
     return of.model(found.coefficients, SAMPLING)
 
 

@@ -1,30 +1,24 @@
 """Speed of the parts of a search, compared with the peers on the same data in the same run.
 
 Usage: python bench/bench_search.py [--seconds S]. Trials of candidates (30,000 samples to fit, 30,000 to simulate, at
-most 12 terms), free run, iteration of the simulation-error fit, estimator step in Python and in exported C. Medians of
-the CPU time of interleaved repeats; threads by wall time, beside what the machine gives to threads that share nothing.
-A peer that is not installed is skipped: pip install '.[bench]'.
+most 12 terms), free run, iteration of the simulation-error fit. Medians of the CPU time of interleaved repeats; threads
+by wall time, beside what the machine gives to threads that share nothing. A peer that is not installed is skipped: pip
+install '.[bench]'.
 """
 
 from __future__ import annotations
 
 import argparse
-import shutil
 import statistics
-import tempfile
 import warnings
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 
 import blas_one_thread  # noqa: F401 - before NumPy
 import identification_peers as peers
 import numpy as np
-from bench_export import N, bind_arrays, compile_estimator, make_inputs, python_steps
-from bench_free_run import ten_terms
-from bench_time_to_cost import model_of
-from damper_set import series
+from damper_set import model_of, series
 from identification_peers import FED
 from measurement import free_cores, is_installed, print_note, print_table, time_call, time_interleaved, verdict
 
@@ -34,8 +28,6 @@ from ces_identify.polynomial.regressors import load_rules
 from ces_identify.polynomial.search_limits import RANDOM, Limits, SearchResult
 from ces_identify.polynomial.selection import search
 from ces_identify.simulations.simulate import simulate_series
-from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.structures.polynomial import Polynomial
 
 TERMS, TICKS = 12, 30_000
 ENDLESS = 1_000_000  # rounds: a start ends with its time
@@ -78,13 +70,8 @@ def trial_rows(problem: Problem, seconds: float) -> tuple[list[Row], SearchResul
     peer = peer_trials() if is_installed("sysidentpy") else None
     what = f"candidates tried a CPU second, up to {TERMS} terms"
     beside = f"a hash without locks {given:.2f}"
-    first = (
-        what,
-        f"{rate:,.0f}",
-        *_compare("SysIdentPy MetaMSS", peer, rate),
-        "at least 2,000",
-        verdict(rate, 2000.0, True),
-    )
+    beside_peer = _compare("SysIdentPy MetaMSS", peer, rate)
+    first = (what, f"{rate:,.0f}", *beside_peer, "at least 2,000", verdict(rate, 2000.0, True))
     second = (f"{THREADS} threads, times as many as one", f"{scaling:.2f}", beside, f"{scaling / given:.2f}")
     return [first, (*second, "at least 3", verdict(scaling, 3.0, True))], found
 
@@ -159,71 +146,13 @@ def peer_iteration() -> float:
     return 1e3 * (times["more"] - times["few"]) / (PEER_MORE - PEER_FEW)
 
 
-def step_rows() -> list[Row]:
-    """Return rows of the estimator's step: the polynomial alone in Python, and all of it in exported C."""
-    envelope = Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
-    model = Model(Sampling(1000.0, 100.0, 0.01, order=3), Polynomial(ten_terms()), envelope, (-1e6, 1e6))
-    given = make_inputs(0.0)
-    inputs = list(zip(given.position.tolist(), given.speed.tolist(), given.current.tolist(), strict=True))
-    run = model.make_predictor()
-
-    def ticks() -> None:
-        run.reset()
-        tick = run.tick
-        for x, v, i in inputs:
-            tick(x, v, i)
-
-    times = {
-        k: 1e6 * t / N for k, t in time_interleaved({"tick": ticks, "step": python_steps(model, given)}, 5).items()
-    }
-    rows: list[Row] = [
-        (
-            "tick of the 10-term polynomial in Python, µs",
-            f"{times['tick']:.2f}",
-            "",
-            "",
-            "at most 2",
-            verdict(times["tick"], 2.0),
-        ),
-        ("whole estimator step in Python, µs", f"{times['step']:.2f}", "", "", "", ""),
-    ]
-    return rows + c_rows(model, times["step"])
-
-
-def c_rows(model: Model, python_us: float) -> list[Row]:
-    """Return rows of the exported C, none without a compiler."""
-    compiler = shutil.which("cc")
-    if compiler is None:
-        print_note("no C compiler (cc): exported C skipped")
-        return []
-    with tempfile.TemporaryDirectory() as folder:
-        library = compile_estimator(model, compiler, Path(folder))
-        steady, jittered = make_inputs(0.0), make_inputs(2e5)
-        works = {
-            "steady": bind_arrays(library.steps, steady.stamps, steady.position, steady.current),
-            "jittered": bind_arrays(library.steps, jittered.stamps, jittered.position, jittered.current),
-        }
-        times = {k: 1e6 * t / N for k, t in time_interleaved(works, 21).items()}
-    return [
-        (
-            f"whole estimator step in exported C, {stamps} stamps, µs",
-            f"{us:.3f}",
-            f"Python {python_us:.2f}",
-            f"{python_us / us:.0f}",
-            "at most 0.1",
-            verdict(us, 0.1),
-        )
-        for stamps, us in times.items()
-    ]
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=4.0, help="of each of the six searches, default 4")
     options = parser.parse_args()
     problem = split_problem()
     rows, found = trial_rows(problem, options.seconds)
-    rows += free_run_rows(problem, found) + fit_rows(problem, found) + step_rows()
+    rows += free_run_rows(problem, found) + fit_rows(problem, found)
     print_table(("what", "ours", "peer", "times as fast", "target", ""), rows)
 
 

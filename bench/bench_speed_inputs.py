@@ -1,29 +1,21 @@
-# ruff: noqa: E402 - thread counts must be set before NumPy is imported
-"""What a better speed is worth in force: adaptive and Wiener filters, an accelerometer, the true speed.
+"""What a better speed is worth in force: adaptive and Wiener filters, and the true speed.
 
-Three tables, printed as Markdown: the rig's own plant driven by each speed, at three levels of sensor noise; models
-with the same terms, fitted again for each speed; and Dyke's damper with its accelerometer. Parameters of all filters
-come from the recordings for identification (rig: noise and sweep; others: the first 60 %), except for the rows that
-say so. Measured data join in if CES_DATA names their folder.
+Two tables, printed as Markdown: the rig's own plant driven by each speed, at three levels of sensor noise; and models
+with the same terms, fitted again for each speed. Parameters of all filters come from noise and sweep, the recordings
+for identification, except for the rows that say so.
 """
 
 from __future__ import annotations
 
-import os
-
-for _library in ("OMP", "OPENBLAS", "MKL"):
-    os.environ.setdefault(f"{_library}_NUM_THREADS", "1")
-
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
+import blas_one_thread  # noqa: F401 - before NumPy
 import numpy as np
 from bench_differentiators import (
     RATE,
     RIG,
     RigRun,
-    load_measured_sets,
     markdown,
     own_estimate,
     plant_cost,
@@ -31,32 +23,31 @@ from bench_differentiators import (
     with_speed,
 )
 from differentiator_peers import F, kalman
-from recorded_cases import load_dyke
 from scipy.linalg import toeplitz
-from scipy.signal import butter, lfilter, sosfiltfilt
+from scipy.signal import lfilter
 
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.preparation.cost import series_cost
-from ces_identify.preparation.position_spectrum import Spectrum, position_spectrum, sample_rate
-from ces_identify.preparation.sampling import EXTRA_HZ, choose_sampling, split_spectrum
-from ces_identify.preparation.series import Series, prepare
-from ces_identify.preparation.weighting import EQUAL
-from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.prepare.cost import EQUAL, series_cost
+from ces_identify.prepare.sampling import (
+    EXTRA_HZ,
+    Spectrum,
+    choose_sampling,
+    position_spectrum,
+    split_spectrum,
+)
+from ces_identify.prepare.series import Series, prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
-from ces_observer.model import ADAPTIVE, FUSED, KALMAN, MEASURED, Model, Sampling
+from ces_observer.model import ADAPTIVE, KALMAN, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
-from ces_rig.experiment import measure_signals
+from ces_rig.sensors import measure_signals
 
 TAPS = 60  # of a Wiener filter
 NOISE_SCALES = (0.3, 1.0, 3.0)
-CROSSOVERS_HZ = (1.0, 2.0, 3.0, 5.0, 8.0)
-SHARE = 0.6  # of each measured recording for identification
-DYKE_A_SCALE = 1.0 / 9.95  # to m/s2: its unit is not stated; by the second derivative of the position, first 60 %
 
 
 def wiener_taps(spectra: Sequence[Spectrum], extra: float) -> F:
@@ -181,67 +172,12 @@ def refit_table(runs: Mapping[str, RigRun]) -> list[str]:
     return markdown(rows)
 
 
-def sines_table(recordings: Sequence[Recording]) -> list[str]:
-    """Return the mean cost on the last 40 % over the sets of terms found with each speed."""
-    first = [r.first_part(SHARE) for r in recordings]
-    sampling = choose_sampling(first, differentiator=KALMAN)
-    plain = [prepare(r, sampling) for r in recordings]
-    rate = sample_rate(recordings[0])
-    low = butter(4, 100.0, fs=rate, output="sos")
-    still = [sosfiltfilt(low, np.gradient(r.channel("position").values) * rate) for r in recordings]
-    adaptive = choose_sampling(first, differentiator=ADAPTIVE)
-    fixed = [kalman(3)(r.channel("position").values, rate, 119.0) for r in recordings]
-    sets = {
-        f"`kalman` (order {sampling.order}, {sampling.bandwidth_Hz:.0f} Hz)": plain,
-        "Kalman of order 3, 119 Hz": with_speed(plain, list(recordings), fixed),
-        f"`adaptive` (order {adaptive.order})": [prepare(r, adaptive) for r in recordings],
-        "`adaptive` (order 3)": [
-            prepare(r, choose_sampling(first, order=3, differentiator=ADAPTIVE)) for r in recordings
-        ],
-        "zero phase (not causal)": with_speed(plain, list(recordings), still),
-    }
-    seeds = [search([s.part(0.0, SHARE) for s in series], sampling) for series in sets.values()]
-    rows = [["speed", "J [%], last 40 %"]]
-    for kind, series in sets.items():
-        models = [refit(model, [s.part(0.0, SHARE) for s in series]) for model in seeds]
-        rows.append([kind, f"{np.mean([cost(m, s.part(SHARE, 1.0)) for m in models for s in series]):.2f}"])
-    return markdown(rows)
-
-
-def dyke_table(path: Path) -> list[str]:
-    recording, table = load_dyke(path), np.genfromtxt(path, delimiter=",", skip_header=1)
-    stamps = recording.channel("position").stamps_ns
-    logged = {"acceleration": ("m/s2", DYKE_A_SCALE * table[:, 1]), "speed": ("m/s", 0.01 * table[:, 5])}
-    channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in logged.items()}
-    both = replace(recording, channels={**recording.channels, **channels})
-    cases: list[tuple[str, float | None]] = [(KALMAN, None), (ADAPTIVE, None), (MEASURED, None)]
-    cases += [(FUSED, crossover) for crossover in CROSSOVERS_HZ]
-    sets, models = {}, []
-    for kind, bandwidth in cases:
-        sampling = choose_sampling([both.first_part(SHARE)], None, bandwidth, differentiator=kind)
-        series = sets[f"`{kind}`, order {sampling.order}, {sampling.bandwidth_Hz:g} Hz"] = prepare(both, sampling)
-        models.append(search([series.part(0.0, SHARE)], sampling))
-    rows = [["speed", "J [%], last 40 %: one search", "the same terms, fitted again: mean", "lowest", "highest"]]
-    for (name, series), own in zip(sets.items(), models, strict=True):
-        test = series.part(SHARE, 1.0)
-        costs = [cost(refit(model, [series.part(0.0, SHARE)]), test) for model in models]
-        rows.append([name, *(f"{J:.2f}" for J in (cost(own, test), np.mean(costs), min(costs), max(costs)))])
-    return markdown(rows)
-
-
 def main() -> None:
     runs = {name: rig_run(name) for name in RIG}
     print("\n## The rig's plant driven by each speed, J [%]\n")
     print("\n".join(plant_table(runs)))
     print("\n## The same terms, fitted again for each speed: noise + sweep -> all, J [%]\n")
     print("\n".join(refit_table(runs)))
-    if "CES_DATA" not in os.environ:
-        return
-    data = Path(os.environ["CES_DATA"])
-    print("\n## UTFSM, sines of 10 mm at 2 Hz\n")
-    print("\n".join(sines_table(load_measured_sets(data)["UTFSM sines"])))
-    print("\n## Dyke, with accelerometer\n")
-    print("\n".join(dyke_table(data / "dyke_mr" / "ranran_50.csv")))
 
 
 if __name__ == "__main__":

@@ -11,12 +11,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, lfilter, sosfiltfilt
 
-from ces_identify.preparation.series import Series
+from ces_identify.polynomial.problem import Problem
+from ces_identify.polynomial.search_limits import SearchResult
+from ces_identify.prepare.series import Series
+from ces_observer.model import Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Term
 
 F = NDArray[np.float64]
 
 RATE = 1000.0
 OVERSAMPLING = 10
+SAMPLING = Sampling(RATE, 100.0, 0.01)  # the speed is an input: no differentiator is involved
 WARM_UP = 100  # ticks excluded from every evaluation
 
 
@@ -71,3 +77,11 @@ def series(seed: int, seconds: float = 30.0) -> Series:
         warm_up=WARM_UP,
         dropped={},
     )
+
+
+def model_of(problem: Problem, result: SearchResult) -> Model:
+    """Return the polynomial that a search on this damper has found."""
+    terms = [
+        Term(float(c), problem.candidates[i].factors) for c, i in zip(result.coefficients, result.chosen, strict=True)
+    ]
+    return Model(SAMPLING, Polynomial(tuple(terms)), problem.envelope, problem.force_envelope)

@@ -75,6 +75,11 @@ def frols(
 ) -> PeerModel:
     """SysIdentPy's forward regression by error reduction ratio; it does not use `selection`."""
     del selection
+    model = _fit_frols(estimation, terms, degree, past_force)
+    return PeerModel(_simulate_with(model), len(model.final_model))
+
+
+def _fit_frols(estimation: Columns, terms: int = TERMS, degree: int = 3, past_force: bool = True) -> Any:
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
     from sysidentpy.parameter_estimation import LeastSquares
@@ -89,7 +94,7 @@ def frols(
         model_type="NARMAX" if past_force else "NFIR",
     )
     model.fit(X=_ahead(estimation.inputs), y=estimation.force[:, None])
-    return PeerModel(_simulate_with(model), len(model.final_model))
+    return model
 
 
 def metamss(estimation: Columns, selection: Columns, degree: int = 3) -> PeerModel:
@@ -126,7 +131,7 @@ def metamss_trial(estimation: Columns, selection: Columns) -> Callable[[], objec
     )
     data = {"X_train": _ahead(estimation.inputs), "y_train": estimation.force[:, None]}
     data |= {"X_test": _ahead(selection.inputs), "y_test": selection.force[:, None]}
-    code = _frols_code(estimation)
+    code = _fit_frols(estimation).final_model
     return lambda: simulator.simulate(model_code=code, **data)
 
 
@@ -185,16 +190,6 @@ def _wrap_fastcan(model: Any, terms: int) -> PeerModel:
     return PeerModel(
         lambda data: np.asarray(model.predict(data.inputs, y_init=data.force[: model.max_delay_])), terms + 1
     )
-
-
-def _frols_code(estimation: Columns) -> Any:
-    """Return the code of a model of TERMS terms as SysIdentPy writes it."""
-    from sysidentpy.basis_function import Polynomial
-    from sysidentpy.model_structure_selection import FROLS
-
-    lags = [[1]] * estimation.inputs.shape[1]
-    model = FROLS(order_selection=False, n_terms=TERMS, ylag=1, xlag=lags, basis_function=Polynomial(degree=3))
-    return model.fit(X=_ahead(estimation.inputs), y=estimation.force[:, None]).final_model
 
 
 def _ahead(inputs: F) -> F:

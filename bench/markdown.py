@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from ces_observer.json_checks import write_atomically
+from ces_observer.json_text import write_atomically
 
 
 def markdown(rows: Sequence[Sequence[str]]) -> str:

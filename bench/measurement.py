@@ -57,13 +57,18 @@ def time_interleaved(works: Mapping[str, Callable[[], object]], repeats: int) ->
     return {name: statistics.median(seconds) for name, seconds in times.items()}
 
 
+def median_seconds(work: Callable[[], object], repeats: int) -> float:
+    """Return the median CPU time of single-threaded `work` [s], after one run that is not counted."""
+    return time_interleaved({"work": work}, repeats)["work"]
+
+
 @cache
-def is_installed(package: str, how: str = "'.[bench]'") -> bool:
+def is_installed(package: str) -> bool:
     """Return whether a peer is installed; print on standard error that it is skipped if not."""
     try:
         importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
-        print_note(f"{package} is not installed: skipped (pip install {how})")
+        print_note(f"{package} is not installed: skipped (pip install '.[bench]')")
         return False
     return True
 
@@ -85,16 +90,13 @@ def print_note(text: str) -> None:
     print(text, file=sys.stderr, flush=True)
 
 
-def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1, extra: Sequence[str] = ()) -> None:
-    """Print a Markdown table, its first `left` columns aligned to the left, and below it the machine and versions.
-
-    `extra` names packages whose version is stated beside the usual ones.
-    """
+def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> None:
+    """Print a Markdown table, its first `left` columns aligned to the left, and below it the machine and versions."""
     print(f"| {' | '.join(header)} |")
     print("|" + "---|" * left + "---:|" * (len(header) - left))
     for row in rows:
         print(f"| {' | '.join(row)} |")
-    print(f"\n{machine(extra)}")
+    print(f"\n{machine()}")
 
 
 def verdict(value: float, target: float, at_least: bool = False) -> str:
@@ -103,10 +105,10 @@ def verdict(value: float, target: float, at_least: bool = False) -> str:
     return "met" if short <= 1.0 else f"**missed by {100.0 * (short - 1.0):.0f} %**"
 
 
-def machine(extra: Sequence[str] = ()) -> str:
+def machine() -> str:
     """Return a sentence with the processor, the number of cores in use, and the versions of packages."""
     versions = [f"Python {platform.python_version()}"]
-    for package in ("numpy", "scipy", "numba", *PEERS, *extra):
+    for package in ("numpy", "scipy", "numba", *PEERS):
         try:
             versions.append(f"{package} {importlib.metadata.version(package)}")
         except importlib.metadata.PackageNotFoundError:

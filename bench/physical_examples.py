@@ -6,12 +6,10 @@ from math import exp
 
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.chambers import Chambers
-from ces_observer.structures.flow_map import FlowMap
-from ces_observer.structures.increasing_curves import IncreasingCurve
+from ces_observer.structures.curves import FlowMap, IncreasingCurve
+from ces_observer.structures.physical import FrictionElement, SideForces, ValvePath
 from ces_observer.structures.relaxation import Relaxation, YieldingSpring
-from ces_observer.structures.side_forces import FrictionElement, SideForces
 from ces_observer.structures.structure import Structure
-from ces_observer.structures.valve_path import ValvePath
 
 FLOWS = (0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.2)  # [m/s]
 POSITIONS, GAS = (-0.02, -0.01, 0.0, 0.01, 0.02), (-40.0, -25.0, 0.0, 30.0, 80.0)
@@ -44,9 +42,7 @@ def make_chambers(valve: ValvePath, friction: int = 1, friction_growth_1_N: floa
     side = SideForces(-3e-5, 140.0, 50.0, 0.4, POSITIONS, GAS, (FrictionElement(1e5, 18.0),) * friction)
     at = (-0.004, 0.0, *FLOWS)
     flows = FlowMap(at, _rows(at))
-    return Chambers(
-        valve, 0.38, 3e-7, 1.2e-7, 3.8e-7, check, refill, flows, friction_growth_1_N, side, reach=2.0
-    )  # fmt: skip
+    return Chambers(valve, 0.38, 3e-7, 1.2e-7, 3.8e-7, check, refill, flows, friction_growth_1_N, side, reach=2.0)
 
 
 def make_model(structure: Structure, sampling: Sampling = SAMPLING) -> Model:

@@ -1,11 +1,11 @@
 """This project's structures and other tools on recordings: free-run J, parameters and CPU time, in one table.
 
-    CES_DATA=FOLDER python bench/recorded_peers.py [--cases rig dyke utfsm] [--time S] [--network-time S] ...
+    CES_DATA=FOLDER python bench/recorded_peers.py [--cases rig dyke utfsm] [--time S] ...
 
 Every fit runs in a process of its own. Tools with several settings (columns, number of terms, method) are shown with
 the one whose free run is best on blocks of the training data left out of its fit; its CPU time is that of all
-settings. Test data decide nothing. A tool or data set that is missing is skipped; PyTorch and the others belong in an
-environment of their own. Finished fits are kept in out/recorded_peers: a rerun continues, `--again` starts afresh.
+settings. Test data decide nothing. A tool or data set that is missing is skipped. Finished fits are kept in
+out/recorded_peers: a rerun continues, `--again` starts afresh.
 """
 
 from __future__ import annotations
@@ -24,27 +24,37 @@ from pathlib import Path
 
 import blas_one_thread  # noqa: F401 - before NumPy
 import identification_peers as peers
-import recorded_narx as narx
 from bench_peers import count_parameters
 from measurement import is_installed, print_note, print_table, time_call
-from recorded_cases import CASES, MEASURED, ROOT, RecordedCase, data_folder, is_present, mean_cost
-from recorded_narx import FUZZY, FUZZY_PREPARED, PLAIN, PREPARED, RecordedFit, fit_peer
-from recurrent_network import fit_network
+from recorded_cases import (
+    CASES,
+    FUZZY,
+    FUZZY_PREPARED,
+    MEASURED,
+    PLAIN,
+    PREPARED,
+    ROOT,
+    RecordedCase,
+    RecordedFit,
+    data_folder,
+    fit_peer,
+    is_present,
+    mean_cost,
+    metamss,
+)
 
-from ces_identify.numerics.arrays import F
+from ces_data.arrays import F
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.preparation.series import Series
+from ces_identify.prepare.series import Series
 from ces_identify.simulations.simulate import simulate_series
+from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, BestStructure
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.registry import KITS
 
 STORE = ROOT / "out" / "recorded_peers"
-PEER_S, OURS_S, NETWORK_S = 120.0, 40.0, 300.0
+PEER_S, OURS_S = 120.0, 40.0
 WARM_S, WARM_SHARE = 2.0, 0.2  # time and share of the data of a fit that compiles
 MARGIN_S, SLACK = 90.0, 1.5  # a process may take this much more than its limit, for reading data, tests and a last step
-NETWORK_UNITS = (4, 24)
-TORCH = "torch"
 OURS = ("polynomial", "sigmoid", "relaxation", "chambers", AUTO)
 NEVER = 1000.0  # [%] J beyond which a run is shown as divergent
 
@@ -91,7 +101,7 @@ def fit_ours(structure: str, case: RecordedCase, seconds: float) -> RecordedFit:
     """Identify with the defaults of `ces identify` for a structure; the band, a further fit, is left out."""
     sizes = {size.name: size.default for kit in KITS.values() for size in kit.sizes}
     fitter = BestStructure(sizes) if structure == AUTO else KITS[structure].fitter(sizes)
-    options = IdentifyOptions(limits=Limits(seconds=seconds, threads=1), band=False)
+    options = IdentifyOptions(limits=Limits(time=seconds, threads=1), band=False)
     fitted = fitter(case.training, case.sampling, options, lambda result: None)
     model = fitted.model
 
@@ -112,8 +122,8 @@ def peer_tools() -> dict[str, Tool]:
             "FROLS, 12 terms, prepared": partial(fit_peer, peers.frols, PREPARED),
             "FROLS, 25 terms, prepared": partial(fit_peer, frols25, PREPARED),
             "FROLS, 25 terms, no past force, prepared": partial(fit_peer, partial(frols25, past_force=False), PREPARED),
-            "MetaMSS, prepared": partial(fit_peer, narx.metamss, PREPARED),
-            "MetaMSS, degree 2, prepared": partial(fit_peer, partial(narx.metamss, degree=2), PREPARED),
+            "MetaMSS, prepared": partial(fit_peer, metamss, PREPARED),
+            "MetaMSS, degree 2, prepared": partial(fit_peer, partial(metamss, degree=2), PREPARED),
         },
         "fastcan": {
             "one-step, 12 terms": partial(fit_peer, peers.fastcan_one_step, PLAIN),
@@ -130,10 +140,7 @@ def peer_tools() -> dict[str, Tool]:
             "27 rules, prepared": partial(fit_peer, peers.anfis_toolbox, FUZZY_PREPARED),
         },
     }
-    tools = {name: Tool(settings, name.lower()) for name, settings in fits.items()}
-    for units in NETWORK_UNITS:
-        tools[f"GRU, {units} units"] = Tool({"": partial(fit_network, units)}, TORCH, "network")
-    return tools
+    return {name: Tool(settings, name.lower()) for name, settings in fits.items()}
 
 
 def all_tools() -> dict[str, Tool]:
@@ -237,18 +244,17 @@ def main() -> None:
     parser.add_argument("--tools", nargs="+", metavar="WORD", default=[""], help="tools whose name has one of these")
     parser.add_argument("--time", type=float, default=OURS_S, metavar="S", help="limit of each fit of ours [s]")
     parser.add_argument("--peer-time", type=float, default=PEER_S, metavar="S", help="limit of each peer's fit [s]")
-    parser.add_argument("--network-time", type=float, default=NETWORK_S, metavar="S", help="time of each GRU [s]")
     parser.add_argument("--processes", type=int, default=1, metavar="N", help="fits at the same time")
     parser.add_argument("--again", action="store_true", help="forget finished fits")
     options = parser.parse_args()
     if options.again:
         shutil.rmtree(STORE, ignore_errors=True)
-    limits = {"ours": options.time, "peer": options.peer_time, "network": options.network_time}
+    limits = {"ours": options.time, "peer": options.peer_time}
     jobs = plan_jobs(present_cases(options.cases), wanted_tools(options.tools), limits)
     with ThreadPoolExecutor(options.processes) as pool:
         outcomes = dict(zip(jobs, pool.map(run_job, jobs), strict=True))
     header = ("data", "tool", "setting", "J %", "parameters", "CPU s")
-    print_table(header, format_rows(outcomes), left=3, extra=(TORCH,))
+    print_table(header, format_rows(outcomes), left=3)
 
 
 def present_cases(names: Sequence[str]) -> list[str]:
@@ -262,12 +268,7 @@ def present_cases(names: Sequence[str]) -> list[str]:
 def wanted_tools(words: Sequence[str]) -> dict[str, Tool]:
     """Return the installed tools whose name contains one of the words."""
     chosen = {name: tool for name, tool in all_tools().items() if any(word in name for word in words)}
-    return {name: tool for name, tool in chosen.items() if is_available(tool.package)}
-
-
-def is_available(package: str) -> bool:
-    """Return whether the package of a tool is there; ours need none."""
-    return not package or (is_installed(package, TORCH) if package == TORCH else is_installed(package))
+    return {name: tool for name, tool in chosen.items() if not tool.package or is_installed(tool.package)}
 
 
 if __name__ == "__main__":

@@ -1,10 +1,9 @@
 """Measures the sense checks: detection rates of faults put into sound recordings, and false alarms on sound ones.
 
-    python -m bench.sense_faults [--plants N] [--in-view] [--docs docs/sense.md]
+    python -m bench.sense_faults [--plants N] [--docs docs/sense.md]
 
-Recordings: those of `sense_judges`, which no threshold was set with; `--in-view` adds the drawn dampers and packaged
-experiments with which they were. Measured data join in if CES_DATA names their folder; they were in view, too. Each
-fault is put into each recording by itself.
+Recordings: those of `sense_judges`, which no threshold was set with. Measured data join in if CES_DATA names their
+folder; they were in view. Each fault is put into each recording by itself.
 """
 
 from __future__ import annotations
@@ -21,21 +20,15 @@ import numpy as np
 
 from bench.markdown import markdown, replace_between
 from bench.sense_judges import JUDGING, draw_judges
-from ces_identify.numerics.arrays import F
-from ces_identify.recordings.checks import WRONG_MODEL, Finding
-from ces_identify.recordings.log_import import import_log
-from ces_identify.recordings.log_mapping import load_dyno_mapping
-from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.sense.delays import DelayEstimate, current_delay, force_delay
-from ces_identify.sense.force_map import is_constant
-from ces_identify.sense.motion import recorded_motion
-from ces_identify.sense.sense import sense
-from ces_rig.blind.excitation import EXCITATIONS, draw_drive
-from ces_rig.experiment import load_experiment, measure_signals, packaged_experiments, run
-from ces_rig.sensors import Sensors
-from ces_rig.withheld.plants import PLANTS, draw_plant, simulate_signals
+from ces_data.arrays import F
+from ces_data.checks.check import check_recording
+from ces_data.checks.delays import DelayEstimate, current_delay, force_delay
+from ces_data.checks.motion import is_constant, recorded_motion
+from ces_data.findings import WRONG_MODEL, Finding
+from ces_data.logs.log_import import import_log
+from ces_data.logs.log_mapping import load_dyno_mapping
+from ces_data.recording import Channel, Recording
 
-SECONDS = 16.0
 ROOT = Path(__file__).resolve().parent.parent
 LOGS = {"brfd_backlash": "*.json", "dyke_mr": "*.csv", "utfsm_mr": "*.csv"}
 Change = Callable[[Recording], Recording]
@@ -178,21 +171,6 @@ FAULTS = (
 )
 
 
-def draw_recordings(plants: int) -> Iterator[Recording]:
-    """Yield recordings of drawn dampers of every kind, `plants` for each excitation, and the packaged experiments."""
-    for kind in PLANTS:
-        for number, excitation in enumerate(EXCITATIONS):
-            for seed in range(plants):
-                rng = np.random.default_rng([seed, number, len(kind)])
-                plant = draw_plant(kind, rng)
-                c = draw_drive(excitation, plant.current_A, rng).commands(SECONDS, seed)
-                true = simulate_signals(plant, (), c.time_s, c.stroke_m, c.command_A)
-                yield measure_signals(true, Sensors(), seed, f"{kind} {excitation} {seed}")
-    for name, path in packaged_experiments().items():
-        experiment = load_experiment(path)
-        yield replace(run(replace(experiment, settings=replace(experiment.settings, duration_s=SECONDS))), name=name)
-
-
 def read_measured(folder: Path) -> Iterator[Recording]:
     """Yield the measured recordings that there are."""
     for name, pattern in LOGS.items():
@@ -208,7 +186,7 @@ def count_findings(recordings: Sequence[Recording]) -> list[tuple[str, Count]]:
         for recording in recordings:
             if "current" in fault.name and is_constant(recording.channels["current"].values):
                 continue
-            count.add(sense(fault.change(recording)), fault.signals)
+            count.add(check_recording(fault.change(recording)), fault.signals)
         rows.append((fault.name, count))
         print(f"{fault.name}: {count}", file=sys.stderr, flush=True)
     return rows
@@ -249,16 +227,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the campaign and print or write its tables; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plants", type=int, default=1, help="plants of each kind and excitation (default 1)")
-    parser.add_argument("--in-view", action="store_true", help="also count on the recordings that set the thresholds")
     parser.add_argument("--docs", type=Path, help="page whose tables are replaced; default: print")
     options = parser.parse_args(argv)
     began = time.monotonic()
     judging = list(draw_judges(JUDGING, options.plants))
     rows = _rows(f"{len(judging)} recordings of dampers that set no threshold", judging)
     rows += [*delay_rows(judging), ""]
-    if options.in_view:
-        seen = list(draw_recordings(options.plants))
-        rows += _rows(f"{len(seen)} recordings of the virtual rig, with which thresholds were set", seen)
     measured = list(read_measured(Path(os.environ["CES_DATA"]))) if "CES_DATA" in os.environ else []
     if measured:
         rows += _rows(f"{len(measured)} measured recordings, with which thresholds were set", measured)

@@ -13,14 +13,14 @@ import numpy as np
 from numpy.random import Generator
 from scipy.signal import butter, sosfiltfilt
 
-from ces_identify.numerics.arrays import F
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.arrays import F
+from ces_data.recording import Channel, Recording
 from ces_rig.dampers.effects import EFFECTS
+from ces_rig.dampers.model import DamperModel
 from ces_rig.drive.currents import Binary, ConstantLevel, Current, FilteredNoise, SineCurrent, Steps, StrokeFollowing
 from ces_rig.drive.strokes import FrequencyModulated, NoiseStroke, RoadStroke, Sine, SumOfSines, Sweep, Triangle
-from ces_rig.experiment import GRID_S, measure_signals
-from ces_rig.sensors import Sensor, Sensors
-from ces_rig.withheld.plants import PLANTS, BlindPlant, available_effects, draw_effect, draw_plant, simulate_signals
+from ces_rig.sensors import GRID_S, Sensor, Sensors, measure_signals
+from ces_rig.withheld.plants import PLANTS, available_effects, draw_effect, draw_plant, simulate_signals
 
 JUDGING, DEVELOPING = 2, 1  # streams of random numbers
 SECONDS, ACTUATOR_HZ, REACH_M = 16.0, 35.0, (0.020, 0.045)
@@ -41,7 +41,7 @@ def draw_judges(stream: int, plants: int = 1) -> Iterator[Recording]:
                 yield _record(f"{name} {kind} {repeat}", plant, stroke, current(plant.current_A, rng), rng)
 
 
-def _record(name: str, plant: BlindPlant, stroke: Stroke, current: Current, rng: Generator) -> Recording:
+def _record(name: str, plant: DamperModel, stroke: Stroke, current: Current, rng: Generator) -> Recording:
     time: F = np.arange(round(SECONDS / GRID_S) + 1, dtype=np.float64) * GRID_S
     moved: F = sosfiltfilt(butter(4, ACTUATOR_HZ, fs=1.0 / GRID_S, output="sos"), stroke(time, rng))
     size, leverage = tuple(SIZES)[int(rng.integers(len(SIZES)))], float(rng.choice([1.0, rng.uniform(0.45, 0.95)]))

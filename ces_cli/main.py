@@ -29,8 +29,8 @@ PROGRAMS: ProgramTable = {  # module and summary by name
     "identify": ("identify.program", "identify a force model from recordings"),
     "iterate": ("iterate.program", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
-    "compare": ("compare.program", "compare models on the same recordings: costs, and whether they differ"),
-    "serve": ("serve.program", "browse models, reports, results and running searches of a folder as pages"),
+    "compare": ("compare", "compare models on the same recordings: costs, and whether they differ"),
+    "serve": ("serve", "browse models, reports, results and running searches of a folder as pages"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
     "export-data": ("bags.export_data", "write recordings and a model's estimates as CSV or Parquet"),
@@ -40,23 +40,11 @@ PROGRAMS: ProgramTable = {  # module and summary by name
         "find where a simulation differs from reality and which missing effect is the cause",
     ),
     "blind": ("blind.program", "create, run and score blind tests of the diagnosis (synthetic data)"),
-    "schema": ("discovery.schema", "print the JSON Schema of a kind of YAML file, for editors"),
-    "completion": ("discovery.completion", "print a script that completes programs and options in a shell"),
+    "schema": ("schema", "print the JSON Schema of a kind of YAML file, for editors"),
+    "completion": ("completion", "print a script that completes programs and options in a shell"),
 }
 ROS_ARGS = "--ros-args"
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # the environment's own values win
-
-
-def _usage() -> str:
-    rows = "\n".join(f"  {name:<14}{text}" for name, (_, text) in PROGRAMS.items())
-    return (
-        "usage: ces PROGRAM [OPTIONS]\n\n"
-        "Identify models of a semi-active damper from rig recordings and run them as force observers.\n\n"
-        f"programs:\n{rows}\n\n"
-        "options:\n  -h, --help     show this help\n  --version      show the versions in use, with --json as JSON\n\n"
-        "`ces help PROGRAM` lists a program's options. With ROS 2 sourced, `ros2 run ces_observer PROGRAM` runs the\n"
-        "same programs. The nodes are `observer`, `controller`, `rig`, and `identify` with --ros-args.\n"
-    )
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -68,7 +56,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not words or words[0] in ("-h", "--help"):
         return _show_usage()
     if words[0] == "--version":
-        return _run_program("--version", "discovery.versions", words[1:])
+        return _run_program("--version", "versions", words[1:])
     return _run(words[0], words[1:])
 
 
@@ -89,7 +77,16 @@ def _show_usage() -> int:
 
 
 def _print_usage(argv: Sequence[str] | None = None) -> int:
-    print(_usage(), end="", flush=True)
+    rows = "\n".join(f"  {name:<14}{text}" for name, (_, text) in PROGRAMS.items())
+    text = (
+        "usage: ces PROGRAM [OPTIONS]\n\n"
+        "Identify models of a semi-active damper from rig recordings and run them as force observers.\n\n"
+        f"programs:\n{rows}\n\n"
+        "options:\n  -h, --help     show this help\n  --version      show the versions in use, with --json as JSON\n\n"
+        "`ces help PROGRAM` lists a program's options. With ROS 2 sourced, `ros2 run ces_observer PROGRAM` runs the\n"
+        "same programs. The nodes are `observer`, `controller`, `rig`, and `identify` with --ros-args.\n"
+    )
+    print(text, end="", flush=True)
     return 0
 
 

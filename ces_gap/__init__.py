@@ -1,9 +1,10 @@
 """The gap between a simulation and recordings of the real damper: where it lies, which effect causes it, what helps.
 
 The rooms in reading order: `trace` (recording and simulation on one grid), `effects` (the physics that a simulation may
-lack), `baseline` (what the simulation gets wrong without any effect), `intake` (checked inputs), `inference` (which
-effects, how sure), `where` (in which stroke, speed, current ...), `experiment` (what to record next), `augmented` (the
-repaired simulation as a file), `report` (page and gap.json), `fleet` (many diagnoses). `pipeline` runs them in turn.
+lack), `baseline` (what the simulation gets wrong without any effect), `inputs` (checked inputs), `inference` (which
+effects, how sure), `refit` (a second check: refitting the parameters of a physical model), `regions` (in which stroke,
+speed, current ...), `experiment` (what to record next), `augmented` (the repaired simulation as a file), `report` (page
+and gap.json), `fleet` (many diagnoses). `pipeline` runs them in turn.
 
 The names below are the public interface; they are imported when they are first used.
 """

@@ -2,33 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from ces_data.reading import RecordingInputs, as_recordings
 from ces_gap import pipeline
-from ces_gap.augmented.augmented_file import name_simulation
+from ces_gap.augmented import name_simulation
 from ces_gap.baseline import identified
 from ces_gap.baseline.identified import IdentifiedBaseline
 from ces_gap.diagnosis import Diagnosis
-from ces_gap.intake.checks import check_recordings
+from ces_gap.inputs.checks import check_recordings
 from ces_gap.pipeline import DiagnoseOptions
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.report.result_files import result_files
-from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
 from ces_identify.structures.auto import AUTO
-from ces_observer.json_checks import write_all_atomically
+from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model
 
 
 def diagnose(
     simulation: Simulation | Model | Callable[..., Any],
-    real: Recording | Sequence[Recording],
+    real: RecordingInputs,
     *,
-    held_out: Sequence[Recording] = (),
-    reference: Sequence[Recording] = (),
+    held_out: RecordingInputs = (),
+    reference: RecordingInputs = (),
     options: DiagnoseOptions | None = None,
     progress: Progress = ignore_progress,
 ) -> Diagnosis:
@@ -41,7 +41,8 @@ def diagnose(
         diagnosis = diagnose(my_damper, [worn], reference=[new])
         print(diagnosis.sentence)
     """
-    recordings = [real] if isinstance(real, Recording) else list(real)
+    recordings = as_recordings(real)
+    held_out, reference = (as_recordings(some, required=False) for some in (held_out, reference))
     notes = check_recordings(recordings, held_out, reference)
     subject, name = _as_simulation(simulation)
     result = pipeline.diagnose(subject, name, recordings, held_out, reference, options, progress)
@@ -49,7 +50,7 @@ def diagnose(
 
 
 def identify_baseline(
-    reference: Recording | Sequence[Recording],
+    reference: RecordingInputs,
     *,
     structure: str = AUTO,
     threads: int = 1,
@@ -63,8 +64,7 @@ def identify_baseline(
         baseline = identify_baseline([new]).save("gap/model.json")
         write_diagnosis(diagnose(baseline, [worn], reference=[new]), "gap")
     """
-    given = [reference] if isinstance(reference, Recording) else list(reference)
-    return identified.identify_baseline(given, structure, threads, progress)
+    return identified.identify_baseline(as_recordings(reference), structure, threads, progress)
 
 
 def write_diagnosis(diagnosis: Diagnosis, folder: str | Path) -> list[Path]:

@@ -1,22 +1,48 @@
-"""The uniform grid of a trace: its rate, and how channels are interpolated, smoothed and decimated onto it."""
+"""The uniform grid of a trace: its rate; channels interpolated, smoothed, decimated and differentiated on it."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, firwin, sosfiltfilt, welch
 
+from ces_data.arrays import F, I, Mask
 from ces_gap.errors import GapError
 
-F = NDArray[np.float64]
-B = NDArray[np.bool_]
-
+SAME_CURRENT = 0.02  # relative spread below which a current counts as constant
 GRID_HZ = 500.0  # [Hz] highest rate of the grid: the effects of a damper lie far below half of it
 MAX_SILENCE_S = 0.05  # [s] longer pauses of a channel are not bridged
 SMOOTHING_HZ = (15.0, 200.0)  # [Hz] range of the position's low-pass; a lower limit takes real motion from fast strokes
 ABOVE_NOISE = 10.0  # power of the position over its noise floor that counts as signal
+
+
+def derivative(values: F, rate_Hz: float) -> F:
+    """Return the derivative of uniform samples (n,), central differences of fourth order, lower at the ends."""
+    out: F = np.gradient(values) * rate_Hz
+    if len(values) > 4:
+        out[2:-2] = (8.0 * (values[3:-1] - values[1:-3]) - (values[4:] - values[:-4])) * (rate_Hz / 12.0)
+    return out
+
+
+def number_blocks(times: Sequence[F], block_s: float) -> list[I]:
+    """Return the number of the block of `block_s` seconds of each tick (n,), counted through all of the `times`."""
+    first, numbers = 0, []
+    for time_s in times:
+        numbers.append(first + (time_s / block_s).astype(np.int64))
+        first = int(numbers[-1][-1]) + 1
+    return numbers
+
+
+def rms(values: F) -> float:
+    """Return the root of the mean square of `values`."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def is_constant(current: F, least_A: float = 1e-9) -> bool:
+    """Return whether a current [A] is constant but for noise; the spread counts relative to the mean or `least_A`."""
+    return bool(current.std() <= SAME_CURRENT * max(abs(float(current.mean())), least_A))
 
 
 def find_rates(seconds: F, name: str) -> tuple[float, int]:
@@ -35,7 +61,7 @@ def base_times(seconds: F, rate_Hz: float) -> F:
     return np.arange(int(seconds[-1] * rate_Hz + 1e-6) + 1) / rate_Hz
 
 
-def bridge_gaps(seconds: F, values: F, grid: F) -> tuple[F, B]:
+def bridge_gaps(seconds: F, values: F, grid: F) -> tuple[F, Mask]:
     """Return the values (n,) interpolated on the grid, and a mask (n,) of the ticks at which they are known."""
     good = np.isfinite(values)
     if good.sum() < 2:
@@ -91,8 +117,8 @@ def _design_low_pass(factor: int) -> F:
     return np.asarray(firwin(8 * factor + 1, 0.8 / factor))
 
 
-def without_edges(known: B, edge: int) -> B:
-    """Return `known` without `edge` samples at either end of each stretch."""
+def without_edges(known: Mask, edge: int) -> Mask:
+    """Return `known` without `edge` samples at either end of each segment."""
     unknown = np.pad((~known).astype(np.float64), edge, constant_values=1.0)
     near: F = np.convolve(unknown, np.ones(2 * edge + 1), mode="valid")
     return np.asarray(near < 0.5)

@@ -2,8 +2,8 @@
 
 Each stage is a function from records to a record:
 
-    prepare_recordings -> learn_baseline -> search -> decide -> score_held_out -> review -> ask_witness
-    -> find_doubts -> locate_gap -> propose_experiment -> Diagnosis
+    prepare_recordings -> learn_baseline -> search -> decide -> score_held_out -> review -> refit_physical_model
+    -> find_ambiguities -> locate_gap -> propose_experiment -> Diagnosis
 """
 
 from __future__ import annotations
@@ -12,29 +12,31 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis, Explanation
+from ces_data.recording import Recording
+from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis, format_verdict
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.effects.user_effects import require_sound
-from ces_gap.experiment.doubts import NO_DOUBTS, find_doubts, propose_experiment
-from ces_gap.inference.anchored_surrogate import Refinement
+from ces_gap.experiment.next_experiment import (
+    NO_AMBIGUITIES,
+    Ambiguities,
+    NextExperiment,
+    find_ambiguities,
+    propose_experiment,
+)
 from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED
 from ces_gap.inference.decide import Decision, decide, name_by_simpler_rules, timing_notes
-from ces_gap.inference.held_out import HeldOutScores, score_held_out
-from ces_gap.inference.learn_baseline import Baseline, learn_baseline
-from ces_gap.inference.review import review
+from ces_gap.inference.evidence import Baseline, learn_baseline
+from ces_gap.inference.fit import Refinement
+from ces_gap.inference.held_out import HeldOutScores, review, score_held_out
 from ces_gap.inference.search import EffectSearchResult, search
 from ces_gap.inference.verdict import calibration
-from ces_gap.intake.checks import check_traces, find_invisible_effects, seen_notes
-from ces_gap.intake.prepare import DiagnosisInput, prepare_recordings
-from ces_gap.optional_steps import OptionalSteps
-from ces_gap.progress import Progress, ignore_progress
-from ces_gap.verdict_sentence import format_verdict
-from ces_gap.where.gap_location import NOWHERE, locate_gap
-from ces_gap.witness.weigh import weigh_witness
-from ces_gap.witness.witness import Witness, ask_witness
-from ces_identify.recordings.recording import Recording
+from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_notes
+from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
+from ces_gap.progress import OptionalSteps, Progress, ignore_progress
+from ces_gap.refit import ModelRefits, refit_physical_model, weigh_refits
+from ces_gap.regions.locate import NOWHERE, GapLocation, locate_gap
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 
 
@@ -45,29 +47,33 @@ class DiagnoseOptions:
     effects: tuple[Effect, ...] = ()  # of the user, in addition to the library
     threads: int = 1  # of the fit
     seed: int = 1  # of the bootstrap
-    tolerance: float | None = None  # share of the RMS force: a smaller gap is none (default `gap_size.tolerance_N`)
+    tolerance: float | None = None  # share of the RMS force: a smaller gap is none (default `decide.tolerance_N`)
     experiment: bool = True  # whether to choose the next experiment
 
 
 @dataclass(frozen=True)
-class _Findings:
-    """What the search and the decision found, before any held-out recording is looked at."""
+class _Stages:
+    """The result of each stage that every diagnosis needs; `verdict` is the one after review and refits."""
 
     inputs: DiagnosisInput
+    invisible: tuple[tuple[str, str], ...]
     baseline: Baseline
     result: EffectSearchResult
     decision: Decision
-    invisible: tuple[tuple[str, str], ...]
+    scores: HeldOutScores
+    verdict: str
+    refits: ModelRefits | None
+    refit_finding: str
 
 
 @dataclass(frozen=True)
-class _Judgement:
-    """The verdict after review and witness, with the held-out scores."""
+class _Details:
+    """The results of the optional stages; `notes` say which of them failed."""
 
-    verdict: str
-    scores: HeldOutScores
-    witness: Witness | None
-    witness_says: str
+    ambiguities: Ambiguities
+    location: GapLocation
+    experiment: NextExperiment | None
+    notes: tuple[str, ...]
 
 
 def diagnose(
@@ -89,16 +95,7 @@ def diagnose(
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
-    notes += seen_notes([*inputs.real, *inputs.held_out], simulation, spec)
-    found = _find_causes(simulation, inputs, options, progress)
-    judged = _judge(simulation, found, options, progress)
-    diagnosis = _describe(spec, notes, found, judged, options, progress)
-    return replace(diagnosis, sentence=format_verdict(diagnosis))
-
-
-def _find_causes(
-    simulation: Simulation, inputs: DiagnosisInput, options: DiagnoseOptions, progress: Progress
-) -> _Findings:
+    seen = seen_notes([*inputs.real, *inputs.held_out], simulation, spec)
     effects = (*library(), *options.effects, *(() if inputs.reference else simulation_errors()))
     invisible = find_invisible_effects(effects, inputs.real)
     progress("learning the baseline error", 0.0)
@@ -107,93 +104,80 @@ def _find_causes(
     share = MIN_GAIN_SHARE if inputs.reference else MIN_GAIN_SHARE_UNCORRECTED
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
     progress("computing the ceiling", 0.0)
-    weights = calibration(_calibrated_for(simulation, inputs))
-    return _Findings(
-        inputs, baseline, result, decide(baseline, result, inputs.best, weights, options.tolerance), invisible
-    )
+    decision = decide(baseline, result, inputs.best, calibration(_mode(simulation, inputs)), options.tolerance)
+    scores = score_held_out(inputs, baseline, result, decision, options.seed, progress)
+    verdict, scores = review(decision.verdict, scores)
+    refits = refit_physical_model(simulation, inputs, baseline, progress)
+    verdict, finding = weigh_refits(verdict, scores.composition.effects, refits)
+    stages = _Stages(inputs, invisible, baseline, result, decision, scores, verdict, refits, finding)
+    diagnosis = _assemble(spec, (*notes, *seen), stages, _add_details(stages, options, progress))
+    return replace(diagnosis, seen_notes=seen, sentence=format_verdict(diagnosis))
 
 
-def _judge(simulation: Simulation, found: _Findings, options: DiagnoseOptions, progress: Progress) -> _Judgement:
-    inputs, baseline, result, decision = found.inputs, found.baseline, found.result, found.decision
-    verdict, scores = review(
-        decision.verdict, score_held_out(inputs, baseline, result, decision, options.seed, progress)
-    )
-    witness = ask_witness(simulation, inputs, baseline, progress)
-    verdict, says = weigh_witness(verdict, scores.composition.effects, witness)
-    return _Judgement(verdict, scores, witness, says)
-
-
-def _describe(
-    spec: str,
-    notes: Sequence[str],
-    found: _Findings,
-    judged: _Judgement,
-    options: DiagnoseOptions,
-    progress: Progress,
-) -> Diagnosis:
-    """Return the diagnosis, with what is optional: doubts, location of the gap and the next experiment."""
-    inputs, baseline, result, decision = found.inputs, found.baseline, found.result, found.decision
-    verdict, scores, optional = judged.verdict, judged.scores, OptionalSteps()
+def _add_details(stages: _Stages, options: DiagnoseOptions, progress: Progress) -> _Details:
+    """Return the ambiguities, the location of the gap and the next experiment; a note for each that fails."""
+    plant, result, optional = stages.baseline.plant, stages.result, OptionalSteps()
     progress("comparing indistinguishable effects", 0.0)
-    doubts = optional.run(
+    alike = stages.decision.interchangeable
+    ambiguities = optional.run(
         "indistinguishable effects",
-        lambda: find_doubts(baseline.plant, result, decision.interchangeable),
-        replace(NO_DOUBTS, indistinguishable=decision.interchangeable),
+        lambda: find_ambiguities(plant, result, alike),
+        replace(NO_AMBIGUITIES, indistinguishable=alike),
     )
     progress("locating the gap", 0.0)
     location = optional.run(
         "location of the gap",
-        lambda: locate_gap(result.evidence, scores.series, options.seed, with_rest=verdict == UNKNOWN),
+        lambda: locate_gap(result.evidence, stages.scores.series, options.seed, with_rest=stages.verdict == UNKNOWN),
         NOWHERE,
     )
     experiment = None
-    if options.experiment and result.best is not None and verdict not in (NO_GAP, NAMED):
+    if options.experiment and result.best is not None and stages.verdict not in (NO_GAP, NAMED):
         progress("choosing the next experiment", 0.0)
         experiment = optional.run(
-            "next experiment", lambda: propose_experiment(baseline.plant, result, doubts, inputs.exact), None
+            "next experiment", lambda: propose_experiment(plant, result, ambiguities, stages.inputs.exact), None
         )
+    return _Details(ambiguities, location, experiment, tuple(optional.notes))
+
+
+def _assemble(spec: str, notes: Sequence[str], stages: _Stages, details: _Details) -> Diagnosis:
+    inputs, decision, scores = stages.inputs, stages.decision, stages.scores
     surrogate = inputs.surrogate if inputs.exact is None else None
+    outside = [c for c in scores.causes if c.effects[0] not in scores.composition.effects]
     return Diagnosis(
-        verdict=verdict,
+        verdict=stages.verdict,
         no_gap_reason=decision.no_gap_reason,
         visible_from_N=decision.visible_from_N,
         tolerance_N=decision.tolerance_N,
         sentence="",
         simulation=spec,
         gap=scores.gap,
-        where=location.where,
-        by_region=location.by_region,
-        rest=location.rest,
+        where=details.location.where,
+        by_region=details.location.by_region,
+        rest=details.location.rest,
         causes=scores.causes,
         composition=scores.composition,
-        wrong=_best_outside(scores.causes, scores.composition),
+        wrong=max(outside, key=lambda c: c.shrink if math.isfinite(c.shrink) else -math.inf, default=None),
         ceiling_after_N=scores.ceiling_after_N,
-        indistinguishable=doubts.indistinguishable,
+        indistinguishable=details.ambiguities.indistinguishable,
         not_separable=decision.absorbed,
-        invisible=found.invisible,
+        invisible=stages.invisible,
         probability_none=decision.probabilities.none,
         probability_unknown=decision.probabilities.unknown,
-        next_experiment=experiment,
+        next_experiment=details.experiment,
         surrogate=surrogate,
         surrogate_cost_J=None if surrogate is None else surrogate.cost_J,
         surrogate_error=None if surrogate is None else surrogate.difference_error,
         held_out=scores.series,
-        notes=(*notes, *optional.notes, *timing_notes(result, decision)),
-        correction=baseline.correction,
-        baselines=name_by_simpler_rules(result),
+        notes=(*notes, *details.notes, *timing_notes(stages.result, decision)),
+        correction=stages.baseline.correction,
+        baselines=name_by_simpler_rules(stages.result),
         figures=decision.figures,
-        witness=judged.witness,
-        witness_says=judged.witness_says,
+        refits=stages.refits,
+        refit_finding=stages.refit_finding,
     )
 
 
-def _best_outside(causes: Sequence[Explanation], composition: Explanation) -> Explanation | None:
-    """Return the effect outside the composition that alone leaves the least of the gap."""
-    others = [c for c in causes if c.effects[0] not in composition.effects]
-    return max(others, key=lambda c: c.shrink if math.isfinite(c.shrink) else -math.inf, default=None)
-
-
-def _calibrated_for(simulation: Simulation, inputs: DiagnosisInput) -> str:
+def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:
     """Return the kind of diagnosis for which probabilities are calibrated: key of `calibration.json`."""
     if not inputs.reference:
         return "no_references" if inputs.exact is not None else "predictions"

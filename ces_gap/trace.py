@@ -6,6 +6,7 @@ Measured and simulated force pass the same filter.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -13,11 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from ces_gap.derivative import derivative
+from ces_data.arrays import F, Mask
+from ces_data.recording import Recording
+from ces_data.samples import measured_at
 from ces_gap.errors import GapError
 from ces_gap.grid import (
     base_times,
     bridge_gaps,
+    derivative,
     find_low_pass_Hz,
     find_rates,
     interpolate,
@@ -25,22 +29,14 @@ from ces_gap.grid import (
     thin_out,
     without_edges,
 )
-from ces_gap.plant_map.own_spring import PumpedMap, SprungMap, learn_pumped_map, learn_sprung_map
-from ces_gap.plant_map.speed_map import RecentMaps, SpeedMap
-from ces_gap.sensor_noise.measure import measure_noise
-from ces_gap.sensor_noise.noise_estimate import UNMEASURED, GridSignals, MeasuredNoise
-from ces_identify.preparation.series import hold_current
-from ces_identify.recordings.holes import measured_at
-from ces_identify.recordings.recording import Recording
+from ces_gap.plant_map import PumpedMap, RecentMaps, SpeedMap, SprungMap, learn_pumped_map, learn_sprung_map
+from ces_gap.sensor_noise import UNMEASURED, GridSignals, MeasuredNoise, measure_noise
+from ces_identify.prepare.series import hold_current
 from ces_identify.simulations.simulation import Simulation, find_predictions
 
-F = NDArray[np.float64]
-B = NDArray[np.bool_]
-
 CURRENT_AGE_S = 0.5  # [s] an older current counts as unknown
-EDGE_S = 0.1  # [s] at both ends of a stretch, where filters settle
+EDGE_S = 0.1  # [s] at both ends of a segment, where filters settle
 MIN_USABLE_S = 1.0  # [s] of usable samples
-SEEN = "was identified on seconds of this recording"  # says a note about a recording and the simulation
 
 
 @dataclass(frozen=True)
@@ -82,11 +78,11 @@ class Trace:
     force: F
     simulated: F
     simulated_as_logged: F
-    usable: B
+    usable: Mask
     recording: Recording
     low_pass_Hz: float
     noise_N: float
-    map_ticks: B | None = None
+    map_ticks: Mask | None = None
     measured_noise: MeasuredNoise = UNMEASURED
     simulated_left_out: F | None = None
 
@@ -115,7 +111,7 @@ class Trace:
         """The same, with another spring while the damper is pushed and moves in."""
         return learn_pumped_map(*self._map_data(), self.sprung_map.compliance)
 
-    def _map_data(self) -> tuple[F, F, F, B, float]:
+    def _map_data(self) -> tuple[F, F, F, Mask, float]:
         ticks = self.usable if self.map_ticks is None else self.map_ticks
         return self.inputs.speed, self.inputs.current, self.simulated, ticks, self.rate_Hz
 
@@ -231,6 +227,21 @@ def smooth_recording(recording: Recording, trace: Trace) -> Recording:
     values = CubicSpline(trace.time_s, trace.inputs.position)(np.clip(seconds, 0.0, trace.time_s[-1]))
     values = np.where(np.isfinite(position.values), values, position.values)
     return replace(recording, channels={**recording.channels, "position": replace(position, values=values)})
+
+
+def usable_values(traces: Sequence[Trace], values: Sequence[F]) -> F:
+    """Return the `values` (n,) on the usable ticks of all traces, concatenated."""
+    return np.concatenate([v[t.usable] for t, v in zip(traces, values, strict=True)])
+
+
+def usable_inputs(traces: Sequence[Trace], name: str) -> F:
+    """Return the input `name` (position, speed or current) on the usable ticks of all traces, concatenated."""
+    return usable_values(traces, [getattr(t.inputs, name) for t in traces])
+
+
+def noise_floor_N(traces: Sequence[Trace]) -> float:
+    """Return the RMS [N] of the measured noise of several traces together."""
+    return float(np.sqrt(np.mean([t.noise_N**2 for t in traces])))
 
 
 def require_usable(trace: Trace) -> None:

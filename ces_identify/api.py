@@ -1,138 +1,130 @@
 """The functions for scripts: read a recording, identify, simulate, validate, compare, plot.
 
-Import them from `ces_identify`.
+Import them from `ces_identify`. Wherever recordings are expected, paths are, too; wherever a model is, the path of its
+file is. Keyword names are those of the command line. Every mistake of a user is a CesError of one line.
 """
 
 from __future__ import annotations
 
+import os
 import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.checks.check import check_together, require_sound
+from ces_data.checks.content import require_distinct
+from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs, as_path, as_recordings, kind_of
+from ces_data.recording import Channel, Recording
+from ces_data.signals_file import load_signals
 from ces_identify import identification
-from ces_identify.comparison.compared_model import make_compared_model
+from ces_identify.comparison.compared_models import make_compared_model
 from ces_identify.comparison.comparison import Comparison, compare
 from ces_identify.identification import IdentificationResult
-from ces_identify.polynomial.search_limits import Listener
-from ces_identify.preparation.series import prepare
-from ces_identify.recordings import bag_reader, log_import
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.checks import require_usable
-from ces_identify.recordings.log_mapping import load_dyno_mapping
-from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.recordings.signals_file import load_signals
-from ces_identify.sense.content import require_distinct
-from ces_identify.sense.sense import require_sensible, sense_together
+from ces_identify.polynomial.regressors import load_rules
+from ces_identify.polynomial.search_limits import Limits, Listener
+from ces_identify.prepare.cost import parse_weighting
+from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import sample_force
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.structures import KITS
-from ces_identify.structures.kit import IdentifyOptions, Size
+from ces_identify.structures.auto import AUTO, BestStructure, default_sizes
+from ces_identify.structures.kit import Fitter, IdentifyOptions, Size
+from ces_identify.validation.cost_table import Evaluations
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_observer.errors import CesError
-from ces_observer.model import Model
+from ces_observer.model import Model, load_model
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
-
-
-def read_recording(
-    path: str | Path, *, signals: str | Path | None = None, need: Sequence[str] = ("position", "current", "force")
-) -> Recording:
-    """Read and check a rosbag2 folder or `.mcap` file; `signals` is a signals file (default: the packaged one).
-
-    Each signal in `need` must be there. Warns of what looks wrong; raises CesError for what cannot be used.
-    """
-    recording = bag_reader.read_recording(Path(path), load_signals(Path(signals) if signals else None), need)
-    _warn(recording)
-    return recording
-
-
-def read_log(path: str | Path, *, mapping: str | Path) -> Recording:
-    """Read and check a log of any format that `ces import` reads; `mapping` is its mapping file. Raises CesError."""
-    recording = log_import.import_log(Path(path), load_dyno_mapping(Path(mapping)))
-    _warn(recording)
-    return recording
+ModelInput: TypeAlias = "Model | PathInput"
 
 
 def make_recording(
     time_s: ArrayLike, position_m: ArrayLike, current_A: ArrayLike, force_N: ArrayLike | None = None, *, name: str = ""
 ) -> Recording:
     """Return a recording of arrays of shape (n,); position and force are positive in compression."""
-    stamps = EPOCH_NS + np.rint(np.asarray(time_s, dtype=np.float64) * 1e9).astype(np.int64)
+    stamps = EPOCH_NS + np.rint(_as_numbers("time_s", time_s) * 1e9).astype(np.int64)
     columns = {"position": ("m", position_m), "current": ("A", current_A), "force": ("N", force_N)}
     channels = {
-        signal: Channel(signal, unit, stamps, np.asarray(values, dtype=np.float64))
+        signal: Channel(signal, unit, stamps, _as_numbers(signal, values))
         for signal, (unit, values) in columns.items()
         if values is not None
     }
     return Recording(name or "recording", channels)
 
 
-def write_recording(recording: Recording, path: str | Path, *, overwrite: bool = False) -> None:
+def write_recording(recording: Recording, path: PathInput, *, overwrite: bool = False) -> None:
     """Write a recording as a rosbag2 folder with the topics of the packaged signals file. Raises CesError."""
-    write_bag(Path(path), recording_topics(recording, load_signals()), overwrite=overwrite)
+    write_bag(as_path(path, "path"), recording_topics(recording, load_signals()), overwrite=overwrite)
 
 
 def identify(
-    recordings: Recording | Sequence[Recording],
+    recordings: RecordingInputs,
     *,
-    validation: Sequence[Recording] = (),
+    validation: RecordingInputs = (),
     structure: str = "polynomial",
+    signals: PathInput | None = None,
     options: IdentifyOptions | None = None,
     listener: Listener = lambda result: None,
-    go_on: bool = False,
-    **sizes: Size,
+    ignore_findings: bool = False,
+    **named: Any,
 ) -> IdentificationResult:
     """Identify a model; neither the fit nor the selection sees the `validation` recordings.
 
-    `structure` is "polynomial", "sigmoid" (sizes `units` and `lags`, such as "2,4,5") or "anfis" (size `rules`, such as
-    "7x2", or `memberships`, such as "4x4"). `listener` is called with each improvement. Warns of what looks wrong;
-    raises CesError if the recordings hold too little, have seconds in common, or would make a wrong model (sign, units,
-    delays), unless `go_on`.
+    `structure` is a name of `ces identify --structure`, or "auto": the best of short fits of all. Further names are
+    those of the command line: of IdentifyOptions and Limits (`time`, `terms`, `split`, `certificate`, ...), and the
+    sizes of the structure (`units`, `rules`, ...); they count more than `options`. `signals` is the signals file for
+    recordings given as paths. `listener` is called with each improvement. Warns of what looks wrong; raises CesError if
+    the recordings hold too little, have seconds in common, or would make a wrong model (sign, units, delays), unless
+    `ignore_findings`.
 
-        result = identify([read_recording("bags/noise")], validation=[read_recording("bags/road")])
-        result.model.save(Path("model.json"))
+        result = identify("bags/noise", validation="bags/road", time=20)
+        result.model.save("model.json")
     """
-    if structure not in KITS:
-        raise CesError(f"structure '{structure}' is unknown; expected one of {', '.join(KITS)}")
-    kit = KITS[structure]
-    known = {size.name: size.default for size in kit.sizes}
-    if not sizes.keys() <= known.keys():
-        raise CesError(f"structure '{structure}' has no size {', '.join(sizes.keys() - known.keys())}")
-    try:
-        fitter = kit.fitter({**known, **sizes})
-    except ValueError as error:
-        raise CesError(f"structure '{structure}': {error}") from None
-    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    require_distinct(given, validation)
-    found = sense_together([*given, *validation])
-    forced = require_sensible(found, go_on)
+    sizes = {name: value for name, value in named.items() if name not in _OPTION_NAMES and name not in _LIMIT_NAMES}
+    fitter = _find_fitter(structure, sizes)
+    how = _with_options(
+        IdentifyOptions() if options is None else options, {name: named[name] for name in named if name not in sizes}
+    )
+    given = as_recordings(recordings, signals)
+    held_out = as_recordings(validation, signals, required=False)
+    require_distinct(given, held_out)
+    found = check_together([*given, *held_out])
+    forced = require_sound(found, ignore_findings)
     for finding in found:
         warnings.warn(finding.text, stacklevel=2)
-    return identification.identify(given, validation, options, listener, fitter).with_forced(forced)
+    return identification.identify(given, held_out, how, listener, fitter).with_ignored_findings(forced)
 
 
-def validate(model: Model, recordings: Recording | Sequence[Recording]) -> list[Evaluation]:
+def validate(
+    model: ModelInput, recordings: RecordingInputs = (), *, signals: PathInput | None = None
+) -> list[Evaluation]:
     """Return the free run of `model` on each recording with its cost J [%] (`cost`) and RMS error (`rms_N`).
 
     Raises CesError for a recording without a measured force.
+
+        validate("model.json", ["bags/road", "bags/noise"])
     """
-    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
-    return evaluate(model, [prepare(recording, model.sampling) for recording in given], VALIDATION)
+    known = _as_model(model)
+    given = as_recordings(recordings, signals)
+    return Evaluations(evaluate(known, [prepare(recording, known.sampling) for recording in given], VALIDATION))
 
 
 def compare_models(
-    models: Mapping[str, Model | Simulation],
-    recordings: Recording | Sequence[Recording],
+    models: Mapping[str, ModelInput | Simulation],
+    recordings: RecordingInputs,
     *,
     part: tuple[float, float] = (0.0, 1.0),
     timing: bool = True,
+    signals: PathInput | None = None,
 ) -> Comparison:
     """Compare models, or other simulations, by name on the same recordings with a measured force.
 
@@ -140,36 +132,84 @@ def compare_models(
     result's `pairs` say of every two models whether their costs differ by more than chance, its `notes()` which costs
     are no test. Raises CesError for fewer than two models.
 
-        comparison = compare_models({"ours": a, "theirs": b}, [read_recording("bags/road")])
-        print(comparison.pairs[0].text, *comparison.notes())
+        print(compare_models({"ours": "a.json", "theirs": "b.json"}, "bags/road"))
     """
-    given = [recordings] if isinstance(recordings, Recording) else list(recordings)
+    if not isinstance(models, Mapping):
+        raise CesError(f"models: expected models by their names, as in {{'a': 'a.json'}}; got {kind_of(models)}")
     named = [
-        make_compared_model(name, ModelSimulation(one) if isinstance(one, Model) else one)
+        make_compared_model(name, one if isinstance(one, Simulation) else ModelSimulation(_as_model(one)))
         for name, one in models.items()
     ]
-    return compare(named, given, part, timing=timing)
+    return compare(named, as_recordings(recordings, signals), part, timing=timing)
 
 
-def simulate(model: Model, recording: Recording) -> NDArray[np.float64]:
+def simulate(model: ModelInput, recording: RecordingInput) -> NDArray[np.float64]:
     """Return the force [N] at every position sample (n,), as the observer would publish it; NaN where it withholds."""
-    return sample_force(model, recording)
+    known, given = _as_model(model), as_recordings(recording, need=SIGNALS[:2])
+    if len(given) > 1:
+        raise CesError(f"{len(given)} recordings given; expected one")
+    return sample_force(known, given[0])
 
 
 def simulate_arrays(
-    model: Model, time_s: ArrayLike, position_m: ArrayLike, current_A: ArrayLike
+    model: ModelInput, time_s: ArrayLike, position_m: ArrayLike, current_A: ArrayLike
 ) -> NDArray[np.float64]:
     """Return the force [N] for arrays of shape (n,), as `simulate`."""
-    return sample_force(model, make_recording(time_s, position_m, current_A))
+    return sample_force(_as_model(model), make_recording(time_s, position_m, current_A))
 
 
 def plot(evaluations: Sequence[Evaluation]) -> Figure:
     """Return a matplotlib figure of measured and simulated force, a row for each evaluation."""
-    from ces_identify.report.cost_figure import draw_costs
+    from ces_identify.report.figures import draw_costs
 
     return draw_costs(evaluations)
 
 
-def _warn(recording: Recording) -> None:
-    for finding in require_usable(recording):
-        warnings.warn(f"{recording.name}: {finding.text}", stacklevel=3)
+_LIMIT_NAMES = {field.name for field in fields(Limits)}
+_OPTION_NAMES = {field.name for field in fields(IdentifyOptions)} - {"limits"}
+_TYPES = {field.name: str(field.type) for field in (*fields(IdentifyOptions), *fields(Limits))}
+_PLAIN: dict[str, tuple[type, ...]] = {"int": (int,), "float": (int, float), "bool": (bool,), "str": (str,)}
+
+
+def _with_options(options: IdentifyOptions, named: Mapping[str, Any]) -> IdentifyOptions:
+    """Return the options with the values that were given by name; weights and candidate rules may be texts."""
+    if not isinstance(options, IdentifyOptions):
+        raise CesError(f"options: expected IdentifyOptions; got {kind_of(options)}")
+    values = dict(named)
+    if isinstance(weight := values.get("weight"), str | Sequence):
+        values["weight"] = parse_weighting([weight] if isinstance(weight, str) else weight)
+    if isinstance(rules := values.get("candidates"), str | os.PathLike):
+        values["candidates"] = load_rules(Path(rules), values.get("method", options.limits.method))
+    for name, value in values.items():
+        kind, _, optional = _TYPES[name].partition(" | ")
+        plain = _PLAIN.get(kind, ())
+        fits = isinstance(value, plain) and (kind == "bool" or not isinstance(value, bool))
+        if plain and not fits and not (optional and value is None):
+            raise CesError(f"{name}: expected {_TYPES[name].replace(' | ', ' or ')}; got {value!r}")
+    limits = {name: value for name, value in values.items() if name in _LIMIT_NAMES}
+    own = {name: value for name, value in values.items() if name not in _LIMIT_NAMES}
+    return replace(options, limits=replace(options.limits, **limits), **own)
+
+
+def _find_fitter(structure: str, sizes: Mapping[str, Size]) -> Fitter:
+    """Return the fitter of a structure with the given sizes; raises CesError naming what is unknown."""
+    if structure != AUTO and structure not in KITS:
+        raise CesError(f"structure '{structure}' is unknown; expected one of {', '.join([*KITS, AUTO])}")
+    known = default_sizes() if structure == AUTO else {size.name: size.default for size in KITS[structure].sizes}
+    if not sizes.keys() <= known.keys():
+        raise CesError(f"structure '{structure}' has no size {', '.join(sizes.keys() - known.keys())}")
+    try:
+        return BestStructure({**known, **sizes}) if structure == AUTO else KITS[structure].fitter({**known, **sizes})
+    except ValueError as error:
+        raise CesError(f"structure '{structure}': {error}") from None
+
+
+def _as_numbers(name: str, values: ArrayLike) -> NDArray[np.float64]:
+    try:
+        return np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise CesError(f"{name}: expected an array of numbers; got {kind_of(values)}") from None
+
+
+def _as_model(given: ModelInput) -> Model:
+    return given if isinstance(given, Model) else load_model(as_path(given, "model"))

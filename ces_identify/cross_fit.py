@@ -11,11 +11,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ces_data.arrays import F, Mask
+from ces_data.recording import Recording
 from ces_identify.identification import IdentificationResult, identify
-from ces_identify.numerics.arrays import F, Mask
 from ces_identify.polynomial.search_limits import Listener
-from ces_identify.preparation.series import Series
-from ces_identify.recordings.recording import Recording
+from ces_identify.prepare.series import Series
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_observer.model import Model, Sampling
 
@@ -38,10 +38,11 @@ class LeftOutPart:
 
 @dataclass(frozen=True)
 class CrossFit:
-    """A model identified on all recordings, and models for every part of them that have not seen it."""
+    """A model identified on all recordings, and `models` that have not seen some `parts` of them."""
 
     result: IdentificationResult
     parts: tuple[LeftOutPart, ...]
+    models: tuple[Model, ...]
 
 
 def cross_fit(
@@ -59,8 +60,9 @@ def cross_fit(
 
     result = identify(recordings, (), replace(options, split=1.0), listener, keep)
     fitted, series = kept[-1]
-    parts = (_leave_out(fitted, series, masks) for masks in _divide(series))
-    return CrossFit(result, tuple(part for found in parts for part in found))
+    groups = [found for masks in _divide(series) if (found := _leave_out(fitted, series, masks))]
+    parts, models = (part for group in groups for part in group), (group[0].model for group in groups)
+    return CrossFit(result, tuple(parts), tuple(models))
 
 
 def _divide(series: Sequence[Series]) -> list[list[Mask]]:
@@ -77,11 +79,10 @@ def _leave_out(fitted: Fitted, series: Sequence[Series], masks: Sequence[Mask]) 
     model = fitted.refit(weights) if fitted.refit is not None else None
     if model is None:
         return []
-    spans = [(i, s.time_s[mask]) for i, (s, mask) in enumerate(zip(series, masks, strict=True)) if mask.any()]
-    return [LeftOutPart(i, *_bounds(series[i], times), model) for i, times in spans]
-
-
-def _bounds(series: Series, times: F) -> tuple[float, float]:
-    """Return where a part begins and ends [s], from and to infinity at the ends of its recording."""
-    first, last = times[0] <= series.time_s[0], times[-1] >= series.time_s[-1]
-    return -np.inf if first else float(times[0]), np.inf if last else float(times[-1]) + 1.0 / series.rate_Hz
+    parts = []
+    for i, (one, mask) in enumerate(zip(series, masks, strict=True)):
+        if mask.any():  # a part reaches to infinity at the ends of its recording
+            start_s = -np.inf if mask[0] else float(one.time_s[mask][0])
+            stop_s = np.inf if mask[-1] else float(one.time_s[mask][-1]) + 1.0 / one.rate_Hz
+            parts.append(LeftOutPart(i, start_s, stop_s, model))
+    return parts

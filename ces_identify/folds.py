@@ -13,11 +13,10 @@ from itertools import pairwise
 
 import numpy as np
 
+from ces_data.recording import Recording
 from ces_identify.identification import IdentificationResult
-from ces_identify.recordings.recording import Recording
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.validation.cost_interval import CostInterval, cost_interval
-from ces_identify.validation.evaluate import VALIDATION
+from ces_identify.validation.evaluate import VALIDATION, CostInterval, cost_interval
 from ces_observer.errors import CesError
 
 Identifier = Callable[[Sequence[Recording], Sequence[Recording], IdentifyOptions], IdentificationResult]

@@ -10,19 +10,20 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from markupsafe import Markup
 
+from ces_data.checks.content import marks_of_copies, require_distinct
+from ces_data.recording import Recording
 from ces_identify.polynomial.search_limits import Listener, SearchResult
-from ces_identify.preparation.sampling import choose_sampling
-from ces_identify.preparation.series import Series, prepare
-from ces_identify.recordings.recording import Recording
-from ces_identify.sense.content import marks_of_copies, require_distinct
-from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
+from ces_identify.prepare.sampling import choose_sampling
+from ces_identify.prepare.series import prepare
+from ces_identify.structures.kit import Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
-from ces_identify.validation.band_fit import fit_band
+from ces_identify.validation.band import fit_band
+from ces_identify.validation.cost_table import cost_table
+from ces_identify.validation.distillation import RULE, usage
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
-from ces_identify.validation.usage import RULE, usage
 from ces_observer import __version__
-from ces_observer.band import Band
 from ces_observer.model import Model
 
 MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
@@ -36,7 +37,18 @@ class IdentificationResult:
     evaluations: tuple[Evaluation, ...]
     search_results: tuple[SearchResult, ...]
 
-    def with_forced(self, findings: Sequence[str]) -> IdentificationResult:
+    def __repr__(self) -> str:
+        return f"{self._describe()}\n{cost_table(self.evaluations)}"
+
+    def _repr_html_(self) -> str:
+        return str(Markup("<p>{}</p>{}").format(self._describe(), cost_table(self.evaluations).to_html()))
+
+    def _describe(self) -> str:
+        """Return what the model is in a line."""
+        proof = "proved stable" if self.model.certificate is not None else "stability not proved"
+        return f"{self.model.structure}: {self.model.size} at {self.model.sampling.rate_Hz:g} Hz, {proof}; costs J:"
+
+    def with_ignored_findings(self, findings: Sequence[str]) -> IdentificationResult:
         """Return the result with the findings in spite of which it was identified in the model's provenance."""
         if not findings:
             return self
@@ -58,18 +70,22 @@ def identify(
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
     first_parts = [recording.first_part(options.split) for recording in recordings]
-    sampling = choose_sampling(
-        first_parts, options.rate_Hz, options.bandwidth_Hz, differentiator=options.differentiator
-    )
+    sampling = choose_sampling(first_parts, options.rate, options.bandwidth, differentiator=options.differentiator)
     whole = [prepare(recording, sampling) for recording in recordings]
     identified = [series.part(0.0, options.split) for series in whole]
     fitted = fitter(identified, sampling, options, listener)
-    model = replace(fitted.model, band=_fit_band(fitted, identified) if options.band else None)
-    held_out = _select_held_out(whole, options.split) + [prepare(recording, sampling) for recording in validation]
+    band = fit_band(fitted.model, identified, fitted.refit, fitted.leave_out_recordings) if options.band else None
+    model = replace(fitted.model, band=band)
+    rest = [series.part(options.split, 1.0) for series in whole] if options.split < 1.0 else []
+    held_out = [series for series in rest if series.scored.sum() >= MIN_SCORED_TICKS]
+    held_out += [prepare(recording, sampling) for recording in validation]
     evaluations = evaluate(model, identified, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
         "tool": f"ces_observer {__version__}",
-        "identification": [_describe_origin(r) | _describe_part(r, options.split) for r in recordings],
+        "identification": [
+            _describe_origin(r) | {"share": [0.0, options.split], "marks": " ".join(marks_of_copies(part))}
+            for r, part in zip(recordings, first_parts, strict=True)
+        ],
         "validation": [_describe_origin(r) for r in validation],
         "usage": usage(identified, held_out),
         "usage_rule": RULE,
@@ -82,37 +98,22 @@ def identify(
     return IdentificationResult(replace(model, provenance=provenance), tuple(evaluations), tuple(fitted.results))
 
 
-def _fit_band(fitted: Fitted, identified: Sequence[Series]) -> Band | None:
-    return fit_band(fitted.model, identified, fitted.refit, fitted.leave_out_recordings)
-
-
 def _describe_search(results: Sequence[SearchResult], options: IdentifyOptions) -> dict[str, Any]:
     facts = {
         "starts": options.limits.starts,
         "starts_with_model": count_starts(results),
         "first_seed": options.limits.seed,
         "best_seed": results[0].seed,
-        "seconds": options.limits.seconds,
+        "seconds": options.limits.time,
         "trials": sum(result.trials for result in results),
         "ended": results[0].ended,
     }
-    return facts | ({"weights": str(options.weighting)} if options.weighting else {})
+    return facts | ({"weights": str(options.weight)} if options.weight else {})
 
 
 def count_starts(results: Sequence[SearchResult]) -> int:
     """Return the number of starts among the results; a start may have several."""
     return len({result.seed for result in results})
-
-
-def _select_held_out(whole: Sequence[Series], split: float) -> list[Series]:
-    """Return the rest of each series after `split` that is long enough for an evaluation."""
-    rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
-    return [series for series in rest if series.scored.sum() >= MIN_SCORED_TICKS]
-
-
-def _describe_part(recording: Recording, split: float) -> dict[str, Any]:
-    """Return which part of a recording is used, and marks by which any copy of it is recognised."""
-    return {"share": [0.0, split], "marks": " ".join(marks_of_copies(recording.first_part(split)))}
 
 
 def _describe_origin(recording: Recording) -> dict[str, str]:

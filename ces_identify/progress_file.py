@@ -42,7 +42,10 @@ class ProgressFile:
 
     def __init__(self, program: str, output: Path, facts: Mapping[str, Any]) -> None:
         self._path = progress_path(output)
-        self._head = {"schema": SCHEMA, "program": program, "output": output.name, **_own_process(), **facts}
+        pid = os.getpid()
+        process = {"host": socket.gethostname(), "pid": pid, "process_start": _process_start(pid)}
+        began = {"began_s": round(time.time(), 3)}
+        self._head = {"schema": SCHEMA, "program": program, "output": output.name, **process, **began, **facts}
         self._lock = threading.Lock()
         self._began_s = time.monotonic()
         self._file: TextIO | None = None
@@ -128,12 +131,6 @@ def read_progress(path: Path) -> RunProgress | None:
     if not rows or not all(isinstance(row, dict) for row in rows) or rows[0].get("schema") != SCHEMA:
         return None
     return RunProgress(rows[0], tuple(rows[1:]), _is_alive(rows[0], written_s))
-
-
-def _own_process() -> dict[str, Any]:
-    pid = os.getpid()
-    began = {"began_s": round(time.time(), 3)}
-    return {"host": socket.gethostname(), "pid": pid, "process_start": _process_start(pid), **began}
 
 
 def _is_alive(head: Mapping[str, Any], written_s: float) -> bool:

@@ -1,10 +1,11 @@
-"""The JSON Schemas of the YAML files, as installed: their paths, and the line by which a file names its schema.
+"""The JSON Schemas of the YAML files: what each is of, where it lies, and the line by which a file names its schema.
 
 Editors with a YAML language server (VS Code, Neovim, ...) read that line, complete keys, and underline mistakes.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
 from importlib.resources import files
 from pathlib import Path
@@ -27,8 +28,15 @@ KEYWORD = "# yaml-language-server: $schema="
 
 
 def path_of_schema(name: str) -> Path:
-    """Return the file of a schema in this installation."""
-    return Path(str(files("ces_identify"))) / "schemas" / f"{name}.json"
+    """Return the file of a schema: one made when the package was built, else the user's, which `ces` makes."""
+    built = Path(str(files("ces_identify"))) / "schemas" / f"{name}.json"
+    return built if built.is_file() else users_folder() / built.name
+
+
+def users_folder() -> Path:
+    """Return the folder in which `ces` keeps a user's schemas."""
+    cache = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(cache) if cache else Path.home() / ".cache") / "ces_observer" / "schemas"
 
 
 def schema_line(name: str) -> str:

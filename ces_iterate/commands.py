@@ -10,13 +10,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
+from ces_data.arrays import F
 from ces_iterate.errors import IterateError
-from ces_observer.json_checks import write_atomically
-
-F = NDArray[np.float64]
+from ces_observer.json_text import write_atomically
 
 INTERVAL_S = 1e-3  # [s] grid of all designed experiments
 HEADER = "time_s,stroke_m,current_A"

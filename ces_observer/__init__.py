@@ -2,7 +2,7 @@
 
 The rooms in reading order: `structures` (what a tick of each kind of model computes) with `proof` (why it is stable),
 the model file, the tracker and the estimator at the top, `cdr` (serialised messages), `health` (diagnostics),
-`recorder` (the black box), `control` (the reference controller), `nodes` (ROS 2). The names below are public.
+`control` (the reference controller), `nodes` (ROS 2). The names below are public.
 
     estimator = Estimator(load_model("model.json"))
     force_N = estimator.step(stamp_ns, position_m, current_A)  # None while it withholds; estimator.reason says why

@@ -1,4 +1,4 @@
-"""Stamps messages that have no stamp: time of sending and of arrival in, the arrival without the node's own delay out.
+"""Clocks: messages without a stamp are stamped with their arrival, and a wall clock that was set is detected.
 
 A message that waited in the node's queue, as in a stall, was sent earlier than it is read. The time of sending comes
 from the publisher's clock, which may differ from the node's, so the least delay of the recent messages is taken as the
@@ -37,3 +37,19 @@ class ArrivalClock:
         if not 0 <= now_ns - self._began_ns < WINDOW_NS:
             self._least_ns, self._next_ns, self._began_ns = self._next_ns, delay_ns, now_ns
         return sent_ns + self._least_ns
+
+
+MIN_JUMP_NS = 100_000_000  # far above what a slewed clock gains between two readings
+
+
+class ClockWatch:
+    """Measures how far the wall clock was set between two readings."""
+
+    def __init__(self, wall_ns: int, steady_ns: int) -> None:
+        self._ahead_ns = wall_ns - steady_ns
+
+    def measure_jump(self, wall_ns: int, steady_ns: int) -> int:
+        """Return how far [ns] the wall clock was set since the last reading, positive if forward; 0 if it was not."""
+        ahead_ns = wall_ns - steady_ns
+        jump_ns, self._ahead_ns = ahead_ns - self._ahead_ns, ahead_ns
+        return jump_ns if abs(jump_ns) >= MIN_JUMP_NS else 0

@@ -8,7 +8,7 @@ and minus half-width contain the measured force, sensor noise included, at `leve
 with growth^2 = share + (1 - share) * distance^2. The distance is that of position, speed, current and the recent
 changes of speed and current from the recordings that the model was identified on (Mahalanobis, 1 in the root mean
 square over them): an error that depends linearly on the state, by unknown amounts, grows like the distance.
-`ces_identify.validation.band_fit` finds the weights on held-out data.
+`ces_identify.validation.band` finds the weights on held-out data.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from math import exp, sqrt
 from typing import Any
 
-from ces_observer.json_checks import JsonObject
+from ces_observer.json_text import JsonObject
 
 STATE = ("position", "speed", "current", "change of speed", "change of current")
 PARTS = (

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
@@ -15,8 +16,7 @@ from typing import Any
 
 from ces_observer.band import Band
 from ces_observer.errors import ModelError
-from ces_observer.json_checks import JsonObject, write_atomically
-from ces_observer.json_text import parse_json, read_bounded
+from ces_observer.json_text import JsonObject, parse_json, read_bounded, write_atomically
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures import STRUCTURES
 from ces_observer.structures.structure import OperatingRange, Predictor, Range, Ranges, Structure
@@ -151,6 +151,8 @@ class Model:
 
 def load_model(path: str | Path) -> Model:
     """Read and check a model file; raises ModelError naming the file and the wrong key."""
+    if not isinstance(path, str | os.PathLike):
+        raise ModelError(f"expected the path of a model file; got a value of type {type(path).__name__}")
     path = Path(path)
     try:
         text = read_bounded(path, MAX_BYTES)

@@ -78,6 +78,8 @@ class FieldPath:
             raise SignalsError(f"field '{self.text}' is a {type(value).__name__}, not a number") from None
 
     def _index(self, parent: object, array: Any, element: int | str) -> int:
+        if not hasattr(array, "__len__"):
+            raise SignalsError(f"field '{self.text}': a {type(array).__name__} is no array; remove [{element}]")
         if isinstance(element, str):
             names = list(getattr(parent, "name", None) or getattr(parent, "joint_names", None) or ())
             if element not in names:

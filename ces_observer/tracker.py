@@ -9,7 +9,7 @@ same over whole arrays; a test compares the two.
 A position is plausible within `outlier_m` of the differentiator's prediction. After lost samples it is also plausible
 if the piston can have reached it: from its last speed, with or without its last acceleration, to within `outlier_m`
 plus the effect of the largest change of speed while no sample came. `outlier_m` is at least the RMS speed of the
-identification data / (2 pi bandwidth) (`ces_identify.preparation.sampling`). The largest change is LARGEST_CHANGE
+identification data / (2 pi bandwidth) (`ces_identify.prepare.sampling`). The largest change is LARGEST_CHANGE
 times that speed, from 2.5 times the RMS speed in one direction to the same in the other, and takes as long as the
 differentiator settles. Until it has settled after such a sample or a restart, its speed may be as wrong, so the change
 is allowed at once.

@@ -6,36 +6,32 @@ Stamps start at a fixed epoch and all random numbers depend on the seed, so an e
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ces_identify.config_file import read_yaml_mapping, require_known_keys
-from ces_identify.recordings.recording import Channel, Recording
-from ces_rig.actuated import simulate_actuated
-from ces_rig.closed_loop import simulate_controlled
-from ces_rig.dampers.hydraulic.parameters import Damper, load_damper, parse_damper
-from ces_rig.dampers.hydraulic.stepper import SimulatedRun, rest_force, simulate
-from ces_rig.descriptions import build, fill_defaults, quantity
-from ces_rig.drive.currents import Current, make_current
-from ces_rig.drive.reg1 import Reg1
+from ces_data.arrays import F
+from ces_data.config_file import read_yaml_mapping
+from ces_data.recording import Recording
+from ces_observer.fields import quantity, read_record, require_known_keys
+from ces_rig.dampers.hydraulic.kernel import LAST_STROKE, rest_force
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, load_damper, parse_damper
+from ces_rig.dampers.kinds import parse_model
+from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.stepper import GIVEN_STROKE, DamperStepper, Mover, SimulatedRun, spline_speed
+from ces_rig.drive.currents import Current, Reg1, SpeedForceLoop, make_current
+from ces_rig.drive.kernels import FORCE, SERVO, STROKE, VALVE
 from ces_rig.drive.servo_actuator import ServoActuator
 from ces_rig.drive.strokes import Stroke, make_stroke
 from ces_rig.errors import RigError
-from ces_rig.sensors import Sensor, Sensors
+from ces_rig.sensors import GRID_S, Sensors, Truth, make_rng, measure_signals
 
-Array = NDArray[np.float64]
-
-EPOCH_NS = 1_293_840_000_000_000_000  # 2011-01-01 00:00 UTC, the year of the thesis
-GRID_S = 0.5e-3  # [s] grid of the commands and of the true signals
 KEYS = (
     "name", "description", "duration_s", "seed", "repeat", "tare", "stroke", "current", "damper", "sensors", "actuator",
 )  # fmt: skip
-STREAMS = {"stroke": 0, "current": 1, "position": 2, "measured_current": 3, "force": 4, "temperature": 5, "actuator": 7}
 
 
 @dataclass(frozen=True)
@@ -65,19 +61,6 @@ class Experiment:
     actuator: ServoActuator | None = None
 
 
-@dataclass(frozen=True)
-class Truth:
-    """Noise-free signals on the uniform grid `time_s`; every array of shape (n,)."""
-
-    time_s: Array
-    stroke_m: Array
-    commanded_A: Array
-    coil_A: Array
-    force_N: Array
-    oil_degC: Array
-    command_m: Array | None = None  # stroke as commanded, if an actuator made `stroke_m` of it
-
-
 def packaged_experiments() -> dict[str, Path]:
     """Return the experiments that come with the package, by name; those of a folder are `folder/name`."""
     folder = Path(str(files("ces_rig"))) / "experiments"
@@ -102,19 +85,25 @@ def load_experiment(path: Path) -> Experiment:
 
 
 def parse_experiment(description: Mapping[str, Any], where: str, path: Path | None = None) -> Experiment:
-    """Return the experiment of a `description`; a damper file in it is relative to the folder of `path`."""
+    """Return the experiment of a `description`; files in it are relative to the folder of `path`."""
     require_known_keys(description, KEYS, where, RigError)
     for key in ("stroke", "current"):
         if key not in description:
             raise RigError(f"{where}: '{key}' is missing; expected a mapping with its kind")
     settings = {f.name: description[f.name] for f in fields(ExperimentSettings) if f.name in description}
+    folder = path.parent if path else Path()
+    stroke, damper = description["stroke"], description.get("damper", {})
+    if isinstance(stroke, Mapping) and stroke.get("kind") == "file" and isinstance(stroke.get("path"), str):
+        stroke = {**stroke, "path": str(folder / stroke["path"])}
     return Experiment(
-        build(ExperimentSettings, {"name": path.stem if path else "experiment", **settings}, where),
-        make_stroke(_locate_file(description["stroke"], path), f"{where}: stroke"),
+        read_record(ExperimentSettings, {"name": path.stem if path else "experiment", **settings}, where, RigError),
+        make_stroke(stroke, f"{where}: stroke"),
         make_current(description["current"], f"{where}: current"),
-        _read_damper(description.get("damper", {}), f"{where}: damper", path),
-        build(Sensors, fill_defaults(description.get("sensors", {}), Sensors()), f"{where}: sensors"),
-        build(ServoActuator, description["actuator"], f"{where}: actuator") if "actuator" in description else None,
+        load_damper(folder / damper) if isinstance(damper, str) else parse_damper(damper, f"{where}: damper"),
+        read_record(Sensors, description.get("sensors", {}), f"{where}: sensors", RigError, Sensors()),
+        read_record(ServoActuator, description["actuator"], f"{where}: actuator", RigError)
+        if "actuator" in description
+        else None,
     )
 
 
@@ -122,24 +111,49 @@ def simulate_truth(experiment: Experiment) -> Truth:
     """Run the experiment and return its noise-free signals; raises RigError if the stroke leaves the damper."""
     settings = experiment.settings
     time = np.arange(round(settings.duration_s / GRID_S) + 1, dtype=np.float64) * GRID_S
-    described = experiment.stroke.samples(time, _rng(settings.seed, "stroke"))
-    run, stroke, command = _drive_damper(experiment, time, described)
-    force = run.force_N - (rest_force(experiment.damper) if settings.tare else 0.0)
-    return Truth(time, stroke, command, run.state("coil_A"), force, run.state("oil_degC"), described)
+    described = experiment.stroke.samples(time, make_rng(settings.seed, "stroke"))
+    run, command = drive_damper(
+        experiment.damper, experiment.current, time, described, experiment.actuator, settings.seed, settings.repeat
+    )
+    force = run.tared_N if settings.tare else run.force_N
+    return Truth(time, run.state("stroke_m"), command, run.coil_A, force, run.temperature_degC, described)
 
 
-def _drive_damper(experiment: Experiment, time_s: Array, described_m: Array) -> tuple[SimulatedRun, Array, Array]:
-    """Return the run on the described stroke (n,), the stroke made and the commanded current [A], each (n,)."""
-    settings, damper = experiment.settings, experiment.damper
-    if experiment.actuator is not None:
-        noise, current = _rng(settings.seed, "actuator", settings.repeat), _rng(settings.seed, "current")
-        return simulate_actuated(damper, experiment.actuator, time_s, described_m, experiment.current, noise, current)
-    if isinstance(experiment.current, Reg1):
-        run, command = simulate_controlled(damper, GRID_S, described_m, experiment.current)
+def drive_damper(
+    damper: Damper, current: Current | Reg1, time_s: F, described_m: F, servo: ServoActuator | None = None,
+    seed: int = 1, repeat: int = 0,
+) -> tuple[SimulatedRun, F]:  # fmt: skip
+    """Run the damper on the described stroke (n,) or, with a servo, on what it makes of that; also return the commands.
+
+    A current that follows the stroke follows the described one. `reg1` answers each sample of the stroke made and the
+    damping force (without the gas force at mid-stroke) with the command [A] of the next one. Raises RigError for a
+    stroke, or an actuator, that reaches beyond the damper's ends.
+    """
+    model, interval = Hydraulic(damper), float(time_s[1] - time_s[0])
+    inputs, speed, reachable = described_m, np.zeros_like(time_s), described_m
+    if servo is None:
+        speed = spline_speed(time_s, described_m)
     else:
-        command = experiment.current.samples(time_s, described_m, _rng(settings.seed, "current"))
-        run = simulate(damper, GRID_S, described_m, command)
-    return run, described_m, command
+        servo.require_within(model.reach_m)
+        inputs = servo.loop_input(time_s, described_m, make_rng(seed, "actuator", repeat))
+        reachable = np.clip(inputs, -servo.stroke_m, servo.stroke_m)
+    loop, chunk = None, len(time_s)
+    if isinstance(current, Reg1):
+        loop, chunk = SpeedForceLoop(current, interval, inputs[0]), 1
+        command = np.full_like(time_s, loop.current_A)
+    else:
+        command = current.samples(time_s, described_m, make_rng(seed, "current"))
+    model.check_input(reachable, command)
+    stepper = DamperStepper(model, interval, mover=GIVEN_STROKE if servo is None else Mover(SERVO, servo.numbers()))
+    force, states = np.empty(len(time_s)), np.empty((len(time_s), len(stepper.state)))
+    force[0], states[0] = stepper.settle(inputs[0], speed[0], command[0]), stepper.state
+    stepper.motion[[VALVE, STROKE, FORCE]] = inputs[0], inputs[0], force[0] - stepper.rest_N
+    for start in range(1, len(time_s), chunk):
+        part = slice(start, start + chunk)
+        if loop is not None:
+            command[start] = loop.step(states[start - 1, LAST_STROKE], force[start - 1] - stepper.rest_N)
+        force[part] = stepper.advance(inputs[part], speed[part], command[part], states=states[part])
+    return SimulatedRun(time_s, force, states, stepper.kind, stepper.rest_N), command
 
 
 def run(experiment: Experiment) -> Recording:
@@ -153,26 +167,6 @@ def measure(experiment: Experiment, true: Truth) -> Recording:
     return measure_signals(true, experiment.sensors, settings.seed, settings.name, settings.repeat)
 
 
-def measure_signals(true: Truth, sensors: Sensors, seed: int, name: str, repeat: int = 0) -> Recording:
-    """Return the recording, with this name, of the signals `true` by `sensors`; `repeat` gives other noise."""
-    current = true.coil_A if sensors.current_source == "measured" else true.commanded_A
-
-    def log_channel(channel: str, unit: str, signal: Array, stream: str) -> Channel:
-        sensor = getattr(sensors, channel)
-        return sensor.measure(channel, unit, true.time_s, signal, EPOCH_NS, _rng(seed, stream, repeat))  # type: ignore[no-any-return]
-
-    channels = [
-        log_channel("position", "m", true.stroke_m, "position"),
-        log_channel("current", "A", current, "measured_current"),
-        log_channel("force", "N", true.force_N, "force"),
-    ]
-    if sensors.log_temperature:
-        channels.append(log_channel("temperature", "degC", true.oil_degC, "temperature"))
-    if sensors.log_command and true.command_m is not None:
-        channels.append(Sensor().measure("command", "m", true.time_s, true.command_m, EPOCH_NS, _rng(seed, "stroke")))
-    return Recording(name, {c.name: c for c in channels})
-
-
 def with_seed(experiment: Experiment, seed: int) -> Experiment:
     """Return the same experiment with another seed."""
     return replace(experiment, settings=replace(experiment.settings, seed=seed))
@@ -183,19 +177,30 @@ def with_repeat(experiment: Experiment, repeat: int) -> Experiment:
     return replace(experiment, settings=replace(experiment.settings, repeat=repeat))
 
 
-def _rng(seed: int, stream: str, repeat: int = 0) -> np.random.Generator:
-    """Return a generator of its own for each use, so that a change in one does not affect the others."""
-    return np.random.default_rng([seed, STREAMS[stream], *([repeat] if repeat else [])])
+@dataclass(frozen=True)
+class DamperDescription:
+    """A damper of any kind, its sensors, and the load cell's reading at mid-stroke [N].
+
+    `sensor_effects` are names and physical numbers of effects of the sensors.
+    """
+
+    model: DamperModel = field(default_factory=lambda: Hydraulic(Damper()))
+    sensors: Sensors = field(default_factory=Sensors)
+    rest_N: float = 0.0
+    sensor_effects: tuple[tuple[str, Mapping[str, float]], ...] = ()
 
 
-def _locate_file(stroke: object, path: Path | None) -> object:
-    """Return the description of a stroke with the path of its file relative to the experiment's folder."""
-    if isinstance(stroke, Mapping) and stroke.get("kind") == "file" and isinstance(stroke.get("path"), str):
-        return {**stroke, "path": str((path.parent if path else Path()) / stroke["path"])}
-    return stroke
+def load_description(path: Path) -> DamperDescription:
+    """Return the damper in a rig YAML (a damper of any kind, or an experiment); raises RigError."""
+    description = read_yaml_mapping(path, "a damper or an experiment", error=RigError)
+    if "stroke" in description and description.get("kind", Hydraulic.kind) == Hydraulic.kind:
+        description.pop("kind", None)
+        return describe_experiment(parse_experiment(description, str(path), path))
+    return DamperDescription(parse_model(description, str(path)))
 
 
-def _read_damper(description: object, where: str, path: Path | None) -> Damper:
-    if isinstance(description, str):
-        return load_damper((path.parent if path else Path()) / description)
-    return parse_damper(description, where)
+def describe_experiment(experiment: Experiment) -> DamperDescription:
+    """Return the damper and sensors of an experiment."""
+    model = Hydraulic(experiment.damper)
+    rest = 0.0 if experiment.settings.tare else rest_force(model.coefficients())
+    return DamperDescription(model, experiment.sensors, rest)

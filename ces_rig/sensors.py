@@ -1,6 +1,7 @@
-"""Sensors of the rig: a true signal on a fine grid goes in, a channel as from a logger comes out.
+"""Sensors of the rig: true signals on a fine grid go in, a recording as from a logger comes out.
 
-Each sensor has its own rate, phase, stamp jitter, noise, quantum and dropouts.
+Each sensor has its own rate, phase, stamp jitter, noise, quantum and dropouts. Stamps start at a fixed epoch and all
+random numbers depend on the seed, so a recording repeats exactly.
 """
 
 from __future__ import annotations
@@ -9,13 +10,15 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 from scipy.interpolate import PchipInterpolator
 
-from ces_identify.recordings.recording import Channel
-from ces_rig.descriptions import choice, quantity
+from ces_data.arrays import F
+from ces_data.recording import Channel, Recording
+from ces_observer.fields import choice, quantity
 
-Array = NDArray[np.float64]
+EPOCH_NS = 1_293_840_000_000_000_000  # 2011-01-01 00:00 UTC, the year of the thesis
+GRID_S = 0.5e-3  # [s] grid of the commands and of the true signals
+STREAMS = {"stroke": 0, "current": 1, "position": 2, "measured_current": 3, "force": 4, "temperature": 5, "actuator": 7}
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,7 @@ class Sensor:
     jitter_s: float = quantity(0.0, "s", "standard deviation of the stamp error", 0.0, 0.1)
     dropout: float = quantity(0.0, "1", "probability that a sample is not logged", 0.0, 0.9)
 
-    def sample(self, time_s: Array, true: Array) -> tuple[Array, Array]:
+    def sample(self, time_s: F, true: F) -> tuple[F, F]:
         """Return sampling times [s] and noise-free values of the signal `true` at uniform `time_s`.
 
         Interpolation is monotone (PCHIP), so that a switched current does not overshoot.
@@ -38,7 +41,7 @@ class Sensor:
         at = np.arange(time_s[0] + self.phase_s, time_s[-1] + 1e-9, 1.0 / self.rate_Hz)
         return at, np.asarray(PchipInterpolator(time_s, true)(at))
 
-    def measure(self, name: str, unit: str, time_s: Array, true: Array, epoch_ns: int, rng: Generator) -> Channel:
+    def measure(self, name: str, unit: str, time_s: F, true: F, epoch_ns: int, rng: Generator) -> Channel:
         """Return the logged channel; stamps stay in order for any jitter."""
         at, value = self.sample(time_s, true)
         value = value + self.bias + self.noise * rng.standard_normal(len(at))
@@ -60,3 +63,43 @@ class Sensors:
     current_source: str = choice("measured", "which current is logged", ("measured", "commanded"))
     log_temperature: bool = False
     log_command: bool = False  # the stroke as commanded, channel `command`
+
+
+@dataclass(frozen=True)
+class Truth:
+    """Noise-free signals on the uniform grid `time_s`; every array of shape (n,)."""
+
+    time_s: F
+    stroke_m: F
+    commanded_A: F
+    coil_A: F
+    force_N: F
+    oil_degC: F
+    command_m: F | None = None  # stroke as commanded, if an actuator made `stroke_m` of it
+
+
+def measure_signals(true: Truth, sensors: Sensors, seed: int, name: str, repeat: int = 0) -> Recording:
+    """Return the recording, with this name, of the signals `true` by `sensors`; `repeat` gives other noise."""
+    current = true.coil_A if sensors.current_source == "measured" else true.commanded_A
+
+    def log_channel(channel: str, unit: str, signal: F, stream: str) -> Channel:
+        sensor = getattr(sensors, channel)
+        return sensor.measure(channel, unit, true.time_s, signal, EPOCH_NS, make_rng(seed, stream, repeat))  # type: ignore[no-any-return]
+
+    channels = [
+        log_channel("position", "m", true.stroke_m, "position"),
+        log_channel("current", "A", current, "measured_current"),
+        log_channel("force", "N", true.force_N, "force"),
+    ]
+    if sensors.log_temperature:
+        channels.append(log_channel("temperature", "degC", true.oil_degC, "temperature"))
+    if sensors.log_command and true.command_m is not None:
+        channels.append(
+            Sensor().measure("command", "m", true.time_s, true.command_m, EPOCH_NS, make_rng(seed, "stroke"))
+        )
+    return Recording(name, {c.name: c for c in channels})
+
+
+def make_rng(seed: int, stream: str, repeat: int = 0) -> np.random.Generator:
+    """Return the random numbers of one use (of STREAMS), so that a change in one does not affect the others."""
+    return np.random.default_rng([seed, STREAMS[stream], *([repeat] if repeat else [])])

@@ -1,1 +1,1 @@
-"""Pages to browse a folder: models, reports, results and recordings; running searches and a running observer, live."""
+"""Pages to browse a folder: models, reports, results, recordings, and searches while they run."""

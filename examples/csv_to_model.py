@@ -21,7 +21,7 @@ def read_csv(path: str) -> Recording:
 def main(estimation_csv: str, validation_csv: str, model_json: str, seconds: float = 20.0) -> float:
     """Return the cost J [%] on the validation recording."""
     estimation, validation = read_csv(estimation_csv), read_csv(validation_csv)
-    options = IdentifyOptions(limits=Limits(seconds=seconds, max_terms=12, starts=2))
+    options = IdentifyOptions(limits=Limits(time=seconds, terms=12, starts=2))
     result = identify(estimation, options=options)
     evaluations = validate(result.model, validation)
     result.model.save(model_json)

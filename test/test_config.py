@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.signals_file import load_signals
 from ces_observer.signals import Signals
 
 CONFIG = Path(__file__).resolve().parent.parent / "config"

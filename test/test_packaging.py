@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import ast
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -82,15 +81,17 @@ def test_share_gets_parameters_layouts_launch_files_and_policies() -> None:
     assert Path("config/import/utfsm_mr.yaml") in shared
 
 
-def test_shared_files_find_their_schemas() -> None:
-    """Beside the parameter files in share/ces_observer, at the path that their first lines name."""
-    given = [(folder, found) for folder, found in arguments("")["data_files"]]  # type: ignore[attr-defined]
-    there = {Path(folder) / Path(file).name for folder, found in given for file in found}
-    for folder, found in given:
-        for file in (file for file in found if file.endswith(".yaml")):
-            first = (ROOT / file).read_text(encoding="utf-8").partition("\n")[0]
-            schema = os.path.normpath(Path(folder) / first.partition("$schema=")[2])
-            assert Path(schema) in there and schema.endswith(".json"), file
+def test_a_build_makes_the_schemas_that_shared_files_name(tmp_path: Path) -> None:
+    """In the package, and beside the parameter files in share/ces_observer, at the path that their first lines name."""
+    words = ["--quiet", "build", "--build-base", tmp_path / "build", "install_data", "--install-dir", tmp_path / "root"]
+    subprocess.run([sys.executable, "setup.py", *map(str, words)], cwd=ROOT, capture_output=True, check=True)
+    assert (tmp_path / "build" / "lib" / "ces_identify" / "schemas" / "signals.json").is_file()
+    shared = list((tmp_path / "root" / "share" / "ces_observer" / "config").rglob("*.yaml"))
+    assert shared
+    for file in shared:
+        first = file.read_text(encoding="utf-8").partition("\n")[0]
+        if "$schema=" in first:
+            assert (file.parent / first.partition("$schema=")[2]).is_file(), file
 
 
 def test_the_extra_formats_holds_those_of_all_formats() -> None:

@@ -25,10 +25,10 @@ MAKERS = (
     "create_service",
     "create_client",
     "_publisher",
+    "_subscribe",
     "_make_patched",
     "_make_wrench",
-    "EstimateOutput",
-    "BandOutput",
+    "JointStateOutput",
 )
 PROFILES = list(ElementTree.parse(FOLDER / "policy.xml").getroot().iter("profile"))
 COMMON = ElementTree.parse(FOLDER / "node.xml").getroot()

@@ -1,7 +1,7 @@
 """Coverage-guided fuzzing of the readers by libFuzzer through Atheris (pip install -e .[fuzz]; Python 3.11 to 3.13).
 
-    python bench/fuzz/coverage_fuzz.py model -runs=100000
-    python bench/fuzz/coverage_fuzz.py signals -runs=100000
+    python -m bench.fuzz.coverage_fuzz model -runs=100000
+    python -m bench.fuzz.coverage_fuzz signals -runs=100000
 
 The arguments after the first are libFuzzer's. Inputs that reach new code are kept in out/fuzz/corpus. An input that
 breaks a promise of fuzz_targets.py ends the run and is saved in the working directory as crash-..., a file that takes
@@ -21,12 +21,11 @@ import atheris
 
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
-sys.path[:0] = [str(ROOT), str(HERE)]
 
 with atheris.instrument_imports(include=["ces_observer", "ces_identify", "yaml"]):
-    from fuzz_targets import try_model, try_signals
+    from bench.fuzz.fuzz_targets import try_model, try_signals
 
-from fuzz_mutations import spoil_model  # noqa: E402
+from bench.fuzz.fuzz_samples import spoil_model  # noqa: E402
 
 TARGETS = {"model": try_model, "signals": try_signals}
 LIMITS = ("-timeout=10", "-rss_limit_mb=1024", "-max_len=20000", "-print_final_stats=1")

@@ -1,6 +1,6 @@
 """The long run: seeded random inputs to the estimator and the readers of model and signals files; prints a table.
 
-    python bench/fuzz/fuzz.py --samples 1200000 --files 100000 --jobs 1
+    python -m bench.fuzz.fuzz --samples 1200000 --files 100000 --jobs 1
 
 Coverage-guided runs are in coverage_fuzz.py. Exit status 1 if an input broke a promise (see fuzz_targets.py); such
 inputs are saved in out/fuzz.
@@ -13,26 +13,22 @@ import sys
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from functools import partial
-from itertools import repeat
 from math import ceil
 from pathlib import Path
 from random import Random
 from tempfile import TemporaryDirectory
 
+from bench.fuzz.fuzz_samples import samples, spoil_bytes, spoil_model
+from bench.fuzz.fuzz_targets import FORCE, try_damper, try_estimator, try_model, try_signals
+from ces_observer.estimator import Estimator
+from ces_observer.model import load_model
+
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
-sys.path[:0] = [str(ROOT), str(HERE)]
-
-from fuzz_mutations import spoil_bytes, spoil_model  # noqa: E402
-from fuzz_samples import samples  # noqa: E402
-from fuzz_targets import FORCE, try_damper, try_estimator, try_model, try_signals  # noqa: E402
-
-from ces_observer.estimator import Estimator  # noqa: E402
-from ces_observer.model import load_model  # noqa: E402
 
 SEEDS = HERE / "seeds"
 FAILURES_DIR = ROOT / "out" / "fuzz"
@@ -109,26 +105,15 @@ TARGETS: dict[str, Callable[[int], FuzzTally]] = {
 }
 
 
-def _run_one(name: str, seed: int) -> FuzzTally:
-    return TARGETS[name](seed)
-
-
 def run(name: str, seeds: range, jobs: int) -> FuzzTally:
     """Run a target's batches in `jobs` processes."""
     total = FuzzTally()
-    for tally in _map_seeds(name, seeds, jobs):
-        total.add(tally)
-        for broken in tally.broken:
-            print(f"BROKEN: {broken}", flush=True)
-    return total
-
-
-def _map_seeds(name: str, seeds: range, jobs: int) -> Iterator[FuzzTally]:
-    if jobs == 1:
-        yield from map(_run_one, repeat(name), seeds)
-        return
     with ProcessPoolExecutor(jobs) as pool:
-        yield from pool.map(_run_one, repeat(name), seeds)
+        for tally in pool.map(TARGETS[name], seeds):
+            total.add(tally)
+            for broken in tally.broken:
+                print(f"BROKEN: {broken}", flush=True)
+    return total
 
 
 def row(name: str, total: FuzzTally, seconds: float) -> str:

@@ -11,13 +11,13 @@ from math import inf, isfinite
 from pathlib import Path
 from unittest.mock import patch
 
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.signals_file import load_signals
 from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model, parse_model
-from ces_observer.proof import branch_and_bound
+from ces_observer.proof import intervals
 from ces_observer.tracker import OK
 
 REFUSED, READ, WITHHELD, FORCE = "refused", "read", "withheld", "force"
@@ -43,7 +43,7 @@ def try_model(path: Path) -> str:
         return _check_refusal(error)
     assert parse_model(model.to_json(), "again") == model
     assert len(model.digest()) == 64
-    with patch.object(branch_and_bound, "MAX_WORK", LITTLE_WORK):
+    with patch.object(intervals, "MAX_WORK", LITTLE_WORK):
         model.is_stable()
     try_estimator(Estimator(model), _corners(model))
     return READ

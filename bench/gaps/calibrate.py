@@ -22,15 +22,14 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 
-from ces_cli.blind.case import DECISION, GAP
-from ces_cli.blind.mode import Mode
-from ces_cli.blind.score import find_modes
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.inference.comparison import MIN_GAIN_SHARE
 from ces_gap.inference.verdict import NEGLIGIBLE_SHARE, VerdictFigures, gap_features, unknown_features
-from ces_observer.json_checks import write_atomically
-from ces_rig.blind.seal import open_seal
+from ces_observer.json_text import write_atomically
+from ces_rig.blind.cases import open_seal
+from ces_rig.blind.outcome import Mode
+from ces_rig.blind.scoring import DECISION, GAP, find_modes
 
 F = NDArray[np.float64]
 

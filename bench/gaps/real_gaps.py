@@ -3,7 +3,7 @@
     python -m bench.gaps.real_gaps DATA [--only CASE ...] [--threads N]
 
 DATA holds brfd_backlash/*.json, utfsm_mr/*.csv and dyke_mr/ranran_50.csv. The simulations lack something known of the
-real machine (`brake_cases.py`, `utfsm_cases.py`, `dyke_cases.py`); all options of the diagnosis are the defaults. A
+real machine (`real_cases.py`); all options of the diagnosis are the defaults. A
 diagnosis takes a second to half a minute of CPU; each row is printed when it is ready.
 """
 
@@ -16,11 +16,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import bench.blas_one_thread  # noqa: F401 - before NumPy
-from bench.gaps.brake_cases import brake_cases
-from bench.gaps.dyke_cases import dyke_cases
-from bench.gaps.measured_data import Data
-from bench.gaps.real_case import RealCase
-from bench.gaps.utfsm_cases import friction_cases, map_cases
+from bench.gaps.real_cases import Data, RealCase, brake_cases, dyke_cases, friction_cases, map_cases
 from bench.measurement import print_note
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis, Estimate
 from ces_gap.inference.verdict import CALIBRATION, TIMING

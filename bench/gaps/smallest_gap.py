@@ -19,21 +19,32 @@ from pathlib import Path
 
 import numpy as np
 
-import bench.blas_one_thread  # noqa: F401 - before NumPy
-from bench.gaps.ladder_damper import EXTRA_REAL, IDENTIFY, REFERENCE, ChangedRecordings, LadderDamper
-from bench.gaps.ladder_rows import AUTO, GAPS_N, NONE, SIMULATIONS, LadderRow, RowFile, tables
+from bench.gaps.ladder_damper import (
+    AUTO,
+    EXTRA_REAL,
+    GAPS_N,
+    IDENTIFY,
+    NONE,
+    REFERENCE,
+    SIMULATIONS,
+    ChangedRecordings,
+    LadderDamper,
+    LadderRow,
+    RowFile,
+    tables,
+)
 from bench.measurement import print_note
+from ces_data.recording import Recording
 from ces_gap.effects.library import library
-from ces_gap.inference.anchored_surrogate import Refinement
 from ces_gap.inference.decide import decide
-from ces_gap.inference.learn_baseline import learn_baseline
+from ces_gap.inference.evidence import learn_baseline
+from ces_gap.inference.fit import Refinement
 from ces_gap.inference.search import search
 from ces_gap.inference.verdict import calibration
-from ces_gap.intake.checks import find_invisible_effects
-from ces_gap.intake.prepare import prepare_recordings
+from ces_gap.inputs.checks import find_invisible_effects
+from ces_gap.inputs.prepare import prepare_recordings
 from ces_identify.identification import identify
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import select_fitter
@@ -41,10 +52,10 @@ from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.model import Model, load_model
 from ces_rig.dampers.effects import EFFECTS as LIBRARY_EFFECTS
 from ces_rig.errors import RigError
-from ces_rig.withheld.scaling import rms
+from ces_rig.withheld.plants import rms
 
 EFFECTS = ("friction", "valve_lag", "leakage", "force_scale")
-SEARCH = Limits(max_terms=25, seconds=60.0, starts=4, threads=1)
+SEARCH = Limits(terms=25, time=60.0, starts=4, threads=1)
 
 
 @dataclass(frozen=True)

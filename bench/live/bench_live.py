@@ -1,6 +1,6 @@
 """Latency from stamp to received estimate, loss and CPU of the observer and its C++ twin, beside empty relays.
 
-Needs a sourced ROS 2 (`python3 bench/live/bench_live.py`). All nodes run side by side; a generator loads one after the
+Needs a sourced ROS 2 (`python3 -m bench.live.bench_live`). All nodes run side by side; a generator loads one after the
 other, in rounds, so that other load of the machine affects all equally: quiet, then with a busy process on each core.
 `--write` writes the table into docs/benchmarks.md. The C++ programs are built into out/live.
 """
@@ -11,18 +11,70 @@ import argparse
 import os
 import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
+from statistics import median
 
-from builds import ROOT, BuildError
-from contestants import CPP_RELAY, Contestant, Field, GeneratorLoad, GeneratorRun, make_contestants, print_note
-from figures import HEADER, RATIOS, TARGETS, median_range, row, verdicts
-from hogs import Hogs
-
-sys.path.insert(0, str(ROOT))
+from bench.live.contestants import (
+    CPP_RELAY,
+    OBSERVER,
+    ROOT,
+    TWIN,
+    BuildError,
+    Contestant,
+    Field,
+    GeneratorLoad,
+    GeneratorRun,
+    Hogs,
+    make_contestants,
+    print_note,
+)
 from bench.markdown import replace_between
-from bench.measurement import processor
+from bench.measurement import processor, verdict
+
+TARGETS = {OBSERVER: (1.5, 1.6), TWIN: (1.15, 1.15)}  # median and CPU, times those of the empty C++ relay
+HEADER = ("load", "rate Hz", "node", "median µs", "p99 µs", "worst ms", "CPU % of a core", "lost", "withheld")
+RATIOS = ("median ÷ C++ relay", "CPU ÷ C++ relay")
+
+
+@dataclass(frozen=True)
+class MedianRange:
+    """Median and range of a figure over the rounds."""
+
+    middle: float
+    low: float
+    high: float
+
+    @classmethod
+    def from_values(cls, values: Iterable[float]) -> MedianRange:
+        """Return median and range of at least one value."""
+        all_values = sorted(values)
+        return cls(median(all_values), all_values[0], all_values[-1])
+
+    def text(self, digits: int = 0) -> str:
+        return f"{self.middle:,.{digits}f} ({self.low:,.{digits}f} to {self.high:,.{digits}f})"
+
+
+def median_range(runs: Sequence[GeneratorRun], name: str, scale: float = 1.0) -> MedianRange:
+    """Return the spread of a run's figure."""
+    return MedianRange.from_values(scale * getattr(run, name) for run in runs)
+
+
+def ratio(runs: Sequence[GeneratorRun], others: Sequence[GeneratorRun], name: str) -> MedianRange:
+    """Return the spread of the ratios of two contestants in the same round, equally disturbed by the machine."""
+    return MedianRange.from_values(getattr(a, name) / getattr(b, name) for a, b in zip(runs, others, strict=True))
+
+
+def row(load: str, rate_Hz: float, name: str, runs: Sequence[GeneratorRun], relay: Sequence[GeneratorRun]) -> list[str]:
+    """Return a row of the table; `relay` are the runs of the empty C++ relay in the same rounds."""
+    cells = [load, f"{rate_Hz:g}", name, median_range(runs, "p50_us").text(), median_range(runs, "p99_us").text()]
+    cells += [f"{max(run.max_us for run in runs) * 1e-3:,.1f}", median_range(runs, "cpu_share", 100.0).text(1)]
+    cells += [f"{sum(run.lost for run in runs):,} of {sum(run.all_sent for run in runs):,}"]
+    cells += [f"{max(0, sum(run.without_estimate - run.lost for run in runs)):,}"]
+    return cells + [ratio(runs, relay, figure).text(2) for figure in ("p50_us", "cpu_share")]
+
 
 PAGE = ROOT / "docs" / "benchmarks.md"
 MODEL = ROOT / "config" / "models" / "sample.json"
@@ -55,10 +107,17 @@ def table(found: Runs) -> list[str]:
 
 
 def target_lines(found: Runs) -> list[str]:
+    """Return a line for each target of a node at 1 kHz on the quiet machine."""
     if (relay := found.get((QUIET, TARGET_HZ, CPP_RELAY))) is None:
         return ["* no verdict: 1000 Hz on the quiet machine was not requested"]
     named = {name: found[QUIET, TARGET_HZ, name] for name in TARGETS if (QUIET, TARGET_HZ, name) in found}
-    return [line for name, runs in named.items() for line in verdicts(name, runs, relay)]
+    lines = []
+    for name, runs in named.items():
+        for what, figure, limit in zip(("median", "CPU"), ("p50_us", "cpu_share"), TARGETS[name], strict=True):
+            spread = ratio(runs, relay, figure)
+            times = f"{spread.text(2)} times; target at most {limit:g}: {verdict(spread.middle, limit)}"
+            lines.append(f"* {name}, {what} beside the empty C++ relay: {times}")
+    return lines
 
 
 def describe_noise(found: Runs, options: argparse.Namespace, began: float) -> str:
@@ -90,55 +149,40 @@ def report(options: argparse.Namespace) -> list[str]:
     return [*table(found), "", *target_lines(found), "", *notes]
 
 
-def make_parser(text: str | None) -> argparse.ArgumentParser:
-    """Return a parser with the options of all programs of this folder."""
-    parser = argparse.ArgumentParser(description=text, formatter_class=argparse.RawDescriptionHelpFormatter)
+def parse_arguments() -> argparse.Namespace:
+    """Parse the command line, and check what a run needs."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--model", type=Path, default=MODEL, help="default config/models/sample.json")
     priority = "of the generator under SCHED_FIFO, so that it is on time beside hogs; 0: ordinary; default 50"
     parser.add_argument("--priority", type=int, default=50, help=priority)
-    parser.add_argument(
-        "--parameters",
-        nargs="+",
-        default=[],
-        metavar="NAME:=VALUE",
-        help="of the observers, such as realtime_priority:=20",
-    )
+    parameters = "of the observers, such as realtime_priority:=20"
+    parser.add_argument("--parameters", nargs="+", default=[], metavar="NAME:=VALUE", help=parameters)
     parser.add_argument("--write", action="store_true", help=f"write the result into docs/{PAGE.name}")
-    return parser
-
-
-def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
-    """Parse the command line and check what all programs need."""
+    parser.add_argument("--rates", type=float, nargs="+", default=[1000.0, 2000.0], metavar="HZ")
+    parser.add_argument("--loads", nargs="+", choices=(QUIET, BUSY), default=[QUIET, BUSY], help="default both")
+    parser.add_argument("--seconds", type=float, default=5.0, help="length of a run [s], default 5")
+    parser.add_argument("--warm-up", type=float, default=1.5, help="before each run, not counted [s], default 1.5")
+    parser.add_argument("--rounds", type=int, default=5, help="runs of each node at each rate and load, default 5")
     options = parser.parse_args()
     if find_spec("rclpy") is None:
         parser.error("rclpy is missing; source ROS 2 and run this with its python3")
     if not options.model.is_file():
         parser.error(f"{options.model}: no such model file; pass one from `ces identify` with --model")
     options.model = options.model.resolve()
-    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # ends the nodes, too
     return options
 
 
-def print_report(lines: Sequence[str], write: bool, mark: str) -> None:
-    """Print the lines, and write them between the marks of the page."""
-    print("\n".join(lines))
-    if write:
-        replace_between(PAGE, mark, "\n".join(lines))
-
-
 def main() -> None:
-    parser = make_parser(__doc__)
-    parser.add_argument("--rates", type=float, nargs="+", default=[1000.0, 2000.0], metavar="HZ")
-    parser.add_argument("--loads", nargs="+", choices=(QUIET, BUSY), default=[QUIET, BUSY], help="default both")
-    parser.add_argument("--seconds", type=float, default=5.0, help="length of a run [s], default 5")
-    parser.add_argument("--warm-up", type=float, default=1.5, help="before each run, not counted [s], default 1.5")
-    parser.add_argument("--rounds", type=int, default=5, help="runs of each node at each rate and load, default 5")
-    options = parse(parser)
+    options = parse_arguments()
+    os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # ends the nodes, too
     try:
-        print_report(report(options), options.write, "live")
+        text = "\n".join(report(options))
     except BuildError as error:
-        parser.error(str(error))
+        sys.exit(str(error))
+    print(text)
+    if options.write:
+        replace_between(PAGE, "live", text)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,10 @@
-"""The compared nodes, each a process of its own, and runs of the generator that loads one of them."""
+"""The compared nodes, each built and run as a process of its own, the generator that loads one, and busy cores."""
 
 from __future__ import annotations
 
 import json
+import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -10,8 +12,80 @@ import time
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import TracebackType
 
-from builds import HERE, ROOT, BuildError, build_programs, build_twin
+from bench.measurement import print_note
+
+HERE = Path(__file__).resolve().parent
+ROOT = HERE.parent.parent
+FOLDER = ROOT / "out" / "live"  # kept, so that a second run builds only what has changed
+TWIN_PACKAGE = "bench_twin"
+
+
+class BuildError(Exception):
+    """A program that cannot be built, in one line."""
+
+
+def build_programs() -> Path:
+    """Build generator and relay; return their folder. Raises BuildError."""
+    folder = FOLDER / "programs"
+    for tool in ("cmake", "c++"):
+        if shutil.which(tool) is None:
+            raise BuildError(f"{tool} is missing; the generator and the relay are in C++")
+    _run(["cmake", "-S", str(HERE / "relay_cpp"), "-B", str(folder)])
+    _run(["cmake", "--build", str(folder)])
+    return folder
+
+
+def build_twin(model: Path) -> Path:
+    """Export `model` as a ROS package and build it; return its executable. Raises BuildError."""
+    workspace = FOLDER / "twin"
+    written = workspace / "written" / TWIN_PACKAGE  # beside src, where colcon would find it twice
+    shutil.rmtree(written, ignore_errors=True)
+    written.parent.mkdir(parents=True, exist_ok=True)
+    (written.parent / "COLCON_IGNORE").touch()
+    _run([sys.executable, "-m", "ces_cli.main", "export", str(model), "--ros-package", str(written)])
+    shutil.copytree(written, workspace / "src" / TWIN_PACKAGE, copy_function=_copy_changed, dirs_exist_ok=True)
+    flags = ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF"]
+    _run(["colcon", "build", *flags], workspace)
+    return workspace / "install" / TWIN_PACKAGE / "lib" / TWIN_PACKAGE / "observer"
+
+
+def _copy_changed(source: str, target: str) -> None:
+    """Copy a file unless it is the same, which would be compiled again."""
+    if not Path(target).exists() or Path(source).read_bytes() != Path(target).read_bytes():
+        shutil.copyfile(source, target)
+
+
+def _run(command: Sequence[str], folder: Path = ROOT) -> None:
+    try:
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    except OSError as error:
+        raise BuildError(f"{command[0]}: {error}") from None
+    if done.returncode:
+        raise BuildError(f"{' '.join(command[:4])}: {' '.join((done.stderr or done.stdout).split()[-40:])}")
+
+
+PROGRAM = "import os, sys\nos.sched_setaffinity(0, {int(sys.argv[1])})\nwhile True:\n    pass"
+
+
+class Hogs:
+    """A busy process on each core while the context lasts; none if `busy` is False."""
+
+    def __init__(self, busy: bool) -> None:
+        self._cores = sorted(os.sched_getaffinity(0)) if busy else []
+        self._processes: list[subprocess.Popen[bytes]] = []
+
+    def __enter__(self) -> Hogs:
+        self._processes = [subprocess.Popen([sys.executable, "-c", PROGRAM, str(core)]) for core in self._cores]
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
+        for process in self._processes:
+            process.kill()
+        for process in self._processes:
+            process.wait()
+
 
 CPP_RELAY, PYTHON_RELAY = "empty relay, C++", "empty relay, Python"
 OBSERVER, TWIN = "**Python node**", "**C++ twin**"
@@ -33,13 +107,11 @@ class Contestant:
 
 @dataclass(frozen=True)
 class GeneratorLoad:
-    """The generator's messages: a current every `current_every` samples, midway between two if `current_apart`."""
+    """The generator's messages, a position and a current at a time."""
 
     rate_Hz: float
     seconds: float
     warm_up_s: float
-    current_every: int = 1
-    current_apart: bool = False
 
 
 @dataclass(frozen=True)
@@ -96,15 +168,11 @@ def make_contestants(model: Path, parameters: Sequence[str] = ()) -> tuple[Path,
 class Field:
     """All contestants, running at the same time; `measure` loads one of them while the others idle.
 
-    With `shared` they all have the same inputs, so that `measure` loads them all. The generator runs under SCHED_FIFO
-    with `priority`, if that is permitted.
+    The generator runs under SCHED_FIFO with `priority`, if that is permitted.
     """
 
-    def __init__(
-        self, contestants: Sequence[Contestant], generator: Path, *, priority: int, shared: bool = False
-    ) -> None:
+    def __init__(self, contestants: Sequence[Contestant], generator: Path, *, priority: int) -> None:
         self._generator = [str(generator), str(priority)]
-        self._shared = shared
         self._numbers = {one.name: k for k, one in enumerate(contestants)}
         self._processes = [self._start(one, k) for k, one in enumerate(contestants)]
 
@@ -125,38 +193,21 @@ class Field:
         """Return the generator's results; raises RuntimeError if the node has ended or publishes nothing."""
         k = self._numbers[contestant.name]
         observed = f"{_namespace(k)}/observer" if contestant.is_observer else ""
-        parameters: dict[str, object] = {**asdict(load), "pid": self.pid(contestant)}
+        parameters: dict[str, object] = {**asdict(load), "pid": self._processes[k].pid}
         if observed:
             parameters["observed"] = observed
-        inputs = 0 if self._shared else k
-        words = ["--ros-args", "-r", f"__ns:={_namespace(inputs)}"]
+        words = ["--ros-args", "-r", f"__ns:={_namespace(k)}"]
         words += ["-r", f"estimate:={_namespace(k)}/{contestant.node}/estimate"]
-        words += [word for name, value in parameters.items() for word in ("-p", f"{name}:={_word(value)}")]
+        words += [word for name, value in parameters.items() for word in ("-p", f"{name}:={value}")]
         done = subprocess.run([*self._generator, *words], stdout=subprocess.PIPE, text=True, check=False)
         if done.returncode:
             raise RuntimeError(f"{contestant.name} at {load.rate_Hz:g} Hz: the generator received nothing to measure")
         return GeneratorRun(**json.loads(done.stdout))
 
-    def pid(self, contestant: Contestant) -> int:
-        return self._processes[self._numbers[contestant.name]].pid
-
     def _start(self, contestant: Contestant, number: int) -> subprocess.Popen[bytes]:
         words = [*contestant.command, "--ros-args", "-r", f"__ns:={_namespace(number)}", *contestant.ros_args]
-        if self._shared:
-            words += [
-                f for name in ("joint_states", "valve_current") for f in ("-r", f"{name}:={_namespace(0)}/{name}")
-            ]
         return subprocess.Popen(words, cwd=ROOT, stderr=subprocess.DEVNULL, start_new_session=True)
-
-
-def _word(value: object) -> str:
-    return str(value).lower() if isinstance(value, bool) else str(value)
 
 
 def _namespace(number: int) -> str:
     return f"/live{number}"
-
-
-def print_note(text: str) -> None:
-    """Print on standard error: standard output contains only the table."""
-    print(text, file=sys.stderr, flush=True)

@@ -1,8 +1,8 @@
 """Injects faults into a running observer for a quarter of an hour, and evaluates its estimates and diagnostics.
 
-Needs a sourced ROS 2 (`python3 bench/reliability/run.py`): the observer is a separate process, observed over real DDS
-on this computer, with a source at 1 kHz. With `--simulated`, time comes from /clock. `--write` writes the table into
-docs/reliability.md and the plot of memory into docs/img. Exit status 1 if a rule was violated.
+Needs a sourced ROS 2 (`python3 -m bench.reliability.run`): the observer is a separate process, observed over real DDS
+on this computer, with a source at 1 kHz. With `--simulated`, time comes from /clock. `--write` writes the table, one
+row per fault, into docs/reliability.md and the plot of memory into docs/img. Exit status 1 if a rule was violated.
 """
 
 from __future__ import annotations
@@ -11,12 +11,148 @@ import argparse
 import os
 import sys
 import tempfile
+import threading
 import time
 from importlib.util import find_spec
+from math import isnan
 from pathlib import Path
 from random import Random
 
-ROOT = Path(__file__).resolve().parent.parent.parent
+from bench.markdown import replace_between
+from bench.reliability.judge import REAL, SIMULATED, FaultOutcome, check_bounds, faults
+from ces_observer.model import load_model
+
+SETTLED_S = 60.0
+MAX_GROWTH_KB = 1024.0  # from the first minute to the end, by the slope
+
+
+class Memory:
+    """Samples VmRSS once a second in its own thread until `stop`; `kB` by `seconds` since the beginning."""
+
+    def __init__(self, pid: int) -> None:
+        self._status = Path(f"/proc/{pid}/status")
+        self._stopped = threading.Event()
+        self.seconds: list[float] = []
+        self.kB: list[int] = []
+        self._thread = threading.Thread(target=self._sample)
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stopped.set()
+        self._thread.join()
+
+    def growth_kB(self) -> float | None:
+        """Return the rise of a straight line fitted after the first minute; None if the run is too short."""
+        pairs = [(s, kB) for s, kB in zip(self.seconds, self.kB, strict=True) if s >= SETTLED_S]
+        if len(pairs) < SETTLED_S:
+            return None
+        mean_s, mean_kB = (sum(values) / len(pairs) for values in zip(*pairs, strict=True))
+        slope = sum((s - mean_s) * (kB - mean_kB) for s, kB in pairs) / sum((s - mean_s) ** 2 for s, _ in pairs)
+        return slope * (pairs[-1][0] - pairs[0][0])
+
+    def plot(self, path: Path) -> None:
+        """Plot the memory [MB] over time [min]."""
+        import matplotlib as mpl
+
+        mpl.use("Agg")
+        from matplotlib import pyplot as plt
+
+        figure, axes = plt.subplots(figsize=(7.0, 2.6), layout="constrained")
+        axes.axvspan(0.0, SETTLED_S / 60.0, color="0.93", lw=0.0, label="first minute")
+        axes.plot([s / 60.0 for s in self.seconds], [kB / 1024.0 for kB in self.kB], color="C0", lw=1.5)
+        axes.set(xlabel="time [min]", ylabel="resident memory [MB]", ylim=(0.0, 1.25 * max(self.kB) / 1024.0))
+        axes.set_xlim(0.0, self.seconds[-1] / 60.0)
+        axes.legend(frameon=False, loc="lower right")
+        axes.spines[["top", "right"]].set_visible(False)
+        figure.savefig(path, dpi=150)
+        plt.close(figure)
+
+    def _sample(self) -> None:
+        began = time.monotonic()
+        while not self._stopped.wait(1.0 - (time.monotonic() - began) % 1.0):
+            try:
+                lines = self._status.read_text(encoding="utf-8").splitlines()
+            except OSError:
+                return
+            resident = next((line for line in lines if line.startswith("VmRSS")), None)
+            if resident is None:  # a zombie has none
+                return
+            self.seconds.append(time.monotonic() - began)
+            self.kB.append(int(resident.split()[1]))
+
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = ROOT / "docs" / "reliability.md"
+HEADER = ("fault", "times", "reported as", "worst recovery s", "worst force N", "worst error N", "verdict")
+
+
+class CampaignRecord:
+    """The results of a campaign in `times` (real or simulated)."""
+
+    def __init__(self, times: str, seed: int) -> None:
+        self.times, self.seed = times, seed
+        self.outcomes: dict[str, list[FaultOutcome]] = {}
+        self.wrong: list[str] = []
+        self._facts = ""
+
+    def add(self, outcome: FaultOutcome) -> None:
+        """Add an outcome and print it."""
+        self.outcomes.setdefault(outcome.fault, []).append(outcome)
+        result = "; ".join(outcome.wrong) or "passed"
+        print(f"{outcome.fault:34} {outcome.recovery_s:6.3f} s  {result}", file=sys.stderr, flush=True)
+
+    def end(self, seconds: float, estimates: int, memory: Memory) -> None:
+        """Record length, number of estimates and memory."""
+        growth = memory.growth_kB()
+        change = "too short for its growth" if growth is None else f"{growth:+.0f} kB after the first minute"
+        if growth is not None and growth > MAX_GROWTH_KB:
+            self.wrong.append(f"memory grew by {growth:.0f} kB, at most {MAX_GROWTH_KB:.0f} allowed")
+        episodes = sum(map(len, self.outcomes.values()))
+        self._facts = (
+            f"{seconds / 60.0:.1f} minutes in {self.times} time, seed {self.seed}: {episodes} episodes, {estimates:,} "
+            f"estimates; resident memory {memory.kB[-1] / 1024.0:.1f} MB, {change}"
+        )
+
+    def is_bad(self) -> bool:
+        return bool(self.wrong) or any(one.wrong for several in self.outcomes.values() for one in several)
+
+    def lines(self) -> list[str]:
+        """Return the page's lines: facts, further violations, and the table."""
+        rows = [_row(name, several) for name, several in sorted(self.outcomes.items())]
+        head = [f"| {' | '.join(HEADER)} |", "|---|---:|---|---:|---:|---:|---|"]
+        end = "The observer ended with status 0." if not self.wrong else f"**Wrong: {'; '.join(self.wrong)}.**"
+        return [f"{self._facts}. {end}", "", *head, *rows]
+
+
+def _row(name: str, outcomes: list[FaultOutcome]) -> str:
+    reasons = sorted({one.reason for one in outcomes if one.reason})
+    worst = [
+        _worst([getattr(one, what) for one in outcomes]) for what in ("recovery_s", "worst_force_N", "worst_error_N")
+    ]
+    cells = [name, str(len(outcomes)), ", ".join(reasons) or "**not**"]
+    cells += [f"{worst[0]:.3f}", f"{worst[1]:,.0f}", f"{worst[2]:,.0f}"]
+    return f"| {' | '.join(cells)} | {_verdict(outcomes)} |"
+
+
+def _worst(values: list[float]) -> float:
+    return max((value for value in values if not isnan(value)), default=float("nan"))
+
+
+def _verdict(outcomes: list[FaultOutcome]) -> str:
+    bad = [one for one in outcomes if one.wrong]
+    if not bad:
+        return "passed"
+    reasons = "; ".join(sorted({wrong for one in bad for wrong in one.wrong})[:3])
+    return f"**failed {len(bad)} times**: {reasons}"
+
+
+def write(record: CampaignRecord, memory: Memory) -> None:
+    """Write the table between its comments in the page, and the plot beside it."""
+    replace_between(PAGE, f"faults in {record.times} time", "\n".join(record.lines()))
+    if record.times == REAL:
+        memory.plot(ROOT / "docs" / "img" / "reliability_memory.png")
+
+
 MODEL = ROOT / "config" / "models" / "sample.json"
 
 
@@ -37,14 +173,7 @@ def parse_arguments() -> argparse.Namespace:
 def main() -> int:
     options = parse_arguments()
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    sys.path.insert(0, str(ROOT))
-    from campaign import ObserverEndedError, make_limits, play, rounds, start_stage
-    from faults import REAL, SIMULATED, faults
-    from judge import check_bounds
-    from memory import Memory
-    from page import CampaignRecord, write
-
-    from ces_observer.model import load_model
+    from bench.reliability.campaign import ObserverEndedError, make_limits, play, rounds, start_stage
 
     model = load_model(options.model)
     times = SIMULATED if options.simulated else REAL

@@ -17,12 +17,28 @@ from random import Random
 from typing import Any
 
 import rclpy
-from ride import MS, RATE_HZ, current_A, stroke_m
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from spoilers import CURRENT, OTHER_JOINT, POSITION, SPOILERS, PositionSample, RideTick
 from std_msgs.msg import Float64
-from wire import JOINT, JointWire, clock, float64, no_float64, no_joint_state
+
+from bench.reliability.ride import (
+    CURRENT,
+    JOINT,
+    MS,
+    OTHER_JOINT,
+    POSITION,
+    RATE_HZ,
+    SPOILERS,
+    JointWire,
+    PositionSample,
+    RideTick,
+    clock,
+    current_A,
+    float64,
+    no_float64,
+    no_joint_state,
+    stroke_m,
+)
 
 DEPTH = 100
 CLOCK_EVERY = 5  # ticks: 200 Hz

@@ -7,10 +7,8 @@ python -m bench.rig.parameter_table markdown
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterator
-from dataclasses import dataclass, fields, is_dataclass
-from typing import Any
 
+from ces_observer.fields import Field, walk_record
 from ces_rig.dampers.hydraulic.parameters import Damper
 
 HEADER = """\
@@ -22,48 +20,30 @@ HEADER = """\
 """
 
 
-@dataclass(frozen=True)
-class ParameterRow:
-    """One parameter: its path, its default and its declaration."""
-
-    path: tuple[str, ...]
-    value: float
-    unit: str
-    what: str
-    low: float
-    high: float
-
-
-def rows(part: Any = None, path: tuple[str, ...] = ()) -> Iterator[ParameterRow]:
-    """Yield the parameters of `part` (default: the default damper), section by section."""
-    part = Damper() if part is None else part
-    for f in fields(part):
-        value, here = getattr(part, f.name), (*path, f.name)
-        if is_dataclass(value):
-            yield from rows(value, here)
-        else:
-            yield ParameterRow(
-                here, value, f.metadata["unit"], f.metadata["what"], f.metadata["low"], f.metadata["high"]
-            )
+def rows() -> list[tuple[str, float, Field]]:
+    """Return path, default and field of each parameter of the default damper, section by section."""
+    return list(walk_record(Damper()))
 
 
 def as_yaml() -> str:
     """Return the default damper as a commented YAML file."""
-    lines, open_sections = [HEADER], ()
-    for row in rows():
-        for depth, section in enumerate(row.path[:-1]):
-            if open_sections[: depth + 1] != row.path[: depth + 1]:
+    lines: list[str] = [HEADER]
+    open_sections: list[str] = []
+    for path, value, one in rows():
+        *sections, name = path.split(".")
+        for depth, section in enumerate(sections):
+            if open_sections[: depth + 1] != sections[: depth + 1]:
                 lines.append(f"{'  ' * depth}{section}:\n")
-        open_sections = row.path[:-1]  # type: ignore[assignment]
-        entry = f"{'  ' * len(open_sections)}{row.path[-1]}: {format_number(row.value)}"
-        lines.append(f"{entry:<42}# [{row.unit}] {row.what}; {row.low:g} to {row.high:g}\n")
+        open_sections = sections
+        entry = f"{'  ' * len(sections)}{name}: {format_number(value)}"
+        lines.append(f"{entry:<42}# [{one.unit}] {one.meaning}; {one.low:g} to {one.high:g}\n")
     return "".join(lines)
 
 
 def as_markdown() -> str:
     """Return the table of parameters for the documentation."""
     lines = ["| parameter | default | unit | what it is |", "|---|---:|---|---|"]
-    lines += [f"| `{'.'.join(r.path)}` | {r.value:g} | {r.unit} | {r.what} |" for r in rows()]
+    lines += [f"| `{path}` | {value:g} | {one.unit} | {one.meaning} |" for path, value, one in rows()]
     return "\n".join(lines) + "\n"
 
 

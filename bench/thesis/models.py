@@ -1,8 +1,9 @@
-"""The models of the thesis' tables: their list, their training, and a store of trained models.
+"""The rows of the thesis' tables, the training of their models, and a store of trained models.
 
-`train_jobs` trains each `TrainingJob` in parallel processes and stores the outcome on disk by job, limits and digest of
-the packages' code: a rerun uses stored outcomes, an interrupted run continues, and a change of the code invalidates
-them.
+J. Söderberg, *Black-box modeling of a semi-active motorcycle damper*, KTH 2011 (XR-EE-RT 2011:001), chapter 5.
+Experiments are named as in `ces_rig/experiments/thesis/`. `train_jobs` trains each `TrainingJob` in parallel processes
+and stores the outcome on disk by job, limits and digest of the packages' code: a rerun uses stored outcomes, an
+interrupted run continues, and a change of the code invalidates them.
 """
 
 from __future__ import annotations
@@ -13,28 +14,185 @@ import signal
 import sys
 import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
 from pathlib import Path
 
+import numpy as np
 from joblib import Memory, Parallel, delayed, parallel_config
+from numpy.typing import NDArray
 
-from bench.thesis.one_step import fit_conventionally
-from bench.thesis.rows import ANFIS, NETWORK, POLYNOMIAL
+from ces_data.recording import Recording
 from ces_identify.identification import identify
 from ces_identify.polynomial.regressors import load_rules
 from ces_identify.polynomial.search_limits import BOTH, Limits
 from ces_identify.polynomial.search_limits import THESIS as TO_THE_LETTER
-from ces_identify.recordings.recording import Recording
+from ces_identify.prepare.sampling import choose_sampling
+from ces_identify.prepare.series import prepare
 from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.network import NetworkShape
-from ces_identify.trained.training import LagCounts
+from ces_identify.structures.network import NetworkFit, NetworkShape
+from ces_identify.trained.lagged_kernels import RegressorTable
+from ces_identify.trained.simulation_error import delay_values, train
+from ces_identify.trained.training import LagCounts, Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, run, with_seed
 
+POLYNOMIAL, NETWORK, ANFIS = "polynomial", "sigmoid", "anfis"
+SPEED_FORCE, TIME = "speed-force", "time"
+
+
+@dataclass(frozen=True)
+class ThesisRow:
+    """A row: the experiments for identification and evaluation, the model's size, the cost J [%] and the figure.
+
+    The size is the number of regressors; Y, C, V and neurons; or the memberships A x B of current and speed. `cost` is
+    None where the thesis has "-" because the model was unstable.
+    """
+
+    title: str
+    source: str
+    target: str
+    size: tuple[int, ...]
+    cost: float | None
+    figure: str
+
+
+@dataclass(frozen=True)
+class ThesisTable:
+    """A table: its number, title, and what its column of sizes holds."""
+
+    number: str
+    title: str
+    size: str
+    rows: tuple[ThesisRow, ...]
+
+
+TABLES = {
+    POLYNOMIAL: ThesisTable(
+        "5.1",
+        "polynomial NARX",
+        "regressors",
+        (
+            ThesisRow("Sine 4 Hz", "sine_4hz", "sine_4hz", (7,), 2.34, "5.1(a)"),
+            ThesisRow("Sine 12 Hz", "sine_12hz", "sine_12hz", (10,), 1.77, "5.1(b)"),
+            ThesisRow("Sine 16 Hz", "sine_16hz", "sine_16hz", (11,), 1.63, ""),
+            ThesisRow("LP filtered white noise", "noise", "noise", (9,), 14.79, "5.2"),
+            ThesisRow("Sweep 2-16 Hz", "sweep", "sweep", (5,), 6.92, ""),
+            ThesisRow("Sine 4 Hz on the sweep model", "sweep", "sine_4hz", (5,), 63.79, "5.3(a)"),
+            ThesisRow("Sine 4 Hz on the white noise model", "noise", "sine_4hz", (9,), 136.24, "5.3(b)"),
+        ),
+    ),
+    NETWORK: ThesisTable(
+        "5.2",
+        "sigmoid network NARX",
+        "Y, C, V; neurons",
+        (
+            ThesisRow("Sine 4 Hz", "sine_4hz", "sine_4hz", (2, 2, 2, 15), 1.24, "5.4"),
+            ThesisRow("Sweep 2-16 Hz", "sweep", "sweep", (2, 2, 2, 20), 2.72, "5.5(a)"),
+            ThesisRow("Sine 4 Hz on the sweep model", "sweep", "sine_4hz", (2, 2, 2, 20), 22.02, "5.5(b)"),
+            ThesisRow("LP filtered white noise", "noise", "noise", (2, 3, 3, 16), 11.24, ""),
+            ThesisRow("LP filtered white noise", "noise", "noise", (2, 4, 5, 30), 9.86, "5.6(a)"),
+            ThesisRow("Sine 4 Hz on the white noise model", "noise", "sine_4hz", (2, 4, 5, 30), 38.87, "5.6(b)"),
+        ),
+    ),
+    ANFIS: ThesisTable(
+        "5.3",
+        "neuro-fuzzy (ANFIS)",
+        "A x B",
+        (
+            ThesisRow("Sine 4 Hz", "sine_4hz", "sine_4hz", (4, 4), 2.12, "5.7(a)"),
+            ThesisRow("Sine 16 Hz", "sine_16hz", "sine_16hz", (4, 4), 3.38, "5.7(b)"),
+            ThesisRow("Sweep 2-16 Hz", "sweep", "sweep", (3, 3), 6.6, ""),
+            ThesisRow("Sweep 2-16 Hz", "sweep", "sweep", (6, 6), 5.2, ""),
+            ThesisRow("Sine 16 Hz on the sine 4 Hz model", "sine_4hz", "sine_16hz", (4, 4), None, "5.8"),
+        ),
+    ),
+}
+
+
+@dataclass(frozen=True)
+class ThesisPanel:
+    """A plot of a figure: its row, over speed or over time, and whether with the reference curve of reg1."""
+
+    structure: str
+    row: ThesisRow
+    kind: str = SPEED_FORCE
+    with_reference: bool = False
+
+
+def panels() -> dict[str, tuple[ThesisPanel, ThesisPanel]]:
+    """Return the two plots of each figure of the thesis, by its number."""
+    found = {row.figure: (structure, row) for structure, table in TABLES.items() for row in table.rows if row.figure}
+    both = {}
+    for number in (f"5.{n}" for n in range(1, 9)):
+        if number in found:  # one row, over speed and over time
+            both[number] = ThesisPanel(*found[number]), ThesisPanel(*found[number], TIME)
+        else:
+            both[number] = (
+                ThesisPanel(*found[f"{number}(a)"]),
+                ThesisPanel(*found[f"{number}(b)"], with_reference=number == "5.1"),
+            )
+    return both
+
+
+def format_size(row: ThesisRow) -> str:
+    """Return the size as the thesis prints it."""
+    if len(row.size) == 4:
+        return "{}, {}, {}; {}".format(*row.size)
+    return " x ".join(map(str, row.size))
+
+
+F = NDArray[np.float64]
+
+
+class OneStepNetwork(NetworkFit):
+    """A sigmoid network trained on the error one step ahead (series-parallel), as MATLAB's `nlarx` does by default.
+
+    Measured past forces replace the model's own, which makes the fit an ordinary nonlinear least-squares problem but
+    does not control the free run; the same holds for a polynomial's least squares.
+    """
+
+    @cached_property
+    def measured_table(self) -> RegressorTable:
+        """The regressors, past forces among them as measured."""
+        return with_measured_past(self.table, self.training)
+
+    def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
+        """Return the squared one-step error with the penalty on decay, its matrix and its gradient."""
+        return self.errors_on(self.measured_table, params, max_error)
+
+
+def with_measured_past(table: RegressorTable, data: Training) -> RegressorTable:
+    """Return the regressors with measured forces instead of the model's own past forces."""
+    values = table.values.copy()
+    for j in np.flatnonzero(table.past_lags):
+        past = delay_values(data.measured, int(table.past_lags[j]), data.segments)
+        values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
+    return table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
+
+
+def fit_conventionally(shape: NetworkShape | FuzzyShape, recordings: Sequence[Recording], limits: Limits) -> Model:
+    """Return a model of this shape trained the conventional way, without a proof or a bound on the force.
+
+    Neuro-fuzzy models of present inputs have no past forces, and so only one kind of error. Parameters are selected by
+    free run on the selection ticks, as in the thesis for polynomials. Raises CesError if every start's free run
+    diverged.
+    """
+    sampling = choose_sampling(recordings)
+    data = build_training([prepare(recording, sampling) for recording in recordings])
+    family = shape.family(replace(data, force_envelope=data.loose), sampling.rate_Hz)
+    if isinstance(family, NetworkFit):
+        family = OneStepNetwork(*(getattr(family, f.name) for f in fields(family)))
+    results = train(family, limits, certificate=False)
+    if not results:
+        raise CesError(f"every free run of {shape.option} models diverged")
+    return family.model(results[0].coefficients, sampling)
+
+
 ROOT = Path(__file__).resolve().parents[2]
-CODE_MODULES = ("ces_observer", "ces_identify", "ces_rig", "bench.thesis.models", "bench.thesis.one_step")
+CODE_MODULES = ("ces_observer", "ces_identify", "ces_rig", "bench.thesis.models")
 FRESH = 1000  # added to an experiment's seed for the run on which models are evaluated
 
 THESIS, OURS, PUBLISHED = "thesis", "ours", "published"
@@ -134,16 +292,16 @@ def train_job(job: TrainingJob, seconds: float, code: str) -> TrainingOutcome:
 def _train(job: TrainingJob, recordings: Sequence[Recording], seconds: float) -> Model:
     ours, starts = job.procedure == OURS, STARTS[job.structure]
     if job.structure != POLYNOMIAL:
-        limits = Limits(seconds=seconds, starts=starts, threads=1)
+        limits = Limits(time=seconds, starts=starts, threads=1)
         shape = make_shape(job)
         if not ours:
             return fit_conventionally(shape, recordings, limits)
         return identify(recordings, (), IdentifyOptions(split=1.0, limits=limits), fitter=shape).model
     limits = Limits(job.size[0], seconds, starts=starts, threads=1, method=BOTH if ours else TO_THE_LETTER)
-    options = IdentifyOptions(split=1.0, limits=limits, certify=ours)
+    options = IdentifyOptions(split=1.0, limits=limits, certificate=ours)
     if job.procedure == PUBLISHED:  # the search has no candidates beyond the initial model
         rules = load_rules(REGRESSORS / f"{Path(job.sources[0]).name}.yaml")
-        options = replace(options, rules=rules, rate_Hz=REGRESSORS_HZ)
+        options = replace(options, candidates=rules, rate=REGRESSORS_HZ)
     return identify(recordings, (), options).model
 
 

@@ -7,27 +7,28 @@ the model's red, as there. The speed is that of the recorded position, smoothed 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 from scipy.signal import butter, sosfiltfilt
 
 mpl.use("Agg")
 from matplotlib import pyplot as plt
 
-from bench.small_png import save_small
 from bench.thesis.costs import FOLDER, Evaluations, percent
-from bench.thesis.models import NAMES, OURS, THESIS, load_named_experiment
-from bench.thesis.rows import TIME, ThesisPanel, panels
-from ces_identify.preparation.series import Series
+from bench.thesis.models import NAMES, OURS, THESIS, TIME, ThesisPanel, load_named_experiment, panels
+from ces_identify.prepare.series import Series
 from ces_identify.validation.evaluate import Evaluation
-from ces_rig.drive.reg1 import Reg1
+from ces_rig.drive.currents import Reg1
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 F = NDArray[np.float64]
 
@@ -144,3 +145,13 @@ def _force_limits(shown: Sequence[Evaluation]) -> tuple[float, float]:
 
 def _from(time_s: F, length_s: float) -> NDArray[np.bool_]:
     return np.asarray((time_s >= FROM_S) & (time_s <= FROM_S + length_s))
+
+
+def save_small(figure: Figure, path: Path, colours: int) -> None:
+    """Save and close a figure with few colours, a third of the size; the file appears only when it is complete."""
+    pixels = BytesIO()
+    figure.savefig(pixels, dpi=130)
+    plt.close(figure)
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    Image.open(pixels).convert("RGB").quantize(colours, dither=Image.Dither.NONE).save(part, optimize=True)
+    part.replace(path)

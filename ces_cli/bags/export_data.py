@@ -10,12 +10,11 @@ import numpy as np
 
 from ces_cli.bags.replay import estimate_forces
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import find_bags
-from ces_cli.terminal.findings import print_findings
-from ces_cli.terminal.outputs import add_overwrite, require_new_folder, require_outputs
-from ces_identify.data_export.data_table import DataTable, tabulate, tabulate_as_logged
-from ces_identify.data_export.write_table import FORMATS, require_writer, write_table
-from ces_identify.recordings.recording import Channel, Recording
+from ces_cli.terminal.options import OVERWRITE, SIGNALS
+from ces_cli.terminal.outputs import require_new_folder, require_outputs
+from ces_cli.terminal.recordings import find_bags, print_findings
+from ces_data.recording import Channel, Recording
+from ces_data.tables import FORMATS, require_writer, tabulate, tabulate_as_logged, write_table
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
 
@@ -36,14 +35,24 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--as-logged keeps the recorded times; --rate sets new ones: give one of them")
     bags = find_bags(options.bags)
     targets = _targets(bags, options)
-    _require_new(targets, bags, options)
+    for path, kind in targets:
+        require_writer(path, kind)
+        if path == options.out or options.out.is_dir():
+            inputs = [*bags, options.model, options.signals]
+            require_outputs(options.overwrite, {"--out": path}, inputs=inputs)
+    if targets[0][0] != options.out and not options.out.is_dir():
+        require_new_folder(options.out, options.overwrite)
     signals = terminal.load_described_signals(options)
     model = load_model(options.model) if options.model else None
     for bag, (path, kind) in zip(bags, targets, strict=True):
         recording = terminal.read_one(bag, signals, ("position",))
         print_findings([recording])
         with terminal.err.status(f"writing {path}"):
-            table = _tabulate(recording, model, options)
+            estimates = _estimate(model, recording) if model else {}
+            if options.as_logged:
+                table = tabulate_as_logged(recording, estimates)
+            else:
+                table = tabulate(recording, estimates, rate_Hz=options.rate)
             write_table(table, path, kind)
         print(f"{path}: {len(table.stamps_ns)} rows of {', '.join(column.name for column in table.columns)}")
     return 0
@@ -70,8 +79,7 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--rate", type=rate, metavar="HZ", help="rows at a uniform rate instead of the position's times")
     text = "a row for each time of any channel, empty cells where a channel has no sample: nothing held or interpolated"
     p.add_argument("--as-logged", action="store_true", help=text)
-    terminal.add_signals(p)
-    add_overwrite(p)
+    terminal.add_options(p, SIGNALS, OVERWRITE)
     return p
 
 
@@ -93,24 +101,6 @@ def _targets(bags: Sequence[Path], options: Namespace) -> list[tuple[Path, str]]
         raise CesError(f"{names.count(twice)} bags are named '{twice}' and would give the same file; export them apart")
     chosen = options.format or FORMATS[0]
     return [(out / f"{name}.{chosen}", chosen) for name in names]
-
-
-def _require_new(targets: Sequence[tuple[Path, str]], bags: Sequence[Path], options: Namespace) -> None:
-    """Raise CesError unless all files can be written; a folder that does not exist is made."""
-    for path, kind in targets:
-        require_writer(path, kind)
-        if path == options.out or options.out.is_dir():
-            inputs = [*bags, options.model, options.signals]
-            require_outputs(options.overwrite, {"--out": path}, inputs=inputs)
-    if targets[0][0] != options.out and not options.out.is_dir():
-        require_new_folder(options.out, options.overwrite)
-
-
-def _tabulate(recording: Recording, model: Model | None, options: Namespace) -> DataTable:
-    estimates = _estimate(model, recording) if model else {}
-    if options.as_logged:
-        return tabulate_as_logged(recording, estimates)
-    return tabulate(recording, estimates, rate_Hz=options.rate)
 
 
 def _estimate(model: Model, recording: Recording) -> dict[str, Channel]:

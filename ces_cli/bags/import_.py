@@ -8,21 +8,19 @@ from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
-from ces_cli.bags.proposal_table import print_proposal
+from ces_cli.bags.signals import print_proposal
 from ces_cli.terminal import terminal
-from ces_cli.terminal.json_output import add_json, print_document, without_text
-from ces_cli.terminal.option_rules import ALL, never_with
-from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_cli.terminal.options import ALL, JSON, OVERWRITE, SIGNALS, never_with
+from ces_cli.terminal.outputs import print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import FileProgress
-from ces_identify.proposal.mapping_proposal import MappingProposal, propose_mapping
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.checks import findings, mean_rate
-from ces_identify.recordings.formats.open_log import open_log, refuse_bag
-from ces_identify.recordings.log_import import to_recording
-from ces_identify.recordings.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
-from ces_identify.recordings.recording import Recording
-from ces_identify.schema_files import schema_line
-from ces_identify.sense.sense import sense
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.checks.check import check_recording
+from ces_data.findings import DelayFinding, findings, mean_rate
+from ces_data.logs.log_file import open_log, refuse_bag
+from ces_data.logs.log_import import to_recording
+from ces_data.logs.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
+from ces_data.mapping.proposals import MappingProposal, propose_mapping
+from ces_data.recording import Recording
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Signal, Signals
 
@@ -33,7 +31,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError; writes no bag unless all files can be read."""
     parser = make_parser()
     words = list(sys.argv[1:] if argv is None else argv)
-    _refuse_mapping_words(parser, words)
+    for word in (word.partition("=")[0] for word in words):
+        if word in MAPPING_WORDS:
+            parser.error(
+                f"{word}: how a column is read belongs in the mapping, as in 'position: {{column: x, scale: 0.001}}'; "
+                "'ces import FILE --propose > my.yaml' writes one"
+            )
     options = parser.parse_args(words)
     if options.template:
         print(schema_line("import") + TEMPLATE, end="")
@@ -72,9 +75,7 @@ def make_parser() -> terminal.Parser:
     text = "mapping of columns to signals; examples are in share/ces_observer/config/import (default: found, and said)"
     parser.add_argument("--mapping", type=Path, metavar="MAP.yaml", help=text)
     parser.add_argument("--out", type=Path, metavar="BAG", help="bag to write, or folder for several")
-    terminal.add_signals(parser)
-    add_overwrite(parser)
-    add_json(parser)
+    terminal.add_options(parser, SIGNALS, OVERWRITE, JSON)
     parser.add_argument("--propose", action="store_true", help="print a mapping for FILE with reasons, and exit")
     rate = terminal.number_between(1e-3, 1e6)
     parser.add_argument("--rate", type=rate, metavar="HZ", help="rate of a log without a time column (no --mapping)")
@@ -88,16 +89,6 @@ def make_parser() -> terminal.Parser:
     return parser
 
 
-def _refuse_mapping_words(parser: terminal.Parser, words: Sequence[str]) -> None:
-    """End with the place where a setting belongs, if a word is an option that a mapping has instead."""
-    for word in (word.partition("=")[0] for word in words):
-        if word in MAPPING_WORDS:
-            parser.error(
-                f"{word}: how a column is read belongs in the mapping, as in 'position: {{column: x, scale: 0.001}}'; "
-                "'ces import FILE --propose > my.yaml' writes one"
-            )
-
-
 def _propose(options: Namespace, parser: terminal.Parser) -> int:
     """Print the proposal for one log; what it says is explained on the error stream."""
     if len(options.files) != 1 or options.out is not None or options.mapping is not None:
@@ -106,7 +97,7 @@ def _propose(options: Namespace, parser: terminal.Parser) -> int:
     print(schema_line("import") + proposal.text, end="")
     print_proposal(proposal.selection, terminal.err)
     for note in proposal.log.notes:
-        terminal.err.print(f"{options.files[0]}: {note}", highlight=False, soft_wrap=True)
+        terminal.print_line(f"{options.files[0]}: {note}", console=terminal.err)
     return 0
 
 
@@ -119,7 +110,13 @@ def _import(options: Namespace) -> dict[Path, Recording]:
     """Import all files; return the recordings by their bags."""
     mapping = load_dyno_mapping(options.mapping) if options.mapping else None
     signals = terminal.load_described_signals(options)
-    _refuse_scales(signals, options)
+    for signal in signals.list_topic_signals():
+        if (signal.scale, signal.offset) != (1.0, 0.0):
+            raise SignalsError(
+                f"{options.signals}: {signal.name} has scale {signal.scale:g} and offset {signal.offset:g}; an "
+                "imported bag is in SI units: give the log's scale in "
+                f"{options.mapping or 'the mapping (--mapping)'}, and none here"
+            )
     paths = _bag_paths(options.files, options.out)
     for path in paths:
         inputs = [*options.files, options.mapping, options.signals]
@@ -130,32 +127,15 @@ def _import(options: Namespace) -> dict[Path, Recording]:
     return dict(zip(paths, recordings, strict=True))
 
 
-def _refuse_scales(signals: Signals, options: Namespace) -> None:
-    """Raise SignalsError for scales in the signals file: an import writes SI units, and scales in the mapping."""
-    for signal in signals.list_topic_signals():
-        if (signal.scale, signal.offset) != (1.0, 0.0):
-            raise SignalsError(
-                f"{options.signals}: {signal.name} has scale {signal.scale:g} and offset {signal.offset:g}; an "
-                "imported bag is in SI units: give the log's scale in "
-                f"{options.mapping or 'the mapping (--mapping)'}, and none here"
-            )
-
-
 def _read(path: Path, mapping: DynoMapping | None, options: Namespace) -> Recording:
     """Read one log with the mapping, or with one that is found; raises RecordingError if that is not certain."""
     if mapping is None:
         proposal = _find_mapping(path, options)
-        if proposal.doubts and proposal.doubts[0] in proposal.faults:
-            raise RecordingError(f"{path}: {proposal.doubts[0]}")
-        if proposal.mapping is None or proposal.doubts:
-            raise RecordingError(
-                f"{path}: {proposal.doubts[0]}; 'ces import {path} --propose > my.yaml' writes a mapping to correct, "
-                "for --mapping my.yaml"
-            )
+        recording = proposal.read()
         print(f"{path}: {', '.join((*proposal.log.notes, *proposal.found))}")
         for remark in proposal.remarks:
             terminal.print_warning(f"{path}: {remark}; taken as logged")
-        return to_recording(proposal.log, proposal.mapping)
+        return recording
     with FileProgress("reading", path) as bar:
         log = open_log(path, mapping, bar.listen)
         recording = to_recording(log, mapping)
@@ -183,15 +163,17 @@ def _as_json(recording: Recording, path: Path) -> dict[str, object]:
         "samples": len(position),
         "rate_Hz": mean_rate(position),
         "channels": list(recording.channels),
-        "findings": (*findings(recording), *sense(recording)),
+        "findings": (*findings(recording), *check_recording(recording)),
     }
 
 
 def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool, mapping: str) -> None:
     with terminal.err.status(f"checking {recording.source}"):
-        found = (*findings(recording), *sense(recording))
-    for finding in found:
-        terminal.print_warning(f"{recording.source}: {_for_mapping(finding.text, mapping)}")
+        found = (*findings(recording), *check_recording(recording))
+    for finding in found:  # the remedy is in the mapping; a delay stays in the signals file, which later programs read
+        text = finding.text
+        text = text if isinstance(finding, DelayFinding) else text.replace("the signals file", mapping)
+        terminal.print_warning(f"{recording.source}: {text}")
     written = [name for name in recording.channels if isinstance(signals.by_name.get(name), Signal)]
     for name in recording.channels.keys() - set(written):
         terminal.print_warning(f"{recording.source}: {name} is left out; give it a topic in the signals file")
@@ -202,8 +184,3 @@ def _write(recording: Recording, path: Path, signals: Signals, overwrite: bool, 
     position = recording.channel("position")
     rate = mean_rate(position)
     print(f"{path}: {len(position)} samples of {', '.join(written)} at {rate:.1f} Hz")
-
-
-def _for_mapping(text: str, mapping: str) -> str:
-    """Return a finding with its remedy in the mapping; a delay stays in the signals file, which later programs read."""
-    return text if "key delay" in text else text.replace("the signals file", mapping)

@@ -11,19 +11,18 @@ from typing import Any
 from rich.table import Table
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import add_bags, find_bags
-from ces_cli.terminal.coverage_picture import require_picture_name, save_picture, terminal_picture
-from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.outputs import add_overwrite, require_outputs
-from ces_identify.recordings.bag_reader import list_topics, read_recording
-from ces_identify.recordings.bag_storage import Topic
-from ces_identify.recordings.channel_stats import ChannelStats, channel_stats
-from ces_identify.recordings.checks import ERROR, WARNING, WRONG_MODEL, Finding, findings, sort_findings
-from ces_identify.recordings.coverage import Coverage, coverage
-from ces_identify.recordings.recording import Recording
-from ces_identify.sense.sense import sense
+from ces_cli.terminal.options import JSON, OVERWRITE, SIGNALS
+from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_cli.terminal.recordings import add_bags, find_bags
+from ces_cli.terminal.results import save_picture, terminal_picture
+from ces_data.bags.reader import list_topics, read_recording
+from ces_data.bags.storage import Topic
+from ces_data.checks.check import find_all_faults
+from ces_data.findings import ERROR, WARNING, WRONG_MODEL, Finding
+from ces_data.recording import Recording
+from ces_data.samples import ChannelStats, Coverage, channel_stats, coverage
 from ces_observer.errors import RecordingError
-from ces_observer.signals import UNITS, Constant, Signal, Signals
+from ces_observer.signals import UNITS, Signal, Signals
 
 COLOURS = {ERROR: "red", WRONG_MODEL: "red", WARNING: "yellow"}
 SHORT_HASH = 12
@@ -42,8 +41,6 @@ class BagReport:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError, after the report if a bag cannot be used."""
     options = make_parser().parse_args(argv)
-    if options.picture:
-        require_picture_name(options.picture)
     paths = find_bags(options.bags)
     require_outputs(options.overwrite, {"--picture": options.picture}, inputs=[*paths, options.signals])
     signals = terminal.load_described_signals(options)
@@ -54,9 +51,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     else:
         _print_report(reports, covered, signals)
     if options.picture:
-        save_picture(covered, _title(reports, covered), options.picture)
+        names = [report.recording.name for report in reports]
+        title = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
+        title += f": {covered.duration_s:.0f} s\nspeed from a non-causal Savitzky-Golay filter, for this overview only"
+        save_picture(covered, title, options.picture)
         terminal.err.print(f"picture: {options.picture}", highlight=False)
-    _raise_first_error(reports)
+    for report in reports:
+        for finding in report.findings:
+            if finding.severity == ERROR:
+                raise RecordingError(f"{report.recording.source}: {finding.text}")
     return 0
 
 
@@ -69,11 +72,10 @@ def make_parser() -> terminal.Parser:
         "ces info bags/sweep bags/noise --picture coverage.png",
     )
     add_bags(parser, "recordings")
-    terminal.add_signals(parser)
+    terminal.add_options(parser, SIGNALS)
     text = "draw the coverage of all bags (.png, .svg or .pdf)"
     parser.add_argument("--picture", type=Path, metavar="FILE", help=text)
-    add_json(parser)
-    add_overwrite(parser)
+    terminal.add_options(parser, JSON, OVERWRITE)
     return parser
 
 
@@ -84,63 +86,40 @@ def _inspect_bag(path: Path, signals: Signals) -> BagReport:
         topics = list_topics(path)
     warned = tuple(Finding(WARNING, str(warning.message)) for warning in caught)
     stats = {name: channel_stats(channel) for name, channel in recording.channels.items()}
-    return BagReport(recording, topics, stats, _find_faults(recording) + warned)
-
-
-def _find_faults(recording: Recording) -> tuple[Finding, ...]:
-    """Return the faults of a recording, and what makes no sense in it if it can be read."""
-    faults = findings(recording)
-    return faults if any(f.severity == ERROR for f in faults) else sort_findings(faults, sense(recording))
+    return BagReport(recording, topics, stats, find_all_faults(recording) + warned)
 
 
 def _print_report(reports: list[BagReport], covered: Coverage, signals: Signals) -> None:
     for report in reports:
-        _print_line(f"{report.recording.source}  (sha256 {report.recording.sha256[:SHORT_HASH]}…)", "bold")
+        terminal.print_line(f"{report.recording.source}  (sha256 {report.recording.sha256[:SHORT_HASH]}…)", "bold")
         for name in report.recording.channels:
-            _print_line(f"  {name}: {_describe_source(signals[name])}")
+            signal = signals[name]
+            source = "constant"
+            if isinstance(signal, Signal):
+                source = f"/{signal.topic.lstrip('/')} {signal.field.text} ({signal.type})"
+            terminal.print_line(f"  {name}: {source}")
         others = [t for t in report.topics if not any(s.matches(t.name) for s in signals.list_topic_signals())]
         if others:
-            _print_line("  other topics: " + ", ".join(f"{t.name} ({t.type}, {t.count})" for t in others))
+            terminal.print_line("  other topics: " + ", ".join(f"{t.name} ({t.type}, {t.count})" for t in others))
         terminal.print_table(_table(report))
         for finding in report.findings:
-            _print_line(f"  {finding.severity}: {finding.text}", COLOURS[finding.severity])
-        _print_line("")
+            terminal.print_line(f"  {finding.severity}: {finding.text}", COLOURS[finding.severity])
+        terminal.print_line("")
     terminal.out.print(terminal_picture(covered))
-    _print_line("(for this overview only, a non-causal Savitzky-Golay filter computes the speed)", "dim")
-
-
-def _print_line(text: str, style: str = "") -> None:
-    terminal.out.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
-
-
-def _describe_source(signal: Signal | Constant) -> str:
-    if isinstance(signal, Constant):
-        return "constant"
-    return f"/{signal.topic.lstrip('/')} {signal.field.text} ({signal.type})"
+    terminal.print_line("(for this overview only, a non-causal Savitzky-Golay filter computes the speed)", "dim")
 
 
 def _table(report: BagReport) -> Table:
     headings = ("samples", "s", "Hz", "jitter\nms", "longest\nms", "gaps", "from", "to")
     table = terminal.make_table(None, ("signal",), headings)
     table.columns[0].no_wrap = True
-    for name, stats in report.stats.items():
-        table.add_row(f"{name} {report.recording.channel(name).unit}", *_cells(stats))
+    for name, s in report.stats.items():
+        times = (f"{s.duration_s:.2f}", f"{s.rate_Hz:.1f}", f"{1e3 * s.jitter_s:.3f}", f"{1e3 * s.longest_s:.3f}")
+        unit = report.recording.channel(name).unit
+        table.add_row(f"{name} {unit}", f"{s.count}", *times, f"{s.gaps}", _format_value(s.low), _format_value(s.high))
     for name, value in report.recording.constants.items():
         table.add_row(f"{name} {UNITS[name]}", *[""] * 6, _format_value(value), _format_value(value))
     return table
-
-
-def _cells(stats: ChannelStats) -> tuple[str, ...]:
-    return (
-        f"{stats.count}",
-        f"{stats.duration_s:.2f}",
-        f"{stats.rate_Hz:.1f}",
-        f"{1e3 * stats.jitter_s:.3f}",
-        f"{1e3 * stats.longest_s:.3f}",
-        f"{stats.gaps}",
-        _format_value(stats.low),
-        _format_value(stats.high),
-    )
 
 
 def _format_value(value: float) -> str:
@@ -173,16 +152,3 @@ def _as_json(reports: list[BagReport], covered: Coverage) -> dict[str, Any]:
             "duration_s": covered.duration_s,
         },
     }
-
-
-def _title(reports: list[BagReport], covered: Coverage) -> str:
-    names = [report.recording.name for report in reports]
-    text = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-    return f"{text}: {covered.duration_s:.0f} s\nspeed from a non-causal Savitzky-Golay filter, for this overview only"
-
-
-def _raise_first_error(reports: list[BagReport]) -> None:
-    for report in reports:
-        for finding in report.findings:
-            if finding.severity == ERROR:
-                raise RecordingError(f"{report.recording.source}: {finding.text}")

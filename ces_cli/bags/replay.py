@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import find_bag, require_model_first
-from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.outputs import add_overwrite, require_outputs
-from ces_identify.preparation.series import hold_current, hold_motion
-from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recordings.recording import Recording
-from ces_identify.validation.envelope_use import describe_outside, find_outside
+from ces_cli.terminal.options import JSON, OVERWRITE, SIGNALS
+from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_cli.terminal.recordings import find_bag, require_model_first
+from ces_data.bags.writer import TopicData, recording_topics, write_bag
+from ces_data.recording import Recording
+from ces_identify.prepare.series import hold_current, hold_motion
+from ces_identify.validation.evaluate import describe_outside, find_outside
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model
-from ces_observer.signals import Signal, Signals
+from ces_observer.signals import Signal
 
 ESTIMATE_TOPIC = "/observer/estimate"
 BAND_TOPIC = "/observer/estimate_band"
@@ -39,31 +39,36 @@ def main(argv: Sequence[str] | None = None) -> int:
     recording = terminal.read_one(path, signals)
     with terminal.err.status(f"replaying {recording.name}"):
         rows, reasons = estimate_forces(model, recording)
-        estimates = [_estimate_topic(rows, signals), *([] if model.band is None else [_band_topic(rows, signals)])]
-        topics = (*recording_topics(recording, signals), *estimates)
+        position = signals["position"]
+        steps = position.field.steps if isinstance(position, Signal) else ()
+        joint = next((element for _, element in steps if isinstance(element, str)), "damper")
+        topics = [*recording_topics(recording, signals)]
+        topics.append(_joint_states(ESTIMATE_TOPIC, rows, {f"{key}[{joint}]": i for i, key in enumerate(KEYS, 1)}))
+        if model.band is not None:
+            bounds = {f"effort[{joint}_lower]": 4, f"effort[{joint}_upper]": 5}
+            topics.append(_joint_states(BAND_TOPIC, rows, bounds))
         write_bag(options.out, topics, overwrite=options.overwrite, notes={"model_sha256": model.digest()})
+    samples = len(recording.channel("position"))
     if options.json:
-        print_document("replay", _as_json(rows, reasons, recording, options.out))
+        force = [float(row[3]) for row in rows]
+        print_document(
+            "replay",
+            {
+                "recording": recording.name,
+                "bag": options.out,
+                "position_samples": samples,
+                "estimates": len(rows),
+                "withheld": dict(reasons.most_common()),
+                "force_N": [min(force), max(force)] if force else None,
+            },
+        )
         return 0
-    print(f"{len(rows)} forces estimated from {len(recording.channel('position'))} position samples")
+    print(f"{len(rows)} forces estimated from {samples} position samples")
     for reason, count in reasons.most_common():
         print(f"  withheld {count}: {reason}")
     _print_outside(model, recording, rows)
     print(f"bag: {options.out}")
     return 0
-
-
-def _as_json(rows: NDArray[np.float64], reasons: Counter[str], recording: Recording, out: Path) -> dict[str, object]:
-    """Return the document of --json."""
-    force = [float(row[3]) for row in rows]
-    return {
-        "recording": recording.name,
-        "bag": out,
-        "position_samples": len(recording.channel("position")),
-        "estimates": len(rows),
-        "withheld": dict(reasons.most_common()),
-        "force_N": [min(force), max(force)] if force else None,
-    }
 
 
 def _print_outside(model: Model, recording: Recording, rows: NDArray[np.float64]) -> None:
@@ -106,23 +111,6 @@ def estimate_forces(model: Model, recording: Recording) -> tuple[NDArray[np.floa
     return np.array(rows, dtype=object).reshape(-1, 6), reasons
 
 
-def _estimate_topic(rows: NDArray[np.float64], signals: Signals) -> TopicData:
-    joint = _joint(signals)
-    return _joint_states(ESTIMATE_TOPIC, rows, {f"{key}[{joint}]": i for i, key in enumerate(KEYS, 1)})
-
-
-def _band_topic(rows: NDArray[np.float64], signals: Signals) -> TopicData:
-    joint = _joint(signals)
-    return _joint_states(BAND_TOPIC, rows, {f"effort[{joint}_lower]": 4, f"effort[{joint}_upper]": 5})
-
-
-def _joint(signals: Signals) -> str:
-    """Return the joint name in the position signal's field path, `damper` if it has none."""
-    position = signals["position"]
-    steps = position.field.steps if isinstance(position, Signal) else ()
-    return next((element for _, element in steps if isinstance(element, str)), "damper")
-
-
 def _joint_states(topic: str, rows: NDArray[np.float64], columns: Mapping[str, int]) -> TopicData:
     values = {field: rows[:, column].astype(np.float64) for field, column in columns.items()}
     return TopicData(topic, TYPE, rows[:, 0].astype(np.int64), values)
@@ -139,8 +127,7 @@ def make_parser() -> terminal.Parser:
     )
     p.add_argument("model", type=Path, metavar="MODEL.json")
     p.add_argument("bag", metavar="BAG", help="recording: a bag, or a folder or glob that names one")
-    terminal.add_signals(p)
+    terminal.add_options(p, SIGNALS)
     p.add_argument("--out", type=Path, required=True, metavar="BAG2", help="bag folder to write")
-    add_json(p)
-    add_overwrite(p)
+    terminal.add_options(p, JSON, OVERWRITE)
     return p

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ces_cli.bags.proposal_table import print_proposal, proposal_rows
+from rich.console import Console
+
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import find_bags
-from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.outputs import add_overwrite, require_new_file
-from ces_identify.proposal.signals_proposal import SignalsProposal, propose_signals
-from ces_identify.schema_files import schema_line
-from ces_observer.json_checks import write_atomically
+from ces_cli.terminal.options import JSON, OVERWRITE
+from ces_cli.terminal.outputs import print_document, require_new_file, schema_line
+from ces_cli.terminal.recordings import find_bags
+from ces_data.mapping.choice import Choice, Selection
+from ces_data.mapping.proposals import describe_scale, propose_signals
+from ces_data.mapping.rating import Rating
+from ces_observer.json_text import write_atomically
+
+MAX_OTHERS = 3
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -27,7 +31,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.out:
         write_atomically(options.out, text)
     if options.json:
-        print_document("signals", _as_json(proposal))
+        found = proposal.selection
+        facts = {"dampers": list(found.names), "signals": proposal_rows(found), "checks": list(found.checks)}
+        print_document("signals", {**facts, "not_examined": proposal.skipped})
     elif options.out is None:
         print(text, end="")
     print_proposal(
@@ -35,17 +41,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     )
     if options.out:
         example = f"{options.out}#{proposal.selection.names[0]}" if proposal.selection.names else f"{options.out}"
-        terminal.err.print(f"signals: {options.out}", highlight=False, soft_wrap=True)
-        terminal.err.print(f"next:    {_next_step(proposal, paths[0], example)}", highlight=False, soft_wrap=True)
+        missing = " and ".join(dict.fromkeys(found.signal for found in proposal.selection.missing))
+        by_hand = f"complete {example} by hand: nothing was found for {missing} (its comments say why)"
+        terminal.print_line(f"signals: {options.out}", console=terminal.err)
+        step = by_hand if missing else f"ces info {paths[0]} --signals '{example}'"
+        terminal.print_line(f"next:    {step}", console=terminal.err)
     return 0
-
-
-def _next_step(proposal: SignalsProposal, bag: Path, example: str) -> str:
-    """Return what to do with the file: complete it, if nothing looks like a signal that all programs need."""
-    missing = list(dict.fromkeys(found.signal for found in proposal.selection.missing))
-    if missing:
-        return f"complete {example} by hand: nothing was found for {' and '.join(missing)} (its comments say why)"
-    return f"ces info {bag} --signals '{example}'"
 
 
 def make_parser() -> terminal.Parser:
@@ -59,15 +60,78 @@ def make_parser() -> terminal.Parser:
     )
     parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder, .mcap, .db3 or .bag file, or a glob")
     parser.add_argument("--out", type=Path, metavar="FILE", help="signals file to write (YAML)")
-    add_json(parser)
-    add_overwrite(parser)
+    terminal.add_options(parser, JSON, OVERWRITE)
     return parser
 
 
-def _as_json(proposal: SignalsProposal) -> dict[str, Any]:
+def print_proposal(selection: Selection, console: Console, skipped: Mapping[str, str] | None = None) -> None:
+    """Print the table of a proposal, then one line for each thing to check and each signal that was not found."""
+    table = terminal.make_table(None, ("signal", "candidate, range, rate", "why"), ())
+    table.columns[0].no_wrap = True
+    for row in _rows(selection):
+        table.add_row(*row)
+    console.print(table, highlight=False, markup=False)
+    for check in selection.checks:
+        terminal.print_line(f"check: {check}", "yellow", console)
+    for missing in selection.missing:
+        terminal.print_line(f"not found: {missing.signal}: {missing.reason}", "yellow", console)
+    if selection.names:
+        names = ", ".join(selection.names)
+        terminal.print_line(f"several dampers: {names}; select one with FILE#{selection.names[0]}", console=console)
+    if skipped:
+        names = ", ".join(f"{name} ({why})" for name, why in skipped.items())
+        terminal.print_line(f"not examined: {names}", "dim", console)
+
+
+def proposal_rows(selection: Selection) -> list[dict[str, Any]]:
+    """Return the choices and what was not found as mappings for JSON."""
+    return [
+        *(_as_row(name, choice) for name, damper in selection.dampers.items() for choice in damper.choices.values()),
+        *(
+            {"damper": name, "signal": missing.signal, "found": False, "reason": missing.reason}
+            for name, damper in selection.dampers.items()
+            for missing in damper.missing.values()
+        ),
+    ]
+
+
+def _as_row(damper: str, choice: Choice) -> dict[str, Any]:
+    c = choice.candidate
     return {
-        "dampers": list(proposal.selection.names),
-        "signals": proposal_rows(proposal.selection),
-        "checks": list(proposal.selection.checks),
-        "not_examined": proposal.skipped,
+        "damper": damper,
+        "signal": choice.signal,
+        "found": True,
+        "source": c.label,
+        "type": c.kind,
+        "scale": choice.scale,
+        "offset": choice.offset,
+        "low": c.low,
+        "high": c.high,
+        "rate_Hz": c.rate_Hz,
+        "reasons": list(choice.reasons),
+        "checks": list(choice.checks),
+        "not_chosen": [{"source": r.candidate.label, "reason": r.why} for r in choice.others],
     }
+
+
+def _rows(selection: Selection) -> Iterator[tuple[str, ...]]:
+    for name, damper in selection.dampers.items():
+        mark = f"{name}." if name else ""
+        for signal, choice in damper.choices.items():
+            remark = describe_scale(choice)
+            why = "; ".join(choice.reasons) + (f" [{remark}]" if remark else "")
+            yield (f"{mark}{signal}", _describe(choice), why)
+            yield from _others(choice.others)
+        for missing in damper.missing.values():
+            yield (f"{mark}{missing.signal}", "not found", missing.reason)
+            yield from _others(missing.others)
+
+
+def _others(ratings: tuple[Rating, ...]) -> Iterator[tuple[str, ...]]:
+    for rating in ratings[:MAX_OTHERS]:
+        yield ("  not", _describe(rating), rating.why)
+
+
+def _describe(of: Choice | Rating) -> str:
+    c = of.candidate
+    return f"{c.label}\n{c.low:.4g} to {c.high:.4g}, {c.rate_Hz:.4g} Hz"

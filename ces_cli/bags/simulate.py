@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import find_bag
-from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_cli.terminal.options import JSON, OVERWRITE, SIGNALS
+from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_cli.terminal.recordings import find_bag
 from ces_cli.terminal.simulations import HELP, find_file, open_simulation, with_predictions
-from ces_identify.numerics.arrays import F
-from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulate import sample_bounds
-from ces_identify.simulations.simulation import ModelSimulation, Simulation
+from ces_identify.simulations.simulation import ModelSimulation
 from ces_observer.errors import CesError
-from ces_observer.json_checks import write_atomically
+from ces_observer.json_text import write_atomically
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -33,36 +30,30 @@ def main(argv: Sequence[str] | None = None) -> int:
     with terminal.err.status(f"simulating {recording.name}"):
         columns = {"force_N": simulation.force(with_predictions(simulation, path, recording, signals))}
         if options.band:
-            columns |= _bounds(simulation, recording)
+            if not isinstance(simulation, ModelSimulation):
+                raise CesError("--band: only a model file has a band; give --sim MODEL.json")
+            columns |= dict(zip(("lower_N", "upper_N"), sample_bounds(simulation.model, recording), strict=True))
     stamps = recording.channel("position").stamps_ns
     values = zip(((stamps - stamps[0]) * 1e-9).tolist(), *(c.tolist() for c in columns.values()), strict=True)
     rows = [f"{time:.9f},{','.join(map(repr, forces))}" for time, *forces in values]
     write_atomically(options.out, "\n".join([",".join(["time_s", *columns]), *rows]) + "\n")
     if options.json:
-        print_document("simulate", _as_json(recording, columns["force_N"], options))
+        force = columns["force_N"]
+        known = force[np.isfinite(force)]
+        print_document(
+            "simulate",
+            {
+                "recording": recording.name,
+                "simulation": options.sim,
+                "csv": options.out,
+                "rows": len(force),
+                "rows_without_force": len(force) - len(known),
+                "force_N": [known.min(), known.max()] if len(known) else None,
+            },
+        )
     else:
         print(f"{len(rows)} rows: {options.out}")
     return 0
-
-
-def _as_json(recording: Recording, force: F, options: argparse.Namespace) -> dict[str, object]:
-    """Return the document of --json."""
-    known = force[np.isfinite(force)]
-    return {
-        "recording": recording.name,
-        "simulation": options.sim,
-        "csv": options.out,
-        "rows": len(force),
-        "rows_without_force": len(force) - len(known),
-        "force_N": [known.min(), known.max()] if len(known) else None,
-    }
-
-
-def _bounds(simulation: Simulation, recording: Recording) -> dict[str, F]:
-    """Return the bounds of a model's band; raises CesError for other simulations."""
-    if not isinstance(simulation, ModelSimulation):
-        raise CesError("--band: only a model file has a band; give --sim MODEL.json")
-    return dict(zip(("lower_N", "upper_N"), sample_bounds(simulation.model, recording), strict=True))
 
 
 def make_parser() -> terminal.Parser:
@@ -75,9 +66,9 @@ def make_parser() -> terminal.Parser:
     )
     p.add_argument("bag", metavar="BAG", help="recording: a bag, or a folder or glob that names one")
     p.add_argument("--sim", required=True, metavar="SIM", help=HELP)
-    terminal.add_signals(p)
+    terminal.add_options(p, SIGNALS)
     p.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
-    add_overwrite(p)
+    terminal.add_options(p, OVERWRITE)
     p.add_argument("--band", action="store_true", help="add columns lower_N,upper_N: the bounds of the model's band")
-    add_json(p)
+    terminal.add_options(p, JSON)
     return p

@@ -4,18 +4,41 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from statistics import median
+from typing import Any
 
-from ces_cli.blind import make as blind_make
-from ces_cli.blind import run as blind_run
-from ces_cli.blind import score as blind_score
-from ces_cli.blind.mode import MAX_REFERENCES, RUN, SIMULATIONS
+from rich.progress import track
+
+from ces_cli.blind.diagnosing import run
 from ces_cli.terminal import terminal
-from ces_cli.terminal.json_output import add_json
-from ces_cli.terminal.option_rules import OptionRule
-from ces_cli.terminal.outputs import add_overwrite
+from ces_cli.terminal.options import JSON, OVERWRITE, OptionRule
+from ces_cli.terminal.outputs import print_document, require_new_folder, require_outputs
+from ces_cli.terminal.progress import JobsProgress
+from ces_observer.errors import CesError
+from ces_observer.json_text import write_atomically
+from ces_rig.blind.cases import make_cases, open_seal, remove_cases
+from ces_rig.blind.metrics import TARGET_GAP, cases_with_targets
+from ces_rig.blind.outcome import MAX_REFERENCES, RUN, SIMULATIONS, CaseOutcome
+from ces_rig.blind.plan import GAPS, KINDS, Levels, list_spare_effects, plan_grid, plan_sample
+from ces_rig.blind.scoring import find_modes, score_cases
+from ces_rig.blind.tables import (
+    ScoreTable,
+    baseline_table,
+    case_table,
+    confusion_table,
+    headline_table,
+    mode_facts,
+    no_effect_table,
+    slice_table,
+    summary_table,
+)
+from ces_rig.dampers.effects import EFFECTS, OUTSIDE
+from ces_rig.withheld.plants import PLANTS
 
+RESERVED = ("calibration", "monotube")  # for probabilities and for sealed tests: used only if --plants names them
+SMALL_GRID_GAPS = (3.0,)
 EXAMPLE = """\
 ces blind make --out cases_1 --seed 1 --cases 100
   ces blind run cases_1 --out results_1 --simulation run predictions --references 0 2
@@ -67,7 +90,7 @@ def _add_part(
 def _add_make_options(p: argparse.ArgumentParser) -> None:
     number, whole = terminal.number_between, terminal.integer_between
     p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write, new or empty")
-    add_overwrite(p)
+    terminal.add_options(p, OVERWRITE)
     p.add_argument("--seed", type=whole(0, 2**31), required=True, metavar="N", help="random seed")
     p.add_argument("--grid", choices=("full", "small"), default="full", help="small: gap-to-noise 3 only")
     p.add_argument("--cases", type=whole(1, 100_000), metavar="K", help="draw a balanced sample of K cases")
@@ -78,8 +101,8 @@ def _add_make_options(p: argparse.ArgumentParser) -> None:
     text = "length of a recording (default 10)"
     p.add_argument("--seconds", type=number(2.0, 600.0), default=10.0, metavar="S", help=text)
     _add_jobs(p)
-    add_json(p)
-    p.set_defaults(program=blind_make.make)
+    terminal.add_options(p, JSON)
+    p.set_defaults(program=_make)
 
 
 def _add_run_options(p: argparse.ArgumentParser) -> None:
@@ -92,8 +115,8 @@ def _add_run_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("--references", nargs="+", type=int, choices=counts, default=(2,), metavar="N", help=text)
     p.add_argument("--limit", type=terminal.integer_between(1, 100_000), metavar="K", help="only the first K cases")
     _add_jobs(p)
-    add_json(p)
-    p.set_defaults(program=blind_run.run)
+    terminal.add_options(p, JSON)
+    p.set_defaults(program=run)
 
 
 def _add_score_options(p: argparse.ArgumentParser) -> None:
@@ -102,11 +125,132 @@ def _add_score_options(p: argparse.ArgumentParser) -> None:
     p.add_argument("results", type=Path, nargs="+", metavar="RESULTS", help=text)
     p.add_argument("--out", type=Path, metavar="REPORT.md", help="also write the tables to this file")
     p.add_argument("--rows", type=Path, metavar="CASES.csv", help="also write one line for each case")
-    add_json(p)
-    add_overwrite(p)
-    p.set_defaults(program=blind_score.score)
+    terminal.add_options(p, JSON, OVERWRITE)
+    p.set_defaults(program=_score)
 
 
 def _add_jobs(p: argparse.ArgumentParser) -> None:
     whole, text = terminal.integer_between, "processes (default: all processors)"
     p.add_argument("--jobs", type=whole(1, 256), default=os.cpu_count() or 1, metavar="J", help=text)
+
+
+def _make(options: argparse.Namespace) -> int:
+    """Create the cases that the options describe; returns the exit status. Raises CesError."""
+    levels = _levels(options)
+    require_new_folder(options.out, options.overwrite)
+    seed, count = options.seed, options.cases
+    plan = plan_grid(levels, seed) if count is None else plan_sample(levels, seed, count)
+    if options.overwrite:
+        remove_cases(options.out)
+    with JobsProgress(len(plan), 0, "cases") as progress:
+        digest = make_cases(
+            options.out,
+            [(case, list_spare_effects(case, levels)) for case in plan],
+            options.seconds,
+            options.jobs,
+            {"seed": options.seed, "planned": len(plan), "plants": list(levels.plants)},
+            lambda label: progress.count(f"case {label['case']} created"),
+        )
+    count_of = {kind: sum(case.kind == kind for case in plan) for kind in KINDS}
+    if options.json:
+        print_document("blind-make", {"folder": options.out, "cases": count_of, "sha256": digest})
+        return 0
+    counts = ", ".join(f"{number} {kind}" for kind, number in count_of.items())
+    print(f"{options.out}/cases: {counts}; answers sealed, SHA-256 {digest}")
+    return 0
+
+
+def _levels(options: argparse.Namespace) -> Levels:
+    default_plants = tuple(plant for plant in PLANTS if plant not in RESERVED)
+    return Levels(
+        effects=_check_names(options.effects, EFFECTS, EFFECTS, "--effects"),
+        outside=OUTSIDE,
+        plants=_check_names(options.plants, PLANTS, default_plants, "--plants"),
+        kinds=_check_names(options.kind, KINDS, KINDS, "--kind"),
+        gaps=tuple(options.gap_to_noise or (SMALL_GRID_GAPS if options.grid == "small" else GAPS)),
+    )
+
+
+def _check_names(
+    names: Sequence[str] | None, known: Sequence[str], default: Sequence[str], option: str
+) -> tuple[str, ...]:
+    for name in names or ():
+        if name not in known:
+            raise CesError(f"{option} '{name}': expected {', '.join(known)}")
+    return tuple(dict.fromkeys(names or default))
+
+
+def _score(options: argparse.Namespace) -> int:
+    """Score results against the seal, print the tables and write them; returns the exit status. Raises CesError."""
+    require_outputs(options.overwrite, {"--out": options.out, "--rows": options.rows})
+    about, labels = open_seal(options.cases)
+    by_mode: dict[str, list[CaseOutcome]] = {}
+    parts = []
+    for folder, mode in find_modes(options.results, options.cases):
+        if mode.name in by_mode:
+            raise CesError(f"{folder}: a second folder with results of mode {mode.name}; give one for each mode")
+        shown = track(labels, "scoring", console=terminal.err, transient=True, disable=not terminal.err.is_terminal)
+        outcomes, failed = score_cases(options.cases, folder, shown, mode)
+        if outcomes:
+            by_mode[mode.name] = outcomes
+            parts += [
+                f"## `{mode.name}`",
+                _format_opening(outcomes, failed, len(labels), about),
+                *_list_tables(outcomes),
+            ]
+    if not by_mode:
+        raise CesError(
+            f"{options.results[0]}: contains no diagnosis of a case of {options.cases}; run 'ces blind run' first"
+        )
+    chosen = {name: part for name, cases in by_mode.items() if (part := cases_with_targets(cases))}
+    summary = "cases that the targets apply to" if chosen else f"all cases; none has a gap of {TARGET_GAP:g} x noise"
+    parts = [f"## Summary: {summary}", summary_table(chosen or by_mode), *parts]
+    text = "\n\n".join(_as_markdown(part) if isinstance(part, ScoreTable) else part for part in parts)
+    if options.json:
+        print_document("blind-score", {"modes": {name: mode_facts(cases) for name, cases in by_mode.items()}})
+    else:
+        print(text)
+    if options.out is not None:
+        write_atomically(options.out, text + "\n")
+    if options.rows is not None:
+        table = case_table([case for cases in by_mode.values() for case in cases])
+        write_atomically(options.rows, terminal.as_csv([table.head, *table.rows]))
+    return 0
+
+
+def _list_tables(cases: Sequence[CaseOutcome]) -> list[str | ScoreTable]:
+    """Return headings and tables: the cases that the targets apply to, then all cases, also by their properties."""
+    target = cases_with_targets(cases)
+    parts: list[str | ScoreTable] = []
+    if 0 < len(target) < len(cases):
+        parts = ["### Cases that the targets apply to", headline_table(target), baseline_table(target)]
+    return [
+        *parts,
+        "### All cases",
+        headline_table(cases),
+        baseline_table(cases),
+        slice_table(cases, "gap-to-noise", lambda case: case.gap_to_noise),
+        slice_table(cases, "simulation's error / gap", lambda case: case.baseline_ratio),
+        slice_table(cases, "excitation", lambda case: case.excitation),
+        slice_table(cases, "plant", lambda case: case.plant),
+        "### By effect",
+        confusion_table(cases),
+        no_effect_table(cases),
+    ]
+
+
+def _format_opening(
+    cases: Sequence[CaseOutcome], failed: Mapping[str, str], sealed: int, about: Mapping[str, Any]
+) -> str:
+    seconds = median(case.seconds for case in cases)
+    lines = [
+        f"Seed {about['seed']}: {len(cases)} of {sealed} sealed cases, {about['seconds']:g} s per recording, "
+        f"{cases[0].mode.text}; {seconds:.1f} s per case (median, one thread)."
+    ]
+    lines += [f"Case {case} could not be diagnosed: {reason}" for case, reason in failed.items()]
+    return "  \n".join(lines)
+
+
+def _as_markdown(table: ScoreTable) -> str:
+    rows = [table.head, ["---"] * len(table.head), *table.rows]
+    return "\n".join("|" + "|".join(row) + "|" if row[0] == "---" else "| " + " | ".join(row) + " |" for row in rows)

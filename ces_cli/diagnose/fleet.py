@@ -1,42 +1,54 @@
-"""`ces diagnose --each`: diagnoses every recording or vehicle; an interrupted run can be continued."""
+"""`ces diagnose --each`: diagnoses every recording or vehicle, and shows them as one table, largest gap first."""
 
 from __future__ import annotations
 
 import argparse
 import os
 import warnings
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path, PurePath
 
-from ces_cli.diagnose.fleet_page import write_page
-from ces_cli.diagnose.fleet_tables import describe_diagnosis, explain_dashes, fleet_table, sort_rows, write_csv
-from ces_cli.diagnose.inputs import build_diagnose_options, read_with_predictions, require_one_source, take_simulation
+from markupsafe import Markup
+
+from ces_cli.diagnose.diagnosis import (
+    build_diagnose_options,
+    read_with_predictions,
+    require_one_source,
+    take_simulation,
+)
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import FleetUnit, find_bags, find_fleet_units
-from ces_cli.terminal.json_output import print_document, without_text
-from ces_cli.terminal.many_jobs import report_failures, run_jobs
-from ces_cli.terminal.outputs import require_folder
-from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress
+from ces_cli.terminal.outputs import print_document, require_folder
+from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
+from ces_cli.terminal.recordings import FleetUnit, find_bags, find_fleet_units
 from ces_cli.terminal.simulations import open_simulation, with_predictions
-from ces_gap.fleet.request import DiagnosisJob, DiagnosisRequest, job_of
-from ces_gap.fleet.unit_result import diagnose_unit
-from ces_gap.intake.checks import is_seen
-from ces_gap.pipeline import DiagnoseOptions, diagnose
+from ces_cli.terminal.terminal import as_csv
+from ces_data.bags.reader import read_recording
+from ces_data.findings import require_usable
+from ces_data.recording import Recording
+from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of
+from ces_gap.inputs.checks import is_seen
+from ces_gap.pipeline import diagnose
 from ces_gap.report.result_files import result_files
-from ces_identify.jobs.job import DONE, FAILED
-from ces_identify.jobs.results_folder import ResultsFolder, open_results
-from ces_identify.jobs.row_log import Row
+from ces_identify.jobs.results import DONE, FAILED, ResultsFolder, Row, open_results
 from ces_identify.jobs.workers import Task
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.checks import require_usable
-from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
+from ces_observer.json_text import write_atomically
 from ces_observer.signals import Signals
+from ces_report.shell import page_template, replace_unencodable
+from ces_report.table import Column, Table
 
 RESULTS = "fleet.jsonl"
 MAX_NAMES = 6  # of vehicles or recordings in a line
 REQUEST = "request"  # key of the object that all tasks share
+MAX_ROWS_SHOWN = 60  # at the terminal
+CSV_COLUMNS = (
+    *("name", "status", "verdict", "effects", "cause", "probability", "gap_N", "gap_low_N", "gap_high_N"),
+    *("noise_floor_N", "cost_J", "gap_after_N", "shrink", "shrink_low", "shrink_high", "sentence", "notes"),
+    *("recordings", "folder", "seconds", "reason", "key"),
+)
 
 
 def run_fleet(options: argparse.Namespace) -> int:
@@ -49,24 +61,20 @@ def run_fleet(options: argparse.Namespace) -> int:
     reference = tuple(read_with_predictions(given, path, signals) for path in find_bags(options.reference))
     how = build_diagnose_options(options, threads=1)
     with open_results(options.out / RESULTS, "a fleet") as results:
-        request = _build_request(given, reference, how, options)
+        with DiagnoseProgress() as progress:
+            simulation, spec = take_simulation(given, reference, options, os.cpu_count() or 1, progress.listen)
+        request = DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)
         jobs, unread = _plan_jobs(units, request, signals, options.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
-        finished = _compute(results, missing, request, signals, options, len(units))
+        finished = not missing or _compute(results, missing, request, signals, options, len(units))
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
-        with without_text(options.json):
-            _write_and_print(rows, options.out, PurePath(request.spec).name)
+        write_csv(rows, options.out / "fleet.csv")
+        write_page(rows, options.out / "fleet.html", PurePath(spec).name)
     if options.json:
         print_document("fleet", {"folder": options.out, "planned": len(units), "diagnoses": sort_rows(rows)})
+    else:
+        _print_fleet(rows, options.out)
     return report_failures(rows, len(units), finished, "diagnoses", lambda row: str(row["name"]))
-
-
-def _build_request(
-    given: Simulation | None, reference: tuple[Recording, ...], how: DiagnoseOptions, options: argparse.Namespace
-) -> DiagnosisRequest:
-    with DiagnoseProgress() as progress:
-        simulation, spec = take_simulation(given, reference, options, os.cpu_count() or 1, progress.listen)
-    return DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)
 
 
 def _plan_jobs(
@@ -75,7 +83,8 @@ def _plan_jobs(
     """Return a job for each unit that can be read, and a row for each that cannot; keeps no recordings in memory."""
     described = repr(sorted(signals.by_name.items()))
     jobs: dict[str, tuple[DiagnosisJob, FleetUnit]] = {}
-    unread, seen = [], []
+    unread: list[Row] = []
+    seen: list[str] = []
     for number, unit in enumerate(units, start=1):
         with terminal.err.status(f"reading {unit.name} ({number} of {len(units)})"):
             try:
@@ -87,17 +96,13 @@ def _plan_jobs(
                 jobs[job.key] = (job, unit)
             except CesError as error:
                 unread.append({"key": "", "name": unit.name, "status": FAILED, "reason": str(error)})
-    _warn_of_seen(seen, PurePath(request.spec).name)
-    return dict(jobs.values()), unread
-
-
-def _warn_of_seen(units: Sequence[str], simulation: str) -> None:
-    if units:
-        more = f" and {len(units) - MAX_NAMES} more" if len(units) > MAX_NAMES else ""
+    if seen:
+        more = f" and {len(seen) - MAX_NAMES} more" if len(seen) > MAX_NAMES else ""
         terminal.print_warning(
-            f"{', '.join(units[:MAX_NAMES])}{more}: {simulation} was identified on seconds of their recordings: their "
-            "gaps are smaller than on new recordings, and effects may be missing"
+            f"{', '.join(seen[:MAX_NAMES])}{more}: {PurePath(request.spec).name} was identified on seconds of their "
+            "recordings: their gaps are smaller than on new recordings, and effects may be missing"
         )
+    return dict(jobs.values()), unread
 
 
 def _read(simulation: Simulation, unit: FleetUnit, signals: Signals) -> list[Recording]:
@@ -121,21 +126,120 @@ def _compute(
     total: int,
 ) -> bool:
     """Run the diagnoses that have no result yet; returns False if Ctrl-C came before the last."""
-    if not missing:
-        return True
     tasks = (Task(job, [REQUEST], _read(request.simulation, unit, signals)) for job, unit in missing.items())
-    shared = {REQUEST: request.pack()}
+    shared, threads = {REQUEST: request.pack()}, request.options.threads
     progress = JobsProgress(total, total - len(missing), "diagnoses")
-    threads = request.options.threads
     return run_jobs(diagnose_unit, tasks, shared, threads, options, results, progress, describe_diagnosis)
 
 
-def _write_and_print(rows: Sequence[Row], folder: Path, simulation: str) -> None:
-    """Write the tables and print the terminal's."""
-    write_csv(rows, folder / "fleet.csv")
-    write_page(rows, folder / "fleet.html", simulation)
-    if any(row["status"] == DONE for row in rows):
-        terminal.print_table(fleet_table(rows))
+def _print_fleet(rows: Sequence[Row], folder: Path) -> None:
+    """Print the table of the largest gaps, with a title that counts the diagnoses, and the files written."""
+    table = fleet_table(rows)
+    done = [row for row in table.rows if row["status"] == DONE]
+    if done:
+        title = f"{len(done)} of {len(rows)} diagnosed" + "; the largest gaps" * (len(done) > MAX_ROWS_SHOWN)
+        terminal.print_table(terminal.lay_out(replace(table, rows=done[:MAX_ROWS_SHOWN], title=title)))
         if dashes := explain_dashes(rows):
             print(dashes)
     print(f"written: {folder}/fleet.html, fleet.csv, fleet.jsonl, units/")
+
+
+def sort_rows(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows with the largest gap first, those without a diagnosis last."""
+    return sorted(rows, key=lambda row: (row["status"] != DONE, -(row.get("gap_N") or 0.0), row["name"]))
+
+
+def describe_diagnosis(row: Row) -> str:
+    """Return the result of a diagnosis in a few words."""
+    if row["status"] != DONE:
+        return f"{row['name']}: {row['status']}: {row['reason']}"
+    return f"{row['name']}: {describe_verdict(row)}, gap {_number('gap_N', '.1f')(row)} N, {row['seconds']:.1f} s"
+
+
+def describe_verdict(row: Row) -> str:
+    """Return the verdict with the effects that it names; the reason of a row without a diagnosis."""
+    if row["status"] != DONE:
+        return str(row["reason"])
+    effects = " + ".join(effect.replace("_", " ") for effect in row["effects"])
+    verdict = str(row["verdict"]).replace("_", " ")
+    return f"{verdict}: {effects}" if effects else verdict
+
+
+def explain_dashes(rows: Sequence[Row]) -> str:
+    """Return why rows have a dash instead of a figure, nothing if none has one."""
+    done = [row for row in rows if row["status"] == DONE]
+    unnamed = any(not row["effects"] or row["probability"] is None for row in done)
+    unknown = any(row["gap_N"] is None or row["gap_after_N"] is None for row in done)
+    texts = ["no effect was named, so there is no probability or shrink"] * unnamed
+    texts += ["the gap could not be computed from these recordings"] * unknown
+    return f"-: {'; or '.join(texts)}." if texts else ""
+
+
+def _number(key: str, form: str) -> Callable[[Row], str]:
+    """Return the text of a number of a diagnosis: a dash if it is not known."""
+
+    def text(row: Row) -> str:
+        value = row.get(key)
+        return "" if row["status"] != DONE else "-" if value is None else format(value, form)
+
+    return text
+
+
+def fleet_table(rows: Sequence[Row]) -> Table[Row]:
+    """Return the table of a fleet, largest gap first, those without a diagnosis last."""
+    largest = max([row.get("gap_N") or 0.0 for row in rows], default=0.0) or 1.0
+
+    def bars(row: Row) -> Markup:
+        bar = Markup('<i class="{}" style="width:{:.1f}%"></i>')
+        lengths = (("gap-before", row.get("gap_N")), ("gap-after", row.get("gap_after_N")))
+        drawn = (bar.format(css, 100.0 * min((value or 0.0) / largest, 1.0)) for css, value in lengths)
+        return Markup("<div>{}</div>").format(Markup("").join(drawn)) if row["status"] == DONE else Markup("")
+
+    def name(row: Row) -> Markup:
+        form = '<a href="{folder}/report.html">{name}</a>' if row["status"] == DONE else "{name}"
+        return Markup(form).format(folder=row.get("folder"), name=row["name"])
+
+    def verdict(row: Row) -> Markup:
+        sentence = Markup('<span class="reasons">{}</span>').format(row["sentence"]) if row["status"] == DONE else ""
+        return Markup("{}{}").format(describe_verdict(row), sentence)
+
+    def shrink(row: Row) -> str:
+        if row["status"] != DONE:
+            return ""
+        return "-" if row["shrink"] is None or not row["effects"] else f"{100.0 * row['shrink']:.0f} %"
+
+    columns: tuple[Column[Row], ...] = (
+        Column("Vehicle or recording", lambda row: str(row["name"]), html=name),
+        Column("Verdict", describe_verdict, html=verdict),
+        Column("Probability", _number("probability", ".2f"), figure=True),
+        Column("", lambda row: "", html=bars, css="gap", page_only=True),
+        Column("Gap [N RMS]", _number("gap_N", ".1f"), figure=True),
+        Column("Left [N RMS]", _number("gap_after_N", ".1f"), figure=True),
+        Column("Shrink", shrink, figure=True),
+    )
+    return Table(columns, sort_rows(rows))
+
+
+def write_csv(rows: Sequence[Row], path: Path) -> None:
+    """Write a line for each row, with lists joined by ` + `."""
+
+    def cell(value: object) -> object:
+        return " + ".join(map(str, value)) if isinstance(value, list) else value
+
+    lines = [[cell(row.get(name)) for name in CSV_COLUMNS] for row in sort_rows(rows)]
+    write_atomically(path, as_csv([CSV_COLUMNS, *lines]))
+
+
+def write_page(rows: Sequence[Row], path: Path, simulation: str = "the simulation") -> None:
+    """Write the page with links to all reports; `simulation` is its name in the title."""
+    done = [row for row in rows if row["status"] == DONE]
+    counts = Counter(map(describe_verdict, done))
+    verdicts = "; ".join(f"{count} × {verdict}" for verdict, count in counts.most_common(6))
+    table = fleet_table(rows).to_html("fleet", lambda row: "failed" * (row["status"] != DONE))
+    page = page_template("fleet.html.j2", __package__, ("fleet.css",)).render(
+        title=f"Gap of {simulation} against a fleet of {len(rows)}",
+        headline=f"{len(done)} of {len(rows)} diagnosed. {verdicts}",
+        table=table,
+        note=explain_dashes(rows),
+    )
+    write_atomically(path, replace_unencodable(page))

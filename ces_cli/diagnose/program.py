@@ -2,26 +2,18 @@
 
 from __future__ import annotations
 
-import argparse
-import os
-import shlex
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import RECORDING, VEHICLE, find_bags
-from ces_cli.terminal.json_output import add_json, print_document, without_text
-from ces_cli.terminal.many_jobs import ONE_PLACE, add_jobs
-from ces_cli.terminal.option_rules import never_with, only_with
-from ces_cli.terminal.outputs import add_overwrite, add_report, name_report, require_outputs
-from ces_cli.terminal.simulations import HELP, open_simulation
-from ces_observer.json_checks import write_all_atomically
-
-STRUCTURES = ("auto", "polynomial", "sigmoid", "anfis", "relaxation", "chambers")
-OPTIONAL_FILES = ("next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
-
+from ces_cli.terminal.options import DASK, IN_A_FOLDER, JOBS, JSON, OVERWRITE, REPORT, SIGNALS, never_with, only_with
+from ces_cli.terminal.outputs import name_report, require_outputs
+from ces_cli.terminal.progress import ONE_PLACE
+from ces_cli.terminal.recordings import RECORDING, VEHICLE, find_bags
+from ces_cli.terminal.simulations import HELP
+from ces_observer.options import in_group
+from ces_observer.structures import STRUCTURES
 
 RULES = (
     only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
@@ -48,54 +40,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     real = [path.stem for path in find_bags(options.real)]
     options.report = name_report(options.report, [Path(options.sim or "identified").stem], real)
     require_outputs(options.overwrite, {"--report": options.report}, folders={"--out": options.out})
-    _diagnose(options, shlex.join(["ces", "diagnose", *(sys.argv[2:] if argv is None else argv)]))
+    from ces_cli.diagnose.diagnosis import run_diagnosis
+
+    run_diagnosis(options, terminal.command_line("diagnose", argv))
     return 0
-
-
-def _diagnose(options: argparse.Namespace, command: str) -> None:
-    from ces_cli.diagnose.diagnosis_tables import print_diagnosis
-    from ces_cli.diagnose.inputs import (
-        build_diagnose_options,
-        read_with_predictions,
-        require_one_source,
-        take_simulation,
-    )
-    from ces_cli.terminal.progress import DiagnoseProgress
-    from ces_gap.augmented.augmented_file import name_simulation
-    from ces_gap.intake.checks import check_recordings
-    from ces_gap.pipeline import diagnose
-    from ces_gap.report.gap_json import gap_content
-    from ces_gap.report.result_files import REPORT, result_files
-
-    require_one_source(options)
-    how, signals = build_diagnose_options(options, os.cpu_count() or 1), terminal.load_described_signals(options)
-    given = None if options.identify else open_simulation(options.sim)
-    roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
-    recordings = {
-        role: [read_with_predictions(given, p, signals) for p in find_bags(words)] for role, words in roles.items()
-    }
-    real, held_out, reference = recordings.values()
-    doubts = check_recordings(real, held_out, reference)
-    for text in doubts:
-        terminal.print_warning(text)
-    with DiagnoseProgress() as progress:
-        simulation, spec = take_simulation(given, reference, options, how.threads, progress.listen)
-        diagnosis = diagnose(simulation, spec, real, held_out, reference, how, progress.listen)
-        diagnosis = replace(diagnosis, notes=(*doubts, *diagnosis.notes))
-        progress.listen("writing the report", 1.0)
-        name = name_simulation(spec, options.out)
-        files = result_files(diagnosis, name, list(recordings.items()), {"Command": command})
-    options.out.mkdir(parents=True, exist_ok=True)
-    for optional in OPTIONAL_FILES:
-        (options.out / optional).unlink(missing_ok=True)  # from an earlier diagnosis
-    copies = {options.report: files[REPORT]} if options.report is not None and REPORT in files else {}
-    write_all_atomically({**{options.out / name: text for name, text in files.items()}, **copies})
-    with without_text(options.json):
-        print_diagnosis(diagnosis, options.out, tuple(files), printed_notes=len(doubts))
-        for path in copies:
-            print(f"report: {path}")
-    if options.json:
-        print_document("diagnose", {"folder": options.out, "files": list(files), "diagnosis": gap_content(diagnosis)})
 
 
 def make_parser() -> terminal.Parser:
@@ -114,16 +62,17 @@ def make_parser() -> terminal.Parser:
     text = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
     p.add_argument("--identify", action="store_true", help=text)
     text = "of the model that --identify fits; auto (default): the lowest cost on held-out parts of the references"
-    p.add_argument("--structure", choices=STRUCTURES, metavar="NAME", help=f"{text}; or {', '.join(STRUCTURES[1:])}")
+    names = [one.option for one in STRUCTURES.values()]
+    p.add_argument("--structure", choices=("auto", *names), metavar="NAME", help=f"{text}; or {', '.join(names)}")
     text = "recordings of the real damper: bags, folders, globs"
     p.add_argument("--real", nargs="+", required=True, metavar="BAG", help=text)
     text = "recordings for evaluation only (default: a part of --real is held out)"
     p.add_argument("--held-out", nargs="+", default=[], metavar="BAG", help=text)
     text = "recordings known to be free of the effect; the simulation's own error is learned from them first"
     p.add_argument("--reference", nargs="+", default=[], metavar="BAG", help=text)
-    terminal.add_signals(p)
+    terminal.add_options(p, SIGNALS)
     p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write, created if necessary")
-    add_report(p, "copy report.html to FILE")
+    terminal.add_options(p, replace(REPORT, meaning=f"copy report.html to FILE; {IN_A_FOLDER}"))
     text = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
     p.add_argument("--effects", nargs="+", default=[], metavar="module:Class", help=text)
     text = "default: all processors; with --each, one for each diagnosis"
@@ -136,8 +85,6 @@ def make_parser() -> terminal.Parser:
         "interrupted run"
     )
     p.add_argument("--each", choices=(RECORDING, VEHICLE), help=text)
-    add_jobs(p, "fleet")
-    add_json(p)
-    add_overwrite(p)
+    terminal.add_options(p, *in_group("fleets", JOBS, DASK), JSON, OVERWRITE)
     p.rules = RULES
     return p

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.json_output import add_json, print_document, without_text
-from ces_cli.terminal.option_rules import OptionRule, never_with, only_with
-from ces_cli.terminal.outputs import add_overwrite, require_outputs
+from ces_cli.terminal.options import JSON, OVERWRITE, SIGNALS, OptionRule, never_with, only_with
+from ces_cli.terminal.outputs import print_document, require_outputs, without_text
 from ces_identify.export.export_c import export_c, identifier, require_exportable
 from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
 from ces_identify.export.ros_package import (
@@ -20,7 +19,7 @@ from ces_identify.export.ros_package import (
     write_package,
 )
 from ces_observer.errors import CesError
-from ces_observer.json_checks import write_all_atomically, write_atomically
+from ces_observer.json_text import write_all_atomically, write_atomically
 from ces_observer.model import Model, load_model
 from ces_observer.proof.certificate import Certificate, summarize
 
@@ -30,36 +29,46 @@ FORMATS = {"c": "C99, with its header beside it", "fmu": "FMI 2.0 co-simulation"
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
-    _require_outputs(options)
+    inputs = [options.model, options.signals]
+    if options.ros_package is not None:
+        require_outputs(options.overwrite, folders={"--ros-package": options.ros_package}, inputs=inputs)
+    else:
+        header = options.out.with_suffix(".h") if _kind(options) == "c" else None
+        require_outputs(options.overwrite, {"--out": options.out, "the header of --out": header}, inputs=inputs)
     with without_text(options.json):
         certificate = _export_package(options) if options.ros_package else _export_file(options)
-        _print_certificate(certificate)
+        if certificate.holds:
+            summary = summarize(certificate.to_mapping())
+            bound = "" if "|force|" in summary else f"; {certificate.force_claim}"
+            print(f"stable: {summary} (proved){bound}")
+        else:
+            terminal.print_warning(
+                "--allow-uncertified: the stability of this model is not proved; do not use it on a vehicle"
+            )
     if options.json:
-        print_document("export", _as_json(certificate, options))
+        facts = {"proved_stable": certificate.holds, "bounds": certificate.bounds}
+        written = options.ros_package or options.out
+        print_document("export", {"model": options.model, "written": written, **facts})
     return 0
 
 
-def _as_json(certificate: Certificate, options: argparse.Namespace) -> dict[str, object]:
-    """Return the document of --json."""
-    return {
-        "model": options.model,
-        "written": options.ros_package or options.out,
-        "proved_stable": certificate.holds,
-        "bounds": certificate.bounds,
-    }
-
-
 def _export_file(options: argparse.Namespace) -> Certificate:
-    model = load_model(options.model)
+    model, out = load_model(options.model), options.out
     kind = _kind(options)
-    name = options.name or identifier(options.out.stem)
-    require_exportable(model, name, options.out.stem if kind == "c" else name)
+    name = options.name or identifier(out.stem)
+    require_exportable(model, name, out.stem if kind == "c" else name)
     compiler = find_compiler() if kind == "fmu" and not options.sources_only else []
     certificate = _certificate(model, options)
     if kind == "c":
-        _write_c(model, name, options.out, certificate)
-    else:
-        _write_fmu(model, name, options.out, certificate, compiler)
+        source, header = export_c(model, name, out.stem, certificate)
+        write_all_atomically({out.with_suffix(".h"): header, out: source})
+        print(f"{out}, {out.with_suffix('.h').name}: {name}_step and {name}_tick, {model.size}")
+        return certificate
+    with terminal.err.status("compiling"):
+        content = export_fmu(model, name, certificate, compiler)
+    write_atomically(out, content)
+    what = binary_path(name) if compiler else "sources only; sources/BUILD.txt says how to compile them"
+    print(f"{out}: FMI 2.0 co-simulation {name}, {model.size}, {what}")
     return certificate
 
 
@@ -75,16 +84,6 @@ def _export_package(options: argparse.Namespace) -> Certificate:
         write_package(folder, export_ros_package(model, package, signals, certificate), options.overwrite)
     print(f"{folder}: ROS 2 package {package}, component {package}::Observer, program observer, {model.size}")
     return certificate
-
-
-def _require_outputs(options: argparse.Namespace) -> None:
-    """Raise CesError unless the output may be written; C source has its header beside it."""
-    inputs = [options.model, options.signals]
-    if options.ros_package is not None:
-        require_outputs(options.overwrite, folders={"--ros-package": options.ros_package}, inputs=inputs)
-        return
-    header = options.out.with_suffix(".h") if _kind(options) == "c" else None
-    require_outputs(options.overwrite, {"--out": options.out, "the header of --out": header}, inputs=inputs)
 
 
 def _kind(options: argparse.Namespace) -> str:
@@ -106,31 +105,6 @@ def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
             "certificate, or use --allow-uncertified"
         )
     return certificate
-
-
-def _write_c(model: Model, name: str, out: Path, certificate: Certificate) -> None:
-    source, header = export_c(model, name, out.stem, certificate)
-    write_all_atomically({out.with_suffix(".h"): header, out: source})
-    print(f"{out}, {out.with_suffix('.h').name}: {name}_step and {name}_tick, {model.size}")
-
-
-def _write_fmu(model: Model, name: str, out: Path, certificate: Certificate, compiler: Sequence[str]) -> None:
-    with terminal.err.status("compiling"):
-        content = export_fmu(model, name, certificate, compiler)
-    write_atomically(out, content)
-    content_text = binary_path(name) if compiler else "sources only; sources/BUILD.txt says how to compile them"
-    print(f"{out}: FMI 2.0 co-simulation {name}, {model.size}, {content_text}")
-
-
-def _print_certificate(certificate: Certificate) -> None:
-    if not certificate.holds:
-        terminal.print_warning(
-            "--allow-uncertified: the stability of this model is not proved; do not use it on a vehicle"
-        )
-        return
-    summary = summarize(certificate.to_mapping())
-    bound = "" if "|force|" in summary else f"; {certificate.force_claim}"
-    print(f"stable: {summary} (proved){bound}")
 
 
 def make_parser() -> terminal.Parser:
@@ -157,16 +131,14 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--sources-only", action="store_true", help="write an FMU without a binary; needs no C compiler")
     text = "export a model whose stability cannot be proved (unsafe)"
     p.add_argument("--allow-uncertified", action="store_true", help=text)
-    terminal.add_signals(p)
-    add_json(p)
-    add_overwrite(p)
+    terminal.add_options(p, SIGNALS, JSON, OVERWRITE)
     p.rules = (
         only_with("signals", "ros_package", "applies to --ros-package only; remove it"),
         never_with("format sources_only", "ros_package", "does not apply to --ros-package; remove it"),
-        OptionRule("sources_only", _is_fmu, "applies to an FMU only; remove it for C"),
+        OptionRule(
+            "sources_only",
+            lambda options: (options.format or options.out.suffix.removeprefix(".")) == "fmu",
+            "applies to an FMU only; remove it for C",
+        ),
     )
     return p
-
-
-def _is_fmu(options: argparse.Namespace) -> bool:
-    return bool((options.format or options.out.suffix.removeprefix(".")) == "fmu")

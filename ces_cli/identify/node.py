@@ -23,11 +23,10 @@ from rclpy.task import Future
 from std_msgs.msg import String
 
 from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
-from ces_cli.identify.process import EXIT_STATUS, WARNING, IdentifyProcess
-from ces_cli.identify.progress import DONE, SEARCHING, WRITING, SearchState
+from ces_cli.identify.process import DONE, EXIT_STATUS, SEARCHING, WARNING, WRITING, IdentifyProcess, SearchState
 from ces_observer.nodes.executors import START_ERRORS, USER_ERROR, spin_on
-from ces_observer.nodes.node_parameters import TableNode, declare_table
-from ces_observer.nodes.qos import LATCHED
+from ces_observer.nodes.outputs import LATCHED
+from ces_observer.nodes.parameters import TableNode, declare_table
 
 POLL_S = 0.1
 PROGRESS_PERIOD_S = 1.0  # period of ~/progress while nothing changes

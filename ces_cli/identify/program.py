@@ -3,49 +3,83 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
+import math
 import os
-import shlex
-import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict, dataclass, replace
+from functools import partial, reduce
 from pathlib import Path
+from typing import Any, Protocol
 
-from ces_cli.campaign.program import CAMPAIGN_RULES, add_campaign, run_campaign
-from ces_cli.identify.distillation import print_teacher
-from ces_cli.identify.folds import add_folds, with_folds
-from ces_cli.identify.identification import AUTO, describe_starts, prepare_identification, write_report_page
-from ces_cli.identify.json_facts import identification_facts
-from ces_cli.identify.structures import STRUCTURE_RULES, add_candidates, add_structure
+from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
+from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import add_bags
-from ces_cli.terminal.cost_picture import save_cost_picture
-from ces_cli.terminal.coverage_picture import require_picture_name
-from ces_cli.terminal.json_output import add_json, print_document, without_text
-from ces_cli.terminal.outputs import add_overwrite
+from ces_cli.terminal.options import ALL, OptionRule, never_with
+from ces_cli.terminal.outputs import name_report, print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import SearchProgress
-from ces_cli.terminal.tables import cost_table, print_band, print_missing, print_outside
-from ces_identify.folds import split_folds
-from ces_identify.identification import IdentificationResult
-from ces_identify.polynomial.regressors import built_in_rules
-from ces_identify.preparation.weighting import parse_weighting
-from ces_identify.schema_files import schema_line
+from ces_cli.terminal.recordings import add_bags, find_bags, print_warnings, with_distinct_names
+from ces_cli.terminal.results import (
+    as_cost_table,
+    cost_rows,
+    fold_rows,
+    fold_table,
+    held_out_row,
+    model_facts,
+    print_band,
+    print_missing,
+    print_outside,
+    save_cost_picture,
+)
+from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
+from ces_data.checks.check import check_together, require_sound
+from ces_data.checks.content import require_distinct
+from ces_data.findings import Finding
+from ces_data.recording import Recording
+from ces_gap.augmented import file_of
+from ces_identify.folds import CrossValidation, cross_validate, split_folds
+from ces_identify.identification import IdentificationResult, count_starts, identify
+from ces_identify.options import build_identify_options
+from ces_identify.polynomial.candidate_rules import CandidateRules
+from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs
+from ces_identify.polynomial.regressors import built_in_rules, load_rules
+from ces_identify.polynomial.search_limits import Limits, SearchResult
+from ces_identify.prepare.cost import Weighting, parse_weighting
+from ces_identify.progress_file import SearchProgressFile
 from ces_identify.structures import KITS
-from ces_identify.structures.auto import advise
-from ces_identify.validation.usage import RULE
-from ces_observer.model import DIFFERENTIATORS, Model
+from ces_identify.structures.auto import AUTO, advise, select_fitter
+from ces_identify.structures.kit import IdentifyOptions, StructureKit
+from ces_identify.structures.polynomial import POLYNOMIAL
+from ces_identify.validation.cost_table import NONE, percent
+from ces_identify.validation.distillation import RULE, compare_with_teacher
+from ces_identify.validation.evaluate import VALIDATION
+from ces_observer.errors import CesError
+from ces_observer.model import Model
 from ces_observer.proof.certificate import summarize
+
+
+def _rule_of(kit: StructureKit[Any], names: str) -> OptionRule:
+    reason = f"applies to --structure {kit.option} or {AUTO}, not to {{structure}}; remove it"
+    return OptionRule(names, lambda options: options.structure in (kit.option, AUTO), reason)
+
+
+STRUCTURE_RULES = (
+    never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
+    _rule_of(POLYNOMIAL, "method candidates construct blend terms"),
+    *(_rule_of(kit, " ".join(size.name for size in kit.sizes)) for kit in KITS.values()),
+)
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    arguments = make_parser()
-    options = arguments.parse_args(argv)
+    parser = make_parser()
+    options = parser.parse_args(argv)
     if options.show_candidates:
         print(schema_line("candidates") + built_in_rules(options.method), end="")
         return 0
     if options.campaign is not None:
-        return run_campaign(options, arguments)
-    if options.picture is not None:
-        require_picture_name(options.picture)
+        return run_campaign(options, parser)
     work = prepare_identification(options)
     if options.folds:
         split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
@@ -54,50 +88,239 @@ def main(argv: Sequence[str] | None = None) -> int:
         if options.folds:
             result, folds = with_folds(result, options, work.bags, work.how)
             result.model.save(options.out)
-        _print_result(result, options, argv)
+        _print_result(result, options)
+        if options.picture is not None:
+            save_cost_picture(result.evaluations, options.picture)
+        if options.report is not None:
+            write_report_page(result, options, terminal.command_line("identify", argv))
+            print(f"report: {options.report}")
     if options.json:
-        print_document("identify", identification_facts(result, folds, work, options))
+        print_document("identify", _as_json(result, folds, work, options))
     return 0
 
 
-def _print_result(result: IdentificationResult, options: argparse.Namespace, argv: Sequence[str] | None) -> None:
-    best = result.search_results[0]
-    weighting = parse_weighting(options.weight).with_common_stroke([e.series for e in result.evaluations])
-    terminal.print_table(cost_table(result.evaluations, result.model.size, weighting))
-    print_missing(result.evaluations)
-    print_outside(result.evaluations)
-    print_teacher(result)
+class Progress(Protocol):
+    """Receives the results of a search while it runs; `listen` is called from any thread."""
+
+    def listen(self, result: SearchResult) -> None:
+        """Receive an improvement or the end of a start."""
+
+
+ShowProgress = Callable[[Limits], AbstractContextManager[Progress]]
+
+
+@dataclass(frozen=True)
+class Identification:
+    """The inputs of an identification.
+
+    `bags` and `validation` are recordings with the force to learn, `measured` all of them as logged. `forced` are the
+    findings in spite of which --ignore-findings goes on, `findings` all of the sense check.
+    """
+
+    options: argparse.Namespace
+    bags: Sequence[Recording]
+    validation: Sequence[Recording]
+    measured: Sequence[Recording]
+    how: IdentifyOptions
+    forced: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    def run(self, show_progress: ShowProgress) -> IdentificationResult:
+        """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
+        facts = {
+            "structure": self.options.structure,
+            "seconds": self.how.limits.time,
+            "starts": self.how.limits.starts,
+            "recordings": [recording.name for recording in self.bags],
+            "validation": [recording.name for recording in self.validation],
+        }
+        with SearchProgressFile("identify", self.options.out, facts) as file:
+            with show_progress(self.how.limits) as progress:
+
+                def listen(result: SearchResult) -> None:
+                    progress.listen(result)
+                    file.listen(result)
+
+                result = select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
+            if self.options.teacher is not None:
+                result = with_teacher(result, self.options.teacher, self.measured)
+            result = result.with_ignored_findings(self.forced)
+            result.model.save(self.options.out)
+        return result
+
+
+def prepare_identification(options: argparse.Namespace) -> Identification:
+    """Read and check all files that `options` name, before the long search; raises CesError."""
+    if not options.bags:
+        raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
+    paths = [find_bags(words, repeated=True) for words in (options.bags, options.validate)]
+    tested = paths[1] or paths[0]
+    options.report = name_report(options.report, [options.out.stem], [path.stem for path in tested])
+    outputs = {"--out": options.out, "--report": options.report, "--picture": options.picture}
+    inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
+    require_outputs(options.overwrite, outputs, inputs=inputs)
+    values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
+    measured, (bags, validation) = _read_recordings(paths, options)
+    require_distinct(bags, validation)
+    found = check_together([*bags, *validation])
+    forced = require_sound(found, options.ignore_findings)
+    print_warnings(found)
+    how = build_identify_options(
+        {
+            **values,
+            "split": options.split if options.split is not None else 1.0 if validation else 0.75,
+            "threads": options.threads or os.cpu_count() or 1,
+            "differentiator": None if options.differentiator == AUTO else options.differentiator,
+        }
+    )
+    return Identification(options, bags, validation, measured, how, forced, found)
+
+
+def _read_recordings(
+    groups: Sequence[Sequence[Path]], options: argparse.Namespace
+) -> tuple[tuple[Recording, ...], list[list[Recording]]]:
+    """Return all recordings as logged, and each group with the force to learn; a teacher needs no measured force."""
+    signals = terminal.load_described_signals(options)
+    need = terminal.FORCE if options.teacher is None else terminal.FORCE[:2]
+    measured = with_distinct_names({path: terminal.read_one(path, signals, need) for group in groups for path in group})
+    learned = measured
+    if options.teacher is not None:
+        teacher = open_simulation(options.teacher)
+        learned = {path: with_teacher_force(teacher, path, one, signals) for path, one in measured.items()}
+    return tuple(measured.values()), [[learned[path] for path in group] for group in groups]
+
+
+def candidate_rules(options: argparse.Namespace) -> CandidateRules:
+    """Return the candidate rules that the options describe; raises CesError naming the option or file at fault."""
+    rules = reduce(add_constructed_inputs, options.construct, load_rules(options.candidates, options.method))
+    return reduce(add_blend, options.blend, rules)
+
+
+def select_identify_function(options: argparse.Namespace) -> Callable[..., IdentificationResult]:
+    """Return the function that identifies the chosen structure: (recordings, validation, options, listener)."""
+    return partial(identify, fitter=select_fitter(options.structure, vars(options)))
+
+
+def with_teacher(result: IdentificationResult, teacher: str, measured: Sequence[Recording]) -> IdentificationResult:
+    """Return `result` with its teacher in the model's provenance; `measured` are the recordings as logged."""
+    file = file_of(teacher)
+    rows = [
+        {key: v if isinstance(v, str) else _round_finite(v) for key, v in {**asdict(one), "loss": one.loss}.items()}
+        for one in compare_with_teacher(result.model, result.evaluations, measured)
+    ]
+    sha256 = None if file is None else hashlib.sha256(file.read_bytes()).hexdigest()
+    return _with_history(result, "teacher", {"simulation": teacher, "sha256": sha256, "cost_J_percent": rows})
+
+
+def _with_history(result: IdentificationResult, key: str, facts: object) -> IdentificationResult:
+    """Return `result` with facts in its model's provenance."""
+    return replace(result, model=replace(result.model, provenance={**result.model.provenance, key: facts}))
+
+
+def _round_finite(value: float) -> float | None:
+    """Return a cost as the model file stores it; a run that diverged has none."""
+    return round(value, 4) if math.isfinite(value) else None
+
+
+def with_folds(
+    result: IdentificationResult, options: argparse.Namespace, recordings: Sequence[Recording], how: IdentifyOptions
+) -> tuple[IdentificationResult, CrossValidation]:
+    """Cross-validate, print the table, and return `result` with the costs in its model's provenance, and the costs."""
+
+    def identify(
+        training: Sequence[Recording], held_out: Sequence[Recording], fold: IdentifyOptions
+    ) -> IdentificationResult:
+        with SearchProgress(fold.limits) as progress:
+            return select_identify_function(options)(training, held_out, fold, progress.listen)
+
+    folds = cross_validate(recordings, options.folds, identify, how)
+    terminal.print_table(fold_table(folds))
+    if any(row.interval is None for row in folds.rows):
+        print(f"{NONE}: the free run diverged, or the recording is too short for an interval")
+    rows = [
+        {
+            "recording": row.recording,
+            "fold": row.fold,
+            "J_percent": _round_finite(row.cost),
+            "ci95_percent": [round(row.interval.low, 4), round(row.interval.high, 4)] if row.interval else None,
+            "model": row.model,
+        }
+        for row in folds.rows
+    ]
+    return _with_history(result, "cross_validation", rows), folds
+
+
+def write_report_page(result: IdentificationResult, options: argparse.Namespace, command: str) -> None:
+    """Write the report to options.report; raises CesError if it cannot be written."""
+    from ces_identify.report import write_report
+
+    facts = {
+        "command": command,
+        "selection": f"{describe_starts(result, options)}, {sum(f.trials for f in result.search_results)} trials",
+        "end of search": result.search_results[0].ended,
+    }
+    write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
+
+
+def describe_starts(result: IdentificationResult, options: argparse.Namespace) -> str:
+    """Return which start was best, and how many starts led to a model."""
+    seed = result.search_results[0].seed
+    count = count_starts(result.search_results)
+    return f"best: start {seed - options.seed + 1} of {options.starts} (seed {seed}); {count} led to a model"
+
+
+def _print_result(result: IdentificationResult, options: argparse.Namespace) -> None:
+    evaluations, model = result.evaluations, result.model
+    terminal.print_table(as_cost_table(evaluations, model.size, _weighting(result, options)))
+    print_missing(evaluations)
+    print_outside(evaluations)
+    _print_teacher(result)
     print(RULE)
-    print(f"{describe_starts(result, options)}; stopped: {best.ended}")
-    if not any(e.role == "validation" for e in result.evaluations):
+    print(f"{describe_starts(result, options)}; stopped: {result.search_results[0].ended}")
+    if not any(e.role == VALIDATION for e in evaluations):
         terminal.print_warning(
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
         )
-    _print_certificate(result.model)
-    _print_structures(result)
-    print_band(result.model, result.evaluations)
+    _print_certificate(model)
+    _print_structures(model.provenance["selection"])
+    print_band(model, evaluations)
     print(f"model:  {options.out}")
-    if options.picture is not None:
-        save_cost_picture(result.evaluations, options.picture)
-    if options.report is None:
+
+
+def _weighting(result: IdentificationResult, options: argparse.Namespace) -> Weighting:
+    return parse_weighting(options.weight).with_common_stroke([e.series for e in result.evaluations])
+
+
+def _print_teacher(result: IdentificationResult) -> None:
+    """Print the teacher and the distillation loss from the provenance, if there was a teacher."""
+    facts = result.model.provenance.get("teacher")
+    if facts is None:
         return
-    command = shlex.join(["ces", "identify", *(sys.argv[2:] if argv is None else argv)])
-    write_report_page(result, options, command)
-    print(f"report: {options.report}")
+    print(f"J above compares with the teacher {facts['simulation']}, not with the measured force")
+    rows = facts["cost_J_percent"]
+    if all(row["teacher_to_measured"] is None for row in rows):
+        print("these recordings hold no measured force to compare the teacher with")
+        return
+    headings = ("model to teacher", "teacher to measured", "model to measured", "loss")
+    table = terminal.make_table("distillation loss, J in %", ("recording",), headings)
+    for row in rows:
+        costs = (row["model_to_teacher"], row["teacher_to_measured"], row["model_to_measured"])
+        loss = NONE if row["loss"] is None else f"{row['loss']:+.2f}"
+        table.add_row(row["recording"], *(NONE if c is None else percent(c) for c in costs), loss)
+    terminal.print_table(table)
+    if any(None in row.values() for row in rows):
+        print(f"{NONE}: a recording without a measured force, or a free run that diverged")
 
 
-def _print_structures(result: IdentificationResult) -> None:
+def _print_structures(selection: Mapping[str, Any]) -> None:
     """Print the costs of short fits of other structures, and which of them is clearly better."""
-    selection = result.model.provenance["selection"]
-    costs = selection.get("structures", {})
+    costs = selection.get("structures")
     if not costs:
         return
-    others = ", ".join(f"{name} {cost:.2f} %" for name, cost in costs.items() if name != selection["structure"])
-    print(
-        f"J on the selection data: {selection['structure']} {costs[selection['structure']]:.2f} %; short fits: {others}"
-    )
-    advice = advise(costs, selection["structure"])
-    if advice:
+    chosen = selection["structure"]
+    others = ", ".join(f"{name} {cost:.2f} %" for name, cost in costs.items() if name != chosen)
+    print(f"J on the selection data: {chosen} {costs[chosen]:.2f} %; short fits: {others}")
+    if advice := advise(costs, chosen):
         terminal.print_warning(advice)
 
 
@@ -115,6 +338,32 @@ def _print_certificate(model: Model) -> None:
     )
 
 
+def _as_json(
+    result: IdentificationResult, folds: CrossValidation | None, work: Identification, options: argparse.Namespace
+) -> dict[str, Any]:
+    """Return what the program prints: the model, its costs, the search, and the files written."""
+    best, model = result.search_results[0], result.model
+    weighting = _weighting(result, options)
+    teacher = None
+    if options.teacher is not None:
+        rows = compare_with_teacher(model, result.evaluations, work.measured)
+        teacher = [asdict(row) | {"loss": row.loss} for row in rows]
+    return {
+        "model": {"path": options.out, **model_facts(model)},
+        "certificate": model.certificate,
+        "weights": str(weighting) if weighting else None,
+        "recordings": cost_rows(result.evaluations, weighting),
+        "all_held_out": held_out_row(result.evaluations),
+        "search": {"starts": len(result.search_results), "best_seed": best.seed, "stopped": best.ended},
+        "structures": model.provenance["selection"].get("structures", {}),
+        "folds": fold_rows(folds),
+        "teacher": teacher,
+        "findings": work.findings,
+        "report": options.report,
+        "picture": options.picture,
+    }
+
+
 def make_parser() -> terminal.Parser:
     """Return the argument parser."""
     p = terminal.parser(
@@ -123,45 +372,7 @@ def make_parser() -> terminal.Parser:
         f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
     )
-    number, whole = terminal.number_between, terminal.integer_between
     add_bags(p, "recordings with a measured force", nargs="*")
-    add_bags(p, "recordings for validation only", "--validate")
-    terminal.add_signals(p)
-    add_structure(p)
-    p.add_argument("--out", type=Path, default=Path("model.json"), metavar="FILE", help="default: model.json")
-    terminal.add_report_and_picture(p)
-    add_overwrite(p)
-    text = "first share of each BAG to identify on; the rest is for validation (default 0.75; 1 with --validate)"
-    p.add_argument("--split", type=number(0.05, 1.0), metavar="SHARE", help=text)
-    p.add_argument("--teacher", metavar="SIM", help="learn this simulation's force instead of the measured force")
-    add_candidates(p)
-    terminal.add_weight(p, "give ticks in this region W times the weight in fit and selection")
-    text = "maximum number of terms (default 25; no limit with --method thesis)"
-    p.add_argument("--terms", type=whole(1, 200), metavar="N", help=text)
-    text = "maximum search time in seconds, without the compilation in the first run (default 60)"
-    p.add_argument("--time", type=number(0.1, 1e6), default=60.0, metavar="S", help=text)
-    p.add_argument("--target", type=number(0.0, 100.0), default=0.0, metavar="J", help="stop at this cost in percent")
-    p.add_argument("--starts", type=whole(1, 10000), default=8, metavar="N", help="random starts (default 8)")
-    p.add_argument("--seed", type=whole(0, 2**31), default=1, metavar="N", help="seed of the first start (default 1)")
-    threads = os.cpu_count() or 1
-    p.add_argument("--threads", type=whole(1, 256), default=threads, metavar="N", help="default: all processors")
-    text = "also accept models whose stability is not proved (unsafe)"
-    p.add_argument("--no-certificate", action="store_true", help=text)
-    text = "fit no band: how far the measured force may lie from the estimate (takes less than a second)"
-    p.add_argument("--no-band", action="store_true", help=text)
-    p.add_argument("--rate", type=number(1.0, 1e5), metavar="HZ", help="rate of the model (default: from the data)")
-    text = "bandwidth of the differentiator (default: from the data)"
-    p.add_argument("--bandwidth", type=number(0.01, 5e4), metavar="HZ", help=text)
-    text = (
-        "source of the speed: the position through a Kalman filter or through three of them (adaptive), the position "
-        "fused with the signal acceleration, or the signal speed (measured). auto (default): measured or fused if all "
-        "BAGs have the signal, else kalman"
-    )
-    p.add_argument("--differentiator", choices=(AUTO, *DIFFERENTIATORS), default=AUTO, help=text)
-    text = "identify in spite of findings that make a wrong model; model.json lists them"
-    p.add_argument("--force", action="store_true", help=text)
-    add_folds(p)
-    add_campaign(p)
-    add_json(p)
+    terminal.add_options(p, *list_shared(), *OF_THE_PROGRAM)
     p.rules = (*CAMPAIGN_RULES, *STRUCTURE_RULES)
     return p

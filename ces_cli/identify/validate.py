@@ -1,44 +1,56 @@
-"""`ces validate`: evaluates a model's free run on recordings."""
+"""`ces validate`: evaluates a model's free run on recordings, or proves its stability again."""
 
 from __future__ import annotations
 
 import argparse
-import shlex
-import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ces_cli.identify.certificate_check import certificate_facts, verify_certificate
-from ces_cli.identify.model_check import print_against_model
 from ces_cli.terminal import terminal
-from ces_cli.terminal.bag_paths import add_bags, find_bags, require_model_first, with_distinct_names
-from ces_cli.terminal.cost_picture import save_cost_picture
-from ces_cli.terminal.coverage_picture import require_picture_name
-from ces_cli.terminal.findings import print_findings
-from ces_cli.terminal.json_costs import cost_rows, held_out_row, model_facts
-from ces_cli.terminal.json_output import add_json, print_document, without_text
-from ces_cli.terminal.option_rules import OptionRule
-from ces_cli.terminal.outputs import add_overwrite, name_report, require_outputs
-from ces_cli.terminal.tables import cost_table, print_band, print_missing, print_outside
-from ces_identify.preparation.series import prepare
-from ces_identify.preparation.weighting import Weighting, parse_weighting
-from ces_identify.recordings.checks import WRONG_MODEL, Finding
-from ces_identify.sense.content import find_known_recording, require_once
-from ces_identify.validation.error_regions import error_cells
+from ces_cli.terminal.options import JSON, OVERWRITE, PICTURE, REPORT, SIGNALS, OptionRule
+from ces_cli.terminal.outputs import name_report, print_document, require_outputs, without_text
+from ces_cli.terminal.recordings import (
+    add_bags,
+    find_bags,
+    print_findings,
+    print_warnings,
+    require_model_first,
+    with_distinct_names,
+)
+from ces_cli.terminal.results import (
+    as_cost_table,
+    cost_rows,
+    held_out_row,
+    model_facts,
+    print_band,
+    print_missing,
+    print_outside,
+    save_cost_picture,
+)
+from ces_data.checks.content import find_known_recording, require_once
+from ces_data.checks.units import MIN_ERROR, signs_against_model, unit_against_model
+from ces_data.findings import WRONG_MODEL, Finding
+from ces_data.recording import Recording
+from ces_identify.options import REGIONS, WEIGHT
+from ces_identify.prepare.cost import Weighting, parse_weighting
+from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
-from ces_identify.validation.residuals import residual_tests, verdicts
+from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
+from ces_observer.proof.certificate import Certificate
 
+NOT_PROVED = 1  # exit status
+ROUNDING = 1e-9  # relative
+SIGNED = ("position", "force")
 WORST_CELLS = 3
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_intermixed_args(argv)  # bags may follow options
-    if options.picture is not None:
-        require_picture_name(options.picture)
     require_model_first("validate", options.model)
     paths = find_bags(options.bags)
     options.report = name_report(options.report, [options.model.stem], [path.stem for path in paths])
@@ -49,42 +61,87 @@ def main(argv: Sequence[str] | None = None) -> int:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
     with without_text(options.json):
         status = verify_certificate(model, str(options.model)) if options.certificate else 0
-        evaluations, found = ([], []) if status else _evaluations(model, paths, options)
-        weighting = weighting.with_common_stroke([e.series for e in evaluations]) if evaluations else weighting
+        evaluations, found = ([], []) if status else _evaluate_recordings(model, paths, options)
         if evaluations:
-            _print_evaluations(model, evaluations, weighting, options)
-            _write_pages(model, evaluations, weighting, options, argv)
+            weighting = weighting.with_common_stroke([e.series for e in evaluations])
+            title = f"{options.model}: {model.size}"
+            terminal.print_table(as_cost_table(evaluations, title, weighting, exact=False))
+            print_missing(evaluations)
+            print_outside(evaluations)
+            print_band(model, evaluations)
+            _print_details(evaluations, weighting)
+        if evaluations and options.picture is not None:
+            save_cost_picture(evaluations, options.picture)
+        if evaluations and options.report is not None:
+            from ces_identify.report import write_report
+
+            facts = {"command": terminal.command_line("validate", argv)}
+            write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)
+            print(f"report: {options.report}")
     if options.json:
         print_document("validate", {**_as_json(model, evaluations, weighting, options), "findings": found})
     return status
 
 
-def _print_evaluations(
-    model: Model, evaluations: Sequence[Evaluation], weighting: Weighting, options: argparse.Namespace
-) -> None:
-    terminal.print_table(cost_table(evaluations, f"{options.model}: {model.size}", weighting, exact=False))
-    print_missing(evaluations)
-    print_outside(evaluations)
-    print_band(model, evaluations)
-    _print_details(evaluations, weighting)
+def _evaluate_recordings(
+    model: Model, paths: Sequence[Path], options: argparse.Namespace
+) -> tuple[list[Evaluation], list[Finding]]:
+    """Return the evaluations, and the findings of the sense check, which are printed."""
+    signals = terminal.load_described_signals(options)
+    recordings = list(
+        with_distinct_names({path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}).values()
+    )
+    require_once(recordings)
+    found = [*print_findings(recordings)]
+    evaluations: list[Evaluation] = []
+    for recording in recordings:
+        overlaps = find_known_recording(recording, model.provenance, options.part)
+        if overlaps:
+            terminal.print_warning(
+                f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
+                "here is lower than on new data"
+            )
+        series = prepare(recording, model.sampling).part(*options.part)
+        evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
+        if not (overlaps or any(f.severity == WRONG_MODEL and f.text.startswith(f"{recording.name}:") for f in found)):
+            found += print_against_model(model, recording, evaluations[-1], options.part)
+    return evaluations, found
 
 
-def _write_pages(
-    model: Model,
-    evaluations: Sequence[Evaluation],
-    weighting: Weighting,
-    options: argparse.Namespace,
-    argv: Sequence[str] | None,
-) -> None:
-    """Write the picture and the report that the options ask for."""
-    if options.picture is not None:
-        save_cost_picture(evaluations, options.picture)
-    if options.report is not None:
-        from ces_identify.report import write_report
+def print_against_model(
+    model: Model, recording: Recording, evaluation: Evaluation, part: tuple[float, float]
+) -> list[Finding]:
+    """Print and return what a model shows to be wrong with a recording: the unit of the force, or both signs."""
+    scored = evaluation.series.scored
+    found = list(unit_against_model(evaluation.series.force[scored], evaluation.run.force[scored]))
+    if not found and evaluation.cost > 100.0 * MIN_ERROR:
+        series = prepare(reverse_signs(recording), model.sampling).part(*part)
+        (turned,) = evaluate(model, [series], VALIDATION)
+        found = list(signs_against_model(evaluation.cost, turned.cost))
+    found = [replace(finding, text=f"{recording.name}: {finding.text}") for finding in found]
+    print_warnings(found)
+    return found
 
-        facts = {"command": shlex.join(["ces", "validate", *(sys.argv[2:] if argv is None else argv)])}
-        write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)
-        print(f"report: {options.report}")
+
+def reverse_signs(recording: Recording) -> Recording:
+    """Return the recording with position and force of the opposite sign."""
+    turned = {name: replace(recording.channels[name], values=-recording.channels[name].values) for name in SIGNED}
+    return replace(recording, channels={**recording.channels, **turned})
+
+
+def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:
+    """Print the weights, the residual tests of each recording, and the regions with the largest error."""
+    if weighting:
+        print(f"weights: {weighting}")
+    for e in evaluations:
+        tests = residual_tests(e)
+        for line in verdicts(tests) if tests else ("not tested: the free run diverged or is too short",):
+            print(f"residual of {e.name}: {line}")
+    for cell in error_cells(evaluations)[:WORST_CELLS]:
+        print(
+            f"error: {100 * cell.energy:.0f} % of its energy in {100 * cell.ticks:.0f} % of the time at {cell.region} "
+            f"(RMS {cell.rms_N:.0f} N, {cell.cost:.2f} of J)"
+        )
 
 
 def _as_json(
@@ -117,44 +174,65 @@ def _residual_facts(evaluation: Evaluation) -> dict[str, Any] | None:
     return {"whiteness_p_value": tests.whiteness.p_value, "ljung_box": tests.ljung_box, "inputs": correlations}
 
 
-def _evaluations(
-    model: Model, paths: Sequence[Path], options: argparse.Namespace
-) -> tuple[list[Evaluation], list[Finding]]:
-    """Return the evaluations, and the findings of the sense check, which are printed."""
-    signals = terminal.load_described_signals(options)
-    recordings = list(
-        with_distinct_names({path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}).values()
-    )
-    require_once(recordings)
-    found = [*print_findings(recordings)]
-    evaluations: list[Evaluation] = []
-    for recording in recordings:
-        overlaps = find_known_recording(recording, model.provenance, options.part)
-        if overlaps:
-            terminal.print_warning(
-                f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
-                "here is lower than on new data"
-            )
-        series = prepare(recording, model.sampling).part(*options.part)
-        evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
-        if not (overlaps or any(f.severity == WRONG_MODEL and f.text.startswith(f"{recording.name}:") for f in found)):
-            found += print_against_model(model, recording, evaluations[-1], options.part)
-    return evaluations, found
+def verify_certificate(model: Model, name: str) -> int:
+    """Prove `model` stable, print the bounds and compare them with the file's; return the exit status.
+
+    The status is 0 if the proof succeeds and the file claims no more, else NOT_PROVED, and one line gives the reason.
+    """
+    proof = model.certify()
+    if not proof.holds:
+        print(f"not proved: {name}: {proof.doubt}")
+        return NOT_PROVED
+    excess = _find_overclaim(model.certificate, proof)
+    if excess:
+        print(f"not proved: {name}: the file claims {excess}; identify the model again")
+        return NOT_PROVED
+    envelope = model.envelope
+    print(f"proved: {proof.claim} ({proof.effort})")
+    for label, value in proof.rows:
+        print(f"  {label:<14}  {value}")
+    print(f"  {'inputs outside':<14}  the envelope are {model.body.outside}")
+    for label, (low, high), unit in (
+        ("position", envelope.position_m, "m"),
+        ("speed", envelope.speed_m_s, "m/s"),
+        ("current", envelope.current_A, "A"),
+        ("force within", model.force_envelope_N, "N"),
+    ):
+        print(f"  {label:<14}  {low:.6g} to {high:.6g} {unit}")
+    print(f"  in the file     {_compare_certificates(model.certificate, proof)}")
+    return 0
 
 
-def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:
-    """Print the weights, the residual tests of each recording, and the regions with the largest error."""
-    if weighting:
-        print(f"weights: {weighting}")
-    for e in evaluations:
-        tests = residual_tests(e)
-        for line in verdicts(tests) if tests else ("not tested: the free run diverged or is too short",):
-            print(f"residual of {e.name}: {line}")
-    for cell in error_cells(evaluations)[:WORST_CELLS]:
-        print(
-            f"error: {100 * cell.energy:.0f} % of its energy in {100 * cell.ticks:.0f} % of the time at {cell.region} "
-            f"(RMS {cell.rms_N:.0f} N, {cell.cost:.2f} of J)"
-        )
+def certificate_facts(model: Model, proof: Certificate) -> dict[str, Any]:
+    """Return for --json whether a proof succeeded and covers the file's claims, and the bounds that it proves."""
+    doubt = _find_overclaim(model.certificate, proof) if proof.holds else proof.doubt
+    return {"proved": not doubt, "doubt": doubt or None, "bounds": proof.bounds}
+
+
+def _find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
+    """Return the first bound in the file that is tighter than the proved one, as text; empty if there is none."""
+    for key, proved in proof.bounds.items():
+        claimed = _number(stored, key)
+        if claimed is not None and claimed < proved * (1.0 - ROUNDING):
+            return f"{key} {claimed:.6g}, but only {proved:.6g} is proved"
+    return ""
+
+
+def _compare_certificates(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
+    """Return as text how the file's certificate compares with a proof that covers it."""
+    if stored is None:
+        return "no certificate"
+    claims = {key: _number(stored, key) for key in proof.bounds}
+    missing = [key for key, value in claims.items() if value is None]
+    if missing:
+        return f"incomplete: no {', '.join(missing)}"
+    looser = [k for k, proved in proof.bounds.items() if (claims[k] or 0.0) > proved * (1.0 + ROUNDING)]
+    return f"looser bounds: {', '.join(looser)}" if looser else "the same bounds"
+
+
+def _number(stored: Mapping[str, Any] | None, key: str) -> float | None:
+    value = (stored or {}).get(key)
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
 
 
 def make_parser() -> terminal.Parser:
@@ -169,14 +247,13 @@ def make_parser() -> terminal.Parser:
     )
     p.add_argument("model", type=Path, metavar="MODEL.json")
     add_bags(p, "recordings with a measured force", nargs="*")
-    terminal.add_signals(p)
+    terminal.add_options(p, SIGNALS)
     terminal.add_part(p)
-    terminal.add_weight(p, "also show J with W times the weight for ticks in this region")
+    purpose = f"also show J with W times the weight for ticks in this region: {REGIONS}"
+    terminal.add_options(p, replace(WEIGHT, meaning=purpose))
     text = "prove the model stable again and compare with the file; exit status 1 if it cannot be proved"
     p.add_argument("--certificate", action="store_true", help=text)
-    terminal.add_report_and_picture(p)
-    add_json(p)
-    add_overwrite(p)
+    terminal.add_options(p, REPORT, PICTURE, JSON, OVERWRITE)
     p.rules = (
         OptionRule(
             "report picture part weight signals overwrite",

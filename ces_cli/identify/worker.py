@@ -12,7 +12,6 @@ import io
 import json
 import os
 import re
-import shlex
 import sys
 import threading
 import time
@@ -21,14 +20,11 @@ from contextlib import redirect_stderr
 from types import TracebackType
 from typing import Any
 
-from ces_cli.identify.identification import prepare_identification, write_report_page
-from ces_cli.identify.program import make_parser
-from ces_cli.identify.progress import READING, SEARCHING, WRITING
+from ces_cli.identify.process import READING, SEARCHING, WRITING
+from ces_cli.identify.program import make_parser, prepare_identification, write_report_page
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import BestResults
-from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.search_limits import Limits, SearchResult
-from ces_identify.validation.evaluate import Evaluation
 from ces_observer.errors import CesError
 
 SEND_EVERY_S = 0.2
@@ -55,34 +51,29 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _identify(words: list[str], send: Send) -> dict[str, Any]:
-    """Identify, write model and report, and return the message that the node publishes."""
+    """Identify, write model and report, and return the message that the node publishes: text, facts and costs."""
     options = _options(words)
     send({"stage": READING})
-    work = prepare_identification(options)
-    result = work.run(lambda limits: SearchReporter(limits, send))
+    result = prepare_identification(options).run(lambda limits: SearchReporter(limits, send))
     if options.report is not None:
-        write_report_page(result, options, shlex.join(["ces", "identify", *words]))
-    return _as_message(result, options)
-
-
-def _as_message(result: IdentificationResult, options: argparse.Namespace) -> dict[str, Any]:
-    """Return the model's text, facts such as its path, and its costs, ready for JSON."""
+        write_report_page(result, options, terminal.command_line("identify", words))
     best, model = result.search_results[0], result.model
-    return {
-        "text": model.to_json(),
-        "facts": {
-            "model": str(options.out.absolute()),
-            "model sha256": model.digest(),
-            "report": "" if options.report is None else str(options.report.absolute()),
-            "structure": model.structure,
-            "size": str(model.size),
-            "rate [Hz]": f"{model.sampling.rate_Hz:g}",
-            "best seed": str(best.seed),
-            "search ended": best.ended,
-            "proved stable": "no" if model.certificate is None else "yes",
-        },
-        "costs": [_cost(evaluation) for evaluation in result.evaluations],
+    facts = {
+        "model": str(options.out.absolute()),
+        "model sha256": model.digest(),
+        "report": "" if options.report is None else str(options.report.absolute()),
+        "structure": model.structure,
+        "size": str(model.size),
+        "rate [Hz]": f"{model.sampling.rate_Hz:g}",
+        "best seed": str(best.seed),
+        "search ended": best.ended,
+        "proved stable": "no" if model.certificate is None else "yes",
     }
+    costs = [
+        {"recording": e.name, "role": e.role, "J [%]": f"{e.cost:.4f}", "rms [N]": f"{e.rms_N:.2f}"}
+        for e in result.evaluations
+    ]
+    return {"text": model.to_json(), "facts": facts, "costs": costs}
 
 
 class SearchReporter:
@@ -95,7 +86,7 @@ class SearchReporter:
         self._sent_at = time.monotonic()
 
     def __enter__(self) -> SearchReporter:
-        self._send({"stage": SEARCHING, "seconds": self._limits.seconds, "starts": self._limits.starts})
+        self._send({"stage": SEARCHING, "seconds": self._limits.time, "starts": self._limits.starts})
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
@@ -117,15 +108,6 @@ class SearchReporter:
             self._send({"cost": best.cost, "size": len(best.chosen), "ended": self._results.finished})
 
 
-def _cost(evaluation: Evaluation) -> dict[str, str]:
-    return {
-        "recording": evaluation.name,
-        "role": evaluation.role,
-        "J [%]": f"{evaluation.cost:.4f}",
-        "rms [N]": f"{evaluation.rms_N:.2f}",
-    }
-
-
 def _options(words: list[str]) -> argparse.Namespace:
     """Return the options; raises CesError with the parser's message."""
     message = io.StringIO()
@@ -139,7 +121,11 @@ def _options(words: list[str]) -> argparse.Namespace:
 
 def name_parameters(text: str) -> str:
     """Return an error of the program with its options named as the node's parameters."""
-    return re.sub(r"(?<![\w-])--([a-z][a-z-]*[a-z])", lambda match: f"parameter {match[1].replace('-', '_')}", text)
+
+    def name(match: re.Match[str]) -> str:
+        return f"parameter {match[1].removeprefix('no-').replace('-', '_')}"
+
+    return re.sub(r"(?<![\w-])--([a-z][a-z-]*[a-z])", name, text)
 
 
 def _redirect_stdout() -> Send:

@@ -10,17 +10,13 @@ from pathlib import Path
 
 from ces_cli.iterate.progress import IterateProgress
 from ces_cli.terminal import terminal
-from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.option_rules import ALL, never_with
-from ces_cli.terminal.outputs import require_folder
+from ces_cli.terminal.options import ALL, JSON, never_with
+from ces_cli.terminal.outputs import print_document, require_folder, schema_line
 from ces_identify.progress_file import SearchProgressFile
-from ces_identify.schema_files import schema_line
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import MODEL, PLAN, REPORT, keep_plan
-from ces_iterate.plan.plan import Plan, load_plan
-from ces_iterate.plan.template import TEMPLATE
-from ces_iterate.rigs.kinds import open_rig
-from ces_iterate.rigs.rig import RigAdapter
+from ces_iterate.plan import TEMPLATE, Plan, load_plan
+from ces_iterate.rigs.kinds import RigAdapter, open_rig
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -48,7 +44,7 @@ def make_parser() -> terminal.Parser:
     text = "folder of all experiments, recordings and models (default: the plan's name without .yaml)"
     p.add_argument("--out", type=Path, metavar="DIR", help=text)
     p.add_argument("--template", action="store_true", help="print a plan with every key explained and exit")
-    add_json(p)
+    terminal.add_options(p, JSON)
     p.rules = (never_with(ALL, "template", "does not apply with --template", but="template"),)
     return p
 

@@ -11,10 +11,11 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import LiveBar
 from ces_identify.polynomial.search_limits import SearchResult
 from ces_identify.progress_file import SearchProgressFile
+from ces_iterate.loop.iterate import IterateListener
 from ces_iterate.loop.store import Iteration
 
 
-class IterateProgress(LiveBar):
+class IterateProgress(LiveBar, IterateListener):
     """Shows an iteration; `listen_search` may be called from any thread."""
 
     def __init__(self, budget_s: float, lines_to: Console = terminal.out) -> None:

@@ -12,15 +12,22 @@ from pathlib import Path
 from typing import TextIO
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.outputs import require_folder
-from ces_iterate.stroke.figures import describe_kind
-from ces_iterate.stroke.goal import LearningRun
-from ces_iterate.stroke.learning import learn_stroke, require_learnable
-from ces_iterate.stroke.page import find_warnings, summary_sentence
+from ces_cli.terminal.options import JSON
+from ces_cli.terminal.outputs import make_schemas, print_document, require_folder
+from ces_iterate.stroke.learning import LearningRun, learn_stroke, require_learnable
+from ces_iterate.stroke.page import (
+    COMMAND,
+    EXPERIMENT,
+    REPORT,
+    RESULT,
+    as_json,
+    describe_kind,
+    find_warnings,
+    summary_sentence,
+    write_results,
+)
 from ces_iterate.stroke.plan import load_plan
-from ces_iterate.stroke.result_files import COMMAND, EXPERIMENT, REPORT, RESULT, as_json, write_results
-from ces_iterate.stroke.rig import StoredRuns
+from ces_iterate.stroke.rigs import StoredRuns
 
 RUNS = "runs"
 
@@ -40,6 +47,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
     facts = {"Plan": str(options.plan), "Date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC"}
     command = " ".join(["ces learn-stroke", *map(shlex.quote, argv or sys.argv[1:])])
+    make_schemas()  # the learned experiment names its schema
     write_results(options.out, plan, learned, {**facts, "Command": command})
     for text in find_warnings(learned):
         terminal.print_warning(text)
@@ -70,7 +78,7 @@ def make_parser() -> terminal.Parser:
     )
     p.add_argument("--seed", type=seed_type, metavar="N", help=text)
     p.add_argument("--overwrite", action="store_true", help="delete the runs in DIR and start anew")
-    add_json(p)
+    terminal.add_options(p, JSON)
     return p
 
 

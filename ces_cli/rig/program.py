@@ -7,11 +7,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.json_output import add_json, print_document
-from ces_cli.terminal.option_rules import ALL, never_with
-from ces_cli.terminal.outputs import add_overwrite, require_outputs
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Recording
+from ces_cli.terminal.options import ALL, JSON, OVERWRITE, SIGNALS, never_with
+from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Recording
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, packaged_experiments, run, with_seed
 
@@ -43,9 +42,7 @@ def make_parser() -> terminal.Parser:
     p.add_argument("--out", type=Path, metavar="BAG", help="bag folder to write")
     seed_type, text = terminal.integer_between(0, 2**31), "random seed (default: the experiment's own)"
     p.add_argument("--seed", type=seed_type, metavar="N", help=text)
-    terminal.add_signals(p)
-    add_json(p)
-    add_overwrite(p)
+    terminal.add_options(p, SIGNALS, JSON, OVERWRITE)
     p.add_argument("--list", action="store_true", help="list the packaged experiments and exit")
     p.rules = (never_with(ALL, "list", "does not apply with --list", but="list json"),)
     return p

@@ -1,32 +1,35 @@
-"""Files and folders that a program writes: checked before its work begins, by one rule for all programs.
+"""What a program writes: files and folders, checked before its work begins, and the one JSON document of `--json`.
 
-What exists is replaced only with --overwrite, an input never, and a result appears under its name only when it is
-complete.
+What exists is replaced only with --overwrite, an input never. Every document begins with `schema`, its name and
+version, and `ces_observer`, the version of the suite. Numbers are not rounded; one that is not finite is null.
 """
 
 from __future__ import annotations
 
-import argparse
+import contextlib
+import json
+import math
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
+from ces_identify import schema_files
+from ces_observer import __version__
 from ces_observer.errors import CesError
 
 NO_PAGES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
+PICTURES = (".png", ".svg", ".pdf")
 MAX_NAME = 240  # bytes; file systems allow 255, temporary files have some more than the final name
 Outputs = Mapping[str, Path | None]
 """Paths by the option that names them, such as `--report`; None is an output that nobody asked for."""
 
 MAX_NAMED = 4  # recordings in the name of a report
 MAX_LETTERS = 120  # of that name
-
-
-def add_report(to: argparse.ArgumentParser, purpose: str = "write a report page (HTML)") -> None:
-    """Add the option --report; `purpose` says what is written."""
-    text = f"{purpose}; in a folder: under a name that says which simulation and recordings"
-    to.add_argument("--report", type=Path, metavar="FILE", help=text)
 
 
 def name_report(path: Path | None, simulations: Sequence[str], recordings: Sequence[str]) -> Path | None:
@@ -43,11 +46,6 @@ def _join_names(names: Sequence[str]) -> str:
     return "_and_".join([*names[:MAX_NAMED], *([f"{more}_more"] if more > 0 else [])])
 
 
-def add_overwrite(to: argparse.ArgumentParser) -> None:
-    """Add the option --overwrite."""
-    to.add_argument("--overwrite", action="store_true", help="replace outputs that exist (default: refuse)")
-
-
 def require_outputs(
     overwrite: bool,
     files: Outputs | None = None,
@@ -59,6 +57,9 @@ def require_outputs(
 
     `files` and `bags` (one folder each) are replaced as a whole; `folders` receive results.
     """
+    picture = (files or {}).get("--picture")
+    if picture is not None and picture.suffix.lower() not in PICTURES:
+        raise CesError(f"{picture}: cannot draw a '{picture.suffix}' picture; use one of {', '.join(PICTURES)}")
     files, bags, folders = ({k: v for k, v in (some or {}).items() if v} for some in (files, bags, folders))
     for option, path in files.items():
         require_new_file(path, overwrite, option)
@@ -66,9 +67,16 @@ def require_outputs(
         require_new_bag(path, overwrite, option)
     for option, path in folders.items():
         require_new_folder(path, overwrite, option)
-    _require_different({**files, **bags, **folders})
+    seen: dict[Path, str] = {}
+    for option, path in {**files, **bags, **folders}.items():
+        first = seen.setdefault(path.resolve(), option)
+        if first != option:
+            raise CesError(f"{path}: is named by {first} and {option}; choose another name for one of them")
     _require_no_inputs({**files, **bags}, inputs)
-    _require_page_name(files.get("--report"))
+    if (report := files.get("--report")) is not None and report.suffix.lower() in NO_PAGES:
+        raise CesError(
+            f"{report}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
+        )
 
 
 def require_new_file(path: Path | None, overwrite: bool, option: str = "") -> None:
@@ -133,23 +141,6 @@ def _require_writable(folder: Path, path: Path) -> None:
         raise CesError(f"{path}: the folder {folder.absolute()} cannot be written; choose another")
 
 
-def _require_different(outputs: Mapping[str, Path]) -> None:
-    """Raise CesError if two outputs have the same path."""
-    seen: dict[Path, str] = {}
-    for option, path in outputs.items():
-        first = seen.setdefault(path.resolve(), option)
-        if first != option:
-            raise CesError(f"{path}: is named by {first} and {option}; choose another name for one of them")
-
-
-def _require_page_name(path: Path | None) -> None:
-    """Raise CesError if a report is to have the name of another kind of file."""
-    if path is not None and path.suffix.lower() in NO_PAGES:
-        raise CesError(
-            f"{path}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
-        )
-
-
 def _require_no_inputs(outputs: Mapping[str, Path], inputs: Iterable[Path | None]) -> None:
     """Raise CesError if an output would replace an input, or be a file in a bag that is read."""
     read = [path.resolve() for path in inputs if path is not None]
@@ -159,3 +150,71 @@ def _require_no_inputs(outputs: Mapping[str, Path], inputs: Iterable[Path | None
         inside = next((one for one in read if path.resolve().is_relative_to(one)), None)
         if inside is not None:
             raise CesError(f"{path}: is inside the input {inside.name}; choose another place for {option}")
+
+
+SCHEMA_VERSION = 1
+
+
+@contextlib.contextmanager
+def without_text(wanted: bool) -> Iterator[None]:
+    """Discard what is printed to standard output while the context is open, if `wanted` (the option --json)."""
+    if not wanted:
+        yield
+        return
+    with Path(os.devnull).open("w", encoding="utf-8") as nowhere, contextlib.redirect_stdout(nowhere):
+        yield
+
+
+def print_document(program: str, content: Mapping[str, object], version: int = SCHEMA_VERSION) -> None:
+    """Print the document `ces-PROGRAM/VERSION` with `content`."""
+    head = {"schema": f"ces-{program}/{version}", "ces_observer": __version__}
+    document = {**head, **content, **head}  # the head first, whatever `content` has under its keys
+    encoding = (getattr(sys.stdout, "encoding", None) or "utf-8").lower().replace("-", "")
+    as_escapes = not encoding.startswith("utf")  # JSON has its own for characters that the output does not take
+    print(json.dumps(as_plain(document), indent=1, allow_nan=False, ensure_ascii=as_escapes), flush=True)
+
+
+def as_plain(value: object) -> Any:
+    """Return `value` as JSON types.
+
+    Arrays and other sequences become lists, dataclasses and mappings objects, paths texts, numbers that are not finite
+    None. Raises TypeError for any other type.
+    """
+    if value is None or isinstance(value, str | bool | int):
+        return value
+    if isinstance(value, float):
+        return float(value) if math.isfinite(value) else None
+    if is_dataclass(value) and not isinstance(value, type):
+        value = {field.name: getattr(value, field.name) for field in fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): as_plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple | set | frozenset):
+        return [as_plain(item) for item in (sorted(value) if isinstance(value, set | frozenset) else value)]
+    if isinstance(value, Path):
+        return str(value)
+    if (to_list := getattr(value, "tolist", None)) is not None:  # an array or scalar of NumPy
+        return as_plain(to_list())
+    raise TypeError(f"{type(value).__name__} has no form in JSON")
+
+
+BUILDERS = "ces_cli.schemas"  # imports all packages
+VERSION = "version.txt"
+
+
+def schema_line(name: str) -> str:
+    """Return the line that names the schema `name`."""
+    make_schemas()
+    return schema_files.schema_line(name)
+
+
+def make_schemas() -> None:
+    """Make the user's schemas, unless the build or this version has made them, or the folder cannot be written."""
+    folder = schema_files.users_folder()
+    if schema_files.path_of_schema("signals").parent != folder:
+        return
+    try:
+        if not (folder / VERSION).is_file() or (folder / VERSION).read_text(encoding="utf-8") != __version__:
+            import_module(BUILDERS).write_schemas(folder)
+            (folder / VERSION).write_text(__version__, encoding="utf-8")
+    except OSError:
+        return

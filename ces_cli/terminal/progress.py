@@ -1,9 +1,13 @@
-"""Progress of long work: a live bar on a terminal; in a log, a line for each result or one every few seconds."""
+"""Progress of long work: a live bar on a terminal, in a log a line now and then; and many jobs, each result kept."""
 
 from __future__ import annotations
 
+import argparse
+import os
 import threading
 import time
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import closing
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -21,8 +25,12 @@ from rich.progress import (
 )
 
 from ces_cli.terminal import terminal
+from ces_cli.terminal.options import never_with
+from ces_identify.jobs.results import DONE, ResultsFolder, Row
+from ces_identify.jobs.workers import Shared, Task, Work, run_on_cluster, run_on_this_machine
 from ces_identify.polynomial.search_limits import Limits, SearchResult
-from ces_identify.progress_file import RUNNING
+from ces_identify.progress_file import RUNNING, ProgressFile
+from ces_observer.errors import CesError
 
 LOG_EVERY_S = 5.0
 
@@ -127,7 +135,7 @@ class SearchProgress(LiveBar):
 
     def __init__(self, limits: Limits) -> None:
         text = "no model yet (Ctrl-C keeps the best so far)"
-        super().__init__("searching", TimeElapsedColumn(), total=limits.seconds, text=text)
+        super().__init__("searching", TimeElapsedColumn(), total=limits.time, text=text)
         self._results = BestResults()
 
     def listen(self, result: SearchResult) -> None:
@@ -159,3 +167,52 @@ class JobsProgress(LiveBar):
         self.failed += failed
         self.show(self.finished, text + (f"; {self.failed} failed" if self.failed else ""))
         self.log(f"{self.finished:5}/{self.total}  {text}")
+
+
+ONE_PLACE = never_with("jobs", "dask", "applies to this machine; with --dask the cluster sets the number of workers")
+
+
+def run_jobs(
+    work: Work,
+    tasks: Iterable[Task],
+    shared: Shared,
+    threads: int,
+    options: argparse.Namespace,
+    results: ResultsFolder,
+    progress: JobsProgress,
+    describe: Callable[[Row], str],
+    after_each: Callable[[], None] = lambda: None,
+) -> bool:
+    """Run the tasks on the cluster --dask or in --jobs processes (default: one per processor), and store the results.
+
+    `after_each` is called with each stored result. Returns False if Ctrl-C came before the last.
+    """
+    if options.dask is not None:
+        running = run_on_cluster(work, tasks, shared, options.dask)
+    else:
+        running = run_on_this_machine(work, tasks, shared, options.jobs or os.cpu_count() or 1, threads)
+    try:
+        facts = {"things": progress.things, "total": progress.total, "done": progress.finished}
+        with progress, closing(running), ProgressFile("jobs", results.folder, facts) as file:
+            for result in running:
+                results.add(result)
+                progress.count(describe(result.row), failed=result.row["status"] != DONE)
+                file.write({"done": progress.finished, "failed": progress.failed})
+                after_each()
+    except KeyboardInterrupt:
+        results.refresh()
+        return False
+    return True
+
+
+def report_failures(rows: Sequence[Row], planned: int, finished: bool, things: str, name: Callable[[Row], str]) -> int:
+    """Warn of every failed job, or of an interruption; returns the exit status. Raises CesError if all failed."""
+    if not finished:
+        terminal.print_warning(f"interrupted after {len(rows)} of {planned} {things}; run the same command to continue")
+        return terminal.INTERRUPTED
+    failed = [row for row in rows if row["status"] != DONE]
+    for row in failed:
+        terminal.print_warning(f"{name(row)}: {row['reason']}")
+    if len(failed) == len(rows):
+        raise CesError(f"all {len(rows)} {things} failed, for the reasons above")
+    return 0

@@ -5,13 +5,12 @@ from __future__ import annotations
 
 import sys
 import warnings
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
-from ces_identify.recordings.bag_reader import list_topics, read_recording
-from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.simulations.fmu_ports import SPEC
+from ces_data.bags.reader import list_topics, read_recording
+from ces_data.recording import Channel, Recording
+from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import (
     FunctionSimulation,
     ModelSimulation,
@@ -43,12 +42,21 @@ def open_simulation(spec: str) -> Simulation:
     if spec.startswith("topic:"):
         return RecordedSimulation(spec.removeprefix("topic:"))
     if SPEC.fullmatch(spec):
-        from ces_identify.simulations.fmu_simulation import open_fmu
+        from ces_identify.simulations.fmu import open_fmu
 
         return open_fmu(spec)
     path = Path(spec)
-    if path.suffix.lower() in _OPENERS:
-        return _OPENERS[path.suffix.lower()](path)
+    if path.suffix.lower() == ".json":
+        from ces_gap.augmented import is_augmented, load_augmented
+
+        if not is_augmented(path):
+            return ModelSimulation(load_model(path))
+        import_from_here()  # for the user's own effects
+        return load_augmented(path, open_simulation)
+    if path.suffix.lower() in (".yaml", ".yml"):
+        from ces_rig.simulation import load_rig
+
+        return FunctionSimulation(str(path), load_rig(path))
     if ":" in spec:
         import_from_here()
         return function_simulation(spec)
@@ -92,21 +100,3 @@ def with_teacher_force(teacher: Simulation, path: Path, recording: Recording, si
     force = teacher.force(with_predictions(teacher, path, recording, signals))
     channel = Channel("force", "N", recording.channel("position").stamps_ns, force)
     return replace(recording, channels={**recording.channels, "force": channel})
-
-
-def _json(path: Path) -> Simulation:
-    from ces_gap.augmented.augmented_file import is_augmented, load_augmented
-
-    if not is_augmented(path):
-        return ModelSimulation(load_model(path))
-    import_from_here()  # for the user's own effects
-    return load_augmented(path, open_simulation)
-
-
-def _rig(path: Path) -> Simulation:
-    from ces_rig.simulation import load_rig
-
-    return FunctionSimulation(str(path), load_rig(path))
-
-
-_OPENERS: dict[str, Callable[[Path], Simulation]] = {".json": _json, ".yaml": _rig, ".yml": _rig}

@@ -6,13 +6,14 @@ import argparse
 import csv
 import io
 import os
+import shlex
 import signal
 import sys
 import textwrap
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from traceback import walk_tb
@@ -21,20 +22,22 @@ from typing import Any, NoReturn, TextIO, TypeVar
 from rich.box import SIMPLE_HEAD
 from rich.cells import cell_len
 from rich.console import Console
+from rich.markup import escape
 from rich.table import Column, Table
 
 from ces_cli.terminal.compiled_code import VARIABLE
-from ces_cli.terminal.option_rules import OptionRule, find_given, require_applicable
-from ces_cli.terminal.outputs import add_report
-from ces_identify.preparation.weighting import FORMS
-from ces_identify.recordings.bag_reader import LogTimeWarning, read_recording
-from ces_identify.recordings.checks import require_usable
-from ces_identify.recordings.recording import Recording
-from ces_identify.recordings.signals_file import load_signals
+from ces_cli.terminal.options import OptionRule, find_given, require_applicable
+from ces_data.bags.reader import LogTimeWarning, read_recording
+from ces_data.findings import require_usable
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
+from ces_observer.fields import Field
+from ces_observer.options import Option
 from ces_observer.signals import Signals
+from ces_report import table as declared
 
-Number = TypeVar("Number", int, float)
+R = TypeVar("R")
 
 FORCE = ("position", "current", "force")  # signals of a recording with a measured force
 USER_ERROR = 2
@@ -55,10 +58,7 @@ class Parser(argparse.ArgumentParser):
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
         """Return the options; raises CesError for one that does not apply."""
-        words = self._words(args)
-        with self._inside_a_method():
-            options = super().parse_args(words, namespace)
-        return self._apply_rules(words, options)
+        return self._parse(lambda words: (super(Parser, self).parse_args(words, namespace), []), args)[0]
 
     def parse_known_args(  # type: ignore[override]
         self, args: Sequence[str] | None = None, namespace: Any = None
@@ -66,43 +66,32 @@ class Parser(argparse.ArgumentParser):
         """Return the options and the words that are none; raises CesError for an option that does not apply."""
         if self._inside:
             return super().parse_known_args(args, namespace)
-        words = self._words(args)
-        with self._inside_a_method():
-            options, unknown = super().parse_known_args(words, namespace)
-        return self._apply_rules(words, options), unknown
+        return self._parse(lambda words: super(Parser, self).parse_known_args(words, namespace), args)
 
     def parse_intermixed_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
         """Return the options, between which arguments may be; raises CesError for an option that does not apply."""
-        words = self._words(args)
-        with self._inside_a_method():
-            options = super().parse_intermixed_args(words, namespace)
-        return self._apply_rules(words, options)
+        return self._parse(lambda words: (super(Parser, self).parse_intermixed_args(words, namespace), []), args)[0]
 
     def error(self, message: str) -> NoReturn:
         """Print `message` and where to find help, then exit with status 2."""
         text = as_one_line(f"{self.prog}: error: {message}; see '{self.prog} --help'")
         self.exit(USER_ERROR, f"{text}\n")
 
-    @contextmanager
-    def _inside_a_method(self) -> Iterator[None]:
-        """Let the methods that argparse calls from another one parse without the rules."""
-        self._inside = True
-        try:
-            yield
-        finally:
-            self._inside = False
-
-    def _words(self, args: Sequence[str] | None) -> list[str]:
-        """Return the command line; an empty argument, such as a variable that is not set, is an error."""
+    def _parse(
+        self, parse: Callable[[list[str]], tuple[argparse.Namespace, list[str]]], args: Sequence[str] | None
+    ) -> tuple[argparse.Namespace, list[str]]:
+        """Parse a command line without empty values, such as a variable that is not set, and apply the rules."""
         words = list(sys.argv[1:] if args is None else args)
         for before, word in zip(["", *words], words, strict=False):
             if not word or (word.startswith("--") and word.endswith("=")):
                 self.error(f"{word.rstrip('=') or before or 'the first argument'}: a value is empty")
-        return words
-
-    def _apply_rules(self, words: Sequence[str], options: argparse.Namespace) -> argparse.Namespace:
+        self._inside = True  # the methods that argparse calls from another one parse without the rules
+        try:
+            options, unknown = parse(words)
+        finally:
+            self._inside = False
         require_applicable(find_given(self, words, options), options, self.rules)
-        return options
+        return options, unknown
 
 
 def parser(name: str, description: str, example: str) -> Parser:
@@ -115,28 +104,44 @@ def parser(name: str, description: str, example: str) -> Parser:
     )
 
 
-def add_signals(to: argparse.ArgumentParser) -> None:
-    """Add the option --signals."""
-    text = "signals file (YAML); FILE#NAME for one of several dampers in it (default: the packaged file)"
-    to.add_argument("--signals", type=Path, metavar="FILE", help=text)
+def add_options(to: argparse.ArgumentParser, *options: Option) -> None:
+    """Add options, those with a group under its heading."""
+    groups: dict[str, Any] = {"": to}
+    for option in options:
+        if option.group not in groups:
+            groups[option.group] = to.add_argument_group(option.group)
+        _add_option(groups[option.group], option)
+
+
+def _add_option(to: Any, option: Option) -> None:
+    text = option.help.replace("%", "%%")
+    if option.kind is bool:
+        action = "store_false" if option.default else "store_true"
+        to.add_argument(option.flag, dest=option.name, action=action, help=text)
+        return
+    words: dict[str, Any] = {"default": [] if option.many else option.default, "help": text}
+    words |= {"choices": option.choices} if option.choices else {"metavar": option.metavar or None}
+    words |= {"nargs": "+"} if option.together else {"action": "append"} if option.many else {}
+    plain = option.kind in (str, Path) and option.check_text is None
+    to.add_argument(option.flag, type=option.kind if plain else parse_as(option.one), **words)
+
+
+def parse_as(field: Field) -> Callable[[str], Any]:
+    """Return a function that parses a text for a field, with errors for argparse."""
+
+    def parse(text: str) -> Any:
+        try:
+            return field.parse(text)
+        except CesError as error:
+            raise argparse.ArgumentTypeError(str(error)) from None
+
+    return parse
 
 
 def add_part(to: argparse.ArgumentParser) -> None:
     """Add the option --part."""
     text = "part of each recording to use, from 0 to 1 (default 0:1)"
     to.add_argument("--part", type=_parse_part, default=(0.0, 1.0), metavar="FROM:TO", help=text)
-
-
-def add_weight(to: argparse.ArgumentParser, purpose: str) -> None:
-    """Add the option --weight; `purpose` says what the weights do."""
-    text = f"{purpose}; may be repeated: {FORMS} [m/s, share of the stroke, A, m]"
-    to.add_argument("--weight", action="append", default=[], metavar="REGION=W", help=text)
-
-
-def add_report_and_picture(to: argparse.ArgumentParser) -> None:
-    """Add the options --report and --picture."""
-    add_report(to)
-    to.add_argument("--picture", type=Path, metavar="FILE", help="draw speed-force and time plots (.png, .svg, .pdf)")
 
 
 def _parse_part(text: str) -> tuple[float, float]:
@@ -152,25 +157,12 @@ def _parse_part(text: str) -> tuple[float, float]:
 
 def number_between(low: float, high: float) -> Callable[[str], float]:
     """Return a function that parses a number in [low, high]."""
-    return _parser_between(float, "a number", low, high)
+    return parse_as(Field(kind=float, low=low, high=high))
 
 
 def integer_between(low: int, high: int) -> Callable[[str], int]:
     """Return a function that parses a whole number in [low, high]."""
-    return _parser_between(int, "a whole number", low, high)
-
-
-def _parser_between(kind: Callable[[str], Number], name: str, low: Number, high: Number) -> Callable[[str], Number]:
-    def number(text: str) -> Number:
-        try:
-            value = kind(text)
-        except ValueError:
-            raise argparse.ArgumentTypeError(f"'{text}' is not {name}") from None
-        if not low <= value <= high:
-            raise argparse.ArgumentTypeError(f"{text} is outside {low:.10g} to {high:.10g}")
-        return value
-
-    return number
+    return parse_as(Field(kind=int, low=low, high=high))
 
 
 def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> Recording:
@@ -179,21 +171,24 @@ def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> R
         warnings.simplefilter("always")
         recording = read_recording(path, signals, need)
         findings = require_usable(recording)
-    for warning in caught:
-        _print_reading_warning(recording.name, warning.message)
+    for text, of_log_time in ((str(one.message), isinstance(one.message, LogTimeWarning)) for one in caught):
+        if of_log_time and text in _said:
+            continue  # most bags share it
+        _said.update([text] if of_log_time else [])
+        print_warning(f"{recording.name}: {text}" + " (said once for all recordings)" * of_log_time)
     for finding in findings:
         print_warning(f"{recording.name}: {finding.text}")
     return recording
 
 
-def _print_reading_warning(name: str, message: Warning | str) -> None:
-    """Print a warning with the recording's name; those on log times, which most bags share, once in a run."""
-    if isinstance(message, LogTimeWarning):
-        if str(message) in _said:
-            return
-        _said.add(str(message))
-        message = f"{message} (said once for all recordings)"
-    print_warning(f"{name}: {message}")
+def command_line(program: str, argv: Sequence[str] | None) -> str:
+    """Return the command that runs `program` again, as reports state it."""
+    return shlex.join(["ces", program, *(sys.argv[2:] if argv is None else argv)])
+
+
+def print_line(text: str, style: str = "", console: Console = out) -> None:
+    """Print a line as it is, without markup and without breaks of our own."""
+    console.print(text, style=style, highlight=False, markup=False, soft_wrap=True)
 
 
 def print_warning(text: str) -> None:
@@ -216,43 +211,47 @@ def make_table(title: str | None, left: Sequence[str], right: Sequence[str], pad
     return table
 
 
+def lay_out(table: declared.Table[R], style: Callable[[R], str] = lambda row: "") -> Table:
+    """Return a declared table for the terminal, without the columns for pages; `style` is that of a row."""
+    columns = [c for c in table.columns if not c.page_only]
+    out_table = make_table(table.title or None, [c.short or c.heading for c in columns], ())
+    for column, declaration in zip(out_table.columns, columns, strict=True):
+        if declaration.figure:
+            column.justify, column.no_wrap = "right", True
+    groups = [None if table.group is None else table.group(row) for row in table.rows]
+    for row, group, after in zip(table.rows, groups, [*groups[1:], None], strict=True):
+        out_table.add_row(*(escape(c.text(row)) for c in columns), style=style(row), end_section=group != after)
+    return out_table
+
+
 def print_table(table: Table) -> None:
     """Print a table; one that is wider than the terminal in parts, each with the first column."""
-    for part in _split_table(table, out.width):
-        out.print(part)
-
-
-def _split_table(table: Table, width: int) -> list[Table]:
-    """Return the table, or parts of it with the first column and as many others as fit."""
     first, *others = table.columns
     parts: list[list[Column]] = [[first]]
     for column in others:
-        if len(parts[-1]) > 1 and _measure_width([*parts[-1], column], table) > width:
+        if len(parts[-1]) > 1 and _measure_width([*parts[-1], column], table) > out.width:
             parts.append([first])
         parts[-1].append(column)
-    return [table] if len(parts) == 1 else [_pick_columns(table, columns, parts) for columns in parts]
+    if len(parts) == 1:
+        out.print(table)
+        return
+    for columns in parts:
+        part = Table(title_justify="left", header_style=table.header_style, padding=table.padding, box=table.box)
+        part.title = table.title if columns is parts[0] else None
+        part.columns = [replace(column, _index=i) for i, column in enumerate(columns)]
+        part.rows = list(table.rows)
+        out.print(part)
 
 
 def _measure_width(columns: Sequence[Column], table: Table) -> int:
-    """Return the width that a table of these columns needs at least."""
-    around = sum(table.padding[1::2]) + 1
-    return 1 + sum(_measure_column(column) + around for column in columns)
-
-
-def _measure_column(column: Column) -> int:
-    """Return the width of a column; a text that may wrap needs no more than MIN_TEXT_WIDTH."""
-    lines = [line for cell in [column.header, *column.cells] for line in str(cell).splitlines()]
-    longest = max((cell_len(line) for line in lines), default=0)
-    return longest if column.no_wrap else min(longest, column.min_width or MIN_TEXT_WIDTH)
-
-
-def _pick_columns(table: Table, columns: Sequence[Column], parts: Sequence[Sequence[Column]]) -> Table:
-    """Return a part of a table; the first one keeps the title."""
-    part = Table(title_justify="left", header_style=table.header_style, padding=table.padding, box=table.box)
-    part.title = table.title if columns is parts[0] else None
-    part.columns = [replace(column, _index=i) for i, column in enumerate(columns)]
-    part.rows = list(table.rows)
-    return part
+    """Return the width that a table needs at least; a text that may wrap needs no more than MIN_TEXT_WIDTH."""
+    width = 1
+    for column in columns:
+        lines = [line for cell in [column.header, *column.cells] for line in str(cell).splitlines()]
+        longest = max((cell_len(line) for line in lines), default=0)
+        width += longest if column.no_wrap else min(longest, column.min_width or MIN_TEXT_WIDTH)
+        width += sum(table.padding[1::2]) + 1
+    return width
 
 
 def as_csv(rows: Iterable[Sequence[object]]) -> str:

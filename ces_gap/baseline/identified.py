@@ -13,20 +13,21 @@ from pathlib import Path
 
 import numpy as np
 
+from ces_data.arrays import F
+from ces_data.recording import Recording
 from ces_gap.errors import GapError
 from ces_gap.progress import Progress, ignore_progress
-from ces_gap.trace import F, Trace, resample_to_grid
-from ces_identify.cross_fit import CrossFit, cross_fit
+from ces_gap.trace import Trace, resample_to_grid
+from ces_identify.cross_fit import cross_fit
 from ces_identify.polynomial.search_limits import Limits, SearchResult
-from ces_identify.recordings.recording import Recording
 from ces_identify.simulations.simulate import sample_force
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
+from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, BestStructure, default_sizes, select_fitter
 from ces_identify.structures.kit import Fitter, IdentifyOptions
 from ces_observer.model import Model
 
 MODEL = "model.json"
-COMPARED = ("relaxation", "chambers", "sigmoid")  # by `auto`: those that seconds suffice for
 SECONDS, STARTS = 30.0, 2  # limits of the fit
 
 
@@ -90,14 +91,19 @@ def identify_baseline(
     """
     if not references:
         raise GapError("a baseline cannot be identified without references; pass recordings free of the effect")
-    limits = Limits(seconds=SECONDS, starts=STARTS, threads=threads)
+    limits = Limits(time=SECONDS, starts=STARTS, threads=threads)
     progress("identifying a model of the references", 0.0)
 
     def listen(result: SearchResult) -> None:
         progress(f"identifying a model of the references: cost J = {result.cost:.2f} %", 0.0)
 
-    found = cross_fit(references, IdentifyOptions(limits=limits, band=False), listen, _choose_fitter(structure))
-    return IdentifiedBaseline(found.result.model, _name_parts(references, found))
+    sizes = default_sizes()
+    quick = [name for name, kit in KITS.items() if kit.quick]
+    fitter: Fitter = BestStructure(sizes, quick) if structure == AUTO else select_fitter(structure, sizes)
+    found = cross_fit(references, IdentifyOptions(limits=limits, band=False), listen, fitter)
+    keys = [identify_recording(recording) for recording in references]
+    parts = tuple(BlindPart(keys[p.recording], p.start_s, p.stop_s, p.model) for p in found.parts)
+    return IdentifiedBaseline(found.result.model, parts)
 
 
 def add_left_out_force(simulation: Simulation, trace: Trace) -> Trace:
@@ -111,13 +117,3 @@ def add_left_out_force(simulation: Simulation, trace: Trace) -> Trace:
 def identify_recording(recording: Recording) -> str:
     """Return a text that identifies the recording, smoothed or not: its hash, or that of its force."""
     return recording.sha256 or hashlib.sha256(recording.channel("force").values.tobytes()).hexdigest()
-
-
-def _choose_fitter(structure: str) -> Fitter:
-    sizes = default_sizes()
-    return BestStructure(sizes, COMPARED) if structure == AUTO else select_fitter(structure, sizes)
-
-
-def _name_parts(references: Sequence[Recording], found: CrossFit) -> tuple[BlindPart, ...]:
-    keys = [identify_recording(recording) for recording in references]
-    return tuple(BlindPart(keys[p.recording], p.start_s, p.stop_s, p.model) for p in found.parts)

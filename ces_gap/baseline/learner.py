@@ -1,21 +1,67 @@
-"""Ridge regression with autocorrelated noise; cross-validation over blocks chooses the penalty.
+"""The generic learner: ridge regression on a dictionary of fading-memory functions, with autocorrelated noise.
 
-It learns the baseline error, the surrogate of recorded predictions and the ceiling.
+It learns the correction of the simulation's error from references, and the ceiling: what of a gap can be explained
+without physics. Cross-validation over blocks chooses the penalty.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
+from scipy.linalg import cho_factor, cho_solve, solve_toeplitz
 
-from ces_gap.baseline.noise import NoiseModel, make_white_noise, noise_of
+from ces_data.arrays import F, Mask
+from ces_gap.baseline.learner_kernels import fill_features
+from ces_gap.grid import is_constant
+from ces_gap.trace import Trace, TraceInputs, usable_inputs, usable_values
 
-F = NDArray[np.float64]
-B = NDArray[np.bool_]
+ORDER = 6
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """`rms_N` of the noise, standard deviation `innovation_N` of the innovation, coefficients `ar` (p,)."""
+
+    rms_N: float
+    innovation_N: float
+    ar: F
+
+    def whiten(self, values: F) -> F:
+        """Return columns (n, …) whitened along the first axis; the first p rows are transient."""
+        out = values / self.innovation_N
+        for k, weight in enumerate(self.ar / self.innovation_N, 1):
+            out[k:] -= weight * values[:-k]
+        return np.asarray(out)
+
+    def usable_after_whitening(self, usable: Mask) -> Mask:
+        """Return the mask (n,) of the ticks whose whitened value depends on usable ticks only."""
+        window = np.ones(len(self.ar) + 1)
+        return np.asarray(np.convolve(~usable, window)[: len(usable)] < 0.5) & (np.arange(len(usable)) >= len(self.ar))
+
+
+def make_white_noise(rms_N: float) -> NoiseModel:
+    """Return white noise of RMS `rms_N`."""
+    return NoiseModel(rms_N, rms_N, np.zeros(0))
+
+
+def noise_of(residuals: Sequence[F], usable: Sequence[Mask], order: int = ORDER) -> NoiseModel:
+    """Return the noise model of the usable parts of residuals [N] (Yule-Walker equations)."""
+    lags = autocovariance(residuals, usable, order)
+    lags[0] = max(lags[0] * (1.0 + 1e-6), 1e-12)
+    ar = solve_toeplitz(lags[:-1], lags[1:])
+    return NoiseModel(float(np.sqrt(lags[0])), float(np.sqrt(max(lags[0] - ar @ lags[1:], 1e-4 * lags[0]))), ar)
+
+
+def autocovariance(values: Sequence[F], usable: Sequence[Mask], order: int) -> F:
+    """Return the autocovariance (order + 1,) [N2] about zero of the usable parts of `values` [N]."""
+    masked = [np.where(u, r, 0.0) for r, u in zip(values, usable, strict=True)]
+    count = max(sum(int(u.sum()) for u in usable), 1)
+    return np.array([sum(float(r[: len(r) - k] @ r[k:]) for r in masked) for k in range(order + 1)]) / count
+
 
 PENALTIES = 10.0 ** np.arange(-7.0, 3.5, 0.75)  # over the mean square of a feature
 BLOCK_S = 1.0  # [s] length of a block
@@ -33,7 +79,7 @@ class LearnerResult:
 
 
 def learn(
-    features: Sequence[F], targets: Sequence[F], usable: Sequence[B], rate_Hz: float, passes: int = 2
+    features: Sequence[F], targets: Sequence[F], usable: Sequence[Mask], rate_Hz: float, passes: int = 2
 ) -> LearnerResult:
     """Fit `targets` [N] (n,) by `features` (n, q) on the usable ticks of each trace.
 
@@ -69,7 +115,7 @@ def _folds(features: Sequence[F], rate_Hz: float) -> list[NDArray[np.int64]]:
 def _normal_equations(
     features: Sequence[F],
     targets: Sequence[F],
-    usable: Sequence[B],
+    usable: Sequence[Mask],
     folds: Sequence[NDArray[np.int64]],
     noise: NoiseModel,
 ) -> tuple[F, F, float]:
@@ -98,3 +144,197 @@ def _choose_penalty(gram: F, moment: F, whole: Sequence[float]) -> float:
 
 def _solve(gram: F, moment: F, penalty: float) -> F:
     return np.asarray(cho_solve(cho_factor(gram + penalty * np.eye(len(gram))), moment))
+
+
+MEMORIES_S = np.array([0.003, 0.010, 0.030])  # [s] fading memories of force and speed
+VALVE_S = np.array([0.006, 0.025])  # [s] fading memories of the current
+TURNS = np.array([0.01, 0.05, 0.2])  # radii of the stop operators over the stroke's scale
+SPEED_KNOTS = np.array([-3.0, -2.2, -1.4, -0.7, 0.0, 0.7, 1.4, 2.2, 3.0])  # of asinh(speed over a tenth of its RMS)
+FORCE_KNOTS = np.array([-2.0, -1.2, -0.6, -0.2, 0.2, 0.6, 1.2, 2.0])  # of force over its RMS
+COARSE_KNOTS = np.array([-3.0, -1.0, 1.0, 3.0])
+
+
+@dataclass(frozen=True)
+class Scales:
+    """Scales of the features: centres and spreads of the training inputs, SI."""
+
+    position: tuple[float, float]
+    speed: float
+    current: tuple[float, float]
+    force: tuple[float, float]
+    varies: bool  # whether the current varies
+
+    @classmethod
+    def of(cls, traces: Sequence[Trace], forces: Sequence[F]) -> Scales:
+        """Return the scales of the usable ticks of the traces and their forces."""
+        x, v, i = (usable_inputs(traces, name) for name in ("position", "speed", "current"))
+        f, varies = usable_values(traces, forces), not is_constant(i)
+        return cls(
+            (float(x.mean()), max(float(x.std()), 1e-9)),
+            max(float(np.sqrt((v**2).mean())), 1e-9),
+            (float(i.mean()), float(i.std()) if varies else 1.0),
+            (float(f.mean()), max(float(f.std()), 1e-9)),
+            varies,
+        )
+
+
+@dataclass(frozen=True)
+class Dictionary:
+    """Features of a trace. `by_force` adds those of the simulated force, `by_time` those of elapsed time and heat."""
+
+    scales: Scales
+    by_force: bool = True
+    by_time: bool = False
+
+    def features(self, trace: Trace, inputs: TraceInputs, force: F) -> F:
+        """Return the features (n, q), each of order 1, of the inputs and their simulated `force` [N] (n,)."""
+        timed = self._time_features(trace, inputs, force) if self.by_time else np.empty((len(force), 0))
+        out = np.zeros((len(force), self.size + timed.shape[1]))
+        self._fill(trace, inputs, force, np.empty(0), out)
+        out[:, self.size :] = timed
+        return out
+
+    def predict(self, trace: Trace, inputs: TraceInputs, force: F, weights: F) -> F:
+        """Return the weighted sum (n,) of the features without storing them."""
+        out = np.zeros((len(force), 1))
+        self._fill(trace, inputs, force, np.ascontiguousarray(weights[: self.size]), out)
+        if not self.by_time:
+            return out[:, 0]
+        return np.asarray(out[:, 0] + self._time_features(trace, inputs, force) @ weights[self.size :])
+
+    def _fill(self, trace: Trace, inputs: TraceInputs, force: F, weights: F, out: F) -> None:
+        s = self.scales
+        x = (inputs.position - s.position[0]) / s.position[1]
+        i = np.clip((inputs.current - s.current[0]) / s.current[1], -4.0, 4.0)
+        f = (force - s.force[0]) / s.force[1]
+        knots = (SPEED_KNOTS, COARSE_KNOTS, FORCE_KNOTS, TURNS, MEMORIES_S, VALVE_S)
+        fill_features(x, inputs.speed / s.speed, i, f, trace.rate_Hz, s.varies, self.by_force, *knots, weights, out)
+
+    @property
+    def size(self) -> int:
+        """The number of features without those of time."""
+        each, sided = (2, 3) if self.scales.varies else (1, 2)
+        fine, coarse = len(SPEED_KNOTS), len(COARSE_KNOTS)
+        count = fine * (3 if self.scales.varies else 1) + 2 + each + coarse + sided * len(TURNS)
+        count += coarse * len(VALVE_S) if self.scales.varies else 0
+        if not self.by_force:
+            return count + each * fine * len(MEMORIES_S)
+        return count + each * fine + each * (len(FORCE_KNOTS) + 1) + sided * len(MEMORIES_S)
+
+    def require_weights(self, weights: F) -> None:
+        """Raise ValueError unless each feature has a finite weight: compiled code does not check."""
+        if self.by_time or weights.shape != (self.size,) or not np.isfinite(weights).all():
+            raise ValueError(f"weights of shape {weights.shape}; expected {self.size} finite ones")
+
+    def _time_features(self, trace: Trace, inputs: TraceInputs, force: F) -> F:
+        f = (force - self.scales.force[0]) / self.scales.force[1]
+        t = trace.time_s / max(float(trace.time_s[-1]), 1.0)
+        heat = np.cumsum(np.abs(force * inputs.speed))
+        heat = heat / max(float(heat[-1]), 1e-9)
+        return np.stack([t, t * t, t * f, heat * f, heat], axis=1)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the dictionary as plain values."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, document: dict[str, Any]) -> Dictionary:
+        """Return the dictionary from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
+        s = document["scales"]
+        pair = {k: (float(s[k][0]), float(s[k][1])) for k in ("position", "current", "force")}
+        scales = Scales(pair["position"], float(s["speed"]), pair["current"], pair["force"], bool(s["varies"]))
+        return cls(scales, bool(document["by_force"]), bool(document["by_time"]))
+
+
+@dataclass(frozen=True)
+class LearnedCorrection:
+    """A correction of the simulated force: weights (q,) of the features of `dictionary`."""
+
+    dictionary: Dictionary
+    weights: F
+
+    def force(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
+        """Return the force [N] (n,) to be added to the simulated one."""
+        return self.dictionary.predict(trace, inputs, simulated, self.weights)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the correction as plain values."""
+        return {"dictionary": self.dictionary.as_json(), "weights": self.weights.tolist()}
+
+    @classmethod
+    def from_json(cls, document: dict[str, Any]) -> LearnedCorrection:
+        """Return the correction from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
+        dictionary = Dictionary.from_json(document["dictionary"])
+        weights = np.array(document["weights"], dtype=np.float64)
+        dictionary.require_weights(weights)
+        return cls(dictionary, weights)
+
+
+def learn_correction(references: Sequence[Trace]) -> tuple[LearnedCorrection, LearnerResult]:
+    """Return the correction learnt from the references, and the full result of the learner.
+
+    Noise and covariance are those of errors on references that the simulation has not seen.
+    """
+    correction, learnt = _learn(references)
+    if all(t.simulated_left_out is None for t in references):
+        return correction, learnt
+    return correction, _count_unseen_errors(references, learnt)
+
+
+def _learn(references: Sequence[Trace]) -> tuple[LearnedCorrection, LearnerResult]:
+    dictionary = Dictionary(Scales.of(references, [t.simulated for t in references]))
+    features = [dictionary.features(t, t.inputs, t.simulated) for t in references]
+    learnt = learn(
+        features, [t.force - t.simulated for t in references], [t.usable for t in references], references[0].rate_Hz
+    )
+    return LearnedCorrection(dictionary, learnt.weights), learnt
+
+
+def _count_unseen_errors(references: Sequence[Trace], learnt: LearnerResult) -> LearnerResult:
+    """Return the result with the noise of references left out of every fit, if that is stronger.
+
+    A simulation fitted to the references is closer to them than to other recordings, and so is its correction. The
+    covariance grows with the variance of the noise.
+    """
+    noise = noise_of(_leave_out(references, learnt), [t.usable for t in references])
+    if noise.rms_N <= learnt.noise.rms_N:
+        return learnt
+    growth = (noise.rms_N / learnt.noise.rms_N) ** 2
+    return replace(learnt, noise=noise, covariance=learnt.covariance * growth)
+
+
+def _leave_out(references: Sequence[Trace], learnt: LearnerResult) -> list[F]:
+    """Return the errors [N] (n,) on each reference of simulation and correction fitted without it.
+
+    Of a single reference, segments are left out of the simulation's fit and blocks of that of the correction.
+    """
+    errors = []
+    for k, trace in enumerate(references):
+        force = trace.simulated if trace.simulated_left_out is None else trace.simulated_left_out
+        others = [t for i, t in enumerate(references) if i != k]
+        added = _learn(others)[0].force(trace, trace.inputs, force) if others else learnt.crossfitted[k]
+        errors.append(trace.force - force - added)
+    return errors
+
+
+@dataclass(frozen=True)
+class Ceiling:
+    """The generic learner, fitted to measured minus modelled force."""
+
+    dictionary: Dictionary
+    learnt: LearnerResult
+
+    def add_to(self, traces: Sequence[Trace], forces: Sequence[F]) -> list[F]:
+        """Return the modelled forces [N] (n,) of the traces plus the learner's prediction."""
+        return [
+            f + self.dictionary.features(t, t.inputs, f) @ self.learnt.weights
+            for t, f in zip(traces, forces, strict=True)
+        ]
+
+
+def learn_ceiling(traces: Sequence[Trace], forces: Sequence[F]) -> Ceiling:
+    """Fit the learner to measured minus modelled force [N] on the traces."""
+    dictionary = Dictionary(Scales.of(traces, forces), by_time=True)
+    features = [dictionary.features(t, t.inputs, f) for t, f in zip(traces, forces, strict=True)]
+    targets = [t.force - f for t, f in zip(traces, forces, strict=True)]
+    return Ceiling(dictionary, learn(features, targets, [t.usable for t in traces], traces[0].rate_Hz))

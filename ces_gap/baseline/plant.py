@@ -11,9 +11,10 @@ from typing import Protocol
 
 import numpy as np
 
+from ces_data.arrays import F
+from ces_data.recording import Channel, Recording
 from ces_gap.effects.effect import Composition
-from ces_gap.trace import F, Trace, TraceInputs, resample_to_grid
-from ces_identify.recordings.recording import Channel, Recording
+from ces_gap.trace import Trace, TraceInputs, resample_to_grid
 from ces_identify.simulations.simulation import Simulation
 
 

@@ -12,18 +12,14 @@ from itertools import product
 from typing import ClassVar
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.fft import irfft, next_fast_len, rfft
 
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_data.arrays import F
+from ces_gap.trace import Trace, TraceInputs
 
-SIMULATION, SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = (
-    -1,
-    0,
-    1,
-    2,
-    3,
-    4,
-    5,
-)  # stages, from the outside in, then outward
+# Stages, from the outside in, then outward.
+SIMULATION, SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = range(-1, 6)
 
 
 @dataclass(frozen=True)
@@ -62,11 +58,7 @@ def _inverse(value: float) -> float:
     return 1.0 / value if value > 0.0 else float("inf")
 
 
-_TO: dict[str, Callable[[float], float]] = {
-    "linear": float,
-    "log": lambda v: float(np.log(v)),
-    "inverse": _inverse,
-}
+_TO: dict[str, Callable[[float], float]] = {"linear": float, "log": lambda v: float(np.log(v)), "inverse": _inverse}
 _FROM: dict[str, Callable[[float], float]] = {
     "linear": float,
     "log": lambda searched: float(np.exp(min(searched, 700.0))),
@@ -86,6 +78,7 @@ class Effect:
 
     name: ClassVar[str] = ""
     form: ClassVar[str] = ""
+    summary: ClassVar[str] = ""  # the effect in a few words, for the report
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation runs again
     nuisance: ClassVar[bool] = False  # True if it is fitted, but never named as a cause
@@ -148,3 +141,16 @@ class Composition:
         for setting in sorted(self.settings, key=lambda s: s.effect.stage):
             force = setting.effect.respond(trace, inputs, force, setting.values)
         return force
+
+
+RUN_OUT_S = 0.25  # [s] of padding that leads from the last value back to the first
+
+
+def apply_response(force: F, rate_Hz: float, response: Callable[[F], NDArray[np.complex128]]) -> F:
+    """Return the force (n,) behind `response`, a function of the angular frequencies [rad/s]."""
+    count = len(force)
+    padded = next_fast_len(count + round(RUN_OUT_S * rate_Hz), real=True)
+    bridge = np.linspace(force[-1], force[0], padded - count + 2)[1:-1]
+    frequency = 2.0 * np.pi * rate_Hz * np.arange(padded // 2 + 1) / padded
+    spectrum = rfft(np.concatenate([force, bridge])) * response(frequency)
+    return np.asarray(irfft(spectrum, padded)[:count])

@@ -8,7 +8,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ces_gap.plant_map.map_kernels import map_force_and_slope
+from ces_gap.map_kernels import map_force_and_slope
 
 F = NDArray[np.float64]
 

@@ -14,10 +14,11 @@ from functools import cache
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from ces_gap.derivative import derivative
+from ces_data.arrays import F
 from ces_gap.effects.series_kernels import series_stroke
-from ces_gap.plant_map.own_spring import remove_high_frequencies
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.grid import derivative, rms
+from ces_gap.plant_map import remove_high_frequencies
+from ces_gap.trace import Trace, TraceInputs
 
 SOFT = 0.03  # of the RMS force: width of the change between the laws of the two directions
 SUBSTEP_S = 2.1e-3  # [s] longest step of the integration
@@ -75,7 +76,7 @@ def subtract_stroke(inputs: TraceInputs, stroke: F, rate_Hz: float) -> TraceInpu
 def soft_width(trace: Trace, force: F) -> float:
     """Return the width [N] of the change of direction: `SOFT` of the RMS force on usable ticks, above 0."""
     used = force[trace.usable] if trace.usable.any() else force
-    return SOFT * float(np.sqrt(np.mean(used**2))) + 1e-3
+    return SOFT * rms(used) + 1e-3
 
 
 def high_pass_stroke(stroke: F, trace: Trace, slowest_Hz: float) -> F:

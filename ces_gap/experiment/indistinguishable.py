@@ -1,23 +1,263 @@
-"""Indistinguishable effects: those that give the same force on these recordings, once their parameters are refitted.
+"""Indistinguishable effects: those that give the same force on some traces, once their parameters are refitted.
 
-Half the square of the distance from A, at its fitted values, to B is the expected log-likelihood ratio between A and B
-if A is true. The whitening removes differences that the uncertain baseline error could absorb.
+A signature is the force that an effect adds to the plant, with derivatives by its parameters. Half the square of the
+whitened distance from A, at its fitted values, to B is the expected log-likelihood ratio between A and B if A is true.
+The whitening removes differences that the uncertain baseline error could absorb.
+
+Parameters are scaled to the unit box: 0 and 1 are the bounds on a parameter's search scale.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations, permutations
 
 import numpy as np
+from scipy.optimize import lsq_linear
 
+from ces_data.arrays import F
 from ces_gap.baseline.plant import Plant
-from ces_gap.effects.effect import Composition, Setting
-from ces_gap.experiment.matching import Match, find_nearest, refine_match
-from ces_gap.experiment.signatures import NONE, Probe, Tangent, Whiten, sample_tangents
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence
-from ces_gap.trace import F, Trace
+from ces_gap.trace import Trace
+
+Whiten = Callable[[int, F], F]  # index of a trace, force [N] (n,) on it -> (m,) with noise of unit variance
+
+STEP = 1e-3  # of a parameter's range: forward differences
+FAN, RERUN_FAN = 2, 1  # points of a fan besides the fitted one; of effects that rerun the simulation
+NONE = Composition()
+
+
+@dataclass(frozen=True)
+class Signature:
+    """The force that an effect adds on each trace, `forces` [N] (n,), and its derivatives, `columns` [N] (n, p).
+
+    Unusable ticks are zero; `ticks` counts the usable ones.
+    """
+
+    setting: Setting
+    forces: tuple[F, ...]
+    columns: tuple[F, ...]
+    ticks: int
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """A whitened signature on all traces, concatenated: `force` (m,), derivatives (m, p) = `q` (m, p) @ `r` (p, p)."""
+
+    signature: Signature
+    force: F
+    q: F
+    r: F
+
+    @property
+    def setting(self) -> Setting:
+        """The effect and the values at the point of contact."""
+        return self.signature.setting
+
+    @property
+    def size(self) -> float:
+        """How visible the effect is: the norm of its whitened signature."""
+        return float(np.linalg.norm(self.force))
+
+
+@dataclass(frozen=True)
+class Probe:
+    """Computes signatures for `plant` on `traces`, together with the effects of `around`.
+
+    `whiten` must be linear. `around` must not contain the effect itself.
+    """
+
+    plant: Plant
+    traces: Sequence[Trace]
+    whiten: Whiten
+    around: Composition = NONE
+
+    def forces(self, setting: Setting) -> tuple[F, ...]:
+        """Return the force [N] (n,) that `setting` adds on each trace."""
+        forces = self._forces(Composition((*self.around.settings, setting)))
+        rows = zip(self.traces, forces, self._forces_without, strict=True)
+        return tuple(np.where(t.usable, force - without, 0.0) for t, force, without in rows)
+
+    def compute_signature(self, setting: Setting) -> Signature:
+        """Return the signature at `setting`; the simulation runs 1 + p times on each trace if the effect reruns it."""
+        forces, point = self.forces(setting), to_unit(setting)
+        columns = [np.zeros((len(t), len(point))) for t in self.traces]
+        for j in range(len(point)):
+            step = STEP if point[j] + STEP <= 1.0 else -STEP
+            shifted = self.forces(from_unit(setting.effect, point + step * np.eye(len(point))[j]))
+            for column, f, g in zip(columns, forces, shifted, strict=True):
+                column[:, j] = (g - f) / step
+        return Signature(setting, forces, tuple(columns), sum(int(t.usable.sum()) for t in self.traces))
+
+    def tangent(self, setting: Setting) -> Tangent:
+        """Return the tangent at `setting`."""
+        signature = self.compute_signature(setting)
+        force = _whiten_forces(signature.forces, self.whiten)
+        columns = [
+            _whiten_forces([c[:, j] for c in signature.columns], self.whiten) for j in range(len(setting.values))
+        ]
+        q, r = np.linalg.qr(np.array(columns).T.reshape(len(force), -1))
+        return Tangent(signature, force, q, r)
+
+    def size(self, setting: Setting) -> float:
+        """Return the norm of the whitened signature."""
+        return float(np.linalg.norm(_whiten_forces(self.forces(setting), self.whiten)))
+
+    def _forces(self, composition: Composition) -> list[F]:
+        return [p.with_effects(composition, t, alone=a) for t, (p, a) in zip(self.traces, self._plants, strict=True)]
+
+    @cached_property
+    def _plants(self) -> list[tuple[Plant, F]]:
+        """The plant prepared for each trace, and its force alone [N] (n,)."""
+        return [(self.plant.prepare_for(t), self.plant.alone(t)) for t in self.traces]
+
+    @cached_property
+    def _forces_without(self) -> list[F]:
+        return self._forces(self.around)
+
+
+def sample_tangents(probe: Probe, fitted: Tangent, size: float) -> list[Tangent]:
+    """Return tangents of an effect at its fitted values and at a few of its starts.
+
+    At the starts, magnitudes are scaled for a signature of norm `size`, that of the gap.
+    """
+    effect = fitted.setting.effect
+    count = min(RERUN_FAN if effect.reruns else FAN, max((len(p.starts) for p in effect.parameters), default=0))
+    starts = [Setting(effect, tuple(p.starts[k % len(p.starts)] for p in effect.parameters)) for k in range(count)]
+    points = dict.fromkeys(_scale_setting(s, size / max(probe.size(s), 1e-9 * size)) for s in starts)
+    return [fitted, *(probe.tangent(p) for p in points if p != fitted.setting)]
+
+
+def to_unit(setting: Setting) -> F:
+    """Return the values (p,) as shares of their search ranges."""
+    pairs = list(zip(setting.effect.parameters, setting.values, strict=True))
+    return np.array([(p.to_search(v) - p.search_bounds()[0]) / _width(p) for p, v in pairs])
+
+
+def from_unit(effect: Effect, point: F) -> Setting:
+    """Return the setting at the shares `point` (p,) of the search ranges; the inverse of `to_unit`."""
+    pairs = zip(effect.parameters, point, strict=True)
+    return Setting(effect, tuple(p.to_value(p.search_bounds()[0] + float(u) * _width(p)) for p, u in pairs))
+
+
+def _width(parameter: EffectParameter) -> float:
+    low, high = parameter.search_bounds()
+    return max(high - low, 1e-300)
+
+
+def _scale_setting(setting: Setting, factor: float) -> Setting:
+    """Return the setting with the distances of its magnitudes from neutral scaled by `factor`, inside the bounds."""
+    pairs = zip(setting.effect.parameters, setting.values, strict=True)
+    return Setting(setting.effect, tuple(_scale_magnitude(p, v, factor) if p.magnitude else v for p, v in pairs))
+
+
+def _scale_magnitude(parameter: EffectParameter, value: float, factor: float) -> float:
+    if parameter.scale == "inverse":
+        value /= max(factor, 1e-12)
+    else:
+        value = parameter.neutral + factor * (value - parameter.neutral)
+    return float(min(max(value, parameter.low), parameter.high))
+
+
+def _whiten_forces(forces: Sequence[F], whiten: Whiten) -> F:
+    return np.concatenate([whiten(k, f) for k, f in enumerate(forces)])
+
+
+TRUST = 0.25  # of a parameter's range: how far shape parameters may move on a tangent
+STEPS = 5  # of Gauss-Newton
+GAIN = 0.995  # stop after a step that leaves more than this share of the distance
+
+
+@dataclass(frozen=True)
+class Match:
+    """The nearest that B comes to A: at `setting` of B, ‖W(s_A − s_B)‖ is `index` and the RMS of s_A − s_B is `rms_N`.
+
+    If not `refined`, s_B lies on a tangent: B itself was not evaluated at these values.
+    """
+
+    setting: Setting
+    index: float
+    rms_N: float
+    refined: bool = False
+
+    @property
+    def evidence(self) -> float:
+        """Expected log-likelihood ratio for A over B if A is true."""
+        return self.index**2 / 2.0
+
+
+def find_nearest(a: Tangent, fan_b: Sequence[Tangent]) -> Match:
+    """Return how near B comes to A on B's tangents, inside its bounds, without a simulation."""
+    return min((_match_on_tangent(a, b, TRUST) for b in fan_b), key=lambda match: match.index)
+
+
+def refine_match(
+    a: Tangent, fan_b: Sequence[Tangent], tangent: Callable[[Setting], Tangent], steps: int = STEPS
+) -> Match:
+    """Return how near B comes to A when B is evaluated: Gauss-Newton inside a trust region.
+
+    The start is the nearest point according to the tangents, or the point of a tangent if that is nearer. `tangent`
+    returns B's tangent at a setting. The true distance is at most the one returned.
+    """
+    best = min((tangent(find_nearest(a, fan_b).setting), *fan_b), key=lambda b: _whitened_distance(a, b))
+    index, radius = _whitened_distance(a, best), TRUST
+    for _ in range(steps):
+        moved = tangent(_match_on_tangent(a, best, radius, free=False).setting)
+        now = _whitened_distance(a, moved)
+        if now >= index:
+            radius /= 3.0
+            continue
+        converged, best, index, radius = now > GAIN * index, moved, now, 2.0 * radius
+        if converged:
+            break
+    return Match(best.setting, index, _rms(a.signature, best.signature), refined=True)
+
+
+def _match_on_tangent(a: Tangent, b: Tangent, trust: float, free: bool = True) -> Match:
+    """Return how near B's tangent comes to A: bounded linear least squares, shape parameters inside `trust`.
+
+    With `free`, magnitudes may move over their whole range.
+    """
+    goal = b.q.T @ (a.force - b.force)
+    move = _solve_bounded_step(b.r, goal, *_box(b.setting, trust, free))
+    index = float(np.linalg.norm(a.force - b.force - b.q @ (b.r @ move)))
+    return Match(from_unit(b.setting.effect, to_unit(b.setting) + move), index, _rms(a.signature, b.signature, move))
+
+
+def _box(setting: Setting, trust: float, free: bool) -> tuple[F, F]:
+    """Return how far each share (p,) may move down and up."""
+    point = to_unit(setting)
+    reach = np.array([1.0 if free and p.magnitude else trust for p in setting.effect.parameters])
+    return np.maximum(-point, -reach), np.minimum(1.0 - point, reach)
+
+
+def _solve_bounded_step(r: F, goal: F, low: F, high: F) -> F:
+    """Return the move (p,) inside [low, high] that brings `r` @ move nearest to `goal`."""
+    move: F = np.asarray(np.linalg.lstsq(r, goal, rcond=1e-9)[0], dtype=np.float64)
+    if np.all((move >= low) & (move <= high)):
+        return move
+    movable = high - low > 1e-12
+    bounded = np.zeros(len(low))
+    if movable.any():
+        bounded[movable] = lsq_linear(r[:, movable], goal, (low[movable], high[movable]), method="bvls").x
+    return np.clip(bounded, low, high)
+
+
+def _whitened_distance(a: Tangent, b: Tangent) -> float:
+    return float(np.linalg.norm(a.force - b.force))
+
+
+def _rms(a: Signature, b: Signature, move: F | None = None) -> float:
+    """Return the RMS [N] of s_A − s_B over the usable ticks, B moved along its tangent."""
+    energy = 0.0
+    for f, g, columns in zip(a.forces, b.forces, b.columns, strict=True):
+        rest = f - g if move is None else f - g - columns @ move
+        energy += float(rest @ rest)
+    return float(np.sqrt(energy / max(a.ticks, 1)))
+
 
 FORM = 0.15  # of a signature's size: the error of a form compared with real physics
 EVIDENCE = 3.0  # minimum expected log-likelihood ratio: odds of 20 to 1; the wrong effect fits better 1 time in 9
@@ -50,11 +290,7 @@ class IndistinguishableEffects:
 
 
 def find_indistinguishable_effects(
-    plant: Plant,
-    traces: Sequence[Trace],
-    fitted: Sequence[Setting],
-    whiten: Whiten,
-    around: Composition = NONE,
+    plant: Plant, traces: Sequence[Trace], fitted: Sequence[Setting], whiten: Whiten, around: Composition = NONE
 ) -> IndistinguishableEffects:
     """Return which of the fitted effects are indistinguishable on these traces.
 

@@ -1,30 +1,68 @@
-"""Choice of the next experiment: each candidate is simulated, and the effects in question are compared on it.
-
-The criterion is the expected evidence per second of rig time between the two effects that are hardest to distinguish:
-each in turn is true at its fitted values, and the other is refitted to the force that results.
-"""
+"""The next experiment and the files that describe it: one for `ces rig`, one for a real rig."""
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from io import StringIO
 from math import sqrt
+from typing import Any
 
 import numpy as np
+import yaml
 
+from ces_data.arrays import F
+from ces_data.recording import Channel, Recording
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.baseline.surrogate import Surrogate
-from ces_gap.effects.effect import Setting
+from ces_gap.effects.effect import Composition, Setting
 from ces_gap.errors import GapError
-from ces_gap.experiment.candidate_experiments import Recipe, list_candidate_experiments, reach_of
-from ces_gap.experiment.experiment_files import NextExperiment
-from ces_gap.experiment.matching import Match, find_nearest, refine_match
-from ces_gap.experiment.signatures import Probe, Tangent, sample_tangents
-from ces_gap.experiment.waveforms import generate_waveforms
-from ces_gap.trace import F, Trace, make_trace
-from ces_identify.recordings.recording import Channel, Recording
+from ces_gap.experiment.candidates import Recipe, generate_waveforms, list_candidate_experiments, reach_of
+from ces_gap.experiment.indistinguishable import (
+    Match,
+    Probe,
+    Tangent,
+    find_indistinguishable_effects,
+    find_nearest,
+    make_evidence_whitening,
+    refine_match,
+    sample_tangents,
+)
+from ces_gap.inference.search import EffectSearchResult, merge_groups
+from ces_gap.trace import Trace, make_trace
+from ces_identify.numerics import search_clock
+from ces_identify.schema_files import schema_line
 from ces_observer.errors import CesError
+
+
+@dataclass(frozen=True)
+class NextExperiment:
+    """The next experiment: `recipe` for `ces rig`; `time_s`, `position_m`, `current_A` (n,) for its CSV file.
+
+    `separates` are the effects that it distinguishes, `distance_N` [N] RMS the difference of their forces.
+    """
+
+    name: str
+    purpose: str
+    recipe: dict[str, Any]
+    time_s: F
+    position_m: F
+    current_A: F
+    separates: tuple[str, ...] = ()
+    distance_N: float = 0.0
+
+
+def experiment_files(experiment: NextExperiment) -> dict[str, str]:
+    """Return texts by name: `next_experiment.yaml`, which `ces rig` runs, and `next_experiment.csv` for a real rig."""
+    table, header = StringIO(), "time_s,position_m,current_A"
+    columns = np.stack([experiment.time_s, experiment.position_m, experiment.current_A], axis=1)
+    np.savetxt(table, columns, fmt=("%.3f", "%.7f", "%.4f"), delimiter=",", header=header, comments="")
+    purpose = " ".join(experiment.purpose.split())
+    recipe = f"{schema_line('experiment')}# {purpose}\n" + yaml.safe_dump(
+        experiment.recipe, sort_keys=False, allow_unicode=True
+    )
+    return {"next_experiment.csv": table.getvalue(), "next_experiment.yaml": recipe}
+
 
 TraceWhitening = Callable[[Trace], Callable[[F], F]]  # trace -> whitening of forces (n,) on it
 Pair = tuple[Setting, Setting]
@@ -39,7 +77,7 @@ class _Candidate:
 
     recipe: Recipe
     trace: Trace
-    worst: Pair
+    nearest: Pair
     match: Match
 
     @property
@@ -78,8 +116,22 @@ def choose_next_experiment(
     if best is None:
         raise GapError(f"the simulation refuses all {len(recipes)} candidate experiments")
     if best.distance < 1.0:
-        raise GapError(_describe_hopeless(best, len(compared), noise_N))
-    return _make_next_experiment(best, noise_N)
+        raise GapError(
+            f"none of the {len(compared)} candidate experiments that were simulated would distinguish "
+            f"{_name_pair(best)}: the largest expected difference is {_size(best, noise_N)}"
+        )
+    seconds, position, current = generate_waveforms(best.recipe)
+    duration_s = float(best.recipe["duration_s"])
+    return NextExperiment(
+        name=str(best.recipe["name"]),
+        purpose=f"distinguishes {_name_pair(best)}: expected difference {_size(best, noise_N)} over {duration_s:.0f} s",
+        recipe=best.recipe,
+        time_s=seconds,
+        position_m=position,
+        current_A=current,
+        separates=(best.nearest[0].name, best.nearest[1].name),
+        distance_N=best.distance * noise_N,
+    )
 
 
 def make_white_noise_whitening(noise_N: float) -> TraceWhitening:
@@ -105,14 +157,8 @@ def simulate_experiment(simulation: TraceSimulator, recipe: Recipe) -> Trace:
     signals = {"position": ("m", position), "current": ("A", current), "force": ("N", np.zeros_like(position))}
     channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in signals.items()}
     bare = make_trace(Recording(str(recipe["name"]), channels), np.zeros_like(position))
-    return replace(bare, simulated=_simulate(simulation, bare))
-
-
-def _simulate(simulation: TraceSimulator, trace: Trace) -> F:
-    """Return the force [N] (n,) on a trace that has no simulated force yet."""
-    if isinstance(simulation, Surrogate):
-        return simulation.predict(trace, trace.inputs)
-    return simulation.force(trace, trace.inputs)
+    simulate = simulation.predict if isinstance(simulation, Surrogate) else simulation.force  # no force to start from
+    return replace(bare, simulated=simulate(bare, bare.inputs))
 
 
 def _compare_candidates(
@@ -124,9 +170,9 @@ def _compare_candidates(
     budget_s: float,
 ) -> Iterator[_Candidate]:
     """Yield experiments compared along tangents until the time is up, at least one if any can run."""
-    end, any_done = time.monotonic() + budget_s, False
+    end, any_done = search_clock.now() + budget_s, False
     for recipe in recipes:
-        if any_done and time.monotonic() > end:
+        if any_done and search_clock.now() > end:
             return
         try:
             trace = simulate_experiment(simulation, recipe)
@@ -158,8 +204,8 @@ def _compare_effects(
     probe = Probe(plant, [trace], lambda _, force: whiten(force))
     at = {s: probe.tangent(s) for pair in pairs for s in pair}
     matches = {pair: _match_pair(probe, at, pair, rerun) for pair in pairs}
-    worst = min(pairs, key=lambda pair: matches[pair].index)
-    return _Candidate(recipe, trace, worst, matches[worst])
+    nearest = min(pairs, key=lambda pair: matches[pair].index)
+    return _Candidate(recipe, trace, nearest, matches[nearest])
 
 
 def _match_pair(probe: Probe, at: dict[Setting, Tangent], pair: Pair, rerun: bool) -> Match:
@@ -173,36 +219,56 @@ def _match_pair(probe: Probe, at: dict[Setting, Tangent], pair: Pair, rerun: boo
     return min((match(*pair), match(*pair[::-1])), key=lambda m: m.index)
 
 
-def _make_next_experiment(best: _Candidate, noise_N: float) -> NextExperiment:
-    seconds, position, current = generate_waveforms(best.recipe)
-    return NextExperiment(
-        name=str(best.recipe["name"]),
-        purpose=_purpose(best, noise_N),
-        recipe=best.recipe,
-        time_s=seconds,
-        position_m=position,
-        current_A=current,
-        separates=(best.worst[0].name, best.worst[1].name),
-        distance_N=best.distance * noise_N,
-    )
-
-
-def _purpose(best: _Candidate, noise_N: float) -> str:
-    seconds = float(best.recipe["duration_s"])
-    return f"distinguishes {_name_pair(best)}: expected difference {_size(best, noise_N)} over {seconds:.0f} s"
-
-
-def _describe_hopeless(best: _Candidate, count: int, noise_N: float) -> str:
-    return (
-        f"none of the {count} candidate experiments that were simulated would distinguish "
-        f"{_name_pair(best)}: the largest expected difference is {_size(best, noise_N)}"
-    )
-
-
 def _name_pair(best: _Candidate) -> str:
-    first, second = (setting.name.replace("_", " ") for setting in best.worst)
+    first, second = (setting.name.replace("_", " ") for setting in best.nearest)
     return f"{first} from {second}"
 
 
 def _size(best: _Candidate, noise_N: float) -> str:
     return f"{best.distance * noise_N:.2g} N RMS ({best.distance:.2g} × the noise)"
+
+
+MAX_COMPARED_EFFECTS = 6
+
+
+@dataclass(frozen=True)
+class Ambiguities:
+    """Groups of `indistinguishable` effects, and the `pairs` that an experiment should distinguish."""
+
+    indistinguishable: tuple[tuple[str, ...], ...]
+    pairs: tuple[tuple[Setting, Setting], ...]
+
+
+NO_AMBIGUITIES = Ambiguities((), ())
+
+
+def find_ambiguities(
+    plant: Plant, result: EffectSearchResult, interchangeable: Sequence[tuple[str, ...]]
+) -> Ambiguities:
+    """Return what the recordings leave open; `interchangeable` are the groups of alternatives from the search."""
+    classes: tuple[tuple[str, ...], ...] = ()
+    nearest: tuple[tuple[str, ...], ...] = ()
+    if result.best is not None:
+        fitted = [f.composition.settings[0] for f in result.alone[:MAX_COMPARED_EFFECTS]]
+        names = {s.name for s in fitted}
+        others = Composition(tuple(s for s in result.best.composition.settings if s.name not in names))
+        whiten = make_evidence_whitening(result.evidence)
+        compared = find_indistinguishable_effects(plant, result.evidence.traces, fitted, whiten, around=others)
+        classes, nearest = compared.classes, compared.pairs()
+    settings = {f.names[0]: f.composition.settings[0] for f in result.alone}
+    pairs = tuple((settings[a], settings[b]) for a, b in [group[:2] for group in interchangeable] or nearest)
+    if not pairs and len(result.alone) > 1:
+        first, second = (f.composition.settings[0] for f in result.alone[:2])
+        pairs = ((first, second),)
+    return Ambiguities(merge_groups(interchangeable, classes), pairs)
+
+
+def propose_experiment(
+    plant: Plant, result: EffectSearchResult, ambiguities: Ambiguities, exact: TraceSimulator | None
+) -> NextExperiment | None:
+    """Return the experiment that resolves the ambiguities fastest, None without any.
+
+    Raises GapError if no candidate would resolve them.
+    """
+    evidence = result.evidence
+    return choose_next_experiment(plant, evidence.traces, ambiguities.pairs, evidence.noise.rms_N, exact=exact)

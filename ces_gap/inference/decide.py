@@ -1,4 +1,4 @@
-"""The verdict stage: figures, probabilities and verdict from the search result, on the parts left out."""
+"""The decision: the size of the gap, figures, probabilities and verdict from the search, on the parts left out."""
 
 from __future__ import annotations
 
@@ -8,23 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.baseline.ceiling import Ceiling, learn_ceiling
+from ces_data.arrays import F
+from ces_gap.baseline.learner import Ceiling, learn_ceiling
 from ces_gap.baseline.plant import Plant, TraceSimulator
-from ces_gap.inference.absorbed_effects import find_absorbed_effects
-from ces_gap.inference.alternatives import interchangeable_effects, min_unexplained_shares
+from ces_gap.grid import rms
 from ces_gap.inference.comparison import compute_paired_gain
-from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.explanations import count_stuck_parameters, measure_parameter_drift
+from ces_gap.inference.evidence import Baseline, Evidence
+from ces_gap.inference.explanation import count_stuck_parameters, measure_parameter_drift
 from ces_gap.inference.fit import EffectFit
-from ces_gap.inference.gap_size import (
-    WITHIN_TIMING,
-    find_no_gap_reason,
-    is_clear_of_the_simulation,
-    measure_gap,
-    tolerance_N,
+from ces_gap.inference.search import (
+    EffectSearchResult,
+    find_absorbed_effects,
+    interchangeable_effects,
+    min_unexplained_shares,
 )
-from ces_gap.inference.learn_baseline import Baseline
-from ces_gap.inference.search import EffectSearchResult
 from ces_gap.inference.verdict import (
     AMBIGUOUS,
     NAMED,
@@ -36,7 +33,73 @@ from ces_gap.inference.verdict import (
     has_alternatives,
     probabilities,
 )
-from ces_gap.trace import F
+from ces_gap.trace import noise_floor_N, usable_values
+
+TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
+TOLERANCE_NOISES = 2.0  # times the noise: limit of that default, so that a gap clear of the noise is not overlooked
+WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE = "tolerance", "noise", "timing", "baseline_error"
+CLEAR = 1.5  # times noise and tolerance: a smaller gap is not named without references
+
+
+@dataclass(frozen=True)
+class GapSize:
+    """The gap on the fitted recordings, RMS [N]: without noise, and after the simulation's timing was fitted as well.
+
+    `noise_N` was measured, `force_N` is the RMS of the measured force; `corrected` if references taught a correction.
+    """
+
+    gap_N: float
+    timed_N: float
+    noise_N: float
+    force_N: float
+    corrected: bool
+
+
+def measure_gap(baseline: Baseline, result: EffectSearchResult, rest_N: float) -> GapSize:
+    """Return the size of the gap on the fitted recordings; noise that was not measured is at most the `rest_N` [N]."""
+    evidence = result.evidence
+    forces, noise_N = [t.force for t in evidence.traces], noise_floor_N(evidence.traces)
+    if not all(t.measured_noise.known for t in evidence.traces):
+        noise_N = max(noise_N, rest_N)
+    timing = next((f for f in result.alone if f.effects[0].nuisance), None)
+    gaps = [_rms_gap(evidence, evidence.alone)]
+    gaps += [] if timing is None else [_rms_gap(evidence, evidence.forces(timing.composition))]
+    above = [float(np.sqrt(max(gap**2 - noise_N**2, 0.0))) for gap in gaps]
+    return GapSize(
+        above[0], min(above), noise_N, rms(usable_values(evidence.traces, forces)), baseline.correction is not None
+    )
+
+
+def _rms_gap(evidence: Evidence, forces: Sequence[F]) -> float:
+    errors = [t.force - f for t, f in zip(evidence.traces, forces, strict=True)]
+    return rms(usable_values(evidence.traces, errors))
+
+
+def tolerance_N(size: GapSize, share: float | None) -> float:
+    """Return the gap [N] that counts as none: a `share` of the RMS force, by default small beside force and noise."""
+    if share is not None:
+        return share * size.force_N
+    return min(TOLERANCE_SHARE * size.force_N, TOLERANCE_NOISES * size.noise_N)
+
+
+def find_no_gap_reason(size: GapSize, improbable: bool, limit_N: float) -> str:
+    """Return why there is no gap, "" if there is one; `improbable` if the figures speak against one.
+
+    Without references a gap larger than the noise is never called none, whatever the figures say.
+    """
+    if size.gap_N <= limit_N:
+        return WITHIN_TOLERANCE
+    if improbable and size.corrected:
+        return WITHIN_BASELINE
+    if improbable and size.timed_N <= size.noise_N:
+        return WITHIN_NOISE if size.gap_N <= size.noise_N else WITHIN_TIMING
+    return ""
+
+
+def is_clear_of_the_simulation(size: GapSize, limit_N: float) -> bool:
+    """True if a gap may be named: without references, a small one may be the simulation's own error."""
+    return size.corrected or size.gap_N > CLEAR * max(size.noise_N, limit_N)
+
 
 MAX_MAP_REST = 0.2  # of the gap's energy: a smooth map absorbs a part of anything, so it must explain most to be named
 CLEAR_Z = 20.0  # z of a gain as large as the noise, in however few blocks
@@ -85,7 +148,9 @@ def decide(
     reason = find_no_gap_reason(size, odds.none > 1.0 - weights.least_gap, limit_N)
     verdict = NO_GAP if reason else choose_verdict(result, figures, odds, bool(groups), weights)
     absorbed = find_absorbed_effects(result)
-    if verdict == NAMED and (not is_clear_of_the_simulation(size, limit_N) or _may_be_simulation(result, absorbed)):
+    causes = [] if result.best is None else [e.name for e in result.best.effects if not e.nuisance]
+    may_be_simulation = len(causes) > 1 and not set(causes).isdisjoint(absorbed)  # a recalibration would absorb it
+    if verdict == NAMED and (may_be_simulation or not is_clear_of_the_simulation(size, limit_N)):
         verdict = AMBIGUOUS
     rest_N = rest.learnt.noise.rms_N
     return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N, limit_N, absorbed)
@@ -108,8 +173,10 @@ def compute_figures(
 
     Up to the `allowance`, a whitened energy, what the best explanation leaves is the error of a surrogate.
     """
-    evidence, best = result.evidence, result.best
-    baseline = _residual_after_timing(result)
+    evidence, best, baseline = result.evidence, result.best, result.baseline_residual
+    timing = [f for f in result.alone if f.effects[0].nuisance and f.cost < baseline @ baseline]
+    if timing:  # the simulation's timing is not a part of the gap where correcting it is a gain
+        baseline = timing[0].left_out
     residual = best.left_out if best is not None else baseline
     gain = compute_paired_gain(evidence, baseline, residual)
     ceiling = compute_paired_gain(
@@ -131,22 +198,8 @@ def compute_figures(
     )
 
 
-def _residual_after_timing(result: EffectSearchResult) -> F:
-    """Return the whitened residual (r,) without effects, after the simulation's timing where that is a gain."""
-    fits = [
-        f
-        for f in result.alone
-        if f.effects[0].nuisance and f.cost < result.baseline_residual @ result.baseline_residual
-    ]
-    return fits[0].left_out if fits else result.baseline_residual
-
-
 def choose_verdict(
-    result: EffectSearchResult,
-    figures: VerdictFigures,
-    odds: Probabilities,
-    replaceable: bool,
-    weights: Calibration,
+    result: EffectSearchResult, figures: VerdictFigures, odds: Probabilities, replaceable: bool, weights: Calibration
 ) -> str:
     """Return the verdict on a gap; `replaceable` if an effect of the best explanation has an alternative."""
     if result.best is None or all(e.nuisance for e in result.best.effects):
@@ -172,12 +225,6 @@ def name_by_simpler_rules(result: EffectSearchResult) -> dict[str, str]:
 
     similar = max(result.alone, key=lambda f: correlation(none - f.residual))
     return {"signature_correlation": similar.names[0], "bic": bic.names[0], "most_flexible": flexible.names[0]}
-
-
-def _may_be_simulation(result: EffectSearchResult, absorbed: Sequence[str]) -> bool:
-    """True if one of several named effects may be the simulation's own error, which a recalibration would absorb."""
-    causes = [] if result.best is None else [e.name for e in result.best.effects if not e.nuisance]
-    return len(causes) > 1 and not set(causes).isdisjoint(absorbed)
 
 
 def _learn_rest(baseline: Baseline, result: EffectSearchResult, simulation: TraceSimulator) -> Ceiling:

@@ -13,10 +13,20 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.baseline.noise import NoiseModel
+from ces_data.arrays import F
+from ces_gap.baseline.learner import (
+    Ceiling,
+    LearnedCorrection,
+    NoiseModel,
+    learn_ceiling,
+    learn_correction,
+    make_white_noise,
+)
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition
-from ces_gap.trace import F, Trace
+from ces_gap.grid import rms
+from ces_gap.inputs.prepare import DiagnosisInput
+from ces_gap.trace import Trace, noise_floor_N, usable_values
 
 UNITS = 4  # the data are divided into at least as many parts, each left out once
 BLOCK_S = 0.5  # [s] residuals within a block count as one sample in standard errors
@@ -90,11 +100,7 @@ class Evidence:
 
 
 def gather(
-    traces: Sequence[Trace],
-    plant: Plant,
-    noise: NoiseModel,
-    features: Sequence[F] = (),
-    covariance: F | None = None,
+    traces: Sequence[Trace], plant: Plant, noise: NoiseModel, features: Sequence[F] = (), covariance: F | None = None
 ) -> Evidence:
     """Return the evidence of some traces.
 
@@ -125,3 +131,39 @@ def _directions(rows: F, covariance: F | None) -> tuple[F, F]:
     keep = variance > MIN_MODE_VARIANCE
     directions = spread @ (turn[:, keep] / np.sqrt(variance[keep]))
     return directions, 1.0 - 1.0 / np.sqrt(1.0 + variance[keep])
+
+
+NUMERICAL_ERROR = 1e-3  # of the RMS force: simulations are not computed more accurately
+MIN_NOISE_N = 1e-3  # [N]
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """The plant without effects, its evidence, and the generic learner fitted to the gap (`ceiling`).
+
+    `plant` is the fast simulation with the `correction` learned from references (None without references).
+    """
+
+    plant: Plant
+    correction: LearnedCorrection | None
+    evidence: Evidence
+    ceiling: Ceiling
+
+
+def learn_baseline(inputs: DiagnosisInput) -> Baseline:
+    """Return the baseline learned from references; without any, the simulation is taken as it is.
+
+    The noise is then white and as strong as measured, but not below the numerical error of simulations: what else the
+    force contains is to be explained.
+    """
+    if not inputs.reference:
+        ceiling = learn_ceiling(inputs.real, [t.simulated for t in inputs.real])
+        numerical_N = NUMERICAL_ERROR * rms(usable_values(inputs.real, [t.force for t in inputs.real]))
+        noise = make_white_noise(max(noise_floor_N(inputs.real), numerical_N, MIN_NOISE_N))
+        plant = Plant(inputs.cheap)
+        return Baseline(plant, None, gather(inputs.real, plant, noise), ceiling)
+    correction, learnt = learn_correction(inputs.reference)
+    features = [correction.dictionary.features(t, t.inputs, t.simulated) for t in inputs.real]
+    plant = Plant(inputs.cheap, correction)
+    evidence = gather(inputs.real, plant, learnt.noise, features, learnt.covariance)
+    return Baseline(plant, correction, evidence, learn_ceiling(evidence.traces, evidence.alone))

@@ -7,13 +7,15 @@ residual on that unit (exact for effects that are linear in their parameters).
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ces_data.arrays import F
+from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.inference.evidence import Evidence
-from ces_gap.trace import F, Trace
+from ces_gap.trace import Trace, TraceInputs
 
 ITERATIONS = 8
 STEP = 1e-3  # of a parameter's range: step of the difference quotients
@@ -109,7 +111,12 @@ class _Objective:
         self.evidence, self.effects = evidence, effects
         self.low, self.high = bounds(effects)
         self.baseline_residual = evidence.residual(evidence.alone)
-        self.magnitudes = _neutral_magnitudes(effects)
+        parameters = [p for effect in effects for p in effect.parameters]
+        self.magnitudes = {  # the searched value without effect of each parameter, by number, that is a magnitude
+            k: p.to_search(p.neutral) if np.isfinite(p.neutral) else 0.0
+            for k, p in enumerate(parameters)
+            if p.magnitude and p.scale != "log"
+        }
 
     def __call__(self, searched: F) -> F:
         residual = self.evidence.residual(self._forces(searched))
@@ -120,26 +127,13 @@ class _Objective:
 
     def jacobian(self, searched: F, residual: F) -> F:
         """Return the Jacobian (r, p) of the modelled force by one-sided differences, away from the nearer bound."""
-        steps = [self._step(searched, k) for k in range(len(searched))]
+        span = self.high - self.low
+        size = STEP * np.maximum(np.minimum(span, 10.0 * np.abs(searched)), 0.02 * span)
+        steps = np.where(searched + size <= self.high, size, -size)
         moved = [self._forces(searched + step * unit) for step, unit in zip(steps, np.eye(len(searched)), strict=True)]
         out = residual[:, None] - self.evidence.residual(list(map(np.column_stack, zip(*moved, strict=True))))
         out = np.where(np.isfinite(out).all(axis=0), out, -1e6)
         return np.asarray(out / steps)
-
-    def _step(self, searched: F, k: int) -> float:
-        span = self.high[k] - self.low[k]
-        step = STEP * max(min(span, 10.0 * abs(searched[k])), 0.02 * span)
-        return float(step if searched[k] + step <= self.high[k] else -step)
-
-
-def _neutral_magnitudes(effects: Sequence[Effect]) -> dict[int, float]:
-    """Return the searched value without effect of each parameter, by number, that is an effect's magnitude."""
-    parameters = [p for effect in effects for p in effect.parameters]
-    return {
-        k: p.to_search(p.neutral) if np.isfinite(p.neutral) else 0.0
-        for k, p in enumerate(parameters)
-        if p.magnitude and p.scale != "log"
-    }
 
 
 @dataclass(frozen=True)
@@ -221,7 +215,7 @@ def _bounded_step(jacobian: F, residual: F, at: F, low: F, high: F, damping: flo
 
     Parameters differ by many orders of magnitude (metres and newtons per metre), so columns are scaled to unit norm.
     """
-    size = _sizes(jacobian)
+    size = column_norms(jacobian)
     scaled = jacobian / size
     gram, slope = scaled.T @ scaled, scaled.T @ residual
     free = np.ones(len(at), bool)
@@ -260,7 +254,7 @@ def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:
     block = evidence.block_of_row
     scores = np.zeros((int(block[-1]) + 1, jacobian.shape[1]))
     np.add.at(scores, block, jacobian * residual[:, None])
-    size = _sizes(jacobian)
+    size = column_norms(jacobian)
     scaled = jacobian / size
     bread = np.linalg.pinv(scaled.T @ scaled + 1e-12 * np.eye(len(size))) / np.outer(size, size)
     covariance = np.asarray(bread @ (scores.T @ scores) @ bread)
@@ -269,7 +263,66 @@ def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:
     return covariance
 
 
-def _sizes(jacobian: F) -> F:
+def column_norms(jacobian: F) -> F:
     """Return the norms of the columns (p,), 1 for zero columns."""
     size = np.linalg.norm(jacobian, axis=0)
     return np.where(size > 0.0, size, 1.0)
+
+
+ROUNDS = 2
+MIN_CHANGE = 0.01  # relative change of the parameters below which another round is not worth a simulation
+
+
+@dataclass(frozen=True)
+class AnchoredSurrogate(TraceSimulator):
+    """The surrogate `cheap` on one trace, with the anchor's `change` of inputs (2n,) and its `error` [N] (n,) there."""
+
+    cheap: TraceSimulator
+    change: F
+    error: F
+
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the simulated force [N] (n,)."""
+        size = float(self.change @ self.change)
+        share = float(self.change @ _change(trace, inputs)) / size if size > 0.0 else 0.0
+        return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.error
+
+
+def _change(trace: Trace, inputs: TraceInputs) -> F:
+    """Return how far inputs differ from the recorded ones (2n,), in units of their standard deviations."""
+    pairs = ((inputs.position, trace.inputs.position), (inputs.current, trace.inputs.current))
+    return np.concatenate([(new - old) / max(float(old.std()), 1e-9) for new, old in pairs])
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Repeats fits with the `exact` simulation where the evidence holds a surrogate; does nothing if it is None."""
+
+    exact: TraceSimulator | None = None
+
+    def refine(self, evidence: Evidence, fit: EffectFit) -> EffectFit:
+        """Return the refined fit; each round runs the simulation once on every trace."""
+        if self.exact is None or not needs_rerun(fit.effects):
+            return fit
+        for _ in range(ROUNDS):
+            before = fit.searched
+            fit = fit_from(self.anchor(evidence, fit), fit.effects, before)
+            if np.abs(fit.searched - before).max() <= MIN_CHANGE * np.abs(before).max():
+                break
+        return fit
+
+    def anchor(self, evidence: Evidence, fit: EffectFit) -> Evidence:
+        """Return the evidence with surrogates that are exact at the fit."""
+        if self.exact is None or not needs_rerun(fit.effects):
+            return evidence
+        plants = []
+        for plant, trace, alone in zip(evidence.plants, evidence.traces, evidence.alone, strict=True):
+            inputs = fit.composition.drive(trace, alone)
+            error = self.exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
+            plants.append(replace(plant, simulation=AnchoredSurrogate(plant.simulation, _change(trace, inputs), error)))
+        return replace(evidence, plants=tuple(plants))
+
+
+def needs_rerun(effects: Sequence[Effect]) -> bool:
+    """True if one of the effects changes the simulation's inputs."""
+    return any(effect.reruns for effect in effects)

@@ -7,20 +7,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import Composition
 from ces_gap.inference.comparison import compute_paired_gain
 from ces_gap.inference.decide import Decision
-from ces_gap.inference.explanation import Explanation, Interval
-from ces_gap.inference.explanations import HeldOutScorer, build_scorer
+from ces_gap.inference.evidence import Baseline
+from ces_gap.inference.explanation import Explanation, HeldOutScorer, Interval, build_scorer, cut_into_blocks
 from ces_gap.inference.fit import EffectFit
-from ces_gap.inference.learn_baseline import Baseline
 from ces_gap.inference.search import EffectSearchResult
-from ces_gap.inference.shrinkage import cut_into_blocks
-from ces_gap.inference.verdict import CALIBRATION, NO_GAP
-from ces_gap.intake.prepare import DiagnosisInput
+from ces_gap.inference.verdict import AMBIGUOUS, CALIBRATION, NAMED, NO_GAP, UNKNOWN
+from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import Progress, ignore_progress
-from ces_gap.sensor_noise.noise_estimate import NO_SOURCE
-from ces_gap.trace import F, Trace
+from ces_gap.sensor_noise import NO_SOURCE
+from ces_gap.trace import Trace, usable_values
 
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
 
@@ -84,7 +83,8 @@ def score_held_out(
 
     The noise is limited to what the references, or the best explanation and the learner, leave.
     """
-    limits = _limit_noise(inputs, result, decision)
+    reference_N = result.evidence.noise.rms_N if inputs.reference else np.inf
+    limits = {"what the references leave": reference_N, "what a learner cannot explain": decision.rest_N}
     blocks = cut_into_blocks(inputs.held_out, seed, min(limits.values()))
     scorer = build_scorer(blocks, baseline.plant, inputs.best)
     best = None if decision.verdict == NO_GAP else result.best
@@ -99,12 +99,6 @@ def score_held_out(
         series=tuple(HeldOutSeries(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
         nothing=scorer.nothing(),
     )
-
-
-def _limit_noise(inputs: DiagnosisInput, result: EffectSearchResult, decision: Decision) -> dict[str, float]:
-    """Return upper bounds of the noise [N] other than the measurement's own, by what they are."""
-    reference_N = result.evidence.noise.rms_N if inputs.reference else np.inf
-    return {"what the references leave": reference_N, "what a learner cannot explain": decision.rest_N}
 
 
 def _find_noise_source(traces: Sequence[Trace], limits: dict[str, float]) -> str:
@@ -152,11 +146,59 @@ def _gap(scorer: HeldOutScorer, corrected: bool) -> Gap:
     rms, ci95 = blocks.rms(scorer.before)
     rest, rest_ci95 = blocks.rms(blocks.energy(scorer.alone)) if corrected else (rms, ci95)
     noise = float(np.sqrt(blocks.noise.sum() / max(float(blocks.ticks.sum()), 1.0)))
-    return Gap(rms, ci95, noise, _cost_J(blocks.traces), rest, rest_ci95)
+    force = usable_values(blocks.traces, [t.force for t in blocks.traces])
+    simulated = usable_values(blocks.traces, [t.simulated_as_logged for t in blocks.traces])
+    cost_J = 100.0 * float(np.linalg.norm(force - simulated) / max(float(np.linalg.norm(force - force.mean())), 1e-9))
+    return Gap(rms, ci95, noise, cost_J, rest, rest_ci95)
 
 
-def _cost_J(traces: Sequence[Trace]) -> float:
-    """Return the cost J [%] of the original simulation (thesis eq. 3.5)."""
-    force = np.concatenate([t.force[t.usable] for t in traces])
-    simulated = np.concatenate([t.simulated_as_logged[t.usable] for t in traces])
-    return 100.0 * float(np.linalg.norm(force - simulated) / max(float(np.linalg.norm(force - force.mean())), 1e-9))
+MIN_MATERIAL_SHARE = 0.5  # of the energy that anything explains: a cause that explains less is none
+MIN_NAMED_SHARE = 0.5  # of the held-out gap's energy: what leaves more than it closes is not the cause of the gap
+CLEARLY_LESS = 0.95  # of the gap that the composition leaves: another effect that leaves less may be the cause
+
+
+def review(verdict: str, scores: HeldOutScores) -> tuple[str, HeldOutScores]:
+    """Return the verdict that held-out recordings support, and the scores without a composition that enlarges the gap.
+
+    A cause is named only if its shrink is positive beyond its interval, material compared with what anything explains
+    and with the gap, not exceeded by another effect, and if the intervals of its parameters exclude no effect.
+    """
+    composition = scores.composition
+    if verdict == NO_GAP or not composition.effects:
+        return verdict, scores
+    if composition.gap_after_N >= scores.gap.corrected_N:
+        return UNKNOWN, scores.without_composition()
+    closed = _closed_share(scores, composition)
+    learnt = 1.0 - (scores.ceiling_after_N / scores.gap.corrected_N) ** 2
+    explained = max(closed, learnt, *(_closed_share(scores, cause) for cause in scores.causes))
+    if not closed >= MIN_MATERIAL_SHARE * explained or (verdict == NAMED and closed < MIN_NAMED_SHARE):
+        return UNKNOWN, scores
+    uncertain = composition.shrink_ci95[0] <= 0.0 or has_undetermined_effect(composition)
+    if verdict == NAMED and (uncertain or find_better_effects(scores)):
+        return AMBIGUOUS, scores
+    return verdict, scores
+
+
+def find_better_effects(scores: HeldOutScores) -> list[Explanation]:
+    """Return the effects outside the composition that alone leave less of the held-out gap, the least first."""
+    limit = CLEARLY_LESS * scores.composition.gap_after_N
+    inside = (*scores.composition.effects, CALIBRATION)
+    better = [c for c in scores.causes if c.effects[0] not in inside and c.gap_after_N < limit]
+    return sorted(better, key=lambda c: c.gap_after_N)
+
+
+def has_undetermined_effect(composition: Explanation) -> bool:
+    """True if the 95 % interval of an effect's magnitude includes that it is not there.
+
+    Several magnitudes of one effect may be uncertain each and certain together, so they are not tested one by one.
+    """
+    for setting, estimates in zip(composition.composition.settings, composition.estimates, strict=True):
+        sizes = [(p, e) for p, e in zip(setting.effect.parameters, estimates, strict=True) if p.magnitude]
+        if len(sizes) == 1 and all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes):
+            return True
+    return False
+
+
+def _closed_share(scores: HeldOutScores, explanation: Explanation) -> float:
+    """Return the share of the held-out gap's energy that an explanation closes."""
+    return 1.0 - (explanation.gap_after_N / scores.gap.corrected_N) ** 2

@@ -1,23 +1,168 @@
-"""Which effects explain the gap: every form is fitted alone, then compositions are searched with joint refits."""
+"""Which effects explain the gap: every form is fitted alone, then compositions are searched with joint refits.
+
+Effects are added by beam search, then each is removed or replaced and the rest refitted. The data left out decide: a
+composition grows only while the paired gain exceeds twice its error and a share of the gap. Replacements that explain
+the evidence about as well are alternatives.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+import numpy as np
+
+from ces_data.arrays import F
 from ces_gap.effects.effect import Effect
-from ces_gap.inference.anchored_surrogate import Refinement
-from ces_gap.inference.comparison import MIN_GAIN_SHARE, cost_with_penalty
-from ces_gap.inference.composition_search import CompositionSearch
+from ces_gap.effects.simulation_errors import CALIBRATION_FORMS
+from ces_gap.inference.comparison import (
+    MIN_GAIN_SHARE,
+    MIN_GAIN_Z,
+    choose_best_fit,
+    compute_paired_gain,
+    cost_with_penalty,
+    is_worthwhile,
+    loses_to_nested_form,
+    order_nested_forms,
+    prior_cost,
+)
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.fit import EffectFit, fit_alone
-from ces_gap.inference.nested_forms import order_nested_forms
+from ces_gap.inference.fit import EffectFit, Refinement, fit_alone, fit_together
+from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
+from ces_gap.inputs.checks import is_current_constant
 from ces_gap.progress import Progress, ignore_progress
-from ces_gap.trace import F
+
+
+def fit_each(jobs: Sequence[tuple[Evidence, Sequence[EffectFit]]], threads: int) -> list[EffectFit]:
+    """Return the joint fit of each job's parts on its evidence, in parallel."""
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        return list(pool.map(lambda job: fit_together(*job), jobs))
+
+
+def split_composition(fit: EffectFit, forms: Sequence[EffectFit]) -> list[EffectFit]:
+    """Return the single fits of a composition's effects, with the parameters of the composition."""
+    singles = [next(f for f in forms if f.effects[0] == effect) for effect in fit.effects]
+    stops = np.cumsum([len(effect.parameters) for effect in fit.effects])
+    return [replace(f, searched=part) for f, part in zip(singles, np.split(fit.searched, stops[:-1]), strict=True)]
+
+
+def rank_additions(fit: EffectFit, forms: Sequence[EffectFit], baseline_residual: F) -> list[EffectFit]:
+    """Return one form of each effect that is not in `fit`, by its expected gain when added to `fit`, largest first.
+
+    `baseline_residual` (r,) is the whitened residual without effects. The gain is the energy that a linear step along
+    the tangents and the fitted signature explains; the signature helps where an effect is on its bound.
+    """
+    others = [f for f in forms if f.names[0] not in fit.names]
+    first: dict[str, EffectFit] = {}
+    for other in sorted(others, key=lambda form: -_linear_gain(fit, form, baseline_residual)):
+        first.setdefault(other.names[0], other)
+    return list(first.values())
+
+
+def _linear_gain(fit: EffectFit, other: EffectFit, baseline_residual: F) -> float:
+    tangents = np.column_stack([fit.jacobian, other.jacobian, baseline_residual - other.residual])
+    scale = np.linalg.norm(tangents, axis=0)
+    tangents = tangents[:, scale > 0.0] / scale[scale > 0.0]
+    gram = tangents.T @ tangents + 1e-6 * np.eye(tangents.shape[1])
+    slope = tangents.T @ fit.residual
+    return float(slope @ np.linalg.solve(gram, slope))
+
+
+BEAM = 2
+MAX_EFFECTS = 3
+MAX_ADDITIONS = 3  # additions refitted jointly for each composition in the beam
+MAX_SWAPS = 3  # replacements fitted for each effect
+MAX_REFINED_SWAPS = 2  # the best of these
+REFINE_SWAPS_WITHIN_SHARE = (
+    0.2  # of the gap's energy: a replacement that leaves more than the best by this is not refined
+)
+
+
+@dataclass(frozen=True)
+class CompositionSearch:
+    """`baseline_residual` (r,) is the whitened residual without effects, `forms` their own fits, `energy` the gap's."""
+
+    evidence: Evidence
+    baseline_residual: F
+    forms: Sequence[EffectFit]
+    energy: float
+    refinement: Refinement
+    threads: int = 1
+    min_gain_share: float = MIN_GAIN_SHARE  # of the gap's energy that each further effect must explain
+
+    def grow(self, alone: Sequence[EffectFit], progress: Progress) -> EffectFit | None:
+        """Return the best composition, None if no single effect gains more than its error."""
+        beam = list(alone[:BEAM])
+        best = next(iter(beam), None)
+        if best is not None and not is_worthwhile(
+            self.evidence, self.baseline_residual, best, prior_cost(best, self.energy)
+        ):
+            best = None
+        for size in range(2, MAX_EFFECTS + 1):
+            if best is None or best.cost - len(self.baseline_residual) < self.min_gain_share * self.energy:
+                break
+            progress(f"trying {size} effects together", (size - 1) / MAX_EFFECTS)
+            limit = best.cost
+            joint = sorted((f for f in self._fit_additions(beam) if f.cost < limit), key=lambda f: f.cost)
+            beam = [self.refinement.refine(self.evidence, fit) for fit in joint[:BEAM]]
+            better = choose_best_fit(self.evidence, [best, *beam], self.energy)
+            if not self._is_necessary(better, best):
+                break
+            best = better
+        return best
+
+    def improve(
+        self, best: EffectFit, tried: tuple[EffectFit, ...] = (), fixed: Sequence[str] = ()
+    ) -> tuple[EffectFit, tuple[EffectFit, ...]]:
+        """Return the composition after removals that cost nothing and replacements that leave less; and the fits tried.
+
+        `fixed` effects are not replaced. A composition with a replacement is improved in turn.
+        """
+        close = self.refinement.anchor(self.evidence, best)
+        parts = split_composition(best, self.forms)
+        fewer = {name: fit_together(close, [p for p in parts if p.names[0] != name]) for name in best.names}
+        for fit in sorted(fewer.values(), key=lambda f: f.cost):
+            if self._is_necessary(best, fit):
+                continue
+            refined = self.refinement.refine(self.evidence, fit)
+            if not self._is_necessary(best, refined):
+                return self.improve(refined) if len(refined.effects) > 1 else (refined, ())
+        for name in [n for n in best.names if n not in fixed]:
+            swapped = self._fit_swaps(close, best, fewer[name])
+            better = choose_best_fit(self.evidence, [best, *swapped], self.energy)
+            if better is not best:
+                others = tuple(f for f in swapped if f is not better)
+                return self.improve(better, (*tried, *others, best), tuple(set(better.names) - set(best.names)))
+            tried = (*tried, *swapped)
+        return best, tried
+
+    def _fit_additions(self, beam: Sequence[EffectFit]) -> list[EffectFit]:
+        """Return each fit in the beam refitted with its most promising additions, no composition twice."""
+        jobs: dict[frozenset[str], tuple[Evidence, list[EffectFit]]] = {}
+        for fit in beam:
+            close = self.refinement.anchor(self.evidence, fit)
+            for other in rank_additions(fit, self.forms, self.baseline_residual)[:MAX_ADDITIONS]:
+                parts = [*split_composition(fit, self.forms), other]
+                jobs.setdefault(frozenset((*fit.names, *other.names)), (close, parts))
+        return fit_each(list(jobs.values()), self.threads)
+
+    def _is_necessary(self, best: EffectFit, fewer: EffectFit) -> bool:
+        added = prior_cost(best, self.energy) - prior_cost(fewer, self.energy)
+        return is_worthwhile(self.evidence, fewer.left_out, best, self.min_gain_share * self.energy + added)
+
+    def _fit_swaps(self, close: Evidence, best: EffectFit, fewer: EffectFit) -> list[EffectFit]:
+        """Return the most promising compositions of `fewer` and an effect that is not in `best`, refined."""
+        ranked = rank_additions(fewer, self.forms, self.baseline_residual)
+        others = [f for f in ranked if f.names[0] not in best.names][:MAX_SWAPS]
+        joint = fit_each([(close, [*split_composition(fewer, self.forms), other]) for other in others], self.threads)
+        limit = best.cost + REFINE_SWAPS_WITHIN_SHARE * self.energy
+        promising = sorted((f for f in joint if f.cost < limit), key=lambda f: f.cost)
+        return [self.refinement.refine(self.evidence, fit) for fit in promising[:MAX_REFINED_SWAPS]]
+
 
 MAX_REFINED_FORMS = 10
-REFINE_WITHIN_SHARE = 0.4  # of the gap's energy: a form that leaves more than the best by this is not refined
+REFINE_FORMS_WITHIN_SHARE = 0.4  # of the gap's energy: a form that leaves more than the best by this is not refined
 MIN_GAP_ENERGY = 0.02  # share of the noise's energy: a smaller gap counts as this large
 MIN_FORM_GAIN_SHARE = 0.02  # of the gap's energy that a form with more parameters must gain
 
@@ -58,7 +203,7 @@ def search(
     residual = evidence.residual(evidence.alone)
     energy = max(float(residual @ residual) - len(residual), MIN_GAP_ENERGY * len(residual))
     forms.sort(key=lambda f: f.cost)
-    limit = forms[0].cost + REFINE_WITHIN_SHARE * energy
+    limit = forms[0].cost + REFINE_FORMS_WITHIN_SHARE * energy
     for k, fit in enumerate([f for f in forms[:MAX_REFINED_FORMS] if f.cost < limit]):
         progress(f"running the simulation with {fit.names[0]}", k / MAX_REFINED_FORMS)
         forms[k] = refinement.refine(evidence, fit)
@@ -81,3 +226,105 @@ def best_forms(forms: Sequence[EffectFit], energy: float) -> tuple[EffectFit, ..
         if simpler is None or fit.cost < simpler.cost - min_gain:
             chosen[fit.names[0]] = fit
     return tuple(sorted(chosen.values(), key=lambda f: cost_with_penalty(f, energy)))
+
+
+ALIKE_AT_CONSTANT_CURRENT = frozenset(("current_scale", "force_scale"))
+MAX_ALIKE_SHARE = 0.1  # of the gap's energy by which one of these may leave more than the other
+
+
+def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
+    """Return the fits that differ from the best in one effect."""
+    best = result.best
+    if best is None:
+        return []
+    fits = result.alone if len(best.effects) == 1 else result.tried
+    near = [f for f in fits if len(f.names) == len(best.names) and len(set(best.names) - set(f.names)) == 1]
+    return [f for f in near if not loses_to_nested_form(result.evidence, f, best)]
+
+
+def _may_replace(best: EffectFit, fit: EffectFit) -> bool:
+    """True unless the fit replaces the simulation's timing, or an effect by that timing or a map of its calibration."""
+    exchanged = [e for e in (*best.effects, *fit.effects) if (e.name in best.names) != (e.name in fit.names)]
+    maps = [e for e in fit.effects if e.prior_share > 0.0 and e.name not in best.names]
+    return not maps and not any(e.nuisance for e in exchanged)
+
+
+def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
+    """Return the smallest share of the gap's energy that each effect leaves: alone, in the best, or as an alternative.
+
+    An alternative counts only for the effect that it adds, not for those that it shares with the best. An effect that
+    loses to a nested form counts as leaving clearly more.
+    """
+    best, clear = result.best, MIN_GAIN_SHARE * result.gap_energy
+    costs = {fit.names[0]: _cost(result, fit) for fit in result.alone if not fit.effects[0].nuisance}
+    if best is not None and len(best.effects) == 1:
+        lost = [f for f in result.alone if loses_to_nested_form(result.evidence, f, best)]
+        costs.update({f.names[0]: max(f.cost, best.cost + clear) for f in lost})
+    for fit in (*find_alternatives(result), *([best] if best is not None else [])):
+        names = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
+        costs.update({name: min(costs[name], _cost(result, fit)) for name in names if name in costs})
+    return {name: (cost - len(result.baseline_residual)) / result.gap_energy for name, cost in costs.items()}
+
+
+def interchangeable_effects(
+    result: EffectSearchResult, allowance: Callable[[EffectFit], float] = lambda fit: 0.0
+) -> tuple[tuple[str, ...], ...]:
+    """Return groups: an effect of the best composition, followed by those that can replace it, best first.
+
+    The `allowance` of a fit is the whitened energy that it may leave because of a surrogate's error.
+    """
+    best = result.best
+    groups: dict[str, list[str]] = {}
+    if best is None:
+        return ()
+    for fit in sorted(find_alternatives(result), key=lambda f: f.cost):
+        (member,) = set(best.names) - set(fit.names)
+        (other,) = set(fit.names) - set(best.names)
+        if _may_replace(best, fit) and _is_as_good(result, best, fit, allowance(fit)):
+            groups.setdefault(member, [member]).append(other)
+    return tuple(tuple(dict.fromkeys(groups[name])) for name in best.names if name in groups)
+
+
+def merge_groups(groups: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
+    """Return all groups, largest first, without those that are part of another."""
+    merged: list[tuple[str, ...]] = []
+    for group in sorted((*groups, *classes), key=len, reverse=True):
+        if not any(set(group) <= set(larger) for larger in merged):
+            merged.append(group)
+    return tuple(merged)
+
+
+def _cost(result: EffectSearchResult, fit: EffectFit) -> float:
+    return fit.cost + prior_cost(fit, result.gap_energy)
+
+
+def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit, allowance: float) -> bool:
+    """True if the best gains a negligible energy over the fit, or a small one that is within twice its error.
+
+    A gain within the fit's `allowance` counts as none.
+
+    At one current, a wrong gain of current or of force differ by how the simulation depends on the current only. These
+    recordings do not verify that, so a somewhat larger gain does not decide between the two.
+    """
+    paired = compute_paired_gain(result.evidence, fit.left_out, best.left_out)
+    share = (paired.energy - allowance) / result.gap_energy
+    if set(best.names) ^ set(fit.names) == ALIKE_AT_CONSTANT_CURRENT and is_current_constant(result.evidence.traces):
+        return share < MAX_ALIKE_SHARE
+    return share < NEGLIGIBLE_SHARE or (share < MIN_GAIN_SHARE and paired.z < MIN_GAIN_Z)
+
+
+MIN_ABSORBED_SHARE = 0.8  # share of a signature's energy inside the map that makes the effect not separable
+
+
+def find_absorbed_effects(result: EffectSearchResult) -> tuple[str, ...]:
+    """Return the effects whose signatures lie mostly inside the calibration's map; none with references."""
+    maps = [f for f in result.alone if f.effects[0] in CALIBRATION_FORMS]
+    return tuple(f.names[0] for f in result.alone if maps and f not in maps and _is_inside(result, f, maps[0]))
+
+
+def _is_inside(result: EffectSearchResult, fit: EffectFit, calibrated: EffectFit) -> bool:
+    signature = result.baseline_residual - fit.residual
+    scale = np.linalg.norm(calibrated.jacobian, axis=0)
+    tangents = calibrated.jacobian[:, scale > 0.0] / scale[scale > 0.0]
+    outside = signature - tangents @ np.linalg.lstsq(tangents, signature, rcond=None)[0]
+    return bool(outside @ outside < (1.0 - MIN_ABSORBED_SHARE) * (signature @ signature))

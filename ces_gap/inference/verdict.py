@@ -13,7 +13,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from ces_gap.trace import F
+from ces_data.arrays import F
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
 POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous

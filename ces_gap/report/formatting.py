@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ces_gap.diagnosis import Estimate, GapRegion, Interval
-from ces_identify.typesetting import minus
+from ces_report.typesetting import minus
 
 AXES = {
     "stroke_m": ("stroke", "mm", 1e3),
@@ -18,28 +18,6 @@ AXES = {
     "elapsed_s": ("elapsed time", "s", 1.0),
     "heat_J": ("dissipated heat", "kJ", 1e-3),
 }  # name, displayed unit, factor from SI to it
-EFFECTS = {
-    "backlash": "free play in the linkage",
-    "blow_off": "a relief valve opens and limits the force",
-    "bump_stop": "a stop engages near the end of the stroke",
-    "calibration": "the simulation's force map is off",
-    "cavitation": "a void forms in a fast stroke and must refill",
-    "compressibility": "oil, hoses and bubbles are elastic",
-    "current_hysteresis": "magnetic hysteresis of the valve",
-    "current_scale": "gain or offset of the measured current",
-    "force_drift": "the zero of the force drifts",
-    "force_offset": "the zero of the force is wrong",
-    "force_scale": "the gain of the force is wrong",
-    "friction": "friction of seals and bearings",
-    "gas_spring": "gas pressure pushes the rod out",
-    "inertia": "mass between sensor and piston",
-    "leakage": "oil bypasses the valves",
-    "mount_compliance": "elastic bushings",
-    "position_delay": "position and force are not synchronous",
-    "simulation_timing": "the simulated force is a sample off, or smoothed",
-    "temperature_fade": "warm oil damps less",
-    "valve_lag": "the valve follows the current with a lag",
-}  # short descriptions
 SIDES = ("rebound", "compression")
 UNITS = {
     "_N_s2_m2_A": "N·s²/(m²·A)",

@@ -14,10 +14,17 @@ from typing import Any
 
 import numpy as np
 
-from ces_gap.calibration_map import calibration_cells
-from ces_gap.diagnosis import Diagnosis, Estimate, Explanation, GapRegion, HeldOutSeries, NextExperiment, Where
+from ces_gap.diagnosis import (
+    Diagnosis,
+    Estimate,
+    Explanation,
+    GapRegion,
+    HeldOutSeries,
+    NextExperiment,
+    calibration_cells,
+)
 from ces_gap.errors import GapError
-from ces_observer.json_checks import write_atomically
+from ces_observer.json_text import write_atomically
 
 SCHEMA = "ces-gap/1"
 DIGITS = 6  # significant digits of a number
@@ -44,7 +51,7 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def gap_content(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return what `gap.json` says, its numbers as computed."""
-    d = diagnosis
+    d, strongest, wrong = diagnosis, diagnosis.where.strongest, diagnosis.wrong
     return {
         "verdict": d.verdict,
         "sentence": d.sentence,
@@ -54,7 +61,7 @@ def gap_content(diagnosis: Diagnosis) -> dict[str, Any]:
         "tolerance_N": d.tolerance_N,
         "visible_from_N": d.visible_from_N,
         "where": [_region(r) for r in d.where.regions],
-        "max_region": _strongest(d.where),
+        "max_region": None if strongest is None else {"region": _region(strongest), "p_value": d.where.max_p_value},
         "causes": [_cause(c) for c in d.causes],
         "composition": _composition(d),
         "calibration_map": [asdict(cell) for cell in calibration_cells(d)],
@@ -62,21 +69,20 @@ def gap_content(diagnosis: Diagnosis) -> dict[str, Any]:
         "not_separable": d.not_separable,
         "invisible": [{"effect": effect, "reason": reason} for effect, reason in d.invisible],
         "probabilities": {"none": d.probability_none, "unknown": d.probability_unknown},
-        "controls": _controls(d),
+        "controls": {
+            "best_wrong_effect": None if wrong is None else {"effect": wrong.effects[0], **_after(wrong)},
+            "ceiling": _ceiling(d),
+        },
         "ceiling": _ceiling(d),
         "rest": None if d.rest is None else [_region(r) for r in d.rest.regions],
-        "witness": _witness(d),
+        "witness": _refits(d),
         "next_experiment": _experiment(d.next_experiment),
-        "surrogate": _surrogate(d),
+        "surrogate": None
+        if d.surrogate_cost_J is None
+        else {"cost_J": d.surrogate_cost_J, "difference_error": d.surrogate_error},
         "held_out": [_held_out(s) for s in d.held_out],
         "notes": d.notes,
     }
-
-
-def _surrogate(diagnosis: Diagnosis) -> dict[str, Any] | None:
-    if diagnosis.surrogate_cost_J is None:
-        return None
-    return {"cost_J": diagnosis.surrogate_cost_J, "difference_error": diagnosis.surrogate_error}
 
 
 def _region(region: GapRegion) -> dict[str, Any]:
@@ -90,13 +96,6 @@ def _region(region: GapRegion) -> dict[str, Any]:
         "ci95_N": region.ci95_N,
         "q_value": region.q_value,
     }
-
-
-def _strongest(where: Where) -> dict[str, Any] | None:
-    """Return the region with the largest standardised excess and the p-value of the test over all regions."""
-    if where.strongest is None:
-        return None
-    return {"region": _region(where.strongest), "p_value": where.max_p_value}
 
 
 def _cause(cause: Explanation) -> dict[str, Any]:
@@ -132,25 +131,19 @@ def _parameters(estimates: tuple[Estimate, ...]) -> dict[str, Any]:
     return {e.name: {"value": e.value, "ci95": e.ci95, "at_bound": e.at_bound, "drifts": e.drifts} for e in estimates}
 
 
-def _controls(d: Diagnosis) -> dict[str, Any]:
-    """Return what the best wrong effect and the generic learner leave of the gap."""
-    wrong = None if d.wrong is None else {"effect": d.wrong.effects[0], **_after(d.wrong)}
-    return {"best_wrong_effect": wrong, "ceiling": _ceiling(d)}
-
-
 def _ceiling(d: Diagnosis) -> dict[str, Any]:
     shrink = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
     return {"gap_after_N": d.ceiling_after_N, "shrink": shrink}
 
 
-def _witness(d: Diagnosis) -> dict[str, Any] | None:
+def _refits(d: Diagnosis) -> dict[str, Any] | None:
     """Return the refits of a physical model's parameters; null for other simulations."""
-    if d.witness is None:
+    if d.refits is None:
         return None
-    refits = [asdict(refit) for refit in d.witness.refits]
+    refits = [asdict(refit) for refit in d.refits.refits]
     for refit in refits:
         del refit["block_energy"]
-    return {"says": d.witness_says, "note": d.witness.note, "refits": refits}
+    return {"says": d.refit_finding, "note": d.refits.note, "refits": refits}
 
 
 def _experiment(experiment: NextExperiment | None) -> dict[str, Any]:

@@ -3,43 +3,38 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
-from ces_gap.calibration_map import CalibrationCell, calibration_cells
-from ces_gap.diagnosis import (
-    AMBIGUOUS,
-    NAMED,
-    NO_GAP,
-    UNKNOWN,
-    Diagnosis,
-    GapRegion,
-    HeldOutSeries,
-    NextExperiment,
-    Where,
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, Explanation, Interval, NextExperiment, Where
+from ces_gap.report.charts import (
+    draw_gap_maps,
+    draw_share_charts,
+    experiment_plot,
+    find_largest_errors,
+    speed_force,
+    time_plot,
 )
-from ces_gap.report.before_after import experiment_plot, speed_force, time_plot, worst_second
-from ces_gap.report.causes import cause_rows, composition_rows, effects_without_row
-from ces_gap.report.formatting import (
-    effect_name,
-    join_effect_names,
-    percent,
-    percents,
-    region_name,
-    sentence_case,
-)
+from ces_gap.report.formatting import effect_name, join_effect_names, percent, percents, region_name, sentence_case
 from ces_gap.report.gap_json import to_plain_json
-from ces_gap.report.gap_maps import draw_gap_maps
-from ces_gap.report.gap_steps import build_gap_steps, has_correction
-from ces_gap.report.share_chart import draw_share_charts
-from ces_gap.trace import SEEN
-from ces_identify.report.shell import page_template, replace_unencodable
-from ces_identify.typesetting import three_figures
+from ces_gap.report.tables import (
+    calibration_table,
+    cause_table,
+    composition_table,
+    effects_without_row,
+    recording_table,
+    refit_table,
+    region_table,
+)
+from ces_report.shell import page_template, replace_unencodable
+from ces_report.typesetting import three_figures
 
-CLEAR_Q, MAX_REGIONS = 0.05, 10  # false-discovery rate and number of the regions in the before-after table
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
-UNKNOWN_FIGURE = "\N{EN DASH}"
 SIGNIFICANT = 0.05  # p-value of the test over all regions
+STEP_ROOM = 1.04  # of the longest bar or interval
+MAX_CONTROL = 2.0  # of the longest gap: a longer bar of a control is cut off and marked
+SAME = 1e-9  # relative difference below which the references had no influence
 EXPERIMENT_FILES = {
     "next_experiment.yaml": "recipe for ces rig",
     "next_experiment.csv": "stroke and current for a real rig",
@@ -51,7 +46,7 @@ def report_page(
 ) -> str:
     """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) follow the verdict."""
     d, has_gap = diagnosis, diagnosis.verdict != NO_GAP
-    rows = cause_rows(d) if has_gap else []
+    causes = cause_table(d)
     page = page_template("gap.html.j2", __package__, ("gap.css",)).render(
         title=title,
         d=d,
@@ -61,20 +56,20 @@ def report_page(
         warnings=_warnings(d),
         gap_steps=build_gap_steps(d),
         key_figure=_key_figure(d),
-        rows=rows,
-        unknown_figures=any(UNKNOWN_FIGURE in (r.gap_after, r.shrink, r.interval, r.probability) for r in rows),
-        others=effects_without_row(d, rows) if has_gap else [],
-        together=composition_rows(d),
-        rest_rows=_probabilities(d),
-        calibration=_calibration_table(d) if has_gap else None,
-        refits=_refits(d),
+        causes=causes,
+        row_css=lambda row: row.css,
+        unknown_figures=any(row.unknown for row in causes.rows),
+        others=effects_without_row(d),
+        together=composition_table(d),
+        calibration=calibration_table(d) if has_gap else None,
+        refits=refit_table(d),
         open_questions=_open_questions(d),
         where=_where("where", "gap", d.where) if has_gap else None,
         rest=_where("rest", "rest", d.rest) if d.rest is not None else None,
         plots=_plots(d, join_effect_names(d.composition.effects) if has_gap and d.composition.effects else ""),
-        by_region=_by_region(d.by_region) if has_gap else [],
+        by_region=region_table(d) if has_gap else None,
         experiment=_experiment(d.next_experiment),
-        held_out=[_held_out(s) for s in d.held_out],
+        held_out=recording_table(d),
         has_correction=has_correction(d),
     )
     return replace_unencodable(page)
@@ -85,11 +80,13 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
     c = d.composition
     if d.verdict == UNKNOWN:
         left = percent(1.0 - c.shrink if c.effects else 1.0)
+        share = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
+        learnt = "nothing of it" if share <= 0.0 else f"{percent(share)}\N{NO-BREAK SPACE}%"
         text = "of the gap on held-out recordings remains unexplained by known effects; a generic learner explains"
         if c.effects and c.shrink < 0.0:
             text = "of the gap is there on held-out recordings with what was fitted, so the fit does not carry over; a "
             text += "generic learner explains"
-        return {"figure": left, "unit": "%", "text": f"{text} {_learner_share(d)}."}
+        return {"figure": left, "unit": "%", "text": f"{text} {learnt}."}
     if d.verdict == NO_GAP or not c.effects:
         text = f"between simulation and measurement; the measurement noise is {three_figures(d.gap.noise_floor_N)} N."
         return {"figure": three_figures(d.gap.rms_N), "unit": "N", "text": text}
@@ -99,58 +96,9 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
     return {"figure": percent(c.shrink), "unit": "%", "text": text}
 
 
-def _learner_share(d: Diagnosis) -> str:
-    """Return the share of the gap that a generic learner explains, which may make it worse on held-out recordings."""
-    share = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
-    return "nothing of it" if share <= 0.0 else f"{percent(share)}\N{NO-BREAK SPACE}%"
-
-
-def _calibration_table(d: Diagnosis) -> dict[str, Any] | None:
-    """Return the map of a calibration [N]: ranges of current as columns, of speed as rows."""
-    cells = calibration_cells(d)
-    currents = list(dict.fromkeys(c.current_A for c in cells))
-    by_speed = {speed: {c.current_A: c.force_N for c in cells if c.speed_m_s == speed} for speed in _speeds(cells)}
-    rows = [
-        (f"{low:.2f} to {high:.2f}", [f"{forces[i]:+.1f}" if i in forces else "" for i in currents])
-        for (low, high), forces in by_speed.items()
-    ]
-    return {"currents": [f"{low:.2f} to {high:.2f}" for low, high in currents], "rows": rows} if cells else None
-
-
-def _speeds(cells: Sequence[CalibrationCell]) -> list[tuple[float, float]]:
-    return list(dict.fromkeys(c.speed_m_s for c in cells))
-
-
-def _probabilities(d: Diagnosis) -> list[tuple[str, str, str, float, str]]:
-    """Return the rows of the remaining probabilities: class, label, remark, percent and text."""
-    rows = (
-        ("outside", "none of these", "an effect outside the library", d.probability_unknown),
-        ("nothing", "no effect", "only noise and baseline error", d.probability_none),
-    )
-    return [(css, label, remark, 100.0 * p, percent(p)) for css, label, remark, p in rows]
-
-
-def _refits(d: Diagnosis) -> list[dict[str, str]]:
-    """Return the refits of a physical model's parameters that close part of the gap."""
-    refits = d.witness.refits if d.witness is not None else ()
-    return [
-        {
-            "group": sentence_case(refit.group),
-            "changes": "; ".join(
-                f"{c.name}: {three_figures(c.before)} to {three_figures(c.after)}" for c in refit.changes
-            ),
-            "moved": f"{refit.moved_z:.1f}",
-            "control": "–" if refit.control_z is None else f"{refit.control_z:.1f}",
-            "closes": percent(refit.closes),
-        }
-        for refit in refits
-        if refit.energy > refit.energy_error
-    ]
-
-
 def _warnings(d: Diagnosis) -> list[str]:
     """Return what a reader must know before the result; the other notes are at the end of the page."""
-    seen = [f"{sentence_case(note)}." for note in d.notes if SEEN in note]
+    seen = [f"{sentence_case(note)}." for note in d.seen_notes]
     if d.surrogate_cost_J is None:
         return seen
     return [
@@ -201,7 +149,7 @@ def _describe_strongest_region(what: str, where: Where) -> str:
 
 
 def _plots(d: Diagnosis, effects: str) -> dict[str, Any] | None:
-    worst = worst_second(d.held_out)
+    worst = find_largest_errors(d.held_out)
     if worst is None:
         return None
     trace = worst.series.trace
@@ -212,22 +160,6 @@ def _plots(d: Diagnosis, effects: str) -> dict[str, Any] | None:
         "from_s": float(trace.time_s[worst.start]),
         "to_s": float(trace.time_s[worst.stop - 1]),
     }
-
-
-def _by_region(regions: Sequence[tuple[GapRegion, float]]) -> list[dict[str, Any]]:
-    """Return the gap before and after, with bars [%], in regions where it is significantly larger than elsewhere."""
-    regions = [(r, after) for r, after in regions if r.q_value <= CLEAR_Q][:MAX_REGIONS]
-    longest = max([max(r.rms_N, after) for r, after in regions] + [1e-9])
-    return [
-        {
-            "region": region_name(r),
-            "before": three_figures(r.rms_N),
-            "after": three_figures(after),
-            "before_bar": 100.0 * r.rms_N / longest,
-            "after_bar": 100.0 * after / longest,
-        }
-        for r, after in regions
-    ]
 
 
 def _experiment(experiment: NextExperiment | None) -> dict[str, Any] | None:
@@ -244,7 +176,90 @@ def _experiment(experiment: NextExperiment | None) -> dict[str, Any] | None:
     }
 
 
-def _held_out(series: HeldOutSeries) -> tuple[str, str, str]:
-    """Return a recording's name, its usable seconds and its hash."""
-    trace = series.trace
-    return trace.name, f"{float(trace.usable.sum()) * trace.step_s:.1f}", trace.recording.sha256
+@dataclass(frozen=True)
+class Bar:
+    """A bar: label, remark, figures as text, and its length and whisker (start, length) in percent."""
+
+    css: str
+    label: str
+    remark: str
+    value: str
+    interval: str
+    length: float
+    whisker: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class GapSteps:
+    """The steps from the original to the augmented simulation, the controls, and the noise [%] on their scale."""
+
+    steps: tuple[Bar, ...]
+    controls: tuple[Bar, ...]
+    noise: float
+
+    @property
+    def cut(self) -> bool:
+        """Whether a bar is longer than shown."""
+        return any(bar.css.endswith(" cut") for bar in (*self.steps, *self.controls))
+
+
+def build_gap_steps(d: Diagnosis) -> GapSteps:
+    """Return the bars of a diagnosis: RMS [N] on held-out recordings, without noise except in the noise's own bar."""
+    ends = [d.gap.rms_N, d.gap.ci95_N[1], d.gap.corrected_N, d.gap.corrected_ci95_N[1], d.gap.noise_floor_N]
+    longest = max([v for v in ends if math.isfinite(v)] + [1e-9])
+    controls = [d.composition.gap_after_N, d.ceiling_after_N, *([d.wrong.gap_after_N] if d.wrong is not None else [])]
+    scale = STEP_ROOM * min(max([longest, *filter(math.isfinite, controls)]), MAX_CONTROL * longest)
+    steps = [_bar(scale, "before", "Original simulation", "", d.gap.rms_N, d.gap.ci95_N)]
+    if has_correction(d):
+        remark, gap = "learned from the reference recordings", d.gap
+        steps.append(_bar(scale, "corrected", "Baseline error removed", remark, gap.corrected_N, gap.corrected_ci95_N))
+    if d.composition.effects:
+        remark = "the best of the known effects" if d.verdict == UNKNOWN else ""
+        label = f"With {join_effect_names(d.composition.effects)}"
+        steps.append(_after(scale, "after", label, remark, d.composition))
+    remark = f"from {d.gap.noise_source}; subtracted from all other bars"
+    noise = _bar(scale, "noise", "Measurement noise", remark, d.gap.noise_floor_N, None)
+    return GapSteps((*steps, noise), tuple(_controls(d, scale)), noise.length)
+
+
+def has_correction(d: Diagnosis) -> bool:
+    """Return whether the references changed the gap."""
+    return abs(d.gap.corrected_N - d.gap.rms_N) > SAME * d.gap.rms_N
+
+
+def after_ci95_N(explanation: Explanation) -> Interval | None:
+    """Return the interval [N] of the gap after, from that of the shrink; None if it is unknown."""
+    left = 1.0 - explanation.shrink
+    if not all(map(math.isfinite, (explanation.shrink, *explanation.shrink_ci95))) or left <= 0.0:
+        return None
+    before = explanation.gap_after_N / left
+    low, high = (before * max(1.0 - s, 0.0) for s in explanation.shrink_ci95[::-1])
+    return low, high
+
+
+def _controls(d: Diagnosis, scale: float) -> list[Bar]:
+    out = []
+    if d.wrong is not None:
+        remark = "any flexible effect reduces any gap a little"
+        out.append(_after(scale, "wrong", f"Best other effect: {effect_name(d.wrong.effects[0])}", remark, d.wrong))
+    if math.isfinite(d.ceiling_after_N):
+        remark = "without physics: any smooth function with a memory"
+        out.append(_bar(scale, "ceiling", "Generic learner", remark, d.ceiling_after_N, None))
+    return out
+
+
+def _after(scale: float, css: str, label: str, remark: str, explanation: Explanation) -> Bar:
+    return _bar(scale, css, label, remark, explanation.gap_after_N, after_ci95_N(explanation))
+
+
+def _bar(scale: float, css: str, label: str, remark: str, value: float, ci95: Interval | None) -> Bar:
+    css = f"{css} cut" if value > scale else css
+    if ci95 is None or not all(map(math.isfinite, ci95)):
+        return Bar(css, label, remark, three_figures(value), "", _percent(value, scale), None)
+    low, high = (_percent(v, scale) for v in ci95)
+    interval = f"{three_figures(ci95[0])} to {three_figures(ci95[1])}"
+    return Bar(css, label, remark, three_figures(value), interval, _percent(value, scale), (low, high - low))
+
+
+def _percent(value: float, scale: float) -> float:
+    return min(100.0 * value / scale, 100.0) if math.isfinite(value) else 0.0

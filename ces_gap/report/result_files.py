@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import PurePath
-from typing import Any
 
-from ces_gap.augmented.augmented_file import augmented_text
+from ces_data.recording import Recording
+from ces_gap.augmented import augmented_text
 from ces_gap.diagnosis import Diagnosis
-from ces_gap.experiment.experiment_files import experiment_files
-from ces_gap.optional_steps import OptionalSteps
-from ces_gap.report import report_page
+from ces_gap.experiment.next_experiment import experiment_files
+from ces_gap.progress import OptionalSteps
 from ces_gap.report.gap_json import format_document, gap_document
-from ces_identify.recordings.recording import Recording
-from ces_identify.typesetting import join_names
+from ces_gap.report.page import report_page
+from ces_report.typesetting import join_names
 
 GAP, AUGMENTED, REPORT = "gap.json", "augmented.json", "report.html"
 
@@ -27,16 +26,19 @@ def result_files(
 ) -> dict[str, str]:
     """Return the texts of the files by name.
 
-    `sim` specifies the simulation relative to the files' folder (`ces_gap.augmented.augmented_file.name_simulation`).
+    `sim` specifies the simulation relative to the files' folder (`ces_gap.augmented.name_simulation`).
     `sources` are the recordings of each role ("real", "held_out", "reference") for the provenance; `facts` are shown in
     the report. If the report or the next experiment cannot be written, a note in `gap.json` says why.
     """
     optional = OptionalSteps()
     nothing: dict[str, str] = {}
     page = optional.run(REPORT, lambda: {REPORT: report_page(diagnosis, _title(diagnosis, sources), facts)}, nothing)
-    experiment = optional.run("next experiment", lambda: _experiment_texts(diagnosis), nothing)
+    proposed = diagnosis.next_experiment
+    experiment = (
+        nothing if proposed is None else optional.run("next experiment", lambda: experiment_files(proposed), nothing)
+    )
     document = gap_document(replace(diagnosis, notes=(*diagnosis.notes, *optional.notes)))
-    provenance = {role: [_origin(r) for r in recordings] for role, recordings in sources}
+    provenance = {role: [{"recording": r.name, "sha256": r.sha256} for r in recordings] for role, recordings in sources}
     return {
         GAP: format_document(document),
         AUGMENTED: augmented_text(
@@ -57,11 +59,3 @@ def _title(diagnosis: Diagnosis, sources: Sequence[tuple[str, Sequence[Recording
     real = join_names([r.name for role, found in sources if role != "reference" for r in found])
     reference = f" (reference {names['reference']})" if names.get("reference") else ""
     return f"Gap of {PurePath(diagnosis.simulation).name} against {real}{reference}"
-
-
-def _experiment_texts(diagnosis: Diagnosis) -> dict[str, str]:
-    return experiment_files(diagnosis.next_experiment) if diagnosis.next_experiment is not None else {}
-
-
-def _origin(recording: Recording) -> dict[str, Any]:
-    return {"recording": recording.name, "sha256": recording.sha256}

@@ -14,14 +14,13 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.campaign.campaign_rows import CampaignRows, pooled_cost
-from ces_identify.campaign.front import front, is_proved
-from ces_identify.jobs.row_log import Row
-from ces_identify.report.interval_chart import IntervalRow, draw_intervals
-from ces_identify.report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, series_css
-from ces_identify.report.shell import command_block, page_template, replace_unencodable
+from ces_identify.campaign.campaign_rows import CampaignRows, front, is_proved, pooled_cost
+from ces_identify.jobs.results import Row
 from ces_identify.structures import KITS
-from ces_observer.json_checks import write_atomically
+from ces_observer.json_text import write_atomically
+from ces_report.charts import IntervalRow, draw_intervals
+from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, series_css
+from ces_report.shell import command_block, page_template, replace_unencodable
 
 PAGE = "campaign.html"
 REFRESH_S = 10  # between reloads of a page whose campaign is running
@@ -144,15 +143,14 @@ def _panel(results: CampaignRows, number: int, bags: str) -> dict[str, Any]:
         "tick": _pareto(results, [row for row in rows if row.get(TICK)], number, TICK),
         "effects": [
             draw_intervals(
-                f"axis{number}-{axis}", f"Selection cost by {axis}", "Selection cost J [%]", _effect_rows(values)
+                f"axis{number}-{axis}",
+                f"Selection cost by {axis}",
+                "Selection cost J [%]",
+                [IntervalRow(value, min(J), max(J), median(J), _effect_text(J)) for value, J in values],
             )
             for axis, values in results.effects(bags).items()
         ],
     }
-
-
-def _effect_rows(values: list[tuple[str, list[float]]]) -> list[IntervalRow]:
-    return [IntervalRow(value, min(costs), max(costs), median(costs), _effect_text(costs)) for value, costs in values]
 
 
 def _effect_text(costs: list[float]) -> str:

@@ -1,24 +1,77 @@
-"""The rows of a campaign with names that a person can tell apart."""
+"""The results of a campaign: their names, the models on the front of cost against size, and the recommended one."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
-from ces_identify.campaign.cell_names import CellNames, describe_setting
-from ces_identify.campaign.front import front, recommend_model
-from ces_identify.jobs.job import DONE
-from ces_identify.jobs.row_log import Row, read_rows
+from ces_identify.jobs.results import DONE, Row, read_rows
 from ces_observer.errors import CesError
 
+COUNTED = ("terms", "units", "rules", "springs", "curves", "memberships")
+COST_TOLERANCE = 0.1  # relative to the lowest selection cost: the excess allowed for a smaller model
 RESULTS = "results.jsonl"
 RESULT_COLUMNS = (
     "key", "status", "reason", "bags", "structure", "size", "parameters", "selection_J", "costs", "pooled", "gain",
     "force_bound_N", "seconds", "trials", "ended", "tick_us",
 )  # fmt: skip
 IDENTIFICATION = "identification"
-COMMON_AXES = ("seed", "rate_Hz", "bandwidth_Hz", "certificate")
+COMMON_AXES = ("seed", "rate", "bandwidth", "certificate")
+
+
+@dataclass(frozen=True)
+class CellNames:
+    """Names cells by their structure and the settings in `varied`, and with their set of bags if there are several."""
+
+    varied: tuple[str, ...]
+    with_bags: bool
+
+    def name(self, row: Row) -> str:
+        """Return the structure of a cell and its settings that vary: polynomial, 12 terms, seed 1."""
+        return ", ".join(filter(None, [row["structure"], self.settings(row)]))
+
+    def full_name(self, row: Row) -> str:
+        """Return the name of a cell with its set of bags, if there are several."""
+        return f"{row['bags']}: {self.name(row)}" if self.with_bags else self.name(row)
+
+    def settings(self, row: Row) -> str:
+        """Return the settings of a cell that vary: 12 terms, seed 1."""
+        return ", ".join(describe_setting(key, row[key]) for key in self.varied if key in row)
+
+
+def describe_setting(key: str, value: Any) -> str:
+    """Return a setting as text: 12 terms, seed 1, certificate yes."""
+    if isinstance(value, bool):
+        return f"{key} {'yes' if value else 'no'}"
+    return f"{value} {key}" if key in COUNTED else f"{key} {value}"
+
+
+def front(rows: Sequence[Row], size: str = "parameters") -> list[Row]:
+    """Return the rows that no other beats in both `size` (a column) and selection cost, smallest model first.
+
+    All rows belong to one set of bags. Models without a certificate count only if none has one.
+    """
+    best: list[Row] = []
+    models = [row for row in rows if row["status"] == DONE and row["selection_J"] is not None]
+    models = [row for row in models if is_proved(row)] or models
+    for row in sorted(models, key=lambda r: (r[size], r["selection_J"])):
+        if not best or row["selection_J"] < best[-1]["selection_J"]:
+            best.append(row)
+    return best
+
+
+def is_proved(row: Row) -> bool:
+    """Return whether the row's model has a certificate; rows of older campaigns hold a contraction's gain alone."""
+    return row.get("force_bound_N") is not None or row["gain"] is not None
+
+
+def recommend_model(rows: Sequence[Row]) -> Row | None:
+    """Return the smallest model on the front within 10 % of its lowest cost, None if there is no model."""
+    best = front(rows)
+    return next((row for row in best if row["selection_J"] <= (1.0 + COST_TOLERANCE) * best[-1]["selection_J"]), None)
 
 
 @dataclass(frozen=True)

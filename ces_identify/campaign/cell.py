@@ -4,22 +4,20 @@ from __future__ import annotations
 
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from functools import partial
 
 import numpy as np
 
+from ces_data.recording import Recording
 from ces_identify.campaign.plan import AUTO, CampaignJob
-from ces_identify.comparison.tick_time import TickTime, measure_tick_times
+from ces_identify.comparison.compared_models import TickTime, measure_tick_times
 from ces_identify.identification import IdentificationResult, identify
-from ces_identify.jobs.job import DONE, JobResult, run_job
-from ces_identify.jobs.row_log import Row
-from ces_identify.polynomial.search_limits import Limits
-from ces_identify.recordings.recording import Recording
+from ces_identify.jobs.results import DONE, JobResult, Row, run_job
+from ces_identify.options import build_identify_options
 from ces_identify.structures import KITS
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.validation.cost_interval import cost_interval, pooled_cost
-from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation
+from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation, cost_interval, pooled_cost
 
 REST = "rest"  # the part of a recording after `split`, as a validation set
 INTERRUPTED = "interrupted"
@@ -38,7 +36,7 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
     count = len(job.recordings)
     fitter = KITS[job.cell.structure].fitter(job.cell.settings)
     result = identify(recordings[:count], recordings[count:], _options(job), fitter=fitter)
-    result = result.with_forced(job.forced)
+    result = result.with_ignored_findings(job.forced)
     if any(start.ended == INTERRUPTED for start in result.search_results):
         raise KeyboardInterrupt
     seconds = time.monotonic() - began
@@ -48,13 +46,9 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
 
 def _options(job: CampaignJob) -> IdentifyOptions:
     settings = job.cell.settings
-    rate_Hz, bandwidth_Hz = (None if settings[k] == AUTO else float(settings[k]) for k in ("rate_Hz", "bandwidth_Hz"))
-    limits, certify = Limits(**asdict(job.limits), seed=job.cell.seed), bool(settings["certificate"])
-    options = IdentifyOptions(job.split, limits=limits, rate_Hz=rate_Hz, bandwidth_Hz=bandwidth_Hz, certify=certify)
-    if job.rules is None:
-        return options
-    limits = replace(limits, max_terms=int(settings["terms"]), method=str(settings["method"]))
-    return replace(options, limits=limits, rules=job.rules)
+    sampling = {key: None if settings[key] == AUTO else float(settings[key]) for key in ("rate", "bandwidth")}
+    given = {**asdict(job.limits), **settings, **sampling}
+    return build_identify_options({**given, "split": job.split, "candidates": job.rules})
 
 
 def _row(job: CampaignJob, result: IdentificationResult, seconds: float, tick: TickTime) -> Row:

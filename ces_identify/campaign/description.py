@@ -9,13 +9,16 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any
 
-from ces_identify.campaign.axes import COMMON, LIMITS, STRUCTURES, CampaignAxis, number_between
+from ces_data.config_file import read_yaml_mapping
+from ces_identify.campaign.axes import COMMON, STRUCTURES, describe_axis, is_on_axis
 from ces_identify.campaign.plan import BUILT_IN, BUILT_IN_THESIS, Campaign, Candidates, CellLimits, Setting
-from ces_identify.config_file import read_yaml_mapping, require_known_keys
+from ces_identify.options import SPLIT
 from ces_identify.polynomial.regressors import built_in_rules, load_rules
 from ces_identify.polynomial.search_limits import BOTH, THESIS
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_observer.errors import CesError
+from ces_observer.fields import read_record, require_known_keys
+from ces_observer.options import Option
 
 KEYS = ("bags", "validate", "structures", *COMMON, "limits", "split", "signals")
 MAX_CELLS = 100_000
@@ -44,18 +47,15 @@ class _Reader:
             raise CampaignError(f"{self.path}: no 'structures'; expected some of {', '.join(STRUCTURES)}")
         structures = self._structures(self.content["structures"])
         validate = self._sets("validate") if "validate" in self.content else {}
-        common = {key.removesuffix("s"): self._axis("", key, axis, self.content) for key, axis in COMMON.items()}
+        common = {key: self._axis("", key, axis, self.content) for key, axis in COMMON.items()}
         campaign = Campaign(
             source=self.path,
             bags=self._sets("bags"),
             validate=validate,
             structures=structures,
             common=common,
-            limits=self._limits(),
-            split=self._one(
-                "split",
-                CampaignAxis(number_between(0.05, 1.0), "a number from 0.05 to 1", (1.0 if validate else 0.75,)),
-            ),
+            limits=read_record(CellLimits, self.content.get("limits", {}), f"{self.path}: limits", CampaignError),
+            split=self._one(SPLIT, 1.0 if validate else 0.75),
             signals=self._signals(),
             candidates=self._candidates(structures),
         )
@@ -89,32 +89,22 @@ class _Reader:
         self._require_mapping(where, values, axes)
         return {key: self._axis(f"{where}: ", key, axis, values) for key, axis in axes.items()}
 
-    def _axis(self, where: str, key: str, axis: CampaignAxis, content: Mapping[str, Any]) -> tuple[Setting, ...]:
+    def _axis(self, where: str, key: str, axis: Option, content: Mapping[str, Any]) -> tuple[Setting, ...]:
         """Return the values on an axis; a single value needs no brackets."""
         if key not in content:
-            return axis.default
+            return (axis.default,)
         values = content[key] if isinstance(content[key], list) else [content[key]]
-        if not values or not all(map(axis.good, values)):
-            raise self._wrong(f"{where}{key}", content[key], f"one or a list of: {axis.expected}")
+        if not values or not all(is_on_axis(axis, value) for value in values):
+            raise self._wrong(f"{where}{key}", content[key], f"one or a list of: {describe_axis(axis)}")
         self._require_different(f"{where}{key}", values)
         return tuple(values)
 
-    def _limits(self) -> CellLimits:
-        limits = self.content.get("limits", {})
-        self._require_mapping("limits", limits, LIMITS)
-        for key, value in limits.items():
-            if not LIMITS[key].good(value):
-                raise self._wrong(f"limits: {key}", value, LIMITS[key].expected)
-        return CellLimits(**limits)
-
-    def _one(self, key: str, axis: CampaignAxis) -> Any:
-        value = self.content.get(key, axis.default[0])
-        if not axis.good(value):
-            raise self._wrong(key, value, axis.expected)
-        return value
+    def _one(self, option: Option, default: Any) -> Any:
+        found = self.content.get(option.name)
+        return default if found is None else option.check(found, f"{self.path}: {option.name}", CampaignError)
 
     def _signals(self) -> Path | None:
-        name = self._one("signals", CampaignAxis(lambda v: v is None or isinstance(v, str), "a signals file", ("",)))
+        name = self._one(Option("signals", None, form="a signals file"), None)
         return self._resolve_path(name) if name else None
 
     def _candidates(self, structures: Mapping[str, Mapping[str, tuple[Setting, ...]]]) -> dict[str, Candidates]:

@@ -14,13 +14,15 @@ from itertools import product
 from pathlib import Path
 from typing import Any
 
-from ces_identify.campaign.cell_names import CellNames
-from ces_identify.polynomial.regressors import CandidateRules
+from ces_data.checks.content import require_distinct, shared_content
+from ces_data.recording import Recording
+from ces_identify.campaign.campaign_rows import CellNames
+from ces_identify.options import STARTS, TARGET, THREADS, TIME
+from ces_identify.polynomial.candidate_rules import CandidateRules
 from ces_identify.polynomial.search_limits import THESIS
-from ces_identify.recordings.recording import Recording
-from ces_identify.sense.content import require_distinct, shared_content
 from ces_observer import __version__
 from ces_observer.errors import CesError
+from ces_observer.fields import declare
 
 BUILT_IN = "built-in"  # candidate rules,
 BUILT_IN_THESIS = f"{BUILT_IN} of the thesis"  # and those of its procedure
@@ -32,12 +34,12 @@ CellSettings = Mapping[str, Setting]
 
 @dataclass(frozen=True)
 class CellLimits:
-    """Limits of each cell: seconds, target cost [%], number of starts from its seed on, and threads."""
+    """Limits of each cell: time [s], target cost [%], number of starts from its seed on, and threads."""
 
-    seconds: float = 60.0
-    target: float = 0.0
-    starts: int = 1
-    threads: int = 1
+    time: float = declare(TIME)
+    target: float = declare(TARGET)
+    starts: int = declare(replace(STARTS, default=1))
+    threads: int = declare(replace(THREADS, default=1))
 
 
 @dataclass(frozen=True)
@@ -170,7 +172,7 @@ def _job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], d
         "tool": __version__,
         "structure": cell.structure,
         "settings": {**cell.settings, "candidates": candidates.sha256 if candidates else None},
-        "limits": [campaign.limits.seconds, campaign.limits.target, campaign.limits.starts],
+        "limits": [campaign.limits.time, campaign.limits.target, campaign.limits.starts],
         "split": campaign.split,
         "signals": described,
         "bags": hashes,

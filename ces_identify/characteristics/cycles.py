@@ -1,7 +1,11 @@
-"""Cycles of a stretch: between two turning points at full rebound. Which of them repeat at a constant current.
+"""Cycles of a stretch between turning points at full rebound: which of them repeat, what each says, and the knee.
 
 A cycle is used if its stroke is nearly that of its neighbours (sine, triangle, slow sweep), the current stays constant
 from `SETTLE_S` before it to its end, and there are enough samples and bandwidth. The others are counted by reason.
+Compression is the half with rising position, rebound the other. In each half the speed first rises to its peak (the
+accelerating branch) and then falls to zero (the decelerating branch). A knee is where two straight lines that meet
+describe the force-speed curve, the mean of both branches, much better than one line; each cycle gives one of its own,
+so that its spread is known.
 """
 
 from __future__ import annotations
@@ -12,8 +16,8 @@ import numpy as np
 from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d
 from scipy.signal import find_peaks
 
+from ces_data.arrays import F, I, Mask
 from ces_identify.characteristics.motion import MEASURED, Stretch
-from ces_identify.numerics.arrays import F, I, Mask
 
 HALF = 100  # samples of each half of a cycle after resampling
 SMOOTH = 5  # instants over which the speed is averaged: less noise in slow cycles, a sine gets 0.1 % lower
@@ -25,7 +29,6 @@ MAX_SHAPE_DIFFERENCE = 0.06  # RMS between neighbours, of half the stroke
 MAX_PERIOD_DIFFERENCE = 0.15  # between neighbours, of the period
 MIN_REPEATS = 3  # cycles in a row that resemble each other
 SETTLE_S = 0.1  # [s] before a cycle in which the current must be constant, too
-QUIET = "used"
 REASONS = (
     "its stroke does not repeat (neighbouring cycles differ)",
     "the current changes within the cycle or the 0.1 s before it",
@@ -34,6 +37,19 @@ REASONS = (
     "no measured force over the whole cycle",
     "its peak speed is less than 10 times the noise of the speed",
 )
+
+COMPRESSION, REBOUND = "compression", "rebound"
+DIRECTIONS = (COMPRESSION, REBOUND)
+PEAK_SHARE = 0.97  # the peak is where the speed is at least this share of the largest
+EVEN = 7  # instants of a half over which the speed is averaged to find the peak: 0.2 % lower for a sine
+SHARES = np.round(np.arange(1, 20) * 0.05, 2)  # of the peak speed, at which the branches are read
+SKEW_S = 1e-3  # [s] delay between force and position whose effect on widths is stated
+MAX_ERROR_RATIO = 0.5  # RMS error of two lines over that of one line, at most
+MIN_SLOPE_CHANGE = 1.5  # ratio of the steeper to the flatter slope, at least
+CANDIDATES = np.round(np.arange(0.10, 0.81, 0.01), 2)  # shares of the peak speed tried as the knee
+RESOLUTION = 0.025 / np.sqrt(3.0)  # standard deviation of a knee between two neighbours of SHARES
+MAX_WIDTH = 0.3  # of the force: where the branches differ more, their mean is no curve
+MIN_CYCLES = 3
 
 
 @dataclass(frozen=True)
@@ -198,3 +214,143 @@ def join_cycles(parts: list[Cycles]) -> Cycles:
     joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
     forces = {source: np.concatenate([p.forces[source] for p in parts]) for source in parts[0].forces}
     return Cycles(forces=forces, **joined)
+
+
+@dataclass(frozen=True)
+class HalfValues:
+    """One direction of n cycles, forces as measured.
+
+    `peak_speed` (n,) and `peak_force` (n,) are means over the stretch where the speed is at least PEAK_SHARE of its
+    largest; `accelerating` and `decelerating` (n, shares) are the forces at SHARES of the peak speed.
+    """
+
+    peak_speed: F
+    peak_force: F
+    accelerating: F
+    decelerating: F
+
+    @property
+    def mean(self) -> F:
+        """The mean force of both branches (n, shares)."""
+        return 0.5 * (self.accelerating + self.decelerating)
+
+    @property
+    def width(self) -> F:
+        """How much more the decelerating branch resists than the accelerating one (n, shares)."""
+        return np.sign(self.peak_speed)[:, None] * (self.decelerating - self.accelerating)
+
+
+@dataclass(frozen=True)
+class CycleValues:
+    """Values (n,) of n cycles: `work_J`, the viscous damping of the same work, and the forces at zero speed.
+
+    `top_N` is the force at full compression, `bottom_N` at full rebound; `width_per_skew_N` is how much their
+    difference changes if the force is delayed by SKEW_S.
+    """
+
+    work_J: F
+    damping_Ns_m: F
+    power_W: F
+    top_N: F
+    bottom_N: F
+    width_per_skew_N: F
+    halves: dict[str, HalfValues]
+
+
+def evaluate_cycles(cycles: Cycles, source: str) -> CycleValues:
+    """Return the values of cycles by the force of one source; NaN for a cycle without it."""
+    force, x, v, t = cycles.forces[source], cycles.position, cycles.speed, cycles.time_s
+    force = np.where(np.isfinite(force).all(axis=1, keepdims=True), force, np.nan)
+    work = _close_loop(force, x)
+    period = t[:, -1] - t[:, 0]
+    slope = np.gradient(force, axis=1) / np.gradient(t, axis=1)
+    bottom_slope = 0.5 * (slope[:, 1] + slope[:, -2])
+    return CycleValues(
+        work_J=work,
+        damping_Ns_m=work / _integrate(v**2, t),
+        power_W=work / period,
+        top_N=force[:, HALF],
+        bottom_N=0.5 * (force[:, 0] + force[:, -1]),
+        width_per_skew_N=np.abs(slope[:, HALF] - bottom_slope) * SKEW_S,
+        halves={
+            COMPRESSION: _evaluate_half(v[:, : HALF + 1], force[:, : HALF + 1], 1.0),
+            REBOUND: _evaluate_half(v[:, HALF:], force[:, HALF:], -1.0),
+        },
+    )
+
+
+def _close_loop(force: F, x: F) -> F:
+    """Return the area (n,) [J] of the loops force over position, each closed by a straight line."""
+    inner = np.sum(0.5 * (force[:, 1:] + force[:, :-1]) * np.diff(x, axis=1), axis=1)
+    return np.asarray(inner + 0.5 * (force[:, 0] + force[:, -1]) * (x[:, 0] - x[:, -1]))
+
+
+def _evaluate_half(speed: F, force: F, sign: float) -> HalfValues:
+    v = sign * speed
+    even = uniform_filter1d(v, EVEN, axis=1, mode="nearest")  # the highest of noisy samples is too high
+    top = even >= PEAK_SHARE * even.max(axis=1, keepdims=True)
+    count = top.sum(axis=1)
+    peak_speed = np.where(top, v, 0.0).sum(axis=1) / count
+    peak_force = np.where(top, force, 0.0).sum(axis=1) / count
+    middle = np.rint((top * np.arange(v.shape[1])).sum(axis=1) / count).astype(int)
+    rising, falling = np.full((2, len(v), len(SHARES)), np.nan)
+    for i, m in enumerate(middle):
+        wanted = SHARES * peak_speed[i]
+        rising[i] = np.interp(wanted, np.maximum.accumulate(v[i, : m + 1]), force[i, : m + 1])
+        falling[i] = np.interp(wanted, np.maximum.accumulate(v[i, m:][::-1]), force[i, m:][::-1])
+    return HalfValues(sign * peak_speed, np.where(np.isfinite(force).all(axis=1), peak_force, np.nan), rising, falling)
+
+
+def _integrate(values: F, t: F) -> F:
+    """Return the integrals (n,) of values over t by trapezoids (NumPy 1.26 and 2 name theirs differently)."""
+    return np.asarray(np.sum(0.5 * (values[:, 1:] + values[:, :-1]) * np.diff(t, axis=1), axis=1))
+
+
+@dataclass(frozen=True)
+class KneeFit:
+    """A knee at `speed_m_s` (signed) with the standard deviation over the cycles, and the slopes [Ns/m] beside it."""
+
+    speed_m_s: float
+    speed_sd_m_s: float
+    force_N: float
+    slope_below_Ns_m: float
+    slope_above_Ns_m: float
+
+
+def find_knee(half: HalfValues) -> KneeFit | str:
+    """Return the knee of one direction, or the reason why there is none."""
+    known = np.isfinite(half.mean).all(axis=1)
+    if known.sum() < MIN_CYCLES:
+        return f"{known.sum()} cycles; {MIN_CYCLES} needed"
+    curve, peak = half.mean[known], half.peak_speed[known]
+    mean = curve.mean(axis=0)
+    one = float(np.sqrt(_errors(np.stack([np.ones_like(SHARES), SHARES], axis=1), mean[None])[0]))
+    errors = np.stack([_errors(_design(share), curve) for share in CANDIDATES])
+    best = int(np.argmin(np.stack([_errors(_design(share), mean[None])[0] for share in CANDIDATES])))
+    level, slope, change = np.linalg.lstsq(_design(CANDIDATES[best]), mean, rcond=None)[0]
+    two = float(np.sqrt(_errors(_design(CANDIDATES[best]), mean[None])[0]))
+    below, above = float(slope) / float(peak.mean()), float(slope + change) / float(peak.mean())
+    if best in (0, len(CANDIDATES) - 1) or two > MAX_ERROR_RATIO * one:
+        return "no knee: two lines are not much better than one"
+    at = int(np.argmin(np.abs(SHARES - CANDIDATES[best])))
+    width = abs(float(half.width[known][:, at].mean()) / float(mean[at]))
+    if width > MAX_WIDTH:
+        return f"cannot know: at the knee the branches differ by {100.0 * width:.0f} % of the force; move slower"
+    if max(abs(below), abs(above)) < MIN_SLOPE_CHANGE * min(abs(below), abs(above)):
+        return f"no knee: the slope changes from {below:.0f} to {above:.0f} Ns/m only"
+    each = CANDIDATES[np.argmin(errors, axis=0)] * peak
+    doubt = float(np.hypot(each.std(ddof=1), RESOLUTION * peak.mean()))
+    speed = float(CANDIDATES[best] * peak.mean())
+    force = float(level + slope * CANDIDATES[best])
+    return KneeFit(speed, doubt, force, below, above)
+
+
+def _design(share: float) -> F:
+    """Return the regressors (shares, 3) of two lines that meet at `share`."""
+    return np.stack([np.ones_like(SHARES), SHARES, np.maximum(SHARES - share, 0.0)], axis=1)
+
+
+def _errors(design: F, curves: F) -> F:
+    """Return the mean squared error (n,) of the least-squares fit of each curve (n, shares)."""
+    base = np.linalg.qr(design)[0]
+    return np.asarray(np.mean((curves - (curves @ base) @ base.T) ** 2, axis=1))

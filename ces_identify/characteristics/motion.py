@@ -14,10 +14,11 @@ from itertools import pairwise
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
-from ces_identify.numerics.arrays import F, I
-from ces_identify.preparation.position_spectrum import remove_spikes, sample_rate
-from ces_identify.preparation.series import hold_current, interpolate_force, usable_samples
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.arrays import F, I
+from ces_data.recording import Channel, Recording
+from ces_data.samples import remove_spikes
+from ces_identify.prepare.sampling import sample_rate
+from ces_identify.prepare.series import hold_current, interpolate_force, usable_samples
 
 MEASURED = "measured"
 MIN_BANDWIDTH_HZ, MAX_BANDWIDTH_HZ = 30.0, 200.0

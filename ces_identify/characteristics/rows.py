@@ -6,10 +6,21 @@ simulation's value minus the measured one over the same cycles, NaN in rows of t
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
 
+from ces_identify.characteristics.cycles import REASONS, Cycles
+from ces_identify.characteristics.motion import MEASURED, RecordingMotion
+
 NAN = float("nan")
+ALL = "all"
+NO_CYCLES = (
+    "no cycle repeats at a constant current: record sines, triangles or a slow sweep, each at a constant current "
+    "('ces rig characterise' shows how); the bins of speed describe any motion"
+)
+NO_STEPS = "cannot know: the current has no steps"
+NO_STEPS_READ = "cannot know: no step of the current while the piston moves at a constant speed; see the table of steps"
 
 
 def column(unit: str, meaning: str, default: Any = NAN) -> Any:
@@ -191,3 +202,86 @@ class Omission:
 def columns(row: type[Any]) -> tuple[tuple[str, str, str], ...]:
     """Return name, unit and meaning of the columns of a row type."""
     return tuple((f.name, f.metadata["unit"], f.metadata["meaning"]) for f in fields(row))
+
+
+@dataclass(frozen=True)
+class RecordingFacts:
+    """A recording: its length, bandwidth and noise of the speed, noise of the force, cycles found and used."""
+
+    name: str
+    duration_s: float
+    rate_Hz: float
+    bandwidth_Hz: float
+    speed_noise_m_s: float
+    force_noise_N: float
+    cycles: int
+    cycles_used: int
+
+
+@dataclass(frozen=True)
+class Characteristics:
+    """The tables; `sources` are "measured" and the simulations, in the order of the rows."""
+
+    sources: tuple[str, ...]
+    current_tolerance_A: float
+    recordings: tuple[RecordingFacts, ...]
+    peak_velocity: tuple[PeakForce, ...]
+    continuous: tuple[ContinuousForce, ...]
+    loops: tuple[LoopPoint, ...]
+    work: tuple[CycleWork, ...]
+    knees: tuple[Knee, ...]
+    responses: tuple[ValveResponse, ...]
+    response_points: tuple[ResponsePoint, ...]
+    steps: tuple[StepResponse, ...]
+    speed_bins: tuple[SpeedBin, ...]
+    omissions: tuple[Omission, ...]
+
+    def __repr__(self) -> str:
+        names = ", ".join(recording.name for recording in self.recordings)
+        used, found = (sum(getattr(r, name) for r in self.recordings) for name in ("cycles_used", "cycles"))
+        counts = ", ".join(f"{len(getattr(self, table))} {table}" for table in TABLES)
+        return (
+            f"<characteristics of {names} ({', '.join(self.sources)}): {used} of {found} cycles used; rows: {counts}>"
+        )
+
+
+TABLES: dict[str, type[Any]] = {
+    "peak_velocity": PeakForce,
+    "continuous": ContinuousForce,
+    "loops": LoopPoint,
+    "work": CycleWork,
+    "knees": Knee,
+    "responses": ValveResponse,
+    "response_points": ResponsePoint,
+    "steps": StepResponse,
+    "speed_bins": SpeedBin,
+    "omissions": Omission,
+}
+
+
+def find_omissions(
+    motions: Sequence[RecordingMotion], cycles: Cycles, steps: Sequence[StepResponse]
+) -> Iterator[Omission]:
+    """Yield why cycles and steps were not used, by recording, and which tables are empty."""
+    for number, motion in enumerate(motions):
+        own = cycles.reason[cycles.recording == number]
+        for index, reason in enumerate(REASONS):
+            count = int((own == index).sum())
+            if count:
+                yield Omission(subject="cycles", recording=motion.name, count=count, of=len(own), reason=reason)
+        measured = [s for s in steps if s.recording == motion.name and s.source == MEASURED]
+        for reason in dict.fromkeys(s.note for s in measured if s.note):
+            count = sum(s.note == reason for s in measured)
+            yield Omission(subject="steps", recording=motion.name, count=count, of=len(measured), reason=reason)
+    if not cycles.used.any():
+        yield Omission(subject="force over speed, loops, work", recording=ALL, reason=NO_CYCLES)
+    if not any(s.source == MEASURED and not s.note for s in steps):
+        reason = NO_STEPS_READ if steps else NO_STEPS
+        yield Omission(subject="response of the valve", recording=ALL, reason=reason)
+
+
+def find_empty_values(work: Sequence[CycleWork]) -> Iterator[Omission]:
+    """Yield why rows of the work per cycle have empty cells."""
+    for reason in dict.fromkeys(row.note for row in work if row.note):
+        count = sum(row.note == reason for row in work)
+        yield Omission(subject="rows of the work per cycle", recording=ALL, count=count, of=len(work), reason=reason)

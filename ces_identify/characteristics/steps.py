@@ -9,16 +9,20 @@ and load cell (oil, bushing) belongs to it, too.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 from scipy.ndimage import maximum_filter1d, median_filter, minimum_filter1d
+from scipy.stats import t as student
 
-from ces_identify.characteristics.cycle_values import COMPRESSION, REBOUND
-from ces_identify.characteristics.motion import Stretch
-from ces_identify.numerics.arrays import F
+from ces_data.arrays import F
+from ces_identify.characteristics.cycle_rows import group_values
+from ces_identify.characteristics.cycles import COMPRESSION, REBOUND
+from ces_identify.characteristics.motion import MEASURED, RecordingMotion, Stretch
+from ces_identify.characteristics.rows import ResponsePoint, StepResponse, ValveResponse
 
 PLATEAU_S = 0.05  # [s] of constant current before and after a step
 MAX_STEP_S = 0.04  # [s] that the change of the logged current may take
@@ -32,6 +36,10 @@ MAX_T63_SHARE = 0.3  # of the window: a slower response would not have settled
 SPARSE_S = 0.05  # [s] a current logged less often is one that is logged when it changes
 TRACE_S = np.round(np.arange(-0.020, 0.1001, 0.0005), 4)  # [s] from the step, where the mean response is shown
 NOT_SEEN = "no force from this source around the step"
+LEVEL = 0.95
+MIN_STEPS = 3  # for an interval
+SINCE_STEP = ("time_63_s", "dead_time_s")
+TIMES = (*SINCE_STEP, "time_constant_s", "rise_s")
 
 
 @dataclass(frozen=True)
@@ -89,10 +97,9 @@ def time_step(stretch: Stretch, step: CurrentStep, force: F, noise_N: float) -> 
         return "the step is at the recording's edge"
     speed = float(v[a : step.at].mean())
     close = np.abs(v[a:end] - speed) <= SPEED_SHARE * abs(speed)
-    changed = np.flatnonzero(
-        np.abs(stretch.current[step.at + round(MAX_STEP_S * rate) : end] - step.to_A) > _half(step)
-    )
-    stop = end if not len(changed) else step.at + round(MAX_STEP_S * rate) + int(changed[0])
+    later = step.at + round(MAX_STEP_S * rate)
+    changed = np.flatnonzero(np.abs(stretch.current[later:end] - step.to_A) > 0.5 * abs(step.to_A - step.from_A))
+    stop = end if not len(changed) else later + int(changed[0])
     stop = stop if close.all() else min(stop, a + int(np.argmin(close)))
     if stop - step.at < MIN_AFTER_S * rate:
         return f"the speed is not constant (within 10 %) from {BEFORE_S:g} s before to {MIN_AFTER_S:g} s after the step"
@@ -149,10 +156,6 @@ def _locate_step(stretch: Stretch, at: int) -> tuple[float, float]:
     return float(logged[index]) - 0.5 * interval, 0.5 * interval
 
 
-def _half(step: CurrentStep) -> float:
-    return 0.5 * abs(step.to_A - step.from_A)
-
-
 def _drift(y: F) -> float:
     """Return how much the second half of y (n,) differs from the first."""
     middle = len(y) // 2
@@ -168,3 +171,97 @@ def _crossing(t: F, y: F, share: float) -> float:
         return float(t[0])
     rise = y[index] - y[index - 1]
     return float(t[index - 1] + (share - y[index - 1]) / rise * (t[index] - t[index - 1]))
+
+
+@dataclass(frozen=True)
+class ReadStep:
+    """A row of the table of steps with the normalised force at TRACE_S; None if it could not be read."""
+
+    row: StepResponse
+    trace: F | None
+
+
+def read_steps(motion: RecordingMotion, sources: Sequence[str], tolerance_A: float) -> Iterator[ReadStep]:
+    """Yield every step of the current as each source responds to it."""
+    for stretch in motion.stretches:
+        for step in find_steps(stretch, tolerance_A):
+            at: dict[str, Any] = {"recording": motion.name, "time_s": step.time_s, "time_doubt_s": step.doubt_s}
+            at |= {"from_A": step.from_A, "to_A": step.to_A}
+            for source in sources:
+                timing = time_step(stretch, step, stretch.forces[source], motion.force_noise_N)
+                if isinstance(timing, StepTiming):
+                    values = {name: value for name, value in vars(timing).items() if name != "trace"}
+                    yield ReadStep(StepResponse(source=source, **at, **values), timing.trace)
+                else:
+                    yield ReadStep(StepResponse(source=source, **at, note=timing), None)
+
+
+def group_steps(steps: Sequence[ReadStep], tolerance_A: float) -> list[list[ReadStep]]:
+    """Return the steps that were read in groups of one change, direction and source, in this order."""
+    read = [step for step in steps if step.trace is not None]
+    levels = [_number_levels([getattr(s.row, name) for s in read], tolerance_A) for name in ("from_A", "to_A")]
+    groups: dict[tuple[int, int, str, bool, str], list[ReadStep]] = {}
+    for step, a, b in zip(read, *levels, strict=True):
+        row = step.row
+        groups.setdefault((a, b, row.direction, row.source != MEASURED, row.source), []).append(step)
+    return [group for _, group in sorted(groups.items(), key=lambda item: item[0])]
+
+
+def response_row(group: Sequence[ReadStep]) -> ValveResponse:
+    """Return the mean response of a group."""
+
+    def average(name: str) -> float:
+        return float(np.mean([getattr(step.row, name) for step in group]))
+
+    doubt = average("time_doubt_s")
+    times = {name: average(name) for name in TIMES}
+    widths = {f"{n[:-2]}_ci95_s": _half_interval(group, n, doubt if n in SINCE_STEP else 0.0) for n in TIMES}
+    return ValveResponse(
+        source=group[0].row.source,
+        from_A=average("from_A"),
+        to_A=average("to_A"),
+        change="up" if average("to_A") > average("from_A") else "down",
+        direction=group[0].row.direction,
+        steps=len(group),
+        speed_m_s=average("speed_m_s"),
+        force_change_N=average("after_N") - average("before_N"),
+        **times,
+        **widths,
+        note="" if len(group) >= MIN_STEPS else f"fewer than {MIN_STEPS} steps: no interval",
+    )
+
+
+def response_points(group: Sequence[ReadStep]) -> Iterator[ResponsePoint]:
+    """Yield the mean course of a group, as long as all its steps last."""
+    response = response_row(group)
+    traces = np.stack([step.trace for step in group if step.trace is not None])
+    for k, time in enumerate(TRACE_S):
+        shares = traces[:, k]
+        if np.isfinite(shares).all():
+            yield ResponsePoint(
+                source=response.source,
+                from_A=response.from_A,
+                to_A=response.to_A,
+                direction=response.direction,
+                time_s=float(time),
+                steps=len(shares),
+                share=float(shares.mean()),
+                share_sd=float(shares.std(ddof=1)) if len(shares) >= MIN_STEPS else np.nan,
+            )
+
+
+def _half_interval(group: Sequence[ReadStep], name: str, doubt_s: float) -> float:
+    """Return half the 95 % interval of the mean [s], widened by a doubt that steps may share; NaN for few steps."""
+    if len(group) < MIN_STEPS:
+        return np.nan
+    values = np.array([getattr(step.row, name) for step in group])
+    reach = student.ppf(0.5 + LEVEL / 2, len(values) - 1) * values.std(ddof=1) / np.sqrt(len(values))
+    return float(reach + doubt_s)
+
+
+def _number_levels(currents: Sequence[float], tolerance_A: float) -> list[int]:
+    """Return the number of the level of each current."""
+    levels = np.zeros(len(currents), np.int64)
+    for number, members in enumerate(group_values(np.array(currents), tolerance_A)):
+        levels[members] = number
+    return [int(level) for level in levels]

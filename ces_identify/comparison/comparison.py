@@ -1,23 +1,47 @@
-"""Models compared on the same recordings: costs, differences between them, and what each model is."""
+"""Models compared on the same recordings: costs, differences, what each model is; in figures, sentences and JSON."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 
-from ces_identify.comparison.aligned_recording import MAX_RATIO, AlignedRecording, align
-from ces_identify.comparison.compared_model import TRAINED, UNKNOWN, ComparedModel
-from ces_identify.comparison.difference_errors import pooled_costs
-from ces_identify.comparison.pair_results import PairResult, compare_pairs
-from ces_identify.comparison.tick_time import TickTime, describe_machine, measure_tick_times
-from ces_identify.recordings.recording import Recording
-from ces_identify.sense.content import require_once
-from ces_identify.validation.cost_interval import CostInterval, ScoredTicks, interval_of_ticks
+from ces_data.checks.content import require_once
+from ces_data.recording import Recording
+from ces_identify.comparison.compared_models import (
+    MAX_RATIO,
+    TRAINED,
+    UNKNOWN,
+    AlignedRecording,
+    ComparedModel,
+    TickTime,
+    align,
+    describe_machine,
+    measure_tick_times,
+)
+from ces_identify.comparison.pair_results import (
+    BETTER,
+    DIVERGED,
+    NO_TEST,
+    SAME,
+    SHORT,
+    Difference,
+    PairResult,
+    compare_pairs,
+    pooled_costs,
+)
+from ces_identify.validation.cost_table import NONE, interval_text, percent
+from ces_identify.validation.evaluate import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
+from ces_report.table import Column, Table
+from ces_report.typesetting import minus
 
 MAX_MODELS = 40
+MAX_NAMES = 3  # of other models in a sentence
+LOWEST = "lowest"
 MAX_DRAWN = 8  # models in charts, which have so many colours
 MAX_LINES = 84  # in the charts of all recordings together, so that the page stays below 3 MB
 
@@ -73,8 +97,7 @@ class Comparison:
     @property
     def drawn(self) -> tuple[int, ...]:
         """Models that charts show: all of up to MAX_DRAWN, else those of the lowest pooled cost, in their order."""
-        lowest = sorted(range(len(self.models)), key=lambda i: self.models[i].pooled)
-        return tuple(sorted(lowest[:MAX_DRAWN]))
+        return tuple(sorted(self.by_cost[:MAX_DRAWN]))
 
     @property
     def drawn_recordings(self) -> tuple[int, ...]:
@@ -83,6 +106,17 @@ class Comparison:
         numbers = range(len(self.recordings))
         first = sorted(numbers, key=lambda n: self.recordings[n].name not in self.test_names)
         return tuple(sorted(first[:count]))
+
+    @property
+    def by_cost(self) -> list[int]:
+        """Models, the lowest pooled cost first."""
+        return sorted(range(len(self.models)), key=lambda i: self.models[i].pooled)
+
+    def __repr__(self) -> str:
+        return f"{headline(self)}\n{cost_table(self)}"
+
+    def _repr_html_(self) -> str:
+        return str(Markup("<p>{}</p>{}").format(headline(self), cost_table(self).to_html()))
 
     def pair(self, first: int, second: int) -> PairResult:
         """Return the comparison of two models, whichever comes first."""
@@ -188,11 +222,7 @@ def _interval(i: int, recordings: Sequence[AlignedRecording]) -> CostInterval | 
     """Return the interval of the model's pooled J, None if it diverged or a recording is too short."""
     if any(r.diverged[i] for r in recordings):
         return None
-    return interval_of_ticks([_ticks(i, r) for r in recordings])
-
-
-def _ticks(i: int, recording: AlignedRecording) -> ScoredTicks:
-    return ScoredTicks(recording.errors[i] ** 2, recording.measured[recording.scored], recording.rate_Hz)
+    return interval_of_ticks([ScoredTicks(r.errors[i] ** 2, r.measured[r.scored], r.rate_Hz) for r in recordings])
 
 
 def _force_bound(model: ComparedModel) -> float | None:
@@ -263,3 +293,87 @@ def join(names: Sequence[str]) -> str:
 
 def _was(names: Sequence[str]) -> str:
     return "was" if len(names) == 1 else "were"
+
+
+def best_model(comparison: Comparison) -> int:
+    """Return the index of the model with the lowest pooled cost."""
+    return comparison.by_cost[0]
+
+
+def headline(comparison: Comparison) -> str:
+    """Return what the pooled costs say about the model with the lowest one, against every other."""
+    best = best_model(comparison)
+    groups: dict[str, list[str]] = {}
+    for i, model in enumerate(comparison.models):
+        if i != best:
+            groups.setdefault(comparison.pair(best, i).verdict, []).append(model.name)
+    name = comparison.models[best].name
+    sentence = "; ".join(
+        _describe(verdict, name, _shorten(groups[verdict], len(comparison.models) - 1))
+        for verdict in (BETTER, SAME, SHORT, NO_TEST, DIVERGED)
+        if verdict in groups
+    )
+    return f"{sentence}."
+
+
+def _describe(verdict: str, best: str, others: str) -> str:
+    """Return a verdict on the model with the lowest cost and others."""
+    return {
+        BETTER: f"{best} is better than {others}",
+        SAME: f"{best} cannot be told apart from {others}",
+        SHORT: f"too short to know: whether {best} differs from {others}",
+        NO_TEST: f"no test: {best} or {others} was identified on each recording",
+        DIVERGED: f"no difference between {best} and {others}: a free run diverged",
+    }[verdict]
+
+
+def _shorten(names: Sequence[str], others: int) -> str:
+    if len(names) <= MAX_NAMES:
+        return join(names)
+    return f"all {others} others" if len(names) == others else f"{len(names)} of the others"
+
+
+def format_signed(value: float) -> str:
+    """Return a difference [%] with its sign."""
+    return minus(f"{round(value, 2) + 0.0:+.2f}")  # no negative zero
+
+
+def p_text(p_value: float | None) -> str:
+    """Return a p-value as text, a dash without one."""
+    if p_value is None:
+        return "-"
+    return "< 0.001" if p_value < 0.001 else f"{p_value:.3f}"
+
+
+def describe_interval(one: Difference, missing: str = NONE) -> str:
+    """Return the interval of a difference as text, `missing` without one."""
+    return missing if one.low is None or one.high is None else f"{format_signed(one.low)} to {format_signed(one.high)}"
+
+
+def difference_above(comparison: Comparison, model: int) -> Difference | None:
+    """Return how much higher the pooled cost of `model` is than the lowest; None if that is not a test."""
+    if not comparison.test_names:
+        return None
+    best = best_model(comparison)
+    difference = comparison.pair(best, model).minus(best)
+    return difference if math.isfinite(difference.value) else None
+
+
+def cost_table(comparison: Comparison) -> Table[int]:
+    """Return a row for each model, lowest cost first: its cost, and how much more that is than the lowest."""
+    models, best, tests = comparison.models, best_model(comparison), comparison.test_names
+
+    def above(i: int) -> str:
+        one = None if i == best else difference_above(comparison, i)
+        if one is None:
+            return LOWEST if i == best else NONE
+        return SHORT if one.low is None else f"{format_signed(one.value)} ({describe_interval(one)})"
+
+    columns: list[Column[int]] = [
+        Column("Model", lambda i: models[i].name, short="model"),
+        Column("J [%]", lambda i: percent(models[i].pooled), figure=True, short="J %"),
+        Column("95 % interval [%]", lambda i: interval_text(models[i].pooled_interval), figure=True, short="95 %"),
+        Column("Above the lowest [%]", above, figure=True, short="above the lowest"),
+    ]
+    title = f"cost J over {join(tests)}" if tests else "cost J over all (not a test)"
+    return Table(columns, comparison.by_cost, title)

@@ -4,27 +4,126 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
-from ces_identify.comparison.compared_model import TRAINED
-from ces_identify.comparison.comparison import Comparison, ModelResult, join
-from ces_identify.comparison.conclusions import best_model, format_signed, headline, p_text
-from ces_identify.comparison.overlay_charts import draw_overlay
-from ces_identify.comparison.pair_results import Difference, PairResult
-from ces_identify.report.interval_chart import IntervalRow, draw_intervals
-from ces_identify.report.plot import series_css
-from ces_identify.report.shell import command_block, page_template, replace_unencodable
-from ces_identify.typesetting import minus
-from ces_identify.validation.cost_interval import CostInterval
-from ces_identify.validation.envelope_use import UNITS
-from ces_observer.json_checks import write_atomically
+from ces_data.arrays import F
+from ces_identify.comparison.compared_models import MAX_GAP_S, TRAINED, AlignedRecording
+from ces_identify.comparison.comparison import (
+    Comparison,
+    ModelResult,
+    best_model,
+    describe_interval,
+    difference_above,
+    format_signed,
+    headline,
+    join,
+)
+from ces_identify.comparison.comparison_tables import TOO_SHORT, difference_text, outside_percent, pair_table
+from ces_identify.comparison.pair_results import Difference
+from ces_identify.validation.evaluate import UNITS, CostInterval
+from ces_observer.json_text import write_atomically
+from ces_report.charts import IntervalRow, draw_intervals
+from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, series_css, share_points
+from ces_report.shell import command_block, page_template, replace_unencodable
+from ces_report.typesetting import minus
 
+WINDOW_S = 1.5  # shown first
+LOOP_POINTS = 900
+LINES_OF_MODEL, LINES_OF_RECORDING = 4, 3  # in the charts of a recording
 MAX_OPEN_ROWS = 20  # of a table that is not folded
 MAX_DETAILED_PAIRS = 3  # pairs of models up to which the differences on each recording are drawn
 NAMES_IN_TITLE = 4
+
+
+@dataclass(frozen=True)
+class OverlayCharts:
+    """The charts of one recording, and the window [s] that they show first."""
+
+    over_time: Markup
+    over_speed: Markup
+    from_s: float
+    to_s: float
+
+
+def draw_overlay(comparison: Comparison, number: int) -> OverlayCharts:
+    """Return the charts of the recording `number`."""
+    whole = comparison.recordings[number]
+    recording = replace(whole, forces=whole.forces[list(comparison.drawn)])
+    names = [comparison.models[i].name for i in comparison.drawn]
+    first, last = choose_window(recording)
+    lines = len(comparison.drawn_recordings) * (LINES_OF_RECORDING + LINES_OF_MODEL * len(names))
+    points = share_points(lines)
+    view = (float(recording.time_s[first]), float(recording.time_s[last - 1]))
+    return OverlayCharts(
+        draw_plot(_time_plot(recording, names, number, view), points),
+        draw_plot(_loop_plot(recording, names, number, slice(first, last)), points),
+        *view,
+    )
+
+
+def choose_window(recording: AlignedRecording) -> tuple[int, int]:
+    """Return the samples [first, last) of a window where the damper works and the errors are typical.
+
+    Of the windows whose force varies at least as much as in the median one, it is that with the median error of all
+    models together.
+    """
+    length = max(2, round(WINDOW_S * recording.rate_Hz))
+    n = len(recording.time_s)
+    if length >= n:
+        return 0, n
+    scored = recording.scored
+    force = np.where(scored, recording.measured, 0.0)
+    squares = np.where(scored, np.nansum((recording.measured - recording.forces) ** 2, axis=0), 0.0)
+    count, one, two, error = (_sliding(v, length) for v in (scored.astype(float), force, force**2, squares))
+    variance = np.where(count >= count.max(), two / count.max() - (one / count.max()) ** 2, -1.0)
+    able = np.flatnonzero(variance >= np.median(variance[variance >= 0.0]))
+    first = int(able[np.argsort(error[able], kind="stable")[len(able) // 2]])
+    return first, first + length
+
+
+def _sliding(values: F, length: int) -> F:
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    return np.asarray(total[length:] - total[:-length])
+
+
+def _time_plot(recording: AlignedRecording, names: list[str], number: int, view: tuple[float, float]) -> Plot:
+    t, breaks = recording.time_s, np.diff(recording.time_s, prepend=recording.time_s[0]) > MAX_GAP_S
+    measured = PlotLine("measured", t, recording.measured, "measured reference", breaks)
+    forces = [
+        PlotLine(name, t, f, series_css(i), breaks)
+        for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))
+    ]
+    errors = [
+        PlotLine(name, t, np.where(recording.scored, recording.measured - f, np.nan), series_css(i), breaks)
+        for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))
+    ]
+    areas = [
+        PlotArea("Force [N]", [measured, *forces], 190),
+        PlotArea("Measured minus simulated [N]", errors, 110, around_zero=True),
+        PlotArea("The same over the whole recording [N]", errors, 50, around_zero=True, whole=True),
+    ]
+    text = f"Measured force of {recording.name} and the free runs of {len(names)} models, with their errors below."
+    return Plot(f"time{number}", f"Force over time, {recording.name}", text, "Time [s]", areas, 660, view, f"r{number}")
+
+
+def _loop_plot(recording: AlignedRecording, names: list[str], number: int, window: slice) -> Plot:
+    some = slice(window.start, window.stop, -(-(window.stop - window.start) // LOOP_POINTS))
+    v = recording.speed[some]
+    lines = [PlotLine("measured", v, recording.measured[some], "measured reference")]
+    lines += [
+        PlotLine(name, v, f[some], series_css(i))
+        for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))
+    ]
+    text = f"Force of {recording.name} over piston speed, measured and simulated, in the window shown first."
+    area = PlotArea("Force [N]", lines, 380)
+    return Plot(
+        f"loop{number}", f"Force over speed, {recording.name}", text, "Speed [m/s]", [area], 440, free=True, x_ticks=5
+    )
 
 
 def write_comparison(path: Path, comparison: Comparison, facts: Mapping[str, str]) -> None:
@@ -44,8 +143,8 @@ def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
         facts={key: value for key, value in facts.items() if key != "command"},
         comparison=comparison,
         pooled_over=join(tests) if tests else "",
-        rows=[_model_row(comparison, i, best) for i in sorted(range(len(comparison.models)), key=_by_cost(comparison))],
-        pairs=[_pair_row(comparison, pair) for pair in comparison.pairs],
+        rows=[_model_row(comparison, i, best) for i in comparison.by_cost],
+        pairs=pair_table(comparison),
         forest=draw_intervals(
             "differences",
             "Differences of cost between the models",
@@ -63,7 +162,6 @@ def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
         ),
         all_pairs=len(comparison.pairs) <= MAX_DETAILED_PAIRS,
         best=comparison.models[best].name,
-        same_recordings=len({pair.pooled.recordings for pair in comparison.pairs}) == 1,
         recordings=[
             {
                 "recording": comparison.recordings[n],
@@ -72,7 +170,7 @@ def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
             }
             for n in comparison.drawn_recordings
         ],
-        envelopes=_envelope_charts(comparison),
+        envelopes=[chart for signal in UNITS if (chart := _envelope_chart(comparison, signal))],
         fold=MAX_OPEN_ROWS,
         swatches=[_swatch(comparison, i) for i in range(len(comparison.models))],
         notes_on_charts=[note[0].upper() + note[1:] for note in comparison.notes_on_charts()],
@@ -96,13 +194,10 @@ def _title(comparison: Comparison) -> str:
     return f"{models} on {on}"
 
 
-def _by_cost(comparison: Comparison) -> Any:
-    return lambda i: comparison.models[i].pooled
-
-
 def _model_row(comparison: Comparison, i: int, best: int) -> dict[str, Any]:
     result, model = comparison.models[i], comparison.models[i].model.model
-    above, _, above_interval = ("lowest" if i == best else _above(comparison, best, i)).partition(" (")
+    difference = None if i == best else difference_above(comparison, i)
+    above = ("lowest" if i == best else "–") if difference is None else format_signed(difference.value)
     return {
         "name": result.name,
         "source": result.model.source,
@@ -112,10 +207,10 @@ def _model_row(comparison: Comparison, i: int, best: int) -> dict[str, Any]:
         "cost": _percent(result.pooled),
         "interval": interval_text(result.pooled_interval),
         "above": above,
-        "above_interval": above_interval.removesuffix(")"),
+        "above_interval": "" if difference is None else describe_interval(difference, TOO_SHORT),
         "tick": "–" if result.tick is None else f"{result.tick.median_us:.1f}",
         "bound": _bound(result),
-        "outside": _outside(comparison, i),
+        "outside": outside_percent(comparison, i, "–"),
         "costs": result.costs,
     }
 
@@ -126,38 +221,8 @@ def _bound(result: ModelResult) -> str:
     return "–" if result.model.model is None else "not proved"
 
 
-def _outside(comparison: Comparison, i: int) -> str:
-    if comparison.models[i].model.model is None:
-        return "–"
-    return (
-        f"{100 * max(max((one.outside_share for one in r.exits[i]), default=0.0) for r in comparison.recordings):.1f}"
-    )
-
-
 def _percent(cost: float) -> str:
     return f"{cost:.2f}" if math.isfinite(cost) else "diverged"
-
-
-def _above(comparison: Comparison, best: int, model: int) -> str:
-    """Return how much higher the pooled cost of `model` is than that of the best one, a dash if it is not a test."""
-    pair = comparison.pair(best, model)
-    if not math.isfinite(pair.pooled.value) or not comparison.test_names:
-        return "–"
-    return _difference_text(pair.minus(best))
-
-
-def _pair_row(comparison: Comparison, pair: PairResult) -> dict[str, Any]:
-    names = [comparison.models[i].name for i in (pair.first, pair.second)]
-    verdict = pair.verdict if pair.better is None else f"{comparison.models[pair.better].name} is better"
-    return {
-        "pair": f"{names[0]} − {names[1]}",
-        "on": join(pair.pooled.recordings),
-        "difference": _difference_text(pair.pooled),
-        "value": "" if math.isnan(pair.pooled.value) else pair.pooled.value,
-        "p_value": "" if pair.p_value is None else pair.p_value,
-        "p": p_text(pair.p_value).replace("-", "–"),
-        "verdict": verdict,
-    }
 
 
 def _difference_rows(comparison: Comparison) -> list[IntervalRow]:
@@ -174,7 +239,7 @@ def _difference_rows(comparison: Comparison) -> list[IntervalRow]:
 
 def _rows_above(comparison: Comparison, best: int) -> list[IntervalRow]:
     """Return a row for each other model: how much its cost is above the lowest."""
-    others = sorted((i for i in range(len(comparison.models)) if i != best), key=_by_cost(comparison))
+    others = [i for i in comparison.by_cost if i != best]
     return [
         _row(comparison.models[i].name, comparison.pair(best, i).minus(best), _css(comparison, i), starts=True)
         for i in others
@@ -184,20 +249,7 @@ def _rows_above(comparison: Comparison, best: int) -> list[IntervalRow]:
 def _row(name: str, one: Difference, css: str, *, starts: bool) -> IntervalRow:
     nan = float("nan")
     low, high = (nan, nan) if one.low is None or one.high is None else (one.low, one.high)
-    return IntervalRow(name, low, high, one.value, _difference_text(one), css, starts, not starts)
-
-
-def _difference_text(one: Difference) -> str:
-    if not math.isfinite(one.value):
-        return "diverged"
-    if one.low is None or one.high is None:
-        return f"{format_signed(one.value)} (too short)"
-    return f"{format_signed(one.value)} ({format_signed(one.low)} to {format_signed(one.high)})"
-
-
-def _envelope_charts(comparison: Comparison) -> list[Markup]:
-    """Return a chart for each input signal: what each model knows and what each recording holds."""
-    return [chart for signal in UNITS if (chart := _envelope_chart(comparison, signal))]
+    return IntervalRow(name, low, high, one.value, difference_text(one), css, starts, not starts)
 
 
 def _envelope_chart(comparison: Comparison, signal: str) -> Markup | None:

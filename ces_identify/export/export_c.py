@@ -2,34 +2,26 @@
 
 A checked `Model` goes in, two texts come out. They do what `ces_observer.estimator.Estimator` does, operation by
 operation, so that forces and reasons agree; a tick that solves an equation may do so by another method, as its solution
-is unique. templates/estimator.{c,h}.j2 hold the C around the tick of a structure; the tick has its own templates and
-module, registered in TICKS. Only numbers of the model reach the texts.
+is unique. templates/estimator.{c,h}.j2 hold the C around the tick of a structure, which its kit describes. Only numbers
+of the model reach the texts.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
-from math import ceil, pi, sqrt
+from collections.abc import Mapping
+from math import ceil, exp, pi, sqrt
 from typing import Any
 
-from ces_identify.export.band_c import band_facts
 from ces_identify.export.c_text import render
-from ces_identify.export.chambers_c import chambers_facts
-from ces_identify.export.lagged_c import fuzzy_facts, network_facts
-from ces_identify.export.polynomial_c import polynomial_facts
-from ces_identify.export.relaxation_c import relaxation_facts
+from ces_identify.structures import KITS, kit_of
+from ces_identify.structures.kit import CTick
 from ces_observer import __version__, estimator, tracker
 from ces_observer.adaptive_differentiator import MAX_SQUARE, MEMORY_S, NOISE_SHARE, SHARES
+from ces_observer.band import Band
 from ces_observer.errors import ModelError
 from ces_observer.model import ADAPTIVE, FUSED, Model, Sampling
 from ces_observer.proof.certificate import Certificate
-from ces_observer.structures.chambers import Chambers
-from ces_observer.structures.fuzzy import Fuzzy
-from ces_observer.structures.network import Network
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.relaxation import Relaxation
 
 REASONS: Mapping[str, str] = {
     "OK": tracker.OK,
@@ -43,34 +35,13 @@ LONGEST_NAME = 31  # significant characters of an external identifier in C99
 NAME_ENDING = "_past_reset"  # the longest that is added to a name
 STANDARD_HEADERS = ("float", "math", "stdbool", "stdint")
 
-Facts = Callable[[Any, Model], Mapping[str, object]]  # of a structure and its model: values for its templates
-
-
-@dataclass(frozen=True)
-class StructureTick:
-    """How a structure's tick is written: the name of its templates, the values for them, its name in comments."""
-
-    templates: str
-    facts: Facts
-    noun: str
-
-
-TICKS: dict[str, StructureTick] = {
-    Polynomial.name: StructureTick("polynomial", polynomial_facts, "polynomial"),
-    Network.name: StructureTick("network", network_facts, "sigmoid network"),
-    Fuzzy.name: StructureTick("fuzzy", fuzzy_facts, "neuro-fuzzy model"),
-    Relaxation.name: StructureTick("relaxation", relaxation_facts, "relaxation model"),
-    Chambers.name: StructureTick("chambers", chambers_facts, "model of two chambers"),
-}
-
 
 def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) -> tuple[str, str]:
     """Return the texts of FILE_STEM.c and FILE_STEM.h, whose identifiers begin with `name`.
 
     Comments state the `certificate`. Raises ModelError if the model cannot be written in C or a name is not usable.
     """
-    require_exportable(model, name, file_stem)
-    tick = TICKS[model.structure]
+    tick = require_exportable(model, name, file_stem)
     facts = {
         "name": name,
         "NAME": name.upper(),
@@ -81,24 +52,27 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
         "certificate": certificate,
         "model": model,
         "reasons": REASONS,
-        "tick": tick.templates,
+        "tick": tick.template,
         "noun": tick.noun,
         "constants": {},
-        "band": band_facts(model.band, model.sampling.rate_Hz),
+        "band": _band(model.band, model.sampling.rate_Hz),
         **_sampling(model),
         **tick.facts(model.body, model),
     }
     return render("estimator.c", facts), render("estimator.h", facts)
 
 
-def require_exportable(model: Model, name: str, file_stem: str) -> None:
-    """Raise ModelError if `export_c` cannot write this model with these names."""
-    if model.structure not in TICKS:
-        raise ModelError(f"structure is {model.structure}; only {', '.join(TICKS)} can be written in C")
+def require_exportable(model: Model, name: str, file_stem: str) -> CTick[Any]:
+    """Return how the model's tick is written; raises ModelError if `export_c` cannot write it with these names."""
+    tick = kit_of(model.body).c_tick
+    if tick is None:
+        known = ", ".join(kit.body.name for kit in KITS.values() if kit.c_tick)
+        raise ModelError(f"structure is {model.structure}; only {known} can be written in C")
     if identifier(name) != name.lower() or not name.isascii():
         raise ModelError(f"name '{name}': not usable in C; choose one such as '{identifier(name)}'")
     if not re.fullmatch(r"[0-9A-Za-z][0-9A-Za-z_.-]*", file_stem) or file_stem in STANDARD_HEADERS:
         raise ModelError(f"file name '{file_stem}.c': choose letters, digits and _, and not a standard header")
+    return tick
 
 
 def identifier(text: str) -> str:
@@ -148,4 +122,25 @@ def _filters(s: Sampling) -> dict[str, object]:
         "max_square": MAX_SQUARE,
         "decays": [-damping * 2.0 * pi * (share * s.bandwidth_Hz) for share in SHARES],
         "turns": [turn * (share * s.bandwidth_Hz) for share in SHARES],
+    }
+
+
+def _band(band: Band | None, rate_Hz: float) -> dict[str, object] | None:
+    """Return the values for the templates, computed as `ces_observer.band.BandRun` computes them; None without one."""
+    if band is None:
+        return None
+    span = band.current_A[1] - band.current_A[0]
+    return {
+        "level": band.level,
+        "gain": 1.0 - exp(-1.0 / (band.change_s * rate_Hz)),
+        "fade": exp(-1.0 / (band.reversal_s * rate_Hz)),
+        "speed_m_s": band.speed_m_s,
+        "low_A": band.current_A[0],
+        "per_A": 1.0 / span if span > 0.0 else 0.0,
+        "parts": band.parts,
+        "mean": band.mean,
+        "whitening": band.whitening,
+        "limit": band.max_distance * band.max_distance,
+        "share": band.constant_share,
+        "rest": 1.0 - band.constant_share,
     }

@@ -95,7 +95,8 @@ def find_compiler() -> list[str]:
         if shutil.which(command[0]):
             return command
     problem = f"CC={chosen[0]} is not found" if chosen else "no C compiler found (cc, gcc or clang)"
-    raise CesError(f"{problem}; install one, or give --sources-only to write an FMU that is compiled elsewhere")
+    remedy = "install one (sudo apt install gcc), or give --sources-only to write an FMU that is compiled elsewhere"
+    raise CesError(f"{problem}; {remedy}")
 
 
 def binary_path(name: str) -> str:

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 from math import inf, nan, pi, sin
 from random import Random
 
-from ces_observer.current_hold import ConstantCurrent, CurrentHold
+from ces_observer.current_hold import ConstantCurrent, CurrentHold, PositionQueue
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.model import Model
-from ces_observer.position_queue import PositionQueue
 
 START_NS = 1_000_000_000_000
 MS = 1_000_000
@@ -93,13 +92,11 @@ class ReplaySequence:
         return float(text)
 
     def _release(self, now_ns: int) -> None:
-        for stamp_ns, position_m, _ in self._queue.pop_ready(self._newest_known(), now_ns):
-            self._estimate(stamp_ns, position_m, now_ns)
-
-    def _newest_known(self) -> int | None:
         signals = [one for one in (self.damper.current, self.damper.motion) if not isinstance(one, ConstantCurrent)]
         stamps = [signal.newest_ns for signal in signals]
-        return None if None in stamps else min(stamp for stamp in stamps if stamp is not None)
+        newest_known = None if None in stamps else min(stamp for stamp in stamps if stamp is not None)
+        for stamp_ns, position_m, _ in self._queue.pop_ready(newest_known, now_ns):
+            self._estimate(stamp_ns, position_m, now_ns)
 
     def _estimate(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
         damper = self.damper

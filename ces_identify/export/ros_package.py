@@ -21,7 +21,7 @@ from ces_identify.export.export_c import REASONS, export_c, identifier
 from ces_identify.export.replay_sequence import record_faults
 from ces_observer import __version__
 from ces_observer.errors import CesError, ModelError
-from ces_observer.json_checks import write_all_atomically
+from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model
 from ces_observer.proof.certificate import Certificate
 from ces_observer.signals import MAX_DELAY_S, Constant, Signal, Signals

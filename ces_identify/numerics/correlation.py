@@ -1,15 +1,34 @@
-"""Correlation of sampled sequences with gaps: no product is taken across a gap.
+"""Correlated sequences: their autocorrelation across gaps, and the standard error of their sum.
 
-Sequences are arrays (n,) of concatenated runs; `runs` (r, 2) are the [start, stop) of each.
+No product is taken across a gap. Sequences are arrays (n,) of concatenated runs; `runs` (r, 2) are the [start, stop) of
+each.
+
+The error of a sum is found from its projections on a few slow cosines. Errors of a damper vary with the excitation, the
+road or the current, far more slowly than from sample to sample. What is slower than a recording allows to see cannot be
+read from it, so a bound on it is assumed: changes with a correlation time of up to SLOWEST_S, or MIN_SHARE of the
+recording where that is longer, are always taken to be possible. The method is the equal-weighted cosine test (Lazarus,
+Lewis, Stock & Watson, Journal of Business & Economic Statistics 36, 2018), with the correction for a bound on the
+persistence of Dou (Quantitative Economics 15, 2024): the squared projections on q cosines are each divided by what they
+are for the slowest process allowed, relative to the variance of its sum. Their mean is the variance of the sum, with q
+degrees of freedom. For anything faster, the error is too large, never too small; in recordings much longer than
+SLOWEST_S by little.
+
+Where the slowest projections stand out even so (F test at ALARM), a bound of ALARM_SHARE of the recording counts.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
+from scipy.fft import dct
+from scipy.linalg import toeplitz
+from scipy.special import fdtri, stdtr, stdtrit
 
-from ces_identify.numerics.arrays import F, I, Mask
+from ces_data.arrays import F, I, Mask
 
 INSIGNIFICANT_IN_A_ROW = 5  # lags: K_N of Politis & White
 FLAT = 0.5  # share of the flat-top window that is flat
@@ -68,3 +87,95 @@ def flat_top(max_lag: int) -> F:
     """Return the window (max_lag + 1,) of Politis & Romano (1995): 1 up to FLAT of `max_lag`, then falling to 0."""
     share = np.arange(max_lag + 1) / max(max_lag, 1)
     return np.asarray(np.clip((1.0 - share) / (1.0 - FLAT), 0.0, 1.0))
+
+
+SLOWEST_S = 4.0  # [s] correlation time of the slowest changes that are taken to be possible
+MIN_SHARE = 1.0 / 15.0  # of a recording's duration, for that time
+COSINES = 0.6  # times the inverse share: cosines that are used
+MIN_COSINES = 4
+ALARM, ALARM_SHARE = 0.9, 0.3
+BIN_S = 0.01  # [s] far below the correlation time of a damper's errors
+MIN_BINS = 100  # of a recording: 1 s
+FINE = 1024  # steps for the variances of the slowest process
+
+
+@dataclass(frozen=True)
+class SumError:
+    """Variance of a sum and its degrees of freedom; `fast` is the variance if nothing slow is possible."""
+
+    variance: float
+    freedom: float
+    fast: float
+    fast_freedom: float
+
+    def half_width(self, level: float) -> float:
+        """Return half the width of the interval around the sum that holds the true one by `level` (0 to 1)."""
+        return float(np.sqrt(self.variance) * stdtrit(self.freedom, 0.5 + level / 2.0))
+
+    def p_value(self, value: float) -> float:
+        """Return the p-value of the sum `value` if the true one is zero."""
+        return _p_value(value, self.variance, self.freedom)
+
+    def fast_p_value(self, value: float) -> float:
+        """Return the p-value if changes are fast: only a longer recording can show whether they are."""
+        return _p_value(value, self.fast, self.fast_freedom)
+
+
+def sum_bins(x: F, rate_Hz: float) -> F:
+    """Return the sums of x (..., n) over bins of BIN_S; fewer than MIN_BINS are too few for an error."""
+    starts = np.arange(0, x.shape[-1], max(1, round(BIN_S * rate_Hz)))
+    return np.asarray(np.add.reduceat(x, starts, axis=-1))
+
+
+def estimate_sum_error(x: F, seconds: float) -> SumError:
+    """Return the error of the sum of x (n,), at least MIN_BINS values that last `seconds`."""
+    share = max(SLOWEST_S / seconds, MIN_SHARE)
+    count = max(MIN_COSINES, int(round(COSINES / share, 6)))
+    squares = 0.5 * dct(x, type=2)[1 : count + 1] ** 2
+    scaled = squares / relative_variances(share, count)
+    variance, freedom = float(scaled.mean()), float(count)
+    if _is_slower(scaled) and share < ALARM_SHARE:
+        slower = float((squares[:MIN_COSINES] / relative_variances(ALARM_SHARE, MIN_COSINES)).mean())
+        variance, freedom = max(variance, slower), float(MIN_COSINES)
+    return SumError(variance, freedom, float(squares.mean()), float(count))
+
+
+def add_errors(errors: Sequence[SumError]) -> SumError:
+    """Return the error of the total of independent sums; its degrees of freedom are Satterthwaite's."""
+    variance, freedom = _add([(e.variance, e.freedom) for e in errors])
+    return SumError(variance, freedom, *_add([(e.fast, e.fast_freedom) for e in errors]))
+
+
+@lru_cache(maxsize=256)
+def relative_variances(share: float, count: int) -> F:
+    """Return the variances (count,) of the projections of a process on cosines, relative to that of its sum.
+
+    The process is an Ornstein-Uhlenbeck process whose correlation time is `share` of its duration; the cosines are
+    cos(pi j t / duration), j = 1 to `count`, scaled so that all variances are equal for white noise.
+    """
+    middle = (np.arange(FINE) + 0.5) / FINE
+    cosines = np.sqrt(2.0) * np.cos(np.pi * np.outer(np.arange(count + 1), middle))
+    cosines[0] = 1.0
+    of_process = toeplitz(np.exp(-np.arange(FINE) / (FINE * share)))
+    variances = np.einsum("ij,ij->i", cosines @ of_process, cosines)
+    return np.asarray(variances[1:] / variances[0])
+
+
+def _is_slower(scaled: F) -> bool:
+    """Return whether the slowest projections are larger than the assumed bound makes plausible."""
+    slow = int(np.clip(len(scaled) // 3, 2, 3))
+    rest = float(scaled[slow:].mean())
+    return float(scaled[:slow].mean()) > rest * float(fdtri(slow, len(scaled) - slow, ALARM))
+
+
+def _add(parts: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    total = sum(variance for variance, _ in parts)
+    if total <= 0.0:
+        return 0.0, sum(freedom for _, freedom in parts)
+    return total, total**2 / sum(variance**2 / freedom for variance, freedom in parts)
+
+
+def _p_value(value: float, variance: float, freedom: float) -> float:
+    if variance <= 0.0:
+        return 1.0 if value == 0.0 else 0.0
+    return float(2.0 * stdtr(freedom, -abs(value) / np.sqrt(variance)))

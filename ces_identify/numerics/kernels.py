@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from ces_identify.numerics.arrays import F, I
+from ces_data.arrays import F, I
 from ces_observer.adaptive_differentiator import MAX_SQUARE, MEMORY_S, NOISE_SHARE, SHARES
 from ces_observer.model import ADAPTIVE, FUSED, KALMAN, MEASURED
 from ces_observer.tracker import DOUBT, LARGEST_CHANGE, OVERDUE, PATIENCE, SETTLING

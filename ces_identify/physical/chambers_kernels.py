@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.arrays import F, I
+from ces_data.arrays import F, I
 from ces_identify.physical.valve_kernels import (
     HALVES,
     RunData,
@@ -67,7 +67,7 @@ def solve_pieces(
     """Return both pressures [N] after a step from (o_c, o_r), on the pieces of the curves that hold (p_c, p_r).
 
     Fills `pieces` (3,) and `out` (5,): the symmetric matrix of the step (3) [m/N], the valve's slope, and the share of
-    its piece. The sums are those of `ces_observer.structures.chambers_run`, none of which cancels.
+    its piece. The sums are those of `ces_observer.structures.chambers`, none of which cancels.
     """
     k, at, interval = a.k, a.places, a.interval_s
     above = below + len(a.flows)

@@ -1,4 +1,7 @@
-"""A physical structure as a family of models: parameters within bounds, compiled free run, and the structure itself."""
+"""A structure with physics inside as a family of models: its parameters, compiled free run and structure.
+
+Fits, batch runs, standard errors and the report know such a structure only through its `PhysicalModels`.
+"""
 
 from __future__ import annotations
 
@@ -6,41 +9,71 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 
-from ces_identify.numerics.arrays import F, I
-from ces_identify.physical.common_groups import DataScales
-from ces_identify.physical.layout import Layout
+from ces_data.arrays import F, I
+from ces_identify.physical.layout import CURRENTS, POSITIONS, DataScales, Layout
 from ces_identify.physical.valve_kernels import RunData, Score
 from ces_identify.trained.training import Training
-from ces_observer.structures.chambers import Chambers
-from ces_observer.structures.relaxation import Relaxation
+from ces_observer.model import Model
+from ces_observer.structures.physical import INPUTS, PhysicalStructure, widen
 
 FITTED_RATE_HZ = 500.0  # rate of the ticks whose errors a fit counts: forces hold nothing faster
 NO_FIT = np.empty((0, 0))
+SAME = 1e-6  # relative difference of the kernels' vector by rounding
 
-Body = Relaxation | Chambers
 Kernel = Callable[[Any, RunData, Score, F, F, F], tuple[float, int]]
+Body = TypeVar("Body", bound=PhysicalStructure)
 
 
 @dataclass(frozen=True)
-class PhysicalModels(ABC):
+class PhysicalModels(ABC, Generic[Body]):
     """All models of one structure and size on the same nodes, to be fitted to `training`."""
 
     training: Training
     scales: DataScales
 
+    @classmethod
+    @abstractmethod
+    def sized(cls, training: Training, scales: DataScales, count: int) -> Self:
+        """Return the models of a size that the user chooses."""
+
+    @classmethod
+    @abstractmethod
+    def small(cls, training: Training, scales: DataScales, rows: int) -> Self:
+        """Return models of the smallest size worth a fit, with `rows` curves of the valve."""
+
+    @staticmethod
+    @abstractmethod
+    def kernel() -> Kernel:
+        """Return the compiled free run."""
+
+    @staticmethod
+    @abstractmethod
+    def arrays_of(body: Body, interval_s: float) -> Any:
+        """Return the kernel's view of a structure; its first entry is the vector `k`."""
+
+    @classmethod
+    @abstractmethod
+    def on_nodes_of(cls, body: Body, interval_s: float, training: Training) -> Self | None:
+        """Return the models on the nodes of `body`; None if a fit gives other numbers of nodes."""
+
+    @staticmethod
+    @abstractmethod
+    def own_quantities(body: Body, stroke_m: float) -> dict[str, float]:
+        """Return the quantities that only this structure has, by names that hold their units."""
+
+    @staticmethod
+    def gas_stiffness_N_m(body: Body) -> float:
+        """Return the stiffness [N/m] of what acts as a gas spring beside the gas force."""
+        return 0.0
+
     @property
     @abstractmethod
     def layout(self) -> Layout:
         """The parameters."""
-
-    @property
-    @abstractmethod
-    def kernel(self) -> Kernel:
-        """The compiled free run."""
 
     @abstractmethod
     def arrays(self, k: F) -> Any:
@@ -49,6 +82,23 @@ class PhysicalModels(ABC):
     @abstractmethod
     def body(self, theta: F) -> Body:
         """Return the structure with these parameters."""
+
+    @classmethod
+    def reopen(cls, body: Body, interval_s: float, training: Training) -> tuple[Self, F] | None:
+        """Return the models on the nodes of `body`, to be fitted to `training`, and its parameters theta.
+
+        None if it was not made by these models: nodes or bounds are others.
+        """
+        usual = (len(body.valve.characteristic.at), len(body.side.position_m)) == (CURRENTS, POSITIONS)
+        models = cls.on_nodes_of(body, interval_s, training) if usual else None
+        k = cls.arrays_of(body, interval_s).k
+        if models is None or models.layout.matrix.shape[0] != len(k):
+            return None
+        layout = models.layout
+        theta: F = np.asarray(np.linalg.lstsq(layout.matrix, k - layout.offset, rcond=None)[0], np.float64)
+        inside = layout.project(theta)
+        same = np.allclose(layout.k(inside), k, rtol=SAME, atol=SAME * np.abs(k).mean())
+        return (models, inside) if same else None
 
     @cached_property
     def data(self) -> RunData:
@@ -75,15 +125,11 @@ class PhysicalModels(ABC):
 
     def normal_equations(self, theta: F, weights: F) -> tuple[float, F, F]:
         """Return the squared error, its Gauss-Newton matrix and the gradient of half of it, by the parameters."""
-        error, matrix, gradients = self._sensitivities(theta, weights, np.zeros(len(weights), np.int64))
+        error, matrix, gradients = self.sensitivities(theta, weights, np.zeros(len(weights), np.int64))
         return error, matrix, gradients[0]
 
-    def block_gradients(self, theta: F, weights: F, blocks: I) -> tuple[F, F]:
-        """Return the Gauss-Newton matrix, and the gradients (blocks, parameters) of each block of ticks."""
-        _, matrix, gradients = self._sensitivities(theta, weights, blocks)
-        return matrix, gradients
-
-    def _sensitivities(self, theta: F, weights: F, blocks: I) -> tuple[float, F, F]:
+    def sensitivities(self, theta: F, weights: F, blocks: I) -> tuple[float, F, F]:
+        """Return error, Gauss-Newton matrix, and the gradients (blocks, parameters) of each block of ticks."""
         size = len(self.layout.offset)
         matrix, gradients = np.zeros((size, size)), np.zeros((int(blocks.max()) + 1, size))
         score = Score(self.training.measured, np.sqrt(weights), blocks, self.stride)
@@ -97,5 +143,30 @@ class PhysicalModels(ABC):
 
     def _run(self, theta: F, score: Score, matrix: F, gradients: F) -> tuple[F, float]:
         force = np.empty(len(self.training.measured))
-        error, _ = self.kernel(self.arrays(self.layout.k(theta)), self.data, score, force, matrix, gradients)
+        error, _ = self.kernel()(self.arrays(self.layout.k(theta)), self.data, score, force, matrix, gradients)
         return force, float(error)
+
+
+def free_run(kernel: Kernel, arrays: Any, data: RunData) -> F:
+    """Return the force (ticks,) [N] of the model that `arrays` holds for `kernel`."""
+    ticks = len(data.position)
+    force = np.full(ticks, np.nan)
+    nothing = Score(np.zeros(ticks), np.zeros(ticks), np.zeros(ticks, np.int64), 1)
+    kernel(arrays, data, nothing, force, NO_FIT, NO_FIT)
+    return force
+
+
+def run_model(models: type[PhysicalModels[Body]], body: Body, model: Model, inputs: F, segments: I) -> tuple[F, int]:
+    """Return the batch run of a physical model, as `StructureKit.batch_run` describes it."""
+    ranges = widen(model.envelope.by_signal, body.reach)
+    limited = [np.ascontiguousarray(np.clip(row, *ranges[name])) for row, name in zip(inputs, INPUTS, strict=True)]
+    data = RunData(limited[0], limited[1], limited[2], np.asarray(segments, np.int64))
+    force = free_run(models.kernel(), models.arrays_of(body, 1.0 / model.sampling.rate_Hz), data)
+    low, high = model.force_envelope_N
+    first = -1
+    for start, stop in segments:
+        outside = np.flatnonzero(~((force[start:stop] >= low) & (force[start:stop] <= high)))
+        if len(outside):
+            force[start + outside[0] : stop] = np.nan
+            first = start + int(outside[0]) if first < 0 else first
+    return force, first

@@ -10,12 +10,13 @@ import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_identify.numerics import search_clock
-from ces_identify.numerics.arrays import F
-from ces_identify.numerics.bounded_levenberg import BoundedProblem, descend_within_bounds
+from ces_identify.numerics.levenberg import BoundedProblem, descend_within_bounds
 from ces_identify.physical.models import PhysicalModels
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
 
@@ -33,7 +34,7 @@ LARGER = 0.98  # a larger size must lower the selection cost to this share
 class PhysicalFit:
     """Parameters of one model of `models`, its cost on the selection ticks [%], and the penalty's strength."""
 
-    models: PhysicalModels
+    models: PhysicalModels[Any]
     theta: F
     cost: float
     penalty: float
@@ -50,13 +51,15 @@ class PhysicalSearch:
     ended: str = "no step lowers the error"
 
     def __post_init__(self) -> None:
-        self._deadline = search_clock.now() + self.limits.seconds
+        self._deadline = search_clock.now() + self.limits.time
         self._lock = threading.Lock()
         self._best = np.inf
         self._trials = 0
         self._found: list[PhysicalFit] = []
 
-    def run(self, smallest: PhysicalModels, sizes: Sequence[PhysicalModels], short: bool = False) -> list[PhysicalFit]:
+    def run(
+        self, smallest: PhysicalModels[Any], sizes: Sequence[PhysicalModels[Any]], short: bool = False
+    ) -> list[PhysicalFit]:
         """Return the fits, best first. With `short`, only one start of the `smallest` models.
 
         Ctrl-C ends the search; what it found so far is returned.
@@ -81,7 +84,7 @@ class PhysicalSearch:
         theta = steps[-1] if steps else fit.theta
         return theta if fit.models.cost(theta, everything) <= before else fit.theta
 
-    def _run_starts(self, models: PhysicalModels, count: int) -> None:
+    def _run_starts(self, models: PhysicalModels[Any], count: int) -> None:
         with ThreadPoolExecutor(max(1, self.limits.threads)) as pool:
             runs = [pool.submit(self._fit, models, self._start(models, i), PENALTIES[0], i) for i in range(count)]
             try:
@@ -91,7 +94,7 @@ class PhysicalSearch:
                 self.stop.set()
                 raise
 
-    def _start(self, models: PhysicalModels, i: int) -> F:
+    def _start(self, models: PhysicalModels[Any], i: int) -> F:
         if i == 0:
             return models.layout.start
         return models.layout.perturbed(np.random.default_rng(self.limits.seed + i), SPREAD)
@@ -107,12 +110,14 @@ class PhysicalSearch:
         if at is best:
             self._fit(best.models, best.theta, PENALTIES[1], 0)
 
-    def _enlarge(self, best: PhysicalFit, sizes: Sequence[PhysicalModels]) -> None:
+    def _enlarge(self, best: PhysicalFit, sizes: Sequence[PhysicalModels[Any]]) -> None:
         """Try other sizes; one counts only if it is clearly better."""
         for models in sizes:
             self._fit(models, models.layout.start, best.penalty, 0, LARGER * best.cost)
 
-    def _fit(self, models: PhysicalModels, start: F, penalty: float, seed: int, below: float = np.inf) -> PhysicalFit:
+    def _fit(
+        self, models: PhysicalModels[Any], start: F, penalty: float, seed: int, below: float = np.inf
+    ) -> PhysicalFit:
         """Return the parameters with the lowest selection cost of one descent; keep them if that is `below` a cost."""
         training = models.training
         best = self._as_fit(models, models.layout.project(start), np.inf, penalty, seed)
@@ -130,7 +135,7 @@ class PhysicalSearch:
         return best
 
     def _as_fit(
-        self, models: PhysicalModels, theta: F, cost: float, penalty: float, seed: int, ended: str = "running"
+        self, models: PhysicalModels[Any], theta: F, cost: float, penalty: float, seed: int, ended: str = "running"
     ) -> PhysicalFit:
         result = SearchResult(np.arange(len(theta)), theta, cost, self.limits.seed + seed, self._trials, ended)
         return PhysicalFit(models, theta, cost, penalty, result)
@@ -143,7 +148,7 @@ class PhysicalSearch:
             self._best = fit.cost
         self.listener(fit.result)
 
-    def _descend(self, models: PhysicalModels, weights: F, start: F, penalty: float) -> Iterator[tuple[float, F]]:
+    def _descend(self, models: PhysicalModels[Any], weights: F, start: F, penalty: float) -> Iterator[tuple[float, F]]:
         layout = models.layout
         problem = BoundedProblem(
             lambda theta: models.error(theta, weights),

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.arrays import F, I
+from ces_data.arrays import F, I
 from ces_identify.physical.valve_kernels import (
     HALVES,
     RunData,

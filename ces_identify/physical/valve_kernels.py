@@ -1,6 +1,6 @@
 """Compiled drive and valve path of the models with physics inside, each with its derivatives by the parameters.
 
-The equations are those of `ces_observer.structures.side_forces` and `ces_observer.structures.valve_path`.
+The equations are those of `ces_observer.structures.physical`.
 """
 
 from __future__ import annotations
@@ -10,8 +10,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.arrays import F, I
-from ces_observer.structures.valve_path import PLAYS
+from ces_data.arrays import F, I
+from ces_observer.structures.physical import PLAYS
 
 HALVES = np.array(PLAYS)
 RISE, FALL, HYSTERESIS, DELAY = 0, 1, 2, 3  # places of the valve's single numbers, before its characteristic

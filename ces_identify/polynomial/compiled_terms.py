@@ -1,4 +1,4 @@
-"""Terms as the arrays that the kernels read, and the power tables that they index."""
+"""Polynomials over whole arrays: terms as the arrays that the kernels read, constructed inputs, and the free run."""
 
 from __future__ import annotations
 
@@ -9,13 +9,59 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.arrays import F, I
 from ces_identify.numerics import kernels
 from ces_identify.numerics.kernels import TermArrays
-from ces_identify.polynomial.constructed_series import membership
-from ces_observer.model import Envelope
-from ces_observer.structures.constructed_inputs import ConstructedInput, TriangularMembership
+from ces_identify.polynomial import constructed_kernels
+from ces_observer.model import Envelope, Model
+from ces_observer.structures.constructed_inputs import (
+    ConstructedInput,
+    Frequency,
+    Lag,
+    TriangularMembership,
+)
+from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Factor, Term, collect_constructed
+
+
+def constructed_values(
+    constructed: Sequence[ConstructedInput],
+    envelope: Envelope,
+    inputs: Sequence[F],
+    segments: I,
+    rate_Hz: float,
+) -> dict[str, F]:
+    """Return each constructed input (ticks,) by name, as the observer's `InputConstructor` computes it.
+
+    `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. In `constructed`,
+    each follows those from which it is computed.
+    """
+    ranges = envelope.by_signal
+    known = {s: np.clip(values, *ranges[s]) for s, values in zip(("position", "speed", "current"), inputs, strict=True)}
+    for one in constructed:
+        known[one.name] = _constructed_value(one, known, segments, rate_Hz)
+    return {one.name: known[one.name] for one in constructed}
+
+
+def membership(definition: TriangularMembership, values: F) -> F:
+    """Return the membership (n,) of `values` (n,)."""
+    low = 1.0 if definition.low is None else 1.0 - (values - definition.peak) / (definition.low - definition.peak)
+    high = 1.0 if definition.high is None else 1.0 - (values - definition.peak) / (definition.high - definition.peak)
+    return np.maximum(0.0, np.where(values < definition.peak, low, high))
+
+
+def _constructed_value(one: ConstructedInput, known: Mapping[str, F], segments: I, rate_Hz: float) -> F:
+    if isinstance(one, TriangularMembership):
+        return membership(one, known[one.of])
+    if isinstance(one, Frequency):
+        settings = (one.gain(rate_Hz), one.floor_m, *one.range_Hz)
+        return np.asarray(constructed_kernels.frequency(known["position"], known["speed"], segments, *settings))
+    if isinstance(one, Lag):
+        return np.asarray(constructed_kernels.lag(known[one.of], segments, one.gain(rate_Hz)))
+    hysteresis = constructed_kernels.stop if one.kind == "stop" else constructed_kernels.play
+    return np.asarray(hysteresis(known[one.of], segments, one.half_width))
+
 
 SIGNALS = ("position", "speed", "current")
 Power = tuple[str, float, bool]  # signal, power, signed
@@ -100,3 +146,22 @@ def power_table(
 
 def _power(factor: Factor) -> Power:
     return factor.signal, float(factor.power), factor.signed
+
+
+def run_polynomial(polynomial: Polynomial, model: Model, inputs: F, segments: I) -> tuple[F, int]:
+    """Return the force (ticks,) [N] and the first tick outside the force envelope, -1 if there is none.
+
+    `inputs` (3, ticks) are position [m], speed [m/s] and current [A].
+    """
+    terms, powers = powers_of_inputs(polynomial, model, inputs, segments)
+    coefficients = np.array([term.coefficient for term in polynomial.terms])
+    force, diverged = kernels.free_run(powers, segments, terms.arrays, coefficients, model.force_envelope_N)
+    return force, int(diverged)
+
+
+def powers_of_inputs(polynomial: Polynomial, model: Model, inputs: F, segments: I) -> tuple[CompiledTerms, F]:
+    """Return the terms as arrays and their power table (rows, ticks) for these inputs."""
+    terms, (position, speed, current) = compile_terms(polynomial.terms), inputs
+    rate_Hz = model.sampling.rate_Hz
+    values = constructed_values(terms.constructed, model.envelope, (position, speed, current), segments, rate_Hz)
+    return terms, power_table(terms.powers, model.envelope, position, speed, current, values)

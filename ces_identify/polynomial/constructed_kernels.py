@@ -1,4 +1,4 @@
-"""Constructed inputs over whole arrays: twins of ces_observer.structures.constructed_runs, operation by operation.
+"""Constructed inputs over whole arrays: twins of ces_observer.structures.constructed_inputs, operation by operation.
 
 Each takes the values of its signals (ticks,), clamped to the envelope, and `segments` (s, 2), ticks without a gap, at
 whose starts it resets, and returns the constructed input (ticks,).
@@ -11,7 +11,7 @@ from math import pi, sqrt
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.arrays import F, I
+from ces_data.arrays import F, I
 
 
 @njit(cache=True, nogil=True)

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ces_data.arrays import F, I
 from ces_identify.numerics import kernels
-from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.problem import Problem
+from ces_identify.polynomial.search_limits import SearchResult
 from ces_identify.polynomial.sensitivity_kernels import normal_equations
 
 ROOM = 0.005  # the penalty begins so far below the greatest gain allowed
@@ -102,3 +103,16 @@ def _damped_step(matrix: F, gradient: F, damping: float) -> F:
     scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
     scaled = matrix * scale[:, None] * scale + damping * np.eye(len(matrix))
     return np.asarray(scale * np.linalg.solve(scaled, scale * gradient))
+
+
+ITERATIONS = 20
+
+
+def refit_coefficients(problem: Problem, result: SearchResult) -> F:
+    """Return coefficients fitted to the free run on all identification ticks.
+
+    A fit that raises the selection cost is rejected; the coefficients of `result` are then returned.
+    """
+    fit = fit_free_run(problem, result.chosen, result.coefficients, problem.everything, ITERATIONS)
+    harmless = np.isfinite(fit.error) and problem.selection_cost(result.chosen, fit.coefficients) <= result.cost
+    return fit.coefficients if harmless else result.coefficients

@@ -14,11 +14,10 @@ from functools import cached_property
 
 import numpy as np
 
+from ces_data.arrays import F, I
 from ces_identify.numerics import kernels
-from ces_identify.numerics.arrays import F, I
 from ces_identify.polynomial.free_run_fit import FreeRunFit, fit_free_run
-from ces_identify.polynomial.search_limits import SearchResult
-from ces_identify.polynomial.search_start import SearchStart
+from ces_identify.polynomial.search_limits import SearchResult, SearchStart
 from ces_identify.polynomial.sensitivity_kernels import candidate_products, output_gains
 
 MIN_GAIN = 0.001  # relative gain required of a new term

@@ -12,13 +12,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy.stats import qmc
 
+from ces_data.arrays import F, I, Mask
 from ces_identify.numerics import kernels
-from ces_identify.numerics.arrays import F, I, Mask
-from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms, power_table
-from ces_identify.polynomial.constructed_series import constructed_values
-from ces_identify.preparation.cost import require_force
-from ces_identify.preparation.series import Series
-from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms, constructed_values, power_table
+from ces_identify.prepare.cost import EQUAL, Weighting, require_force
+from ces_identify.prepare.series import Series
 from ces_observer.errors import RecordingError
 from ces_observer.model import Envelope
 from ces_observer.structures.structure import Range
@@ -112,7 +110,10 @@ def assemble_problem(
     envelope = compute_envelope(series)
     compiled = compile_terms(candidates)
     x, v, i = (np.concatenate([getattr(s, name) for s in series]) for name in ("position", "speed", "current"))
-    segments, recordings = _stack_segments(series)
+    offsets = np.cumsum([0, *(len(s) for s in series[:-1])])
+    stacked = np.concatenate([s.segments + offset for s, offset in zip(series, offsets, strict=True)])
+    segments = np.ascontiguousarray(stacked, np.int64)
+    recordings = np.repeat(np.arange(len(series)), [len(s.segments) for s in series]).astype(np.int64)
     constructed = constructed_values(compiled.constructed, envelope, (x, v, i), segments, series[0].rate_Hz)
     powers = power_table(compiled.powers, envelope, x, v, i, constructed)
     measured = np.nan_to_num(np.concatenate([s.force for s in series]))
@@ -214,13 +215,6 @@ def gram_matrix(compiled: CompiledTerms, powers: F, measured: F, segments: I, we
             rows *= np.sqrt(weights[k0:k1])
             gram += rows @ rows.T
     return gram
-
-
-def _stack_segments(series: Sequence[Series]) -> tuple[I, I]:
-    offsets = np.cumsum([0, *(len(s) for s in series[:-1])])
-    segments = np.concatenate([s.segments + offset for s, offset in zip(series, offsets, strict=True)])
-    recordings = np.repeat(np.arange(len(series)), [len(s.segments) for s in series])
-    return np.ascontiguousarray(segments, np.int64), recordings.astype(np.int64)
 
 
 def estimation_ticks(series: Series) -> Mask:

@@ -1,171 +1,32 @@
-"""Candidate regressors: rules in YAML (which signals, lags, powers, products) in, a list of terms out.
-
-The candidates are counted before any is built; more than the search can hold are refused.
-"""
+"""Files of candidate rules: YAML in, rules out; the built-in rules and those of the thesis."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
-from itertools import chain, product
-from math import prod
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from ces_identify.config_file import parse_yaml_mapping, read_yaml_mapping, require_known_keys
-from ces_identify.polynomial.constructed_rules import Constructions, constructions_from, replace_auto
-from ces_identify.polynomial.repeated_signals import MAX_CHOICES, choose_factors
+from ces_data.config_file import parse_yaml_mapping, read_yaml_mapping
+from ces_identify.polynomial.candidate_rules import FORMS, CandidateRules, Constructions, SignalRule, merge_signs
 from ces_identify.polynomial.search_limits import BOTH, THESIS
-from ces_identify.polynomial.term_list import FORMS, parse_term_list
-from ces_identify.polynomial.thesis_rules import THESIS_RULES
 from ces_observer.errors import CesError
-from ces_observer.structures.constructed_inputs import ConstructedInput, Lag, TriangularMembership
+from ces_observer.fields import require_known_keys
+from ces_observer.json_text import JsonObject
+from ces_observer.structures.constructed_inputs import (
+    BASE,
+    ConstructedInput,
+    TriangularMembership,
+    make_memberships,
+    parse_constructed,
+    require_name,
+)
 from ces_observer.structures.structure import MAX_LAG
-from ces_observer.structures.terms import Factor, Term
-from ces_observer.structures.terms_file import MAX_FACTORS, MAX_POWER
+from ces_observer.structures.terms import MAX_FACTORS, MAX_POWER, MAX_TERMS, Factor
 
-MAX_CANDIDATES = 6000
 MAX_LAG_MS = 200.0
 SIGNALS = ("force", "speed", "current", "position")
 EXPECTED = f"candidate rules: {', '.join(SIGNALS)} and products"
-
-
-@dataclass(frozen=True)
-class SignalRule:
-    """Lags, powers and forms (signed or magnitude) a signal may take in a term.
-
-    Lags are in ticks, or with `in_ms` in milliseconds, to the nearest tick. `again` is the rule of the signal's next
-    factor in a product that names it again; without it, that factor has the same rule and another lag.
-    """
-
-    lags: tuple[float, ...]
-    powers: tuple[float, ...] = (1.0,)
-    forms: tuple[str, ...] = ("signed",)
-    in_ms: bool = False
-    again: SignalRule | None = None
-
-    def at_rate(self, rate_Hz: float) -> SignalRule:
-        """Return the rule with its lags in ticks of that rate, without repetitions."""
-        again = self.again and self.again.at_rate(rate_Hz)
-        if not self.in_ms:
-            return replace(self, again=again)
-        ticks = (min(MAX_LAG, round(lag * 1e-3 * rate_Hz)) for lag in self.lags)
-        return replace(self, lags=tuple(dict.fromkeys(ticks)), in_ms=False, again=again)
-
-    def factors(self, signal: str) -> tuple[Factor, ...]:
-        """Return every factor that the rule allows, except |s|^0, which is 1."""
-        if signal == "force":
-            return tuple(Factor("force", int(lag)) for lag in self.lags)
-        return tuple(
-            Factor(signal, int(lag), power, FORMS[form])
-            for lag, power, form in product(self.lags, self.powers, self.forms)
-            if power > 0.0 or form == "signed"
-        )
-
-
-@dataclass(frozen=True)
-class CandidateRules:
-    """Rules by signal, and the products of signals that make a term; () is the constant term.
-
-    The terms `initial`, whose factors have no definitions yet, are candidates, too, and the first ones: the thesis'
-    procedure starts from them.
-
-    `beside_force` holds other rules for signals that multiply a past force; few different lags there keep the proof of
-    stability short (ces_observer.proof.certificate). `constructed` defines the constructed inputs; if a name has
-    several (memberships), each makes its own terms. The time constants of `open_lags` are estimated from the data
-    (ces_identify.polynomial.time_constant).
-    """
-
-    signals: Mapping[str, SignalRule]
-    products: tuple[tuple[str, ...], ...]
-    beside_force: Mapping[str, SignalRule] = field(default_factory=dict)
-    constructed: Constructions = field(default_factory=dict)
-    open_lags: tuple[str, ...] = ()
-    initial: tuple[tuple[Factor, ...], ...] = ()
-
-    def count(self) -> int:
-        """Return the number of candidates, counting a term that two products make twice."""
-        made = sum(prod(self._count_choices(signals)) for signals in self.products)
-        return made + len(self.initial_terms())
-
-    def at_rate(self, rate_Hz: float) -> CandidateRules:
-        """Return the rules with every lag in ticks of that rate."""
-        signals = {name: rule.at_rate(rate_Hz) for name, rule in self.signals.items()}
-        return replace(
-            self, signals=signals, beside_force={n: rule.at_rate(rate_Hz) for n, rule in self.beside_force.items()}
-        )
-
-    def with_time_constant(self, name: str, seconds: float) -> CandidateRules:
-        """Return the rules with the time constant of the lag `name` set, also in memberships of that lag."""
-
-        def set_time_constant(one: ConstructedInput) -> ConstructedInput:
-            if isinstance(one, TriangularMembership) and one.base is not None:
-                return replace(one, base=set_time_constant(one.base))
-            return replace(one, time_constant_s=seconds) if isinstance(one, Lag) and one.name == name else one
-
-        return replace(
-            self,
-            constructed={n: tuple(set_time_constant(one) for one in made) for n, made in self.constructed.items()},
-            open_lags=tuple(n for n in self.open_lags if n != name),
-        )
-
-    def without_signal(self, signal: str) -> CandidateRules:
-        """Return the rules without the products of `signal` and of inputs constructed from it."""
-        removed = {signal} | {name for name, made in self.constructed.items() if signal in made[0].signals}
-        return replace(
-            self,
-            products=tuple(p for p in self.products if not removed & set(p)),
-            initial=tuple(term for term in self.initial if not removed & {f.signal for f in term}),
-            constructed={name: made for name, made in self.constructed.items() if name not in removed},
-            open_lags=tuple(name for name in self.open_lags if name not in removed),
-        )
-
-    def candidates(self) -> tuple[Term, ...]:
-        """Return one term (coefficient 1) for each candidate; raises CesError with the count if they are too many.
-
-        The initial terms come first. Lags must be in ticks (`at_rate`), else ValueError is raised.
-        """
-        if any(rule.in_ms for rule in (*self.signals.values(), *self.beside_force.values())):
-            raise ValueError("lags in milliseconds; call at_rate first")
-        if self.count() > MAX_CANDIDATES:
-            raise CesError(
-                f"candidate rules make {self.count()} terms; at most {MAX_CANDIDATES}: drop lags, powers or products"
-            )
-        made = (choice for signals in self.products for choice in product(*self._choices(signals)))
-        terms = (Term(1.0, tuple(chain.from_iterable(factors))) for factors in made)
-        return tuple(dict.fromkeys((*self.initial_terms(), *terms)))
-
-    def initial_terms(self) -> tuple[Term, ...]:
-        """Return the terms (coefficient 1) from which the thesis' procedure starts."""
-        made = (product(*(self._define(f.signal, [f]) for f in term)) for term in self.initial)
-        return tuple(dict.fromkeys(Term(1.0, factors) for factors in chain.from_iterable(made)))
-
-    def _choices(self, signals: tuple[str, ...]) -> list[list[tuple[Factor, ...]]]:
-        """Return for each signal of a product the factors it can contribute."""
-        return [choose_factors(factors) for factors in self._factors(signals)]
-
-    def _count_choices(self, signals: tuple[str, ...]) -> list[int]:
-        """Return the number of choices for each signal of a product, or a larger one if there are very many."""
-        sizes = [(factors, prod(map(len, factors))) for factors in self._factors(signals)]
-        return [size if size > MAX_CHOICES or len(f) == 1 else len(choose_factors(f)) for f, size in sizes]
-
-    def _factors(self, signals: tuple[str, ...]) -> list[list[tuple[Factor, ...]]]:
-        """Return for each different signal of a product the factors of its occurrences."""
-        rules = {**self.signals, **self.beside_force} if "force" in signals else self.signals
-        return [self._factors_of(s, rules[s], signals.count(s)) for s in dict.fromkeys(signals)]
-
-    def _factors_of(self, signal: str, rule: SignalRule, occurrences: int) -> list[tuple[Factor, ...]]:
-        factors = []
-        for _ in range(occurrences):
-            factors.append(self._define(signal, rule.factors(signal)))
-            rule = rule.again or rule
-        return factors
-
-    def _define(self, signal: str, factors: Sequence[Factor]) -> tuple[Factor, ...]:
-        """Return factors of a signal with its definition, or with each of those of a group of memberships."""
-        if signal not in self.constructed:
-            return tuple(factors)
-        return tuple(replace(f, signal=one.name, definition=one) for one in self.constructed[signal] for f in factors)
 
 
 DEFAULT_RULES = """\
@@ -266,7 +127,9 @@ def _signal_rule(signal: str, raw: object, where: str, hat: bool = False) -> Sig
     if in_ms and (signal == "force" or "lags" in raw):
         raise CesError(f"{where}: lags_ms {raw['lags_ms']!r}; expected lags alone" + " in ticks" * (signal == "force"))
     lags = _read_list(raw, "lags_ms" if in_ms else "lags", where)
-    if in_ms and not all(_is_number(x) and 0.0 <= x <= MAX_LAG_MS for x in lags):
+    if in_ms and not all(
+        isinstance(x, int | float) and not isinstance(x, bool) and 0.0 <= x <= MAX_LAG_MS for x in lags
+    ):
         raise CesError(f"{where}: lags_ms {list(lags)}; expected numbers from 0 to {MAX_LAG_MS:g}")
     if not in_ms and not all(isinstance(x, int) and not isinstance(x, bool) and min_lag <= x <= MAX_LAG for x in lags):
         raise CesError(f"{where}: lags {list(lags)}; expected whole numbers from {min_lag} to {MAX_LAG}")
@@ -280,14 +143,10 @@ def _signal_rule(signal: str, raw: object, where: str, hat: bool = False) -> Sig
     return SignalRule(lags, tuple(float(p) for p in powers), forms, in_ms, again)
 
 
-def _is_number(x: object) -> bool:
-    return isinstance(x, int | float) and not isinstance(x, bool)
-
-
 def _read_list(raw: Mapping[str, Any], key: str, where: str) -> tuple[Any, ...]:
     value = raw.get(key)
-    if not isinstance(value, list) or not value:
-        raise CesError(f"{where}: {key} is {value!r}; expected a list")
+    if not isinstance(value, list) or not value or any(isinstance(one, list | dict) for one in value):
+        raise CesError(f"{where}: {key} is {value!r}; expected a list of numbers or words, such as [1, 2]")
     return tuple(dict.fromkeys(value))
 
 
@@ -317,3 +176,129 @@ def _require_lags(rule: SignalRule, occurrences: int, where: str) -> None:
         )
     if rule.again is not None and occurrences > 1:
         _require_lags(rule.again, occurrences - 1, where)
+
+
+THESIS_RULES = """\
+# Candidates of the thesis (section 5.2.1): u1 current, u2 |speed|, u3 sign of the speed, y past force. Delays 0 to 3,
+# powers of the speed 0.2 to 1.2; past forces one or two ticks ago, to the power 1, at most one in a term. In all of its
+# published regressors the speed occurs, its sign at a delay of its own, and the current has the power 1.
+# The thesis does not name its initial model: this one is viscous.
+initial:
+  - [{signal: speed}]
+force:
+  lags: [1, 2]
+current:
+  lags: [0, 1, 2, 3]
+  forms: [magnitude]
+speed:
+  lags: [0, 1, 2, 3]
+  powers: [0.2, 0.4, 0.6, 0.8, 1.0, 1.2]
+  forms: [magnitude]
+  again: {lags: [0, 1, 2, 3], powers: [0], forms: [signed]}
+products:
+  - []
+  - [current]
+  - [speed]
+  - [speed, speed]
+  - [current, speed]
+  - [current, speed, speed]
+  - [force]
+  - [force, current]
+  - [force, speed]
+  - [force, speed, speed]
+  - [force, current, speed]
+  - [force, current, speed, speed]
+"""
+
+
+MEMBERSHIPS = "hats"
+AUTO, FIRST_GUESS_S = "auto", 0.01
+RULE_KINDS = ("stop", "play", "lag", "frequency", MEMBERSHIPS)
+MAX_MEMBERSHIPS = 20
+MAX_PEAK, MIN_PEAK_DISTANCE = 1e6, 1e-6  # [m, m/s, A, Hz] of memberships
+FREQUENCY = {"time_constant_s": 0.25, "range_Hz": [0.5, 20.0], "floor_m": 1e-4}  # defaults
+
+
+def replace_auto(raw: object) -> tuple[object, tuple[str, ...]]:
+    """Return the block `constructed` with a guess for each lag whose time constant is `auto`, and their names."""
+    if not isinstance(raw, Mapping):
+        return raw, ()
+    names = [n for n, one in raw.items() if isinstance(one, Mapping) and one.get("kind") == "lag"]
+    auto = tuple(str(n) for n in names if raw[n].get("time_constant_s") == AUTO)
+    return {n: {**one, "time_constant_s": FIRST_GUESS_S} if str(n) in auto else one for n, one in raw.items()}, auto
+
+
+def constructions_from(
+    raw: object, where: str, known: Constructions | None = None
+) -> dict[str, tuple[ConstructedInput, ...]]:
+    """Check the block `constructed` of a rules file, and return it after those in `known`; raises CesError."""
+    if not isinstance(raw, Mapping):
+        raise CesError(f"{where}: expected names, each with kind and settings")
+    constructed = dict(known or {})
+    for name in sorted(raw, key=lambda key: isinstance(raw[key], Mapping) and raw[key].get("kind") == MEMBERSHIPS):
+        constructed[str(name)] = _construct(str(name), JsonObject(raw[name], f"{where}: {name}"), constructed)
+    names = [one.name for group in constructed.values() for one in group]
+    if len(set(names)) < len(names):
+        raise CesError(f"{where}: hats are named NAME_1, NAME_2 and so on; expected these names to be free")
+    return constructed
+
+
+def _construct(name: str, node: JsonObject, known: Constructions) -> tuple[ConstructedInput, ...]:
+    kind = node.choice("kind", RULE_KINDS)
+    if kind == MEMBERSHIPS:
+        smooth = {one.name: one for group in known.values() for one in group if one.kind != "hat"}
+        of = node.choice("of", (*BASE, *smooth))
+        peaks = _read_peaks(node.value.get("at"), f"{node.where}: at")
+        return make_memberships(require_name(name, node.where), of, peaks, smooth.get(of))
+    settings = {**(FREQUENCY if kind == "frequency" else {}), **node.value, "name": name}
+    return tuple(parse_constructed([JsonObject(settings, node.where)]).values())
+
+
+def _read_peaks(raw: object, where: str) -> list[float]:
+    """Return the ascending peaks of the memberships of a blend; raises CesError."""
+    good = isinstance(raw, list) and all(isinstance(x, int | float) and abs(x) < MAX_PEAK for x in raw)
+    peaks = [float(x) for x in raw] if isinstance(raw, list) and good else []
+    if not 2 <= len(peaks) <= MAX_MEMBERSHIPS or any(b - a < MIN_PEAK_DISTANCE for a, b in pairwise(peaks)):
+        raise CesError(
+            f"{where}: {raw!r}; expected 2 to {MAX_MEMBERSHIPS} ascending numbers, the peaks of the sub-models"
+        )
+    return peaks
+
+
+def parse_term_list(
+    raw: object, signals: Sequence[str], memberships: Set[str], where: str
+) -> tuple[tuple[Factor, ...], ...]:
+    """Return the factors of each term, constructed ones without their definition; raises CesError.
+
+    A magnitude and a sign of one signal at one lag become one signed factor. `signals` are the known ones;
+    `memberships` are those that have neither power nor form.
+    """
+    if not isinstance(raw, list) or not 1 <= len(raw) <= MAX_TERMS:
+        raise CesError(f"{where}: expected a list of terms, 1 to {MAX_TERMS}, each a list of factors")
+    terms = [_parse_term(item, signals, memberships, f"{where}[{i}]") for i, item in enumerate(raw)]
+    return tuple(dict.fromkeys(terms))
+
+
+def _parse_term(raw: object, signals: Sequence[str], memberships: Set[str], where: str) -> tuple[Factor, ...]:
+    if not isinstance(raw, list) or len(raw) > MAX_FACTORS:
+        raise CesError(f"{where}: {raw!r}; expected a list of factors, at most {MAX_FACTORS}")
+    factors = tuple(_parse_factor(item, signals, memberships, f"{where}[{i}]") for i, item in enumerate(raw))
+    if sum(f.signal == "force" for f in factors) > 1:
+        raise CesError(f"{where}: more than one past force; expected at most one, so that bounds can be proved")
+    return merge_signs(factors)
+
+
+def _parse_factor(raw: object, signals: Sequence[str], memberships: Set[str], where: str) -> Factor:
+    if not isinstance(raw, Mapping):
+        raise CesError(f"{where}: {raw!r}; expected a factor such as {{signal: speed, lag: 3, power: 0.4}}")
+    node = JsonObject({"lag": 0, "power": 1.0, "form": "signed", **raw}, where)
+    signal = node.choice("signal", signals)
+    plain = signal == "force" or signal in memberships
+    require_known_keys(raw, ("signal", "lag") if plain else ("signal", "lag", "power", "form"), where)
+    if signal == "force":
+        return Factor("force", node.integer("lag", 1, MAX_LAG))
+    signed = FORMS[node.choice("form", tuple(FORMS))]
+    power = node.number("power", 0.0, MAX_POWER)
+    if not signed and power == 0.0:
+        raise CesError(f"{where}: a magnitude to the power 0 is 1; leave the factor out")
+    return Factor(signal, node.integer("lag", 0, MAX_LAG), power, signed)

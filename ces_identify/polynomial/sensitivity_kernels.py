@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.arrays import F, I
+from ces_data.arrays import F, I
 from ces_identify.numerics.kernels import Bounds, TermArrays, _add_product
 from ces_identify.numerics.normal_matrix import BLOCK, accumulate, longest_lag, mirror
 

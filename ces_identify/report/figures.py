@@ -1,18 +1,144 @@
-"""The two charts of a recording: force over speed, and force over time with its error."""
+"""The window of a recording that the time plot shows first: where the damper works and the error is typical."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
 import numpy as np
+
+from ces_data.arrays import F
+from ces_identify.validation.evaluate import VALIDATION, Evaluation
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 from markupsafe import Markup
 
-from ces_identify.numerics.arrays import F, Mask
-from ces_identify.report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, PlotMark, PlotShade, draw_plot
-from ces_identify.report.window import Window
-from ces_identify.validation.evaluate import Evaluation
+from ces_data.arrays import Mask
+from ces_identify.validation.residuals import Correlation, ResidualTests
 from ces_observer.model import Model
+from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, PlotMark, PlotShade, draw_plot, value_table
+from ces_report.typesetting import minus
 
+LENGTH_S = 1.5
+BEFORE_DIVERGENCE = 0.8  # share of the window
+WORKING = 0.5  # of the work done where the damper works most: windows with less are not shown
+MOST = 0.9  # quantile of the work over all windows that counts as most
+MAX_ROWS = 6
+CLOUD = 4000  # points of a speed-force plot
+MEASURED, SIMULATED = "#3b6ea5", "#d9722e"
 MAX_DOTS = 2400  # of each force in a speed-force chart
 OUTSIDE = "outside the envelope"
+COLUMNS = 5
+WIDTH, HEIGHT = 1120.0, 84.0  # of the figure, and of a correlation [px]
+HEADROOM = 1.15  # of the scale over the largest correlation or band
+HEADS = ("Correlation", "Largest", "at a lag of [ms]", "99 % band", "Significant over all lags")
+
+
+@dataclass(frozen=True)
+class Window:
+    """Ticks [start, stop) and the reason for them in words."""
+
+    start: int
+    stop: int
+    why: str
+
+
+def choose_window(evaluation: Evaluation) -> Window:
+    """Return the window of LENGTH_S in which the damper works and whose local J is nearest the median of such windows.
+
+    The local J is 100 times the RMS error in the window over the standard deviation of the whole scored force. The
+    damper works where the product of RMS speed and RMS variation of the force is large. Only windows with the most
+    scored ticks count. A run that diverged shows where.
+    """
+    series, run = evaluation.series, evaluation.run
+    length = max(2, round(LENGTH_S * series.rate_Hz))
+    if length >= len(series):
+        return Window(0, len(series), "the whole run")
+    if run.diverged >= 0:
+        start = int(np.clip(run.diverged - BEFORE_DIVERGENCE * length, 0, len(series) - length))
+        return Window(start, start + length, f"where the free run diverged, at {series.time_s[run.diverged]:.2f} s")
+    return _typical(evaluation, length)
+
+
+def _typical(evaluation: Evaluation, length: int) -> Window:
+    series, run = evaluation.series, evaluation.run
+    scored = series.scored
+    square = np.where(scored, (np.where(scored, series.force, 0.0) - run.force) ** 2, 0.0)
+    count = _sliding(scored.astype(float), length)
+    full = np.flatnonzero(count == count.max())
+    work = _measure_work(evaluation, length)[full]
+    best = full[work >= WORKING * np.quantile(work, MOST)]
+    rms = np.sqrt(_sliding(square, length)[best] / max(count.max(), 1.0))
+    local = 100.0 * rms / series.force[scored].std()
+    typical = int(np.argmin(np.abs(local - np.median(local))))
+    start = int(best[typical])
+    why = f"typical: local J {local[typical]:.1f} %, median {np.median(local):.1f} %, worst {local.max():.1f} %"
+    return Window(start, start + length, why)
+
+
+def _measure_work(evaluation: Evaluation, length: int) -> F:
+    """Return for each window of `length` ticks the product of RMS speed and RMS variation of the measured force."""
+    series, scored = evaluation.series, evaluation.series.scored
+    speed = np.where(scored, series.speed, 0.0)
+    force = np.where(scored, series.force - series.force[scored].mean(), 0.0)
+    return np.asarray(np.sqrt(_sliding(speed**2, length) * _sliding(force**2, length)))
+
+
+def _sliding(values: F, length: int) -> F:
+    total = np.concatenate([[0.0], np.cumsum(values)])
+    return np.asarray(np.maximum(total[length:] - total[:-length], 0.0))
+
+
+def draw_costs(evaluations: Sequence[Evaluation]) -> Figure:
+    """Return a figure of the first evaluations, validation first."""
+    from matplotlib import pyplot as plt
+
+    shown = sorted(evaluations, key=lambda e: e.role != VALIDATION)[:MAX_ROWS]
+    figure, axes = plt.subplots(
+        len(shown), 2, figsize=(9.0, 2.6 * len(shown) + 0.3), width_ratios=(1, 2), squeeze=False, layout="constrained"
+    )
+    for (left, right), evaluation in zip(axes, shown, strict=True):
+        _speed_force(left, evaluation)
+        _time(right, evaluation)
+    for axis, label in zip(axes[-1], ("speed [m/s], positive in compression", "time [s]"), strict=True):
+        axis.set_xlabel(label)
+    figure.legend(
+        *axes[0, 1].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=8
+    )
+    return figure
+
+
+def _speed_force(axis: Axes, evaluation: Evaluation) -> None:
+    ticks = np.flatnonzero(evaluation.series.scored)
+    some = np.random.default_rng(0).permutation(ticks)[:CLOUD]
+    speed = evaluation.series.speed[some]
+    axis.plot(speed, evaluation.series.force[some], ".", ms=1.5, color=MEASURED, rasterized=True)
+    axis.plot(speed, evaluation.run.force[some], ".", ms=1.5, color=SIMULATED, rasterized=True)
+    axis.set_ylabel("force [N]")
+    _plain(axis)
+
+
+def _time(axis: Axes, evaluation: Evaluation) -> None:
+    window = choose_window(evaluation)
+    ticks = slice(window.start, window.stop)
+    time = evaluation.series.time_s[ticks]
+    axis.plot(time, evaluation.series.force[ticks], color=MEASURED, lw=1.4, label="measured")
+    axis.plot(time, evaluation.run.force[ticks], color=SIMULATED, lw=1.1, label="simulated (free run)")
+    role = "validation" if evaluation.role == VALIDATION else "identification"
+    interval = evaluation.interval
+    bounds = f" ({interval.low:.2f}-{interval.high:.2f})" if interval else ""
+    cost = f"{evaluation.cost:.2f}" if np.isfinite(evaluation.cost) else "diverged"
+    axis.set_title(f"{evaluation.name}, {role}: J = {cost} %{bounds}", fontsize=9, loc="left")
+    _plain(axis)
+
+
+def _plain(axis: Axes) -> None:
+    axis.grid(alpha=0.25, lw=0.6)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.tick_params(labelsize=8)
 
 
 def speed_force(ident: str, evaluation: Evaluation, model: Model) -> Markup:
@@ -106,3 +232,50 @@ def _restarts(evaluation: Evaluation) -> Mask:
     breaks = np.zeros(len(evaluation.series), bool)
     breaks[evaluation.series.segments[:, 0]] = True
     return breaks
+
+
+def correlation_figure(ident: str, tests: ResidualTests, name: str) -> Markup:
+    """Return a small plot for each correlation of `tests`; those with inputs share a scale."""
+    every = (tests.whiteness, *tests.inputs)
+    scale = HEADROOM * max([abs(c.values[c.worst]) for c in tests.inputs] + [c.band for c in tests.inputs] + [1e-3])
+    text = (
+        "Correlation of the residual with itself, and of each input with the later residual, over the lag; the band "
+        "holds 99 % of the values at a lag without correlation."
+    )
+    plot = Plot(
+        ident,
+        f"Correlations of the residual, {name}",
+        text,
+        "Lag [ms]",
+        [_area(correlation, scale if i else 1.0) for i, correlation in enumerate(every)],
+        WIDTH,
+        group="lags",
+        x_ticks=3,
+        legend=False,
+        columns=COLUMNS,
+    )
+    table = value_table(text, HEADS, [_row(correlation) for correlation in every])
+    return Markup('<div class="wide">{}</div>').format(draw_plot(plot, table=table))
+
+
+def _row(correlation: Correlation) -> tuple[str, ...]:
+    """Return the row of a correlation in the table of the figure."""
+    worst, lag_ms = correlation.values[correlation.worst], 1e3 * correlation.lags_s[correlation.worst]
+    significant = "no" if correlation.passed else "yes"
+    return _name(correlation), minus(f"{worst:.2f}"), f"{lag_ms:.3g}", f"±{correlation.band:.2g}", significant
+
+
+def _name(correlation: Correlation) -> str:
+    return "residual with itself" if correlation.first == "residual" else f"{correlation.first} → {correlation.second}"
+
+
+def _area(correlation: Correlation, scale: float) -> PlotArea:
+    """Return the area of a correlation over its lags; a star marks a significant one, which has its own colour, too."""
+    lags, band = 1e3 * correlation.lags_s, min(correlation.band, scale)
+    ends = lags[[0, -1]]
+    css, star = ("error", "") if correlation.passed else ("simulated", " *")
+    marks: list[PlotMark] = [
+        PlotBand("", ends, np.full(2, -band), np.full(2, band), "chance"),
+        PlotLine("", lags, correlation.values, css),
+    ]
+    return PlotArea(f"{_name(correlation)}{star}", marks, HEIGHT, (-scale, scale), around_zero=True)

@@ -1,48 +1,177 @@
-"""The text of the page from a model and its evaluations: figures, tables and the rendered template."""
+"""The page about a model and its evaluations: headline, warnings, tables, figures and the rendered template."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from ces_identify.preparation.weighting import EQUAL, Weighting
-from ces_identify.report.charts import SIZES, draw_chart
-from ces_identify.report.correlations import correlation_figure
-from ces_identify.report.figures import MAX_DOTS, count_lines, speed_force, time_plot
-from ces_identify.report.grid import make_grid
-from ces_identify.report.maps import coverage_map, error_map
-from ces_identify.report.plot import share_points
-from ces_identify.report.shell import format_key, page_template, replace_unencodable
-from ces_identify.report.summary import (
-    cost_rows,
-    describe_recordings,
-    headline,
-    missing_figures,
-    outside_rows,
-    pooled_row,
-    select_role,
-    structure_advice,
-    structure_rows,
-    warnings,
-)
-from ces_identify.report.window import choose_window
+from ces_identify.physical.quantities import ERRORS
+from ces_identify.prepare.cost import EQUAL, Weighting
+from ces_identify.report.figures import MAX_DOTS, choose_window, correlation_figure, count_lines, speed_force, time_plot
+from ces_identify.report.maps import coverage_map, error_map, make_grid
 from ces_identify.structures import model_table
-from ces_identify.structures.physical_quantities import ERRORS
-from ces_identify.typesetting import minus
-from ces_identify.validation.band_coverage import coverage_regions
-from ces_identify.validation.error_regions import error_cells, error_regions
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation
-from ces_identify.validation.residuals import residual_tests, verdicts
-from ces_observer.json_checks import write_atomically
+from ces_identify.structures.auto import advise
+from ces_identify.validation.band import coverage_regions
+from ces_identify.validation.evaluate import (
+    IDENTIFICATION,
+    UNITS,
+    VALIDATION,
+    CostInterval,
+    Evaluation,
+    explain_missing,
+    pool_evaluations,
+)
+from ces_identify.validation.residuals import error_cells, error_regions, residual_tests, verdicts
+from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
+from ces_report.charts import SIZES, draw_chart
+from ces_report.plot import share_points
+from ces_report.shell import format_key, page_template, replace_unencodable
+from ces_report.typesetting import join_names, minus, three_figures
 
+ROLES = (VALIDATION, IDENTIFICATION)
+MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 MARKS = "marks"  # key of the hashes in the provenance by which copies and parts of recordings are recognised
 SHOWN_ABOVE = (ERRORS, "structure", "structures")  # of the provenance's selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 WORST_CELLS = 6  # rows in the table of errors
+
+
+def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
+    """Return the evaluations of `role`."""
+    return [e for e in evaluations if e.role == role]
+
+
+def describe_recordings(evaluations: Sequence[Evaluation]) -> str:
+    """Return the recordings of the report in a phrase, such as `road (validation); noise, sweep (identification)`."""
+    named = ((role, join_names([e.name for e in select_role(evaluations, role)])) for role in ROLES)
+    return "; ".join(f"{names} ({role})" for role, names in named if names)
+
+
+def headline(evaluations: Sequence[Evaluation]) -> str:
+    """Return one sentence about the costs."""
+    held_out = select_role(evaluations, VALIDATION)
+    if held_out:
+        return f"Validation: {_format_range(held_out)}."
+    if not evaluations:
+        return "Not validated, and not run on any recording."
+    return f"Not validated: fit and selection used all recordings below. On these: {_format_range(evaluations)}."
+
+
+def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Return warnings about runs that diverged and inputs outside the envelope, with the signals' ranges.
+
+    Of more than MAX_WARNED recordings outside, `outside_rows` has the ranges.
+    """
+    diverged = [
+        f"{e.name} ({e.role}) at {e.series.time_s[e.run.diverged]:.2f} s" for e in evaluations if e.run.diverged >= 0
+    ]
+    texts = [f"Diverged: the simulated force left the force envelope on {', '.join(diverged)}."] if diverged else []
+    outside = [e for e in evaluations if e.outside]
+    if len(outside) <= MAX_WARNED:
+        return texts + [minus(f"{e.outside_text} ({e.role}).") for e in outside]
+    most = max(e.clamped_share for e in outside)
+    many = f"{len(outside)} of {len(evaluations)} recordings are outside the model's envelope"
+    return [*texts, f"{many}, for up to {100.0 * most:.1f} % of the time: see the table after the costs."]
+
+
+def outside_rows(evaluations: Sequence[Evaluation]) -> list[tuple[str, ...]]:
+    """Return recording, signal, ranges used and known, and share of the time, if there are too many for warnings."""
+    if sum(bool(e.outside) for e in evaluations) <= MAX_WARNED:
+        return []
+    return [
+        (e.name, f"{use.signal} [{UNITS[use.signal]}]", *map(minus, use.as_texts()), f"{100.0 * use.outside_share:.1f}")
+        for e in evaluations
+        for use in e.outside
+    ]
+
+
+def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:
+    """Return the rows of the cost table with texts that are ready to show.
+
+    `bar` is the length of the row's bar [%], `whisker` the start and length of the interval on the same scale.
+    """
+    highest = [e.interval.high for e in evaluations if e.interval is not None]
+    longest = max([e.cost for e in evaluations if math.isfinite(e.cost)] + highest + [1e-9])
+    return [_row(i, e, longest, weighting) for i, e in enumerate(evaluations)]
+
+
+def missing_figures(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Return why figures of the cost table are missing, a sentence for each reason."""
+    return [f"{line[0].upper()}{line[1:]}." for line in explain_missing(evaluations)]
+
+
+def pooled_row(held_out: Sequence[Evaluation]) -> dict[str, Any] | None:
+    """Return the row of all validation recordings together; None for fewer than two, or if one diverged."""
+    pooled = pool_evaluations(held_out) if all(math.isfinite(e.cost) for e in held_out) else None
+    if pooled is None:
+        return None
+    return {
+        "number": pooled.number,
+        "duration": f"{pooled.scored_s:.1f}",
+        "cost": three_figures(pooled.cost),
+        "interval": _format_interval(pooled.interval),
+    }
+
+
+def structure_rows(model: Model) -> list[tuple[str, str, str]]:
+    """Return name, cost on the selection data [%] and kind of fit for each structure that was compared, best first."""
+    selection = model.provenance.get("selection", {})
+    kinds = {selection.get("structure"): "this model"}
+    return [(n, three_figures(cost), kinds.get(n, "short fit")) for n, cost in selection.get("structures", {}).items()]
+
+
+def structure_advice(model: Model) -> str:
+    """Return a sentence on a structure that is clearly better than the model's, or nothing."""
+    selection = model.provenance.get("selection", {})
+    return advise(selection["structures"], selection["structure"]) if selection.get("structures") else ""
+
+
+def _row(number: int, e: Evaluation, longest: float, weighting: Weighting) -> dict[str, Any]:
+    finite, interval = math.isfinite(e.cost), e.interval
+    gaps = len(e.series.segments) - 1
+    reasons = {**{reason: n for reason, n in e.series.dropped.items() if n}, **({"gaps": gaps} if gaps else {})}
+    return {
+        "number": number,
+        "name": e.name,
+        "role": e.role,
+        "span": f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}",
+        "duration": f"{e.scored_s:.1f}",
+        "cost": three_figures(e.cost),
+        "bar": 100.0 * e.cost / longest if finite else 100.0,
+        "diverged": not finite or e.run.diverged >= 0,
+        "rms": three_figures(e.rms_N),
+        "outside": three_figures(100.0 * e.clamped_share) if e.clamped_share else "0",
+        "coverage": "" if e.coverage is None else three_figures(100.0 * e.coverage),
+        "dropped": f"{sum(e.series.dropped.values())} / {gaps}",
+        "reasons": ", ".join(f"{reason}: {n}" for reason, n in reasons.items()),
+        "interval": _format_interval(interval),
+        "whisker": (100.0 * interval.low / longest, 100.0 * (interval.high - interval.low) / longest)
+        if interval
+        else None,
+        "floor": "" if e.floor is None else three_figures(e.floor),
+        "weighted": three_figures(e.weighted_cost(weighting)) if weighting else "",
+    }
+
+
+def _format_interval(interval: CostInterval | None) -> str:
+    if interval is None:
+        return "\N{EN DASH}"
+    return f"{three_figures(interval.low)} to {three_figures(interval.high)}"
+
+
+def _format_range(evaluations: Sequence[Evaluation]) -> str:
+    finite = sorted((e for e in evaluations if math.isfinite(e.cost)), key=lambda e: e.cost)
+    lost = len(evaluations) - len(finite)
+    if not finite:
+        return f"the free run diverged on every recording ({lost})"
+    best, worst = (f"{three_figures(e.cost)} % ({e.name})" for e in (finite[0], finite[-1]))
+    costs = f"cost J = {best}" if len(finite) == 1 else f"cost J from {best} to {worst}, {len(finite)} recordings"
+    return costs + (f"; the free run diverged on {lost} more" if lost else "")
 
 
 def write_report(
@@ -64,7 +193,7 @@ def write_report(
     drawn = _find_drawn(ordered)
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     table = model_table(model, shown, VALIDATION if held_out else IDENTIFICATION)
-    page = page_template("report.html.j2").render(
+    page = page_template("report.html.j2", "ces_identify.report").render(
         title=title,
         subject=describe_recordings(ordered),
         headline=headline(ordered),
@@ -143,8 +272,8 @@ def _settings(model: Model) -> dict[str, Any]:
     return {
         "Sampling": {format_key(key): value for key, value in asdict(model.sampling).items()},
         "Envelope": {
-            **{format_key(key): _format_range(value) for key, value in asdict(model.envelope).items()},
-            format_key("force_N"): _format_range(model.force_envelope_N),
+            **{format_key(key): _format_ends(value) for key, value in asdict(model.envelope).items()},
+            format_key("force_N"): _format_ends(model.force_envelope_N),
         },
         "Origin": {
             **{k: v for k, v in model.provenance.items() if _fits_on_line(v) and k != USAGE_RULE},
@@ -172,5 +301,5 @@ def _fits_on_line(item: object) -> bool:
     return not item or not isinstance(item, Mapping | list | tuple)
 
 
-def _format_range(value: tuple[float, float]) -> str:
+def _format_ends(value: tuple[float, float]) -> str:
     return minus(f"{value[0]:.4g} to {value[1]:.4g}")

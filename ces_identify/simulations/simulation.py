@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from ces_identify.numerics.arrays import F
-from ces_identify.preparation.series import interpolate_force, usable_samples
-from ces_identify.recordings.recording import Recording
+from ces_data.arrays import F
+from ces_data.recording import Recording
+from ces_identify.prepare.series import interpolate_force, usable_samples
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError
 from ces_observer.model import Model
@@ -19,6 +19,7 @@ from ces_observer.model import Model
 ForceFunction = Callable[[F, F, F], F]  # time_s, position_m, current_A -> force_N, all of shape (n,)
 
 
+@runtime_checkable
 class Simulation(Protocol):
     """A source of simulated forces; every kind of simulation is a subclass."""
 

@@ -1,5 +1,50 @@
-"""The registry of model structures that can be identified, and how to choose among them."""
+"""The model structures that can be identified: the module of each, and C templates beside it.
 
-from ces_identify.structures.registry import KITS, model_table, run_batch
+A structure that the vehicle knows has its desk side in the module of the same name here, which declares a
+`StructureKit`. Everything else asks the kits.
+"""
 
-__all__ = ["KITS", "model_table", "run_batch"]
+from __future__ import annotations
+
+from collections.abc import Sequence
+from importlib import import_module
+from typing import Any
+
+from ces_data.arrays import F, I
+from ces_identify.physical.models import PhysicalModels
+from ces_identify.prepare.series import SimulatedSeries
+from ces_identify.structures.kit import StructureKit
+from ces_observer.model import Model
+from ces_observer.structures import STRUCTURES
+from ces_observer.structures.structure import Structure
+from ces_report.typesetting import ModelTable
+
+
+def _find_kits() -> dict[str, StructureKit[Any]]:
+    """Return the kits by their names for users, the default first."""
+    names = [body.__module__.rpartition(".")[2] for body in STRUCTURES.values()]
+    declared = (one for name in names for one in vars(import_module(f"{__name__}.{name}")).values())
+    return {one.option: one for one in declared if isinstance(one, StructureKit)}
+
+
+KITS = _find_kits()
+
+
+def kit_of(body: Structure) -> StructureKit[Any]:
+    """Return the kit of a structure."""
+    return next(kit for kit in KITS.values() if kit.body.name == body.name)
+
+
+def physical_models_of(body: Structure) -> type[PhysicalModels[Any]] | None:
+    """Return the models of a structure with the physics inside, None for another one."""
+    return kit_of(body).models
+
+
+def run_batch(model: Model, inputs: F, segments: I) -> tuple[F, int]:
+    """Return the batch run of a model, as `StructureKit.batch_run` describes it."""
+    return kit_of(model.body).batch_run(model.body, model, inputs, segments)
+
+
+def model_table(model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+    """Return the table of the model's parameters for a report; `role` is the role of `runs`."""
+    return kit_of(model.body).table(model.body, model, runs, role)

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ces_identify.polynomial.search_limits import THESIS, Listener
-from ces_identify.preparation.series import Series
+from ces_identify.prepare.series import Series
+from ces_identify.structures import KITS
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
-from ces_identify.structures.registry import KITS
 from ces_observer.errors import CesError
 from ces_observer.model import Sampling
 
@@ -23,7 +23,6 @@ AUTO = "auto"
 SHORT_S = 10.0  # most seconds of a short fit
 SHORT_STARTS = 2  # of a short fit of a structure without physics inside: one start may end without a proof
 SHORT_SHARE = 0.15  # of the time limit, for each short fit
-PHYSICAL = ("relaxation", "chambers")
 CLEARLY_BETTER = 0.9  # share of the chosen structure's selection cost
 
 
@@ -31,17 +30,17 @@ CLEARLY_BETTER = 0.9  # share of the chosen structure's selection cost
 class BestStructure:
     """Fits the structures `names` shortly, and the best of them in full; it is a `Fitter`.
 
-    `sizes` are those of all structures.
+    `sizes` are those of all structures; without `names`, all are fitted.
     """
 
     sizes: Mapping[str, Size]
-    names: tuple[str, ...] = tuple(KITS)
+    names: Sequence[str] = ()
 
     def __call__(
         self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
     ) -> Fitted:
         """Return the best model; raises CesError if no structure can be fitted."""
-        costs = _compare(self.names, self.sizes, series, sampling, options)
+        costs = _compare(self.names or tuple(KITS), self.sizes, series, sampling, options)
         if not costs:
             raise CesError("no structure could be fitted; check signals and units")
         best = min(costs, key=lambda name: costs[name])
@@ -64,8 +63,13 @@ class WithAlternatives:
         fitted = self.fitter(series, sampling, options, listener)
         if options.limits.method == THESIS:
             return fitted
-        costs = _compare(PHYSICAL, self.sizes, series, sampling, options)
+        costs = _compare(physical_structures(), self.sizes, series, sampling, options)
         return _with_costs(fitted, self.option, {self.option: fitted.results[0].cost, **costs})
+
+
+def physical_structures() -> list[str]:
+    """Return the options of the structures with the physics inside."""
+    return [name for name, kit in KITS.items() if kit.models]
 
 
 def default_sizes() -> dict[str, Size]:
@@ -78,7 +82,7 @@ def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
     if option == AUTO:
         return BestStructure(sizes)
     fitter = KITS[option].fitter(sizes)
-    return fitter if option in PHYSICAL else WithAlternatives(option, fitter, sizes)
+    return fitter if KITS[option].models else WithAlternatives(option, fitter, sizes)
 
 
 def advise(costs: Mapping[str, float], chosen: str) -> str:
@@ -100,11 +104,11 @@ def _compare(
     options: IdentifyOptions,
 ) -> dict[str, float]:
     """Return the selection costs [%] of short fits, without structures that cannot be fitted; Ctrl-C ends it."""
-    seconds = min(SHORT_S, SHORT_SHARE * options.limits.seconds)
+    seconds = min(SHORT_S, SHORT_SHARE * options.limits.time)
     costs: dict[str, float] = {}
     for name in names:
-        starts = 1 if name in PHYSICAL else SHORT_STARTS
-        short = replace(options, limits=replace(options.limits, starts=starts, seconds=seconds))
+        starts = 1 if KITS[name].models else SHORT_STARTS
+        short = replace(options, limits=replace(options.limits, starts=starts, time=seconds))
         try:
             fitted = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None)
         except CesError:

@@ -9,36 +9,38 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
-from ces_identify.numerics.arrays import F, I
-from ces_identify.polynomial.regressors import CandidateRules
+from ces_data.arrays import F, I
+from ces_identify.physical.models import PhysicalModels
+from ces_identify.polynomial.candidate_rules import CandidateRules
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
-from ces_identify.preparation.series import Series
-from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.preparation.weighting import EQUAL, Weighting
-from ces_identify.typesetting import ModelTable
+from ces_identify.prepare.cost import EQUAL, Weighting
+from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_observer.model import Model, Sampling
+from ces_observer.options import Option
 from ces_observer.structures.structure import Structure
+from ces_report.typesetting import ModelTable
 
 Size = bool | int | float | str
 
 
 @dataclass(frozen=True)
 class IdentifyOptions:
-    """Options of an identification: share of each recording to identify on, candidate rules, limits, fixed sampling.
+    """Options of an identification, named as those of `ces identify`.
 
-    Without `rules`, the built-in ones of the search method apply. `weighting` sets which ticks matter more in fit and
-    selection. With `certify`, only models with a certificate (ces_observer.proof.certificate) are considered; the
-    thesis' procedure considers all and gives a certificate to the model that it finds, if the proof succeeds.
-    With `band`, the model gets a band (ces_observer.band).
+    `split` is the share of each recording to identify on. Without `candidates`, the built-in rules of the search method
+    apply. `rate` [Hz] and `bandwidth` [Hz] fix the sampling. `weight` sets which ticks matter more in fit and
+    selection. With `certificate`, only models with one (ces_observer.proof.certificate) are considered; the thesis'
+    procedure considers all and gives a certificate to the model that it finds, if the proof succeeds. With `band`, the
+    model gets a band (ces_observer.band).
     """
 
     split: float = 0.75
-    rules: CandidateRules | None = None
+    candidates: CandidateRules | None = None
     limits: Limits = field(default_factory=Limits)
-    rate_Hz: float | None = None
-    bandwidth_Hz: float | None = None
-    certify: bool = True
-    weighting: Weighting = EQUAL
+    rate: float | None = None
+    bandwidth: float | None = None
+    certificate: bool = True
+    weight: Weighting = EQUAL
     band: bool = True
     differentiator: str | None = None
 
@@ -63,39 +65,44 @@ class Fitted:
 Fitter = Callable[[Sequence[Series], Sampling, IdentifyOptions, Listener], Fitted]
 
 
-@dataclass(frozen=True)
-class SizeOption:
-    """A size of a structure that the user chooses: an option of the command line and an axis of campaigns.
-
-    It is a whole number within `whole` or, where that is None, a text that passes `check`, which raises ValueError.
-    `expected` describes valid values.
-    """
-
-    name: str
-    default: int | str
-    meaning: str
-    expected: str
-    whole: tuple[int, int] | None = None
-    check: Callable[[str], object] = str
-    metavar: str = "N"
-
-
 S = TypeVar("S", bound=Structure)
 
 
 @dataclass(frozen=True)
+class CTick(Generic[S]):
+    """How a structure's tick is written in C: `template`.c.j2 and .h.j2 beside its module, the `facts` that fill them.
+
+    `noun` names the structure in comments.
+    """
+
+    template: str
+    facts: Callable[[S, Model], Mapping[str, object]]
+    noun: str
+
+
+@dataclass(frozen=True)
 class StructureKit(Generic[S]):
-    """One structure, offline. `option` is its name for users, `about` a short description, `body` its class in a model.
+    """One structure, offline: `about` is a short description, `body` its class in a model.
 
     `fitter` returns the fitter for the values of `sizes`. `batch_run` takes inputs (3, ticks), which are position [m],
     speed [m/s] and current [A], and segments; it returns the force (ticks,) [N], NaN from where it left the force
     envelope, and the first such tick or -1. `table` shows the parameters; its runs are of the role named.
+
+    `c_tick` is None for a structure that cannot be exported, `models` for one without physics inside. A structure is
+    `quick` if a fit in seconds is worth a comparison.
     """
 
-    option: str
     about: str
     body: type[S]
-    sizes: tuple[SizeOption, ...]
+    sizes: tuple[Option, ...]
     fitter: Callable[[Mapping[str, Size]], Fitter]
     batch_run: Callable[[S, Model, F, I], tuple[F, int]]
     table: Callable[[S, Model, Sequence[SimulatedSeries], str], ModelTable]
+    c_tick: CTick[S] | None = None
+    models: type[PhysicalModels[Any]] | None = None
+    quick: bool = False
+
+    @property
+    def option(self) -> str:
+        """The structure's name for users."""
+        return self.body.option

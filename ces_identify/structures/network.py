@@ -1,4 +1,4 @@
-"""Sigmoid networks offline: size, fit, batch run and table for the report."""
+"""Sigmoid networks at the desk: random starts and errors of a fit, sizes, batch run, report and tick in C."""
 
 from __future__ import annotations
 
@@ -9,18 +9,88 @@ from typing import ClassVar
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.numerics.arrays import F, I
-from ces_identify.preparation.simulated_series import SimulatedSeries
-from ces_identify.structures.kit import SizeOption, StructureKit
-from ces_identify.structures.lagged_fit import LaggedShape
-from ces_identify.trained.lagged_kernels import lagged_free_run
-from ces_identify.trained.lagged_table import regressor_table
-from ces_identify.trained.network_fit import NetworkFit
+from ces_data.arrays import F, I
+from ces_identify.prepare.series import SimulatedSeries
+from ces_identify.structures.c_tables import ConstantTable
+from ces_identify.structures.kit import CTick, StructureKit
+from ces_identify.structures.lagged import LaggedShape, lagged_facts
+from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
 from ces_identify.trained.network_kernels import NetworkArrays
+from ces_identify.trained.simulation_error import Family, regressor_table
 from ces_identify.trained.training import LAGS, LagCounts, Lags, Training, build_regressors
-from ces_identify.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 from ces_observer.model import Model
-from ces_observer.structures.network import Network
+from ces_observer.options import Option
+from ces_observer.structures.network import STEEPEST, Network, SigmoidUnit
+from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
+
+FIRST_GAIN = 0.9  # gain of the past forces in a start
+FIRST_SLOPE = 1.5  # standard deviation of a start's slopes, all inputs together
+FIRST_WEIGHT = 0.05
+STEEPEST_SLOPE = 0.25  # of a sigmoid
+KINK = 5e-4  # width over which the kink of |x| is smoothed in the gain
+
+
+@dataclass(frozen=True)
+class NetworkFit(Family):
+    """Networks of `units` sigmoids; `decay` is the cost of a squared parameter in (J / 100)^2."""
+
+    units: int
+    decay: float
+
+    @property
+    def size(self) -> int:
+        """Number of units."""
+        return self.units
+
+    def start(self, random: np.random.Generator) -> F:
+        """Return random parameters: a slow affine model of the past, and units that depend on the inputs only."""
+        r = len(self.regressors)
+        linear, units = np.zeros(r), random.normal(0.0, FIRST_SLOPE / np.sqrt(r), (self.units, 2 + r))
+        linear[self.past] = FIRST_GAIN / max(1, len(self.past))
+        units[:, 0] = random.normal(0.0, FIRST_WEIGHT, self.units)
+        units[:, 1] = random.normal(0.0, 1.0, self.units)
+        units[:, 2 + self.past] = 0.0
+        constant = (1.0 - linear.sum()) * self.training.level
+        return np.concatenate([[constant], linear, units.ravel()])
+
+    def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
+        """Return the squared error with decay, its matrix and its gradient."""
+        error, matrix, gradient = self.normal_equations(table, params, max_error)
+        matrix[np.diag_indices_from(matrix)] += self.decay
+        return error + self.decay * float(params @ params), matrix, gradient - self.decay * params
+
+    def kernel_arrays(self, params: F) -> NetworkArrays:
+        """Return the arrays of the kernels."""
+        return NetworkArrays(self.training.scale_N, params, self.units)
+
+    def gains(self, params: F) -> tuple[F, F]:
+        """Return the bound of ces_observer.structures.network (1,), smoothed upward, and its gradient (1, params)."""
+        r = len(self.regressors)
+        units = params[1 + r :].reshape(self.units, 2 + r)
+        slope, unit_slopes = np.zeros_like(params), np.zeros_like(units)
+        gain = 0.0
+        for j in self.past:
+            products = STEEPEST_SLOPE * units[:, 0] * units[:, 2 + j]
+            smoothed = np.hypot(products, KINK)
+            high = params[1 + j] + 0.5 * (smoothed + products).sum()
+            low = params[1 + j] - 0.5 * (smoothed - products).sum()
+            sign = 1.0 if high >= -low else -1.0
+            derivative = 0.5 * STEEPEST_SLOPE * (sign + products / smoothed)
+            gain += max(high, -low)
+            slope[1 + j] = sign
+            unit_slopes[:, 0] += derivative * units[:, 2 + j]
+            unit_slopes[:, 2 + j] += derivative * units[:, 0]
+        slope[1 + r :] = unit_slopes.ravel()
+        return np.array([gain]), slope[None]
+
+    def body(self, params: F) -> Network:
+        """Return the network with these parameters."""
+        r = len(self.regressors)
+        rows = params[1 + r :].reshape(self.units, 2 + r).tolist()
+        units = tuple(SigmoidUnit(row[0], row[1], tuple(row[2:])) for row in rows)
+        linear = tuple(params[1 : 1 + r].tolist())
+        return Network(self.regressors, self.training.scale_N, float(params[0]), linear, units)
+
 
 AUTO = "auto"
 MAX_COUNT = 20  # lags of a signal: three times as many stay below MAX_REGRESSORS
@@ -30,7 +100,7 @@ MAX_COUNT = 20  # lags of a signal: three times as many stay below MAX_REGRESSOR
 class NetworkShape(LaggedShape):
     """The size of a sigmoid network (thesis eq. 3.4): units, lags, and the cost of a squared parameter."""
 
-    option: ClassVar[str] = "sigmoid"
+    option: ClassVar[str] = Network.option
     units: int = 10
     lags: Lags | LagCounts = LAGS
     decay: float = 3e-6  # [(J / 100)^2]
@@ -71,38 +141,57 @@ def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries
         f"A sigmoid network of {len(network.units)} units. Linear part and units: force for a change by one spread, "
         "for the units where all are steepest. Mean and spread (standard deviation) in the signal's unit."
     )
+    all_units_N = [
+        network.scale_N * sum(0.25 * abs(unit.weight * unit.slopes[j]) for unit in network.units)
+        for j in range(len(network.regressors))
+    ]
     heads = ("Regressor", "Mean", "Spread", "Linear part [N]", "Units [N]")
     rows = [
-        (signal_symbol(r.signal, r.lag), *map(four_figures, (r.mean, r.spread, *_steps(network, j))))
-        for j, r in enumerate(network.regressors)
+        (signal_symbol(r.signal, r.lag), *map(four_figures, (r.mean, r.spread, network.scale_N * slope, units_N)))
+        for r, slope, units_N in zip(network.regressors, network.linear, all_units_N, strict=True)
     ]
     symbols = describe_signals((r.signal for r in network.regressors), model.sampling.rate_Hz)
     return parameter_table(about, tuple(map(Markup, heads)), tuple(rows), symbols)
 
 
-def _steps(network: Network, j: int) -> tuple[float, float]:
-    units = sum(0.25 * abs(unit.weight * unit.slopes[j]) for unit in network.units)
-    return network.scale_N * network.linear[j], network.scale_N * units
+def tick_facts(network: Network, model: Model) -> dict[str, object]:
+    """Return the tables of a sigmoid network's tick."""
+    units = network.units
+    tables = [ConstantTable("LINEAR", network.linear)]
+    if units:
+        slopes = [slope for unit in units for slope in unit.slopes]
+        tables += [
+            ConstantTable("WEIGHTS", [unit.weight for unit in units]),
+            ConstantTable("BIASES", [unit.bias for unit in units]),
+            ConstantTable("SLOPES", slopes, len(network.regressors)),
+        ]
+    return {
+        **lagged_facts(network.regressors, [(r.signal, r.lag) for r in network.regressors], model),
+        "tables": tables,
+        "scale": network.scale_N,
+        "constant": network.constant,
+        "steepest": STEEPEST,
+        "units": len(units),
+    }
 
 
-UNITS = SizeOption(
-    "units", NetworkShape().units, "sigmoids of a sigmoid network", "whole numbers from 1 to 60", whole=(1, 60)
-)
-NETWORK_LAGS = SizeOption(
+UNITS = Option("units", NetworkShape().units, "sigmoids of a sigmoid network", 1, 60, metavar="N")
+NETWORK_LAGS = Option(
     "lags",
     AUTO,
     "numbers of past forces, currents and speeds that a sigmoid network uses (thesis table 5.2), such as 2,4,5: past "
     "forces from one tick ago, the others from the present tick",
-    f"{AUTO} or counts Y,C,V such as '2,4,5', each from 0 to {MAX_COUNT}",
-    check=read_lags,
+    form=f"{AUTO} or counts Y,C,V such as '2,4,5', each from 0 to {MAX_COUNT}",
+    check_text=read_lags,
     metavar="Y,C,V",
 )
 SIGMOID = StructureKit(
-    option=NetworkShape.option,
     about="sigmoid network NARX",
     body=Network,
     sizes=(UNITS, NETWORK_LAGS),
     fitter=lambda sizes: NetworkShape(units=int(sizes["units"]), lags=read_lags(str(sizes["lags"]))),
     batch_run=run_network,
     table=network_table,
+    c_tick=CTick("network", tick_facts, "sigmoid network"),
+    quick=True,
 )

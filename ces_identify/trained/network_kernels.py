@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from ces_identify.numerics.arrays import F, I
+from ces_data.arrays import F, I
 from ces_identify.numerics.normal_matrix import propagate
 from ces_identify.trained.lagged_kernels import RegressorTable, fill_regressors, register
 

@@ -11,10 +11,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_identify.numerics.arrays import F, I
+from ces_data.arrays import F, I
 from ces_identify.polynomial.problem import assemble_problem
-from ces_identify.preparation.series import Series
-from ces_identify.preparation.weighting import EQUAL, Weighting
+from ces_identify.prepare.cost import EQUAL, Weighting
+from ces_identify.prepare.series import Series
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope
 from ces_observer.structures.lagged_signals import Regressor
@@ -123,6 +123,8 @@ def build_training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Tr
     """Return the data to fit to; raises RecordingError if there is too little."""
     problem = assemble_problem(series, (Term(1.0, ()),), weighting=weighting)
     scored = problem.everything > 0.0
+    low, high = problem.force_envelope
+    reach = ROUND_ZERO * (high - low)
     return Training(
         inputs=np.stack([np.concatenate([getattr(s, name) for s in series]) for name in SIGNALS]),
         measured=problem.measured,
@@ -131,11 +133,6 @@ def build_training(series: Sequence[Series], weighting: Weighting = EQUAL) -> Tr
         estimation=np.where(problem.selection > 0.0, 0.0, problem.everything),
         selection=problem.selection,
         envelope=problem.envelope,
-        force_envelope=_round_zero(problem.force_envelope),
+        force_envelope=(min(low, -reach), max(high, reach)),
         scale_N=float(problem.measured[scored].std()),
     )
-
-
-def _round_zero(force: Range) -> Range:
-    reach = ROUND_ZERO * (force[1] - force[0])
-    return min(force[0], -reach), max(force[1], reach)

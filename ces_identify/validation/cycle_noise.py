@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_identify.numerics.arrays import F, I, Mask
-from ces_identify.preparation.series import Series
+from ces_data.arrays import F, I, Mask
+from ces_identify.prepare.series import Series
 
 SETTLE_S = 1.0  # [s] skipped at each segment's start, after the warm-up
 MIN_CYCLES = 5

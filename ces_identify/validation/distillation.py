@@ -8,17 +8,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
-from ces_identify.numerics.arrays import F
-from ces_identify.preparation.cost import cost
-from ces_identify.preparation.series import Series, prepare
-from ces_identify.recordings.recording import Recording
+from ces_data.arrays import F, Mask
+from ces_data.recording import Recording
+from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
+from ces_identify.prepare.cost import cost
+from ces_identify.prepare.series import Series, prepare
 from ces_identify.validation.evaluate import Evaluation
 from ces_observer.model import Model
 
 MIN_TICKS = 50  # with a measured force
+RULE = (
+    f"of every {PERIOD_BLOCKS * BLOCK_S:g} s of identification data, the first {ESTIMATION_BLOCKS * BLOCK_S:g} s serve "
+    f"estimation and the last {(PERIOD_BLOCKS - ESTIMATION_BLOCKS) * BLOCK_S:g} s selection; a last fit may use both; "
+    "no choice used the test seconds"
+)
 
 
 @dataclass(frozen=True)
@@ -62,3 +69,21 @@ def _find_measured_force(series: Series, measured: Sequence[Series]) -> F:
         if whole.name == series.name and np.array_equal(whole.position[part], series.position):
             return whole.force[part]
     return np.full(len(series), np.nan)
+
+
+def usage(identified: Sequence[Series], held_out: Sequence[Series]) -> list[dict[str, Any]]:
+    """Return a row for each series: its start and end [s], and its scored seconds of each kind."""
+    rows = [_row(series, estimation_ticks(series)) for series in identified]
+    return rows + [_row(series, None) for series in held_out]
+
+
+def _row(series: Series, estimation: Mask | None) -> dict[str, Any]:
+    scored, none = series.scored, np.zeros(len(series), bool)
+    masks = (none, none, scored) if estimation is None else (scored & estimation, scored & ~estimation, none)
+    seconds = [round(float(mask.sum()) * (1.0 / series.rate_Hz), 1) for mask in masks]
+    return {
+        "recording": series.name,
+        "from_s": round(float(series.time_s[0]), 2),
+        "to_s": round(float(series.time_s[-1]), 2),
+        **dict(zip(("estimation_s", "selection_s", "test_s"), seconds, strict=True)),
+    }

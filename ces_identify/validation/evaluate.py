@@ -1,21 +1,58 @@
-"""Evaluation of a model on a recording: its free run, the measured force, and the cost J."""
+"""The free run of a model on a recording: its cost J with an interval, the noise floor, and exits from the envelope.
+
+J is a ratio of two sums. The influence of a tick on its logarithm is, to first order,
+
+    (e^2 / sum(e^2) - (y - mean y)^2 / sum((y - mean y)^2)) / 2
+
+and `ces_identify.numerics.correlation` gives the standard error of the sum of that over each recording, with what it
+assumes on slow changes. The interval is J times and divided by one factor. It says how J would vary over other
+stretches of the same experiments.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
-from ces_identify.numerics.arrays import F
-from ces_identify.preparation.cost import require_force, series_cost
-from ces_identify.preparation.series import Series
-from ces_identify.simulations.band_run import band_half_width
-from ces_identify.simulations.simulate import FreeRun, simulate_series
-from ces_identify.validation.envelope_use import RangeUse, describe_outside, outside_ranges
+from ces_data.arrays import F
+from ces_identify.numerics.correlation import MIN_BINS, add_errors, estimate_sum_error, sum_bins
+from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
+from ces_identify.prepare.series import Series
+from ces_identify.simulations.simulate import FreeRun, band_half_width, simulate_series
+from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_observer.model import Model
 
 IDENTIFICATION, VALIDATION = "identification", "validation"
+UNITS = {"position": "m", "speed": "m/s", "current": "A"}
+MIN_SHARE = 0.005  # of the ticks: a model's own recordings are outside for hardly as long
+FIGURES = 4  # of the largest number of a range; the others have as many decimals
+LEVEL = 0.95
+MAX_FACTOR = 3.0  # between J and an end of its interval; beyond it, the recordings are too short
+DIVERGED = "no interval and no RMS error (the free run diverged)"
+SHORT = f"no interval (too short: it would reach beyond {MAX_FACTOR:g} times the cost)"
+
+
+@dataclass(frozen=True)
+class RangeUse:
+    """One signal: the range `used` by a recording, the range `known` to the model, and the share of ticks outside."""
+
+    signal: str
+    used: tuple[float, float]
+    known: tuple[float, float]
+    outside_share: float
+
+    def as_texts(self) -> tuple[str, str]:
+        """Return the ranges used and known as text, without their unit."""
+        used, known = (f"{low} to {high}" if low != high else low for low, high in _format_alike(self.used, self.known))
+        return used, known
+
+    def __str__(self) -> str:
+        used, known = self.as_texts()
+        return f"{self.signal} {used} {UNITS[self.signal]}, model knows {known}"
 
 
 @dataclass(frozen=True)
@@ -34,6 +71,11 @@ class Evaluation:
     half_width: F | None = None
     outside: tuple[RangeUse, ...] = ()
 
+    def __repr__(self) -> str:
+        ends = "" if self.interval is None else f" ({self.interval.low:.2f} to {self.interval.high:.2f})"
+        cost = f"J = {self.cost:.2f} %{ends}, RMS error {self.rms_N:.1f} N" if math.isfinite(self.cost) else "diverged"
+        return f"<{self.name}, {self.role}: {cost}>"
+
     @property
     def error(self) -> F:
         """Measured minus simulated force [N] on the scored ticks, shape (n,)."""
@@ -44,6 +86,26 @@ class Evaluation:
     def rms_N(self) -> float:
         """Root mean square of the error [N]."""
         return float(np.sqrt(np.mean(self.error**2)))
+
+    @property
+    def scored_s(self) -> float:
+        """Scored time [s]."""
+        return float(self.series.scored.sum()) / self.series.rate_Hz
+
+    @cached_property
+    def interval(self) -> CostInterval | None:
+        """The interval of J; None if the run diverged or the recording is too short."""
+        return cost_interval([self])
+
+    @cached_property
+    def noise(self) -> CycleNoise | str:
+        """The noise floor from repeated cycles, or why there is none."""
+        return cycle_noise(self.series)
+
+    @property
+    def floor(self) -> float | None:
+        """The cost J [%] that noise alone causes; None where cycles do not repeat."""
+        return self.noise.floor if isinstance(self.noise, CycleNoise) else None
 
     @property
     def clamped_share(self) -> float:
@@ -62,6 +124,13 @@ class Evaluation:
             return None
         return float(np.mean(np.abs(self.error) <= self.half_width[self.series.scored]))
 
+    def weighted_cost(self, weighting: Weighting) -> float:
+        """Return the weighted J [%]; NaN where no weighted tick is scored."""
+        scored = self.series.scored
+        return weighted_cost(
+            self.series.force[scored], self.run.force[scored], weighting.tick_weights(self.series)[scored]
+        )
+
 
 def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:
     """Return the evaluation of `model` on each series; raises RecordingError for a series without a force."""
@@ -69,10 +138,157 @@ def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluati
         require_force(one)
     runs = [simulate_series(model, one) for one in series]
     return [
-        Evaluation(s.name, role, s, r, series_cost(s, r.force), _half_width(model, s, r), outside_ranges(model, s))
-        for s, r in zip(series, runs, strict=True)
+        Evaluation(
+            name=one.name,
+            role=role,
+            series=one,
+            run=run,
+            cost=series_cost(one, run.force),
+            half_width=None if model.band is None else band_half_width(model.band, one, run.force),
+            outside=outside_ranges(model, one),
+        )
+        for one, run in zip(series, runs, strict=True)
     ]
 
 
-def _half_width(model: Model, series: Series, run: FreeRun) -> F | None:
-    return None if model.band is None else band_half_width(model.band, series, run.force)
+@dataclass(frozen=True)
+class CostInterval:
+    """J is between `low` and `high` [%] with probability LEVEL."""
+
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class ScoredTicks:
+    """The scored ticks of a recording in order: `squares` of the error (n,) [N²] and measured `force` (n,) [N]."""
+
+    squares: F
+    force: F
+    rate_Hz: float
+
+    @property
+    def spread(self) -> F:
+        """Squared distance of the force from its mean (n,) [N²]."""
+        return np.asarray((self.force - self.force.mean()) ** 2)
+
+
+def cost_interval(evaluations: Sequence[Evaluation]) -> CostInterval | None:
+    """Return the interval of J over all `evaluations` together; None if a run diverged or they are too short.
+
+    Errors and forces are pooled, each force relative to its recording's mean.
+    """
+    if not all(np.isfinite(evaluation.cost) for evaluation in evaluations):
+        return None
+    return interval_of_ticks([scored_ticks(e) for e in evaluations])
+
+
+def interval_of_ticks(recordings: Sequence[ScoredTicks]) -> CostInterval | None:
+    """Return the interval of J over recordings of finite forces; None if they are too short."""
+    squares, spread = _sums(recordings)
+    influences = [_influence_of_bins(ticks, squares, spread) for ticks in recordings]
+    if min(map(len, influences)) < MIN_BINS:
+        return None
+    seconds = [len(ticks.force) / ticks.rate_Hz for ticks in recordings]
+    error = add_errors([estimate_sum_error(x, s) for x, s in zip(influences, seconds, strict=True)])
+    factor = float(np.exp(error.half_width(LEVEL)))
+    cost = 100.0 * float(np.sqrt(squares / spread))
+    return CostInterval(cost / factor, cost * factor) if factor <= MAX_FACTOR else None
+
+
+def pooled_cost(evaluations: Sequence[Evaluation]) -> float:
+    """Return J [%] over all ticks of `evaluations`, each force relative to its recording's mean."""
+    squares, spread = _sums([scored_ticks(e) for e in evaluations])
+    return float(100.0 * np.sqrt(squares / spread))
+
+
+def scored_ticks(evaluation: Evaluation) -> ScoredTicks:
+    """Return the scored ticks of `evaluation`."""
+    series = evaluation.series
+    return ScoredTicks(evaluation.error**2, series.force[series.scored], series.rate_Hz)
+
+
+def _sums(recordings: Sequence[ScoredTicks]) -> tuple[float, float]:
+    return sum(float(t.squares.sum()) for t in recordings), sum(float(t.spread.sum()) for t in recordings)
+
+
+def _influence_of_bins(ticks: ScoredTicks, squares: float, spread: float) -> F:
+    """Return the influence of each bin of BIN_S on the logarithm of J."""
+    influence = 0.5 * (ticks.squares / max(squares, 1e-300) - ticks.spread / spread)
+    return sum_bins(influence, ticks.rate_Hz)
+
+
+@dataclass(frozen=True)
+class PooledCost:
+    """Several free runs together: their `number`, scored time [s], and J [%] with its interval."""
+
+    number: int
+    scored_s: float
+    cost: float
+    interval: CostInterval | None
+
+
+def pool_evaluations(evaluations: Sequence[Evaluation]) -> PooledCost | None:
+    """Return J over several free runs together; None for fewer than two."""
+    if len(evaluations) < 2:
+        return None
+    seconds = sum(e.scored_s for e in evaluations)
+    return PooledCost(len(evaluations), seconds, pooled_cost(evaluations), cost_interval(evaluations))
+
+
+def explain_missing(evaluations: Sequence[Evaluation], floors: bool = True) -> list[str]:
+    """Return a line for each reason why a figure is missing, with the names of the recordings.
+
+    The line is such as `no noise floor (the stroke does not repeat): noise, road`, or `...: all recordings`. Without
+    `floors` nothing is said of the noise floor.
+    """
+    names: dict[str, list[str]] = {}
+    for one in evaluations:
+        if not math.isfinite(one.cost):
+            names.setdefault(DIVERGED, []).append(one.name)
+        elif one.interval is None:
+            names.setdefault(SHORT, []).append(one.name)
+        if floors and isinstance(one.noise, str):
+            names.setdefault(f"no noise floor ({one.noise})", []).append(one.name)
+    return [
+        f"{reason}: {'all recordings' if 1 < len(evaluations) == len(some) else ', '.join(dict.fromkeys(some))}"
+        for reason, some in names.items()
+    ]
+
+
+def outside_ranges(model: Model, series: Series) -> tuple[RangeUse, ...]:
+    """Return the signals that leave the model's envelope on the scored ticks, the one that does so longest first.
+
+    Without scored ticks (no measured force) all ticks count.
+    """
+    ticks = series.scored if series.scored.any() else np.ones(len(series), bool)
+    return find_outside(model, {name: getattr(series, name)[ticks] for name in UNITS})
+
+
+def find_outside(model: Model, signals: Mapping[str, F]) -> tuple[RangeUse, ...]:
+    """Return the same for arrays (n,) of position [m], speed [m/s] and current [A] by name."""
+    uses = []
+    for name, values in signals.items():
+        low, high = model.envelope.by_signal[name]
+        share = float(np.mean((values < low) | (values > high))) if len(values) else 0.0
+        if share > MIN_SHARE:
+            uses.append(RangeUse(name, (float(values.min()), float(values.max())), (low, high), share))
+    return tuple(sorted(uses, key=lambda use: -use.outside_share))
+
+
+def describe_outside(name: str, share: float, uses: Sequence[RangeUse]) -> str:
+    """Return as text that recording `name` is outside for a share of the time, with the ranges of its signals."""
+    return f"{name} is outside the model's envelope for {100.0 * share:.1f} % of the time: {'; '.join(map(str, uses))}"
+
+
+def _format_alike(*ranges: tuple[float, float]) -> list[tuple[str, str]]:
+    """Return the numbers of all ranges with the same number of decimals."""
+    largest = max(abs(value) for pair in ranges for value in pair)
+    power = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
+    decimals = min(max(0, FIGURES - 1 - power), 9)
+    return [(_plain(low, decimals), _plain(high, decimals)) for low, high in ranges]
+
+
+def _plain(value: float, decimals: int) -> str:
+    text = f"{value:.{decimals}f}"
+    return text.removeprefix("-") if float(text) == 0.0 else text

@@ -2,7 +2,7 @@
 
 The gain of a set of candidates has diminishing returns, so choosing one after the other comes close to the best set
 (Nemhauser, Wolsey and Fisher 1978; for experiment design Krause, Singh and Guestrin, JMLR 9, 2008). Everything depends
-on the seed only.
+on the seed only. The newest model predicts the heat that an experiment brings; recordings show what it was.
 """
 
 from __future__ import annotations
@@ -12,24 +12,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
+from scipy.signal import savgol_filter
 
+from ces_data.arrays import F
+from ces_data.recording import Recording
+from ces_identify.prepare.series import hold_current
+from ces_identify.simulations.simulate import simulate_series
 from ces_iterate.commands import INTERVAL_S, RigCommands
-from ces_iterate.design.currents import draw_current
-from ces_iterate.design.features import Features, scaled_state
-from ces_iterate.design.information import EVERY_S, Information
-from ces_iterate.design.motions import draw_motion, peak_share
+from ces_iterate.design.candidates import draw_current, draw_motion, peak_share
+from ces_iterate.design.information import EVERY_S, Features, Information, scaled_state, series_of
 from ces_iterate.errors import IterateError
-from ces_iterate.plan.limits import RigLimits
-
-F = NDArray[np.float64]
+from ces_iterate.plan import HeatLimits, RigLimits
+from ces_observer.model import Model
+from ces_rig.drive.strokes import smooth_step
 
 BLEND_S = 0.4  # of the transition between two motions, and from and to rest
+BLEND = smooth_step((np.arange(round(BLEND_S / INTERVAL_S)) + 1) / (round(BLEND_S / INTERVAL_S) + 1))
 CANDIDATES = 120  # for each slot
 MAX_DRAWS = 20  # for each candidate, until one keeps the limits
 SLOT_S = 2.5  # about the length of a motion
 MARGIN = 0.002  # below the limits: differences of samples are a little below the peaks of the spline
+SMOOTHING = 21  # grid points of the quadratic smoothing of a recorded stroke
+MAX_AGE_S = 1.0  # of a recorded current that is held
+START_SHARE = 0.5  # of the heat limit: the load at which an experiment may begin
 
 PowerModel = Callable[[F, F], F]
 """Dissipated power [W] (n,) of stroke [m] and current [A], each (n,) on the commands' grid."""
@@ -52,32 +58,22 @@ class DesignTask:
 
 
 @dataclass(frozen=True)
-class _Part:
-    """The stroke of a slot of `count` grid points with the tail that blends into what follows; the slot's current."""
+class _Candidate:
+    """The stroke of a slot of `count` grid points with the tail that blends into what follows, and the slot's current.
+
+    `load_W` is the heat load at the slot's end, `gain` what the candidate teaches.
+    """
 
     stroke_m: F
     current_A: F
     count: int
+    load_W: float
+    gain: float = 0.0
 
     @property
     def slot(self) -> F:
         """Stroke in the slot, (count,)."""
         return self.stroke_m[: self.count]
-
-    @property
-    def tail(self) -> F:
-        """Stroke after the slot."""
-        return self.stroke_m[self.count :]
-
-
-@dataclass(frozen=True)
-class _Judged:
-    """A part with its gain, what is known (before it, or once chosen after it), and the heat load at its end."""
-
-    part: _Part
-    gain: float
-    information: Information
-    load_W: float
 
 
 def design_experiment(
@@ -87,40 +83,30 @@ def design_experiment(
 
     Each slot takes the best of so many `candidates`; with 1 it is a random experiment within the limits.
     """
-    rng = np.random.default_rng([seed, 17])
+    rng, limits = np.random.default_rng([seed, 17]), task.limits
     slots = max(1, round(duration_s / SLOT_S))
     counts = np.diff(np.linspace(0, round(duration_s / INTERVAL_S), slots + 1).astype(int))
-    centre, tail = task.limits.centre_m, len(_blend())
-    best = _Judged(
-        _Part(np.full(1 + tail, centre), np.full(1, task.limits.low_A), 1), 0.0, task.information, task.load_W
-    )
-    chosen: list[_Part] = []
+    rest = np.full(1 + len(BLEND), limits.centre_m)
+    best, information = _Candidate(rest, np.full(1, limits.low_A), 1, task.load_W), task.information
+    chosen: list[_Candidate] = []
     for count in map(int, counts):
-        best = _best_part(task, best, count, len(chosen) == slots - 1, candidates, rng, name)
-        chosen.append(best.part)
-    stroke = np.concatenate([[centre], *(part.slot for part in chosen)])
-    current = np.concatenate([chosen[0].current_A[:1], *(part.current_A for part in chosen)])
-    return task.limits.require_within(_settle(RigCommands(name, stroke, current, seed), task.limits))
-
-
-def _best_part(
-    task: DesignTask, before: _Judged, count: int, last: bool, candidates: int, rng: Generator, name: str
-) -> _Judged:
-    """Return the best of the candidates that keep the limits, with what is known after it."""
-    weighed = before.information.weigh(task.targets, task.weights)
-    found: list[_Judged] = []
-    for _ in range(MAX_DRAWS * candidates):
-        part = _draw_part(task.limits, count, before.part, last, rng)
-        judged = _judge(task, before, part, weighed)
-        if judged is not None:
-            found.append(judged)
-        if len(found) == candidates:
-            break
-    if not found:
-        raise IterateError(f"{name}: no motion keeps the limits; allow more speed, acceleration or heat")
-    best = max(found, key=lambda one: one.gain)
-    rows = _rows(best.part.slot, best.part.current_A, task.limits, task.features)
-    return replace(best, information=before.information.add(rows))
+        weighed = information.weigh(task.targets, task.weights)
+        found: list[_Candidate] = []
+        for _ in range(MAX_DRAWS * candidates):
+            one = _draw_candidate(task, best, count, len(chosen) == slots - 1, rng)
+            if one is not None:
+                rows = _rows(one.slot, one.current_A, limits, task.features)
+                found.append(replace(one, gain=information.gain(rows, weighed)))
+            if len(found) == candidates:
+                break
+        if not found:
+            raise IterateError(f"{name}: no motion keeps the limits; allow more speed, acceleration or heat")
+        best = max(found, key=lambda one: one.gain)
+        information = information.add(_rows(best.slot, best.current_A, limits, task.features))
+        chosen.append(best)
+    stroke = np.concatenate([[limits.centre_m], *(one.slot for one in chosen)])
+    current = np.concatenate([chosen[0].current_A[:1], *(one.current_A for one in chosen)])
+    return limits.require_within(_settle(RigCommands(name, stroke, current, seed), limits))
 
 
 def rows_of(commands: RigCommands, limits: RigLimits, features: Features) -> F:
@@ -128,47 +114,35 @@ def rows_of(commands: RigCommands, limits: RigLimits, features: Features) -> F:
     return _rows(commands.stroke_m, commands.current_A, limits, features)
 
 
-def _draw_part(limits: RigLimits, count: int, before: _Part, last: bool, rng: Generator) -> _Part:
-    """Return a candidate that blends from the tail of the part before, and at the `last` slot into rest."""
-    blend, tail = _blend(), len(before.tail)
+def _draw_candidate(
+    task: DesignTask, before: _Candidate, count: int, is_last: bool, rng: Generator
+) -> _Candidate | None:
+    """Return a candidate that blends from the tail of the slot before, and in the last slot into rest.
+
+    None if it leaves the limits.
+    """
+    limits, tail = task.limits, len(BLEND)
     stroke = limits.centre_m + draw_motion(limits, count + tail, rng)
-    stroke[:tail] = (1.0 - blend) * before.tail + blend * stroke[:tail]
-    if last:
+    stroke[:tail] = (1.0 - BLEND) * before.stroke_m[before.count :] + BLEND * stroke[:tail]
+    if is_last:
         end = slice(count - tail, count)
-        stroke[end] = (1.0 - blend) * stroke[end] + blend * limits.centre_m
+        stroke[end] = (1.0 - BLEND) * stroke[end] + BLEND * limits.centre_m
         stroke[count:] = limits.centre_m
-    return _Part(stroke, draw_current(limits, count, rng), count)
-
-
-def _judge(task: DesignTask, before: _Judged, part: _Part, weighed: F) -> _Judged | None:
-    """Return a candidate with its gain and heat load; None if it leaves the limits."""
-    joined = np.concatenate([before.part.slot[-2:], part.stroke_m])
-    if peak_share(joined - task.limits.centre_m, task.limits) > 1.0 - MARGIN:
+    current = draw_current(limits, count, rng)
+    joined = np.concatenate([before.slot[-2:], stroke])
+    if peak_share(joined - limits.centre_m, limits) > 1.0 - MARGIN:
         return None
-    load = _load(task, part, before.load_W)
-    if load.max() > task.limits.heat.power_W > 0.0:
-        return None
-    rows = _rows(part.slot, part.current_A, task.limits, task.features)
-    return _Judged(part, before.information.gain(rows, weighed), before.information, float(load[-1]))
-
-
-def _load(task: DesignTask, part: _Part, load_W: float) -> F:
-    """Return the heat load [W] (n,) during a slot; that at its start if nothing limits it."""
-    if task.limits.heat.power_W == 0.0:
-        return np.full(1, load_W)
-    return task.limits.heat.load_after(load_W, task.power(part.slot, part.current_A), INTERVAL_S)
+    load = np.full(1, before.load_W)
+    if limits.heat.power_W > 0.0:
+        load = limits.heat.load_after(before.load_W, task.power(stroke[:count], current), INTERVAL_S)
+        if load.max() > limits.heat.power_W:
+            return None
+    return _Candidate(stroke, current, count, float(load[-1]))
 
 
 def _rows(stroke_m: F, current_A: F, limits: RigLimits, features: Features) -> F:
-    speed = np.gradient(stroke_m, INTERVAL_S)
-    step = round(EVERY_S / INTERVAL_S)
+    speed, step = np.gradient(stroke_m, INTERVAL_S), round(EVERY_S / INTERVAL_S)
     return features.at(scaled_state(stroke_m, speed, current_A, limits)[step::step])
-
-
-def _blend() -> F:
-    """Return a rise from 0 to 1 within BLEND_S, twice differentiable."""
-    u = (np.arange(round(BLEND_S / INTERVAL_S)) + 1) / (round(BLEND_S / INTERVAL_S) + 1)
-    return np.asarray(u**3 * (10.0 + u * (6.0 * u - 15.0)))
 
 
 def _settle(commands: RigCommands, limits: RigLimits) -> RigCommands:
@@ -183,3 +157,53 @@ def _settle(commands: RigCommands, limits: RigLimits) -> RigCommands:
     )
     stroke = limits.centre_m + (commands.stroke_m - limits.centre_m) / share
     return RigCommands(commands.name, stroke, commands.current_A, commands.seed)
+
+
+def recorded_commands(recording: Recording) -> RigCommands:
+    """Return the smoothed stroke and the held current of a recording; gaps are bridged by straight lines."""
+    position = recording.channel("position")
+    good = np.isfinite(position.values)
+    stamps, first = np.unique(position.stamps_ns[good], return_index=True)
+    grid = np.arange(stamps[0], stamps[-1] + 1, round(INTERVAL_S * 1e9))
+    time = (grid - stamps[0]).astype(np.float64)
+    stroke = np.interp(time, (stamps - stamps[0]).astype(np.float64), position.values[good][first])
+    current = hold_current(recording, grid, MAX_AGE_S)
+    known = np.isfinite(current)
+    filled = np.interp(time, time[known], current[known]) if known.any() else np.zeros(len(time))
+    return RigCommands(recording.name, savgol_filter(stroke, SMOOTHING, polyorder=2), filled)
+
+
+def dissipated_W(force_N: F, speed_m_s: F) -> F:
+    """Return the power [W] that heats the damper, never negative: what springs give back heats nothing."""
+    return np.maximum(force_N * speed_m_s, 0.0)
+
+
+def recorded_power(recording: Recording) -> F:
+    """Return the dissipated power [W] on the grid of the commands, (n,)."""
+    commands, force = recorded_commands(recording), recording.channel("force")
+    start = int(recording.channel("position").stamps_ns.min())
+    at = (force.stamps_ns - start) * 1e-9
+    good = np.isfinite(force.values)
+    return dissipated_W(np.interp(commands.time_s, at[good], force.values[good]), commands.motion()[0])
+
+
+def make_power_model(model: Model | None, heat: HeatLimits) -> PowerModel:
+    """Return what predicts the dissipated power: the model, or without one the expected force times the speed."""
+
+    def expected(stroke_m: F, current_A: F) -> F:
+        return np.asarray(heat.force_N * np.abs(np.gradient(stroke_m, INTERVAL_S)))
+
+    def simulated(stroke_m: F, current_A: F) -> F:
+        assert model is not None
+        series = series_of(RigCommands("candidate", stroke_m, current_A), model.sampling.rate_Hz)
+        power = dissipated_W(simulate_series(model, series).force, series.speed)
+        power = np.where(np.isfinite(power), power, heat.force_N * np.abs(series.speed))
+        return np.asarray(np.interp(np.arange(len(stroke_m)) * INTERVAL_S, series.time_s, power))
+
+    return expected if model is None else simulated
+
+
+def plan_rest(heat: HeatLimits, load_W: float) -> tuple[float, float]:
+    """Return the rest [s] that a damper needs before an experiment, and its load [W] afterwards."""
+    rest = heat.cool_down_s(load_W, START_SHARE * heat.power_W)
+    return rest, load_W * float(np.exp(-rest / heat.memory_s))

@@ -1,35 +1,60 @@
-"""The model of an iteration: identified from all recordings, with models fitted without each of them.
-
-In repeated experiments the model of the iteration before keeps its terms, and only its parameters improve.
-"""
+"""Ctrl-C in a search that swallows it: alone, it ends early and keeps its best model; here the program stops."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import signal
+import threading
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+from types import FrameType
 
 import numpy as np
 
+from ces_data.arrays import F
+from ces_data.checks.check import require_consistent
+from ces_data.recording import Recording
 from ces_identify.cross_fit import cross_fit
 from ces_identify.identification import IdentificationResult
-from ces_identify.numerics.arrays import F
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.search_limits import Listener, SearchResult
-from ces_identify.preparation.series import Series, prepare
-from ces_identify.recordings.recording import Recording
-from ces_identify.sense.consistency import require_consistent
+from ces_identify.prepare.series import Series, prepare
+from ces_identify.structures import KITS
 from ces_identify.structures.auto import default_sizes, select_fitter
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
-from ces_identify.structures.registry import KITS
-from ces_identify.validation.cost_interval import cost_interval
-from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
-from ces_iterate.loop.interruption import interruptible
-from ces_iterate.plan.plan import IdentifyPlan
+from ces_identify.validation.evaluate import VALIDATION, Evaluation, cost_interval, evaluate
+from ces_iterate.plan import IdentifyPlan
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
+
+
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Raise KeyboardInterrupt after the block if Ctrl-C came inside it, even if the block caught the exception.
+
+    Only the main thread of a program that does not ignore Ctrl-C can notice it.
+    """
+    before = signal.getsignal(signal.SIGINT)
+    if threading.current_thread() is not threading.main_thread() or before in (signal.SIG_IGN, None):
+        yield
+        return
+    came: list[int] = []
+
+    def handle(number: int, frame: FrameType | None) -> None:
+        came.append(number)
+        raise KeyboardInterrupt
+
+    signal.signal(signal.SIGINT, handle)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+    if came:
+        raise KeyboardInterrupt
+
 
 REFIT_STEPS = 20
 INTERRUPTED = "interrupted"  # why a start of a search ended
@@ -62,16 +87,18 @@ def identify_all(
     Raises CesError if the recordings contradict each other or hold too little; Ctrl-C leaves no model.
     """
     require_consistent(recordings)
-    options, fitter = plan.options(seed), _fitter(plan)
+    options, sizes = plan.options(seed), default_sizes()
+    # the costs of other structures, which `ces identify` adds, are left out
+    fitter = KITS[plan.structure].fitter(sizes) if plan.structure in KITS else select_fitter(plan.structure, sizes)
     if previous is not None and isinstance(previous.body, Polynomial):
         kept = previous.sampling
         bandwidth = kept.bandwidth_Hz if kept.order == 3 else None
-        options, fitter = replace(options, rate_Hz=kept.rate_Hz, bandwidth_Hz=bandwidth), refitter(previous)
+        options, fitter = replace(options, rate=kept.rate_Hz, bandwidth=bandwidth), refitter(previous)
     with interruptible():
         crossed = cross_fit(recordings, options, listener, fitter)
     if any(one.ended == INTERRUPTED for one in crossed.result.search_results):
         raise KeyboardInterrupt  # a search with a handler of its own for Ctrl-C ends early instead
-    return Identified(crossed.result, tuple({id(part.model): part.model for part in crossed.parts}.values()))
+    return Identified(crossed.result, crossed.models)
 
 
 def evaluate_fresh(model: Model, recording: Recording) -> Evaluation:
@@ -97,7 +124,7 @@ def refitter(previous: Model) -> Fitter:
     """Return a fitter that improves the coefficients of the polynomial `previous` on new data and keeps its terms."""
 
     def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
-        problem = assemble_problem(series, _terms(previous), options.certify, options.weighting)
+        problem = assemble_problem(series, _terms(previous), options.certificate, options.weight)
         old = Model(sampling, previous.body, problem.envelope, problem.force_envelope)
         better = _improve(problem, old, np.ones(len(problem.everything)))
         model = better if better is not None and better.is_stable() else old
@@ -123,9 +150,3 @@ def _improve(problem: Problem, model: Model, weights: F) -> Model | None:
 def _terms(model: Model) -> tuple[Term, ...]:
     assert isinstance(model.body, Polynomial)
     return model.body.terms
-
-
-def _fitter(plan: IdentifyPlan) -> Fitter:
-    """Return the structure's fitter; the costs of other structures, which `ces identify` adds, are left out."""
-    sizes = default_sizes()
-    return KITS[plan.structure].fitter(sizes) if plan.structure in KITS else select_fitter(plan.structure, sizes)

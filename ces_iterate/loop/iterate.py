@@ -1,41 +1,90 @@
-"""The loop: design an experiment, run it, score the model on it, identify anew, until a rule of the plan says stop."""
+"""What a program shows while an iteration runs."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from ces_identify.jobs.row_log import append_row, open_rows, read_rows
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.recording import Recording
-from ces_identify.recordings.signals_file import load_signals
-from ces_identify.sense.content import require_distinct, shared_content
+from ces_data.bags.reader import read_recording
+from ces_data.checks.content import require_distinct, shared_content
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
+from ces_identify.jobs.results import append_row, open_rows, read_rows
+from ces_identify.polynomial.search_limits import SearchResult
 from ces_iterate.commands import INTERVAL_S, RigCommands, read_commands
-from ces_iterate.design.designer import DesignTask, design_experiment, rows_of
-from ces_iterate.design.features import Features, draw_features
-from ces_iterate.design.information import Information
-from ces_iterate.design.knowledge import Knowledge, ask_models, nothing_known
-from ces_iterate.design.pool import Pool, draw_pool
-from ces_iterate.design.recorded import recorded_commands, recorded_power
-from ces_iterate.design.regions import least_known
+from ces_iterate.design.designer import (
+    DesignTask,
+    design_experiment,
+    make_power_model,
+    plan_rest,
+    recorded_commands,
+    recorded_power,
+    rows_of,
+)
+from ces_iterate.design.information import (
+    Features,
+    Information,
+    Knowledge,
+    Pool,
+    compare_models,
+    draw_features,
+    draw_pool,
+    find_least_known,
+    nothing_known,
+)
 from ces_iterate.errors import IterateError
-from ces_iterate.loop.heat import make_power_model, plan_rest
 from ces_iterate.loop.identification import Identified, evaluate_fresh, identify_all, score_fresh
-from ces_iterate.loop.progress import IterateListener, SilentListener
-from ces_iterate.loop.stopping import find_stop
 from ces_iterate.loop.store import MODEL, NEED, ROWS, Iteration, Step
-from ces_iterate.plan.plan import REPEATED, Plan
-from ces_iterate.rigs.rig import RigAdapter
+from ces_iterate.plan import REPEATED, Plan
+from ces_iterate.rigs.kinds import RigAdapter
 from ces_observer.model import Model
 
 SEEDS = 10_000  # the seeds of two plans are this far apart
 
 
+class IterateListener:
+    """Ignores the progress of an iteration; subclasses show it. A search calls `listen_search` from any thread."""
+
+    def begin(self, number: int, step: str) -> None:
+        """Receive the number of the iteration and the step that begins."""
+
+    def listen_search(self, result: SearchResult) -> None:
+        """Receive an improvement of the search."""
+
+    def finish(self, iteration: Iteration) -> None:
+        """Receive a finished iteration."""
+
+
+def find_stop(plan: Plan, history: Sequence[Iteration], next_s: float) -> str:
+    """Return which rule of the plan says stop before an experiment of `next_s` seconds; nothing if none does."""
+    stop = plan.stop
+    newest = history[-1] if history else None
+    if newest is not None and newest.fresh_high_J is not None and newest.fresh_high_J <= stop.target_J:
+        cost = f"J {newest.fresh_J:.2f} %, with 95 % confidence at most {newest.fresh_high_J:.2f} %"
+        return f"target reached: {cost}, on the newest recording before it was used"
+    tried = sum(one.number > 0 for one in history)
+    if tried >= stop.max_iterations:
+        return f"{tried} iterations, the most that the plan allows"
+    if plan.experiments.kind == REPEATED and has_stopped_falling(history, stop.fall):
+        return f"the cost has stopped falling (by less than {100.0 * stop.fall:.2g} %)"
+    spent = history[-1].total_s if history else 0.0
+    if spent + next_s > stop.budget_s * (1.0 + 1e-9):
+        return f"budget spent: {spent:.1f} of {stop.budget_s:g} s recorded, the next experiment takes {next_s:.1f} s"
+    return ""
+
+
+def has_stopped_falling(history: Sequence[Iteration], fall: float) -> bool:
+    """Return whether the newest cost on a fresh repetition is not below the best before by the share `fall`."""
+    costs = [one.fresh_J for one in history if one.fresh_J is not None]
+    return len(costs) > 1 and costs[-1] > (1.0 - fall) * min(costs[:-1])
+
+
 @dataclass
-class Progressed:
+class IterationProgress:
     """What the iterations so far have left: their lines, recordings, and the newest model with its ensemble."""
 
     history: list[Iteration] = field(default_factory=list)
@@ -59,15 +108,18 @@ class Iterations:
 
     def __init__(self, plan: Plan, rig: RigAdapter, out: Path, listener: IterateListener | None = None) -> None:
         self.plan, self.rig, self.out = plan, rig, out
-        self.listener = listener or SilentListener()
+        self.listener = listener or IterateListener()
         self.pool: Pool = draw_pool(plan.limits, plan.seed)
         self.features: Features = draw_features(plan.seed)
         self.targets = self.features.at(self.pool.state)
-        self.given = [self._read(text) for text in plan.recordings]
-        self.validation = [self._read(text) for text in plan.validate]
+        self.given, self.validation = (
+            [read_recording(plan.path(text), load_signals(), NEED) for text in paths]
+            for paths in (plan.recordings, plan.validate)
+        )
         require_distinct(self.given, self.validation)
-        self._repeated = self._read_repeated()
-        self.done = Progressed()
+        repeated = plan.experiments.commands
+        self._repeated = plan.limits.require_within(read_commands(plan.path(repeated))) if repeated else None
+        self.done = IterationProgress()
 
     def run(self, when_open: Callable[[], None] = lambda: None) -> str:
         """Go on from where the folder is until a rule says stop; returns why it stopped. Raises CesError.
@@ -80,14 +132,16 @@ class Iterations:
             self._restore([Iteration.from_row(row, self.out / ROWS) for row in rows.values()])
             if self.given and not self.done.history:
                 append_row(file, self._identify_given().to_row())
-            while not (reason := find_stop(self.plan, self.done.history, self._next_s())):
+            while True:
+                next_s = self._repeated.duration_s if self._repeated else self.plan.experiments.duration_s
+                if reason := find_stop(self.plan, self.done.history, next_s):
+                    return reason
                 append_row(file, self._iterate().to_row())
-            return reason
 
     def knowledge(self) -> Knowledge:
         """Return what the newest models do not know."""
         done = self.done
-        return ask_models(done.model, done.ensemble, self.pool) if done.model else nothing_known(self.pool)
+        return compare_models(done.model, done.ensemble, self.pool) if done.model else nothing_known(self.pool)
 
     def information(self) -> Information:
         """Return what all recordings say about the states within the limits."""
@@ -96,20 +150,25 @@ class Iterations:
             information = information.add(rows_of(recorded_commands(recording), self.plan.limits, self.features))
         return information
 
-    def _next_s(self) -> float:
-        return self._repeated.duration_s if self._repeated else self.plan.experiments.duration_s
-
     def _iterate(self) -> Iteration:
         """Do what the next iteration still lacks, and return its line."""
-        step = Step.open(self.out, self.done.history[-1].number + 1 if self.done.history else 1)
+        done, heat = self.done, self.plan.limits.heat
+        step = Step.open(self.out, done.history[-1].number + 1 if done.history else 1)
         commands = self._find_commands(step)
         recording = self._find_recording(step, commands)
-        model = self.done.model
-        fresh: dict[str, object] = {"fresh_J": None} if model is None else {**score_fresh(model, recording)}
+        fresh = {"fresh_J": None} if done.model is None else score_fresh(done.model, recording)
+        cooled = done.load_W * float(np.exp(-commands.rest_s / heat.memory_s))
+        facts = {
+            "name": commands.name,
+            "recorded_s": commands.duration_s,
+            "total_s": done.recorded_s + commands.duration_s,
+            "rest_s": commands.rest_s,
+            "load_W": float(heat.load_after(cooled, recorded_power(recording), INTERVAL_S)[-1]),
+            **fresh,
+        }
         self.listener.begin(step.number, "identifying from all recordings")
-        self.done.recordings.append(recording)
-        identified = self._identify([*self.given, *self.done.recordings])
-        return self._keep(step, identified, self._describe(commands, recording) | fresh)
+        done.recordings.append(recording)
+        return self._keep(step, self._identify([*self.given, *done.recordings]), facts)
 
     def _find_commands(self, step: Step) -> RigCommands:
         """Return the step's experiment, designed if it is new; raises IterateError if it leaves the limits."""
@@ -174,25 +233,14 @@ class Iterations:
         facts = {"name": "given", "recorded_s": 0.0, "total_s": 0.0, "rest_s": 0.0, "load_W": 0.0, "fresh_J": None}
         return self._keep(Step.open(self.out, 0), self._identify(self.given), facts)
 
-    def _describe(self, commands: RigCommands, recording: Recording) -> dict[str, object]:
-        heat = self.plan.limits.heat
-        cooled = self.done.load_W * float(np.exp(-commands.rest_s / heat.memory_s))
-        return {
-            "name": commands.name,
-            "recorded_s": commands.duration_s,
-            "total_s": self.done.recorded_s + commands.duration_s,
-            "rest_s": commands.rest_s,
-            "load_W": float(heat.load_after(cooled, recorded_power(recording), INTERVAL_S)[-1]),
-        }
-
-    def _keep(self, step: Step, identified: Identified, facts: dict[str, object]) -> Iteration:
+    def _keep(self, step: Step, identified: Identified, facts: dict[str, Any]) -> Iteration:
         """Keep the models, and return the iteration's line."""
         step.write_models(identified.model, identified.ensemble)
         done = self.done
         done.model, done.ensemble = step.read_models()
         knowledge, information = self.knowledge(), self.information()
         variance = information.variance(self.targets)
-        regions = least_known(self.pool, knowledge.weights() * variance, variance)
+        regions = find_least_known(self.pool, knowledge.weights() * variance, variance)
         iteration = Iteration(
             number=step.number,
             fit_J=identified.fit_J,
@@ -202,25 +250,17 @@ class Iterations:
             band=float(np.sqrt(np.mean(knowledge.band**2))),
             regions=[region.to_mapping() for region in regions],
             model=str((step.folder / MODEL).relative_to(self.out)),
-            **facts,  # type: ignore[arg-type]
+            **facts,
         )
         done.history.append(iteration)
         self.listener.finish(iteration)
         return iteration
 
-    def _read(self, text: str) -> Recording:
-        return read_recording(self.plan.path(text), load_signals(), NEED)
-
-    def _read_repeated(self) -> RigCommands | None:
-        """Return the experiment to repeat, if the plan names it."""
-        given = self.plan.experiments.commands
-        return self.plan.limits.require_within(read_commands(self.plan.path(given))) if given else None
-
     def _restore(self, history: list[Iteration]) -> None:
         """Read again what finished iterations have left."""
         steps = [(one, Step.open(self.out, one.number)) for one in history]
         recordings = [step.read_recording(one.name) for one, step in steps if one.number > 0]
-        self.done = Progressed(history, recordings)
+        self.done = IterationProgress(history, recordings)
         if steps:
             self.done.model, self.done.ensemble = steps[-1][1].read_models()
         if self.plan.experiments.kind == REPEATED and recordings:

@@ -17,14 +17,14 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ces_identify.recordings.bag_reader import RecordingWarning, read_recording
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Recording
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.bags.reader import RecordingWarning, read_recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
 from ces_iterate.commands import RigCommands, read_commands, write_commands
 from ces_iterate.errors import IterateError
-from ces_iterate.plan.plan import Plan, load_plan
-from ces_observer.json_checks import write_atomically
+from ces_iterate.plan import Plan, load_plan
+from ces_observer.json_text import write_atomically
 from ces_observer.model import Model, load_model
 
 ROWS = "iterations.jsonl"

@@ -12,15 +12,15 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.checks import require_usable
-from ces_identify.recordings.log_import import import_log
-from ces_identify.recordings.log_mapping import DynoMapping
-from ces_identify.recordings.recording import Recording
+from ces_data.bags.reader import read_recording
+from ces_data.findings import require_usable
+from ces_data.logs.log_import import import_log
+from ces_data.logs.log_mapping import DynoMapping
+from ces_data.recording import Recording
 from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
 from ces_observer.errors import CesError
-from ces_observer.json_checks import write_atomically
+from ces_observer.json_text import write_atomically
 from ces_observer.signals import Signals
 
 DROP = "log"  # folder in an iteration's folder, for the operator

@@ -1,23 +1,71 @@
-"""The kinds of rigs: the plan's section `rig` goes in, a rig comes out."""
+"""The kinds of rigs: the plan's section `rig` goes in, a rig that runs commands and returns recordings comes out.
+
+The set points of a run behind topics, and what may go wrong in it, are here too, without ROS.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
-from ces_identify.recordings.log_mapping import load_dyno_mapping
-from ces_identify.recordings.signals_file import load_signals
+import numpy as np
+
+from ces_data.arrays import F
+from ces_data.logs.log_mapping import load_dyno_mapping
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
+from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
-from ces_iterate.plan.plan import Plan
+from ces_iterate.plan import Plan
 from ces_iterate.rigs.folder import FolderRig
-from ces_iterate.rigs.rig import RigAdapter
-from ces_iterate.rigs.virtual import VirtualRig
-from ces_rig.descriptions import build, quantity
-from ces_rig.drive.strokes import take_kind
+from ces_observer.fields import quantity, read_record
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.stepper import simulate
+from ces_rig.drive.strokes import smooth_step
+from ces_rig.experiment import load_description
+from ces_rig.sensors import GRID_S, Sensors, Truth, measure_signals
 
-TOPIC_RIG = "ces_iterate.live.topic_rig"  # imported where it is needed only: it needs ROS 2
+TOPIC_RIG = "ces_iterate.rigs.topic_rig"  # imported where it is needed only: it needs ROS 2
+FOLLOWS_S = 0.15  # the measured stroke is compared with the set points of so many last seconds
+GRACE_S = 0.3  # after the start, until the first positions are due
+
+
+class RigAdapter(Protocol):
+    """A rig. A new kind is a module beside this file and an entry in `kinds.RIGS`."""
+
+    def run(self, commands: RigCommands, folder: Path) -> Recording:
+        """Run the commands and return what was recorded: at least position, current and force.
+
+        `folder` is that of the iteration, for files that the rig needs; it exists. An interrupted run may be started
+        again in the same folder. Raises CesError if the rig does not do what is asked.
+        """
+
+
+@dataclass(frozen=True)
+class VirtualRig:
+    """A simulated damper with sensors; every run begins at rest, cold, at the experiment's first stroke."""
+
+    model: DamperModel = field(default_factory=lambda: Hydraulic(Damper()))
+    sensors: Sensors = field(default_factory=Sensors)
+
+    @staticmethod
+    def load(path: Path | None) -> VirtualRig:
+        """Return the rig of a damper or experiment file (any kind), by default the packaged one. Raises RigError."""
+        if path is None:
+            return VirtualRig()
+        description = load_description(path)
+        return VirtualRig(description.model, description.sensors)
+
+    def run(self, commands: RigCommands, folder: Path) -> Recording:
+        """Return the recording; the sensors' noise depends on the commands' seed."""
+        stroke, current = commands.at(GRID_S)
+        run = simulate(self.model, GRID_S, stroke, current)
+        true = Truth(run.time_s, stroke, current, run.coil_A, run.tared_N, run.temperature_degC)
+        return measure_signals(true, self.sensors, commands.seed, commands.name)
 
 
 @dataclass(frozen=True)
@@ -51,7 +99,7 @@ class RosRigSettings:
 
 
 def _open_virtual(plan: Plan, settings: Any, where: str) -> RigAdapter:
-    given = build(VirtualRigSettings, settings, where)
+    given = read_record(VirtualRigSettings, settings, where, IterateError)
     rig = VirtualRig.load(plan.path(given.damper) if given.damper else None)
     low, high = rig.model.allowed_A
     if plan.limits.low_A < low or plan.limits.high_A > high:
@@ -62,13 +110,13 @@ def _open_virtual(plan: Plan, settings: Any, where: str) -> RigAdapter:
 
 
 def _open_folder(plan: Plan, settings: Any, where: str) -> RigAdapter:
-    given = build(FolderRigSettings, settings, where)
+    given = read_record(FolderRigSettings, settings, where, IterateError)
     mapping = load_dyno_mapping(plan.path(given.mapping)) if given.mapping else None
     return FolderRig(mapping, load_signals(plan.path(given.signals) if given.signals else None), given.poll_s)
 
 
 def _open_ros(plan: Plan, settings: Any, where: str) -> RigAdapter:
-    given = build(RosRigSettings, settings, where)
+    given = read_record(RosRigSettings, settings, where, IterateError)
     signals = load_signals(plan.path(given.signals) if given.signals else None)
     try:
         node_module = import_module(TOPIC_RIG)
@@ -93,5 +141,58 @@ RIGS: Mapping[str, Callable[[Plan, Any, str], RigAdapter]] = {
 def open_rig(plan: Plan) -> RigAdapter:
     """Return the plan's rig; raises a CesError that names the key at fault."""
     where = f"{plan.source}: rig"
-    kind, settings = take_kind(plan.rig, RIGS, where)
-    return RIGS[kind](plan, settings, where)
+    kind = plan.rig.get("kind")
+    if not isinstance(kind, str) or kind not in RIGS:
+        raise IterateError(f"{where}: kind is {kind!r}; expected one of {', '.join(RIGS)}")
+    return RIGS[kind](plan, {key: value for key, value in plan.rig.items() if key != "kind"}, where)
+
+
+@dataclass(frozen=True)
+class SetPoints:
+    """Stroke [m] and current [A], each (n,), `rate_hz` a second."""
+
+    stroke_m: F
+    current_A: F
+    rate_hz: float
+
+    @staticmethod
+    def of_run(commands: RigCommands, rate_hz: float) -> SetPoints:
+        """Return the set points of an experiment."""
+        stroke, current = commands.at(1.0 / rate_hz)
+        return SetPoints(stroke, current, rate_hz)
+
+    @staticmethod
+    def of_move(from_m: float, to_m: float, duration_s: float, current_A: float, rate_hz: float) -> SetPoints:
+        """Return a smooth move that begins and ends at rest."""
+        u = np.linspace(0.0, 1.0, max(2, round(duration_s * rate_hz)))
+        stroke = from_m + (to_m - from_m) * smooth_step(u)
+        return SetPoints(stroke, np.full(len(u), current_A), rate_hz)
+
+    def __iter__(self) -> Iterator[tuple[float, float]]:
+        return iter(zip(self.stroke_m.tolist(), self.current_A.tolist(), strict=True))
+
+
+class RunWatch:
+    """Breaks a run off when positions stop coming or the stroke does not follow its set points."""
+
+    def __init__(self, settings: RosRigSettings, name: str, begin_s: float) -> None:
+        self._settings, self._name, self._begin_s = settings, name, begin_s
+        self._recent: list[float] = []
+        self._keep = max(1, round(FOLLOWS_S * settings.rate_hz))
+
+    def check(self, time_s: float, set_point_m: float, newest: tuple[float, float] | None) -> None:
+        """Take the set point of `time_s` and the newest position as (time, stroke); raises IterateError."""
+        self._recent = [*self._recent[-self._keep :], set_point_m]
+        heard_s = newest[0] if newest else self._begin_s
+        silent = time_s - heard_s
+        if silent > self._settings.silence_s and time_s - self._begin_s > GRACE_S:
+            raise IterateError(f"{self._name}: no position for {silent:.2f} s; the run was broken off, check the rig")
+        if newest is None:
+            return
+        low, high = min(self._recent), max(self._recent)
+        distance = max(low - newest[1], newest[1] - high, 0.0)
+        if distance > self._settings.deviation_m:
+            raise IterateError(
+                f"{self._name}: the stroke is {1e3 * distance:.1f} mm from its set points, rig: deviation_m allows "
+                f"{1e3 * self._settings.deviation_m:g} mm; the run was broken off, check the rig and its zero"
+            )

@@ -28,14 +28,10 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ces_iterate.stroke.actuator_model import ActuatorModel
-from ces_iterate.stroke.errors import StrokeError
-from ces_iterate.stroke.frequency_response import MeasuredResponse
-
-Array = NDArray[np.float64]
-ComplexArray = NDArray[np.complex128]
+from ces_data.arrays import F
+from ces_iterate.errors import StrokeError
+from ces_iterate.stroke.actuator import ActuatorModel, ComplexArray, MeasuredResponse
 
 MAX_CONTRACTION = 0.98  # of the worst plant inside the learning bandwidth
 MEASURED_TOLERANCE = 0.1  # of a measured response, for what its radius does not know
@@ -55,32 +51,32 @@ class LearningFilter:
 
     model: ActuatorModel
     tolerance: float
-    frequency_Hz: Array
+    frequency_Hz: F
     plant: ComplexArray
-    gain: Array
-    share: Array
-    bound_in_tolerance: Array
-    bound_measured: Array
+    gain: F
+    share: F
+    bound_in_tolerance: F
+    bound_measured: F
     bandwidth_Hz: float
 
     @property
-    def contraction(self) -> Array:
+    def contraction(self) -> F:
         """The bound on |Q (1 - L G)| for all plants considered, (n,)."""
         return self.share * np.fmax(self.bound_in_tolerance, self.bound_measured)
 
     @property
-    def nominal(self) -> Array:
+    def nominal(self) -> F:
         """|Q (1 - L G)| if Ĝ is exact, (n,)."""
         return np.asarray(self.share * np.abs(1.0 - self.gain))
 
-    def learning(self, frequency_Hz: Array) -> ComplexArray:
+    def learning(self, frequency_Hz: F) -> ComplexArray:
         """Return L at the frequencies (n,); 0 above the grid."""
         law = self.gain / self.plant
         parts = (np.interp(frequency_Hz, self.frequency_Hz, part, right=0.0) for part in (law.real, law.imag))
         real, imaginary = parts
         return np.asarray(real + 1j * imaginary)
 
-    def robustness(self, frequency_Hz: Array) -> Array:
+    def robustness(self, frequency_Hz: F) -> F:
         """Return Q at the frequencies (n,); 0 above the grid."""
         return np.interp(frequency_Hz, self.frequency_Hz, self.share, right=0.0)
 
@@ -108,7 +104,7 @@ def design_filter(
     return LearningFilter(model, tolerance, frequency, plant, GAINS[best], share, *bounds, bandwidth)
 
 
-def _disk_bound(measured: MeasuredResponse | None, frequency_Hz: Array) -> Array:
+def _disk_bound(measured: MeasuredResponse | None, frequency_Hz: F) -> F:
     """Return the bound (3) for every gain h in GAINS and every frequency, NaN where nothing was measured."""
     bound = np.full((len(GAINS), len(frequency_Hz)), np.nan)
     if measured is not None:
@@ -118,7 +114,7 @@ def _disk_bound(measured: MeasuredResponse | None, frequency_Hz: Array) -> Array
     return bound
 
 
-def _family_bound(model: ActuatorModel, tolerance: float, frequency_Hz: Array) -> Array:
+def _family_bound(model: ActuatorModel, tolerance: float, frequency_Hz: F) -> F:
     """Return the bound (2) for every gain h in GAINS and every frequency."""
     bound = np.zeros((len(GAINS), len(frequency_Hz)))
     for plant in plants_within(model, tolerance):
@@ -134,7 +130,7 @@ def plants_within(model: ActuatorModel, tolerance: float) -> list[ActuatorModel]
     return [model.scale(gain, bandwidth, delay) for gain, bandwidth, delay in product((low, 1.0, high), steps, steps)]
 
 
-def _find_bandwidth(frequency: Array, worst: Array) -> float:
+def _find_bandwidth(frequency: F, worst: F) -> float:
     """Return the frequency up to which the worst contraction is at most MAX_CONTRACTION."""
     bad = np.flatnonzero(worst > MAX_CONTRACTION)
     bandwidth = float(frequency[bad[0]] if len(bad) else frequency[-1])

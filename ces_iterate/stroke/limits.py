@@ -11,13 +11,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
-from ces_iterate.stroke.errors import StrokeError
-from ces_rig.descriptions import quantity
-
-Array = NDArray[np.float64]
+from ces_data.arrays import F
+from ces_iterate.errors import StrokeError
+from ces_observer.fields import quantity
 
 MARGIN = 2e-3  # share of each limit kept free for the inexactness of the projection
 PASSES, CHECK_EVERY, RESIDUAL = 2000, 25, 1e-4  # of the projection's splitting; relative residual at which it ends
@@ -34,7 +32,7 @@ class StrokeLimits:
     speed_m_s: float = quantity(1.5, "m/s", "largest speed of the command", 1e-3, 20.0)
     acceleration_m_s2: float = quantity(200.0, "m/s²", "largest acceleration of the command", 0.1, 5e3)
 
-    def require_allowed(self, command_m: Array, interval_s: float, what: str) -> None:
+    def require_allowed(self, command_m: F, interval_s: float, what: str) -> None:
         """Raise StrokeError naming the first limit that `command_m` (n,) breaks; `what` begins the message."""
         for name, peak, limit in zip(NAMES, measure_peaks(command_m, interval_s), self.as_tuple(), strict=True):
             if peak > limit * (1.0 + NEAR):
@@ -50,14 +48,14 @@ class StrokeLimits:
 NAMES = ("stroke m", "speed m/s", "acceleration m/s²")
 
 
-def measure_peaks(command_m: Array, interval_s: float) -> tuple[float, float, float]:
+def measure_peaks(command_m: F, interval_s: float) -> tuple[float, float, float]:
     """Return the largest magnitudes of position [m], speed [m/s] and acceleration [m/s²] of a command (n,)."""
     first, second = np.diff(command_m), np.diff(command_m, 2)
     peaks = (np.abs(values).max(initial=0.0) for values in (command_m, first / interval_s, second / interval_s**2))
     return tuple(map(float, peaks))  # type: ignore[return-value]
 
 
-def project_command(wanted_m: Array, last_m: Array, interval_s: float, limits: StrokeLimits) -> tuple[Array, float]:
+def project_command(wanted_m: F, last_m: F, interval_s: float, limits: StrokeLimits) -> tuple[F, float]:
     """Return the allowed command (n,) nearest to `wanted_m`, and the share of it that was changed.
 
     `last_m` must be allowed. The nearest command is found by operator splitting (ADMM) to within MARGIN of the limits;
@@ -73,7 +71,7 @@ def project_command(wanted_m: Array, last_m: Array, interval_s: float, limits: S
     return command, float(np.mean(moved > 0.01 * moved.max()))
 
 
-Bounds = tuple[tuple[Array, Array], ...]  # of the command and of its first and second difference: low and high
+Bounds = tuple[tuple[F, F], ...]  # of the command and of its first and second difference: low and high
 
 
 def _bounds(n: int, interval_s: float, limits: StrokeLimits) -> Bounds:
@@ -86,12 +84,12 @@ def _shrink(limits: StrokeLimits, factor: float) -> StrokeLimits:
     return StrokeLimits(*(factor * limit for limit in limits.as_tuple()))
 
 
-def _inside(command_m: Array, bounds: Bounds) -> bool:
+def _inside(command_m: F, bounds: Bounds) -> bool:
     rows = (command_m, np.diff(command_m), np.diff(command_m, 2))
     return all(bool(((low <= r) & (r <= high)).all()) for r, (low, high) in zip(rows, bounds, strict=True))
 
 
-def _largest_share(start: Array, move: Array, bounds: Bounds) -> float:
+def _largest_share(start: F, move: F, bounds: Bounds) -> float:
     """Return the largest factor up to 1 by which `move` may be added to the allowed `start`."""
     share = 1.0
     for order, (low, high) in enumerate(bounds):
@@ -102,7 +100,7 @@ def _largest_share(start: Array, move: Array, bounds: Bounds) -> float:
     return share
 
 
-def _split(wanted: Array, bounds: Bounds) -> Array:
+def _split(wanted: F, bounds: Bounds) -> F:
     """Return argmin |u - wanted|² within the bounds, by ADMM (Boyd et al. 2011, sections 3.4.1 and 5.2)."""
     splitting = _Splitting(wanted, bounds)
     for n in range(1, PASSES + 1):
@@ -118,7 +116,7 @@ class _Splitting:
     The differences are scaled to norm 1; each order has its own weight, adapted to balance both residuals.
     """
 
-    def __init__(self, wanted: Array, bounds: Bounds) -> None:
+    def __init__(self, wanted: F, bounds: Bounds) -> None:
         self._wanted = self.command = wanted
         self._bounds = [(scale * low, scale * high) for scale, (low, high) in zip(SCALES, bounds, strict=True)]
         self._weights = list(WEIGHTS)
@@ -149,7 +147,7 @@ class _Splitting:
         self._factor = _factorise(len(self._wanted), SCALES, self._weights)
         return max(map(max, residuals)) < RESIDUAL
 
-    def _residuals(self, k: int, row: Array) -> tuple[float, float]:
+    def _residuals(self, k: int, row: F) -> tuple[float, float]:
         """Return by how much the order's differences miss their copies, and by how much these still move; relative."""
         if not self._multipliers[k].any():
             return 0.0, 0.0
@@ -158,11 +156,11 @@ class _Splitting:
         return float(primal), float(moved / np.linalg.norm(_transpose(self._multipliers[k], k)))
 
 
-def _rows(command: Array) -> list[Array]:
+def _rows(command: F) -> list[F]:
     return [scale * np.diff(command, k) for k, scale in enumerate(SCALES)]
 
 
-def _factorise(n: int, scale: Sequence[float], weights: Sequence[float]) -> Array:
+def _factorise(n: int, scale: Sequence[float], weights: Sequence[float]) -> F:
     """Return the banded Cholesky factor of I + sum of w s² D'D, lower form (3, n)."""
     band = np.zeros((3, n))
     band[0] = 1.0
@@ -174,7 +172,7 @@ def _factorise(n: int, scale: Sequence[float], weights: Sequence[float]) -> Arra
     return np.asarray(cholesky_banded(band, lower=True))
 
 
-def _transpose(part: Array, order: int) -> Array:
+def _transpose(part: F, order: int) -> F:
     """Return the transpose of the `order`-th difference applied to `part`."""
     for _ in range(order):
         part = -np.diff(part, prepend=0.0, append=0.0)

@@ -10,21 +10,21 @@ from typing import Any
 import numpy as np
 import yaml
 
-from ces_identify.config_file import read_yaml_mapping
+from ces_data.config_file import read_yaml_mapping
 from ces_identify.schema_files import schema_line
-from ces_iterate.plan.limits import RigLimits
-from ces_iterate.plan.plan import Plan
+from ces_iterate.commands import INTERVAL_S
+from ces_iterate.errors import StrokeError
+from ces_iterate.plan import Plan, RigLimits
 from ces_iterate.rigs.kinds import RIGS, open_rig
-from ces_iterate.stroke.actuator_model import ActuatorModel
-from ces_iterate.stroke.commanded_rig import CommandedRig
-from ces_iterate.stroke.errors import StrokeError
-from ces_iterate.stroke.goal import LearningSettings, ProbeSettings, StrokeGoal
+from ces_iterate.stroke.actuator import ActuatorModel
+from ces_iterate.stroke.learning import LearningSettings, ProbeSettings, StrokeGoal
 from ces_iterate.stroke.limits import StrokeLimits
-from ces_iterate.stroke.rig import INTERVAL_S, StrokeRig, VirtualStrokeRig
-from ces_rig.descriptions import build
+from ces_iterate.stroke.rigs import CommandedRig, StrokeRig, VirtualStrokeRig
+from ces_observer.fields import read_record
 from ces_rig.drive.servo_actuator import ServoActuator
 from ces_rig.errors import RigError
-from ces_rig.experiment import STREAMS, Experiment, find_experiment, load_experiment, packaged_experiments, with_seed
+from ces_rig.experiment import Experiment, find_experiment, load_experiment, packaged_experiments, with_seed
+from ces_rig.sensors import STREAMS
 
 KEYS = ("description", "experiment", "rig", "actuator", "limits", "probe", "learning", "model")
 VIRTUAL = "virtual"
@@ -64,14 +64,15 @@ class StrokePlan:
 
 
 def load_plan(path: Path, seed: int | None = None) -> StrokePlan:
-    """Return the plan in a YAML file, `seed` replacing its experiment's; raises StrokeError or RigError."""
+    """Return the plan in a YAML file, with another `seed` if given; raises IterateError, of the experiment RigError."""
     content = read_yaml_mapping(path, WHAT, KEYS, StrokeError)
     if not isinstance(content.get("experiment"), str):
         raise StrokeError(f"{path}: 'experiment' is {content.get('experiment')!r}; expected a packaged name or a file")
     file = _find_experiment(content["experiment"], path.parent)
     experiment = load_experiment(file)
     if "actuator" in content:
-        experiment = replace(experiment, actuator=build(ServoActuator, content["actuator"], f"{path}: actuator"))
+        actuator = read_record(ServoActuator, content["actuator"], f"{path}: actuator", StrokeError)
+        experiment = replace(experiment, actuator=actuator)
     experiment = experiment if seed is None else with_seed(experiment, seed)
     rig = content.get("rig", {"kind": VIRTUAL})
     if not isinstance(rig, Mapping) or rig.get("kind") not in RIGS:
@@ -109,8 +110,8 @@ def _read_goal(content: Mapping[str, Any], experiment: Experiment, path: Path) -
     return StrokeGoal(
         wanted,
         INTERVAL_S,
-        build(StrokeLimits, content.get("limits", {}), f"{path}: limits"),
-        build(LearningSettings, content.get("learning", {}), f"{path}: learning"),
-        build(ProbeSettings, content.get("probe", {}), f"{path}: probe"),
-        None if model is None else build(ActuatorModel, model, f"{path}: model"),
+        read_record(StrokeLimits, content.get("limits", {}), f"{path}: limits", StrokeError),
+        read_record(LearningSettings, content.get("learning", {}), f"{path}: learning", StrokeError),
+        read_record(ProbeSettings, content.get("probe", {}), f"{path}: probe", StrokeError),
+        None if model is None else read_record(ActuatorModel, model, f"{path}: model", StrokeError),
     )

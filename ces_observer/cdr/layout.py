@@ -1,14 +1,146 @@
-"""Finds a signal's number in a serialised message, and the bytes that determine its place."""
+"""A walk along the bytes of a serialised message (CDR, little endian) that records which bytes determine its layout.
+
+The bytes are not trusted: every length is compared with the bytes that are left, and the number of parts is limited.
+Source: OMG DDSI-RTPS 2.5, section 10 (encapsulation), and Common Object Request Broker Architecture 3.4, part 2,
+section 9.3 (CDR: each number aligned to its size, counted from the end of the encapsulation).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from ces_observer.cdr.types import JOINT_NAMES, ArrayPart, CdrUnsupportedError, MessagePart, NumberPart, Part
-from ces_observer.cdr.walk import Span, Walk
+from ces_observer.cdr.types import JOINT_NAMES, ArrayPart, CdrUnsupportedError, MessagePart, NumberPart, Part, TextPart
 from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
+
+ENCAPSULATION = 4  # bytes before the message: representation (2, big endian) and options (2)
+PLAIN_CDR_LITTLE = 0x0001
+KNOWN_REPRESENTATIONS = range(0x000C)  # either byte order, parameter lists, XML, XCDR 2
+MAX_PARTS = 10_000  # a longer walk takes longer than deserialising in C
+LENGTH = NumberPart("uint32", "I")
+
+Span = tuple[int, int]  # of bytes: start and end, counted from the first byte of the encapsulation
+
+
+class Walk:
+    """A position `at` in the bytes of one message.
+
+    `fixed` are the spans passed that determine the layout, `padding` maps start to end of the padding passed, `where`
+    begins each error. Methods raise SignalsError if the message is malformed, and CdrUnsupportedError if it has to be
+    deserialised instead.
+    """
+
+    def __init__(self, raw: bytes, where: str) -> None:
+        self.raw = raw
+        self.where = where
+        self.at = 0
+        self.fixed: list[Span] = []
+        self.padding: dict[int, int] = {}
+        self._parts = 0
+        self._read_encapsulation()
+
+    def skip(self, part: Part) -> None:
+        """Skip one part."""
+        self._parts += 1
+        if self._parts > MAX_PARTS:
+            raise CdrUnsupportedError(f"{self.where}: more than {MAX_PARTS} parts before it")
+        if isinstance(part, NumberPart):
+            self.skip_numbers(part, 1)
+        elif isinstance(part, TextPart):
+            self._read_text()
+        elif isinstance(part, ArrayPart):
+            self.skip_elements(part.element, self.read_count(part))
+        elif isinstance(part, MessagePart):
+            self._skip_message(part)
+        else:
+            raise CdrUnsupportedError(f"{self.where}: a {part.kind} comes before it")
+
+    def skip_numbers(self, number: NumberPart, count: int) -> int:
+        """Skip `count` >= 1 numbers and the padding before them; return the offset of the first."""
+        gap = -(self.at - ENCAPSULATION) % number.size
+        if gap:
+            self.padding[self.at] = self.at + gap
+            self._skip_bytes(gap)
+        return self._skip_bytes(count * number.size)
+
+    def skip_elements(self, of: Part, count: int) -> None:
+        """Skip `count` parts of one type."""
+        if isinstance(of, NumberPart):
+            if count:  # without numbers there is no padding
+                self.skip_numbers(of, count)
+        elif of.fixed:
+            self._skip_uniform(of, count)
+        else:
+            self._skip_one_by_one(of, count)
+
+    def read_count(self, many: ArrayPart) -> int:
+        """Return the number of elements, each at least a byte long; skip the length of a sequence."""
+        if many.count is not None:
+            return many.count
+        count = self._read_word()
+        max_count = (len(self.raw) - self.at) // (many.element.size if isinstance(many.element, NumberPart) else 1)
+        if count > max_count or (many.max_count is not None and count > many.max_count):
+            raise self._malformed_error(f"{count} elements of a {many.kind} at byte {self.at}")
+        return count
+
+    def read_texts(self, part: Part) -> list[str]:
+        """Skip an array of strings and return them."""
+        count = self.read_count(part) if isinstance(part, ArrayPart) else 1
+        return [self._read_text().decode(errors="replace") for _ in range(count)]
+
+    def _read_encapsulation(self) -> None:
+        self.fixed.append((self._skip_bytes(ENCAPSULATION), self.at))
+        representation = int.from_bytes(self.raw[:2], "big")
+        if representation not in KNOWN_REPRESENTATIONS:
+            raise self._malformed_error(f"representation {representation:#06x}")
+        if representation != PLAIN_CDR_LITTLE:
+            raise CdrUnsupportedError(f"{self.where}: the message is in representation {representation:#06x}")
+
+    def _skip_message(self, record: MessagePart) -> None:
+        for part in record.fields.values():
+            self.skip(part)
+        if not record.fields:
+            self._skip_bytes(1)  # rosidl gives a structure without members one byte
+
+    def _skip_uniform(self, of: Part, count: int) -> None:
+        """Skip `count` parts of fixed length; their padding repeats, so most of them are skipped at once."""
+        passed: dict[int, Span] = {}  # by alignment: parts skipped so far, and the position
+        for done in range(count):
+            before, position = passed.setdefault(self.at % 8, (done, self.at))
+            if before < done:
+                periods, rest = divmod(count - done, done - before)
+                self._skip_bytes(periods * (self.at - position))
+                self._skip_one_by_one(of, rest)
+                return
+            self.skip(of)
+
+    def _skip_one_by_one(self, of: Part, count: int) -> None:
+        for _ in range(count):
+            self.skip(of)
+
+    def _read_text(self) -> bytes:
+        """Skip a string, whose last byte is its only NUL, and return it without the NUL."""
+        length = self._read_word()
+        start = self._skip_bytes(length)
+        if length and self.raw.find(0, start, self.at) != self.at - 1:
+            raise self._malformed_error(f"the string at byte {start} does not end in its only NUL")
+        self.fixed.append((start, self.at))
+        return self.raw[start : self.at - 1] if length else b""
+
+    def _read_word(self) -> int:
+        start = self.skip_numbers(LENGTH, 1)
+        self.fixed.append((start, self.at))
+        return int.from_bytes(self.raw[start : self.at], "little")
+
+    def _skip_bytes(self, size: int) -> int:
+        start, self.at = self.at, self.at + size
+        if self.at > len(self.raw):
+            raise self._malformed_error(f"{size} bytes are expected at byte {start}")
+        return start
+
+    def _malformed_error(self, what: str) -> SignalsError:
+        return SignalsError(f"{self.where}: malformed message of {len(self.raw)} bytes: {what}")
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,8 @@ from dataclasses import dataclass
 from struct import Struct
 from typing import Any
 
-from ces_observer.cdr.layout import FieldLayout, find_layout
+from ces_observer.cdr.layout import ENCAPSULATION, FieldLayout, find_layout
 from ces_observer.cdr.types import CdrUnsupportedError, FieldsOf, MessagePart, find_number, parse_message_type
-from ces_observer.cdr.walk import ENCAPSULATION
 from ces_observer.signals import Signal
 
 Reading = tuple[int | None, float, bytes]  # header stamp [ns], value [SI], frame id as UTF-8

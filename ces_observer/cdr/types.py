@@ -1,4 +1,4 @@
-"""The parts of messages: rosidl's type strings in, the tree that `ces_observer.cdr.walk` follows out.
+"""The parts of messages: rosidl's type strings in, the tree that `ces_observer.cdr.layout` follows out.
 
 The strings are those of `get_fields_and_field_types()`: `double`, `string<10>`, `double[9]`, `sequence<double>`,
 `sequence<geometry_msgs/Pose, 5>`, `std_msgs/Header`.

@@ -1,13 +1,13 @@
-"""One control loop: estimates, measured forces and time in, the current to command out.
-
-It does not use ROS: stamps are integers, and the times of the node's clock and of a steady clock are arguments.
-"""
+"""The controller's loop over samples, and its health."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from copy import deepcopy
 from math import inf, isfinite, nan
 
-from ces_observer.control.force_controller import NO_ESTIMATE, NOT_FINITE, STALE, ForceController
+from ces_observer.control.force_controller import NO_ESTIMATE, NOT_FINITE, OK, STALE, ControllerCounts, ForceController
+from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Latencies, Status, Values
 
 ESTIMATE, MEASURED, NONE = "estimate", "measured", "none"
 FEEDBACKS = (ESTIMATE, MEASURED, NONE)
@@ -49,7 +49,10 @@ class ControlLoop:
             return self.controller.fail_safe(STALE, elapsed_s)
         if not isfinite(force_N):
             return self.controller.fail_safe(NOT_FINITE, elapsed_s)
-        return self.controller.step(stamp_ns, speed_m_s, self._choose_feedback(force_N, steady_s))
+        if self.feedback != ESTIMATE:
+            fresh = steady_s - self._measured_s <= self.controller.tuning.max_gap_s
+            force_N = self._measured_N if self.feedback == MEASURED and fresh else nan
+        return self.controller.step(stamp_ns, speed_m_s, force_N)
 
     def watch(self, steady_s: float, ahead_s: float = 0.0) -> float | None:
         """Return the current [A] to command without an estimate, or None; the next call is `ahead_s` later."""
@@ -57,14 +60,64 @@ class ControlLoop:
             return None
         return self.controller.fail_safe(NO_ESTIMATE, self._measure_elapsed(steady_s))
 
-    def _choose_feedback(self, estimated_N: float, steady_s: float) -> float:
-        if self.feedback == ESTIMATE:
-            return estimated_N
-        fresh = steady_s - self._measured_s <= self.controller.tuning.max_gap_s
-        return self._measured_N if self.feedback == MEASURED and fresh else nan
-
     def _measure_elapsed(self, steady_s: float) -> float:
         """Return the time [s] since the last command, at most `max_gap_s`, which limits the step of the command."""
         elapsed_s = min(steady_s - self._commanded_s, self.controller.tuning.max_gap_s)
         self._commanded_s = steady_s
         return elapsed_s
+
+
+SHARES = ("unreachable", "saturated", "rate_limited", "unfed")  # counts of ControllerCounts
+UNFED = "of the time no measured force is fed back: feed-forward alone"
+
+
+class ControllerHealth:
+    """Status of one loop; rates, shares and latencies are of the last window that `roll` closed."""
+
+    def __init__(self, loop: ControlLoop, facts: Mapping[str, str]) -> None:
+        self.latency = Latencies()
+        self._loop = loop
+        self.set_facts(facts)
+        self._before, self._estimates = ControllerCounts(), 0
+        self._rate_Hz = 0.0
+        self._shares = dict.fromkeys(SHARES, 0.0)
+
+    def set_facts(self, facts: Mapping[str, str]) -> None:
+        """Set the key-value pairs that the status repeats."""
+        self._facts = tuple(facts.items())
+
+    def roll(self, elapsed_s: float) -> None:
+        """Close a window of `elapsed_s` seconds."""
+        now, before = self._loop.controller.count, self._before
+        self._rate_Hz = (self._loop.estimates - self._estimates) / elapsed_s if elapsed_s > 0.0 else 0.0
+        steps = now.steps - before.steps
+        self._shares = {name: (getattr(now, name) - getattr(before, name)) / max(steps, 1) for name in SHARES}
+        self.latency.roll()
+        self._before, self._estimates = deepcopy(now), self._loop.estimates
+
+    def status(self, detail: str = "") -> Status:
+        """Return the present status; `detail` is added to the reason."""
+        reason, unfed = self._loop.controller.reason, self._shares["unfed"]
+        level, message = LEVEL_OK, "controlling"
+        if reason != OK:
+            level, message = LEVEL_ERROR, f"safe current: {reason}" + (f": {detail}" if detail else "")
+        elif self._loop.feedback == MEASURED and unfed > 0.0:
+            level, message = LEVEL_WARN, f"controlling; {unfed:.1%} {UNFED}"
+        return Status(level, message, tuple(self._values()))
+
+    def _values(self) -> Values:
+        loop, controller = self._loop, self._loop.controller
+        yield "reason", controller.reason
+        yield "feedback", loop.feedback
+        yield "command [A]", f"{controller.command_A:.4f}"
+        yield "desired force [N]", f"{controller.desired_N:.1f}"
+        yield "trim in rebound [A]", f"{controller.trims_A[0]:+.4f}"
+        yield "trim in compression [A]", f"{controller.trims_A[1]:+.4f}"
+        yield "estimates: rate [Hz]", f"{self._rate_Hz:.1f}"
+        yield "estimates: age of the last [ms]", f"{loop.age_s * 1e3:.3f}"
+        yield from self.latency.figures.values("command")
+        for name, share in self._shares.items():
+            yield f"{name.replace('_', ' ')} share", f"{share:.4f}"
+        for reason, count in sorted(controller.count.interruptions.items()):
+            yield f"interruptions: {reason}", str(count)
+        yield from self._facts

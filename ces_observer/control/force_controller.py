@@ -1,42 +1,134 @@
-"""The force controller: speed and estimated force in, valve current out, so that the damper's force follows a curve.
-
-    desired  = curve(speed), clipped to the forces within the current limits      (counted: a damper only dissipates)
-    ahead    = inverse map(speed in preview_s, desired force at that speed)       (feed-forward)
-    trim'    = loop_gain * slope / (slope^2 + typical^2) * (desired - force)      (feedback; slope = dF/di)
-    command  = ahead + trim, with a lead against the valve's lag; then the current limits and the rate limit
-
-**Feed-forward** is the fast part. It compensates delays: transport, the filters, and the valve, whose force follows
-the current several milliseconds later. `preview_s` predicts the speed, and the lead (1 + valve_lag s) /
-(1 + lead_filter s) compensates the rest of the lag within the limits; both amplify noise by about their ratio to
-`lead_filter_s`.
-
-**Feedback** is the slow part: it learns the errors of the map as two trims of the current, for compression and for
-rebound, because the errors are independent. It cannot follow the stroke: with a valve lag of 10 ms its bandwidth ends
-where the motion of road and wheel begins. After a reversal, oil and bushing yield before the force builds up, at any
-current; this error is not the map's, so the force is fed back only after `settle_m` of stroke. dF/di gives the sign
-(negative in rebound) and schedules the gain: loop_gain * slope^2 / (slope^2 + typical^2) [1/s], which is nearly
-constant at all speeds where current changes the force, at most `loop_gain_1_s`, and almost zero near standstill.
-
-**Margin.** From trim to force the plant is slope / (1 + lag s), with a delay T of transport and estimation. If the
-lead has no effect, the open loop is L(s) = g / s * exp(-T s) / (1 + lag s), g <= loop_gain. Its phase margin is at
-least 90 deg - 57.3 deg * g (T + lag), its gain margin at least 1 / (g (T + lag)). The defaults give 86 deg and 16 at
-lag = 10 ms, T = 5 ms; slopes wrong by a factor of 3 together with a valve five times slower leave 52 deg and 1.5.
-Hysteresis of the valve shifts the current by a bounded amount, which the trims learn.
-
-If estimates stop, are stale or not finite, the command goes to the safe current at the rate limit. Afterwards it fades
-in within `recovery_s`, from the safe current and with trims of zero.
-"""
+"""The reference controller: a desired force-speed curve in, a valve current out."""
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from math import nan
+from itertools import pairwise
+from math import exp, isfinite, nan
 
-from ces_observer.control.controller_tuning import Tuning
-from ces_observer.control.force_curve import ForceCurve
 from ces_observer.control.inverse_map import InverseMap
-from ces_observer.control.lead import Lead
+from ces_observer.errors import CesError
+
+MAX_POINTS = 1000
+
+
+class CurveError(CesError):
+    """A desired speed-force curve that cannot be used."""
+
+
+@dataclass(frozen=True)
+class ForceCurve:
+    """Piecewise linear force [N] over speed [m/s], both positive in compression; constant beyond its ends.
+
+    A semi-active damper can only dissipate, so the force is at least 0 in compression and at most 0 in rebound. Raises
+    CurveError for points that are not finite, not in order, or that would drive the motion.
+    """
+
+    speeds_m_s: tuple[float, ...]
+    forces_N: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        speeds, forces = self.speeds_m_s, self.forces_N
+        if len(speeds) != len(forces) or not 2 <= len(speeds) <= MAX_POINTS:
+            raise CurveError(
+                f"curve: {len(speeds)} speeds and {len(forces)} forces; expected as many of each, 2 to {MAX_POINTS}"
+            )
+        if not all(map(isfinite, (*speeds, *forces))):
+            raise CurveError("curve: a speed or force is not finite; give finite numbers in m/s and N")
+        if any(right <= left for left, right in pairwise(speeds)):
+            raise CurveError("curve: the speeds are not in rising order; sort the points by speed, each speed once")
+        for speed, force in zip(speeds, forces, strict=True):
+            if speed * force < 0.0:
+                raise CurveError(
+                    f"curve: {force:g} N at {speed:g} m/s would drive the motion; expected a force of the speed's sign"
+                )
+        at_rest = self.at(0.0)
+        if speeds[0] < 0.0 < speeds[-1] and at_rest != 0.0:
+            raise CurveError(f"curve: {at_rest:g} N at rest; expected 0: add a point at speed 0, force 0")
+
+    @classmethod
+    def from_points(cls, speeds_m_s: Sequence[float], forces_N: Sequence[float]) -> ForceCurve:
+        """Return the curve through these points; raises CurveError."""
+        return cls(tuple(map(float, speeds_m_s)), tuple(map(float, forces_N)))
+
+    def at(self, speed_m_s: float) -> float:
+        """Return the desired force [N] at a finite speed [m/s]."""
+        speeds, forces = self.speeds_m_s, self.forces_N
+        right = bisect_right(speeds, speed_m_s)
+        if right == 0:
+            return forces[0]
+        if right == len(speeds):
+            return forces[-1]
+        share = (speed_m_s - speeds[right - 1]) / (speeds[right] - speeds[right - 1])
+        return forces[right - 1] + share * (forces[right] - forces[right - 1])
+
+
+class Lead:
+    """(1 + zero_s s) / (1 + filter_s s) for unevenly spaced samples; the first one after `reset` passes unchanged.
+
+    With `zero_s` at or below `filter_s` all samples pass unchanged.
+    """
+
+    def __init__(self) -> None:
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._filtered: float | None = None
+
+    def step(self, value: float, elapsed_s: float, zero_s: float, filter_s: float) -> float:
+        """Return the signal with its lead, `elapsed_s` after the last value."""
+        if self._filtered is None or zero_s <= filter_s or elapsed_s <= 0.0:
+            self._filtered = value
+            return value
+        behind = value - self._filtered
+        self._filtered = value - behind * exp(-elapsed_s / filter_s) if filter_s > 0.0 else value
+        return value + behind * (zero_s - filter_s) / max(filter_s, elapsed_s)
+
+
+@dataclass(frozen=True)
+class Tuning:
+    """Settings of a ForceController, which explains them; raises CesError for values that cannot be used."""
+
+    low_A: float  # [A] of every command
+    high_A: float  # [A] of every command
+    safe_A: float  # [A] commanded without a usable estimate; within the limits
+    rate_A_s: float = 100.0  # [A/s] fastest change of the command
+    loop_gain_1_s: float = 4.0  # [1/s] of the feedback; 0: feed-forward alone
+    settle_m: float = 0.003  # [m] stroke after a reversal from which the force is fed back
+    valve_lag_s: float = 0.008  # [s] of the force behind the current; 0: no lead
+    preview_s: float = 0.006  # [s] by which the feed-forward predicts the speed; 0: no prediction
+    lead_filter_s: float = 0.003  # [s] of both leads
+    recovery_s: float = 0.2  # [s] of fading in, at the start and after an interruption
+    max_gap_s: float = 0.05  # [s] between stamps; a longer gap is an interruption
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not isfinite(value):
+                raise CesError(f"{name} is {value}; expected a finite number")
+            if value < 0.0 and name not in ("low_A", "high_A", "safe_A"):
+                raise CesError(f"{name} is {value:g}; expected at least 0")
+        if not self.low_A < self.high_A:
+            raise CesError(f"low_A is {self.low_A:g} and high_A {self.high_A:g}; expected the lower limit first")
+        if not self.low_A <= self.safe_A <= self.high_A:
+            raise CesError(f"safe_A is {self.safe_A:g}; expected it within {self.low_A:g} to {self.high_A:g} A")
+        if self.rate_A_s == 0.0 or self.max_gap_s == 0.0:
+            raise CesError("rate_A_s or max_gap_s is 0; expected numbers above 0")
+
+    @staticmethod
+    def lead_s(model_lag_s: float, preview_s: float) -> float:
+        """Return the `valve_lag_s` [s] for a model with this lag of force behind current: the lag minus the preview.
+
+        A lead by the whole lag gains little: the limits clip it unevenly, which shifts the mean current.
+        """
+        return max(model_lag_s - preview_s, 0.0)
+
+    def clip_current(self, current_A: float) -> float:
+        """Return the current [A] within the limits."""
+        return min(max(current_A, self.low_A), self.high_A)
+
 
 OK = "ok"
 NO_ESTIMATE = "no estimates arrive"
@@ -139,7 +231,9 @@ class ForceController:
         soon = self._speed_lead.step(speed, elapsed_s, tuning.preview_s + tuning.lead_filter_s, tuning.lead_filter_s)
         current = tuning.clip_current(self._compute_current(soon, elapsed_s))
         leading = self._valve_lead.step(current, elapsed_s, tuning.valve_lag_s, tuning.lead_filter_s)
-        return self._command(self._fade_from_safe(leading, elapsed_s), elapsed_s)
+        if self._authority < 1.0:
+            self._authority = self._advance_fade(self._authority, elapsed_s)
+        return self._command(tuning.safe_A + self._authority * (leading - tuning.safe_A), elapsed_s)
 
     def _compute_current(self, speed: float, elapsed_s: float) -> float:
         """Return the current of map and trims [A], blended with the old ones while a change fades in."""
@@ -176,12 +270,6 @@ class ForceController:
         if (current < tuning.high_A or change < 0.0) and (current > tuning.low_A or change > 0.0):
             span = tuning.high_A - tuning.low_A
             self._trims[side] = min(max(self._trims[side] + change, -span), span)
-
-    def _fade_from_safe(self, requested: float, elapsed_s: float) -> float:
-        """Fade from the safe current to the requested one within `recovery_s`."""
-        if self._authority < 1.0:
-            self._authority = self._advance_fade(self._authority, elapsed_s)
-        return self.tuning.safe_A + self._authority * (requested - self.tuning.safe_A)
 
     def _advance_fade(self, share: float, elapsed_s: float) -> float:
         recovery = self.tuning.recovery_s

@@ -1,19 +1,75 @@
-"""The running cost of the estimates against a measured force, and the detection of drift.
-
-Cost of thesis eq. 3.5, J = 100 ||y - y^|| / ||y - mean(y)||, over the last whole seconds of the stamps. The window
-slides by seconds without fading: it forgets an episode completely at a known time, and its sums cannot accumulate
-rounding errors. Drift requires enough motion of the damper and several bad seconds.
-"""
+"""The running cost J of the estimate against a measured force: pairs of both by stamp, over a window."""
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
 from math import isfinite, sqrt
 from typing import Any
 
-from ces_observer.health.force_pairs import ForcePairs
 from ces_observer.model import Model
+
+HISTORY = 2048  # estimates, and measured forces that wait for one: two seconds at 1 kHz
+
+
+class ForcePairs:
+    """Calls `on_pair(stamp_ns, measured_N, estimated_N)` for each measured force between two estimates.
+
+    The estimate at its stamp is interpolated linearly, unless the two are further apart than `max_gap_s`. `unpaired`
+    counts the measured forces without an estimate.
+    """
+
+    def __init__(self, on_pair: Callable[[int, float, float], None], max_gap_s: float) -> None:
+        self._on_pair = on_pair
+        self._max_gap_ns = round(max_gap_s * 1e9)
+        self._waiting: deque[tuple[int, float]] = deque()
+        self._stamps: list[int] = []
+        self._estimates: list[float] = []
+        self.unpaired = 0
+
+    def add_estimate(self, stamp_ns: int, force_N: float) -> None:
+        """Add an estimate; one that is not later than the last shows that time was set back."""
+        stamps = self._stamps
+        if stamps and stamp_ns <= stamps[-1]:
+            self.unpaired += len(self._waiting)
+            self._waiting.clear()
+            stamps.clear()
+            self._estimates.clear()
+        elif len(stamps) >= 2 * HISTORY:
+            del stamps[:HISTORY], self._estimates[:HISTORY]
+        stamps.append(stamp_ns)
+        self._estimates.append(force_N)
+        waiting = self._waiting
+        while waiting and waiting[0][0] <= stamp_ns:
+            self._pair(*waiting.popleft())
+
+    def add_measured(self, stamp_ns: int, force_N: float) -> None:
+        """Add a finite measured force."""
+        if self._stamps and stamp_ns <= self._stamps[-1]:
+            self._pair(stamp_ns, force_N)
+            return
+        if len(self._waiting) >= HISTORY:
+            self._waiting.popleft()
+            self.unpaired += 1
+        self._waiting.append((stamp_ns, force_N))
+
+    def _pair(self, stamp_ns: int, measured_N: float) -> None:
+        """Pair a measured force that is stamped no later than the newest estimate."""
+        stamps, estimates = self._stamps, self._estimates
+        after = bisect_left(stamps, stamp_ns)
+        if stamps[after] == stamp_ns:
+            self._on_pair(stamp_ns, measured_N, estimates[after])
+            return
+        step_ns = stamps[after] - stamps[after - 1] if after else 0
+        if not 0 < step_ns <= self._max_gap_ns:
+            self.unpaired += 1
+            return
+        share = (stamp_ns - stamps[after - 1]) / step_ns
+        before = estimates[after - 1]
+        self._on_pair(stamp_ns, measured_N, before + share * (estimates[after] - before))
+
 
 SECOND_NS = 1_000_000_000
 LATE_NS = 5 * SECOND_NS  # an older pair shows that time was set back
@@ -65,6 +121,19 @@ class RunningCost:
         else:
             self.ignored += 1
 
+    def describe_drift(self) -> str:
+        """Return a sentence about a cost above its threshold."""
+        known = "unknown" if self.J is None else f"{self.J:.1f}%"
+        return f"the cost J against the measured force is {known}, expected below {self.warn_J:.1f}%"
+
+    def values(self, evaluated: bool) -> Iterator[tuple[str, str]]:
+        """Yield the key-value pairs for diagnostics; `evaluated` is True if the last window had pairs."""
+        yield "running cost J [%]", f"{self.J:.2f}" if evaluated and self.J is not None else "none"
+        yield "threshold of J [%]", f"{self.warn_J:.2f}"
+        yield "measured force, standard deviation [N]", f"{self.spread_N:.1f}"
+        yield "measured forces not finite", str(self.ignored)
+        yield "measured forces without estimates around", str(self.unpaired)
+
     def _restart(self, stamp_ns: int) -> None:
         self._seconds.clear()
         self._second = _Second()
@@ -78,7 +147,11 @@ class RunningCost:
         if not -LATE_NS <= stamp_ns - self._end_ns < 0:
             self._end_second(stamp_ns)
         self.paired += 1
-        self._second.add(measured_N, estimated_N - measured_N)
+        second, error_N = self._second, estimated_N - measured_N
+        second.pairs += 1
+        second.force += measured_N
+        second.force2 += measured_N * measured_N
+        second.error2 += error_N * error_N
 
     def _end_second(self, stamp_ns: int) -> None:
         """End a second of stamps and evaluate the window, or restart after a pause or a time jump."""
@@ -88,9 +161,7 @@ class RunningCost:
         self._seconds.append(self._second)
         self._second = _Second()
         self._end_ns += SECOND_NS
-        self._evaluate(sum(second.pairs for second in self._seconds))
-
-    def _evaluate(self, pairs: int) -> None:
+        pairs = sum(second.pairs for second in self._seconds)
         if not pairs:
             self.J, self.spread_N = None, 0.0
             return
@@ -108,23 +179,19 @@ class RunningCost:
         self.drifted = self._good < BAD_SECONDS if self.drifted else error_N > limit_N and bad >= BAD_SECONDS
 
 
+@dataclass
 class _Second:
-    """Sums over the pairs of a second."""
+    """Sums over the pairs of a second: their number, measured forces, squares of these and of the errors."""
 
-    def __init__(self) -> None:
-        self.pairs = 0
-        self.force = self.force2 = self.error2 = 0.0
+    pairs: int = 0
+    force: float = 0.0
+    force2: float = 0.0
+    error2: float = 0.0
 
     @property
     def error_N(self) -> float:
         """Root of the mean squared error [N]."""
         return sqrt(self.error2 / self.pairs) if self.pairs else 0.0
-
-    def add(self, force_N: float, error_N: float) -> None:
-        self.pairs += 1
-        self.force += force_N
-        self.force2 += force_N * force_N
-        self.error2 += error_N * error_N
 
 
 def default_warn_J(provenance: Mapping[str, Any]) -> float:

@@ -1,18 +1,53 @@
-"""Arrival statistics of one input topic: rate, age, jitter and lost messages.
-
-Stamps and arrival times go in one by one, each `roll` returns `StreamFigures`; memory does not grow. The period is
-learnt from the stamps and followed. An interval from 0.5 to 1.5 periods is usual and takes a few additions;
-`_take_rare` handles all others.
-"""
+"""Arrivals of samples: rates, jitter, gaps, duplicates, and the losses of the middleware."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import sqrt
 from statistics import fmean, median_low
 
-from ces_observer.health.losses import Losses
+FULL_SHARE = 0.9  # of the queue's length in time: the period is an average
+MAX_SWITCHES = 20  # numbers that do not follow the last one; more show that several publishers share the topic
 
+
+class Losses:
+    """Losses on one topic whose queue holds `depth` messages.
+
+    `lost` counts the messages that did not reach the node's callback, by their numbers; None if they have no numbers.
+    `overflowed` counts those of them that its own queue dropped.
+    """
+
+    def __init__(self, depth: int) -> None:
+        self.depth = depth
+        self.lost: int | None = None
+        self.overflowed = 0
+        self._last: int | None = None
+        self._switches = 0
+
+    def take_number(self, number: int | None) -> bool:
+        """Take the number of the next message; return whether this topic's numbers can be used."""
+        if number is None or self._switches > MAX_SWITCHES:
+            self.lost = None
+            return False
+        if self._last is None:
+            self.lost = 0
+        elif number > self._last:
+            self.lost = (self.lost or 0) + number - self._last - 1
+        else:  # another publisher, or one that was started again
+            self._switches += 1
+        self._last = number
+        return True
+
+    def take_gap(self, missing: int, waited_ns: int, period_ns: int) -> bool:
+        """Count `missing` samples as overflowed if the message after them had waited for a full queue; return this."""
+        if missing <= 0 or waited_ns < FULL_SHARE * self.depth * period_ns:
+            return False
+        self.overflowed += missing
+        return True
+
+
+UNKNOWN = "unknown: the middleware does not number the messages"
 LEARN = 11  # intervals to learn the period, and unusual ones in a row after which it is learnt again
 BACK_NS, BACK_PERIODS = 50_000_000, 20  # a stamp further back than both: clock set back, not late
 SILENCE_NS, SILENCE_PERIODS = 1_000_000_000, 10  # longer than both: silence, not lost messages
@@ -52,6 +87,34 @@ class StreamFigures:
     total_out_of_order: int = 0
     total_duplicates: int = 0
     total_interruptions: int = 0
+
+    def values(self, name: str) -> Iterator[tuple[str, str]]:
+        """Yield the key-value pairs of the input `name` for diagnostics, once a message has arrived."""
+        if not self.total_samples:
+            return
+        yield f"{name}: rate [Hz]", f"{self.rate_Hz:.1f}"
+        yield f"{name}: age, mean [ms]", f"{self.mean_age_s * 1e3:.3f}"
+        yield f"{name}: age, max [ms]", f"{self.max_age_s * 1e3:.3f}"
+        yield f"{name}: jitter [ms]", f"{self.jitter_s * 1e3:.3f}"
+        yield f"{name}: longest interval [ms]", f"{self.longest_s * 1e3:.3f}"
+        yield f"{name}: longest burst", str(self.burst)
+        if self.total_dropped is not None:
+            lost, overflowed = self.total_lost, self.total_overflowed
+            yield f"{name}: dropped", str(self.total_dropped)
+            yield f"{name}: dropped, in this node's queue", str(overflowed)
+            yield f"{name}: dropped, lost on the way", UNKNOWN if lost is None else str(max(0, lost - overflowed))
+            yield f"{name}: dropped, not sent", UNKNOWN if lost is None else str(max(0, self.total_dropped - lost))
+        yield f"{name}: out of order", str(self.total_out_of_order)
+        yield f"{name}: duplicates", str(self.total_duplicates)
+        yield f"{name}: interruptions", str(self.total_interruptions)
+
+    def describe_missing(self) -> str:
+        """Return what became of the samples that are missing in this window, as the end of a sentence."""
+        if self.overflowed:
+            return f"missing, {self.overflowed} of them dropped by this node's queue: set input_depth higher"
+        if self.lost is None:
+            return "missing: lost on the way, or the source paused"
+        return f"missing, {self.lost} of them lost on the way" if self.lost else "missing: the source paused"
 
 
 class Arrivals:
@@ -106,7 +169,10 @@ class Arrivals:
         self._missing = max(self._missing, self._late)
         dropped = self._missing - self._late if self._stamped else None
         samples = self._usual + self._rare - self._before
-        mean_ns, jitter_ns = self._spread()
+        mean_ns = jitter_ns = 0.0  # mean deviation from the period and standard deviation of the usual intervals
+        if intervals := self._usual - self._unmeasured:
+            mean_ns = self._deviation_ns / intervals
+            jitter_ns = sqrt(max(0.0, self._deviation_ns2 / intervals - mean_ns * mean_ns))
         before, losses = self.figures, self._losses
         self.figures = StreamFigures(
             samples=samples,
@@ -138,14 +204,6 @@ class Arrivals:
         self._age_sum_ns = self._longest_ns = self._max_run = 0
         self._max_age_ns = MIN_AGE_NS
         return self.figures
-
-    def _spread(self) -> tuple[float, float]:
-        """Return mean deviation from the period and standard deviation of the usual intervals [ns]."""
-        count = self._usual - self._unmeasured
-        if not count:
-            return 0.0, 0.0
-        mean = self._deviation_ns / count
-        return mean, sqrt(max(0.0, self._deviation_ns2 / count - mean * mean))
 
     def _end_run(self) -> None:
         self._max_run = max(self._max_run, self._run)

@@ -13,31 +13,67 @@ from functools import partial
 from math import nan
 from time import monotonic
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 
-from ces_observer.control.control_loop import ControlLoop
-from ces_observer.control.controller_health import ControllerHealth
+from ces_observer.control.control_loop import ControllerHealth, ControlLoop
 from ces_observer.control.force_controller import NO_ESTIMATE, OK, ForceController
-from ces_observer.errors import CesError
+from ces_observer.control.inverse_map import ModelInverse
 from ces_observer.nodes import executors
-from ces_observer.nodes.controller_model import ControllerModel
-from ces_observer.nodes.controller_parameters import (
+from ces_observer.nodes.executors import NodeClock
+from ces_observer.nodes.guarded_node import GuardedNode
+from ces_observer.nodes.inputs import InputSubscriptions
+from ces_observer.nodes.model_changes import ModelChanges, ModelUser
+from ces_observer.nodes.model_check import INVERT, PROVE, Verdict
+from ces_observer.nodes.outputs import CommandOutput, DamperReport, DesiredOutput, DiagnosticsOutput, add_remark
+from ces_observer.nodes.parameters import (
     ControllerSettings,
     LiveSettings,
-    declare_settings,
+    TableNode,
+    declare_controller,
     read_live_settings,
 )
-from ces_observer.nodes.controller_topics import CommandOutput, DesiredOutput, estimate_signals, force_signal
-from ces_observer.nodes.diagnostics_output import DamperReport, DiagnosticsOutput, add_remark
-from ces_observer.nodes.input_subscriptions import InputSubscriptions
-from ces_observer.nodes.node_clock import NodeClock
-from ces_observer.nodes.node_parameters import TableNode
+from ces_observer.signals import FieldPath, Signal
 
 WATCH_S = 0.01  # period of the watch for silence
 REPORT_S = 0.1  # minimum time between two diagnostics
 DIAGNOSTICS_S = 1.0
+
+
+class ControllerModel:
+    """The model of a running `controller`; `lag_s` [s] is the lag of its force behind the current.
+
+    `changes` handles the models that shall replace it.
+    """
+
+    def __init__(self, node: GuardedNode, settings: ControllerSettings, controller: ForceController) -> None:
+        self.lag_s = settings.inverse.lag_s
+        self._node, self._controller, self._model = node, controller, settings.model
+        user = ModelUser(
+            running=lambda: self._model,
+            adopt=self._adopt,
+            parameter=lambda: "model",
+            prefix="~/",
+            topic=settings.values["model_topic"],
+            tasks=(INVERT,) if settings.values["allow_uncertified"] else (PROVE, INVERT),
+        )
+        self.changes = ModelChanges(node, user, settings.model_path)
+
+    def facts(self) -> dict[str, str]:
+        """Return the model's key-value pairs for diagnostics."""
+        return {
+            "model": self.changes.source,
+            "model sha256": self._model.digest(),
+            "lag of the model's force behind the current [ms]": f"{self.lag_s * 1e3:.1f}",
+        }
+
+    def _adopt(self, verdict: Verdict) -> str:
+        """Change to a checked model and its inverse."""
+        inverse = ModelInverse.from_json(verdict.inverse)
+        tuning = read_live_settings(self._node, (), inverse.lag_s).tuning
+        self._model, self.lag_s = verdict.model, inverse.lag_s
+        self._controller.tuning = tuning
+        self._controller.adopt(inverse.map)
+        return f"within {tuning.recovery_s:g} s"
 
 
 class Controller(TableNode):
@@ -45,7 +81,7 @@ class Controller(TableNode):
 
     def __init__(self) -> None:
         super().__init__("controller")
-        self._settings = settings = declare_settings(self)
+        self._settings = settings = declare_controller(self)
         self.executor_choice = settings.values["executor"]
         live = settings.live
         controller = ForceController(live.curve, settings.inverse.map, live.tuning)
@@ -59,9 +95,9 @@ class Controller(TableNode):
         self._reported_reason = ""
         self._speed, self._unreadable = nan, ""
         self._subscribe(settings)
-        self.add_on_set_parameters_callback(self._check_parameters)
+        self.refuse_parameters(self._read_live_settings)
         self.add_post_set_parameters_callback(self._apply_parameters)
-        self.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_steady_timer(WATCH_S, self._watch)
 
     def destroy_node(self) -> None:
         """End model changes and clock callbacks, then the node."""
@@ -71,11 +107,19 @@ class Controller(TableNode):
 
     def _subscribe(self, settings: ControllerSettings) -> None:
         """Subscribe to the speed before the force: of the two numbers in an estimate it is delivered first."""
-        inputs, reset = InputSubscriptions(self, self._time), self._loop.restart
-        speed, force = estimate_signals(settings.values["estimate_topic"], settings.values["joint"])
+        inputs, values, reset = InputSubscriptions(self, self._time), settings.values, self._loop.restart
+        place = values["joint"] or "0"  # without a joint's name: the first in the message
+
+        def signal(name: str, kind: str, field: str) -> Signal:
+            return Signal(name, values[name], kind, FieldPath.parse(field))
+
+        speed, force = (
+            signal("estimate_topic", "sensor_msgs/msg/JointState", f"{field}[{place}]")
+            for field in ("velocity", "effort")
+        )
+        measured = signal("force_topic", "geometry_msgs/msg/WrenchStamped", "wrench.force.z")
         inputs.subscribe(speed, self._on_speed, self._on_unreadable_speed, reset)
         inputs.subscribe(force, self._on_force, self._on_unreadable_force, reset)
-        measured = force_signal(settings.values["force_topic"])
         inputs.subscribe(measured, self._on_measured, self._on_unreadable_force, reset)
 
     def _on_speed(self, stamp_ns: int, speed_m_s: float, frame: bytes, now_ns: int) -> None:
@@ -111,10 +155,14 @@ class Controller(TableNode):
         now = monotonic()
         self.guard.wrap(self._watch_estimates, self._loop.restart)(now)
         self.guard.call(self._poll_model)
-        if now - self._rolled >= DIAGNOSTICS_S:
-            self._roll(now)
-        else:
+        if now - self._rolled < DIAGNOSTICS_S:
             self._publish_change()
+            return
+        elapsed, self._rolled = now - self._rolled, now
+        executors.collect_garbage()
+        for step in (self._time.watch, self._desired.check_listeners, partial(self._health.roll, elapsed)):
+            self.guard.call(step)
+        self._publish_status()
 
     def _watch_estimates(self, now: float) -> None:
         current_A = self._loop.watch(now, WATCH_S)
@@ -124,13 +172,6 @@ class Controller(TableNode):
     def _poll_model(self) -> None:
         if self._model.changes.poll():
             self._health.set_facts(self._model.facts())
-
-    def _roll(self, now: float) -> None:
-        elapsed, self._rolled = now - self._rolled, now
-        executors.collect_garbage()
-        for step in (self._time.watch, self._desired.check_listeners, partial(self._health.roll, elapsed)):
-            self.guard.call(step)
-        self._publish_status()
 
     def _publish_change(self) -> None:
         """Report a new reason at once, or by the watch timer if the last report was just now."""
@@ -153,13 +194,6 @@ class Controller(TableNode):
         silent = "has a publisher that is silent" if self.count_publishers(topic) else "is published by nobody"
         return self._unreadable or f"{topic} {silent}"
 
-    def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        try:
-            self._read_live_settings(parameters)
-        except CesError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
     def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
         live, loop = self._read_live_settings(parameters), self._loop
         loop.controller.curve, loop.controller.tuning = live.curve, live.tuning
@@ -168,6 +202,7 @@ class Controller(TableNode):
             self._model.changes.begin_from_parameter()
 
     def _read_live_settings(self, parameters: Sequence[Parameter]) -> LiveSettings:
+        """Return the live settings with `parameters` changed; raises CesError."""
         return read_live_settings(self, parameters, self._model.lag_s)
 
 

@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 
-from ces_observer.current_hold import ConstantCurrent, CurrentHold
+from ces_observer.current_hold import ConstantCurrent, CurrentHold, PositionQueue
 from ces_observer.damper_observer import NO_CURRENT, NO_MOTION, SILENT, DamperObserver
 from ces_observer.health.health import Health
 from ces_observer.health.running_cost import RunningCost, default_warn_J
 from ces_observer.health.streams import Arrivals
-from ces_observer.nodes.estimate_output import BandOutput, EstimateOutput
+from ces_observer.nodes.executors import NodeClock
 from ces_observer.nodes.guarded_node import GuardedNode
-from ces_observer.nodes.input_subscriptions import Deliver, InputSubscriptions
-from ces_observer.nodes.node_clock import NodeClock
-from ces_observer.nodes.observer_parameters import DamperSettings, live_value
-from ces_observer.position_queue import PositionQueue
+from ces_observer.nodes.inputs import Deliver, InputSubscriptions
+from ces_observer.nodes.model_check import Verdict
+from ces_observer.nodes.outputs import JointStateOutput
+from ces_observer.nodes.parameters import DamperSettings, live_value
 from ces_observer.signals import MOTIONS, Constant, Signal
 
 MIN_SILENCE_S = 0.2
@@ -25,8 +25,7 @@ class DamperTopics:
     """Inputs, output, estimator and health of one damper.
 
     `on_change` is called when the damper's reason changes, `on_first_force` when a measured force arrives and there is
-    no running cost yet. `on_estimate`, if set, is called with the time [ns] at which an estimate was published on
-    `estimate_topic`, and with its bytes.
+    no running cost yet.
     """
 
     def __init__(
@@ -39,14 +38,17 @@ class DamperTopics:
         on_first_force: Callable[[DamperTopics], None],
     ) -> None:
         self.settings = settings
-        self.damper = DamperObserver(
-            settings.model, _make_current(settings), settings.values["max_age_s"], _make_motions(settings)
-        )
+        sampling, signals = settings.model.sampling, settings.signals
+        current: CurrentHold = CurrentHold(sampling.max_current_age_s)
+        if isinstance(signals["current"], Constant):
+            current = ConstantCurrent(signals["current"].value)
+        measured = [name for name in MOTIONS if isinstance(signals.by_name.get(name), Signal)]
+        motions = {name: CurrentHold(sampling.max_gap_s) for name in measured}
+        self.damper = DamperObserver(settings.model, current, settings.values["max_age_s"], motions)
         self.health = Health(self.damper, {}, name=settings.name)
         self._node, self._clock = node, clock
         self._on_change, self._on_first_force = node.guard.wrap(on_change), on_first_force
         # Guarded apart: an error in what only describes the estimates must not withhold them.
-        self._note_current = node.guard.wrap(self._add_current)
         self._note_position = node.guard.wrap(self._add_position)
         self._note_estimate = node.guard.wrap(self._add_estimate)
         self.health.stillness.warn_s = settings.values["still_warn_s"]
@@ -54,10 +56,9 @@ class DamperTopics:
         self._wait_for_current(settings.values["wait_for_current_s"])
         self._reported_reason = self.damper.reason
         self._last_samples, self._quiet_s = 0, 0.0
-        output = EstimateOutput(node, f"{settings.topics}estimate", settings.name)
-        self.estimate_topic, self._publish = output.topic, output.publish
-        self._publish_band = BandOutput(node, f"{settings.topics}estimate_band", settings.name).publish
-        self.on_estimate: Callable[[int, bytes], None] | None = None
+        name, bounds = settings.name, [f"{settings.name}_lower", f"{settings.name}_upper"]
+        self._publish = JointStateOutput(node, f"{settings.topics}estimate", [name]).publish
+        self._publish_band = JointStateOutput(node, f"{settings.topics}estimate_band", bounds, ["effort"]).publish
         self._subscribe(inputs)
 
     def use_model(self, source: str) -> None:
@@ -65,13 +66,18 @@ class DamperTopics:
         facts = {"model": source, "model sha256": self.damper.model.digest()}
         self.health.set_damper(self.damper, facts, None if self.health.cost is None else self._make_cost())
 
+    def adopt(self, verdict: Verdict) -> str:
+        """Let a checked model take over, and return when."""
+        self.damper.load(verdict.model)
+        return f"when warmed up, after {verdict.model.sampling.warm_up_s:g} s of samples"
+
     def compare(self) -> None:
         """Start comparing the estimates with the measured force."""
         self.health.cost = self._make_cost()
 
     def set_live_values(self) -> None:
         """Apply the parameters that can change while the node runs, except the model."""
-        value = partial(live_value, self._node, self.settings)
+        value = partial(live_value, self._node, self.settings.prefix)
         self.damper.set_max_age(value("max_age_s"))
         self._wait_for_current(value("wait_for_current_s"))
         self.health.stillness.warn_s = value("still_warn_s")
@@ -108,7 +114,15 @@ class DamperTopics:
         if detail or self.damper.reason not in names:
             return detail
         silent = self.settings.signals[names[self.damper.reason]]
-        return self._topic_state(silent) if isinstance(silent, Signal) else ""
+        if isinstance(silent, Constant):
+            return ""
+        topic = self._node.resolve_topic_name(silent.topic)
+        types = sorted({info.topic_type for info in self._node.get_publishers_info_by_topic(topic)})
+        if not types:
+            return f"nothing publishes {topic}"
+        if silent.type not in types:
+            return f"{topic} carries {', '.join(types)}; {silent.name}.type is {silent.type}"
+        return f"{topic} has a publisher that is silent"
 
     def _wait_for_current(self, wait_s: float) -> None:
         """Hold positions back for at most `wait_s` [s] until their current is known; a constant current always is."""
@@ -117,39 +131,35 @@ class DamperTopics:
         self._positions.set_wait(wait_s if measured else 0.0)
 
     def _make_cost(self) -> RunningCost:
-        warn_J = live_value(self._node, self.settings, "cost_warn_J")
+        warn_J = live_value(self._node, self.settings.prefix, "cost_warn_J")
         return RunningCost.from_model(self.damper.model, warn_J or None, self.settings.values["cost_window_s"])
 
     def _subscribe(self, inputs: InputSubscriptions) -> None:
         """Subscribe, to the position last: what else its message carries holds for it."""
-        health, damper = self.health, self.damper
-        health.current = self._subscribe_signal(inputs, "current", self._on_current, damper.count_unreadable_current)
-        for name in damper.motions:
-            self._subscribe_signal(inputs, name, partial(self._on_motion, name), damper.count_unreadable_motion)
-        health.position = self._subscribe_signal(
-            inputs, "position", self._on_position, damper.count_unreadable_position
-        )
-        if self.settings.values["compare_force"]:
-            take = self._node.guard.wrap(self._on_measured_force)
-            health.force = self._subscribe_signal(inputs, "force", take, _ignore)
+        health, damper, settings = self.health, self.damper, self.settings
 
-    def _subscribe_signal(
-        self, inputs: InputSubscriptions, name: str, deliver: Deliver, unreadable: Callable[[str], None]
-    ) -> Arrivals:
-        signal = self.settings.signals[name]
-        if isinstance(signal, Constant):
-            return Arrivals()
-        stamped = inputs.subscribe(signal, deliver, unreadable, self.restart)
-        if not stamped:
-            label = f"signal '{self.settings.prefix}{name}'"
-            self._node.get_logger().warning(
-                f"{label}: {signal.type} has no header; samples are stamped with their arrival"
-            )
-        return Arrivals(stamped, inputs.losses_of(signal))
+        def subscribe(name: str, deliver: Deliver, on_unreadable: Callable[[str], None]) -> Arrivals:
+            signal = settings.signals[name]
+            if isinstance(signal, Constant):
+                return Arrivals()
+            stamped = inputs.subscribe(signal, deliver, on_unreadable, self.restart)
+            if not stamped:
+                self._node.get_logger().warning(
+                    f"signal '{settings.prefix}{name}': {signal.type} has no header; samples are stamped with their "
+                    "arrival"
+                )
+            return Arrivals(stamped, inputs.losses_of(signal))
+
+        health.current = subscribe("current", self._on_current, damper.count_unreadable_current)
+        for name in damper.motions:
+            subscribe(name, partial(self._on_motion, name), damper.count_unreadable_motion)
+        health.position = subscribe("position", self._on_position, damper.count_unreadable_position)
+        if settings.values["compare_force"]:
+            health.force = subscribe("force", self._node.guard.wrap(self._on_measured_force), lambda error: None)
 
     def _on_current(self, stamp_ns: int, current_A: float, frame: bytes, now_ns: int) -> None:
         del frame
-        self._note_current(stamp_ns, now_ns)
+        self._node.guard.call(partial(self.health.current.take, stamp_ns, now_ns))
         self.damper.take_current(stamp_ns, current_A)
         if self._positions.is_waiting:
             self._release_positions(now_ns)
@@ -178,43 +188,35 @@ class DamperTopics:
             health.cost.add_measured(stamp_ns, force_N)
 
     def _release_positions(self, now_ns: int) -> None:
-        """Estimate from the positions whose wait for their current is over."""
-        for stamp_ns, position_m, frame in self._positions.pop_ready(self._newest_known(), now_ns):
+        """Estimate from the positions whose wait for all measured signals that the model needs is over."""
+        needed = (self.damper.current, self.damper.motion)
+        stamps = [signal.newest_ns for signal in needed if not isinstance(signal, ConstantCurrent)]
+        known = [stamp for stamp in stamps if stamp is not None]
+        newest_ns = min(known) if known and len(known) == len(stamps) else None
+        for stamp_ns, position_m, frame in self._positions.pop_ready(newest_ns, now_ns):
             self._estimate(stamp_ns, position_m, frame, now_ns)
-
-    def _newest_known(self) -> int | None:
-        """Return the stamp [ns] up to which all measured signals that the model needs are known; None: unknown."""
-        damper = self.damper
-        signals = (damper.current, damper.motion)
-        stamps = [signal.newest_ns for signal in signals if not isinstance(signal, ConstantCurrent)]
-        return min((stamp for stamp in stamps if stamp is not None), default=None) if None not in stamps else None
 
     def _estimate(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
         damper = self.damper
         force = damper.step(stamp_ns, position_m, now_ns)
         if force is not None:
-            self._note_estimate(stamp_ns, force, self._publish(stamp_ns, frame, damper.position, damper.speed, force))
+            self._publish(stamp_ns, frame, damper.position, damper.speed, force)
+            self._note_estimate(stamp_ns, force)
             half_width = damper.half_width()
             if half_width is not None:
                 self._publish_band(stamp_ns, frame, force - half_width, force + half_width)
         if damper.reason != self._reported_reason:
             self._report_change()
 
-    def _add_current(self, stamp_ns: int, now_ns: int) -> None:
-        """Add a current to health."""
-        self.health.current.take(stamp_ns, now_ns)
-
     def _add_position(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
         """Add a position to health."""
         self.health.position.take(stamp_ns, now_ns)
         self.health.stillness.take(stamp_ns, position_m)
 
-    def _add_estimate(self, stamp_ns: int, force_N: float, raw: bytes) -> None:
-        """Add a published estimate to health and black box."""
-        health, sent_ns = self.health, self._clock.now()
-        health.latency.take(sent_ns - stamp_ns)
-        if self.on_estimate is not None:
-            self.on_estimate(sent_ns, raw)
+    def _add_estimate(self, stamp_ns: int, force_N: float) -> None:
+        """Add a published estimate to health."""
+        health = self.health
+        health.latency.take(self._clock.now() - stamp_ns)
         if health.cost is not None:
             health.cost.add_estimate(stamp_ns, force_N)
 
@@ -223,29 +225,3 @@ class DamperTopics:
             self._reported_reason = self.damper.reason
             self.health.note_change(self._clock.now())
             self._on_change()
-
-    def _topic_state(self, signal: Signal) -> str:
-        topic = self._node.resolve_topic_name(signal.topic)
-        types = sorted({info.topic_type for info in self._node.get_publishers_info_by_topic(topic)})
-        if not types:
-            return f"nothing publishes {topic}"
-        if signal.type not in types:
-            return f"{topic} carries {', '.join(types)}; {signal.name}.type is {signal.type}"
-        return f"{topic} has a publisher that is silent"
-
-
-def _make_current(settings: DamperSettings) -> CurrentHold:
-    current = settings.signals["current"]
-    if isinstance(current, Signal):
-        return CurrentHold(settings.model.sampling.max_current_age_s)
-    return ConstantCurrent(current.value)
-
-
-def _make_motions(settings: DamperSettings) -> dict[str, CurrentHold]:
-    """Return a hold for each signal that a model may need beside the position."""
-    max_age_s = settings.model.sampling.max_gap_s
-    return {name: CurrentHold(max_age_s) for name in MOTIONS if isinstance(settings.signals.by_name.get(name), Signal)}
-
-
-def _ignore(error: str) -> None:
-    """Ignore a measured force that cannot be read."""

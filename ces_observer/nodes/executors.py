@@ -1,32 +1,79 @@
-"""Runs the nodes: one executor, one thread, an orderly shutdown, and garbage collection at chosen times.
-
-Every node program calls `run` with a function that builds its node. The executor has a single thread, so that callbacks
-need no locks and samples stay in order. Each callback is guarded; if rclpy itself fails, its executor is spun again.
-"""
+"""What runs a node: its executor, its clock, and the main function of every node."""
 
 from __future__ import annotations
 
 import gc
 import signal
+import time
 from collections.abc import Callable, Sequence
-from time import sleep
 
 import rclpy
+from rclpy.clock import ClockChange, JumpThreshold, TimeJump
+from rclpy.duration import Duration
 from rclpy.exceptions import NameValidationException, ParameterException
 from rclpy.executors import Executor, ExternalShutdownException, SingleThreadedExecutor
 from rclpy.logging import get_logger
 from rclpy.qos_overriding_options import InvalidQosOverridesError
 
+from ces_observer.arrival_clock import ClockWatch
 from ces_observer.errors import CesError
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.parameter_table import EXECUTOR
+
+BACKWARD = Duration(nanoseconds=-1_000_000)
+# The steps of /clock in a fast replay are no jumps. The samples' stamps show shorter jumps.
+FORWARD = Duration(seconds=5)
+CHANGES = {
+    ClockChange.ROS_TIME_ACTIVATED: "simulated time was switched on",
+    ClockChange.ROS_TIME_DEACTIVATED: "simulated time was switched off",
+}
+
+
+class NodeClock:
+    """`now()` is the node's time [ns]; `on_jump` is called with a line of text after each time jump.
+
+    Simulated time is 0 until its first /clock message, which is no jump: samples may arrive before it.
+    """
+
+    def __init__(self, node: GuardedNode, on_jump: Callable[[str], None]) -> None:
+        self._clock = node.get_clock()
+        self._on_jump = on_jump
+        self._wall = ClockWatch(time.time_ns(), time.monotonic_ns())
+        self._choose_clock()
+        threshold = JumpThreshold(min_forward=FORWARD, min_backward=BACKWARD, on_clock_change=True)
+        self._jumps = self._clock.create_jump_callback(threshold, post_callback=node.guard.wrap(self._on_ros_jump))
+
+    def watch(self) -> None:
+        """Check whether the wall clock was set: rclpy reports only jumps of simulated time."""
+        jump_ns = self._wall.measure_jump(time.time_ns(), time.monotonic_ns())
+        if jump_ns and not self.is_simulated:
+            self._on_jump(f"the wall clock was set by {jump_ns * 1e-9:+.3f} s")
+
+    def close(self) -> None:
+        """Remove the callback."""
+        self._jumps.unregister()
+
+    def _choose_clock(self) -> None:
+        self.is_simulated = bool(self._clock.ros_time_is_active)
+        self.now: Callable[[], int] = self._simulated_now if self.is_simulated else time.time_ns
+
+    def _simulated_now(self) -> int:
+        return int(self._clock.now().nanoseconds)
+
+    def _on_ros_jump(self, jump: TimeJump) -> None:
+        self._choose_clock()
+        if jump.clock_change not in CHANGES and self.now() == jump.delta.nanoseconds:
+            return
+        seconds = jump.delta.nanoseconds * 1e-9
+        self._on_jump(CHANGES.get(jump.clock_change, f"simulated time jumped by {seconds:+.3f} s"))
+
 
 try:
     from rclpy.experimental import EventsExecutor
 except ImportError:  # rclpy before 7.1.4, or one that has moved it
     EventsExecutor = None
 
-AUTO, EVENTS, SINGLE = EXECUTOR.one_of
+AUTO, EVENTS, SINGLE = EXECUTOR.choices
 USER_ERROR = 2
 PAUSE_S = 0.001  # before rclpy's executor is spun again: a lasting error must not take the whole processor
 END_SIGNALS = (signal.SIGINT, signal.SIGTERM)
@@ -46,10 +93,17 @@ def run(name: str, make: Callable[[], GuardedNode], argv: Sequence[str] | None =
         # SIGINT, as ros2 launch sends, would kill the interpreter during shutdown.
         signal.signal(number, lambda number, frame: ends.append(number))
     try:
-        built = _build(name, make, argv, ends)
-        if built is None:
-            return 0 if ends else USER_ERROR
-        _spin(*built)
+        try:
+            rclpy.init(args=None if argv is None else list(argv))
+            node = make()
+            executor = make_executor(getattr(node, "executor_choice", AUTO))
+        except START_ERRORS as error:
+            if ends:  # the signal has shut down the context during the start
+                return 0
+            get_logger(name).fatal(str(error).splitlines()[0])
+            return USER_ERROR
+        if not ends:
+            _spin(node, executor)
         return 0
     finally:
         rclpy.try_shutdown()
@@ -59,7 +113,7 @@ def run(name: str, make: Callable[[], GuardedNode], argv: Sequence[str] | None =
 
 def make_executor(choice: str) -> Executor:
     """Return a new executor for `choice`; raises CesError if it is unknown or this rclpy has no such executor."""
-    EXECUTOR.check_value(choice)
+    EXECUTOR.check_parameter(choice)
     if choice == EVENTS and EventsExecutor is None:
         raise CesError("parameter 'executor' is 'events'; this rclpy has no EventsExecutor: set auto or single")
     return SingleThreadedExecutor() if is_single(choice) else EventsExecutor()
@@ -80,39 +134,19 @@ def spin_on(node: GuardedNode, spin: Callable[[], None]) -> None:
             return
         except Exception as error:
             node.guard.take(error)
-            sleep(PAUSE_S)
-
-
-def freeze_garbage() -> None:
-    """Exclude all present objects from garbage collection, and leave the rest to `collect_garbage`."""
-    gc.collect()
-    gc.freeze()
-    gc.disable()
+            time.sleep(PAUSE_S)
 
 
 def collect_garbage() -> None:
-    """Collect new cyclic garbage: well under a millisecond, because all else is frozen."""
+    """Collect new cyclic garbage: well under a millisecond, because all objects of the start are frozen."""
     gc.collect()
-
-
-def _build(
-    name: str, make: Callable[[], GuardedNode], argv: Sequence[str] | None, ends: Sequence[int]
-) -> tuple[GuardedNode, Executor] | None:
-    """Return node and executor; None after an error, which is logged, or a signal."""
-    try:
-        rclpy.init(args=None if argv is None else list(argv))
-        node = make()
-        executor = make_executor(getattr(node, "executor_choice", AUTO))
-    except START_ERRORS as error:
-        if not ends:  # otherwise the signal has shut down the context during the start
-            get_logger(name).fatal(str(error).splitlines()[0])
-        return None
-    return None if ends else (node, executor)
 
 
 def _spin(node: GuardedNode, executor: Executor) -> None:
     executor.add_node(node)
-    freeze_garbage()
+    gc.collect()
+    gc.freeze()
+    gc.disable()
     try:
         spin_on(node, executor.spin)
     finally:

@@ -23,8 +23,7 @@ from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
 
-from ces_observer.nodes.guard import Guard
-from ces_observer.nodes.parameter_requests import find_excess
+from ces_observer.nodes.guard import Guard, find_excess
 
 FAILED = "unexpected error in the node; see its log"
 

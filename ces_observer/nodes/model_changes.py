@@ -25,9 +25,9 @@ from std_srvs.srv import Trigger
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import MAX_BYTES, Model, load_model, parse_model
 from ces_observer.nodes.guarded_node import GuardedNode
-from ces_observer.nodes.model_reload import ModelReload, Verdict
-from ces_observer.nodes.node_parameters import model_path, value_of
-from ces_observer.nodes.qos import LATCHED
+from ces_observer.nodes.model_check import ModelReload, Verdict
+from ces_observer.nodes.outputs import LATCHED
+from ces_observer.nodes.parameters import model_path, value_of
 
 WAITS, CHECKED, ACCEPTED, RUNS = "waits", "is being checked", "accepted", "has taken over"  # states of a request
 REFUSED, OVERTAKEN = "refused", "overtaken"
@@ -94,10 +94,17 @@ class ModelChanges:
     def begin_from_parameter(self) -> None:
         """Start a change to the file that the parameter names, if that is another."""
         text = self._read_parameter()
-        if text == self._good_path:
-            self._cancel_parameter_change()
-        else:
+        if text != self._good_path:
             self._begin_file(text)
+            return
+        waiting, checking = self._waiting, self._checking  # requests by the parameter, which was set back, are void
+        if waiting is not None and waiting.text not in ("", text):
+            self._waiting = None
+            self._report(waiting, OVERTAKEN, "the parameter was set back")
+        if checking is not None and checking.text not in ("", text):
+            self._checking = None
+            self._reload.cancel()
+            self._report(checking, OVERTAKEN, "the parameter was set back")
 
     def poll(self) -> bool:
         """Start or finish a check; return whether another model has taken over since the last call."""
@@ -197,27 +204,13 @@ class ModelChanges:
         if request.text and request.text != self._good_path and request.text == self._read_parameter():
             self._node.set_parameters([Parameter(self._user.parameter(), value=self._good_path)])
 
-    def _cancel_parameter_change(self) -> None:
-        """Cancel a change that the parameter requested, because it was set back."""
-        waiting, checking = self._waiting, self._checking
-        if waiting is not None and waiting.text not in ("", self._good_path):
-            self._waiting = None
-            self._report(waiting, OVERTAKEN, "the parameter was set back")
-        if checking is not None and checking.text not in ("", self._good_path):
-            self._checking = None
-            self._reload.cancel()
-            self._report(checking, OVERTAKEN, "the parameter was set back")
-
     def _on_service(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Read the file in the parameter again; answer whether it is valid, and so will be checked."""
         begun = self._begin_file(self._read_parameter())
         response.success = isinstance(begun, ModelRequest)
         if isinstance(begun, ModelRequest):
-            status = self._status.topic_name
-            response.message = f"request {begun.number}: {self.state}; the outcome comes on {status}"
-        else:
-            response.message = begun
-        response.message = _clean(response.message)
+            begun = f"request {begun.number}: {self.state}; the outcome comes on {self._status.topic_name}"
+        response.message = _clean(begun)
         return response
 
     def _on_topic(self, raw: bytes) -> None:

@@ -1,6 +1,6 @@
 """The observer node: piston position and valve current in, estimated damping force out on `~/estimate`.
 
-The position samples drive it. A timer checks for silence, continues model changes and recordings, and publishes
+The position samples drive it. A timer checks for silence, continues model changes and snapshots, and publishes
 `/diagnostics`, which name the reason for each withheld force. The node resumes by itself.
 """
 
@@ -11,27 +11,25 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from time import monotonic
-from typing import Any
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
 from rclpy.parameter import Parameter
 
-from ces_observer.damper_observer import DamperObserver
-from ces_observer.health.load_meter import LoadMeter
-from ces_observer.health.process_watch import ProcessWatch
+from ces_observer.health.process import ProcessWatch, check_processors
 from ces_observer.nodes import executors
-from ces_observer.nodes.black_box_recording import BlackBoxRecording
 from ces_observer.nodes.damper_topics import DamperTopics
-from ces_observer.nodes.diagnostics_output import DamperReport, DiagnosticsOutput, add_remark
-from ces_observer.nodes.input_subscriptions import InputSubscriptions
+from ces_observer.nodes.executors import NodeClock
+from ces_observer.nodes.inputs import InputSubscriptions
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
 from ces_observer.nodes.model_check import PROVE, describe_model
-from ces_observer.nodes.model_reload import Verdict
-from ces_observer.nodes.node_clock import NodeClock
-from ces_observer.nodes.node_parameters import TableNode
-from ces_observer.nodes.observer_parameters import DamperSettings, declare_settings, find_refusal, governing_parameter
-from ces_observer.real_time import check_processors
+from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_remark
+from ces_observer.nodes.parameters import (
+    DamperSettings,
+    TableNode,
+    check_live_values,
+    declare_observer,
+    governing_parameter,
+)
+from ces_observer.nodes.snapshot import Snapshots
 
 WATCH_S = 0.1  # period of the watch timer, and minimum time between two diagnostics
 DIAGNOSTICS_S = 1.0
@@ -42,27 +40,31 @@ class Observer(TableNode):
 
     def __init__(self) -> None:
         super().__init__("observer")
-        settings = declare_settings(self)
-        self.executor_choice = settings.values["executor"]
+        values, dampers = declare_observer(self)
+        self.executor_choice = values["executor"]
         self._time = NodeClock(self, self._on_time_jump)
         self._inputs = InputSubscriptions(
-            self, self._time, depth=settings.values["input_depth"], drain=executors.is_single(self.executor_choice)
+            self, self._time, depth=values["input_depth"], drain=executors.is_single(self.executor_choice)
         )
-        self._recording = BlackBoxRecording(self, self._inputs, settings.values)
-        self._dampers = [self._make_damper(one) for one in settings.dampers]
+        self._snapshots = Snapshots(self, values["snapshot_service"], values["snapshot_after_s"])
+        self._dampers = [self._make_damper(one) for one in dampers]
         self._diagnostics = DiagnosticsOutput(self)
-        self._load = LoadMeter()
-        self._process = self._make_process_watch(settings.values)
+        self._process = ProcessWatch(
+            values["realtime_priority"],
+            check_processors(values["cpu_affinity"]),
+            values["lock_memory"],
+            self.get_logger().warning,
+        )
         self._watched = self._rolled = self._reported_s = monotonic()
         self._pending = False
         self._jumps, self._jump = 0, "none"
-        self.add_on_set_parameters_callback(self._check_parameters)
+        self.refuse_parameters(lambda parameters: check_live_values(self, parameters))
         self.add_post_set_parameters_callback(self._apply_parameters)
-        self.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        self.create_steady_timer(WATCH_S, self._watch)
 
     def destroy_node(self) -> None:
-        """End model changes, recording and clock callbacks, then the node."""
-        for close in (*(changes.close for _, changes in self._dampers), self._recording.close, self._time.close):
+        """End model changes, snapshots and clock callbacks, then the node."""
+        for close in (*(changes.close for _, changes in self._dampers), self._snapshots.close, self._time.close):
             self.guard.call(close)
         super().destroy_node()
 
@@ -70,8 +72,8 @@ class Observer(TableNode):
         topics = DamperTopics(self, settings, self._inputs, self._time, self._on_change, self._on_first_force)
         user = ModelUser(
             running=lambda: topics.damper.model,
-            adopt=partial(_adopt, topics.damper),
-            parameter=partial(governing_parameter, self, settings, "model"),
+            adopt=topics.adopt,
+            parameter=partial(governing_parameter, self, settings.prefix, "model"),
             prefix=settings.topics,
             topic=settings.values["model_topic"],
             tasks=() if settings.values["allow_uncertified"] else (PROVE,),
@@ -82,11 +84,6 @@ class Observer(TableNode):
         self.get_logger().info(f"{settings.name}: {describe_model(settings.model)}")
         return topics, changes
 
-    def _make_process_watch(self, values: dict[str, Any]) -> ProcessWatch:
-        processors = check_processors(values["cpu_affinity"])
-        warn = self.get_logger().warning
-        return ProcessWatch(values["realtime_priority"], processors, values["lock_memory"], warn)
-
     def _watch(self) -> None:
         """Do what is due; a step that fails does not keep the others from being done."""
         now = monotonic()
@@ -94,8 +91,8 @@ class Observer(TableNode):
         self.guard.call(self._time.watch)
         for topics, changes in self._dampers:
             self.guard.wrap(topics.watch, topics.restart)(elapsed)
-            self.guard.call(partial(_poll_model, topics, changes))
-        self.guard.call(lambda: self._recording.work(self._time.now()))
+            self.guard.call(partial(self._poll_model, topics, changes))
+        self.guard.call(self._snapshots.work)
         if now - self._rolled >= DIAGNOSTICS_S:
             elapsed, self._rolled = now - self._rolled, now
             self.guard.call(partial(self._roll, elapsed))
@@ -104,9 +101,12 @@ class Observer(TableNode):
         elif self._pending:
             self._publish_status()
 
+    def _poll_model(self, topics: DamperTopics, changes: ModelChanges) -> None:
+        if changes.poll():
+            topics.use_model(changes.source)
+
     def _roll(self, elapsed_s: float) -> None:
-        self._process.update()
-        load, now_ns = self._load.measure(), self._time.now()
+        load, now_ns = self._process.update(), self._time.now()
         for topics, _ in self._dampers:
             topics.health.roll(elapsed_s, now_ns, load)
 
@@ -124,21 +124,20 @@ class Observer(TableNode):
     def _make_report(self, topics: DamperTopics, changes: ModelChanges, remark: str) -> DamperReport:
         status = add_remark(topics.health.status(topics.detail()), self._process.remark())
         status = add_remark(status, remark)
-        others = (
+        values = (
+            *status.values,
             *changes.values(),
             *self._process.values(),
             ("jumps of time", f"{self._jumps}, the last: {self._jump}"),
             *self.guard.values(),
         )
-        values = (*status.values, *others)
         damper = topics.settings.key or topics.settings.name
         return DamperReport(damper, topics.settings.name, topics.damper.reason, replace(status, values=values))
 
     def _on_first_force(self, topics: DamperTopics) -> None:
-        """Start the comparison with the measured force, and the black box for a drift."""
+        """Start the comparison with the measured force; a drift asks for a snapshot."""
         topics.compare()
-        self._recording.begin([damper for damper, _ in self._dampers])
-        topics.health.box = self._recording.box
+        topics.health.snapshots = self._snapshots
 
     def _on_time_jump(self, what: str) -> None:
         """Restart after a time jump."""
@@ -147,10 +146,6 @@ class Observer(TableNode):
         self._inputs.reset()
         for topics, _ in self._dampers:
             self.guard.wrap(topics.reset, topics.restart)()
-
-    def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        reason = find_refusal(self, parameters)
-        return SetParametersResult(successful=not reason, reason=reason)
 
     def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
         changed = {parameter.name.rpartition(".")[2] for parameter in parameters}
@@ -163,16 +158,6 @@ class Observer(TableNode):
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the node; returns 0 when stopped by a signal, 2 if a parameter or the model cannot be used."""
     return executors.run("observer", Observer, argv)
-
-
-def _poll_model(topics: DamperTopics, changes: ModelChanges) -> None:
-    if changes.poll():
-        topics.use_model(changes.source)
-
-
-def _adopt(damper: DamperObserver, verdict: Verdict) -> str:
-    damper.load(verdict.model)
-    return f"when warmed up, after {verdict.model.sampling.warm_up_s:g} s of samples"
 
 
 if __name__ == "__main__":

@@ -8,21 +8,28 @@ the frequency of the damper's motion. `hat` is a triangular membership; membersh
 one, so that terms times memberships are sub-models blended over a signal. All are computed from inputs clamped to the
 model's envelope, so their ranges are certain.
 
-`ces_observer.structures.constructed_runs` runs them; `ces_observer.structures.constructed_file` reads them.
+`ces_identify.polynomial.constructed_kernels` computes the same over whole arrays, operation by operation.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from math import exp
+from math import exp, pi, sqrt
 from typing import Any
 
+from ces_observer.errors import ModelError
+from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, down, up
-from ces_observer.structures import constructed_runs as runs
 from ces_observer.structures.structure import Range, Ranges
 
+TWO_PI = 2.0 * pi
 BASE = ("position", "speed", "current")
+
+
+# Takes a tick's values (position, speed, current, then the inputs constructed before this one); returns its value.
+ConstructedRun = Callable[[Sequence[float]], float]
 
 
 class _Definition:
@@ -58,10 +65,30 @@ class Hysteresis(_Definition):
         """Return its range, given those of the inputs."""
         return (-self.half_width, self.half_width) if self.kind == "stop" else ranges[self.of]
 
-    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> runs.ConstructedRun:
+    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return a new run; `columns` maps each signal to its place among the values."""
-        make = runs.make_stop_run if self.kind == "stop" else runs.make_play_run
-        return make(columns[self.of], self.half_width)
+        column, half = columns[self.of], self.half_width
+        stop = 0.0
+        last: float | None = None
+        play: float | None = None
+
+        def update_stop(values: Sequence[float]) -> float:
+            nonlocal stop, last
+            value = values[column]
+            if last is not None:
+                moved = stop + (value - last)
+                stop = half if moved > half else -half if moved < -half else moved
+            last = value
+            return stop
+
+        def update_play(values: Sequence[float]) -> float:
+            nonlocal play
+            value = values[column]
+            low, high = value - half, value + half
+            play = value if play is None else low if play < low else high if play > high else play
+            return play
+
+        return update_stop if self.kind == "stop" else update_play
 
 
 @dataclass(frozen=True)
@@ -91,9 +118,18 @@ class Lag(_Definition):
         """Return the weight of a new tick."""
         return 1.0 - exp(-1.0 / (self.time_constant_s * rate_Hz))
 
-    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> runs.ConstructedRun:
+    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return a new run."""
-        return runs.make_lag_run(columns[self.of], self.gain(rate_Hz))
+        column, gain = columns[self.of], self.gain(rate_Hz)
+        lagged: float | None = None
+
+        def update(values: Sequence[float]) -> float:
+            nonlocal lagged
+            value = values[column]
+            lagged = value if lagged is None else lagged + gain * (value - lagged)
+            return lagged
+
+        return update
 
 
 @dataclass(frozen=True)
@@ -123,9 +159,27 @@ class Frequency(_Definition):
         """Return the weight of a new tick in the exponential windows."""
         return 1.0 - exp(-1.0 / (self.time_constant_s * rate_Hz))
 
-    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> runs.ConstructedRun:
+    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return a new run."""
-        return runs.make_frequency_run(self.gain(rate_Hz), self.floor_m, self.range_Hz)
+        (lowest, highest), floor = self.range_Hz, self.floor_m * self.floor_m
+        gain = self.gain(rate_Hz)
+        means: tuple[float, float] | None = None
+        xx = vv = 0.0
+
+        def update(values: Sequence[float]) -> float:
+            nonlocal means, xx, vv
+            x, v = values[0], values[1]
+            mean_x, mean_v = means or (x, v)
+            mean_x += gain * (x - mean_x)
+            mean_v += gain * (v - mean_v)
+            means = mean_x, mean_v
+            x, v = x - mean_x, v - mean_v
+            xx += gain * (x * x - xx)
+            vv += gain * (v * v - vv)
+            frequency = sqrt(vv / (xx + floor)) / TWO_PI
+            return lowest if frequency < lowest else highest if frequency > highest else frequency
+
+        return update
 
 
 @dataclass(frozen=True)
@@ -183,9 +237,10 @@ class TriangularMembership(_Definition):
         slopes += [0.0] if outside or not slopes else []
         return down(down(down(min(slopes)))), up(up(up(max(slopes))))
 
-    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> runs.ConstructedRun:
+    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return a new run."""
-        return runs.make_membership_run(columns[self.of], self.at)
+        column = columns[self.of]
+        return lambda values: self.at(values[column])
 
 
 ConstructedInput = Hysteresis | Lag | Frequency | TriangularMembership
@@ -219,3 +274,76 @@ class InputConstructor:
         for run in self._runs:
             known.append(run(known))
         return known
+
+
+RESERVED = (*BASE, "force", "products", "constructed")
+NAME = re.compile(r"(?!.*_(abs|p\d|lag\d))[a-z][a-z0-9_]{0,39}")
+SETTINGS = {
+    "stop": ("of", "half_width"),
+    "play": ("of", "half_width"),
+    "lag": ("of", "time_constant_s"),
+    "frequency": ("time_constant_s", "range_Hz", "floor_m"),
+    "hat": ("of", "low", "peak", "high"),
+}
+KINDS = tuple(SETTINGS)
+MAX_CONSTRUCTED = 64
+MAX_WIDTH = 1e6  # [m, m/s, A]
+MIN_WIDTH = 1e-9  # so that no slope overflows
+MIN_HZ, MAX_HZ = 1e-3, 1e5
+
+
+def parse_constructed(nodes: Iterable[JsonObject]) -> dict[str, ConstructedInput]:
+    """Check the list `constructed` of a model file, and return its inputs by name; raises ModelError."""
+    known: dict[str, ConstructedInput] = {}
+    for node in nodes:
+        one = _parse_one(node, known)
+        if one.name in known:
+            raise ModelError(f"{node.where}: name '{one.name}' occurs twice; expected a name for each input")
+        known[one.name] = one
+    return known
+
+
+def require_name(name: str, where: str) -> str:
+    """Return `name`; raises ModelError if it cannot be the name of a constructed input."""
+    if name in RESERVED or not NAME.fullmatch(name):
+        raise ModelError(
+            f"{where}: name {name[:60]!r}; expected up to 40 lower-case letters, digits and _, not a signal's name, "
+            "and without the suffixes of powers and lags (_abs, _p2, _lag1)"
+        )
+    return name
+
+
+def _parse_one(node: JsonObject, known: Mapping[str, ConstructedInput]) -> ConstructedInput:
+    name, kind = require_name(node.text("name"), node.where), node.choice("kind", KINDS)
+    node.require_only_keys("name", "kind", *SETTINGS[kind])
+    if kind == "frequency":
+        return _parse_frequency(node, name)
+    if kind == "hat":
+        smooth = [one.name for one in known.values() if not isinstance(one, TriangularMembership)]
+        return _parse_membership(node, name, node.choice("of", (*BASE, *smooth)), known)
+    if kind == "lag":
+        return Lag(name, node.choice("of", BASE), node.number("time_constant_s", 1e-4, 1e4))
+    return Hysteresis(name, kind, node.choice("of", BASE), node.number("half_width", MIN_WIDTH, MAX_WIDTH))
+
+
+def _parse_frequency(node: JsonObject, name: str) -> Frequency:
+    """Check the settings of a frequency estimate; raises ModelError."""
+    low, high = node.range("range_Hz", MAX_HZ)
+    if not MIN_HZ <= low < high:
+        raise ModelError(f"{node.where}: range_Hz is [{low:g}, {high:g}]; expected {MIN_HZ:g} <= low < high")
+    return Frequency(
+        name, node.number("time_constant_s", 1e-4, 1e4), (low, high), node.number("floor_m", MIN_WIDTH, MAX_WIDTH)
+    )
+
+
+def _parse_membership(
+    node: JsonObject, name: str, of: str, known: Mapping[str, ConstructedInput]
+) -> TriangularMembership:
+    low, high = (None if node.value.get(key) is None else node.number(key, -1e6, 1e6) for key in ("low", "high"))
+    peak = node.number("peak", -1e6, 1e6)
+    falls = low is None or low <= peak - MIN_WIDTH
+    if not (falls and (high is None or high >= peak + MIN_WIDTH)) or low is high is None:
+        raise ModelError(
+            f"{node.where}: low {low}, peak {peak:g}, high {high}; expected low < peak < high, one not null"
+        )
+    return TriangularMembership(name, of, low, peak, high, known.get(of))

@@ -16,10 +16,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import prod
 from operator import mul
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
 from ces_observer.errors import ModelError
-from ces_observer.json_checks import JsonObject
+from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import largest, up
 from ces_observer.structures.lagged_signals import (
@@ -81,6 +81,8 @@ class Fuzzy(Structure):
 
     name: ClassVar[str] = "anfis"
     keys: ClassVar[tuple[str, ...]] = ("fuzzy",)
+    option: ClassVar[str] = "anfis"
+    rank: ClassVar[int] = 2
 
     regressors: tuple[Regressor, ...]
     scale_N: float
@@ -96,26 +98,6 @@ class Fuzzy(Structure):
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.rules)} rules on {len(self.regressors)} regressors"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file."""
-        numbers = {
-            "regressors": [r.to_json() for r in self.regressors],
-            "scale_N": self.scale_N,
-            "premises": [
-                {
-                    "signal": p.signal,
-                    "lag": p.lag,
-                    "memberships": [{"centre": b.centre, "width": b.width, "slope": b.slope} for b in p.memberships],
-                }
-                for p in self.premises
-            ],
-            "rules": [
-                {"memberships": list(r.memberships), "constant": r.constant, "linear": list(r.linear)}
-                for r in self.rules
-            ],
-        }
-        return {"fuzzy": numbers}
 
     @classmethod
     def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:

@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 from math import inf
 from typing import Any
 
-from ces_observer.json_checks import JsonObject
+from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, add, down, product, up
 from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges
 

@@ -15,9 +15,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import exp
 from operator import mul
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
-from ces_observer.json_checks import JsonObject
+from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import Interval, add, largest, product, up
 from ces_observer.structures.lagged_signals import (
@@ -57,6 +57,8 @@ class Network(Structure):
 
     name: ClassVar[str] = "sigmoid_narx"
     keys: ClassVar[tuple[str, ...]] = ("network",)
+    option: ClassVar[str] = "sigmoid"
+    rank: ClassVar[int] = 1
 
     regressors: tuple[Regressor, ...]
     scale_N: float
@@ -73,17 +75,6 @@ class Network(Structure):
     def size(self) -> str:
         """The size, in words."""
         return f"{len(self.units)} sigmoid units on {len(self.regressors)} regressors"
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file."""
-        numbers = {
-            "regressors": [r.to_json() for r in self.regressors],
-            "scale_N": self.scale_N,
-            "constant": self.constant,
-            "linear": list(self.linear),
-            "units": [{"weight": u.weight, "bias": u.bias, "slopes": list(u.slopes)} for u in self.units],
-        }
-        return {"network": numbers}
 
     @classmethod
     def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:

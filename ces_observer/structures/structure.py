@@ -1,17 +1,17 @@
 """The interface of model structures: they compute a force and can be run, proved stable, written and read.
 
-A structure is a frozen class in a file beside this one, registered in `ces_observer.structures.STRUCTURES`. A model
-file holds it under its `keys`; the rest of the file is the same for every structure.
+A structure is a frozen class in a file beside this one, where `ces_observer.structures` finds it. A model file holds it
+under its `keys`; the rest of the file is the same for every structure.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from typing import Any, ClassVar, Protocol, Self
 
-from ces_observer.json_checks import JsonObject
+from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Certificate
 
 MAX_LAG = 1000  # ticks, of any signal
@@ -49,12 +49,15 @@ class Predictor(Protocol):
 class Structure(ABC):
     """The part of a model that computes the force; `name` and `keys` are its name and keys in a model file.
 
+    `option` is its name for users, who see the structures by `rank`; the first is the default.
     `extrapolates` is True if inputs outside the envelope are used as they are, up to a stated reach, and not clamped to
     the envelope. `unproved` is the reason given if `is_stable` is False.
     """
 
     name: ClassVar[str]
     keys: ClassVar[tuple[str, ...]]
+    option: ClassVar[str]
+    rank: ClassVar[int] = 100
     extrapolates: ClassVar[bool] = False
     unproved: ClassVar[str] = "it is not proved to be a contraction over its input envelope"
 
@@ -77,9 +80,9 @@ class Structure(ABC):
         """Return the exact force [N] at mid-stroke at constant speed and current; None if only a run shows it."""
         return None
 
-    @abstractmethod
     def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file, by `keys`."""
+        """Return the contents of the model file, by `keys`: its fields under the first one, unless overridden."""
+        return {self.keys[0]: asdict(self)}  # type: ignore[call-overload]  # every structure is a dataclass
 
     @classmethod
     @abstractmethod

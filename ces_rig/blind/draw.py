@@ -14,25 +14,24 @@ from operator import itemgetter
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
-from ces_rig.blind.excitation import Commands, draw_drive
-from ces_rig.blind.plan import BlindCase
+from ces_data.arrays import F
+from ces_rig.blind.plan import BlindCase, Commands, draw_drive
 from ces_rig.dampers.effects import WithheldEffect
+from ces_rig.dampers.model import DamperModel
 from ces_rig.errors import RigError
-from ces_rig.experiment import Truth
-from ces_rig.sensors import Sensors
+from ces_rig.sensors import Sensors, Truth
 from ces_rig.withheld.plants import (
-    BlindPlant,
     available_effects,
     draw_effect,
     draw_plant,
+    perturb_to_gap,
+    rms,
+    scale_to_gap,
+    search_size,
     simulate_expected,
     simulate_signals,
 )
-from ces_rig.withheld.scaling import perturb_to_gap, rms, scale_to_gap, search_size
-
-Array = NDArray[np.float64]
 
 NOISE_N = Sensors().force.noise  # [N] RMS
 REAL, REFERENCE, HELD_OUT = ("r1", "r2"), ("f1", "f2"), ("h1",)
@@ -47,7 +46,7 @@ class IdealRecording:
     """A recording before noise: the true signals, and `effect_N` (n,), the force that the effects add."""
 
     true: Truth
-    effect_N: Array
+    effect_N: F
 
 
 @dataclass(frozen=True)
@@ -58,9 +57,9 @@ class DrawnCase:
     """
 
     case: BlindCase
-    plant: BlindPlant
+    plant: DamperModel
     withheld: tuple[WithheldEffect, ...]
-    simulated: BlindPlant
+    simulated: DamperModel
     recordings: Mapping[str, IdealRecording]
     seeds: Mapping[str, int]
 
@@ -101,13 +100,13 @@ def _try_draw(case: BlindCase, seconds: float, rng: Generator) -> DrawnCase:
 class EffectFreeRecording:
     """A recording of the plant without effects: the true signals, and the force [N] (n,) expected from them."""
 
-    plant: BlindPlant
+    plant: DamperModel
     commands: Commands
     true: Truth
-    force_N: Array
+    force_N: F
 
     @classmethod
-    def from_commands(cls, plant: BlindPlant, commands: Commands) -> EffectFreeRecording:
+    def from_commands(cls, plant: DamperModel, commands: Commands) -> EffectFreeRecording:
         """Run the plant."""
         true = simulate_signals(plant, (), commands.time_s, commands.stroke_m, commands.command_A)
         return cls(plant, commands, true, simulate_expected(plant, true))
@@ -131,7 +130,7 @@ def _choose_plant_kind(case: BlindCase, rng: Generator) -> str:
 
 
 def _size_effects(
-    plant: BlindPlant, shapes: Sequence[WithheldEffect], target_N: float, free: Mapping[str, EffectFreeRecording]
+    plant: DamperModel, shapes: Sequence[WithheldEffect], target_N: float, free: Mapping[str, EffectFreeRecording]
 ) -> tuple[tuple[WithheldEffect, ...], dict[str, IdealRecording]]:
     """Return the effects scaled to a common gap of `target_N` (RMS over all recordings), and the recordings with them.
 
@@ -162,7 +161,7 @@ def _size_effects(
     return effects, recordings
 
 
-def _scale_alone(plant: BlindPlant, shape: WithheldEffect, target_N: float, commands: Commands) -> WithheldEffect:
+def _scale_alone(plant: DamperModel, shape: WithheldEffect, target_N: float, commands: Commands) -> WithheldEffect:
     """Return the effect scaled to the gap, or as drawn if no severity reaches it in this part of the recording."""
     try:
         return scale_to_gap(plant, shape, target_N, commands.time_s, commands.stroke_m, commands.command_A)
@@ -170,7 +169,7 @@ def _scale_alone(plant: BlindPlant, shape: WithheldEffect, target_N: float, comm
         return shape
 
 
-def _perturb_by(plant: BlindPlant, target_N: float, commands: Commands, seed: int) -> BlindPlant:
+def _perturb_by(plant: DamperModel, target_N: float, commands: Commands, seed: int) -> DamperModel:
     """Return the plant with numbers so wrong that its force is off by `target_N` [N] (RMS)."""
     if target_N == 0.0:
         return plant

@@ -16,15 +16,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from ces_observer.health.health import LEVEL_OK, Status
-from ces_observer.nodes.diagnostics_output import DamperReport, DiagnosticsOutput, add_remark
 from ces_observer.nodes.executors import collect_garbage, run
-from ces_observer.nodes.node_parameters import TableNode, declare_table
-from ces_rig.drive import vehicle_kernel as qv
+from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_remark
+from ces_observer.nodes.parameters import TableNode, declare_table
+from ces_rig.drive import kernels as qv
 from ces_rig.errors import RigError
-from ces_rig.live.lockstep import Lockstep
 from ces_rig.live.node_table import OF_THE_NODE, OF_THE_RIG, RigNodeSettings, read_settings
-from ces_rig.live.pace import Pace
 from ces_rig.live.rig import LIVE, SET_POINTS, VEHICLE, LiveRig, RigSettings
+from ces_rig.live.timing import Lockstep, Pace
 from ces_rig.live.topics import RigTopics
 
 SECOND_NS = 1_000_000_000

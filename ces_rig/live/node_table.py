@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import Field, dataclass, field, fields, is_dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
-from ces_observer.nodes.parameter_table import EXECUTOR, NO_WORDS, ParameterSpec
-from ces_rig.descriptions import choice, quantity
+from ces_observer.fields import choice, quantity, setting, walk_record
+from ces_observer.nodes.parameter_table import EXECUTOR
+from ces_observer.options import Option, as_parameter
 from ces_rig.live.rig import LIVE, RigSettings
 from ces_rig.nested_numbers import replace_numbers
 
@@ -16,39 +17,23 @@ from ces_rig.nested_numbers import replace_numbers
 class RigNodeSettings:
     """The settings that the node adds to those of a live rig; with `publish_clock` it is the source of time."""
 
-    joint: str = field(default="rear_damper", metadata={"unit": "", "what": "joint name, and frame of all stamps"})
-    stamped_current: bool = field(
-        default=False,
-        metadata={"unit": "", "what": "publish the current as JointState (effort[joint], in A) instead of Float64"},
-    )
-    publish_clock: bool = field(
-        default=False, metadata={"unit": "", "what": "provide simulated time and publish /clock"}
-    )
+    joint: str = setting("rear_damper", "joint name, and frame of all stamps")
+    stamped_current: bool = setting(False, "publish the current as JointState (effort[joint], in A) instead of Float64")
+    publish_clock: bool = setting(False, "provide simulated time and publish /clock")
     real_time_factor: float = quantity(
         1.0, "1", "with publish_clock: simulated over real time; 0: as fast as the readers allow", 0.0, 1e3
     )
     answer_s: float = quantity(
         0.0, "s", "with real_time_factor 0: longest wait for a command after each sample; 0: none", 0.0, 10.0
     )
-    executor: str = choice(str(EXECUTOR.default), EXECUTOR.meaning, EXECUTOR.one_of)
+    executor: str = choice(str(EXECUTOR.default), EXECUTOR.meaning, EXECUTOR.choices)
 
 
-def specs(defaults: Any, prefix: str = "") -> Iterator[ParameterSpec]:
-    """Yield a parameter for each field of a dataclass, nested ones with a dotted name."""
-    for f in fields(defaults):
-        value, name = getattr(defaults, f.name), f"{prefix}{f.name}"
-        if is_dataclass(value):
-            yield from specs(value, f"{name}.")
-        else:
-            yield _spec(f, name, list(value) or NO_WORDS if isinstance(value, tuple) else value)
-
-
-def _spec(f: Field[Any], name: str, default: Any) -> ParameterSpec:
-    unit, meta = f.metadata["unit"], f.metadata
-    meaning = meta["what"] + (f" [{unit}]" if unit else "")
-    return ParameterSpec(
-        name, default, meaning, meta.get("low"), meta.get("high"), meta.get("options", ()), live=name in LIVE
-    )
+def specs(defaults: Any) -> Iterator[Option]:
+    """Yield a parameter for each field of a record, nested ones with a dotted name."""
+    for name, value, one in walk_record(defaults):
+        own = {f.name: getattr(one, f.name) for f in fields(one)} | {"name": name, "default": value}
+        yield as_parameter(Option(**own, live=name in LIVE))
 
 
 OF_THE_NODE, OF_THE_RIG = tuple(specs(RigNodeSettings())), tuple(specs(RigSettings()))

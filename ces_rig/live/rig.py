@@ -2,30 +2,44 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from math import ceil
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ces_rig.descriptions import choice, quantity
-from ces_rig.drive import vehicle_kernel as qv
+from ces_data.arrays import F
+from ces_data.config_file import parse_yaml_mapping
+from ces_observer.fields import choice, quantity, require_known_keys, setting
+from ces_rig.dampers.effects import WithheldEffect
+from ces_rig.dampers.kinds import HYDRAULIC
+from ces_rig.dampers.stepper import GIVEN_STROKE, DamperStepper, Mover
+from ces_rig.drive.kernels import BODY_SPEED, FORCE, STROKE, TYRE
+from ces_rig.drive.kernels import VEHICLE as VEHICLE_MOVER
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S, Experiment, find_experiment, load_experiment
-from ces_rig.live.command import Command
-from ces_rig.live.description import DamperDescription, describe_experiment, load_description, with_effects
-from ces_rig.live.plant import LivePlant
-from ces_rig.live.road import LiveRoad
-from ces_rig.live.script import Actuator, Loop, Script, make_experiment_loop, make_loop, make_rest_loop
-from ces_rig.live.sensing import LiveSensors
-from ces_rig.live.set_points import Follower
-from ces_rig.live.vehicle import Vehicle, as_kernel_numbers
+from ces_rig.experiment import (
+    DamperDescription,
+    describe_experiment,
+    find_experiment,
+    load_description,
+    load_experiment,
+)
+from ces_rig.live.script import Actuator, Follower, Loop, Script, make_experiment_loop, make_loop, make_rest_loop
+from ces_rig.live.sensing import Command, LiveSensors
+from ces_rig.live.vehicle import LiveRoad, Vehicle, as_kernel_numbers
 from ces_rig.nested_numbers import replace_numbers
+from ces_rig.sensors import GRID_S
+from ces_rig.withheld import plants, sensing, surroundings
 
 SCRIPT, EXPERIMENT, VEHICLE, SET_POINTS = "script", "experiment", "vehicle", "set_points"
-ROAD_STREAM = 6  # beside ces_rig.experiment.STREAMS
+ROAD_STREAM = 6  # beside ces_rig.sensors.STREAMS
+LIVE_SENSING = ("current_scale", "force_offset", "force_drift", "force_scale", "mains_hum", "position_wave")
+LIVE = (
+    "noise", "dropout", "safe_current_A", "command_timeout_s", "script.kind", "script.amplitude_m",
+    "script.frequency_Hz", "vehicle.road_class", "vehicle.speed_m_s",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -33,15 +47,10 @@ class RigSettings:
     """The settings of a live rig."""
 
     drive: str = choice(SCRIPT, "what moves the damper", (SCRIPT, EXPERIMENT, VEHICLE, SET_POINTS))
-    experiment: str = field(
-        default="sine_4hz", metadata={"unit": "", "what": "experiment whose stroke is repeated: packaged name or file"}
-    )
-    damper: str = field(
-        default="", metadata={"unit": "", "what": "rig YAML of the damper, any kind; empty: experiment's or packaged"}
-    )
-    withheld: tuple[str, ...] = field(
-        default=(),
-        metadata={"unit": "", "what": "effects added: name or 'name: {severity: 1.0, proportion: …}' (docs/rig.md)"},
+    experiment: str = setting("sine_4hz", "experiment whose stroke is repeated: packaged name or file")
+    damper: str = setting("", "rig YAML of the damper, any kind; empty: experiment's or packaged")
+    withheld: tuple[str, ...] = setting(
+        (), "effects added: name or 'name: {severity: 1.0, proportion: …}' (docs/rig.md)"
     )
     rate_hz: int = quantity(1000, "Hz", "samples per second", 200, 2000)
     step_s: float = quantity(0.0, "s", "step of the integrator; 0: that of the recorded rig, 5e-5 or 1e-4", 0.0, 2e-4)
@@ -67,27 +76,42 @@ class RigSample(NamedTuple):
 
 
 class LiveRig:
-    """The rig, at rest at tick 0; raises RigError for unusable settings."""
+    """The rig, at rest at tick 0; raises RigError for unusable settings.
+
+    A tick is a whole number of intervals of at most the recorded rig's grid. Its forces equal those of a recorded run
+    with the same commands bit for bit (except for rounding in a dead time).
+    """
 
     def __init__(self, settings: RigSettings) -> None:
         self.settings = settings
         experiment = load_experiment(find_experiment(settings.experiment)) if settings.drive == EXPERIMENT else None
-        self.damper = with_effects(_load_damper(settings, experiment), settings.withheld)
-        self.period_s = 1.0 / settings.rate_hz
+        damper = DamperDescription() if experiment is None else describe_experiment(experiment)
+        if settings.damper:
+            damper = load_description(Path(settings.damper).expanduser())
+        self.damper = with_effects(damper, settings.withheld)
+        model, self.period_s = self.damper.model, 1.0 / settings.rate_hz
         self._count = ceil(self.period_s / GRID_S - 1e-9)
         self._interval_s = self.period_s / self._count
-        self._plant = LivePlant(self.damper, self._interval_s, self._count, settings.step_s or None)
-        self.command = Command(self.damper.model.allowed_A, settings.safe_current_A, settings.command_timeout_s)
+        vehicle = Mover(VEHICLE_MOVER, as_kernel_numbers(settings.vehicle, model.reach_m))
+        mover = vehicle if settings.drive == VEHICLE else GIVEN_STROKE
+        self._stepper = DamperStepper(model, self._interval_s, settings.step_s or None, mover)
+        self.motion = self._stepper.motion
+        self.command = Command(model.allowed_A, settings.safe_current_A, settings.command_timeout_s)
         self.sensors = LiveSensors(self.damper.sensors, settings.seed, settings.rate_hz, self.damper.sensor_effects)
         self.sensors.set_imperfections(settings.noise, settings.dropout)
-        self.motion = np.zeros(qv.MOTION_SIZE)
-        self._numbers = as_kernel_numbers(settings.vehicle, self.damper.model.reach_m)
         rng = np.random.default_rng([settings.seed, ROAD_STREAM])
         self._road = LiveRoad(settings.vehicle.road_class, settings.vehicle.speed_m_s, self._interval_s, rng)
-        self.follower = Follower(settings.follow_hz, self.damper.model.reach_m, self._interval_s)
-        self._actuator = self._make_actuator(settings, experiment)
+        self.follower = Follower(settings.follow_hz, model.reach_m, self._interval_s)
+        # An experiment fades in by itself, a script is blended in from rest.
+        loop = make_experiment_loop(experiment, self._interval_s) if experiment else make_rest_loop()
+        self._actuator = Actuator(loop.require_within(model.reach_m), self._interval_s)
+        if settings.drive == SCRIPT:
+            loop = make_loop(settings.script, self._interval_s, settings.seed)
+            self._actuator.change(loop.require_within(model.reach_m))
         self.ticks = 0
-        self._plant.settle(*self._actuator.start, self.command.at(0.0))
+        start_A = self.command.at(0.0)
+        self._dead_time = DeadTime(model.delay_s / self._interval_s, self._count, start_A)
+        self._stepper.settle(*self._actuator.start, start_A)
 
     @property
     def time_s(self) -> float:
@@ -97,21 +121,22 @@ class LiveRig:
     @property
     def coil_A(self) -> float:
         """True current in the coil [A]."""
-        return self._plant.coil_A
+        return self._stepper.coil_A
 
     def tick(self) -> RigSample:
         """Advance one tick with the present command."""
         current = self.command.at(self.time_s)
+        late = self._dead_time.after(current)
         self.ticks += 1
-        motion, before = self.motion, self.motion[qv.BODY_SPEED]
+        motion, before = self.motion, self.motion[BODY_SPEED]
         if self.settings.drive == VEHICLE:
-            self._plant.ride(self._numbers, motion, self._road.heights(self._count), current)
+            self._stepper.advance(self._road.heights(self._count), 0.0, current, late)
         else:
             source = self.follower if self.settings.drive == SET_POINTS else self._actuator
             stroke, speed = source.moves(self._count)
-            self._plant.drive(stroke, speed, current)
-            motion[qv.STROKE], motion[qv.FORCE] = stroke[-1], self._plant.force_N
-        return self._sample(current, (motion[qv.BODY_SPEED] - before) / self.period_s)
+            force = self._stepper.advance(stroke, speed, current, late)
+            motion[STROKE], motion[FORCE] = stroke[-1], force[-1] - self._stepper.rest_N
+        return self._sample(current, (motion[BODY_SPEED] - before) / self.period_s)
 
     def check(self, values: Mapping[str, Any]) -> None:
         """Raise the RigError that `change` would raise."""
@@ -142,9 +167,9 @@ class LiveRig:
         motion, sensors = self.motion, self.sensors
         stroke, current, force = sensors.apply_effects(
             self.time_s,
-            float(motion[qv.STROKE]),
-            command if sensors.commanded else self._plant.coil_A,
-            float(motion[qv.FORCE]) + self.damper.rest_N,
+            float(motion[STROKE]),
+            command if sensors.commanded else self._stepper.coil_A,
+            float(motion[FORCE]) + self.damper.rest_N,
         )
         return RigSample(
             self.ticks,
@@ -152,28 +177,69 @@ class LiveRig:
             sensors.current.read(current) if self.ticks % sensors.current_every == 0 else None,
             sensors.force.read(force),
             float(body),
-            float(motion[qv.TYRE]),
+            float(motion[TYRE]),
         )
 
-    def _make_actuator(self, settings: RigSettings, experiment: Experiment | None) -> Actuator:
-        """Return the actuator: an experiment fades in by itself, a script is blended in from rest."""
-        if experiment is not None:
-            loop = make_experiment_loop(experiment, self._interval_s).require_within(self.damper.model.reach_m)
-            return Actuator(loop, self._interval_s)
-        actuator = Actuator(make_rest_loop(), self._interval_s)
-        if settings.drive == SCRIPT:
-            loop = make_loop(settings.script, self._interval_s, settings.seed)
-            actuator.change(loop.require_within(self.damper.model.reach_m))
-        return actuator
+
+class DeadTime:
+    """A dead time of `intervals` (need not be whole) for commands that last `count` intervals each."""
+
+    def __init__(self, intervals: float, count: int, start: float) -> None:
+        self._none, self._count = intervals <= 0.0, count
+        self._past = np.full(int(intervals) + 2 + count, start)
+        self._at = np.arange(count) + len(self._past) - count - intervals
+        self._grid = np.arange(len(self._past), dtype=np.float64)
+
+    def after(self, value: float) -> F | float:
+        """Feed `value` for `count` intervals and return the delayed values meanwhile, shape (count,), or `value`."""
+        if self._none:
+            return value
+        self._past[: -self._count] = self._past[self._count :].copy()
+        self._past[-self._count :] = value
+        return np.asarray(np.interp(self._at, self._grid, self._past))
 
 
-LIVE = (
-    "noise", "dropout", "safe_current_A", "command_timeout_s", "script.kind", "script.amplitude_m",
-    "script.frequency_Hz", "vehicle.road_class", "vehicle.speed_m_s",
-)  # fmt: skip
+def with_effects(damper: DamperDescription, effects: Iterable[str]) -> DamperDescription:
+    """Return the damper with effects, each written as `name` or `name: {severity: s, proportion: p, …}`.
+
+    Raises RigError for an unknown effect and for one that this damper or a live rig cannot have.
+    """
+    for effect in (parse_effect(text, damper.model.kind) for text in effects):
+        if effect.name in sensing.SENSING:
+            numbers = sensing.numbers(effect, damper.model.current_A[1])
+            damper = replace(damper, sensor_effects=(*damper.sensor_effects, (effect.name, numbers)))
+        else:
+            changed = damper.model.with_numbers(plants.physical_numbers(damper.model, effect))
+            damper = replace(damper, model=changed)
+    return damper
 
 
-def _load_damper(settings: RigSettings, experiment: Experiment | None) -> DamperDescription:
-    if settings.damper:
-        return load_description(Path(settings.damper).expanduser())
-    return describe_experiment(experiment) if experiment else DamperDescription()
+def parse_effect(text: str, kind: str) -> WithheldEffect:
+    """Return the effect of a line of YAML; severity is 1 and each proportion mid-range by default.
+
+    Raises RigError for one that does not work tick by tick: in sensors with memory or around the damper, or as foam in
+    the CES damper.
+    """
+    excluded = {*sensing.SENSING, *surroundings.SPREADS} - {*LIVE_SENSING} | (
+        {"foaming"} if kind == HYDRAULIC else set()
+    )
+    known = [name for name in plants.available_effects(kind) if name not in excluded]
+    name, numbers = _parse_text(text)
+    if name not in known:
+        raise RigError(
+            f"withheld '{text}': no effect '{name}' on a live {kind} damper; expected one of {', '.join(known)}"
+        )
+    spreads = plants.list_spreads(kind)[name]
+    require_known_keys(numbers, ("severity", *spreads), f"withheld '{text}'", RigError)
+    severity = numbers.pop("severity", 1.0)
+    return WithheldEffect(name, severity, {**{key: spread.middle for key, spread in spreads.items()}, **numbers})
+
+
+def _parse_text(text: str) -> tuple[str, dict[str, float]]:
+    if text.strip().isidentifier():
+        return text.strip(), {}
+    try:
+        ((name, numbers),) = parse_yaml_mapping(text, "withheld", "an effect", error=RigError).items()
+        return str(name), {str(key): float(number) for key, number in numbers.items()}
+    except (RigError, AttributeError, TypeError, ValueError):
+        raise RigError(f"withheld '{text}': expected a name, or for example 'friction: {{severity: 0.5}}'") from None

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from math import exp, isfinite, pi
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 
-from ces_rig.dampers.hydraulic.stepper import spline_speed
-from ces_rig.descriptions import choice, quantity
-from ces_rig.drive.strokes import Common, NoiseStroke, Rest, Sine, Stroke, Sweep, Triangle
+from ces_data.arrays import F, I
+from ces_observer.fields import choice, quantity
+from ces_rig.dampers.stepper import spline_speed
+from ces_rig.drive.strokes import Common, NoiseStroke, Rest, Sine, Stroke, Sweep, Triangle, smooth_step
 from ces_rig.errors import RigError
-from ces_rig.experiment import STREAMS, Experiment
-
-Array = NDArray[np.float64]
+from ces_rig.experiment import Experiment
+from ces_rig.sensors import make_rng
 
 BLOCK = 200  # grid points computed at once; a changed script waits for the next block
 BLEND_S = 0.5  # [s] from one script to the next
@@ -41,8 +41,8 @@ class Script:
 class Loop:
     """A stroke [m] and its speed [m/s] on grid points, each (n,); point n is point 0 again."""
 
-    stroke_m: Array
-    speed_m_s: Array
+    stroke_m: F
+    speed_m_s: F
 
     def scale(self, factor: float) -> Loop:
         """Return the loop scaled by a factor."""
@@ -61,7 +61,7 @@ def make_loop(script: Script, interval_s: float, seed: int) -> Loop:
     if script.kind in PERIODIC and script.amplitude_m > 0.0:
         return _make_cycles(script, interval_s)
     time = _times(round(script.loop_s / interval_s), interval_s)
-    stroke = Stroke(_shape(script), Common()).samples(time, np.random.default_rng([seed, STREAMS["stroke"]]))
+    stroke = Stroke(_shape(script), Common()).samples(time, make_rng(seed, "stroke"))
     return Loop(stroke[:-1], spline_speed(time, stroke)[:-1])
 
 
@@ -69,7 +69,7 @@ def make_experiment_loop(experiment: Experiment, interval_s: float) -> Loop:
     """Return the experiment's stroke as a loop; raises RigError if it does not end where it begins."""
     settings = experiment.settings
     time = _times(round(settings.duration_s / interval_s), interval_s)
-    stroke = experiment.stroke.samples(time, np.random.default_rng([settings.seed, STREAMS["stroke"]]))
+    stroke = experiment.stroke.samples(time, make_rng(settings.seed, "stroke"))
     miss = abs(stroke[-1] - stroke[0])
     if miss > SEAM_M:
         raise RigError(f"{settings.name}: its stroke ends {miss:.2g} m from its start; set stroke.fade_s to repeat it")
@@ -86,7 +86,7 @@ class Actuator:
         self._requested: Loop | None = None
         points = round(BLEND_S / interval_s / BLOCK) * BLOCK or BLOCK
         u = np.arange(1, points + 1) / points
-        self._weight = u**3 * (10.0 + u * (6.0 * u - 15.0))
+        self._weight = smooth_step(u)
         self._weight_rate = 30.0 * (u * (1.0 - u)) ** 2 / (points * interval_s)
         self._blended = 0
         self._ready = np.empty((2, 0))
@@ -96,7 +96,7 @@ class Actuator:
         """Change to another loop, within half a second, as soon as the last change is complete."""
         self._requested = loop
 
-    def moves(self, count: int) -> tuple[Array, Array]:
+    def moves(self, count: int) -> tuple[F, F]:
         """Return the next `count` strokes [m] and speeds [m/s], at most BLOCK."""
         if self._next + count > self._ready.shape[1]:
             self._ready = np.concatenate([self._ready[:, self._next :], self._block()], axis=1)
@@ -105,7 +105,7 @@ class Actuator:
         part = slice(self._next - count, self._next)
         return self._ready[0, part], self._ready[1, part]
 
-    def _block(self) -> Array:
+    def _block(self) -> F:
         if self._new is None and self._requested is not None:
             self._new, self._requested, self._blended = self._requested, None, 0
         at = np.arange(self._place + 1, self._place + BLOCK + 1)
@@ -113,7 +113,7 @@ class Actuator:
         old = _points(self._loop, at)
         return old if self._new is None else self._blend(old, _points(self._new, at))
 
-    def _blend(self, old: Array, new: Array) -> Array:
+    def _blend(self, old: F, new: F) -> F:
         part = slice(self._blended, self._blended + BLOCK)
         weight, rate = self._weight[part], self._weight_rate[part]
         mixed = old + weight * (new - old)
@@ -129,12 +129,12 @@ def make_rest_loop() -> Loop:
     return Loop(np.zeros(1), np.zeros(1))
 
 
-def _points(loop: Loop, at: NDArray[np.int64]) -> Array:
+def _points(loop: Loop, at: I) -> F:
     place = at % len(loop.stroke_m)
     return np.stack([loop.stroke_m[place], loop.speed_m_s[place]])
 
 
-def _times(points: int, interval_s: float) -> Array:
+def _times(points: int, interval_s: float) -> F:
     return np.arange(points + 1, dtype=np.float64) * interval_s
 
 
@@ -161,3 +161,32 @@ def _shape(script: Script) -> Rest | Sine | Sweep | NoiseStroke | Triangle:
     if script.kind == "noise":
         return NoiseStroke(2.0 * a, script.cutoff_Hz)
     return Triangle(a, 4.0 * a * f, min(0.02, 0.1 / f))
+
+
+class Follower:
+    """Follows the newest set point at grid points every `interval_s`; a set point that is not finite is refused."""
+
+    def __init__(self, bandwidth_Hz: float, reach_m: float, interval_s: float) -> None:
+        self.start = 0.0, 0.0
+        self._omega, self._reach_m, self._interval_s = 2.0 * pi * bandwidth_Hz, reach_m, interval_s
+        self._decay = exp(-self._omega * interval_s)
+        self._wanted_m = self._stroke_m = self._speed_m_s = 0.0
+
+    def set_stroke(self, stroke_m: float) -> None:
+        """Accept a set point, limited to the reach."""
+        if isfinite(stroke_m):
+            self._wanted_m = min(max(stroke_m, -self._reach_m), self._reach_m)
+
+    def moves(self, count: int) -> tuple[F, F]:
+        """Return the next `count` strokes [m] and speeds [m/s].
+
+        Between set points the distance e obeys e'' + 2 w e' + w² e = 0, solved exactly: no overshoot, any interval.
+        """
+        out, w, h = np.empty((2, count)), self._omega, self._interval_s
+        for k in range(count):
+            distance = self._stroke_m - self._wanted_m
+            slope = self._speed_m_s + w * distance
+            self._stroke_m = self._wanted_m + (distance + slope * h) * self._decay
+            self._speed_m_s = (slope - w * (distance + slope * h)) * self._decay
+            out[:, k] = self._stroke_m, self._speed_m_s
+        return out[0], out[1]

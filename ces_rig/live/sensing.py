@@ -1,18 +1,43 @@
-"""Sensors of a live rig: noise, bias, quantisation and dropouts of the recorded rig, one reading at a time.
-
-A reading is taken exactly at the tick, so its stamp is exact; the recorded rig's phases and stamp jitter do not apply.
-"""
+"""The commanded current in the valve's driver: clipped, held, and replaced by a safe current when commands stop."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from math import inf, isfinite
 
 import numpy as np
 from numpy.random import Generator
 
-from ces_rig.experiment import STREAMS, Truth
-from ces_rig.sensors import Sensor, Sensors
+from ces_rig.sensors import Sensor, Sensors, Truth, make_rng
 from ces_rig.withheld.sensing import SENSING
+
+
+class Command:
+    """Holds the last command inside `limits_A`; after `timeout_s` without a command (0: never) the safe current."""
+
+    def __init__(self, limits_A: tuple[float, float], safe_A: float, timeout_s: float) -> None:
+        self._low, self._high = limits_A
+        self.safe_A, self.timeout_s = safe_A, timeout_s
+        self._value, self._since = 0.0, -inf
+        self.refused = 0
+
+    def set_current(self, current_A: float, time_s: float) -> None:
+        """Accept a command at a time of the rig; a command that is not finite is refused and counted."""
+        if isfinite(current_A):
+            self._value, self._since = current_A, time_s
+        else:
+            self.refused += 1
+
+    def is_fresh(self, time_s: float) -> bool:
+        """Return whether a command is in force."""
+        age = time_s - self._since
+        return age < inf and (self.timeout_s == 0.0 or age <= self.timeout_s)
+
+    def at(self, time_s: float) -> float:
+        """Return the current [A] that the driver sets."""
+        current = self._value if self.is_fresh(time_s) else self.safe_A
+        return min(max(current, self._low), self._high)
+
 
 BLOCK = 1024
 
@@ -48,9 +73,9 @@ class LiveSensors:
     def __init__(
         self, sensors: Sensors, seed: int, rate_Hz: float, effects: Sequence[tuple[str, Mapping[str, float]]] = ()
     ) -> None:
-        self.position = LiveSensor(sensors.position, np.random.default_rng([seed, STREAMS["position"]]))
-        self.current = LiveSensor(sensors.current, np.random.default_rng([seed, STREAMS["measured_current"]]))
-        self.force = LiveSensor(sensors.force, np.random.default_rng([seed, STREAMS["force"]]))
+        self.position = LiveSensor(sensors.position, make_rng(seed, "position"))
+        self.current = LiveSensor(sensors.current, make_rng(seed, "measured_current"))
+        self.force = LiveSensor(sensors.force, make_rng(seed, "force"))
         self.commanded = sensors.current_source == "commanded"
         self.current_every = max(1, round(rate_Hz / sensors.current.rate_Hz))
         self._effects = tuple(effects)

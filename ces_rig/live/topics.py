@@ -1,7 +1,8 @@
-"""Topics of the rig node: samples go out as messages with their own stamps, commands come in."""
+"""A message with a header and one number, serialised once and patched for each sample, at a third of the usual cost."""
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable
 from functools import partial
 from operator import setitem
@@ -12,12 +13,53 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import serialize_message
+from rclpy.subscription import Subscription
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from ces_rig.live.patched_message import PatchedMessage
 from ces_rig.live.rig import RigSample
+
+STAMP, NUMBER = struct.Struct("<iI"), struct.Struct("<d")
+PROBE = (1_234_567_890, 987_654_321, 0.123456789)  # their places in the bytes are the places to patch
+
+
+class PatchedMessage:
+    """Publishes `message` with a new stamp and number each time; `set_number` writes a number into it.
+
+    If the probe is not found in the serialised bytes (another encapsulation), messages are published as usual.
+    """
+
+    def __init__(self, publisher: Publisher, message: Any, set_number: Callable[[float], None]) -> None:
+        self._publish, self._message, self._set_number = publisher.publish, message, set_number
+        self._fill(*PROBE)
+        self._bytes = bytearray(serialize_message(message))
+        self._stamp_at = _find_place(self._bytes, STAMP.pack(*PROBE[:2]))
+        self._number_at = _find_place(self._bytes, NUMBER.pack(PROBE[2]))
+        if self._stamp_at < 0 or self._number_at < 0:
+            self.publish = self._publish_whole  # type: ignore[method-assign]
+
+    def publish(self, sec: int, nanosec: int, number: float) -> None:
+        """Publish a number with a stamp."""
+        STAMP.pack_into(self._bytes, self._stamp_at, sec, nanosec)
+        NUMBER.pack_into(self._bytes, self._number_at, number)
+        self._publish(bytes(self._bytes))
+
+    def _publish_whole(self, sec: int, nanosec: int, number: float) -> None:
+        self._fill(sec, nanosec, number)
+        self._publish(self._message)
+
+    def _fill(self, sec: int, nanosec: int, number: float) -> None:
+        stamp = self._message.header.stamp
+        stamp.sec, stamp.nanosec = sec, nanosec
+        self._set_number(number)
+
+
+def _find_place(whole: bytearray, part: bytes) -> int:
+    """Return the index of `part` in `whole`, or -1 unless it occurs exactly once."""
+    return whole.find(part) if whole.count(part) == 1 else -1
+
 
 DEPTH = 100  # a tenth of a second at 1 kHz
 
@@ -41,16 +83,19 @@ class RigTopics:
         joints = JointState(name=[joint], position=[0.0])
         self._position = self._make_patched("joint_states", joints, partial(setitem, joints.position, 0))
         self._force = self._make_wrench("measured_force")
-        self._current = self._make_stamped_current() if stamped else self._make_plain_current()
-        self._body = self._make_acceleration() if vehicle else None
+        self._current: Callable[[int, int, float], None]
+        if stamped:
+            current = JointState(name=[joint], effort=[0.0])
+            self._current = self._make_patched("valve_current", current, partial(setitem, current.effort, 0)).publish
+        else:
+            self._current = self._make_plain_current()
+        body = AccelStamped()
+        set_body = partial(setattr, body.accel.linear, "z")
+        self._body = self._make_patched("body_acceleration", body, set_body) if vehicle else None
         self._tyre = self._make_wrench("tyre_load") if vehicle else None
         self._clocks = node.create_publisher(Clock, "/clock", 10) if clock else None
         self._clock = Clock()
-        self._on_command = on_command
-        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-        self._commands = node.create_subscription(
-            Float64, "valve_command", self._on_message, qos, qos_overriding_options=_overridable()
-        )
+        self._commands = self._subscribe("valve_command", on_command)
 
     def publish(self, sample: RigSample, stamp_ns: int) -> None:
         """Publish the sample of `stamp_ns`: the clock first, the position last, after the signals used with it."""
@@ -70,36 +115,19 @@ class RigTopics:
 
     def listen_to_strokes(self, on_stroke: Callable[[float], None]) -> None:
         """Subscribe to the set points of the stroke [m]."""
-        self._strokes = self._node.create_subscription(
-            Float64,
-            "stroke_command",
-            lambda message: on_stroke(message.data),
-            QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT),
-            qos_overriding_options=_overridable(),
-        )
+        self._strokes = self._subscribe("stroke_command", on_stroke)
 
     def is_commanded(self) -> bool:
         """Return whether any node publishes commands."""
         return bool(self._commands.get_publisher_count() > 0)
 
-    def _on_message(self, message: Float64) -> None:
-        self._on_command(message.data)
-
     def _make_wrench(self, topic: str) -> PatchedMessage:
         message = WrenchStamped()
         return self._make_patched(topic, message, partial(setattr, message.wrench.force, "z"))
 
-    def _make_acceleration(self) -> PatchedMessage:
-        message = AccelStamped()
-        return self._make_patched("body_acceleration", message, partial(setattr, message.accel.linear, "z"))
-
     def _make_patched(self, topic: str, message: Any, set_number: Callable[[float], None]) -> PatchedMessage:
         message.header.frame_id = self._joint
         return PatchedMessage(self._publisher(type(message), topic), message, set_number)
-
-    def _make_stamped_current(self) -> Callable[[int, int, float], None]:
-        message = JointState(name=[self._joint], effort=[0.0])
-        return self._make_patched("valve_current", message, partial(setitem, message.effort, 0)).publish
 
     def _make_plain_current(self) -> Callable[[int, int, float], None]:
         """Return a function that publishes a current without its stamp."""
@@ -113,8 +141,12 @@ class RigTopics:
 
     def _publisher(self, kind: type, topic: str) -> Publisher:
         qos = QoSProfile(depth=DEPTH, history=self._history)
-        return self._node.create_publisher(kind, topic, qos, qos_overriding_options=_overridable())
+        options = QoSOverridingOptions.with_default_policies()
+        return self._node.create_publisher(kind, topic, qos, qos_overriding_options=options)
 
-
-def _overridable() -> QoSOverridingOptions:
-    return QoSOverridingOptions.with_default_policies()
+    def _subscribe(self, topic: str, on_number: Callable[[float], None]) -> Subscription:
+        qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        options = QoSOverridingOptions.with_default_policies()
+        return self._node.create_subscription(
+            Float64, topic, lambda message: on_number(message.data), qos, qos_overriding_options=options
+        )

@@ -3,41 +3,30 @@
     plant = draw_plant("hydraulic", rng)
     effect = scale_to_gap(plant, draw_effect(plant.kind, "friction", rng), 40.0, time_s, stroke_m, command_A)
     true = simulate_signals(plant, [effect], time_s, stroke_m, command_A)  # then ces_rig.experiment.measure_signals
-    yaml.safe_dump(perturb(plant, 0.3, rng).model.description())           # a simulation: ces_rig.simulation.load_rig
+    yaml.safe_dump(perturb(plant, 0.3, rng).description())           # a simulation: ces_rig.simulation.load_rig
 
 The plant itself has no effects; its description simulates it exactly.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from math import exp, inf, log
 
 import numpy as np
 from numpy.random import Generator
-from numpy.typing import NDArray
 
+from ces_data.arrays import F
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE, Proportions, WithheldEffect
-from ces_rig.dampers.kinds import KINDS, DamperKind, DamperModel
+from ces_rig.dampers.kinds import KINDS
+from ces_rig.dampers.model import DamperKind, DamperModel
+from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S, Truth
+from ces_rig.sensors import GRID_S, Truth
 from ces_rig.withheld import sensing, surroundings
 
-Array = NDArray[np.float64]
 PLANTS = tuple(KINDS)
-
-
-@dataclass(frozen=True)
-class BlindPlant:
-    """A drawn damper of a kind, without effects."""
-
-    kind: str
-    model: DamperModel
-
-    @property
-    def current_A(self) -> tuple[float, float]:
-        """The working range [A] of the current, which commands should cover."""
-        return self.model.current_A
 
 
 def list_spreads(kind: str) -> dict[str, Proportions]:
@@ -51,9 +40,9 @@ def available_effects(kind: str) -> tuple[str, ...]:
     return tuple(name for name in EFFECTS + OUTSIDE if name in spreads)
 
 
-def draw_plant(kind: str, rng: Generator) -> BlindPlant:
+def draw_plant(kind: str, rng: Generator) -> DamperModel:
     """Return a drawn damper of the kind; raises RigError for a kind that is not in PLANTS."""
-    return BlindPlant(kind, _require_kind(kind).draw_plant(rng))
+    return _require_kind(kind).draw_plant(rng)
 
 
 def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:
@@ -64,48 +53,48 @@ def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:
     return WithheldEffect(name, 1.0, {key: spread.draw(rng) for key, spread in spreads[name].items()})
 
 
-def perturb(plant: BlindPlant, size: float, rng: Generator) -> BlindPlant:
+def perturb(plant: DamperModel, size: float, rng: Generator) -> DamperModel:
     """Return the plant with several wrong parameters, by about 20 % each at size 1; size 0 changes nothing.
 
     Equal states of `rng` give equal directions of error, so that `size` can be searched.
     """
     wrong = KINDS[plant.kind].wrong
     factors = {paths: float(np.exp(size * deviation * rng.standard_normal())) for paths, deviation in wrong.items()}
-    numbers = {path: f * plant.model.number(path) for paths, f in factors.items() for path in paths}
-    return BlindPlant(plant.kind, plant.model.with_numbers(numbers))
+    numbers = {path: f * plant.number(path) for paths, f in factors.items() for path in paths}
+    return plant.with_numbers(numbers)
 
 
-def physical_numbers(plant: BlindPlant, withheld: WithheldEffect) -> dict[str, float]:
+def physical_numbers(plant: DamperModel, withheld: WithheldEffect) -> dict[str, float]:
     """Return the true physical numbers of the effect: the numbers that it gives the plant, or the sensor."""
     if withheld.name in sensing.SENSING:
         return sensing.numbers(withheld, plant.current_A[1])
     if withheld.name in surroundings.SPREADS:
         return surroundings.numbers(withheld, plant.current_A[1])
-    return KINDS[plant.kind].numbers(plant.model, withheld)
+    return KINDS[plant.kind].numbers(plant, withheld)
 
 
 def simulate_signals(
-    plant: BlindPlant, effects: Sequence[WithheldEffect], time_s: Array, stroke_m: Array, command_A: Array
+    plant: DamperModel, effects: Sequence[WithheldEffect], time_s: F, stroke_m: F, command_A: F
 ) -> Truth:
     """Return the signals of ideal sensors; `time_s` is a grid of GRID_S, `stroke_m` the true stroke, all (n,).
 
     Effects inside the damper change its equations; those around it act while it runs, those of the sensors then in
-    their order. Raises RigError if a
-    number leaves its physical range, the stroke leaves the damper, or the grid is wrong.
+    their order. Raises RigError if a number leaves its physical range, the stroke leaves the damper, or the grid is
+    wrong.
     """
     if len(time_s) < 10 or not np.allclose(np.diff(time_s), GRID_S, rtol=0.0, atol=1e-9):
         raise RigError(f"plant: bad times; expected at least 10 times on a grid of {GRID_S:g} s")
     acting = [effect for effect in effects if effect.severity > 0.0]
     around = {e.name: physical_numbers(plant, e) for e in acting if e.name in surroundings.SPREADS}
-    model = plant.model
+    model = plant
     for effect in acting:
         if effect.name not in sensing.SENSING and effect.name not in around:
             model = model.with_numbers(KINDS[plant.kind].numbers(model, effect))
     if around:
-        run = surroundings.run_surrounded(plant.kind, model, around, GRID_S, stroke_m, command_A)
+        force, coil, temperature = surroundings.run_surrounded(model, around, GRID_S, stroke_m, command_A)
     else:
-        run = model.run(GRID_S, stroke_m, command_A)
-    force, coil, temperature = run
+        run = simulate(model, GRID_S, stroke_m, command_A)
+        force, coil, temperature = run.tared_N, run.coil_A, run.temperature_degC
     true = Truth(time_s, stroke_m, command_A, coil, force, temperature)
     for effect in acting:
         if effect.name in sensing.SENSING:
@@ -113,20 +102,18 @@ def simulate_signals(
     return true
 
 
-def simulate_expected(plant: BlindPlant, true: Truth) -> Array:
+def simulate_expected(plant: DamperModel, true: Truth) -> F:
     """Return the force [N] (n,) of the plant without effects, driven with the recorded position and coil current."""
-    return plant.model.without_coil().run(GRID_S, true.stroke_m, true.coil_A)[0]
+    return simulate(plant.without_coil(), GRID_S, true.stroke_m, true.coil_A).tared_N
 
 
-def gap_N(
-    plant: BlindPlant, effects: Sequence[WithheldEffect], time_s: Array, stroke_m: Array, command_A: Array
-) -> float:
+def gap_N(plant: DamperModel, effects: Sequence[WithheldEffect], time_s: F, stroke_m: F, command_A: F) -> float:
     """Return the RMS [N] of the recorded force minus that of the plant without effects, driven with the recording."""
     free = simulate_signals(plant, (), time_s, stroke_m, command_A)
     return gap_from(plant, free, simulate_signals(plant, effects, time_s, stroke_m, command_A))
 
 
-def gap_from(plant: BlindPlant, free: Truth, true: Truth) -> float:
+def gap_from(plant: DamperModel, free: Truth, true: Truth) -> float:
     """Return `gap_N` of the signals `true`; the signals `free` without effects often save a simulation."""
     unmoved = np.array_equal(true.stroke_m, free.stroke_m) and np.array_equal(true.coil_A, free.coil_A)
     without = free.force_N if unmoved else simulate_expected(plant, true)
@@ -137,3 +124,98 @@ def _require_kind(kind: str) -> DamperKind:
     if kind not in KINDS:
         raise RigError(f"plant kind '{kind}' is unknown; expected one of {', '.join(KINDS)}")
     return KINDS[kind]
+
+
+Gap = Callable[[float], float]
+
+TOLERANCE = 0.03  # of the required gap
+MAX_RUNS = 20
+MAX_LOG_SIZE = log(2e3)
+MAX_STRIDE = log(8.0)  # longest step of the search in log size
+
+
+def scale_to_gap(
+    plant: DamperModel, withheld: WithheldEffect, target_N: float, time_s: F, stroke_m: F, command_A: F
+) -> WithheldEffect:
+    """Return the effect at the severity that makes a gap of `target_N` RMS (within 3 %) under this excitation.
+
+    `plants.gap_N` defines the gap. Raises RigError if no severity in the physical range makes it, for example a valve's
+    lag at constant current.
+    """
+    free = simulate_signals(plant, (), time_s, stroke_m, command_A)
+
+    def gap(severity: float) -> float:
+        true = simulate_signals(plant, (replace(withheld, severity=severity),), time_s, stroke_m, command_A)
+        return gap_from(plant, free, true)
+
+    return replace(withheld, severity=search_size(gap, target_N, f"{plant.kind} plant: {withheld.name}"))
+
+
+def perturb_to_gap(
+    plant: DamperModel, target_N: float, seed: int | list[int], time_s: F, stroke_m: F, command_A: F
+) -> tuple[DamperModel, float]:
+    """Return the plant with an error of `target_N` RMS (within 3 %) in a direction drawn from `seed`, and its size."""
+    base = simulate_signals(plant, (), time_s, stroke_m, command_A).force_N
+
+    def perturb_plant(size: float) -> DamperModel:
+        return perturb(plant, size, np.random.default_rng(seed))
+
+    def gap(size: float) -> float:
+        return rms(simulate_signals(perturb_plant(size), (), time_s, stroke_m, command_A).force_N - base)
+
+    size = search_size(gap, target_N, f"{plant.kind} plant: perturbation")
+    return perturb_plant(size), size
+
+
+def rms(values: F) -> float:
+    """Return the root mean square of `values` (n,)."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+@dataclass
+class Bracket:
+    """Log sizes and log gaps below and above the required gap; `high_gap` is inf where no damper was possible."""
+
+    low: float = -inf
+    low_gap: float = -inf
+    high: float = inf
+    high_gap: float = inf
+
+    def narrow(self, at: float, gap: float) -> None:
+        """Update the bracket by a log gap, relative to the required one, at a log size."""
+        if gap < 0.0:
+            self.low, self.low_gap = at, gap
+        else:
+            self.high, self.high_gap = at, gap
+
+    def next(self) -> float:
+        """Return the next log size: false position inside the bracket, or a step as if the gap were proportional."""
+        if self.high == inf:
+            return self.low + min(1.1 * -self.low_gap, MAX_STRIDE)
+        if self.low == -inf:
+            return self.high - min(1.1 * self.high_gap, MAX_STRIDE)
+        if self.low_gap == -inf or self.high_gap == inf:
+            return 0.5 * (self.low + self.high)
+        share = -self.low_gap / (self.high_gap - self.low_gap)
+        return self.low + min(max(share, 0.15), 0.85) * (self.high - self.low)
+
+
+def search_size(gap: Gap, target_N: float, what: str) -> float:
+    """Return the size at which the growing function `gap` is `target_N` within TOLERANCE; raises RigError if none."""
+    if not target_N > 0.0:
+        raise RigError(f"{what}: gap of {target_N!r} N requested; expected a number above 0")
+    at, bracket, largest, refusal = 0.0, Bracket(), 0.0, ""
+    for _ in range(MAX_RUNS):
+        try:
+            size = gap(exp(at))
+            largest = max(largest, size)
+            off = log(size / target_N) if size > 1e-9 else -inf
+        except RigError as error:
+            off, refusal = inf, f"; at larger sizes: {error}"
+        if abs(off) < TOLERANCE:
+            return exp(at)
+        bracket.narrow(at, off)
+        at = bracket.next()
+        if at > MAX_LOG_SIZE:
+            break
+    raise RigError(f"{what}: a gap of {target_N:.4g} N cannot be reached here; the largest is {largest:.4g} N{refusal}")

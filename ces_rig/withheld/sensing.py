@@ -9,15 +9,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.interpolate import CubicSpline
 from scipy.signal import bilinear, lfilter, lfilter_zi
 
+from ces_data.arrays import F
 from ces_rig.dampers.effects import Proportions, WithheldEffect, log_spread, signed_spread, uniform_spread
-from ces_rig.dampers.hydraulic.stepper import spline_speed
-from ces_rig.experiment import Truth
+from ces_rig.dampers.stepper import spline_speed
+from ces_rig.sensors import Truth
 
-Array = NDArray[np.float64]
 Numbers = Mapping[str, float]
 
 SPREADS: Mapping[str, Proportions] = {
@@ -62,7 +61,7 @@ def numbers(withheld: WithheldEffect, largest_A: float) -> dict[str, float]:
     return shape
 
 
-def low_pass(signal: Array, decay_s: float, step_s: float) -> Array:
+def low_pass(signal: F, decay_s: float, step_s: float) -> F:
     """Return `signal` (n,) after a first-order lag that starts at rest."""
     if decay_s <= 0.0:
         return signal
@@ -74,7 +73,7 @@ def _step(true: Truth) -> float:
     return float(true.time_s[1] - true.time_s[0])
 
 
-def _add_force(true: Truth, force_N: Array | float) -> Truth:
+def _add_force(true: Truth, force_N: F | float) -> Truth:
     return replace(true, force_N=true.force_N + force_N)
 
 

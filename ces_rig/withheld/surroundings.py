@@ -9,16 +9,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_data.arrays import F
 from ces_rig.dampers.effects import Proportions, WithheldEffect, log_spread, uniform_spread
-from ces_rig.dampers.hydraulic.stepper import spline_speed
-from ces_rig.dampers.kinds import KINDS, DamperModel
+from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.stepper import DamperStepper, simulate, spline_speed
 from ces_rig.errors import RigError
 
-Array = NDArray[np.float64]
 Numbers = Mapping[str, float]
-Run = tuple[Array, Array, Array]
+Run = tuple[F, F, F]
 """Force [N], logged coil current [A] and temperature [°C], each (n,)."""
 
 SPREADS: Mapping[str, Proportions] = {
@@ -45,23 +44,24 @@ def numbers(withheld: WithheldEffect, largest_A: float) -> dict[str, float]:
 
 
 def run_surrounded(
-    kind: str, model: DamperModel, effects: Mapping[str, Numbers], interval_s: float, stroke_m: Array, command_A: Array
+    model: DamperModel, effects: Mapping[str, Numbers], interval_s: float, stroke_m: F, command_A: F
 ) -> Run:
     """Run the damper inside its surroundings; `effects` are physical numbers by name. Arrays (n,). Raises RigError."""
-    force, coil, temperature = model.run(interval_s, stroke_m, command_A)
-    acting = coil
+    run = simulate(model, interval_s, stroke_m, command_A)
+    coil = acting = run.coil_A
     for name, change in ACTING_CURRENT.items():
         if name in effects:
-            acting = change(np.arange(len(coil), dtype=np.float64) * interval_s, acting, effects[name])
+            acting = change(run.time_s, acting, effects[name])
     bare = model.without_coil()
     if "frame_resonance" in effects:
-        force, temperature = _run_on_frame(kind, bare, effects["frame_resonance"], interval_s, stroke_m, acting)
-    elif acting is not coil:
-        force, _, temperature = bare.run(interval_s, stroke_m, acting)
-    return force, coil, temperature
+        force, temperature = _run_on_frame(bare, effects["frame_resonance"], interval_s, stroke_m, acting)
+        return force, coil, temperature
+    if acting is not coil:
+        run = simulate(bare, interval_s, stroke_m, acting)
+    return run.tared_N, coil, run.temperature_degC
 
 
-def hold_until_free(signal: Array, threshold: float) -> Array:
+def hold_until_free(signal: F, threshold: float) -> F:
     """Return `signal` (n,) behind stiction: stuck after a reversal or a stop, until it is `threshold` away.
 
     Once free, it follows at once; sliding friction is neglected.
@@ -78,50 +78,45 @@ def hold_until_free(signal: Array, threshold: float) -> Array:
     return held
 
 
-def _ripple(time_s: Array, current_A: Array, p: Numbers) -> Array:
+def _ripple(time_s: F, current_A: F, p: Numbers) -> F:
     wave = np.sin(2.0 * np.pi * p["frequency_Hz"] * time_s + p["phase_rad"])
     return np.maximum(current_A + p["amplitude_A"] * wave, 0.0)
 
 
-ACTING_CURRENT: Mapping[str, Callable[[Array, Array, Numbers], Array]] = {
+ACTING_CURRENT: Mapping[str, Callable[[F, F, Numbers], F]] = {
     "current_ripple": _ripple,
     "sticking_pilot": lambda _time, current, p: hold_until_free(current, p["threshold_A"]),
 }
 
 
-def _run_on_frame(
-    kind: str, model: DamperModel, p: Numbers, interval_s: float, stroke_m: Array, current_A: Array
-) -> tuple[Array, Array]:
+def _run_on_frame(model: DamperModel, p: Numbers, interval_s: float, stroke_m: F, current_A: F) -> tuple[F, F]:
     """Return force and temperature of a damper whose frame, a mass on a lightly damped spring, yields to its force.
 
     The logged stroke is between actuator and ground. Step by step: the frame moves under the force at the middle of
     the step (extrapolated, so that the exchange is of second order), then the damper under what is left of the stroke.
     """
-    mass = 1.0 / (p["compliance_m_N"] * (2.0 * np.pi * p["frequency_Hz"]) ** 2)
+    mass, count = 1.0 / (p["compliance_m_N"] * (2.0 * np.pi * p["frequency_Hz"]) ** 2), len(stroke_m)
     if mass < MIN_FRAME_KG:
-        raise RigError(f"{kind} plant: frame_resonance: mass is {mass:.3g} kg; expected at least {MIN_FRAME_KG:g} kg")
+        where = f"{model.kind} plant: frame_resonance"
+        raise RigError(f"{where}: mass is {mass:.3g} kg; expected at least {MIN_FRAME_KG:g} kg")
     free, pushed = _discretise_frame(p, interval_s)
-    damper, count = KINDS[kind], len(stroke_m)
     time = np.arange(count, dtype=np.float64) * interval_s
+    logged = np.stack([stroke_m, spline_speed(time, stroke_m)])
     late = np.interp(time - model.delay_s, time, current_A)
-    logged = np.stack([stroke_m, spline_speed(time, stroke_m), current_A, late])
-    moves, one, values = np.ascontiguousarray(logged[:, :2]), np.empty(1), model.coefficients()
-    force, temperature, frame = np.empty(count), np.empty(count), np.zeros(2)
-    state, force[0] = model.settle(*logged[:3, 0])
-    temperature[0] = state[damper.temperature]
-    substeps = max(1, round(interval_s / damper.step_s))
+    stepper, force, frame = DamperStepper(model, interval_s), np.empty(count), np.zeros(2)
+    states = np.empty((count, len(stepper.state)))
+    force[0] = stepper.settle(logged[0, 0], logged[1, 0], current_A[0]) - stepper.rest_N
+    states[0] = stepper.state
     for n in range(1, count):
-        moves[:, 0] = moves[:, 1] if n > 1 else logged[:, 0]
         middle = 1.5 * force[n - 1] - 0.5 * force[max(n - 2, 0)] - force[0]
         frame = free @ frame + pushed * middle
-        moves[:, 1] = logged[:, n]
-        moves[:2, 1] -= frame
-        damper.drive(values, state, moves, interval_s, substeps, one)
-        force[n], temperature[n] = one[0], state[damper.temperature]
-    return force, temperature
+        one = slice(n, n + 1)
+        left = logged[:, one] - frame[:, np.newaxis]
+        force[one] = stepper.advance(left[0], left[1], current_A[one], late[one], states[one]) - stepper.rest_N
+    return force, np.asarray(states[:, stepper.kind.kernel.TEMPERATURE])
 
 
-def _discretise_frame(p: Numbers, interval_s: float) -> tuple[Array, Array]:
+def _discretise_frame(p: Numbers, interval_s: float) -> tuple[F, F]:
     """Return A (2, 2) and b (2,) of the step of deflection [m] and speed [m/s] under a constant force [N]."""
     w, z = 2.0 * np.pi * p["frequency_Hz"], p["damping"]
     wd, decay = w * (1.0 - z * z) ** 0.5, np.exp(-z * w * interval_s)

@@ -7,7 +7,7 @@ import pytest
 
 from bench.gaps import calibrate
 from ces_gap.inference.verdict import VerdictFigures
-from ces_rig.blind.seal import write_seal
+from ces_rig.blind.cases import write_seal
 
 KINDS = ("effect", "effect", "pair", "outside", "none")
 

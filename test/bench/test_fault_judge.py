@@ -1,16 +1,20 @@
 """The judge of bench/reliability finds what is wrong with an observer: each test breaks one rule of a sound episode."""
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "reliability"))
-
-from faults import BOUNDED, NONE, TRUE, Fault
-from judge import EpisodeLimits, FaultEpisode, evaluate_episode, find_evidence
+from bench.reliability.judge import (
+    BOUNDED,
+    NONE,
+    TRUE,
+    EpisodeLimits,
+    Fault,
+    FaultEpisode,
+    evaluate_episode,
+    find_evidence,
+)
 
 MS = 1_000_000
 BEGAN, GOOD, END = 1000, 1500, 3000  # [ms]

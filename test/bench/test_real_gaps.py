@@ -7,21 +7,29 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from bench.gaps.current_maps import Bingham, CurrentMap, SpeedPolynomial
-from bench.gaps.effects import CHANGES, delay_channel
-from bench.gaps.independent_values import (
+from bench.gaps.effects import (
+    CHANGES,
+    delay_channel,
     read_friction,
     read_loop_stiffness,
     read_offset,
     read_play,
     read_valve_delay,
 )
-from bench.gaps.measured_data import Data, between
+from bench.gaps.real_cases import Data, between
 from bench.gaps.real_gaps import DOUBT, NOTHING, PARTLY, RIGHT, WRONG, all_cases, diagnose_case, judge
-from bench.gaps.simulations import BandBrake, StaticMap, find_settled, stop_operator
+from bench.gaps.simulations import (
+    BandBrake,
+    Bingham,
+    CurrentMap,
+    SpeedPolynomial,
+    StaticMap,
+    find_settled,
+    stop_operator,
+)
+from ces_data.recording import Channel, Recording
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
 from ces_gap.inference.verdict import CALIBRATION, TIMING
-from ces_identify.recordings.recording import Channel, Recording
 
 DATA = Path(os.environ.get("CES_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 measured = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")

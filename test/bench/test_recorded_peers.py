@@ -13,8 +13,20 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 import measurement
 import recorded_peers as comparison
 from identification_peers import PeerModel
-from recorded_cases import EVERY, RecordedCase, blocks_cost, cut_blocks, make_case, mean_cost, three_channels
-from recorded_narx import LAG_S, PLAIN, PREPARED, fit_peer, signal_columns
+from recorded_cases import (
+    EVERY,
+    LAG_S,
+    PLAIN,
+    PREPARED,
+    RecordedCase,
+    blocks_cost,
+    cut_blocks,
+    fit_peer,
+    make_case,
+    mean_cost,
+    signal_columns,
+    three_channels,
+)
 from recorded_peers import (
     FitJob,
     ToolOutcome,
@@ -107,15 +119,15 @@ def test_the_table_marks_the_best_and_tells_failures():
     loose = replace(good, costs={"rig, road": 5e4, "rig, sine": 1.25})
     outcomes = {
         FitJob("rig", "ours", "", 1.0): good,
-        FitJob("rig", "GRU", "", 1.0): loose,
+        FitJob("rig", "fastcan", "", 1.0): loose,
         FitJob("rig", "broken", "x", 1.0): ToolOutcome({}, math.inf, 0, 0.0, "ValueError: no"),
     }
     assert format_rows(outcomes) == [
         ("rig, road", "ours", "", "**3.46**", "70", "12"),
-        ("rig, road", "GRU", "", "diverges", "70", "12"),
+        ("rig, road", "fastcan", "", "diverges", "70", "12"),
         ("rig, road", "broken", "x", "ValueError: no", "", "0"),
         ("rig, sine", "ours", "", "2.00", "70", "12"),
-        ("rig, sine", "GRU", "", "**1.25**", "70", "12"),
+        ("rig, sine", "fastcan", "", "**1.25**", "70", "12"),
         ("rig, sine", "broken", "x", "ValueError: no", "", "0"),
     ]
 
@@ -133,20 +145,10 @@ def test_missing_data_and_tools_are_skipped_with_one_line_each(tmp_path, monkeyp
     assert capsys.readouterr().err.count("\n") == 1
     monkeypatch.setattr(measurement.importlib.metadata, "version", _missing)
     measurement.is_installed.cache_clear()
-    assert wanted_tools(["GRU, 4", "chambers"]).keys() == {"**chambers**"}
-    assert capsys.readouterr().err.splitlines() == ["torch is not installed: skipped (pip install torch)"]
+    assert wanted_tools(["fastcan", "chambers"]).keys() == {"**chambers**"}
+    assert capsys.readouterr().err.splitlines() == ["fastcan is not installed: skipped (pip install '.[bench]')"]
     measurement.is_installed.cache_clear()
 
 
 def _missing(name):
     raise measurement.importlib.metadata.PackageNotFoundError(name)
-
-
-def test_a_small_network_learns_a_linear_damper(case):
-    pytest.importorskip("torch")
-    from recurrent_network import fit_network
-
-    fitted = fit_network(3, case, 8.0)
-    assert fitted.parameters == 3 * 3 * (4 + 3) + 2 * 9 + 3 + 4 + 1
-    assert fitted.selection_cost < 30.0
-    assert mean_cost(case.tests["rough, rest"], fitted.simulate) < 30.0

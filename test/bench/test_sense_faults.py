@@ -5,7 +5,7 @@ import pytest
 
 from bench import sense_faults
 from bench.sense_faults import FAULTS, Count, count_findings, delay_rows, format_table, sample_at
-from ces_identify.recordings.checks import mean_rate
+from ces_data.findings import mean_rate
 from ces_rig.experiment import find_experiment, load_experiment, run
 
 

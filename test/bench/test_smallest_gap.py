@@ -6,8 +6,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bench.gaps.ladder_damper import IDENTIFY, REAL, REFERENCE, LadderDamper
-from bench.gaps.ladder_rows import AUTO, GAPS_N, NONE, POLYNOMIAL, LadderRow, RowFile, smallest_N, tables
+from bench.gaps.ladder_damper import (
+    AUTO,
+    GAPS_N,
+    IDENTIFY,
+    NONE,
+    POLYNOMIAL,
+    REAL,
+    REFERENCE,
+    LadderDamper,
+    LadderRow,
+    RowFile,
+    smallest_N,
+    tables,
+)
 from bench.gaps.smallest_gap import EFFECTS, Ladder, find_cause, identify_model
 from bench.physical_examples import make_model, make_relaxation, make_valve
 from ces_gap.diagnosis import NO_GAP
@@ -53,7 +65,7 @@ def test_recordings_of_different_use_differ(damper):
 
 
 def test_a_diagnosis_finds_a_large_effect_and_none_where_there_is_none(damper):
-    simulation = ModelSimulation(identify_model(damper, "relaxation", Limits(seconds=5.0, starts=1, threads=1)))
+    simulation = ModelSimulation(identify_model(damper, "relaxation", Limits(time=5.0, starts=1, threads=1)))
     reference = damper.new(REFERENCE)
     nothing = find_cause(simulation, damper.without_effect(1), reference)
     assert nothing.verdict == NO_GAP

@@ -9,26 +9,31 @@ import pytest
 
 from bench.markdown import between, markdown, replace_between
 from bench.thesis import models, tables
-from bench.thesis.costs import evaluate_outcome, make_job, percent
+from bench.thesis.costs import PULL, evaluate_outcome, integrate_speed, make_job, percent, plant_cost
 from bench.thesis.models import (
+    ANFIS,
+    NETWORK,
     OURS,
+    POLYNOMIAL,
     PUBLISHED,
     REGRESSORS,
     STARTS,
+    TABLES,
     THESIS,
+    TIME,
+    OneStepNetwork,
     TrainingJob,
     TrainingOutcome,
+    format_size,
     load_named_experiment,
     make_shape,
+    panels,
     train_jobs,
 )
-from bench.thesis.one_step import OneStepNetwork
-from bench.thesis.plant import PULL, integrate_speed, plant_cost
 from bench.thesis.plots import caption, draw
-from bench.thesis.rows import ANFIS, NETWORK, POLYNOMIAL, TABLES, TIME, format_size, panels
 from bench.thesis.tables import format_table, jobs
 from ces_identify.polynomial.regressors import load_rules
-from ces_identify.preparation.series import prepare
+from ces_identify.prepare.series import prepare
 from ces_identify.trained.training import Lags, build_regressors, build_training
 from ces_observer.model import Sampling
 from ces_rig.experiment import packaged_experiments, run

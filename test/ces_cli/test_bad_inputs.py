@@ -7,8 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import threading
-import time
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -18,10 +16,10 @@ import pytest
 from ces_cli.main import main
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import SearchProgress
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Channel, Recording
 from ces_observer.errors import CesError
-from ces_observer.json_checks import write_all_atomically
+from ces_observer.json_text import write_all_atomically
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
@@ -152,13 +150,13 @@ def test_recordings_in_other_units_or_of_another_sign_are_refused(work, tmp_path
         line = run_and_get_line(capsys, 2, *words, "--out", tmp_path / "m.json")
         assert message in line
         assert " odd" in line
-        assert "--force" in line
+        assert "--ignore-findings" in line
     assert not (tmp_path / "m.json").exists()
 
 
 def test_with_force_such_recordings_are_a_warning(work, tmp_path, capsys):
     bag(tmp_path / "odd", force=-1.0, position=1000.0)
-    assert ces(*identify(work, tmp_path / "odd"), "--force", "--out", tmp_path / "m.json") == 0
+    assert ces(*identify(work, tmp_path / "odd"), "--ignore-findings", "--out", tmp_path / "m.json") == 0
     err = capsys.readouterr().err
     assert "warning: odd: position: spans 27" in err
     assert "warning: odd: force: acts with the motion" in err
@@ -178,7 +176,7 @@ def interrupt(*_, **__):
         "ces_identify.identification.choose_sampling",
         "ces_identify.structures.polynomial.assemble_problem",
         "ces_identify.identification.evaluate",
-        "ces_observer.json_checks.os.fsync",
+        "ces_observer.json_text.os.fsync",
         "ces_identify.report.page.page_template",
     ],
 )
@@ -203,15 +201,14 @@ def test_ctrl_c_in_the_search_writes_the_best_so_far(work, tmp_path, monkeypatch
 
     def listen(self, result):
         if not pressed:
-            pressed.append(threading.Timer(0.2, os.kill, (os.getpid(), signal.SIGINT)))
-            pressed[0].start()
+            pressed.append(True)
+            os.kill(os.getpid(), signal.SIGINT)
 
     monkeypatch.setattr(SearchProgress, "listen", listen)
     words = ["identify", work / "one", "--terms", 60, "--time", 600, "--starts", 4, "--threads", 2]
-    began = time.monotonic()
     assert ces(*words, "--out", tmp_path / "m.json", "--report", tmp_path / "r.html") == 0
-    assert time.monotonic() - began < 300.0  # of 600
-    assert load_model(tmp_path / "m.json").certificate is not None
+    model = load_model(tmp_path / "m.json")
+    assert model.certificate is not None and model.provenance["selection"]["ended"] == "interrupted"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["m.json", "r.html"]
 
 
@@ -219,8 +216,8 @@ def test_ctrl_c_in_the_search_writes_the_best_so_far(work, tmp_path, monkeypatch
     "words", [("replay", "model.json", "one", "--out"), ("simulate", "--sim", "model.json", "one", "--out")]
 )
 def test_ctrl_c_while_a_bag_or_table_is_written(work, tmp_path, capsys, monkeypatch, words):
-    monkeypatch.setattr("ces_identify.recordings.bag_writer._move_into_place", interrupt)
-    monkeypatch.setattr("ces_observer.json_checks.os.fsync", interrupt)
+    monkeypatch.setattr("ces_data.bags.writer._move_into_place", interrupt)
+    monkeypatch.setattr("ces_observer.json_text.os.fsync", interrupt)
     paths = [work / word if word in ("model.json", "one") else word for word in words]
     assert run_and_get_line(capsys, 130, *paths, tmp_path / "out") == f"ces {words[0]}: interrupted"
     assert list(tmp_path.iterdir()) == []
@@ -274,7 +271,7 @@ def test_a_full_disk_keeps_the_old_model(work, tmp_path, capsys, monkeypatch):
         raise OSError(28, "No space left on device")
 
     (tmp_path / "m.json").write_text("old")
-    monkeypatch.setattr("ces_observer.json_checks.os.fsync", full)
+    monkeypatch.setattr("ces_observer.json_text.os.fsync", full)
     line = run_and_get_line(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json", "--overwrite")
     assert line.endswith("m.json: cannot be written: No space left on device; choose a writable folder")
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", "old")]

@@ -16,6 +16,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from needs import skip_without
 from small_recordings import write_small_csv
 
 from ces_cli.main import PROGRAMS, main
@@ -113,8 +114,8 @@ def test_quick_examples_run(name: str, line: str, place: Path, monkeypatch: pyte
     monkeypatch.chdir(place)
     monkeypatch.setenv("HOME", str(place / "home"))
     monkeypatch.setattr(sys, "argv", ["ces", *line.split()[1:]])
-    if "--format fmu" in line and shutil.which("cc") is None:
-        pytest.skip("no C compiler")
+    if "--format fmu" in line:
+        skip_without("cc")
     if name == "identify":
         (place / "model.json").unlink()  # its output
     assert run_line(line) == 0

@@ -15,9 +15,10 @@ import numpy as np
 import pytest
 from small_recordings import RULES, write_small_bag, write_small_csv
 
-from ces_cli.discovery.completion import build_whole_parser, list_actions
+from ces_cli.completion import build_whole_parser
 from ces_cli.main import PROGRAMS, main
-from ces_cli.terminal.json_output import as_plain, print_document, without_text
+from ces_cli.terminal.options import list_actions
+from ces_cli.terminal.outputs import as_plain, print_document, without_text
 from ces_observer import __version__
 
 WITHOUT_TABLES = {

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 from ces_cli.main import PROGRAMS, main
-from ces_identify.preparation.series import prepare
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import TopicData, recording_topics, write_bag
+from ces_data.recording import Channel, Recording
+from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import load_model
 from ces_observer.signals import Signals

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ces_gap.errors import GapError
-from ces_gap.optional_steps import OptionalSteps
+from ces_gap.progress import OptionalSteps
 
 
 def refuse() -> int:

@@ -7,10 +7,9 @@ from dataclasses import replace
 import pytest
 from diagnoses import named
 
-from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, format_verdict
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.effects.simulation_errors.calibration import SpeedCurve
-from ces_gap.verdict_sentence import format_verdict
+from ces_gap.effects.simulation_errors import SpeedCurve
 
 FOUND = named()
 

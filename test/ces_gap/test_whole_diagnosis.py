@@ -11,14 +11,14 @@ import pytest
 from engine_plant import NOISE_N, SIMULATION, WEIGHTS, F, Truth, damper, recorded
 from whole_diagnosis_examples import STIFFNESS, sprung, strange, wrong
 
+from ces_data.recording import Channel, Recording
 from ces_gap import pipeline as diagnose_module
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.errors import GapError
-from ces_gap.intake import prepare as prepare_module
+from ces_gap.inputs import prepare as prepare_module
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.trace import Trace, TraceInputs
-from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation, Simulation
 
 

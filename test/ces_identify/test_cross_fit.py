@@ -6,13 +6,13 @@ from rig_rides import rig_ride
 
 from ces_identify.cross_fit import cross_fit
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.preparation.series import prepare
+from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import default_sizes
 from ces_identify.structures.kit import IdentifyOptions
 
-LIMITS = Limits(seconds=20.0, starts=1, threads=1)
+LIMITS = Limits(time=20.0, starts=1, threads=1)
 
 
 def fitted(recordings):

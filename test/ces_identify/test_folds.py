@@ -6,7 +6,7 @@ from planted import NETWORK, SAMPLING, planted
 
 from ces_identify.folds import cross_validate, cut_recording, split_folds
 from ces_identify.identification import IdentificationResult
-from ces_identify.preparation.series import prepare
+from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_observer.errors import CesError

@@ -6,17 +6,19 @@ import numpy as np
 import pytest
 from identification_examples import PLANTED, RULES, planted
 
+from ces_data.recording import Channel
 from ces_identify.identification import identify
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.recordings.recording import Channel
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 
 
 def options(**changes):
-    return IdentifyOptions(**{"rules": RULES, "limits": Limits(6, 30.0, 0.0, 2, 1, 2), "bandwidth_Hz": 40.0, **changes})
+    return IdentifyOptions(
+        **{"candidates": RULES, "limits": Limits(6, 30.0, 0.0, 2, 1, 2), "bandwidth": 40.0, **changes}
+    )
 
 
 @pytest.fixture(scope="module")
@@ -102,7 +104,7 @@ def test_either_method_finds_the_planted_terms(method):
 def test_the_model_comes_with_its_certificate(result):
     certificate = result.model.certificate
     assert certificate["gain"] == pytest.approx(0.6, rel=0.05)
-    assert identify([planted(1)], (), options(certify=False)).model.certificate is None
+    assert identify([planted(1)], (), options(certificate=False)).model.certificate is None
 
 
 def test_a_search_out_of_time_says_so():
@@ -112,14 +114,14 @@ def test_a_search_out_of_time_says_so():
 
 def test_weights_pull_the_model_to_their_region():
     """A model too poor for the whole range fits the region that weighs better, and the rest worse."""
-    from ces_identify.preparation.weighting import parse_weighting
+    from ces_identify.prepare.cost import parse_weighting
 
     recording = planted(2)
     poor = parse_rules({"speed": {"lags": [0], "powers": [1.0], "forms": ["signed"]}, "products": [["speed"]]}, "poor")
     slow = parse_weighting(["zero_crossing:0.1=1000"])
 
     def slow_error(weighting):
-        options = IdentifyOptions(1.0, poor, Limits(1, 10.0, starts=1, threads=1), weighting=weighting)
+        options = IdentifyOptions(1.0, poor, Limits(1, 10.0, starts=1, threads=1), weight=weighting)
         result = identify([recording], options=options)
         one = result.evaluations[0]
         crossing = abs(one.series.speed[one.series.scored]) < 0.1

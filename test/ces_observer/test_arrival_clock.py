@@ -1,10 +1,12 @@
-"""Stamps of messages without a stamp: unchanged by the node's stalls, by other clocks, and by clocks that are set."""
+"""Unstamped messages are stamped with their arrival, and a wall clock that was set is noticed."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 
-from ces_observer.arrival_clock import MAX_DELAY_NS, WINDOW_NS, ArrivalClock
+import pytest
+
+from ces_observer.arrival_clock import MAX_DELAY_NS, MIN_JUMP_NS, WINDOW_NS, ArrivalClock, ClockWatch
 
 MS = 1_000_000
 SECOND = 1_000_000_000
@@ -52,3 +54,26 @@ def test_reset_forgets_the_delays() -> None:
     clock.stamp(START, START + MS)
     clock.reset()
     assert clock.stamp(START, START + 9 * MS) == START + 9 * MS
+
+
+LOOK_NS = 100_000_000
+WALL_NS, STEADY_NS = 1_700_000_000_000_000_000, 5_000_000_000
+
+
+def jumps(steps_ns: list[int]) -> list[int]:
+    """Return what is noticed at looks between which the wall clock gains these times."""
+    watch, wall = ClockWatch(WALL_NS, STEADY_NS), WALL_NS
+    found = []
+    for k, step in enumerate(steps_ns, start=1):
+        wall += LOOK_NS + step
+        found.append(watch.measure_jump(wall, STEADY_NS + k * LOOK_NS))
+    return found
+
+
+@pytest.mark.parametrize("jump_ns", [-3_600_000_000_000, -MIN_JUMP_NS, MIN_JUMP_NS, 2_500_000_000])
+def test_a_jump_is_noticed_once(jump_ns: int) -> None:
+    assert jumps([0, 0, jump_ns, 0, 0]) == [0, 0, jump_ns, 0, 0]
+
+
+def test_steering_is_none() -> None:
+    assert jumps([50_000] * 10_000) == [0] * 10_000  # 500 ppm, as much as a kernel steers

@@ -8,8 +8,8 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_identify.preparation.series import hold_current
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.recording import Channel, Recording
+from ces_identify.prepare.series import hold_current
 from ces_observer.current_hold import HISTORY, JUMP_NS, ConstantCurrent, CurrentHold
 
 MS = 1_000_000

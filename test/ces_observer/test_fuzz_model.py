@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from random import Random
@@ -15,17 +14,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench" / "fuzz"))
-
-from fuzz_mutations import spoil_model
-from fuzz_targets import READ, REFUSED, try_model
-
+from bench.fuzz.fuzz_samples import spoil_model
+from bench.fuzz.fuzz_targets import READ, REFUSED, try_model
 from ces_observer.errors import ModelError
 from ces_observer.model import MAX_BYTES, load_model, parse_model
-from ces_observer.proof import branch_and_bound
-from ces_observer.proof.interval_sums import Sums
-from ces_observer.structures.polynomial import IN_REACH
-from ces_observer.structures.tick_source import tick_source
+from ces_observer.proof import intervals
+from ces_observer.proof.intervals import Sums
+from ces_observer.structures.polynomial import IN_REACH, tick_source
 
 FUZZ = Path(__file__).resolve().parents[2] / "bench" / "fuzz"
 SEEDS = {path.stem: path.read_bytes() for path in sorted((FUZZ / "seeds" / "model").iterdir())}
@@ -184,10 +179,10 @@ def test_the_largest_model_is_read_and_judged_in_bounded_time(monkeypatch: pytes
     model = parse_model(widest(), "m.json")
     model.make_predictor().tick(0.01, 0.5, 0.5)
     assert process_time() - start < 10.0  # a second on an idle computer
-    monkeypatch.setattr(branch_and_bound, "MAX_WORK", 300_000)
+    monkeypatch.setattr(intervals, "MAX_WORK", 300_000)
     groups = [model.body.terms]
     work = Sums(groups).work
-    _, boxes = branch_and_bound.bound_maximum(groups, model.envelope.by_signal)
+    _, boxes = intervals.bound_maximum(groups, model.envelope.by_signal)
     assert work > 10_000 and 2 < boxes <= 300_000 // work + 2
 
 

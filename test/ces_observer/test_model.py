@@ -82,7 +82,7 @@ def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
     def fail(*_):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("ces_observer.json_checks.os.fsync", fail)
+    monkeypatch.setattr("ces_observer.json_text.os.fsync", fail)
     with pytest.raises(CesError, match="No space left"):
         make_model(force_envelope_N=(-1.0, 1.0)).save(path)
     assert path.read_text() == before

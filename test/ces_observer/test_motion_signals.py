@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from damper_models import plain_damper
 
+from ces_data.recording import Channel, Recording
 from ces_identify.numerics import kernels
-from ces_identify.preparation.series import hold_current, hold_motion, prepare
-from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.prepare.series import hold_current, hold_motion, prepare
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.damper_observer import NO_MOTION, DamperObserver

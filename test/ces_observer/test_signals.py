@@ -30,6 +30,7 @@ def test_path_finds_the_number(message, path, value):
     ("message", "path", "told"),
     [
         (JOINTS, "velocity[0]", "no 'velocity' in SimpleNamespace"),
+        (Message(data=1.0), "data[0]", r"'data\[0\]': a float is no array; remove \[0\]"),
         (JOINTS, "position[2]", "index 2 is outside an array of 2"),
         (JOINTS, "effort[rear]", "index 1 is outside an array of 0"),
         (JOINTS, "position[seat]", r"no joint 'seat'; the message has \['fork', 'rear'\]"),

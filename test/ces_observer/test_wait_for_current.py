@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ces_observer.position_queue import MAX_POSITIONS, PositionQueue
+from ces_observer.current_hold import MAX_POSITIONS, PositionQueue
 
 MS = 1_000_000
 

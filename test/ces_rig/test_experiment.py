@@ -6,7 +6,6 @@ import pytest
 from ces_rig.dampers.hydraulic.parameters import parse_damper
 from ces_rig.errors import RigError
 from ces_rig.experiment import (
-    EPOCH_NS,
     find_experiment,
     load_experiment,
     measure,
@@ -16,6 +15,7 @@ from ces_rig.experiment import (
     simulate_truth,
     with_seed,
 )
+from ces_rig.sensors import EPOCH_NS
 
 SHORT = {
     "duration_s": 1.0,

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from bench.rig.characteristic import steady_force
-from bench.thesis.noise_floor import cost, noise_floors, simulate_driven
+from bench.thesis.costs import cost, noise_floors, simulate_driven
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.errors import RigError
 from ces_rig.experiment import load_experiment, measure, packaged_experiments, parse_experiment, simulate_truth

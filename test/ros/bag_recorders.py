@@ -30,10 +30,11 @@ LOSSLESS = {"reliability": "reliable", "history": "keep_all"}  # the recorder or
 KEEP_ALL = "{history: keep_all, reliability: reliable, durability: volatile}"
 
 
-def require_rosbag2() -> None:
-    """Skip the tests of this module where rosbag2 is missing."""
-    if shutil.which("ros2") is None or find_spec("ros2bag") is None or find_spec("rosbag2_py") is None:
-        pytest.skip("rosbag2 is not installed", allow_module_level=True)
+# A mark, not a skip while the module is imported: that would reach launch_testing's collector and skip all tests.
+NEEDS_ROSBAG2 = pytest.mark.skipif(
+    shutil.which("ros2") is None or find_spec("ros2bag") is None or find_spec("rosbag2_py") is None,
+    reason="rosbag2 is not installed",
+)
 
 
 def described_signals(namespace: str) -> Signals:

@@ -89,7 +89,7 @@ def starting(namespace: str, model_path: Path) -> Iterator[Callable[..., NodePro
     started: list[NodeProcess] = []
 
     def start_node(**parameters: object) -> NodeProcess:
-        given = {"model": model_path, "record_dir": "''", **parameters}
+        given = {"model": model_path, **parameters}
         started.append(NodeProcess.from_source(namespace, given))
         return started[-1]
 

@@ -13,11 +13,10 @@ from typing import Any
 from rclpy.service import Service
 
 from ces_observer.damper_observer import DamperObserver
-from ces_observer.health.health import Health
-from ces_observer.health.latencies import Latencies
+from ces_observer.health.health import Health, Latencies
 from ces_observer.nodes import model_changes, observer
-from ces_observer.nodes.diagnostics_output import DiagnosticsOutput
-from ces_observer.nodes.model_reload import ModelReload
+from ces_observer.nodes.model_check import ModelReload
+from ces_observer.nodes.outputs import DiagnosticsOutput
 
 STEPS = 1500  # samples from one failure of the estimator to the next
 WRONG_M = 0.005  # by which the estimator is off after a failure
@@ -64,7 +63,7 @@ def main() -> int:
     fail_each(Latencies, "take", 3, lambda: ValueError("planted in the health"))
     fail_each(Service, "send_response", 2, lambda: RuntimeError("planted in rclpy"))
     model_changes.ModelReload = hang  # type: ignore[assignment,misc]
-    observer.find_refusal = refuse
+    observer.check_live_values = refuse
     return observer.main()
 
 

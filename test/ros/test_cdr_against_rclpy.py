@@ -15,11 +15,11 @@ from std_msgs.msg import Bool, Byte, Float32, Float64, Float64MultiArray, Header
 from std_msgs.msg import MultiArrayLayout as ArrayLayout
 from trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
 
-from ces_observer.cdr.joint_state import RawBand, RawEstimate
+from ces_observer.cdr.joint_state import RawJointState
 from ces_observer.cdr.signal import RawSignal
 from ces_observer.cdr.types import CdrUnsupportedError
 from ces_observer.errors import SignalsError
-from ces_observer.nodes.message_types import fields_of, header_stamp_ns, is_stamped
+from ces_observer.nodes.inputs import fields_of, header_stamp_ns, is_stamped
 from ces_observer.signals import FieldPath, Signal
 
 STAMP_NS = 1_700_000_000_123_456_789
@@ -132,7 +132,7 @@ def test_truncated_message_is_told():
 @pytest.mark.parametrize("frame_id", ["", "a", "base_link", "mässig", "x" * 300])
 @pytest.mark.parametrize("name", ["rear_damper", "r", "dämpfer"])
 def test_estimate_is_the_message_that_rclpy_would_serialise(name, frame_id):
-    writer = RawEstimate(name)
+    writer = RawJointState([name])
     message = joints(name, frame_id=frame_id, position=[0.25], velocity=[-1.5], effort=[float("1e308")])
     raw = writer.fill(STAMP_NS, frame_id.encode(), 0.25, -1.5, 1e308)
     assert deserialize_message(raw, JointState) == message
@@ -143,4 +143,5 @@ def test_estimate_is_the_message_that_rclpy_would_serialise(name, frame_id):
 @pytest.mark.parametrize("name", ["rear_damper", "r", "dämpfer"])
 def test_band_is_the_message_that_rclpy_would_serialise(name, frame_id):
     message = joints(f"{name}_lower", f"{name}_upper", frame_id=frame_id, effort=[-1.5, 2.5])
-    assert RawBand(name).fill(STAMP_NS, frame_id.encode(), -1.5, 2.5) == serialize_message(message)
+    writer = RawJointState(message.name, ["effort"])
+    assert writer.fill(STAMP_NS, frame_id.encode(), -1.5, 2.5) == serialize_message(message)

@@ -22,7 +22,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import String
 from vehicle import stamp_of, wait
 
-from ces_observer.nodes.qos import LATCHED
+from ces_observer.nodes.outputs import LATCHED
 
 MODULES = {
     "rig": "ces_rig.live.node",

@@ -31,7 +31,7 @@ from std_msgs.msg import Float64, String
 from vehicle import wait
 
 from ces_observer.model import Model
-from ces_observer.nodes.qos import LATCHED
+from ces_observer.nodes.outputs import LATCHED
 
 DEEP = QoSProfile(depth=50_000)
 STEP_NS = 5_000_000  # between the stamps of estimates, whatever the time between their publishing

@@ -28,12 +28,10 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 from vehicle import stamp_of, wait
 
-from ces_observer.control.controller_tuning import Tuning
-from ces_observer.control.force_controller import ForceController
-from ces_observer.control.force_curve import ForceCurve
-from ces_observer.control.steady_force import compute_inverse_map, current_lag_s
+from ces_observer.control.force_controller import ForceController, ForceCurve, Tuning
+from ces_observer.control.inverse_map import compute_inverse_map, current_lag_s
 from ces_observer.model import load_model
-from ces_observer.nodes.controller_table import FORCES, SPEEDS
+from ces_observer.nodes.parameter_table import FORCES, SPEEDS
 
 MS = 1_000_000
 DEEP = QoSProfile(depth=5000)

@@ -124,7 +124,7 @@ def start_pair(
     def start(**parameters: object) -> Pair:
         pair = Pair(vehicle)
         given = {**lossless(namespace), **parameters}
-        started.append(NodeProcess.from_source(namespace, {"model": banded_path, "record_dir": "''", **given}))
+        started.append(NodeProcess.from_source(namespace, {"model": banded_path, **given}))
         started.append(package.start(namespace, NODES[1], given))
         pair.meet()
         return pair

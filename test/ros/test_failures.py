@@ -28,7 +28,7 @@ PLANTED = ("the estimator", "the diagnostics", "a timer", "the health", "the che
 @contextmanager
 def failing(namespace: str, executor: str, model: Path) -> Iterator[NodeProcess]:
     settings = {"model": model, "max_age_s": 0.0, "executor": executor, "current.constant": CURRENT_A}
-    words = ros_args(namespace, {**settings, "record_dir": "''", **reliable_inputs(namespace, ["joint_states"])})
+    words = ros_args(namespace, {**settings, **reliable_inputs(namespace, ["joint_states"])})
     paths = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
     node = NodeProcess([sys.executable, str(PROGRAM), *words], {"PYTHONPATH": paths})
     try:

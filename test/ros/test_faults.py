@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from dataclasses import replace
-from pathlib import Path
 from random import Random
 from typing import TYPE_CHECKING
 
@@ -13,15 +11,15 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-sys.path.insert(0, str(Path(__file__).resolve().parent.parent.parent / "bench" / "reliability"))
 
-from campaign import make_limits, play, start_stage
 from damper_models import plain_damper
-from faults import REAL, Fault, faults
+
+from bench.reliability.campaign import make_limits, play, start_stage
+from bench.reliability.judge import REAL, Fault, faults
 
 if TYPE_CHECKING:
-    from actions import Stage
-    from judge import FaultOutcome
+    from bench.reliability.campaign import Stage
+    from bench.reliability.judge import FaultOutcome
 
 MODEL = plain_damper()
 NAMES = (

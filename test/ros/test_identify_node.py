@@ -18,7 +18,7 @@ from std_msgs.msg import String
 from vehicle import Vehicle, wait
 
 from ces_observer.model import load_model
-from ces_observer.nodes.qos import LATCHED
+from ces_observer.nodes.outputs import LATCHED
 
 QUICK = {"terms": 2, "threads": 1, "method": "random", "bags": f"[{ROOT / 'bags' / 'noise' / 'noise.mcap'}]"}
 Begin = Callable[..., NodeProcess]

@@ -20,8 +20,8 @@ from vehicle import RECOVERIES, wait
 
 from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.errors import IterateError
-from ces_iterate.live.topic_rig import TopicRig
 from ces_iterate.rigs.kinds import RosRigSettings
+from ces_iterate.rigs.topic_rig import TopicRig
 from ces_observer.signals import Signals
 
 SAFE_A = 0.35

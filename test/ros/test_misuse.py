@@ -46,7 +46,7 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
     programs = {
         "observer": (
             "ces_observer.nodes.observer",
-            {"model": model, "max_age_s": 0.0, "model_topic": "models", "record_dir": folder / "bags"}
+            {"model": model, "max_age_s": 0.0, "model_topic": "models", "snapshot_service": "''"}
             | {"executor": executor}
             | SIGNALS
             | lossless,

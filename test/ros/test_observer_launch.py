@@ -75,7 +75,7 @@ def observers(launched: Launched, tmp_path_factory: pytest.TempPathFactory) -> L
 
 
 def parameter_file(path: Path, parameters: dict[str, object]) -> Path:
-    path.write_text(json.dumps({"/**": {"ros__parameters": {"record_dir": "", **parameters}}}))  # YAML, too
+    path.write_text(json.dumps({"/**": {"ros__parameters": {**parameters}}}))  # YAML, too
     return path
 
 

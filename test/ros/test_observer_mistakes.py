@@ -13,8 +13,7 @@ import rclpy
 from conftest import new_namespace
 from node_process import NodeProcess, ros_args
 
-from ces_observer.nodes.node_parameters import TableNode
-from ces_observer.nodes.observer_parameters import declare_settings
+from ces_observer.nodes.parameters import TableNode, declare_observer
 
 MISTAKES: dict[str, dict[str, object]] = {
     "expected a finite number": {"model": "nan.json"},
@@ -83,7 +82,7 @@ def test_parameters_that_are_not_set_may_be_null(model_path: Path) -> None:
     given = {"model": model_path, "max_age_s": 0.2, **dict.fromkeys(unset, "null")}
     rclpy.init(args=ros_args("/dumped", given))
     try:
-        (damper,) = declare_settings(TableNode("observer")).dampers
+        _, (damper,) = declare_observer(TableNode("observer"))
     finally:
         rclpy.shutdown()
     assert damper.key == ""

@@ -20,7 +20,7 @@ from std_msgs.msg import String
 from vehicle import Vehicle, reliable_inputs, stamp_of, wait
 
 from ces_observer.model import Model
-from ces_observer.nodes.qos import LATCHED
+from ces_observer.nodes.outputs import LATCHED
 
 CHANGE = "last change of the model"
 MAX_GAP_S = 5.0  # with samples that a busy computer holds up

@@ -127,7 +127,7 @@ def test_a_parameter_of_all_holds_unless_a_damper_has_its_own(motorcycle: Motorc
 
 def test_two_nodes_in_two_namespaces_do_not_mix(start: Start, vehicle: Vehicle, model_path: object) -> None:
     with Vehicle(new_namespace()) as other:
-        second = NodeProcess.from_source(other.namespace, {"model": model_path, "name": "other", "record_dir": "''"})
+        second = NodeProcess.from_source(other.namespace, {"model": model_path, "name": "other"})
         try:
             start()
             vehicle.meets_node()

@@ -7,7 +7,7 @@ import shutil
 import signal
 import subprocess
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -17,13 +17,13 @@ import yaml
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from bag_recorders import (
+    NEEDS_ROSBAG2,
     Experiment,
     Recorder,
     assert_published,
     described_signals,
     lossless_node,
     play,
-    require_rosbag2,
     run_ces,
     signals_mapping,
 )
@@ -32,11 +32,11 @@ from node_process import NodeProcess
 from patience import PATIENCE_S
 from vehicle import JOINT, Vehicle, stamp_of, wait
 
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.checks import findings
+from ces_data.bags.reader import read_recording
+from ces_data.findings import findings
 from ces_observer.signals import Signals
 
-require_rosbag2()
+pytestmark = NEEDS_ROSBAG2
 
 SECONDS = 3.5
 BY_MESSAGE = ("--compression-mode", "message", "--compression-format", "zstd", "--compression-queue-size", "0")
@@ -155,7 +155,6 @@ def test_playing_a_bag_equals_the_offline_replay(
     expected = replay_offline(path, namespace, model_path, tmp_path)
     given = {
         "model": model_path,
-        "record_dir": "''",
         "use_sim_time": "--clock" in options,
         "max_age_s": 0.0,
         "wait_for_current_s": 10.0,
@@ -195,3 +194,27 @@ def read_estimates(path: Path, key: str) -> dict[int, float]:
     described = {"position": {"topic": "/observer/estimate", "field": f"{key}[{JOINT}]"}}
     channel = read_recording(path, Signals.from_mapping(described, "estimates"), ("position",)).channel("position")
     return dict(zip(channel.stamps_ns.tolist(), channel.values.tolist(), strict=True))
+
+
+def test_a_drift_has_a_recorder_in_snapshot_mode_write_the_seconds_around_it(
+    vehicle: Vehicle, start: Callable[..., NodeProcess], tmp_path: Path
+) -> None:
+    name = f"recorder_{vehicle.namespace.strip('/').replace('/', '_')}"
+    topics = [f"{vehicle.namespace}/{topic}" for topic in ("joint_states", "observer/estimate", "measured_force")]
+    recorder = Recorder(tmp_path / "drift", topics, ("--snapshot-mode", "--node-name", name, "--storage", "mcap"))
+    try:
+        start(snapshot_service=f"/{name}/snapshot", snapshot_after_s=0.5, cost_window_s=3, cost_warn_J=20.0)
+        vehicle.meets_node()
+        wait(lambda: vehicle.position.get_subscription_count() > 1, "the recorder hears the positions")
+        with vehicle.driving(), vehicle.measuring(1.5):
+            vehicle.hears_value("snapshot", "taken: the recorder has written")
+        recorder.ends(signal.SIGINT)
+    finally:
+        recorder.kill()
+    estimate = {"topic": topics[1], "type": "sensor_msgs/msg/JointState", "field": "effort[0]"}
+    signals = Signals.from_mapping({"sim_force": estimate}, "estimates")
+    channel = read_recording(recorder.path, signals, ["sim_force"]).channel("sim_force")
+    heard = {stamp_of(estimate): estimate.effort[0] for estimate in vehicle.estimates}
+    recorded = dict(zip(channel.stamps_ns.tolist(), channel.values.tolist(), strict=True))
+    assert len(recorded.keys() & heard.keys()) > 500
+    assert not {stamp for stamp in recorded.keys() & heard.keys() if recorded[stamp] != heard[stamp]}

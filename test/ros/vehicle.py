@@ -10,6 +10,7 @@ from math import pi, sin
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import WrenchStamped
 from model_reloads import ModelReloads
 from party import Party
 from patience import PATIENCE_S, wait_until
@@ -171,6 +172,21 @@ class Vehicle(Party):
 
         wait(lambda: found() is not None, f"'{text}' in the values '{key}'")
         return str(found())
+
+    @contextmanager
+    def measuring(self, factor: float) -> Iterator[None]:
+        """Publish `factor` times each new estimate as the measured force, beside what is done in this context."""
+        force = self.node.create_publisher(WrenchStamped, "measured_force", DEEP)
+        message = WrenchStamped()
+
+        def measure() -> None:
+            estimate = self.estimates[-1]
+            message.header.stamp, message.wrench.force.z = estimate.header.stamp, factor * estimate.effort[0]
+            force.publish(message)
+
+        wait(lambda: bool(self.estimates), "an estimate")
+        with self.repeating(0.005, measure):
+            yield
 
     def sets(self, name: str, value: object) -> SetParametersResult:
         """Set a parameter of the node; returns its answer."""

@@ -1,6 +1,6 @@
 """A real browser for tests of pages: one instance for all tests of a run, pages without network, and what went wrong.
 
-A test module that uses it skips in one line where playwright or Chromium is missing.
+A test that uses it skips in one line where playwright or Chromium is missing.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
+from needs import skip_missing
+from patience import PATIENCE_S
 
 FLAGS = (
     "--no-sandbox",
@@ -24,25 +26,36 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
 )
-PATIENCE_MS = 120_000  # for what a page does by itself; only what hangs takes longer, however busy the computer is
+PATIENCE_MS = 1e3 * PATIENCE_S
 CHECKS = (Path(__file__).parent / "page_checks.js").read_text(encoding="utf-8").strip()
 A4_PX = {"width": 698, "height": 1032}  # the printable part of A4 with the page's margins, at 96 px an inch
 
 
-@cache
 def start_browser() -> Any:
     """Return the browser of this test run; skips the test where there is none."""
-    playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
+    browser, problem = _launch_browser()
+    if problem:
+        skip_missing("Chromium", problem)
+    return browser
+
+
+@cache
+def _launch_browser() -> tuple[Any, str]:
+    """Return the browser, or None and what is wrong with it: the system's, or the one that playwright has installed."""
+    from playwright.sync_api import Error, expect, sync_playwright
+
     program = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    playwright.expect.set_options(timeout=PATIENCE_MS)
-    session = playwright.sync_playwright().start()
-    atexit.register(session.stop)
+    expect.set_options(timeout=PATIENCE_MS)
+    session = sync_playwright().start()
     try:
         browser = session.chromium.launch(executable_path=program, args=list(FLAGS), timeout=PATIENCE_MS)
-    except playwright.Error as error:
-        pytest.skip(f"no browser: {str(error).splitlines()[0]}")
+    except Error as error:
+        session.stop()
+        return None, f"there, but does not start ({str(error).splitlines()[0]})" if program else "missing"
+    atexit.register(session.stop)
     atexit.register(browser.close)
-    return browser
+    return browser, ""
 
 
 @contextmanager

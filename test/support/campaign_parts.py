@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Channel, Recording
 from ces_observer.signals import Signals
 
 DEFAULT = Signals.from_mapping({}, "defaults")
@@ -23,8 +23,8 @@ validate:
 structures:
   polynomial: {terms: [2, 4], method: random, candidates: rules.yaml}
   sigmoid: {units: 2}
-seeds: [1, 2]
-limits: {seconds: 600}
+seed: [1, 2]
+limits: {time: 600}
 """
 
 

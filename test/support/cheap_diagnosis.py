@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ces_data.recording import Channel, Recording
 from ces_gap.diagnosis import NAMED, NO_GAP, Diagnosis, Estimate, Explanation, Gap, Where
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.errors import GapError
 from ces_gap.trace import make_trace
-from ces_identify.recordings.recording import Channel, Recording
 
 RATE = 200.0
 OFFSETS_N = {"a": 0.0, "b": 40.0, "c": 90.0}

@@ -8,10 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.recording import Channel, Recording
 from ces_gap.diagnosis import GapMap, GapRegion, HeldOutSeries, Where
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import Trace, TraceInputs, make_trace
-from ces_identify.recordings.recording import Channel, Recording
 
 F = NDArray[np.float64]
 

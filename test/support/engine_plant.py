@@ -7,9 +7,9 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.recording import Channel, Recording
 from ces_gap.inference.verdict import Calibration
 from ces_gap.trace import Trace, open_trace
-from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation
 
 F = NDArray[np.float64]

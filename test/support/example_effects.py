@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.recording import Channel, Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.trace import Trace, TraceInputs, make_trace
-from ces_identify.recordings.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation
 
 F = NDArray[np.float64]

@@ -2,11 +2,9 @@
 
 import ctypes
 import math
-import shutil
 import subprocess
 
 import numpy as np
-import pytest
 
 from ces_identify.export.export_c import REASONS, export_c
 from ces_observer.estimator import Estimator
@@ -53,9 +51,6 @@ void ticks(int64_t n, const double *positions, const double *speeds, const doubl
     }
 }
 """
-
-compiler = shutil.which("cc")
-needs_compiler = pytest.mark.skipif(compiler is None, reason="no C compiler (cc) on this machine")
 
 
 # ---------------------------------------------------------------------------------------------------------- inputs
@@ -192,7 +187,7 @@ def compile_c(folder, model, certificate=UNPROVED, harness=HARNESS):
     for name, text in (("model.c", source), ("model.h", header), ("harness.c", harness)):
         (folder / name).write_text(text, encoding="ascii")
     motion = ["-DMOTION"] if model.sampling.motion_signal else []
-    run = [compiler, *STRICT, *motion, "-fPIC", "-shared", "-o", "model.so", "model.c", "harness.c", "-lm"]
+    run = ["cc", *STRICT, *motion, "-fPIC", "-shared", "-o", "model.so", "model.c", "harness.c", "-lm"]
     done = subprocess.run(run, cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return ctypes.CDLL(str(folder / "model.so"))
@@ -248,7 +243,7 @@ def python_ticks(model, position, speed, current):
 
 def undefined_and_defined(folder):
     """Return the names that model.c needs, and kinds by name of those it has, of a model that `compile_c` put there."""
-    subprocess.run([compiler, *STRICT, "-c", "model.c"], cwd=folder, check=True)
+    subprocess.run(["cc", *STRICT, "-c", "model.c"], cwd=folder, check=True)
     listing = subprocess.run(["nm", "model.o"], cwd=folder, capture_output=True, text=True, check=True).stdout
     kinds = {line.split()[-1]: line.split()[-2] for line in listing.splitlines()}
     return {name for name, kind in kinds.items() if kind == "U"}, kinds

@@ -8,7 +8,7 @@ from functools import cache
 import numpy as np
 from engine_plant import NOISE_N, SIMULATION, traced
 
-from ces_gap.baseline.noise import make_white_noise
+from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence, gather

@@ -1,10 +1,7 @@
 """FMUs for tests: a model's own, changed in its description; and one of another kind, written in C here."""
 
-import shutil
 import subprocess
 import zipfile
-
-import pytest
 
 from ces_identify.export.export_fmu import binary_path, export_fmu
 from ces_observer.model import Envelope, Model, Sampling
@@ -12,7 +9,6 @@ from ces_observer.proof.certificate import Contraction
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
-needs_compiler = pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
 UNPROVED = Contraction(2.0, 1.0, 1, "", "")
 SPEED, CURRENT = Factor("speed", 0), Factor("current", 0)
 

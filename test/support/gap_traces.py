@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from ces_gap.baseline.noise import NoiseModel
-from ces_gap.derivative import derivative
+from ces_data.recording import Channel, Recording
+from ces_gap.baseline.learner import NoiseModel
+from ces_gap.grid import derivative
 from ces_gap.trace import Trace, make_trace
-from ces_identify.recordings.recording import Channel, Recording
 
 F = NDArray[np.float64]
 

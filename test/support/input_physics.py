@@ -10,9 +10,10 @@ import numpy as np
 from numba import njit
 from scipy.interpolate import CubicSpline
 
+from ces_data.arrays import F
+from ces_data.recording import Channel, Recording
 from ces_gap.baseline.plant import TraceSimulator
-from ces_gap.trace import F, Trace, TraceInputs, make_trace
-from ces_identify.recordings.recording import Channel, Recording
+from ces_gap.trace import Trace, TraceInputs, make_trace
 
 RATE_HZ, SECONDS, FINER = 1000.0, 5, 8  # physics run FINER times as fast as recordings are logged
 Truth = Callable[[F, F, F], F]  # position, speed, current on the fine grid -> force there

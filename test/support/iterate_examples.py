@@ -8,16 +8,12 @@ from typing import Any
 
 import numpy as np
 
-from ces_identify.recordings.recording import Recording
+from ces_data.recording import Recording
 from ces_iterate.commands import INTERVAL_S, RigCommands
-from ces_iterate.design.designer import DesignTask
-from ces_iterate.design.features import draw_features
-from ces_iterate.design.information import Information
-from ces_iterate.design.pool import Pool, draw_pool
-from ces_iterate.loop.heat import make_power_model
-from ces_iterate.plan.limits import HeatLimits, RigLimits
-from ces_iterate.plan.plan import Plan, parse_plan
-from ces_iterate.rigs.virtual import VirtualRig
+from ces_iterate.design.designer import DesignTask, make_power_model
+from ces_iterate.design.information import Information, Pool, draw_features, draw_pool
+from ces_iterate.plan import HeatLimits, Plan, RigLimits, parse_plan
+from ces_iterate.rigs.kinds import VirtualRig
 from ces_rig.dampers.kinds import KINDS
 
 LIMITS: Mapping[str, Any] = {

@@ -3,7 +3,7 @@
 import numpy as np
 from residual_series import coloured
 
-from ces_identify.comparison.aligned_recording import AlignedRecording
+from ces_identify.comparison.compared_models import AlignedRecording
 
 RATE_HZ = 500.0
 

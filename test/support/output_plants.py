@@ -9,8 +9,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from ces_data.recording import Channel, Recording
 from ces_gap.trace import Trace, make_trace
-from ces_identify.recordings.recording import Channel, Recording
 
 F = NDArray[np.float64]
 

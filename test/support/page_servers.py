@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ces_serve.web.server import PageServer
+from ces_serve.server import PageServer
 
 
 @contextmanager

@@ -11,11 +11,9 @@ from random import Random
 
 from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.chambers import Chambers
-from ces_observer.structures.flow_map import FlowMap
-from ces_observer.structures.increasing_curves import IncreasingCurve
+from ces_observer.structures.curves import FlowMap, IncreasingCurve
+from ces_observer.structures.physical import FrictionElement, SideForces, ValvePath
 from ces_observer.structures.relaxation import Relaxation, YieldingSpring
-from ces_observer.structures.side_forces import FrictionElement, SideForces
-from ces_observer.structures.valve_path import ValvePath
 
 SEEDS = Path(__file__).resolve().parents[2] / "bench" / "fuzz" / "seeds" / "model"
 FITTED = ("chambers", "chambers_hysteretic", "relaxation", "relaxation_hysteretic")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 
 from ces_observer.model import Model
-from ces_observer.structures.increasing_curves import interpolate
-from ces_observer.structures.reach import INPUTS, widen
+from ces_observer.structures.curves import interpolate
+from ces_observer.structures.physical import INPUTS, widen
 
 Inputs = Sequence[tuple[float, float, float]]
 

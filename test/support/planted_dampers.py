@@ -8,12 +8,12 @@ from functools import cache
 import numpy as np
 from planted import SAMPLING, stroked
 
-from ces_identify.physical.chambers_models import ChambersModels
-from ces_identify.physical.common_groups import read_scales
+from ces_data.recording import Channel
+from ces_identify.physical.layout import read_scales
 from ces_identify.physical.models import PhysicalModels
-from ces_identify.physical.relaxation_models import RelaxationModels
-from ces_identify.preparation.series import Series, prepare
-from ces_identify.recordings.recording import Channel
+from ces_identify.prepare.series import Series, prepare
+from ces_identify.structures.chambers import ChambersModels
+from ces_identify.structures.relaxation import RelaxationModels
 from ces_identify.trained.training import build_training
 from ces_observer.model import Model
 

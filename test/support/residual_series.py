@@ -3,8 +3,8 @@
 import numpy as np
 from scipy.signal import lfilter
 
-from ces_identify.preparation.cost import series_cost
-from ces_identify.preparation.series import Series
+from ces_identify.prepare.cost import series_cost
+from ces_identify.prepare.series import Series
 from ces_identify.simulations.simulate import FreeRun
 from ces_identify.validation.evaluate import VALIDATION, Evaluation
 

@@ -2,8 +2,8 @@
 
 from functools import cache
 
+from ces_data.recording import Recording
 from ces_gap.baseline.identified import IdentifiedBaseline, identify_baseline
-from ces_identify.recordings.recording import Recording
 from ces_rig.experiment import parse_experiment, run
 
 SLOW = "slow"  # a pilot stage that needs twice as long

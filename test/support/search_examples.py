@@ -10,11 +10,11 @@ from engine_plant import NOISE_N, SIMULATION, traced
 from example_effects import CurrentOffset, Friction, Spring
 from numpy.typing import NDArray
 
-from ces_gap.baseline.noise import make_white_noise
+from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
-from ces_gap.inference.anchored_surrogate import Refinement
 from ces_gap.inference.evidence import Evidence, gather
+from ces_gap.inference.fit import Refinement
 from ces_gap.inference.search import EffectSearchResult, search
 from ces_gap.trace import Trace, TraceInputs
 

@@ -10,14 +10,12 @@ from pathlib import Path
 from damper_models import plain_damper
 from diagnoses import named
 
-from ces_cli.diagnose.fleet_page import write_page
+from ces_cli.diagnose.fleet import write_page
 from ces_gap.report.gap_json import write_gap
-from ces_identify.jobs.job import DONE, FAILED, JobResult
-from ces_identify.jobs.results_folder import open_results
-from ces_identify.jobs.row_log import append_row, open_rows
-from ces_identify.report.shell import page_template
+from ces_identify.jobs.results import DONE, FAILED, JobResult, append_row, open_results, open_rows
 from ces_iterate.loop.store import Iteration
 from ces_observer.model import Model
+from ces_report.shell import page_template
 
 BAGS = Path(__file__).resolve().parent.parent.parent / "bags"
 ROW = {

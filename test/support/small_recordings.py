@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Channel, Recording
 from ces_observer.signals import Signals
 
 RULES = """\

@@ -6,18 +6,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import MOTION, Effect, EffectParameter
 from ces_gap.effects.effect_kernels import gated_play, loose_force, tight_force
 from ces_gap.effects.series_strain import soft_width, subtract_stroke
 from ces_gap.grid import thin_out
-from ces_gap.plant_map.own_spring import remove_high_frequencies
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.plant_map import remove_high_frequencies
+from ces_gap.trace import Trace, TraceInputs
 
 GAP = EffectParameter("gap_m", 0.0, 0.01, (5e-4, 2e-3), "total free play", magnitude=True)
 SUBSTEP_S = 5e-4  # [s] of the integration: the joint separates and closes between ticks
 
 
-class HeldPlay(Effect):
+class Backlash(Effect):
+    """What all forms share."""
+
+    name, stage, needs = "backlash", MOTION, "reversals"
+    summary = "free play in the linkage"
+
+
+class HeldPlay(Backlash):
     """Play z in [-gap/2, gap/2]: x' = x - z, crossed only once the force has reversed.
 
     The joint stays in contact while it transmits force (a brake unloads its elastic part first; in a damper, force and
@@ -25,7 +33,7 @@ class HeldPlay(Effect):
     Gutman, Automatica 38, 2002). Worn rod ends have tenths of a millimetre, linkages and brakes several.
     """
 
-    name, form, stage, reruns, needs = "backlash", "held", MOTION, True, "reversals"
+    form, reruns = "held", True
     parameters = (GAP,)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
@@ -35,7 +43,7 @@ class HeldPlay(Effect):
         return subtract_stroke(inputs, gated_play(inputs.position, pushed, values[0]), trace.rate_Hz)
 
 
-class PartedPlay(Effect):
+class PartedPlay(Backlash):
     """The same, but the cell reads a constant level while the joint is open: it transmits no force, the damper creeps.
 
     The free damper moves so that its force equals that level: f(v' - c·dF/dt) + memory = `parted_N`, f and c learnt
@@ -44,7 +52,7 @@ class PartedPlay(Effect):
     0 N, or the gas force by which the recording was tared. Source as above.
     """
 
-    name, form, stage, reruns, needs = "backlash", "parted", MOTION, False, "reversals"
+    form = "parted"
     parameters = (
         GAP,
         EffectParameter("parted_N", -500.0, 500.0, (-20.0,), "reading of the cell while the joint is open"),

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 ROUNDING = 0.02  # of the level: width over which the valve opens
 OPENS_AT = (0.97, 0.9, 0.75, 0.55)  # shares of the largest simulated force at which searches begin
@@ -22,14 +23,21 @@ def _level(side: str) -> EffectParameter:
     )
 
 
-class OneSide(Effect):
+class BlowOff(Effect):
+    """What all forms share."""
+
+    name, stage = "blow_off", FLUID
+    summary = "a relief valve opens and limits the force"
+
+
+class OneSide(BlowOff):
     """One valve: above the level L the force is L + s (F - L), rounded over 2 % of L.
 
     Source: relief valves of dampers (Dixon, The Shock Absorber Handbook, 2nd ed. 2007). They open at 0.5 to 5 kN; the
     slope represents the stiffness of spring and seat, 0 for an ideal valve.
     """
 
-    name, stage, sign = "blow_off", FLUID, 1.0
+    sign = 1.0
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) with the valve."""
@@ -55,10 +63,10 @@ class CompressionBlowOff(OneSide):
     parameters = (_level("compression"), SLOPE)
 
 
-class TwoSidedBlowOff(Effect):
+class TwoSidedBlowOff(BlowOff):
     """One valve for each direction, each with its level."""
 
-    name, form, stage, needs = "blow_off", "both", FLUID, "forces at which the real valves open"
+    form, needs = "both", "forces at which the real valves open"
     parameters = (_level("rebound"), _level("compression"), SLOPE)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 ROUNDING_M = 0.00015  # [m] width over which a stop comes into contact: lips and unevenness
 FREE = 0.6  # minimum share of the time without contact
@@ -22,14 +23,21 @@ COMPRESSION = EffectParameter("compression_m", -0.5, 0.5, (0.02, 0.04), "positio
 REBOUND = EffectParameter("rebound_m", -0.5, 0.5, (-0.02, -0.04), "position of contact with the rebound stop")
 
 
-class OneSidedBumpStop(Effect):
+class BumpStop(Effect):
+    """What all forms share."""
+
+    name, stage = "bump_stop", PARALLEL
+    summary = "a stop engages near the end of the stroke"
+
+
+class OneSidedBumpStop(BumpStop):
     """A stop at the end of the stroke in direction `sign`: F ± (k d + h d2), d its deflection.
 
     Microcellular foam starts at 1e4 to 1e5 N/m and stiffens within millimetres to centimetres (Dixon, The Shock
     Absorber Handbook, 2nd ed. 2007, on bump stops); steel on steel is linear at 1e6 N/m and more.
     """
 
-    name, stage, sign = "bump_stop", PARALLEL, 1.0
+    sign = 1.0
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) of damper and stop."""
@@ -54,10 +62,10 @@ class ReboundBumpStop(OneSidedBumpStop):
     parameters = (STIFFNESS, HARDENING, REBOUND)
 
 
-class TwoSidedBumpStop(Effect):
+class TwoSidedBumpStop(BumpStop):
     """Equal stops at both ends, each with its position."""
 
-    name, form, stage, needs = "bump_stop", "both", PARALLEL, "strokes that reach both stops"
+    form, needs = "both", "strokes that reach both stops"
     parameters = (STIFFNESS, HARDENING, COMPRESSION, REBOUND)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

@@ -8,9 +8,10 @@ from typing import ClassVar
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.friction_and_void_kernels import void, void_length_at_limit
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 BUBBLES = EffectParameter("bubbles_m", 1e-4, 5e-3, (5e-4,), "length of void over which the force returns", "log")
 ROUNDED = 0.05  # of a limit: width over which it is reached
@@ -29,6 +30,7 @@ class _Void(Effect):
     """A void of length z that opens in the direction `side`: on the return exp(-z/bubbles) of the force remains."""
 
     name, stage, needs = "cavitation", FLUID, "fast strokes followed by reversals"
+    summary = "a void forms in a fast stroke and must refill"
     side: ClassVar[float] = 1.0
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

@@ -6,18 +6,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ces_gap.derivative import derivative
+from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.series_kernels import pumped_stroke
 from ces_gap.effects.series_strain import Strain, high_pass_stroke, subtract_spring_stroke, subtract_stroke
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.grid import derivative
+from ces_gap.trace import Trace, TraceInputs
 
 INFINITE = float("inf")
 SLOWEST_HZ = 0.2  # [Hz] below it the compressed stroke drifts
 PUMPED_SUBSTEPS = 2
 
 
-class SideSpecific(Effect):
+class Compressibility(Effect):
+    """What all forms share."""
+
+    name, stage, reruns = "compressibility", FLUID, True
+    summary = "oil, hoses and bubbles are elastic"
+
+
+class SideSpecific(Compressibility):
     """Oil and chamber walls: ds/dF = 1/k of the side under pressure, k = β·A²/V; the valve sees the speed v - ds/dt.
 
     Source: flow continuity Q = A·v - (V/β)·dp/dt (Merritt, Hydraulic Control Systems, 1967), by chamber as in Duym,
@@ -25,7 +33,7 @@ class SideSpecific(Effect):
     make it ten times softer. Compression works on the rod's area, rebound on the annulus: their stiffnesses differ.
     """
 
-    name, form, stage, reruns = "compressibility", "sides", FLUID, True
+    form = "sides"
     needs = "motion fast enough to change the force within tens of milliseconds"
     parameters = (
         EffectParameter(
@@ -47,14 +55,14 @@ class SideSpecific(Effect):
         return subtract_spring_stroke(trace, inputs, force, law)
 
 
-class AeratedOil(Effect):
+class AeratedOil(Compressibility):
     """Bubbles: s = s₀·F/(|F| + F₀), isothermal gas of volume V₀ = A·s₀ compressed from p₀ = F₀/A; soft near zero force.
 
     Source: Boyle's law V = V₀·p₀/(p₀ + p), the free-air term of the effective bulk modulus in Merritt (1967). A few per
     cent of air in a chamber of 0.1 m make millimetres; p₀ of 1 to 10 bar on 1e-4 to 1e-3 m² makes 10 N to 1 kN.
     """
 
-    name, form, stage, reruns = "compressibility", "aerated", FLUID, True
+    form = "aerated"
     needs = SideSpecific.needs
     parameters = (
         EffectParameter(
@@ -83,7 +91,7 @@ class AeratedOil(Effect):
         return subtract_spring_stroke(trace, inputs, force, law)
 
 
-class CheckValveStiffness(Effect):
+class CheckValveStiffness(Compressibility):
     """Check valves change the stiffness: ds/dt = C·dF/dt, C = 1/`pumping_N_m` while pushed and moving in, else smaller.
 
     While the damper moves in, the piston's check valve is open and both chambers have one pressure, which acts on the
@@ -93,7 +101,7 @@ class CheckValveStiffness(Effect):
     two compliances. Source: continuity by chamber as above (Merritt 1967), for uniflow and monotube dampers.
     """
 
-    name, form, stage, reruns = "compressibility", "pumped", FLUID, True
+    form = "pumped"
     needs = SideSpecific.needs
     parameters = (
         EffectParameter(

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import SENSOR, Effect, EffectParameter
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 GAIN = EffectParameter("gain", 0.5, 1.5, (0.95, 1.05), "acting current over logged current", "linear", True, 1.0)
 BEYOND = 0.5  # of the logged range: margin for the current of the simulation
@@ -21,13 +22,20 @@ def scale_current(inputs: TraceInputs, gain: float, offset: float) -> TraceInput
     return inputs.with_current(np.clip(acting, low - margin, high + margin))
 
 
-class CurrentGain(Effect):
+class CurrentScale(Effect):
+    """What all forms share."""
+
+    name, stage, reruns = "current_scale", SENSOR, True
+    summary = "gain or offset of the measured current"
+
+
+class CurrentGain(CurrentScale):
     """i' = gain·i: a shunt or conversion wrong by a few per cent, up to a wrong amplifier range (50 %).
 
     Source: a plain calibration error.
     """
 
-    name, form, stage, reruns, needs = "current_scale", "gain", SENSOR, True, "a current other than zero"
+    form, needs = "gain", "a current other than zero"
     parameters = (GAIN,)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
@@ -35,13 +43,13 @@ class CurrentGain(Effect):
         return scale_current(inputs, values[0], 0.0)
 
 
-class GainAndOffset(Effect):
+class GainAndOffset(CurrentScale):
     """i' = gain·i + offset: as above, with a zero that has drifted by up to some tenths of an ampere.
 
     Source: a plain calibration error.
     """
 
-    name, form, stage, reruns, needs = "current_scale", "gain_offset", SENSOR, True, "a changing current"
+    form, needs = "gain_offset", "a changing current"
     parameters = (
         GAIN,
         EffectParameter("offset_A", -0.3, 0.3, (0.0, 0.03), "acting current at zero logged current", magnitude=True),

@@ -6,18 +6,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import CELL, Effect, EffectParameter
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 
-class LinearDrift(Effect):
+class ForceDrift(Effect):
+    """What all forms share."""
+
+    name, stage = "force_drift", CELL
+    summary = "the zero of the force drifts"
+
+
+class LinearDrift(ForceDrift):
     """A constant drift from a zero that is correct at the start of the recording: F + r t.
 
     A 10 kN cell that warms by a kelvin per minute drifts by hundredths of a newton per second, a piezo cell with damp
     insulation by more; gas that warms in the damper raises its force by newtons per second under hard work.
     """
 
-    name, form, stage, needs = "force_drift", "linear", CELL, "at least some tens of seconds, tared at the start"
+    form, needs = "linear", "at least some tens of seconds, tared at the start"
     parameters = (EffectParameter("drift_N_s", -20.0, 20.0, (0.5,), "drift of the zero", magnitude=True),)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -25,10 +33,10 @@ class LinearDrift(Effect):
         return force + values[0] * trace.time_s
 
 
-class SettlingDrift(Effect):
+class SettlingDrift(ForceDrift):
     """A drift that settles: F + A (1 - exp(-t/tau)), as a cell reaches its temperature or a charge leaks."""
 
-    name, form, stage = "force_drift", "settling", CELL
+    form = "settling"
     needs = "a recording about as long as the drift lasts, tared at the start"
     parameters = (
         EffectParameter("settled_N", -2000.0, 2000.0, (20.0,), "drift after a long time", magnitude=True),

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import CELL, Effect, EffectParameter
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 
 class ForceOffset(Effect):
@@ -15,6 +16,7 @@ class ForceOffset(Effect):
     """
 
     name, form, stage, needs = "force_offset", "constant", CELL, "a tare that agrees with the simulation"
+    summary = "the zero of the force is wrong"
     parameters = (
         EffectParameter(
             "offset_N", -3000.0, 3000.0, (20.0,), "measured force when the damper force is zero", magnitude=True

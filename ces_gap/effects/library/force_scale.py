@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import CELL, Effect, EffectParameter
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 
 class ForceScale(Effect):
@@ -15,6 +16,7 @@ class ForceScale(Effect):
     """
 
     name, form, stage, needs = "force_scale", "gain", CELL, "forces well above the noise"
+    summary = "the gain of the force is wrong"
     parameters = (
         EffectParameter("gain", 0.7, 1.3, (1.03,), "measured force over damper force", magnitude=True, neutral=1.0),
     )

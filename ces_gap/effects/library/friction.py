@@ -6,9 +6,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
 from ces_gap.effects.friction_and_void_kernels import bristles
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 STRIBECK_M_S = 0.02  # [m/s] if it is not a parameter: typical strokes pass it within milliseconds
 
@@ -25,14 +26,21 @@ PRESSED = EffectParameter(
 )
 
 
-class CoulombStribeck(Effect):
+class FrictionForce(Effect):
+    """What all forms share."""
+
+    name, stage = "friction", PARALLEL
+    summary = "friction of seals and bearings"
+
+
+class CoulombStribeck(FrictionForce):
     """A function of speed: F + Fc (1 + e exp(-(v/vs)2)) tanh(v/v0).
 
     Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994). Rod seals and guides of dampers have
     10 to 100 N, under side load several times that.
     """
 
-    name, form, stage, needs = "friction", "coulomb_stribeck", PARALLEL, "strokes that reverse, slow ones among them"
+    form, needs = "coulomb_stribeck", "strokes that reverse, slow ones among them"
     parameters = (COULOMB, ROUNDING, EXCESS, STRIBECK)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -41,13 +49,13 @@ class CoulombStribeck(Effect):
         return force + coulomb * np.tanh(inputs.speed / rounding) * _stribeck(inputs.speed, excess, stribeck)
 
 
-class Presliding(Effect):
+class Presliding(FrictionForce):
     """Dahl's model: F + Fc z, dz/dx = (1 - z sign v) / d (P. Dahl, 1968; exponent 1).
 
     The elastic lip of a rod seal follows the rod over some hundredths to tenths of a millimetre.
     """
 
-    name, form, stage, needs = "friction", "presliding", PARALLEL, "strokes that reverse"
+    form, needs = "presliding", "strokes that reverse"
     parameters = (COULOMB, PRESLIDING)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -56,14 +64,14 @@ class Presliding(Effect):
         return force + coulomb * _bristles(inputs, np.ones_like(force), presliding)
 
 
-class LuGre(Effect):
+class LuGre(FrictionForce):
     """LuGre without micro-damping: F + Fc (z + c v), dz/dx = (1 - z sign(v)/g) / d, g = 1 + e exp(-(v/vs)2).
 
     Source: Canudas de Wit et al., IEEE Transactions on Automatic Control 40 (1995). The Stribeck speed is fixed
     at 20 mm/s: usual strokes pass it within milliseconds and cannot separate it from the presliding stroke.
     """
 
-    name, form, stage, needs = "friction", "lugre", PARALLEL, "strokes that reverse, slow and fast ones"
+    form, needs = "lugre", "strokes that reverse, slow and fast ones"
     parameters = (COULOMB, PRESLIDING, EXCESS, VISCOUS)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -73,13 +81,13 @@ class LuGre(Effect):
         return force + coulomb * (_bristles(inputs, level, presliding) + viscous * inputs.speed)
 
 
-class PressureDependent(Effect):
+class PressureDependent(FrictionForce):
     """The damper's pressure loads the seal: F + Fc z (1 + q |F|), z as in presliding.
 
     Lip seals are energised by the pressure behind them: a few per cent of a force of kilonewtons.
     """
 
-    name, form, stage = "friction", "pressure_dependent", PARALLEL
+    form = "pressure_dependent"
     needs = "strokes that reverse, at small and large forces"
     parameters = (COULOMB, PRESLIDING, PRESSED)
 

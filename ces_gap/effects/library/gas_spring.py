@@ -9,8 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 POLYTROPIC = 1.3  # exponent of nitrogen at stroke frequencies, between isothermal 1 and adiabatic 1.4
 MIN_COLUMN_SHARE = 0.15  # of the column: limit of compression
@@ -25,10 +26,17 @@ PRELOAD = EffectParameter(
 CHARGED_COLUMN = EffectParameter("column_m", 0.05, 1.0, (0.15, 0.5), "gas volume over rod area at position zero", "log")
 
 
-class LinearGasSpring(Effect):
+class GasSpring(Effect):
+    """What all forms share."""
+
+    name, stage = "gas_spring", PARALLEL
+    summary = "gas pressure pushes the rod out"
+
+
+class LinearGasSpring(GasSpring):
     """The tangent: F + k x, zero at the zero of the position sensor, where the cell was tared."""
 
-    name, form, stage, needs = "gas_spring", "linear", PARALLEL, "different mean strokes, or slow strokes"
+    form, needs = "linear", "different mean strokes, or slow strokes"
     parameters = (STIFFNESS,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -36,14 +44,14 @@ class LinearGasSpring(Effect):
         return force + values[0] * inputs.position
 
 
-class Polytropic(Effect):
+class Polytropic(GasSpring):
     """p V^n constant: F + k L/n ((1 - x/L)^-n - 1), k = n p0 A/L, zero at the zero of the position sensor.
 
     Source: Dixon, The Shock Absorber Handbook (2nd ed. 2007), on gas force. 20 bar on a rod of 2.5 cm2 above a column
     of 0.4 m gives 1.6 kN/m; air springs around the damper reach 40 kN/m.
     """
 
-    name, form, stage, needs = "gas_spring", "polytropic", PARALLEL, "long strokes, or different mean strokes"
+    form, needs = "polytropic", "long strokes, or different mean strokes"
     parameters = (STIFFNESS, COLUMN)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -51,10 +59,10 @@ class Polytropic(Effect):
         return force + values[0] * _per_stiffness(inputs.position, values[1])
 
 
-class AboutMean(Effect):
+class MeanCentredSpring(GasSpring):
     """As polytropic, but zero at the mean position of the recording: for a sensor whose zero is not at mid-stroke."""
 
-    name, form, stage, needs = "gas_spring", "about_mean", PARALLEL, "long strokes"
+    form, needs = "about_mean", "long strokes"
     parameters = (STIFFNESS, COLUMN)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -63,7 +71,7 @@ class AboutMean(Effect):
         return force + values[0] * _per_stiffness(inputs.position - mean, values[1])
 
 
-class Charged(Effect):
+class ChargedSpring(GasSpring):
     """The whole gas force, as a cell reads it that was not tared: F + F0 (1 - x/L)^-n, F0 = p0 A, stiffness n F0/L.
 
     Preload and stiffness come from one charge p V^n = const, wherever position is zero: from x0 on, the law is the same
@@ -71,7 +79,7 @@ class Charged(Effect):
     20 to 100 cm3 a column of 0.1 to 1 m.
     """
 
-    name, form, stage, needs = "gas_spring", "charged", PARALLEL, "long strokes"
+    form, needs = "charged", "long strokes"
     limit = "force_offset"
     parameters = (PRELOAD, CHARGED_COLUMN)
 
@@ -87,4 +95,4 @@ def _per_stiffness(position: F, column_m: float) -> F:
     return np.asarray(column_m / POLYTROPIC * (share**-POLYTROPIC - 1.0))
 
 
-FORMS = (LinearGasSpring(), Polytropic(), AboutMean(), Charged())
+FORMS = (LinearGasSpring(), Polytropic(), MeanCentredSpring(), ChargedSpring())

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.effects.frequency_response import apply_response
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_data.arrays import F
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, apply_response
+from ces_gap.trace import Trace, TraceInputs
 
 DAMPING = 0.05  # damping ratio of the mass on the cell: bolted steel has 0.01 to 0.1
 RESONANCES_HZ = (45.0, 60.0, 80.0, 105.0, 140.0, 200.0)  # at which searches begin
@@ -18,13 +18,20 @@ MASS_KG = 2.0  # [kg] at which they begin
 MASS = EffectParameter("mass_kg", 0.0, 20.0, (0.5,), "moving mass between cell and piston", magnitude=True)
 
 
-class Mass(Effect):
+class Inertia(Effect):
+    """What all forms share."""
+
+    name, stage = "inertia", PARALLEL
+    summary = "mass between sensor and piston"
+
+
+class Mass(Inertia):
     """A rigid mass: F + m a (Newton's second law; a positive in compression).
 
     Eyes, adapters and cell flanges have 0.2 to 5 kg, the body of a truck's damper up to 20 kg.
     """
 
-    name, form, stage = "inertia", "mass", PARALLEL
+    form = "mass"
     needs = "strokes at several hertz (the force grows with the square of frequency)"
     parameters = (MASS,)
 
@@ -33,19 +40,16 @@ class Mass(Effect):
         return force + values[0] * trace.acceleration
 
 
-class MassOnCell(Effect):
+class MassOnCell(Inertia):
     """A mass on an elastic cell: F + m a behind 1 / (1 + 2 z s/w + s2/w2), w2 = k/m.
 
     From k (x - y) = F + m y'' with the sensed motion x and the motion y of the mass, without the deflection of the cell
     (see mount_compliance). Cells and fixtures have 1e6 to 1e8 N/m; stiffer ones act as a rigid mass.
     """
 
-    name, form, stage = "inertia", "mass_on_cell", PARALLEL
+    form = "mass_on_cell"
     needs = "strokes or force edges that excite the cell's resonance"
-    parameters = (
-        MASS,
-        EffectParameter("cell_N_m", 5e4, 1e9, (3e6,), "stiffness of the cell and its fixture", "log"),
-    )
+    parameters = (MASS, EffectParameter("cell_N_m", 5e4, 1e9, (3e6,), "stiffness of the cell and its fixture", "log"))
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) in the cell."""

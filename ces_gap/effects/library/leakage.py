@@ -7,12 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from ces_gap.derivative import derivative
+from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
 from ces_gap.effects.series_kernels import leaking_force
 from ces_gap.effects.series_strain import Law, Strain, high_pass_stroke, soft_width, subtract_stroke, tabulate_law
-from ces_gap.plant_map.own_spring import SprungMap
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.grid import derivative
+from ces_gap.plant_map import SprungMap
+from ces_gap.trace import Trace, TraceInputs
 
 SLOWEST_HZ = 0.1  # [Hz] below it the leaked stroke drifts
 
@@ -26,6 +27,7 @@ class _Leak(Effect):
     """
 
     name, stage, reruns, needs = "leakage", FLUID, True, "motion in the direction that leaks"
+    summary = "oil bypasses the valves"
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the motion that displaces oil through the valve, without the slow part of the leak."""
@@ -99,7 +101,7 @@ class ReboundLeak(_Leak):
         return rebound
 
 
-class BothWays(_Leak):
+class TwoWayLeak(_Leak):
     """A gap that leaks equally in both directions: q = κ·F. Source and range as for rebound."""
 
     form = "both"
@@ -139,4 +141,4 @@ class Orifice(_Leak):
         return orifice
 
 
-FORMS = (ReboundLeak(), BothWays(), Orifice())
+FORMS = (ReboundLeak(), TwoWayLeak(), Orifice())

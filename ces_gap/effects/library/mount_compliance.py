@@ -6,23 +6,31 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import MOTION, Effect, EffectParameter
 from ces_gap.effects.series_strain import Strain, subtract_spring_stroke
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 STIFFNESS = EffectParameter(
     "stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing", "inverse", True, float("inf")
 )
 
 
-class LinearMount(Effect):
+class MountCompliance(Effect):
+    """What all forms share."""
+
+    name, stage, reruns = "mount_compliance", MOTION, True
+    summary = "elastic bushings"
+
+
+class LinearMount(MountCompliance):
     """A Kelvin-Voigt bushing: k·z + c·dz/dt = F, the damper moves x' = x - z; damping_s = c/k.
 
     Source: Dixon, The Shock Absorber Handbook (2nd ed. 2007), on mounting bushes; Kelvin-Voigt element. Rubber bushes
     of dampers have 1e5 to 1e7 N/m and relax within milliseconds; steel rod ends are stiffer.
     """
 
-    name, form, stage, reruns = "mount_compliance", "linear", MOTION, True
+    form = "linear"
     needs = "motion fast enough to change the force within tens of milliseconds"
     parameters = (STIFFNESS, EffectParameter("damping_s", 0.0, 0.02, (0.001,), "relaxation time of the rubber, c/k"))
 
@@ -36,14 +44,14 @@ class LinearMount(Effect):
         return subtract_spring_stroke(trace, inputs, force, law, damping_s)
 
 
-class ProgressiveMount(Effect):
+class ProgressiveMount(MountCompliance):
     """A bushing that stiffens with load: z = (F_s/k)·asinh(F/F_s), stiffness k·√(1 + (F/F_s)²).
 
     Source: the progressive curve of rubber in compression (Dixon 2007); asinh approximates it smoothly. `knee_N`
     F_s is the force at which the stiffness has grown by 41 %: 100 N for a soft grommet, 5 kN for a full bush.
     """
 
-    name, form, stage, reruns = "mount_compliance", "progressive", MOTION, True
+    form = "progressive"
     needs = LinearMount.needs
     parameters = (
         STIFFNESS,

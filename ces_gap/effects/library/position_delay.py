@@ -7,9 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.ndimage import shift
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import SENSOR, Effect, EffectParameter
 from ces_gap.effects.series_strain import subtract_stroke
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 
 class Skew(Effect):
@@ -20,6 +21,7 @@ class Skew(Effect):
     """
 
     name, form, stage, reruns, needs = "position_delay", "shift", SENSOR, True, "motion"
+    summary = "position and force are not synchronous"
     parameters = (
         EffectParameter(
             "delay_s", -0.02, 0.03, (0.003, -0.003), "delay of the force relative to the position", magnitude=True

@@ -8,19 +8,13 @@ from typing import ClassVar
 import numpy as np
 from scipy.signal import lfilter
 
+from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 RETURN_S = 0.5  # [s] time constant with which the leaked stroke returns
 
-PER_HEAT = EffectParameter(
-    "fade_per_J",
-    0.0,
-    1e-3,
-    (5e-6, 4e-5),
-    "share of the force lost per joule",
-    magnitude=True,
-)
+PER_HEAT = EffectParameter("fade_per_J", 0.0, 1e-3, (5e-6, 4e-5), "share of the force lost per joule", magnitude=True)
 COOLING = EffectParameter(
     "cooling_s", 5.0, 3000.0, (40.0,), "time constant of cooling: heat capacity over conductance", "log"
 )
@@ -31,14 +25,21 @@ LAMINAR = EffectParameter("laminar_m_s", 0.005, 5.0, (0.1,), "speed at which hal
 PER_KELVIN = EffectParameter("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lost per kelvin", magnitude=True)
 
 
-class FadeByWork(Effect):
+class TemperatureFade(Effect):
+    """What all forms share."""
+
+    name, stage = "temperature_fade", FLUID
+    summary = "warm oil damps less"
+
+
+class FadeByWork(TemperatureFade):
     """Heat is retained: F exp(-b E), E the work done since the start of the recording.
 
     Source: Lion and Loose, Vehicle System Dynamics 37 (2002), on self-heating dampers. 0.1 to 1 % of the force
     per kelvin over a heat capacity of 300 to 2000 J/K: 1e-6 to 3e-5 per joule; small dampers with thick oil have more.
     """
 
-    name, form, stage, needs = "temperature_fade", "heated", FLUID, "hard work over some tens of seconds or more"
+    form, needs = "heated", "hard work over some tens of seconds or more"
     parameters: ClassVar[tuple[EffectParameter, ...]] = (PER_HEAT,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -52,17 +53,17 @@ class FadeWithCooling(FadeByWork):
     Dampers cool in air within 1 to 20 minutes, oil in its chamber to the tube within some tens of seconds.
     """
 
-    name, form, stage, needs = "temperature_fade", "cooled", FLUID, "hard work, then rest, over a minute or more"
+    form, needs = "cooled", "hard work, then rest, over a minute or more"
     parameters = (PER_HEAT, COOLING)
 
 
-class Viscous(Effect):
+class Viscous(TemperatureFade):
     """Only the viscous share fades, not that of density: F (1 - (1 - exp(-b E)) / (1 + |v|/w)).
 
     Pressure drops a q + b q2 (Merritt, Hydraulic Control Systems, 1967): a falls with viscosity, b hardly changes.
     """
 
-    name, form, stage = "temperature_fade", "viscous", FLUID
+    form = "viscous"
     needs = "hard work over some tens of seconds or more, with slow and fast strokes"
     parameters = (PER_HEAT, LAMINAR)
 
@@ -72,14 +73,14 @@ class Viscous(Effect):
         return np.asarray(force * (1.0 - lost / (1.0 + np.abs(inputs.speed) / values[1])))
 
 
-class ThinnerOil(Effect):
+class ThinnerOil(TemperatureFade):
     """Thin oil also leaks through gaps: the plant is driven by x - s, then F exp(-b E).
 
     s is the leaked stroke, ds/dt = l E F - s/(0.5 s): laminar flow through gaps in proportion to pressure and fluidity
     delays the build-up of force; the slow return keeps the mean stroke as measured. Source: Merritt 1967.
     """
 
-    name, form, stage, reruns = "temperature_fade", "thinner_oil", FLUID, True
+    form, reruns = "thinner_oil", True
     needs = "hard work over some tens of seconds or more, with reversals"
     parameters = (PER_HEAT, LEAKING)
 
@@ -99,10 +100,10 @@ class ThinnerOil(Effect):
         return [(1e-5, 5e-9), (4e-5, 1e-9)]
 
 
-class FadeByTemperature(Effect):
+class FadeByTemperature(TemperatureFade):
     """By the measured temperature: F exp(-b (T - T0)), T0 at the start; no effect without a temperature channel."""
 
-    name, form, stage, needs = "temperature_fade", "measured", FLUID, "a temperature channel"
+    form, needs = "measured", "a temperature channel"
     parameters = (PER_KELVIN,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
 from ces_rig.dampers.effects import Change, Proportions, interpolate_log, log_spread, uniform_spread
-from ces_rig.dampers.lumped import LUMPED_CHANGES, LUMPED_SPREADS, gas_spring
+from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS
 
 VARIED: Mapping[str, float] = {
     "yield_N": 0.2, "yield_N_A": 0.15, "saturation_A": 0.15, "yield_m": 0.25, "viscous_Ns_m": 0.2,
@@ -72,10 +72,6 @@ def _mount_compliance(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str,
     return {"mount_N_m": stiffness, "mount_Ns_m": relaxation * stiffness}
 
 
-def _gas_spring(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {**gas_spring(d, s, p), "gas_exponent": interpolate_log(d.gas_exponent, p["exponent"], s / (1.0 + s))}
-
-
 def _temperature_fade(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
     return {
         "fade_yield_1_K": d.fade_yield_1_K + s * p["yield_1_K"],
@@ -84,29 +80,21 @@ def _temperature_fade(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str,
     }
 
 
-def _bump_stop(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {
-        "stop_clearance_m": d.stop_clearance_m / (1.0 + s),
-        "stop_N_m": p["stiffness_N_m"],
-        "stop_progression_1_m": p["progression_1_m"],
-    }
-
-
-def _current_hysteresis(d: BoucWen, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {"remanence_A": d.remanence_A + s * p["loop_A"], "remanence_bend_A": p["bend_A"]}
-
-
 CHANGES: Mapping[str, Change] = {
     **LUMPED_CHANGES,
     "friction": _friction,
     "compressibility": _compressibility,
     "mount_compliance": _mount_compliance,
     "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"]},
-    "gas_spring": _gas_spring,
     "cavitation": lambda d, s, p: {"void_N": d.void_N / (1.0 + s * p["gas_loss"])},
     "temperature_fade": _temperature_fade,
     "leakage": lambda d, s, p: {"bypass_m_Ns": d.bypass_m_Ns + s * p["bypass_m_Ns"]},
-    "bump_stop": _bump_stop,
+    "bump_stop": lambda d, s, p: {
+        "stop_clearance_m": d.stop_clearance_m / (1.0 + s), "stop_N_m": p["stiffness_N_m"],
+        "stop_progression_1_m": p["progression_1_m"],
+    },
     "valve_lag": lambda d, s, p: {"field_s": d.field_s + s * p["field_s"], "eddy_s": d.eddy_s + s * p["eddy_s"]},
-    "current_hysteresis": _current_hysteresis,
-}
+    "current_hysteresis": lambda d, s, p: {
+        "remanence_A": d.remanence_A + s * p["loop_A"], "remanence_bend_A": p["bend_A"],
+    },
+}  # fmt: skip

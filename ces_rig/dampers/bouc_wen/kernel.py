@@ -9,15 +9,19 @@ from __future__ import annotations
 from math import exp, log1p, sqrt, tanh
 from typing import Any
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
-Array = NDArray[np.float64]
+from ces_data.arrays import F
+from ces_rig.dampers.bouc_wen.parameters import Numbers
+from ces_rig.drive import kernels as dk
+
+SIZE = len(Numbers._fields)
 
 PISTON, SPEED, BEND, DASHPOT, YIELDED, BRISTLE, TEMPERATURE, COIL = 0, 1, 2, 3, 4, 5, 6, 7
 FIELD, EDDY, REMANENT, BUBBLES = 8, 9, 10, 11
 STATE_SIZE = 12
+STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_withheld_kernels)
 BUBBLE_SHARE = 0.92  # of the fluid's stiffness lost while bubbles are squeezed
 VOID_SHARE = 1e-4  # of it left while there is a void
 STANDSTILL_M_S = 1e-6
@@ -77,7 +81,7 @@ def first_order_lag(value: float, target: float, lag_s: float, h: float) -> floa
 
 
 @njit(cache=True)
-def field_path(c: Any, s: Array, current: float, h: float) -> float:
+def field_path(c: Any, s: F, current: float, h: float) -> float:
     """Advance coil, remanence (Duhem), fluid response and eddy currents by `h` seconds; return the field [A]."""
     before = s[COIL]
     s[COIL] = first_order_lag(before, current, c.coil_s, h)
@@ -90,7 +94,7 @@ def field_path(c: Any, s: Array, current: float, h: float) -> float:
 
 
 @njit(cache=True)
-def step(c: Any, s: Array, stroke: float, speed: float, field: float, h: float) -> float:
+def step(c: Any, s: F, stroke: float, speed: float, field: float, h: float) -> float:
     """Advance the state by `h` seconds to this stroke [m] and speed [m/s]; return the force [N] in the bushing."""
     x, v, e, z = s[PISTON], s[SPEED], s[BEND], s[YIELDED]
     warm = s[TEMPERATURE] - c.start_degC
@@ -138,39 +142,39 @@ def step(c: Any, s: Array, stroke: float, speed: float, field: float, h: float) 
 
 
 @njit(cache=True)
-def advance(
-    c: Any, s: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int, out: Array
-) -> None:
-    """Run from rest; `out` (3, n) receives force [N], coil current [A] and temperature [°C]."""
-    out[0, 0] = settle(c, s, stroke[0], speed[0], current[0])
-    out[1, 0], out[2, 0] = current[0], c.start_degC
-    continue_run(c, s, stroke, speed, current, interval, substeps, out)
-
-
-@njit(cache=True)
-def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> float:
-    """Bring the state to rest at this input and return the force [N], zero at mid-stroke."""
+def settle(c: Any, s: F, stroke: float, speed: float, current: float) -> float:
+    """Bring the state to rest at this input and return the force [N]."""
     s[:] = 0.0
     held = gas(c, stroke)
     s[PISTON] = s[DASHPOT] = stroke - held / c.mount_N_m - (0.5 * c.play_m if held > 0.0 else -0.5 * c.play_m)
     s[SPEED], s[TEMPERATURE], s[BUBBLES] = speed, c.start_degC, c.bubbles_m
     s[COIL] = s[FIELD] = s[EDDY] = current
-    return float(held - gas(c, 0.0))
+    return float(held)
 
 
 @njit(cache=True)
-def continue_run(
-    c: Any, s: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int, out: Array
-) -> None:
-    """Continue from the first input, which the state has reached, through the others; fills `out` from column 1 on."""
-    h, zero = interval / substeps, gas(c, 0.0)
-    for n in range(1, stroke.shape[0]):
-        x0, v0, x1, v1 = stroke[n - 1], speed[n - 1], stroke[n], speed[n]
-        bend2, bend3 = 3.0 * (x1 - x0) - (2.0 * v0 + v1) * interval, 2.0 * (x0 - x1) + (v0 + v1) * interval
+def rest_force(c: Any) -> float:
+    """Return the gas force [N] at mid-stroke."""
+    return float(gas(c, 0.0))
+
+
+@njit(cache=True)
+def run(
+    numbers: F, s: F, mover: int, mover_numbers: F, motion: F, moves: F, interval: float, substeps: int,
+    force: F, states: F,
+) -> None:  # fmt: skip
+    """Step mover and damper through `moves` (`drive/kernels.py`) and fill `force` (n,) and `states` (n, STATE_SIZE).
+
+    `states` may have no rows. The numbers are passed as an array: as many scalars would take as long as ten steps.
+    Numba's cache watches this file only: touch it after changing a function of another file that it calls.
+    """
+    c = Numbers(*to_fixed_tuple(numbers, SIZE))
+    h, zero = interval / substeps, rest_force(c)
+    for n in range(1, moves.shape[1]):
         for k in range(1, substeps + 1):
-            r = k / substeps
-            at = x0 + r * (v0 * interval + r * (bend2 + r * bend3))
-            moving = v0 + r * (2.0 * bend2 + 3.0 * r * bend3) / interval
-            field = field_path(c, s, current[n - 1] + (r - 0.5 / substeps) * (current[n] - current[n - 1]), h)
-            out[0, n] = step(c, s, at, moving, field, h) - zero
-        out[1, n], out[2, n] = s[COIL], s[TEMPERATURE]
+            dk.move(mover, mover_numbers, motion, moves, n, k, interval, substeps)
+            field = field_path(c, s, dk.between(moves[dk.CURRENT], n, k / substeps - 0.5 / substeps), h)
+            force[n - 1] = step(c, s, motion[dk.STROKE], motion[dk.STROKE_SPEED], field, h)
+            motion[dk.FORCE] = force[n - 1] - zero
+        if states.shape[0] > 0:
+            states[n - 1] = s

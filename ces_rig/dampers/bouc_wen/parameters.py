@@ -10,14 +10,8 @@ from collections import namedtuple
 from dataclasses import astuple, dataclass, fields
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ces_rig.dampers.bouc_wen.kernel import STATE_SIZE, advance, settle
-from ces_rig.dampers.lumped import LumpedDamper
-from ces_rig.descriptions import quantity
-
-Array = NDArray[np.float64]
+from ces_observer.fields import quantity
+from ces_rig.dampers.model import LumpedDamper
 
 
 @dataclass(frozen=True)
@@ -79,15 +73,9 @@ class BoucWen(LumpedDamper):
     side_load_N_m: float = quantity(0.0, "N/m", "growth of friction away from `side_at_m`", 0.0, 1e5)
     side_at_m: float = quantity(0.0, "m", "stroke without side load", -0.5, 0.5)
 
-    def _simulate(
-        self, time_s: Array, moves: tuple[Array, Array, Array], interval_s: float, substeps: int, out: Array
-    ) -> None:
-        advance(Numbers(*astuple(self)), np.zeros(STATE_SIZE), *moves, interval_s, substeps, out)
-
-    def settle(self, stroke_m: float, speed_m_s: float, current_A: float) -> tuple[Array, float]:
-        """Return the kernel's state at rest at this input and the force [N] there, tared at mid-stroke."""
-        state = np.zeros(STATE_SIZE)
-        return state, float(settle(Numbers(*astuple(self)), state, stroke_m, speed_m_s, current_A))
+    def coefficients(self) -> tuple[float, ...]:
+        """Return the kernel's numbers."""
+        return Numbers(*astuple(self))
 
 
 Numbers: Any = namedtuple("Numbers", [f.name for f in fields(BoucWen)])  # type: ignore[misc]

@@ -7,33 +7,12 @@ from outside.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
 from math import exp
-from typing import ClassVar
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ces_rig.dampers.effects import Change, Proportions, interpolate_log, log_spread, uniform_spread
-from ces_rig.dampers.hydraulic import kernel as hy
-from ces_rig.dampers.hydraulic.coefficients import coefficients
 from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.hydraulic.stepper import (
-    STEP_S,
-    SimulatedRun,
-    Stepper,
-    equilibrium,
-    rest_force,
-    simulate,
-    spline_speed,
-)
-from ces_rig.nested_numbers import get_number, number_paths, replace_numbers
 
-Array = NDArray[np.float64]
-
-MAX_AIR_FRACTION = 0.25
 RELEASE_PA = 8.5e4  # [Pa] at which oil saturated with gas releases it
-FOAM_EVERY_S = 5e-3  # [s] between updates of a growing air content
 DESIGN: Mapping[str, float] = {
     "body.moving_mass_kg": 0.35, "body.bump_clearance_m": 0.055, "body.bump_stiffness_N_m": 2e5,
     "oil.air_fraction": 0.0006, "oil.bulk_modulus_Pa": 1.6e9, "piston.blow_off_Pa": 3e7, "piston.leakage_m3_sPa": 8e-13,
@@ -99,90 +78,6 @@ SPREADS: Mapping[str, Proportions] = {
     "sticking_check": {"adhesion_Pa": log_spread(1.5e5, 4e5)},
     "late_check": {"piston_s": log_spread(4e-3, 2e-2), "intake_s": log_spread(4e-3, 2e-2)},
 }  # fmt: skip
-
-
-@dataclass(frozen=True)
-class Hydraulic:
-    """The damper, with `extras` (coefficients without a parameter) and the growth of its air content per joule."""
-
-    damper: Damper
-    extras: Mapping[str, float] = field(default_factory=dict)
-    foaming_1_J: float = 0.0
-    delay_s: ClassVar[float] = 0.0
-
-    def run(self, interval_s: float, stroke_m: Array, current_A: Array) -> tuple[Array, Array, Array]:
-        """Return force [N], tared at mid-stroke, coil current [A] and oil temperature [°C], each (n,)."""
-        if self.foaming_1_J > 0.0:
-            run = simulate_foaming(self, interval_s, stroke_m, current_A)
-        else:
-            run = simulate(self.damper, interval_s, stroke_m, current_A, extras=self.extras)
-        return run.force_N - rest_force(self.damper), run.state("coil_A"), run.state("oil_degC")
-
-    @property
-    def current_A(self) -> tuple[float, float]:
-        """The working range [A] of the current, which experiments use."""
-        return self.damper.ces_valve.current_low_A, self.damper.ces_valve.current_high_A
-
-    @property
-    def allowed_A(self) -> tuple[float, float]:
-        """The range [A] of currents that the valve answers to; a driver clips commands to it."""
-        return self.damper.ces_valve.allowed_low_A, self.damper.ces_valve.allowed_high_A
-
-    @property
-    def reach_m(self) -> float:
-        """Travel [m] from mid-stroke to either end."""
-        return self.damper.body.half_stroke_m
-
-    def coefficients(self) -> Array:
-        """Return the kernel's numbers."""
-        return np.array(coefficients(self.damper)._replace(**self.extras))
-
-    def settle(self, stroke_m: float, speed_m_s: float, current_A: float) -> tuple[Array, float]:
-        """Return the kernel's state at rest at this input and the force [N] there, tared at mid-stroke."""
-        state = equilibrium(self.damper, stroke_m, speed_m_s, current_A)
-        c = hy.Coefficients(*self.coefficients())
-        return state, float(hy.mount_force(c, state, stroke_m, speed_m_s)[0] - rest_force(self.damper))
-
-    def without_coil(self) -> Hydraulic:
-        """Return the damper without its coil's lag, to be driven with a measured coil current."""
-        return Hydraulic(replace_numbers(self.damper, {"ces_valve.solenoid_s": 0.0}), self.extras, self.foaming_1_J)
-
-    def with_numbers(self, numbers: Mapping[str, float]) -> Hydraulic:
-        """Return the damper with other numbers: by path, `extras.name`, or `foaming_1_J`."""
-        extras = {k.removeprefix("extras."): v for k, v in numbers.items() if k.startswith("extras.")}
-        paths = {k: v for k, v in numbers.items() if k in PATHS}
-        foaming = numbers.get("foaming_1_J", self.foaming_1_J)
-        return Hydraulic(replace_numbers(self.damper, paths), {**self.extras, **extras}, foaming)
-
-    def number(self, path: str) -> float:
-        """Return the number at a path."""
-        return get_number(self.damper, path)
-
-    def description(self) -> dict[str, object]:
-        """Return the contents of its YAML file."""
-        return {"kind": "hydraulic", **asdict(self.damper)}
-
-
-PATHS = frozenset(number_paths(Damper()))
-
-
-def simulate_foaming(plant: Hydraulic, interval_s: float, stroke_m: Array, current_A: Array) -> SimulatedRun:
-    """Run a damper whose air content grows with the absorbed energy (foam; gas coming out of solution)."""
-    stepper = Stepper(plant.damper, interval_s, STEP_S, plant.extras)
-    every = max(1, round(FOAM_EVERY_S / interval_s))
-    time = np.arange(len(stroke_m), dtype=np.float64) * interval_s
-    speed = spline_speed(time, stroke_m)
-    force, states = np.empty(len(time)), np.empty((len(time), hy.STATE_SIZE))
-    force[0] = stepper.reset(stroke_m[0], speed[0], current_A[0])
-    states[0] = stepper.state
-    air, absorbed_J = stepper.coefficients.air, 0.0
-    for start in range(1, len(time), every):
-        part = slice(start, start + every)
-        force[part] = stepper.advance(stroke_m[part], speed[part], current_A[part], states[part])
-        absorbed_J += abs(float(np.dot(force[part], speed[part]))) * interval_s
-        content = min(air + plant.foaming_1_J * absorbed_J, MAX_AIR_FRACTION)
-        stepper.coefficients = stepper.coefficients._replace(air=content)
-    return SimulatedRun(time, force, states)
 
 
 def _friction(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
@@ -254,34 +149,6 @@ def _blow_off(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
     }
 
 
-def _bump_stop(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {
-        "body.bump_clearance_m": d.body.bump_clearance_m / (1.0 + s),
-        "body.bump_stiffness_N_m": p["stiffness_N_m"],
-        "body.bump_progression_1_m": p["progression_1_m"],
-    }
-
-
-def _valve_lag(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {
-        "ces_valve.pilot_rise_s": d.ces_valve.pilot_rise_s + s * p["rise_s"],
-        "ces_valve.pilot_fall_s": d.ces_valve.pilot_fall_s + s * p["fall_s"],
-    }
-
-
-def _groove(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {
-        "extras.groove_area": s * p["area_m2"], "extras.groove_at": p["at_m"], "extras.groove_width": p["width_m"],
-    }  # fmt: skip
-
-
-def _late_check(d: Damper, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {
-        "piston.compression.closing_s": d.piston.compression.closing_s + s * p["piston_s"],
-        "top_checks.compression.closing_s": d.top_checks.compression.closing_s + s * p["intake_s"],
-    }
-
-
 CHANGES: Mapping[str, Change] = {
     "friction": _friction,
     "compressibility": _compressibility,
@@ -293,12 +160,23 @@ CHANGES: Mapping[str, Change] = {
     "temperature_fade": _temperature_fade,
     "leakage": _leakage,
     "blow_off": _blow_off,
-    "bump_stop": _bump_stop,
-    "valve_lag": _valve_lag,
+    "bump_stop": lambda d, s, p: {
+        "body.bump_clearance_m": d.body.bump_clearance_m / (1.0 + s), "body.bump_stiffness_N_m": p["stiffness_N_m"],
+        "body.bump_progression_1_m": p["progression_1_m"],
+    },
+    "valve_lag": lambda d, s, p: {
+        "ces_valve.pilot_rise_s": d.ces_valve.pilot_rise_s + s * p["rise_s"],
+        "ces_valve.pilot_fall_s": d.ces_valve.pilot_fall_s + s * p["fall_s"],
+    },
     "current_hysteresis": lambda d, s, p: {"ces_valve.hysteresis_A": d.ces_valve.hysteresis_A + s * p["width_A"]},
-    "groove": _groove,
+    "groove": lambda _d, s, p: {
+        "extras.groove_area": s * p["area_m2"], "extras.groove_at": p["at_m"], "extras.groove_width": p["width_m"],
+    },
     "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_1_J"]},
     "side_load": lambda _d, s, p: {"extras.side_load": s * p["slope_N_m"], "extras.side_at": p["at_m"]},
-    "late_check": _late_check,
+    "late_check": lambda d, s, p: {
+        "piston.compression.closing_s": d.piston.compression.closing_s + s * p["piston_s"],
+        "top_checks.compression.closing_s": d.top_checks.compression.closing_s + s * p["intake_s"],
+    },
     "sticking_check": lambda _d, s, p: {"extras.check_stick": s * p["adhesion_Pa"]},
-}
+}  # fmt: skip

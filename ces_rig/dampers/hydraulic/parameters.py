@@ -5,13 +5,21 @@ All units are SI. The equations are in `kernel.py` and docs/rig.md. Effective ar
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from math import pi
 from pathlib import Path
+from typing import ClassVar
 
-from ces_identify.config_file import read_yaml_mapping
-from ces_rig.descriptions import build, fill_defaults, quantity
+import numpy as np
+
+from ces_data.arrays import F
+from ces_data.config_file import read_yaml_mapping
+from ces_observer.fields import quantity, read_record, walk_record
+from ces_rig.dampers.hydraulic.kernel import Coefficients
+from ces_rig.dampers.model import DamperModel
 from ces_rig.errors import RigError
+from ces_rig.nested_numbers import replace_numbers
 
 
 @dataclass(frozen=True)
@@ -199,12 +207,104 @@ class Damper:
 
 def parse_damper(mapping: object, where: str) -> Damper:
     """Return the damper of a `mapping` (sections of `Damper`; missing keys keep their defaults); raises RigError."""
-    try:
-        return build(Damper, fill_defaults(mapping, Damper()), where)
-    except RigError as error:
-        raise error if str(error).startswith(where) else RigError(f"{where}: {error}") from None
+    return read_record(Damper, mapping, where, RigError, Damper())
 
 
 def load_damper(path: Path) -> Damper:
     """Return the damper described in the YAML file `path`; raises RigError."""
     return parse_damper(read_yaml_mapping(path, "a damper description", error=RigError), str(path))
+
+
+def coefficients(damper: Damper) -> Coefficients:
+    """Return the kernel's coefficients of `damper`."""
+    b, oil, piston, ces, gas = damper.body, damper.oil, damper.piston, damper.ces_valve, damper.reservoir
+    seal, mount, heat = damper.seal, damper.mount, damper.heat
+    return Coefficients(
+        damper.piston_area_m2, damper.annulus_area_m2, damper.rod_area_m2,
+        damper.piston_area_m2 * b.half_stroke_m + b.compression_dead_m3,
+        damper.annulus_area_m2 * b.half_stroke_m + b.rebound_dead_m3,
+        b.moving_mass_kg, b.bump_clearance_m, b.bump_stiffness_N_m,
+        b.bump_progression_1_m,
+        oil.density_kg_m3, oil.bulk_modulus_Pa, oil.air_fraction, 1.0 / oil.air_exponent, oil.vapour_pressure_Pa,
+        oil.viscosity_fall_1_K, oil.discharge_rise_1_K,
+        *_check(piston.compression), piston.bleed_area_m2, piston.leakage_m3_sPa,
+        piston.blow_off_Pa, piston.blow_off_area_m2, piston.blow_off_band_Pa,
+        *_check(damper.top_checks.compression), *_check(damper.top_checks.rebound),
+        ces.area_m2, ces.band_Pa, ces.poppet_s, ces.pilot_area_m2, ces.cracking_low_Pa, ces.cracking_high_Pa,
+        ces.current_low_A, ces.current_high_A, ces.saturation_A, ces.allowed_low_A, ces.allowed_high_A,
+        ces.solenoid_s, ces.pilot_rise_s, ces.pilot_fall_s, ces.hysteresis_A,
+        gas.pressure_Pa, gas.gas_m3, gas.gas_m3 + gas.oil_m3, 1.0 / gas.exponent,
+        seal.coulomb_N, seal.static_N, seal.pressure_1_Pa, seal.stribeck_m_s, seal.bristle_N_m, seal.bristle_Ns_m,
+        seal.viscous_Ns_m, mount.stiffness_N_m, mount.damping_Ns_m, mount.play_m,
+        heat.ambient_degC, heat.capacity_J_K, heat.loss_W_K, heat.start_degC,
+    )  # fmt: skip
+
+
+def _check(valve: CheckValve) -> tuple[float, float, float, float, float]:
+    return valve.area_m2, valve.cracking_Pa, valve.full_open_Pa, valve.opening_s, valve.closing_s
+
+
+MAX_AIR_FRACTION = 0.25
+FOAM_EVERY_S = 5e-3  # [s] between updates of a growing air content
+PATHS = frozenset(path for path, *_ in walk_record(Damper()))
+AIR = Coefficients._fields.index("air")
+
+
+@dataclass(frozen=True)
+class Hydraulic(DamperModel):
+    """The damper, with `extras` (coefficients without a parameter) and the growth of its air content per joule."""
+
+    kind: ClassVar[str] = "hydraulic"
+
+    damper: Damper
+    extras: Mapping[str, float] = field(default_factory=dict)
+    foaming_1_J: float = 0.0
+
+    @property
+    def current_A(self) -> tuple[float, float]:
+        """The working range [A] of the current, which experiments use."""
+        return self.damper.ces_valve.current_low_A, self.damper.ces_valve.current_high_A
+
+    @property
+    def allowed_A(self) -> tuple[float, float]:
+        """The range [A] of currents that the valve answers to; a driver clips commands to it."""
+        return self.damper.ces_valve.allowed_low_A, self.damper.ces_valve.allowed_high_A
+
+    @property
+    def reach_m(self) -> float:
+        """Travel [m] from mid-stroke to either end."""
+        return self.damper.body.half_stroke_m
+
+    def coefficients(self) -> tuple[float, ...]:
+        """Return the kernel's numbers."""
+        return coefficients(self.damper)._replace(**self.extras)
+
+    def without_coil(self) -> Hydraulic:
+        """Return the damper without its coil's lag, to be driven with a measured coil current."""
+        return replace(self, damper=replace_numbers(self.damper, {"ces_valve.solenoid_s": 0.0}))
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> Hydraulic:
+        """Return the damper with other numbers: by path, `extras.name`, or `foaming_1_J`."""
+        extras = {k.removeprefix("extras."): v for k, v in numbers.items() if k.startswith("extras.")}
+        paths = {k: v for k, v in numbers.items() if k in PATHS}
+        foaming = numbers.get("foaming_1_J", self.foaming_1_J)
+        return Hydraulic(replace_numbers(self.damper, paths), {**self.extras, **extras}, foaming)
+
+    def check_input(self, stroke_m: F, current_A: F) -> None:
+        """Raise RigError for unequal lengths, for values that are not finite or a stroke beyond the damper's ends."""
+        shapes = f"{stroke_m.shape} strokes and {current_A.shape} currents"
+        if stroke_m.ndim != 1 or stroke_m.shape != current_A.shape or len(stroke_m) < 2:
+            raise RigError(f"rig: {shapes}; expected equal lengths, at least 2")
+        if not (np.isfinite(stroke_m).all() and np.isfinite(current_A).all()):
+            raise RigError("rig: a stroke or current is not finite; clean the input first")
+        reach = np.abs(stroke_m).max()
+        if reach > self.reach_m:
+            ends = f"the damper's ends are at ±{self.reach_m:g} m from mid-stroke"
+            raise RigError(f"rig: the stroke reaches {reach:.4g} m; {ends}")
+
+    def refresh(self, numbers: F, absorbed_J: float) -> float:
+        """Let the air content grow with the absorbed energy (foam; gas coming out of solution)."""
+        if self.foaming_1_J == 0.0:
+            return np.inf
+        numbers[AIR] = min(self.coefficients()[AIR] + self.foaming_1_J * absorbed_J, MAX_AIR_FRACTION)
+        return FOAM_EVERY_S

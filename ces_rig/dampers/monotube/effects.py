@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ces_rig.dampers.effects import Change, Proportions, interpolate_log, log_spread, uniform_spread
-from ces_rig.dampers.lumped import LUMPED_CHANGES, LUMPED_SPREADS, gas_spring
+from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS
 from ces_rig.dampers.monotube.parameters import Monotube
 
 VARIED: Mapping[str, float] = {
@@ -53,21 +53,6 @@ SPREADS: Mapping[str, Proportions] = {
 }  # fmt: skip
 
 
-def _friction(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    seal = d.seal_N + s * p["seal_N"]
-    share = 1.0 - d.seal_N / seal
-    return {
-        "seal_N": seal,
-        "seal_rise": d.seal_rise + share * (p["rise"] - d.seal_rise),
-        "seal_m_s": interpolate_log(d.seal_m_s, p["rise_m_s"], share),
-        "seal_m": interpolate_log(d.seal_m, p["travel_m"], share),
-    }
-
-
-def _compressibility(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {"oil_N_m": 1.0 / (1.0 / d.oil_N_m + s * p["compliance_m_N"]), "air_m": d.air_m + s * p["air_m"]}
-
-
 def _mount_compliance(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
     stiffness = 1.0 / (1.0 / d.mount_N_m + s * p["compliance_m_N"])
     share = 1.0 - stiffness / d.mount_N_m
@@ -79,15 +64,6 @@ def _mount_compliance(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str
     }
 
 
-def _gas_spring(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {**gas_spring(d, s, p), "gas_exponent": interpolate_log(d.gas_exponent, p["exponent"], s / (1.0 + s))}
-
-
-def _cavitation(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    """Gas is lost; some of it is then in the oil."""
-    return {"gas_Pa": d.gas_Pa / (1.0 + s * p["gas_loss"]), "air_m": d.air_m * (1.0 + s * p["air"])}
-
-
 def _temperature_fade(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
     share = s / (0.1 + s)
     return {
@@ -97,38 +73,21 @@ def _temperature_fade(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str
     }
 
 
-def _blow_off(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_port": p["port"], "relief_band_N": p["band_N"]}
-
-
-def _bump_stop(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {
-        "stop_clearance_m": d.stop_clearance_m / (1.0 + s), "stop_N_m": p["stiffness_N_m"], "stop_m": p["lock_m"],
-    }  # fmt: skip
-
-
-def _valve_lag(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {"pilot_s": d.pilot_s + s * p["pilot_s"], "eddy_s": d.eddy_s + s * p["eddy_s"]}
-
-
-def _leakage(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {"clearance_m_sN": d.clearance_m_sN + s * p["clearance_m_sN"], "bleed": d.bleed + s * p["bleed"]}
-
-
 CHANGES: Mapping[str, Change] = {
     **LUMPED_CHANGES,
-    "friction": _friction,
-    "compressibility": _compressibility,
     "mount_compliance": _mount_compliance,
-    "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"], "play_edge_m": p["edge_m"]},
-    "gas_spring": _gas_spring,
-    "cavitation": _cavitation,
+    "cavitation": lambda d, s, p: {  # gas is lost; some of it is then in the oil
+        "gas_Pa": d.gas_Pa / (1.0 + s * p["gas_loss"]), "air_m": d.air_m * (1.0 + s * p["air"]),
+    },
     "temperature_fade": _temperature_fade,
-    "leakage": _leakage,
-    "blow_off": _blow_off,
-    "bump_stop": _bump_stop,
-    "valve_lag": _valve_lag,
-    "current_hysteresis": lambda d, s, p: {"loop_A": d.loop_A + s * p["loop_A"]},
-    "sticking_check": lambda _d, s, p: {"stick_N": s * p["adhesion_N"]},
-    "late_check": lambda d, s, p: {"closing_s": d.closing_s + s * p["closing_s"]},
-}
+    "leakage": lambda d, s, p: {
+        "clearance_m_sN": d.clearance_m_sN + s * p["clearance_m_sN"], "bleed": d.bleed + s * p["bleed"],
+    },
+    "blow_off": lambda d, s, p: {
+        "relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_port": p["port"], "relief_band_N": p["band_N"],
+    },
+    "bump_stop": lambda d, s, p: {
+        "stop_clearance_m": d.stop_clearance_m / (1.0 + s), "stop_N_m": p["stiffness_N_m"], "stop_m": p["lock_m"],
+    },
+    "valve_lag": lambda d, s, p: {"pilot_s": d.pilot_s + s * p["pilot_s"], "eddy_s": d.eddy_s + s * p["eddy_s"]},
+}  # fmt: skip

@@ -9,15 +9,19 @@ from __future__ import annotations
 from math import exp, sqrt, tanh
 from typing import Any
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
-Array = NDArray[np.float64]
+from ces_data.arrays import F
+from ces_rig.dampers.monotube.parameters import Numbers
+from ces_rig.drive import kernels as dk
+
+SIZE = len(Numbers._fields)
 
 PISTON, SPEED, STRETCH, SPOOL, TEMPERATURE, COIL, FLUX = 0, 1, 2, 3, 4, 5, 6
 AIR, TORN, OPENED, SEAL, PILOT, PLAY, PLAYS = 7, 8, 9, 10, 11, 12, 3
 STATE_SIZE = 15
+STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_withheld_kernels)
 PLAY_WIDTHS, PLAY_WEIGHTS = (0.4, 1.0, 2.0), (0.5, 0.3, 0.2)  # half widths over the loop's, and their shares
 LAMINAR_N = 6.0  # force below which the flow through an orifice is laminar
 FULL_M = 0.06
@@ -68,7 +72,7 @@ def round_corner(u: float, width: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def stack(c: Any, s: Array, size: float, side: float) -> tuple[float, float]:
+def stack(c: Any, s: F, size: float, side: float) -> tuple[float, float]:
     """Return the conductance [m/(s·√N)] of the shim stack under a force [N], in series with its port, and its slope."""
     preload, shim, port = c.compression_N, c.compression_shim, c.compression_port
     if side < 0.0:
@@ -83,7 +87,7 @@ def stack(c: Any, s: Array, size: float, side: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def passing_speed(c: Any, s: Array, force: float, thin: float) -> tuple[float, float]:
+def passing_speed(c: Any, s: F, force: float, thin: float) -> tuple[float, float]:
     """Return the speed [m/s] at which oil passes under a force [N], and its slope; `thin` is 1 when cold."""
     size, side = abs(force), 1.0 if force > 0.0 else -1.0
     root, steep = orifice(size)
@@ -128,7 +132,7 @@ def first_order_lag(value: float, target: float, lag_s: float, h: float) -> floa
 
 
 @njit(cache=True)
-def field_path(c: Any, s: Array, current: float, h: float) -> float:
+def field_path(c: Any, s: F, current: float, h: float) -> float:
     """Advance coil, plays, eddy currents and pilot by `h` seconds; return the force [N] that the pilot sets."""
     s[COIL] = first_order_lag(s[COIL], current, c.coil_s, h)
     acting = 0.0
@@ -144,7 +148,7 @@ def field_path(c: Any, s: Array, current: float, h: float) -> float:
 
 
 @njit(cache=True)
-def step(c: Any, s: Array, stroke: float, speed: float, setting: float, h: float) -> float:
+def step(c: Any, s: F, stroke: float, speed: float, setting: float, h: float) -> float:
     """Advance the state by `h` seconds to this stroke [m] and speed [m/s]; return the force [N] in the bushing."""
     x, v, e = s[PISTON], s[SPEED], s[STRETCH]
     warm = s[TEMPERATURE] - c.start_degC
@@ -178,7 +182,7 @@ def step(c: Any, s: Array, stroke: float, speed: float, setting: float, h: float
 
 
 @njit(cache=True)
-def move_valves(c: Any, s: Array, force: float, setting: float, h: float) -> None:
+def move_valves(c: Any, s: F, force: float, setting: float, h: float) -> None:
     """Advance spool and shims under a force [N] by `h` seconds."""
     size = abs(force)
     ratio = 1.0 if force < 0.0 else c.pilot_compression
@@ -194,18 +198,8 @@ def move_valves(c: Any, s: Array, force: float, setting: float, h: float) -> Non
 
 
 @njit(cache=True)
-def advance(
-    c: Any, s: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int, out: Array
-) -> None:
-    """Run from rest; `out` (3, n) receives force [N], coil current [A] and temperature [°C]."""
-    out[0, 0] = settle(c, s, stroke[0], speed[0], current[0])
-    out[1, 0], out[2, 0] = current[0], c.start_degC
-    continue_run(c, s, stroke, speed, current, interval, substeps, out)
-
-
-@njit(cache=True)
-def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> float:
-    """Bring the state to rest at this input and return the force [N], zero at mid-stroke."""
+def settle(c: Any, s: F, stroke: float, speed: float, current: float) -> float:
+    """Bring the state to rest at this input and return the force [N]."""
     s[:] = 0.0
     held = gas(c, stroke)
     at = stroke - held / c.mount_N_m - (0.5 * c.play_m if held > 0.0 else -0.5 * c.play_m)
@@ -216,22 +210,32 @@ def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> flo
     full, rest = c.annulus_m2 * c.gas_Pa, c.annulus_m2 * gas_pressure(c, at)
     k = c.oil_N_m * c.column_m / (c.column_m + at)
     s[STRETCH] = -(rest - full) / k - c.air_m * (1.0 - full / rest)
-    return float(held - gas(c, 0.0))
+    return float(held)
 
 
 @njit(cache=True)
-def continue_run(
-    c: Any, s: Array, stroke: Array, speed: Array, current: Array, interval: float, substeps: int, out: Array
-) -> None:
-    """Continue from the first input, which the state has reached, through the others; fills `out` from column 1 on."""
-    h, zero = interval / substeps, gas(c, 0.0)
-    for n in range(1, stroke.shape[0]):
-        x0, v0, x1, v1 = stroke[n - 1], speed[n - 1], stroke[n], speed[n]
-        bend2, bend3 = 3.0 * (x1 - x0) - (2.0 * v0 + v1) * interval, 2.0 * (x0 - x1) + (v0 + v1) * interval
+def rest_force(c: Any) -> float:
+    """Return the gas force [N] at mid-stroke."""
+    return float(gas(c, 0.0))
+
+
+@njit(cache=True)
+def run(
+    numbers: F, s: F, mover: int, mover_numbers: F, motion: F, moves: F, interval: float, substeps: int,
+    force: F, states: F,
+) -> None:  # fmt: skip
+    """Step mover and damper through `moves` (`drive/kernels.py`) and fill `force` (n,) and `states` (n, STATE_SIZE).
+
+    `states` may have no rows. The numbers are passed as an array: as many scalars would take as long as ten steps.
+    Numba's cache watches this file only: touch it after changing a function of another file that it calls.
+    """
+    c = Numbers(*to_fixed_tuple(numbers, SIZE))
+    h, zero = interval / substeps, rest_force(c)
+    for n in range(1, moves.shape[1]):
         for k in range(1, substeps + 1):
-            r = k / substeps
-            at = x0 + r * (v0 * interval + r * (bend2 + r * bend3))
-            moving = v0 + r * (2.0 * bend2 + 3.0 * r * bend3) / interval
-            setting = field_path(c, s, current[n - 1] + (r - 0.5 / substeps) * (current[n] - current[n - 1]), h)
-            out[0, n] = step(c, s, at, moving, setting, h) - zero
-        out[1, n], out[2, n] = s[COIL], s[TEMPERATURE]
+            dk.move(mover, mover_numbers, motion, moves, n, k, interval, substeps)
+            field = field_path(c, s, dk.between(moves[dk.CURRENT], n, k / substeps - 0.5 / substeps), h)
+            force[n - 1] = step(c, s, motion[dk.STROKE], motion[dk.STROKE_SPEED], field, h)
+            motion[dk.FORCE] = force[n - 1] - zero
+        if states.shape[0] > 0:
+            states[n - 1] = s

@@ -11,14 +11,8 @@ from collections import namedtuple
 from dataclasses import astuple, dataclass, fields
 from typing import Any, ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ces_rig.dampers.lumped import LumpedDamper
-from ces_rig.dampers.monotube.kernel import STATE_SIZE, advance, settle
-from ces_rig.descriptions import quantity
-
-Array = NDArray[np.float64]
+from ces_observer.fields import quantity
+from ces_rig.dampers.model import LumpedDamper
 
 
 @dataclass(frozen=True)
@@ -88,15 +82,9 @@ class Monotube(LumpedDamper):
     stick_N: float = quantity(0.0, "N", "additional force that lifts closed shims off their seats", 0.0, 1e5)
     closing_s: float = quantity(0.0, "s", "time in which an open stack closes after the force has reversed", 0.0, 10.0)
 
-    def _simulate(
-        self, time_s: Array, moves: tuple[Array, Array, Array], interval_s: float, substeps: int, out: Array
-    ) -> None:
-        advance(Numbers(*astuple(self)), np.zeros(STATE_SIZE), *moves, interval_s, substeps, out)
-
-    def settle(self, stroke_m: float, speed_m_s: float, current_A: float) -> tuple[Array, float]:
-        """Return the kernel's state at rest at this input and the force [N] there, tared at mid-stroke."""
-        state = np.zeros(STATE_SIZE)
-        return state, float(settle(Numbers(*astuple(self)), state, stroke_m, speed_m_s, current_A))
+    def coefficients(self) -> tuple[float, ...]:
+        """Return the kernel's numbers."""
+        return Numbers(*astuple(self))
 
 
 Numbers: Any = namedtuple("Numbers", [f.name for f in fields(Monotube)])  # type: ignore[misc]

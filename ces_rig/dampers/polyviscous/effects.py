@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ces_rig.dampers.effects import Change, Proportions, interpolate_log, log_spread, uniform_spread
-from ces_rig.dampers.lumped import LUMPED_CHANGES, LUMPED_SPREADS
+from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS
 from ces_rig.dampers.polyviscous.parameters import Polyviscous
 
 VARIED: Mapping[str, float] = {
@@ -44,21 +44,6 @@ SPREADS: Mapping[str, Proportions] = {
 }  # fmt: skip
 
 
-def _friction(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    seal = d.seal_N + s * p["seal_N"]
-    share = 1.0 - d.seal_N / seal
-    return {
-        "seal_N": seal,
-        "seal_rise": d.seal_rise + share * (p["rise"] - d.seal_rise),
-        "seal_m_s": interpolate_log(d.seal_m_s, p["rise_m_s"], share),
-        "seal_m": interpolate_log(d.seal_m, p["travel_m"], share),
-    }
-
-
-def _compressibility(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {"oil_N_m": 1.0 / (1.0 / d.oil_N_m + s * p["compliance_m_N"]), "air_m": d.air_m + s * p["air_m"]}
-
-
 def _mount_compliance(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:
     stiffness = 1.0 / (1.0 / d.mount_N_m + s * p["compliance_m_N"])
     share = 1.0 - stiffness / d.mount_N_m
@@ -70,33 +55,17 @@ def _mount_compliance(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[
     }
 
 
-def _temperature_fade(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {
-        "fade_1_K": d.fade_1_K + s * p["fade_1_K"],
-        "heat_J_K": interpolate_log(d.heat_J_K, p["heat_J_K"], s / (0.1 + s)),
-    }
-
-
-def _bump_stop(d: Polyviscous, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    return {
-        "stop_clearance_m": d.stop_clearance_m / (1.0 + s),
-        "stop_N_m": p["stiffness_N_m"],
-        "stop_m": p["hardening_m"],
-    }
-
-
 CHANGES: Mapping[str, Change] = {
     **LUMPED_CHANGES,
-    "friction": _friction,
-    "compressibility": _compressibility,
     "mount_compliance": _mount_compliance,
-    "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"], "play_edge_m": p["edge_m"]},
     "cavitation": lambda d, s, p: {"foot_m_s": d.foot_m_s / (1.0 + s * p["starving"])},
-    "temperature_fade": _temperature_fade,
+    "temperature_fade": lambda d, s, p: {
+        "fade_1_K": d.fade_1_K + s * p["fade_1_K"],
+        "heat_J_K": interpolate_log(d.heat_J_K, p["heat_J_K"], s / (0.1 + s)),
+    },
     "leakage": lambda d, s, p: {"bypass_m_sN": d.bypass_m_sN + s * p["bypass_m_sN"]},
-    "bump_stop": _bump_stop,
+    "bump_stop": lambda d, s, p: {
+        "stop_clearance_m": d.stop_clearance_m / (1.0 + s), "stop_N_m": p["stiffness_N_m"], "stop_m": p["hardening_m"],
+    },
     "valve_lag": lambda d, s, p: {"field_s": d.field_s + s * p["field_s"], "delay_s": d.delay_s + s * p["delay_s"]},
-    "current_hysteresis": lambda d, s, p: {"loop_A": d.loop_A + s * p["loop_A"]},
-    "late_check": lambda d, s, p: {"closing_s": d.closing_s + s * p["closing_s"]},
-    "sticking_check": lambda _d, s, p: {"stick_N": s * p["adhesion_N"]},
-}
+}  # fmt: skip

@@ -9,16 +9,20 @@ from __future__ import annotations
 from math import exp, log1p, sinh, sqrt, tanh
 from typing import Any
 
-import numpy as np
 from numba import njit
-from numpy.typing import NDArray
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
-Array = NDArray[np.float64]
+from ces_data.arrays import F
+from ces_rig.dampers.polyviscous.parameters import Numbers
+from ces_rig.drive import kernels as dk
+
+SIZE = len(Numbers._fields)
 
 PISTON, SPEED, BEND, LIFT, TEMPERATURE, COIL, FIELD_1, FIELD_2 = 0, 1, 2, 3, 4, 5, 6, 7
 POLAR, RELAXED, GAS_HEAT, AIR, TORN, LATE, VOID, JENKINS, ELEMENTS = 8, 9, 10, 11, 12, 13, 14, 15, 4
 OPENED = 19
 STATE_SIZE = 20
+STEP_S = 0.1e-3  # halving it changes the force by less than 1 % (test_withheld_kernels)
 ADIABATIC = 1.4
 MIN_FORCE_N = 5.0  # [N] below which leakage is laminar
 FULL_M = 0.06
@@ -42,7 +46,7 @@ def oil_spring(c: Any, e: float, air: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def passing_speed(c: Any, s: Array, force: float, thin: float) -> tuple[float, float]:
+def passing_speed(c: Any, s: F, force: float, thin: float) -> tuple[float, float]:
     """Return the speed [m/s] at which oil passes under a force [N], and its slope; `thin` is 1 when cold."""
     size, side = abs(force), 1.0 if force > 0.0 else -1.0
     knee = (c.knee_N + c.knee_N_A2 * s[FIELD_2] ** 2) / thin
@@ -105,7 +109,7 @@ def first_order_lag(value: float, target: float, lag_s: float, h: float) -> floa
 
 
 @njit(cache=True)
-def field_path(c: Any, s: Array, current: float, late: float, h: float) -> None:
+def field_path(c: Any, s: F, current: float, late: float, h: float) -> None:
     """Advance amplifier, dead time, polarisation (one play operator) and the fluid's two equal lags by `h` seconds."""
     s[COIL] = first_order_lag(s[COIL], current, c.coil_s, h)
     s[LATE] = first_order_lag(s[LATE], late, c.coil_s, h)
@@ -115,7 +119,7 @@ def field_path(c: Any, s: Array, current: float, late: float, h: float) -> None:
 
 
 @njit(cache=True)
-def seal(c: Any, s: Array, h: float) -> tuple[float, float]:
+def seal(c: Any, s: F, h: float) -> tuple[float, float]:
     """Return the present force [N] of the Jenkins elements, and their slope over the next step [N/m]."""
     level = c.seal_N * (1.0 + c.seal_rise * exp(-abs(s[SPEED]) / c.seal_m_s))
     level += c.side_load_N_m * abs(s[PISTON] - c.side_at_m)
@@ -130,7 +134,7 @@ def seal(c: Any, s: Array, h: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def slide(c: Any, s: Array, move: float) -> None:
+def slide(c: Any, s: F, move: float) -> None:
     """Move the Jenkins elements by `move` metres; each slips at its own travel."""
     for k in range(ELEMENTS):
         travel = c.seal_m * 2.0 * (k + 0.5) / ELEMENTS
@@ -138,7 +142,7 @@ def slide(c: Any, s: Array, move: float) -> None:
 
 
 @njit(cache=True)
-def step(c: Any, s: Array, stroke: float, speed: float, h: float) -> float:
+def step(c: Any, s: F, stroke: float, speed: float, h: float) -> float:
     """Advance the state by `h` seconds to this stroke [m] and speed [m/s]; return the force [N] in the bushing."""
     x, v = s[PISTON], s[SPEED]
     warm = s[TEMPERATURE] - c.start_degC
@@ -184,43 +188,41 @@ def step(c: Any, s: Array, stroke: float, speed: float, h: float) -> float:
 
 
 @njit(cache=True)
-def advance(
-    c: Any, s: Array, stroke: Array, speed: Array, current: Array, late: Array, interval: float, substeps: int,
-    out: Array,
-) -> None:  # fmt: skip
-    """Run from rest; `late` (n,) is `current` after dead time; `out` (3, n) receives force, voltage and temperature."""
-    out[0, 0] = settle(c, s, stroke[0], speed[0], current[0])
-    out[1, 0], out[2, 0] = current[0], c.start_degC
-    continue_run(c, s, stroke, speed, current, late, interval, substeps, out)
-
-
-@njit(cache=True)
-def settle(c: Any, s: Array, stroke: float, speed: float, current: float) -> float:
-    """Bring the state to rest at this input and return the force [N], zero at mid-stroke."""
+def settle(c: Any, s: F, stroke: float, speed: float, current: float) -> float:
+    """Bring the state to rest at this input and return the force [N]."""
     s[:] = 0.0
     held = gas(c, stroke)
     s[PISTON] = stroke - held / c.mount_N_m - (0.5 * c.play_m if held > 0.0 else -0.5 * c.play_m)
     s[SPEED], s[TEMPERATURE], s[AIR] = speed, c.start_degC, c.air_m
     s[COIL] = s[LATE] = s[POLAR] = s[FIELD_1] = s[FIELD_2] = current
     s[RELAXED] = slack(c, stroke - s[PISTON])[0]
-    return float(held - gas(c, 0.0))
+    return float(held)
 
 
 @njit(cache=True)
-def continue_run(
-    c: Any, s: Array, stroke: Array, speed: Array, current: Array, late: Array, interval: float, substeps: int,
-    out: Array,
+def rest_force(c: Any) -> float:
+    """Return the gas force [N] at mid-stroke."""
+    return float(gas(c, 0.0))
+
+
+@njit(cache=True)
+def run(
+    numbers: F, s: F, mover: int, mover_numbers: F, motion: F, moves: F, interval: float, substeps: int,
+    force: F, states: F,
 ) -> None:  # fmt: skip
-    """Continue from the first input, which the state has reached, through the others; fills `out` from column 1 on."""
-    h, zero = interval / substeps, gas(c, 0.0)
-    for n in range(1, stroke.shape[0]):
-        x0, v0, x1, v1 = stroke[n - 1], speed[n - 1], stroke[n], speed[n]
-        bend2, bend3 = 3.0 * (x1 - x0) - (2.0 * v0 + v1) * interval, 2.0 * (x0 - x1) + (v0 + v1) * interval
+    """Step mover and damper through `moves` (`drive/kernels.py`) and fill `force` (n,) and `states` (n, STATE_SIZE).
+
+    `states` may have no rows. The numbers are passed as an array: as many scalars would take as long as ten steps.
+    Numba's cache watches this file only: touch it after changing a function of another file that it calls.
+    """
+    c = Numbers(*to_fixed_tuple(numbers, SIZE))
+    h, zero = interval / substeps, rest_force(c)
+    for n in range(1, moves.shape[1]):
         for k in range(1, substeps + 1):
-            r, b = k / substeps, (k - 0.5) / substeps
-            at = x0 + r * (v0 * interval + r * (bend2 + r * bend3))
-            moving = v0 + r * (2.0 * bend2 + 3.0 * r * bend3) / interval
-            now = current[n - 1] + b * (current[n] - current[n - 1])
-            field_path(c, s, now, late[n - 1] + b * (late[n] - late[n - 1]), h)
-            out[0, n] = step(c, s, at, moving, h) - zero
-        out[1, n], out[2, n] = s[COIL], s[TEMPERATURE]
+            dk.move(mover, mover_numbers, motion, moves, n, k, interval, substeps)
+            r = (k - 0.5) / substeps
+            field_path(c, s, dk.between(moves[dk.CURRENT], n, r), dk.between(moves[dk.LATE], n, r), h)
+            force[n - 1] = step(c, s, motion[dk.STROKE], motion[dk.STROKE_SPEED], h)
+            motion[dk.FORCE] = force[n - 1] - zero
+        if states.shape[0] > 0:
+            states[n - 1] = s

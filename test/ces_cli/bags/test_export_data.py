@@ -7,14 +7,14 @@ import pytest
 
 from ces_cli.bags import export_data, import_
 from ces_cli.terminal import terminal
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import TopicData, recording_topics, write_bag
+from ces_data.recording import Channel, Recording
+from ces_data.signals_file import load_signals
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).parents[3]
-pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
 START = 1_700_000_000_123_456_789
 SIGNALS = ("position", "current", "force")
 

@@ -6,14 +6,14 @@ import pytest
 
 from ces_cli.bags import import_
 from ces_cli.terminal import terminal
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.log_import import import_log
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.bags.reader import read_recording
+from ces_data.logs.log_import import import_log
+from ces_data.signals_file import load_signals
 
 ROOT = Path(__file__).parents[3]
 DATA = Path(os.environ.get("CES_DATA", ROOT.parent / "shared" / "data"))
 MAPPING = "rate: 100\nposition: {column: x, scale: 0.001}\ncurrent: {constant: 0.2}\nforce: {column: F}\n"
-pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
 
 
 @pytest.fixture

@@ -6,8 +6,8 @@ import pytest
 
 from ces_cli.bags import info
 from ces_cli.terminal import terminal
-from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.bags.writer import TopicData, recording_topics, write_bag
+from ces_data.recording import Channel, Recording
 from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 

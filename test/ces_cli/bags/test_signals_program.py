@@ -10,10 +10,10 @@ import tiny_bags as tiny
 from ces_cli.bags import info, signals
 from ces_cli.main import main
 from ces_cli.terminal import terminal
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.bags.reader import read_recording
+from ces_data.signals_file import load_signals
 
-pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
 T, X, CURRENT, F = bags.motion(samples=1000)
 
 

@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ces_cli.blind.case import AUGMENTED, DECISION, GAP, MODEL, REPLAY, ROW
+from ces_cli.blind.diagnosing import AUGMENTED, MODEL
 from ces_cli.blind.program import main
 from ces_cli.terminal.terminal import run as run_program
 from ces_gap import pipeline
 from ces_gap.effects.library import library
-from ces_rig.blind.seal import open_arrays, open_seal
+from ces_rig.blind.cases import open_arrays, open_seal
+from ces_rig.blind.scoring import DECISION, GAP, REPLAY, ROW
 
 CASES, SECONDS = 6, "3"
 SETTINGS = {"simulation": "run", "references": 2}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ces_cli.blind.coverage import COUNTERPARTS, list_coverage
 from ces_gap.effects.library import library
+from ces_rig.blind.outcome import COUNTERPARTS, list_coverage
 from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.withheld.plants import draw_plant, physical_numbers
 

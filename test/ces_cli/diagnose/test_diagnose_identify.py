@@ -8,9 +8,9 @@ from schema_rules import SCHEMA, faults
 
 from ces_cli.main import main
 from ces_cli.terminal.simulations import open_simulation
-from ces_gap.augmented.augmented_file import load_augmented
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_gap.augmented import load_augmented
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
@@ -44,7 +44,7 @@ def test_it_diagnoses_with_a_model_of_the_references(folder, capsys):
     assert json.loads((folder / "gap" / "augmented.json").read_text())["sim"]["spec"] == "model.json"
     repaired = load_augmented(folder / "gap" / "augmented.json", open_simulation)
     assert len(repaired.force(read_recording(folder / "slow9", DEFAULT))) == len(rig_ride(9, SLOW).channel("position"))
-    assert "second witness: the" in capsys.readouterr().out and "model's valve lag" in gap["witness"]["says"]
+    assert "second check: the" in capsys.readouterr().out and "model's valve lag" in gap["witness"]["says"]
 
 
 def test_a_fleet_has_one_model_beside_its_units(folder, capsys):

@@ -9,9 +9,9 @@ from schema_rules import SCHEMA, faults
 
 from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
 from ces_cli.main import main
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.model import load_model
 from ces_observer.signals import Signals

@@ -2,17 +2,17 @@
 
 import csv
 import json
-import shutil
 from pathlib import Path
 
 import numpy as np
 import pytest
+from needs import skip_without
 from schema_rules import SCHEMA, faults
 
 from ces_cli.main import main
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.bag_writer import TopicData, recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import TopicData, recording_topics, write_bag
+from ces_data.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.signals import Signals
@@ -93,8 +93,7 @@ def left(folder, out, tmp_path):
 @pytest.fixture(scope="module")
 def through_fmu(work):
     pytest.importorskip("fmpy")
-    if shutil.which("cc") is None:
-        pytest.skip("no C compiler (cc) on this machine")
+    skip_without("cc")
     assert ces("export", "model.json", "--format", "fmu", "--out", "damper.fmu") == 0
     return diagnosed("damper.fmu", "fmu_gap")
 

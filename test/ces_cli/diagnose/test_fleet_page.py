@@ -8,8 +8,7 @@ from typing import Any
 
 from pages import XHTML, assert_self_contained
 
-from ces_cli.diagnose.fleet_page import write_page
-from ces_cli.diagnose.fleet_tables import explain_dashes
+from ces_cli.diagnose.fleet import explain_dashes, write_page
 
 RED: dict[str, Any] = {
     "name": "red", "status": "done", "folder": "units/red", "verdict": "named", "probability": 0.93,

@@ -1,8 +1,7 @@
 import pytest
 import yaml
 
-from ces_cli.identify.program import make_parser
-from ces_cli.identify.structures import candidate_rules
+from ces_cli.identify.program import candidate_rules, make_parser
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
 from ces_observer.errors import CesError
 

@@ -10,15 +10,15 @@ import pytest
 from ces_cli.bags import replay
 from ces_cli.identify import program
 from ces_cli.terminal import terminal
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Channel, Recording
+from ces_data.signals_file import load_signals
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
-pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
 SIGNALS = """\
 speed: {topic: joint_states, type: sensor_msgs/msg/JointState, field: "velocity[rear_damper]"}
 acceleration: {topic: imu, type: sensor_msgs/msg/Imu, field: linear_acceleration.z}

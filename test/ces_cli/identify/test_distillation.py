@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from ces_cli.main import main
-from ces_gap.augmented.augmented_file import save_augmented
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Channel, Recording
+from ces_gap.augmented import save_augmented
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.user_effects import user_effect
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 

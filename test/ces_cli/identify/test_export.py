@@ -1,7 +1,6 @@
 """`ces export` from a model file to C files that compile, and its one-line errors."""
 
 import json
-import shutil
 import subprocess
 import zipfile
 from xml.etree import ElementTree
@@ -49,7 +48,7 @@ def test_two_files_with_the_name_of_out(tmp_path, capsys):
     assert "never exceeds" in (tmp_path / "Rear-Damper.h").read_text()
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
+@pytest.mark.needs("cc")
 def test_a_chosen_name_compiles(tmp_path):
     assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "a.c", "--name", "LeftRear") == 0
     strict = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-Werror"]
@@ -116,7 +115,7 @@ def test_no_model_file(tmp_path, capsys):
     assert "no such model file" in error_line(capsys, tmp_path / "none.json", "--out", tmp_path / "m.c")
 
 
-@pytest.mark.skipif(shutil.which("cc") is None, reason="no C compiler (cc) on this machine")
+@pytest.mark.needs("cc")
 def test_an_fmu_by_its_suffix(tmp_path, capsys):
     assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "Rear-Damper.fmu") == 0
     printed = capsys.readouterr().out
@@ -132,7 +131,8 @@ def test_an_fmu_by_its_suffix(tmp_path, capsys):
 def test_an_fmu_without_a_compiler_needs_an_option(tmp_path, capsys, monkeypatch):
     words = (model_file(tmp_path / "m.json"), "--format", "fmu", "--out", tmp_path / "m.fmu")
     monkeypatch.setenv("CC", "no-such-compiler")
-    assert "CC=no-such-compiler is not found; install one, or give --sources-only" in error_line(capsys, *words)
+    problem = "CC=no-such-compiler is not found; install one (sudo apt install gcc), or give --sources-only"
+    assert problem in error_line(capsys, *words)
     assert not (tmp_path / "m.fmu").exists()
     assert export(*words, "--sources-only") == 0
     assert "sources only" in capsys.readouterr().out

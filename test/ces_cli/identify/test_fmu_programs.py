@@ -1,14 +1,14 @@
 """An exported FMU as a SIM: `ces simulate` and `ces identify --teacher`, and its one-line errors."""
 
 import csv
-import shutil
 
 import numpy as np
 import pytest
+from needs import skip_without
 
 from ces_cli.main import main
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Channel, Recording
 from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial
@@ -25,8 +25,7 @@ def ces(*words):
 def work(tmp_path_factory):
     """A folder with a bag, a model and the model's FMU."""
     pytest.importorskip("fmpy")
-    if shutil.which("cc") is None:
-        pytest.skip("no C compiler (cc) on this machine")
+    skip_without("cc")
     folder = tmp_path_factory.mktemp("work")
     terms = (Term(0.5, (Factor("force", 1),)), Term(900.0, (Factor("speed", 0),)))
     envelope = Envelope((-0.1, 0.1), (-2.0, 2.0), (0.0, 2.0))

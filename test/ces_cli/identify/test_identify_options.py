@@ -2,23 +2,23 @@
 
 from __future__ import annotations
 
-import os
+import math
 from pathlib import Path
 
 import pytest
 import yaml
 
-from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
+from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, SHARED, build_command_line
 from ces_cli.identify.program import make_parser
 from ces_observer.errors import CesError
-from ces_observer.nodes.parameter_table import NO_WORDS
+from ces_observer.options import NO_WORDS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
 # A node does not need campaigns, clusters, cross-validation, pictures or text on standard output.
 LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_candidates", "help", "json"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
-RANGED = [p for p in PARAMETERS if p.lowest is not None]
+RANGED = [o for o in SHARED if math.isfinite(o.high)]
 ACTIONS = {action.dest: action for action in make_parser()._actions}
 
 
@@ -33,30 +33,16 @@ def test_every_option_is_a_parameter_or_left_out_on_purpose():
 
 def test_defaults_are_the_programs():
     assert options() == vars(make_parser().parse_args(["one"]))
-    for name, default in DEFAULTS.items():
-        if ACTIONS[name].default not in (None, [], os.cpu_count()):
-            assert str(default) == str(ACTIONS[name].default) or name == "rules", name
 
 
-@pytest.mark.parametrize("parameter", RANGED, ids=lambda p: p.name)
-def test_ranges_are_the_programs(parameter):
-    whole = isinstance(parameter.default, int)
-    lowest, highest = (int(x) if whole else float(x) for x in (parameter.lowest, parameter.highest))
-    assert options(structure="auto", **{parameter.name: highest})[parameter.name] == highest
-    with pytest.raises(SystemExit):
-        options(structure="auto", **{parameter.name: highest + 1})
-    if parameter.unset is None:
-        assert options(structure="auto", **{parameter.name: lowest})[parameter.name] == lowest
+@pytest.mark.parametrize("option", RANGED, ids=lambda option: option.name)
+def test_ranges_are_the_programs(option):
+    assert options(structure="auto", **{option.name: option.high})[option.name] == option.high
+    unset = BY_NAME[option.name].default
+    for beyond in {option.high + 1, option.low - 1} - {unset}:
         with pytest.raises(SystemExit):
-            options(structure="auto", **{parameter.name: lowest - 1})
-    else:
-        assert options(**{parameter.name: parameter.unset})[parameter.name] == ACTIONS[parameter.name].default
-
-
-def test_choices_are_the_programs():
-    assert {p.name: p.one_of for p in PARAMETERS if p.one_of} == {
-        name: tuple(action.choices) for name, action in ACTIONS.items() if action.choices and name in BY_NAME
-    }
+            options(structure="auto", **{option.name: beyond})
+    assert options(**{option.name: unset})[option.name] == ACTIONS[option.name].default
 
 
 def test_values_arrive_unchanged(monkeypatch):
@@ -66,12 +52,12 @@ def test_values_arrive_unchanged(monkeypatch):
         validate=["three"],
         report="~/report.html",
         blend=["speed:-0.3,0.3", "current:0.5,1"],
-        no_certificate=True,
+        certificate=False,
         time=0.30000000000000004,
     )
     assert [str(path) for path in values["bags"]] == ["/home/somebody/one", "two"]
     assert (str(values["validate"][0]), str(values["report"])) == ("three", "/home/somebody/report.html")
-    assert (values["blend"], values["no_certificate"]) == (["speed:-0.3,0.3", "current:0.5,1"], True)
+    assert (values["blend"], values["certificate"]) == (["speed:-0.3,0.3", "current:0.5,1"], False)
     assert values["time"] == 0.30000000000000004
 
 
@@ -83,7 +69,7 @@ def test_a_missing_recording_and_a_wrong_choice_are_named():
     with pytest.raises(CesError, match="parameter 'bags' is not set; set it to the paths of recordings"):
         build_command_line(DEFAULTS)
     with pytest.raises(CesError, match="parameter 'method' is 'best'; expected one of both, random, gauss-newton"):
-        BY_NAME["method"].check_value("best")
+        BY_NAME["method"].check_parameter("best")
 
 
 def test_the_packaged_file_lists_every_parameter_with_its_default():

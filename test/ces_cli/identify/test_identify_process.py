@@ -10,8 +10,16 @@ from pathlib import Path
 import pytest
 from patience import command_of, wait_until
 
-from ces_cli.identify.process import EXIT_STATUS, WARNING, IdentifyProcess
-from ces_cli.identify.progress import DONE, READING, SEARCHING, WRITING, SearchState
+from ces_cli.identify.process import (
+    DONE,
+    EXIT_STATUS,
+    READING,
+    SEARCHING,
+    WARNING,
+    WRITING,
+    IdentifyProcess,
+    SearchState,
+)
 from ces_cli.identify.worker import name_parameters
 from ces_observer.model import load_model
 
@@ -64,7 +72,7 @@ def test_interrupted_it_writes_the_best_so_far(tmp_path):
 
 def test_a_mistake_gives_one_line():
     for words, line in (
-        ("--terms=999", "parameter terms: 999 is outside 1 to 200"),
+        ("--terms=999", "parameter terms: found '999'; expected a whole number from 1 to 200"),
         ("--signals=no", "no: cannot be read"),
     ):
         messages = read_until(start_identification(words))
@@ -115,6 +123,5 @@ def test_errors_name_parameters_instead_of_options(tmp_path):
     errors = [message["error"] for message in read_until(start_identification(f"--out={out}")) if "error" in message]
     assert errors == [f"{out}: exists; choose another name for parameter out, or replace it with parameter overwrite"]
     assert (
-        name_parameters("--no-band: not --terms=3, a--b or --9")
-        == "parameter no_band: not parameter terms=3, a--b or --9"
+        name_parameters("--no-band: not --terms=3, a--b or --9") == "parameter band: not parameter terms=3, a--b or --9"
     )

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 from campaign_parts import RULES, made
 
-from ces_cli.identify import identification
+from ces_cli.identify import program
 from ces_cli.main import main
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.signals_file import load_signals
 from ces_identify.progress_file import RunProgress, SearchProgressFile, read_progress
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.signals_file import load_signals
 
 
 @pytest.fixture
@@ -33,7 +33,7 @@ def test_the_search_can_be_read_while_it_runs(bag: Path, tmp_path: Path, monkeyp
             assert progress is not None
             seen.append(progress)
 
-    monkeypatch.setattr(identification, "SearchProgressFile", WatchedFile)
+    monkeypatch.setattr(program, "SearchProgressFile", WatchedFile)
     words = ["--terms", "4", "--starts", "2", "--time", "60", "--threads", "1", "--no-band"]
     words += ["--candidates", str(tmp_path / "rules.yaml")]
     assert main(["identify", str(bag), "--out", str(tmp_path / "model.json"), *words]) == 0

@@ -9,7 +9,7 @@ from planted import stroked
 from planted_dampers import planted_model
 
 from ces_cli.main import main
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
+from ces_data.bags.writer import recording_topics, write_bag
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 

@@ -11,18 +11,18 @@ import numpy as np
 import pytest
 import yaml
 
+from ces_cli import compare
 from ces_cli.bags import characterise, export_data, import_, info, replay
-from ces_cli.compare import program as compare
 from ces_cli.identify import program, validate
+from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.checks.check import check_recording
+from ces_data.checks.content import recording_marks
+from ces_data.recording import Channel, Recording
+from ces_data.signals_file import load_signals
 from ces_identify import api
 from ces_identify.export.ros_package import export_ros_package
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.recordings.signals_file import load_signals
-from ces_identify.sense.content import recording_marks
-from ces_identify.sense.sense import sense
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling, load_model
@@ -102,9 +102,11 @@ def test_identify_refuses_a_recording_twice(bags, tmp_path, words, names):
 
 def test_identify_refuses_a_wrong_model_and_force_goes_on(bags, tmp_path, capsys):
     words = [str(bags / "reversed"), "--out", str(tmp_path / "model.json"), *SEARCH]
-    with pytest.raises(CesError, match=r"reversed: force: acts with the motion .* --force identifies all the same"):
+    with pytest.raises(
+        CesError, match=r"reversed: force: acts with the motion .* --ignore-findings identifies all the same"
+    ):
         program.main(words)
-    assert program.main([*words, "--force"]) == 0
+    assert program.main([*words, "--ignore-findings"]) == 0
     assert "warning: reversed: force: acts with the motion" in capsys.readouterr().err
     (forced,) = json.loads((tmp_path / "model.json").read_text())["provenance"]["forced"]
     assert forced.startswith("reversed: force: acts with the motion")
@@ -129,7 +131,7 @@ def test_the_api_refuses_the_same_and_goes_on(bags):
     with pytest.raises(CesError, match="acts with the motion"):
         api.identify([ride(force=-1.0)], options=options)
     with pytest.warns(match="acts with the motion"):
-        result = api.identify([ride(force=-1.0)], options=options, go_on=True)
+        result = api.identify([ride(force=-1.0)], options=options, ignore_findings=True)
     assert len(result.model.provenance["forced"]) == 1
     (row,) = result.model.provenance["identification"]
     assert row["marks"].split() == recording_marks(ride(force=-1.0))
@@ -200,7 +202,7 @@ def test_all_programs_show_the_same_words(bags, tmp_path, capsys):
     assert info.main([bag, "--json"]) == 0
     (recording,) = json.loads(capsys.readouterr().out)["recordings"]
     assert [f["text"] for f in recording["findings"]] == [
-        f.text for f in sense(read_recording(Path(bag), load_signals()))
+        f.text for f in check_recording(read_recording(Path(bag), load_signals()))
     ]
 
 

@@ -3,8 +3,10 @@ import inspect
 
 import pytest
 
-from ces_cli.identify.structures import add_structure, select_identify_function
+from ces_cli.identify.program import select_identify_function
+from ces_cli.terminal.terminal import add_options
 from ces_identify.identification import identify
+from ces_identify.options import list_options
 from ces_identify.structures.auto import BestStructure
 from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.network import NetworkShape
@@ -15,7 +17,7 @@ from ces_observer.errors import CesError
 
 def select_from(*arguments):
     parser = argparse.ArgumentParser(exit_on_error=False)
-    add_structure(parser)
+    add_options(parser, *list_options())
     return select_identify_function(parser.parse_args(arguments))
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from ces_cli.main import main
-from ces_identify.polynomial.thesis_rules import THESIS_RULES
+from ces_identify.polynomial.regressors import THESIS_RULES
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -30,7 +30,7 @@ def test_its_own_candidates_are_the_default_and_their_number_is_recorded(tmp_pat
     assert (selection["candidates"], selection["ended"]) == (1815, "target cost reached")
 
 
-@pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
+@pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
 def test_an_unproved_model_is_written_and_said_to_be_unproved(tmp_path, capsys):
     out = tmp_path / "model.json"
     assert identify("--candidates", PUBLISHED, "--out", out) == 0

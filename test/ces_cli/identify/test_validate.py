@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from ces_cli.main import main
-from ces_identify.preparation.cost import weighted_cost
-from ces_identify.preparation.series import prepare
-from ces_identify.preparation.weighting import parse_weighting
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Channel, Recording
+from ces_identify.prepare.cost import parse_weighting, weighted_cost
+from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import load_model
 from ces_observer.signals import Signals

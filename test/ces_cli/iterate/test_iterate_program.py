@@ -11,7 +11,7 @@ import yaml
 
 from ces_cli.main import main
 from ces_identify.schema_files import schema_line
-from ces_iterate.plan.template import TEMPLATE
+from ces_iterate.plan import TEMPLATE
 from ces_rig.dampers.kinds import KINDS
 
 PLAN = {

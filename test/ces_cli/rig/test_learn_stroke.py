@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ces_cli.main import main
-from ces_rig.drive.stroke_file import read_stroke_file
+from ces_rig.drive.sequences import read_stroke_file
 from ces_rig.experiment import load_experiment, simulate_truth
 
 EXPERIMENT = """\

@@ -5,8 +5,8 @@ import pytest
 
 from ces_cli.rig.program import main
 from ces_cli.terminal.terminal import run as run_program
-from ces_identify.recordings.bag_reader import read_recording
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.bags.reader import read_recording
+from ces_data.signals_file import load_signals
 from ces_rig.experiment import load_experiment, packaged_experiments, run
 
 SHORT = """\
@@ -67,7 +67,7 @@ def test_list(capsys):
         (["none", "--out", "x"], "ces rig: error: none: no such file or packaged experiment"),
         ([], "expected EXPERIMENT and --out BAG"),
         (["sweep"], "expected EXPERIMENT and --out BAG"),
-        (["sweep", "--out", "x", "--seed", "-1"], "outside 0 to 2147483648"),
+        (["sweep", "--out", "x", "--seed", "-1"], "expected a whole number from 0 to 2147483648"),
     ],
 )
 def test_mistakes(words, message, capsys, tmp_path, monkeypatch):

@@ -13,9 +13,9 @@ from pathlib import Path
 import pytest
 
 from ces_cli.main import main
-from ces_cli.terminal.json_output import print_document
+from ces_cli.terminal.outputs import print_document
 from ces_cli.terminal.progress import BestResults
-from ces_cli.terminal.tables import describe_range
+from ces_cli.terminal.results import describe_range
 from ces_cli.terminal.terminal import run
 from ces_identify.polynomial.search_limits import SearchResult
 
@@ -108,7 +108,7 @@ def test_a_read_only_installation_without_a_home_keeps_compiled_code_for_one_run
     environment = {"PATH": os.environ["PATH"], "HOME": "/proc/nowhere", "TMPDIR": str(tmp_path)}
     root = Path(__file__).resolve().parents[3]
     code = [sys.executable, "-c", READ_ONLY_INSTALLATION]
-    done = subprocess.run(code, cwd=root, env=environment, capture_output=True, text=True, check=True, timeout=60)
+    done = subprocess.run(code, cwd=root, env=environment, capture_output=True, text=True, check=True)
     folder, exists = done.stdout.split()
     assert Path(folder).parent == tmp_path and exists == "True"
     assert "name a folder in NUMBA_CACHE_DIR" in done.stderr and done.stderr.count("\n") == 1
@@ -122,7 +122,7 @@ def test_a_full_disk_under_the_compiled_code_is_named(tmp_path: Path) -> None:
     root = Path(__file__).resolve().parents[3]
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "code"), "PYTHONPATH": f"{root}:{tmp_path}"}
     code = [sys.executable, "-B", "-c", FULL_CACHE]
-    done = subprocess.run(code, env=environment, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(code, env=environment, capture_output=True, text=True, check=False)
     assert done.returncode == 2
     assert "ces rig: error: compiled code cannot be kept: File too large; free space" in done.stderr
     assert done.stderr.count("\n") == 1

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ces_cli.main import main
-from ces_cli.terminal.option_rules import ALL, OptionRule, never_with, only_with
+from ces_cli.terminal.options import ALL, OptionRule, never_with, only_with
 from ces_cli.terminal.terminal import Parser
 from ces_observer.errors import CesError
 

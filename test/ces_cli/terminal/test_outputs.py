@@ -18,7 +18,7 @@ from ces_cli.terminal.outputs import (
 )
 from ces_identify.export.ros_package import write_package
 from ces_observer.errors import CesError
-from ces_observer.json_checks import write_atomically
+from ces_observer.json_text import write_atomically
 
 ROOT = Path(__file__).resolve().parents[3]
 MODEL, ROAD, NOISE = ROOT / "config" / "models" / "sample.json", ROOT / "bags" / "road", ROOT / "bags" / "noise"
@@ -211,3 +211,10 @@ def test_a_package_that_exists_gets_new_files_and_keeps_others(here):
     write_package(package, {"package.xml": "2", "new/b.cpp": "2"}, overwrite=True)
     texts = {str(path.relative_to(package)): path.read_text() for path in package.rglob("*") if path.is_file()}
     assert texts == {"package.xml": "2", "src/a.cpp": "1", "new/b.cpp": "2", "mine.txt": ""}
+
+
+def test_a_file_that_is_replaced_keeps_its_mode(here):
+    (here / "taken").chmod(0o600)
+    write_atomically(here / "taken", "new")
+    write_atomically(here / "fresh", "new")
+    assert [(here / name).stat().st_mode & 0o777 for name in ("taken", "fresh")] == [0o600, 0o644]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from engine_plant import traced
 
-from ces_gap.baseline.dictionary import Dictionary, Scales
+from ces_gap.baseline.learner import Dictionary, Scales
 from ces_gap.trace import Trace
 
 KINDS = [

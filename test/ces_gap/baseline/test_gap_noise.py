@@ -7,7 +7,7 @@ import pytest
 from gap_traces import ar, ar_noise
 from numpy.typing import NDArray
 
-from ces_gap.baseline.noise import make_white_noise, noise_of
+from ces_gap.baseline.learner import make_white_noise, noise_of
 
 F = NDArray[np.float64]
 EVERYWHERE = np.ones(40000, bool)

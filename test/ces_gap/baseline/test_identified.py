@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from rig_rides import identified, rig_ride
 
-from ces_gap.baseline.correction import learn_correction
 from ces_gap.baseline.identified import add_left_out_force, identify_baseline
+from ces_gap.baseline.learner import learn_correction
 from ces_gap.errors import GapError
 from ces_gap.trace import open_trace
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from engine_plant import NOISE_N, F, damper, traced
 
-from ces_gap.baseline.ceiling import learn_ceiling
-from ces_gap.baseline.correction import LearnedCorrection, learn_correction
+from ces_gap.baseline.learner import LearnedCorrection, learn_ceiling, learn_correction
 from ces_gap.trace import Trace
 
 

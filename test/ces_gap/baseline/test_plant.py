@@ -10,10 +10,10 @@ import pytest
 from engine_plant import SIMULATION, F, damper, recorded, traced
 from example_effects import CurrentGain, Friction, Scale, Spring
 
+from ces_data.recording import Channel
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator, change_recording
 from ces_gap.effects.effect import CELL, Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import Trace, TraceInputs, open_trace
-from ces_identify.recordings.recording import Channel
 
 TRACE = traced()
 CALLED = DirectSimulator(SIMULATION)

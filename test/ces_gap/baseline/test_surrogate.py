@@ -10,11 +10,10 @@ import numpy as np
 import pytest
 from engine_plant import SIMULATION, F, traced
 
-from ces_gap.baseline.dictionary import Dictionary, Scales
+from ces_gap.baseline.learner import Dictionary, Scales
+from ces_gap.baseline.physical import SurrogateExample, make_changed_examples, make_recorded_examples
 from ces_gap.baseline.plant import DirectSimulator, Plant
-from ces_gap.baseline.surrogate import UNKNOWN_ERROR, Surrogate, carry_error
-from ces_gap.baseline.surrogate_examples import SurrogateExample, make_changed_examples, make_recorded_examples
-from ces_gap.baseline.surrogate_fit import learn_surrogate
+from ces_gap.baseline.surrogate import UNKNOWN_ERROR, Surrogate, carry_error, learn_surrogate
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.library import library
 from ces_gap.trace import Trace, TraceInputs
@@ -23,7 +22,7 @@ from ces_observer.errors import ModelError
 CALLED = DirectSimulator(SIMULATION)
 RECORDED = [traced(seed=s, seconds=10.0) for s in (1, 2, 3)]
 UNSEEN = traced(seed=9)
-SURROGATE = learn_surrogate(make_recorded_examples(RECORDED))
+SURROGATE = learn_surrogate(make_recorded_examples(RECORDED), RECORDED)
 
 
 def rms(values: F, trace: Trace) -> float:
@@ -68,7 +67,8 @@ def test_its_cost_is_that_on_data_left_out() -> None:
 
 @pytest.mark.parametrize("name", ["weaker", "late"])
 def test_its_estimate_of_the_error_is_no_promise_that_it_breaks(name: str) -> None:
-    few = learn_surrogate(make_recorded_examples([traced(seed=1, seconds=4.0)]))
+    short = [traced(seed=1, seconds=4.0)]
+    few = learn_surrogate(make_recorded_examples(short), short)
     inputs = change(name, UNSEEN)
     size = rms(few.force(UNSEEN, inputs) - UNSEEN.simulated, UNSEEN)
     estimated = rms(few.error_of_change(UNSEEN, inputs), UNSEEN) / size
@@ -79,7 +79,7 @@ def test_its_estimate_of_the_error_is_no_promise_that_it_breaks(name: str) -> No
 
 def test_currents_far_from_recorded_ones_are_less_certain() -> None:
     constant = traced(seed=4, constant_A=0.8)
-    surrogate = learn_surrogate(make_recorded_examples([constant]))
+    surrogate = learn_surrogate(make_recorded_examples([constant]), [constant])
     shares = []
     for gain in (0.98, 0.7):
         inputs = constant.inputs.with_current(gain * constant.inputs.current)
@@ -151,7 +151,7 @@ def test_a_delay_of_the_motion_at_constant_current_is_nearly_exact_even_for_a_us
 def test_a_dictionary_replaces_physical_models_that_do_not_fit() -> None:
     """A force that falls with speed is no damper's."""
     examples = [replace_force(e, -500.0 * np.tanh(e.inputs.speed / 0.05)) for e in make_recorded_examples(RECORDED)]
-    surrogate = learn_surrogate(examples)
+    surrogate = learn_surrogate(examples, [e.trace for e in examples])
     assert surrogate.dictionary is not None
     assert surrogate.cost_J < 15.0
 
@@ -163,7 +163,7 @@ def replace_force(example: SurrogateExample, force: F) -> SurrogateExample:
 def test_examples_without_motion_give_a_dictionary() -> None:
     still = traced(seed=1)
     inputs = TraceInputs(np.zeros(len(still)), np.zeros(len(still)), still.inputs.current)
-    surrogate = learn_surrogate([SurrogateExample(still, inputs, still.simulated)])
+    surrogate = learn_surrogate([SurrogateExample(still, inputs, still.simulated)], [still])
     assert surrogate.models == () and surrogate.dictionary is not None
 
 

@@ -11,10 +11,10 @@ import numpy as np
 import output_plants as plants
 import pytest
 
+from ces_data.recording import Channel, Recording
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.effects.library import library
 from ces_gap.trace import Trace, TraceInputs, make_trace
-from ces_identify.recordings.recording import Channel, Recording
 
 DESIGNED = {
     "friction", "compressibility", "mount_compliance", "backlash", "inertia", "gas_spring", "cavitation",

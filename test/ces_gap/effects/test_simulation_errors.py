@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from engine_plant import traced
 
-from ces_gap.effects.simulation_errors import simulation_errors
-from ces_gap.effects.simulation_errors.calibration import FORMS, ForceMap, ForceMapOfCurrent
-from ces_gap.effects.simulation_errors.timing import SampleTiming
+from ces_gap.effects.simulation_errors import CALIBRATION_FORMS as FORMS
+from ces_gap.effects.simulation_errors import ForceMap, ForceMapOfCurrent, SampleTiming, simulation_errors
 
 TRACE = traced(seed=3)
 

@@ -8,9 +8,16 @@ import numpy as np
 import pytest
 from example_effects import drive, trace_of
 
-from ces_gap.experiment.candidate_experiments import Reach, list_candidate_experiments, reach_of
-from ces_gap.experiment.waveforms import CURRENTS, STROKES, generate_waveforms
-from ces_rig.experiment import GRID_S, parse_experiment
+from ces_gap.experiment.candidates import (
+    CURRENTS,
+    STROKES,
+    Reach,
+    generate_waveforms,
+    list_candidate_experiments,
+    reach_of,
+)
+from ces_rig.experiment import parse_experiment
+from ces_rig.sensors import GRID_S
 
 REACHES = {
     "motorcycle": Reach(0.002, 0.025, 0.9, 90.0, 0.29, 0.7),

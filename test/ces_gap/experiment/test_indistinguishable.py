@@ -20,16 +20,20 @@ from example_effects import (
 from numpy.typing import NDArray
 from scipy.stats import norm
 
-from ces_gap.baseline.noise import NoiseModel
+from ces_gap.baseline.learner import NoiseModel
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.experiment.indistinguishable import (
     EVIDENCE,
+    Probe,
     find_indistinguishable_effects,
+    find_nearest,
+    from_unit,
     group_effects,
     make_evidence_whitening,
+    refine_match,
+    sample_tangents,
+    to_unit,
 )
-from ces_gap.experiment.matching import find_nearest, refine_match
-from ces_gap.experiment.signatures import Probe, from_unit, sample_tangents, to_unit
 from ces_gap.inference.evidence import gather
 from ces_gap.trace import Trace
 

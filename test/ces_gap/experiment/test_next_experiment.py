@@ -13,19 +13,23 @@ import yaml
 from example_effects import PLANT, SIMULATION, CurrentOffset, Friction, Rubbing, Scale, Spring, damper, drive
 from numpy.typing import NDArray
 
+from ces_gap.baseline.physical import make_recorded_examples
 from ces_gap.baseline.plant import DirectSimulator, Plant
-from ces_gap.baseline.surrogate_examples import make_recorded_examples
-from ces_gap.baseline.surrogate_fit import learn_surrogate
+from ces_gap.baseline.surrogate import learn_surrogate
 from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.errors import GapError
-from ces_gap.experiment.candidate_experiments import list_candidate_experiments, reach_of
-from ces_gap.experiment.experiment_files import experiment_files
-from ces_gap.experiment.next_experiment import choose_next_experiment, make_white_noise_whitening, simulate_experiment
+from ces_gap.experiment.candidates import list_candidate_experiments, reach_of
+from ces_gap.experiment.next_experiment import (
+    choose_next_experiment,
+    experiment_files,
+    make_white_noise_whitening,
+    simulate_experiment,
+)
 from ces_gap.trace import Trace, TraceInputs
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
-from ces_observer.json_checks import write_all_atomically
+from ces_observer.json_text import write_all_atomically
 from ces_rig.experiment import load_experiment
 
 F = NDArray[np.float64]
@@ -153,7 +157,7 @@ def test_an_experiment_is_left_out_if_the_simulation_refuses_what_an_effect_make
 
 
 def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
-    surrogate = learn_surrogate(make_recorded_examples([STEPS]))
+    surrogate = learn_surrogate(make_recorded_examples([STEPS]), [STEPS])
     plant = Plant(surrogate)
     proposed = choose_next_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
     assert proposed is not None and proposed.distance_N > 1.0
@@ -171,9 +175,8 @@ def test_an_exact_simulation_runs_once_for_each_experiment() -> None:
         return damper(time_s, position_m, current_A)
 
     exact = DirectSimulator(FunctionSimulation("counted", counted))
-    choose_next_experiment(
-        Plant(learn_surrogate(make_recorded_examples([STEPS]))), [STEPS], [PAIR], NOISE_N, exact=exact, recipes=RECIPES
-    )
+    plant = Plant(learn_surrogate(make_recorded_examples([STEPS]), [STEPS]))
+    choose_next_experiment(plant, [STEPS], [PAIR], NOISE_N, exact=exact, recipes=RECIPES)
     assert runs == len(RECIPES)
 
 

@@ -9,14 +9,13 @@ import numpy as np
 from engine_plant import NOISE_N, SIMULATION, F, traced
 from example_effects import Spring
 
-from ces_gap.baseline.noise import make_white_noise
+from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
-from ces_gap.effects.simulation_errors.calibration import ForceMap
-from ces_gap.inference.absorbed_effects import find_absorbed_effects
-from ces_gap.inference.anchored_surrogate import Refinement
+from ces_gap.effects.simulation_errors import ForceMap
 from ces_gap.inference.evidence import gather
-from ces_gap.inference.search import EffectSearchResult, search
+from ces_gap.inference.fit import Refinement
+from ces_gap.inference.search import EffectSearchResult, find_absorbed_effects, search
 from ces_gap.trace import Trace, TraceInputs
 
 PLANT = Plant(DirectSimulator(SIMULATION))

@@ -11,16 +11,16 @@ from search_examples import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, EffectSear
 
 from ces_gap.effects.effect import EffectParameter
 from ces_gap.effects.library import current_scale, force_scale
-from ces_gap.inference.alternatives import (
+from ces_gap.inference.evidence import Evidence
+from ces_gap.inference.fit import Refinement
+from ces_gap.inference.search import (
     MAX_ALIKE_SHARE,
     find_alternatives,
     interchangeable_effects,
     merge_groups,
     min_unexplained_shares,
+    search,
 )
-from ces_gap.inference.anchored_surrogate import Refinement
-from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.search import search
 from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
 from ces_gap.trace import Trace, TraceInputs
 

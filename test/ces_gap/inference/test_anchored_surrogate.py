@@ -10,12 +10,11 @@ from engine_plant import NOISE_N, SIMULATION, traced
 from example_effects import CurrentGain, Spring
 from numpy.typing import NDArray
 
-from ces_gap.baseline.noise import make_white_noise
+from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.inference.anchored_surrogate import Refinement, needs_rerun
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.fit import fit_alone, make_composition
+from ces_gap.inference.fit import Refinement, fit_alone, make_composition, needs_rerun
 from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]

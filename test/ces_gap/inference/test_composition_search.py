@@ -7,11 +7,9 @@ from dataclasses import replace
 from search_examples import EFFECTS, FRICTION, OFFSET, SPRING, planted
 
 from ces_gap.effects.effect import Setting
-from ces_gap.inference.anchored_surrogate import Refinement
-from ces_gap.inference.composition_search import CompositionSearch
-from ces_gap.inference.compositions import rank_additions, split_composition
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.fit import EffectFit, fit_alone, fit_together
+from ces_gap.inference.fit import EffectFit, Refinement, fit_alone, fit_together
+from ces_gap.inference.search import CompositionSearch, rank_additions, split_composition
 
 
 def build_search(evidence: Evidence) -> CompositionSearch:

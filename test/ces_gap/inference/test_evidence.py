@@ -8,7 +8,7 @@ from engine_plant import SIMULATION, damper, traced
 from gap_traces import ar, ar_noise
 from numpy.typing import NDArray
 
-from ces_gap.baseline.noise import NoiseModel, make_white_noise
+from ces_gap.baseline.learner import NoiseModel, make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.inference import evidence as evidence_module
 from ces_gap.inference.evidence import Evidence, gather

@@ -7,11 +7,9 @@ from search_examples import EFFECTS, planted
 
 from ces_gap.effects.effect import Setting
 from ces_gap.effects.library import force_offset, gas_spring
-from ces_gap.inference.alternatives import interchangeable_effects, min_unexplained_shares
-from ces_gap.inference.anchored_surrogate import Refinement
-from ces_gap.inference.fit import fit_alone
-from ces_gap.inference.nested_forms import loses_to_nested_form, order_nested_forms
-from ces_gap.inference.search import EffectSearchResult, search
+from ces_gap.inference.comparison import loses_to_nested_form, order_nested_forms
+from ces_gap.inference.fit import Refinement, fit_alone
+from ces_gap.inference.search import EffectSearchResult, interchangeable_effects, min_unexplained_shares, search
 
 GAS = next(form for form in gas_spring.FORMS if form.form == "charged")
 OFFSET = force_offset.FORMS[0]

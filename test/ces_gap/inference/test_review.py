@@ -8,8 +8,7 @@ import pytest
 from diagnoses import named
 
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Explanation
-from ces_gap.inference.held_out import HeldOutScores
-from ces_gap.inference.review import find_rivals, review
+from ces_gap.inference.held_out import HeldOutScores, find_better_effects, review
 
 FOUND = named()
 NOTHING = replace(FOUND.composition, effects=(), forms=(), gap_after_N=36.1, shrink=0.0, shrink_ci95=(0.0, 0.0))
@@ -49,7 +48,7 @@ def test_a_cause_that_closes_little_of_what_can_be_explained_is_unknown() -> Non
 def test_an_effect_that_leaves_less_is_a_rival_but_a_flexible_map_is_not(rival: str, verdict: str) -> None:
     scores = with_cause(rival, 0.8 * SCORES.composition.gap_after_N)
     assert review(NAMED, scores)[0] == verdict
-    assert bool(find_rivals(scores)) == (verdict == AMBIGUOUS)
+    assert bool(find_better_effects(scores)) == (verdict == AMBIGUOUS)
 
 
 def test_what_leaves_more_than_it_closes_is_not_the_cause() -> None:

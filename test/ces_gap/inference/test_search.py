@@ -9,12 +9,11 @@ import pytest
 from engine_plant import damper, traced
 from search_examples import CLEAN, EFFECTS, FRICTION, OFFSET, PLANT, SPRING, CubicSpring, planted, run_search
 
-from ces_gap.baseline.noise import make_white_noise
+from ces_gap.baseline.learner import make_white_noise
 from ces_gap.effects.effect import Setting
-from ces_gap.inference.anchored_surrogate import Refinement
 from ces_gap.inference.comparison import compute_paired_gain
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.fit import EffectFit, fit_alone
+from ces_gap.inference.fit import EffectFit, Refinement, fit_alone
 from ces_gap.inference.search import EffectSearchResult, best_forms, search
 
 

@@ -9,8 +9,8 @@ from ces_identify.campaign import cell as module
 from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import load_campaign
 from ces_identify.campaign.plan import jobs
-from ces_identify.jobs.job import CRASHED, DONE, FAILED
-from ces_identify.preparation.series import prepare
+from ces_identify.jobs.results import CRASHED, DONE, FAILED
+from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import evaluate
 from ces_observer.model import parse_model
 
@@ -21,7 +21,7 @@ def work(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
     (folder / "rules.yaml").write_text(RULES)
     text = CAMPAIGN.replace("sigmoid: {units: 2}", "sigmoid: {units: 2}\n  anfis: {rules: 2x1}") + "split: 0.8\n"
-    (folder / "c.yaml").write_text(text.replace("seeds", "rate_Hz: 200\nseeds"))
+    (folder / "c.yaml").write_text(text.replace("seed", "rate: 200\nseed"))
     campaign = load_campaign(folder / "c.yaml")
     recordings = {path: made(seed, name=path.name) for seed, path in enumerate(campaign.paths, start=1)}
     return {(j.cell.bags, j.cell.structure): j for j in jobs(campaign, recordings, "")}, recordings
@@ -61,7 +61,7 @@ def comparison(tmp_path):
         "sigmoid: {units: 2, lags: ['1,2,3']}, anfis: {memberships: 2x2}}"
     )
     (tmp_path / "rules.yaml").write_text(RULES)
-    (tmp_path / "c.yaml").write_text(f"bags: {{a: one}}\nstructures: {structures}\nlimits: {{seconds: 10}}\n")
+    (tmp_path / "c.yaml").write_text(f"bags: {{a: one}}\nstructures: {structures}\nlimits: {{time: 10}}\n")
     campaign = load_campaign(tmp_path / "c.yaml")
     recordings = {path: made(1, name=path.name) for path in campaign.paths}
     by_settings = {j.cell.settings.get("method", j.cell.structure): j for j in jobs(campaign, recordings, "")}

@@ -3,8 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_identify.campaign.front import COST_TOLERANCE, front, is_proved, recommend_model
-from ces_identify.jobs.job import DONE, FAILED
+from ces_identify.campaign.campaign_rows import COST_TOLERANCE, front, is_proved, recommend_model
+from ces_identify.jobs.results import DONE, FAILED
 
 
 def row(parameters, cost, gain=0.5, status=DONE, validation=1.0, bound_N=None):

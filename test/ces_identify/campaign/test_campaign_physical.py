@@ -3,11 +3,11 @@
 import pytest
 from campaign_parts import made
 
+from ces_identify.campaign.campaign_rows import front, is_proved
 from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import CampaignError, load_campaign
-from ces_identify.campaign.front import front, is_proved
 from ces_identify.campaign.plan import jobs
-from ces_identify.jobs.job import DONE
+from ces_identify.jobs.results import DONE
 from ces_observer.model import parse_model
 
 CAMPAIGN = """\
@@ -15,8 +15,8 @@ bags: {one: [one]}
 structures:
   relaxation: {springs: [1, auto]}
   chambers: {curves: 2}
-seeds: [1]
-limits: {seconds: 3}
+seed: [1]
+limits: {time: 3}
 """
 
 

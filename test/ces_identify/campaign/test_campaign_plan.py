@@ -32,7 +32,7 @@ def keys(tmp_path):
     [
         SMALL.replace("{a: one}", "{renamed: [one]}"),
         SMALL + "limits: {threads: 2}\n",
-        SMALL + "seeds: [1]\nrate_Hz: auto\n",
+        SMALL + "seed: [1]\nrate: auto\n",
         SMALL.replace("candidates", "terms: [15, 20], candidates"),
     ],
 )
@@ -43,8 +43,8 @@ def test_names_threads_defaults_and_further_cells_leave_the_key(keys, text):
 @pytest.mark.parametrize(
     "change",
     [
-        {"text": SMALL + "seeds: 2\n"},
-        {"text": SMALL + "limits: {seconds: 61}\n"},
+        {"text": SMALL + "seed: 2\n"},
+        {"text": SMALL + "limits: {time: 61}\n"},
         {"text": SMALL + "limits: {starts: 2}\n"},
         {"text": SMALL + "split: 0.8\n"},
         {"text": SMALL + "certificate: false\n"},

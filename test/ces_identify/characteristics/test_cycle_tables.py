@@ -5,7 +5,7 @@ import pytest
 from dyno_recordings import recording_of, sine_motion, triangle_motion
 
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.omissions import NO_CYCLES
+from ces_identify.characteristics.rows import NO_CYCLES
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
 

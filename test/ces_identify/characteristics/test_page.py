@@ -11,8 +11,9 @@ from dyno_recordings import recording_of, sine_motion, triangle_motion
 
 import ces_identify
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import MAX_ROWS, choose_rows, format_page, number, peak_cells, with_spread
-from ces_identify.characteristics.results import TABLES
+from ces_identify.characteristics.page import format_page
+from ces_identify.characteristics.rows import TABLES
+from ces_identify.characteristics.tables import MAX_ROWS, choose_rows, number, peak_table, with_spread
 from ces_identify.simulations.simulation import FunctionSimulation
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -68,19 +69,35 @@ def test_the_page_shows_measured_beside_simulated(results):
 
 
 def test_a_long_table_shows_conditions_of_every_current(results):
-    first = next(peak_cells(results))
+    table = peak_table(results)
     conditions = [(0.0, 200), (0.5, 1), (1.0, 80)]  # current, number of conditions, each in two directions
-    cells = [
-        {**first, "row": replace(first["row"], current_A=current, frequency_Hz=1.0 + n)}
+    rows = [
+        replace(table.rows[0], current_A=current, frequency_Hz=1.0 + n)
         for current, count in conditions
         for n in range(count)
         for direction in range(2)
     ]
-    rows = choose_rows(cells)
-    assert rows.total == len(cells) and len(rows.shown) < 1.2 * MAX_ROWS
-    assert {cell["row"].current_A for cell in rows.shown} == {0.0, 0.5, 1.0}
-    shown = [(cell["row"].current_A, cell["row"].frequency_Hz) for cell in rows.shown]
+    chosen = choose_rows(replace(table, rows=rows))
+    assert len(chosen.rows) + chosen.left_out == len(rows) and len(chosen.rows) < 1.2 * MAX_ROWS
+    assert {row.current_A for row in chosen.rows} == {0.0, 0.5, 1.0}
+    shown = [(row.current_A, row.frequency_Hz) for row in chosen.rows]
     assert all(shown.count(one) == 2 for one in shown)
+
+
+def test_a_simulation_without_a_force_has_dashes_under_its_own_heading(results):
+    """Two simulations, the first of them without a force at one condition: its cells are empty, not the other's."""
+    lost = results.peak_velocity[0].current_A
+    first = tuple(
+        replace(r, source="first") for r in results.peak_velocity if r.source == "law" and r.current_A != lost
+    )
+    two = replace(results, sources=("measured", "first", "law"), peak_velocity=(*results.peak_velocity, *first))
+    table = peak_table(two)
+    headings = [column.heading for column in table.columns]
+    cells = [dict(zip(headings[-4:], [c.text(row) for c in table.columns[-4:]], strict=True)) for row in table.rows]
+    for row, own in zip(table.rows, cells, strict=True):
+        assert (own["first [N]"] == "–") == (row.current_A == lost)
+        assert own["law [N]"] != "–"
+    assert "".join(table.to_html().split()).count("<td") == len(headings) * len(table.rows)
 
 
 def test_the_page_without_cycles_says_so():

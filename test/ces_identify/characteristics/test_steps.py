@@ -5,7 +5,7 @@ import pytest
 from dyno_recordings import lagging_force, recording_of, sine_motion, triangle_motion
 
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.omissions import NO_STEPS, NO_STEPS_READ
+from ces_identify.characteristics.rows import NO_STEPS, NO_STEPS_READ
 
 LAG_S, DEAD_S = 0.012, 0.003
 

@@ -8,12 +8,18 @@ import pytest
 from made_errors import aligned, two_models
 from residual_series import coloured
 
+from ces_data.checks.content import recording_marks
 from ces_identify import compare_models, make_recording, read_recording
-from ces_identify.comparison.compared_model import TEST, TRAINED, UNKNOWN, make_compared_model, name_sources
+from ces_identify.comparison.compared_models import (
+    TEST,
+    TRAINED,
+    UNKNOWN,
+    make_compared_model,
+    measure_tick_times,
+    name_sources,
+)
 from ces_identify.comparison.comparison import Comparison, _model_results, compare
 from ces_identify.comparison.pair_results import BETTER, DIVERGED, NO_TEST, SAME, SHORT, compare_pairs
-from ces_identify.comparison.tick_time import measure_tick_times
-from ces_identify.sense.content import recording_marks
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
 from ces_observer.errors import CesError
 from ces_observer.model import load_model

@@ -5,9 +5,8 @@ import pytest
 from made_errors import RATE_HZ, aligned, two_models
 from residual_series import coloured
 
-from ces_identify.comparison.difference_errors import find_differences, pooled_costs
-from ces_identify.comparison.holm import adjusted_p_values
-from ces_identify.preparation.cost import cost
+from ces_identify.comparison.pair_results import adjusted_p_values, find_differences, pooled_costs
+from ces_identify.prepare.cost import cost
 
 ALPHA = 0.05
 ALL = [(a, b) for a in range(4) for b in range(a + 1, 4)]

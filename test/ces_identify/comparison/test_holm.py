@@ -1,6 +1,6 @@
 import pytest
 
-from ces_identify.comparison.holm import adjusted_p_values, step_levels
+from ces_identify.comparison.pair_results import adjusted_p_values, step_levels
 
 
 def test_textbook_example():

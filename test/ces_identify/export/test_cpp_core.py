@@ -2,7 +2,6 @@
 
 import random
 import re
-import shutil
 import subprocess
 from dataclasses import replace
 from importlib import resources
@@ -13,16 +12,13 @@ from bands import BAND
 from trained_models import fuzzy_model, network_model
 
 from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
+from ces_data.signals_file import load_signals
 from ces_identify.export.replay_sequence import START_NS, ReplaySequence, record_faults
 from ces_identify.export.ros_package import export_ros_package, write_package
-from ces_identify.recordings.signals_file import load_signals
 from ces_observer.model import load_model
 from ces_observer.proof.certificate import Contraction
 
-compiler = shutil.which("c++")
-pytestmark = pytest.mark.skipif(
-    compiler is None or shutil.which("cc") is None, reason="no C++ compiler on this machine"
-)
+pytestmark = pytest.mark.needs("cc", "c++")
 
 FLAGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O0", "-fsanitize=undefined"]
 FLAGS += ["-fno-sanitize-recover=undefined"]
@@ -64,7 +60,7 @@ def replayer(tmp_path_factory):
 
 def compile_replay(folder):
     subprocess.run(["cc", "-std=c99", *FLAGS, "-c", "src/model/damper.c", "-o", "m.o"], cwd=folder, check=True)
-    words = [compiler, "-std=c++17", *FLAGS, "-Isrc", "m.o", *SOURCES, "-o", "replay"]
+    words = ["c++", "-std=c++17", *FLAGS, "-Isrc", "m.o", *SOURCES, "-o", "replay"]
     subprocess.run(words, cwd=folder, check=True)
 
 

@@ -3,7 +3,6 @@
 import ctypes
 import math
 import random
-import shutil
 import struct
 import subprocess
 from dataclasses import replace
@@ -21,8 +20,6 @@ from exported_c import (
     c_steps,
     c_ticks,
     compile_c,
-    compiler,
-    needs_compiler,
     pointers,
     python_steps,
     python_ticks,
@@ -30,8 +27,8 @@ from exported_c import (
     undefined_and_defined,
 )
 
-from ces_identify.export.c_text import number
 from ces_identify.export.export_c import LONGEST_NAME, NAME_ENDING, export_c, identifier
+from ces_identify.structures.c_tables import number
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling
@@ -167,7 +164,7 @@ def library(tmp_path_factory):
     return cache(lambda name: compile_c(tmp_path_factory.mktemp("model"), MODELS[name]))
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("shape", INPUTS)
 @pytest.mark.parametrize("name", MODELS)
 def test_forces_and_reasons_are_the_estimators(library, name, shape):
@@ -186,7 +183,7 @@ def band_library(tmp_path_factory):
     return compile_c(tmp_path_factory.mktemp("band"), BANDED, harness=BAND_HARNESS)
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("shape", INPUTS)
 def test_half_widths_are_the_estimators(band_library, shape):
     samples = seeded(shape)
@@ -202,7 +199,7 @@ def test_without_a_band_the_code_has_none():
     assert "half_width" not in "".join(export_c(MODELS["a constant"], "model", "model", UNPROVED))
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 def test_the_inputs_above_reach_every_reason(library):
     reached = {name: set() for name in MODELS}
     for name in ("plain, order 3", "unstable"):
@@ -212,7 +209,7 @@ def test_the_inputs_above_reach_every_reason(library):
     assert reached["unstable"] == set(CODES.values())
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("name", MODELS)
 def test_a_tick_is_the_polynomials(library, name):
     dice = np.random.default_rng(7)
@@ -227,8 +224,7 @@ def test_a_tick_is_the_polynomials(library, name):
 # ------------------------------------------------------------------------------------------------------- the text
 
 
-@needs_compiler
-@pytest.mark.skipif(shutil.which("nm") is None, reason="no nm on this machine")
+@pytest.mark.needs("cc", "nm")
 @pytest.mark.parametrize("name", ["plain, order 3", "powers"])
 def test_it_needs_nothing_but_math_and_has_no_globals(tmp_path, name):
     compile_c(tmp_path, MODELS[name])
@@ -240,7 +236,7 @@ def test_it_needs_nothing_but_math_and_has_no_globals(tmp_path, name):
     }  # fmt: skip
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 def test_numbers_read_back_exactly(tmp_path):
     dice = random.Random(3)
     values = [5e-324, 1.7976931348623157e308, -0.0, 0.1, 1e22, 1e23, 1.0, -7.0]
@@ -248,7 +244,7 @@ def test_numbers_read_back_exactly(tmp_path):
     values = [v for v in values if math.isfinite(v)]
     text = f"const double values[] = {{{', '.join(map(number, values))}}};\n"
     (tmp_path / "values.c").write_text(text)
-    subprocess.run([compiler, "-std=c99", "-fPIC", "-shared", "-o", "v.so", "values.c"], cwd=tmp_path, check=True)
+    subprocess.run(["cc", "-std=c99", "-fPIC", "-shared", "-o", "v.so", "values.c"], cwd=tmp_path, check=True)
     read = (ctypes.c_double * len(values)).in_dll(ctypes.CDLL(str(tmp_path / "v.so")), "values")
     assert bytes(read) == struct.pack(f"{len(values)}d", *values)
 

@@ -1,7 +1,6 @@
 """Exported sigmoid networks and neuro-fuzzy models are the estimator's twins."""
 
 import math
-import shutil
 from dataclasses import replace
 from functools import cache
 
@@ -12,7 +11,6 @@ from exported_c import (
     c_steps,
     c_ticks,
     compile_c,
-    needs_compiler,
     python_steps,
     python_ticks,
     seeded,
@@ -49,7 +47,7 @@ def library(tmp_path_factory):
     return cache(lambda name: compile_c(tmp_path_factory.mktemp("model"), MODELS[name]))
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("shape", INPUTS)
 @pytest.mark.parametrize("name", MODELS)
 def test_forces_and_reasons_are_the_estimators(library, name, shape):
@@ -60,14 +58,14 @@ def test_forces_and_reasons_are_the_estimators(library, name, shape):
     np.testing.assert_allclose(rows, expected, rtol=1e-9, atol=1e-9)
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 def test_the_twins_are_compared_on_forces_and_on_an_unbounded_run(library):
     moving = c_steps(library("rules"), *seeded(INPUTS[0]))[0][:, 0]
     assert np.nanmax(np.abs(moving)) > 20.0
     assert math.isnan(c_steps(library("unstable rules"), *seeded(INPUTS[0]))[0][-1, 0])
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("name", MODELS)
 def test_a_tick_is_the_structures(library, name):
     dice = np.random.default_rng(7)
@@ -78,8 +76,7 @@ def test_a_tick_is_the_structures(library, name):
     np.testing.assert_allclose(forces, expected, rtol=1e-9, atol=1e-9)
 
 
-@needs_compiler
-@pytest.mark.skipif(shutil.which("nm") is None, reason="no nm on this machine")
+@pytest.mark.needs("cc", "nm")
 @pytest.mark.parametrize("name", ["network", "rules"])
 def test_it_needs_nothing_but_math_and_has_no_globals(tmp_path, name):
     compile_c(tmp_path, MODELS[name])

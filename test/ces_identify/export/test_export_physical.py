@@ -2,7 +2,6 @@
 
 import math
 import random
-import shutil
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +12,6 @@ from exported_c import (
     c_steps,
     c_ticks,
     compile_c,
-    needs_compiler,
     python_steps,
     python_ticks,
     seeded,
@@ -23,11 +21,8 @@ from exported_c import (
 from bench.physical_examples import ENVELOPE, SAMPLING, make_chambers, make_model, make_relaxation, make_valve
 from ces_identify.export.export_c import export_c
 from ces_observer.model import parse_model
-from ces_observer.structures.flow_map import FlowMap
-from ces_observer.structures.increasing_curves import IncreasingCurve
-from ces_observer.structures.reach import widen
-from ces_observer.structures.side_forces import SideForces
-from ces_observer.structures.valve_path import ValvePath
+from ces_observer.structures.curves import FlowMap, IncreasingCurve
+from ces_observer.structures.physical import SideForces, ValvePath, widen
 
 PLAIN_VALVE = make_valve(hysteresis_A=0.0)
 SLOW = replace(SAMPLING, rate_Hz=400.0, bandwidth_Hz=40.0, order=2)
@@ -72,7 +67,7 @@ def close(model, forces, expected):
 # ---------------------------------------------------------------------------------------------------- equal forces
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("shape", INPUTS)
 @pytest.mark.parametrize("name", MODELS)
 def test_forces_and_reasons_are_the_estimators(library, name, shape):
@@ -97,7 +92,7 @@ def hostile(count, seed):
     return inputs
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("seed", [1, 2, 3])
 @pytest.mark.parametrize("name", MODELS)
 def test_ticks_are_equal_for_hostile_inputs(library, name, seed):
@@ -107,14 +102,14 @@ def test_ticks_are_equal_for_hostile_inputs(library, name, seed):
     close(MODELS[name], forces, python_ticks(MODELS[name], *inputs))
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("name", MODELS)
 def test_a_million_hostile_ticks_stay_within_the_proved_bound(library, name):
     forces = c_ticks(library(name), *hostile(1_000_000, 4))
     assert np.abs(forces).max() <= MODELS[name].certify().bounds["force_bound_any_input_N"]
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("name", MODELS)
 def test_a_force_beyond_its_envelope_is_withheld_and_the_past_is_cleared(tmp_path, name):
     model = replace(MODELS[name], force_envelope_N=(-200.0, 300.0))
@@ -132,7 +127,7 @@ def test_a_force_beyond_its_envelope_is_withheld_and_the_past_is_cleared(tmp_pat
 # ---------------------------------------------------------------------------------------- outside of the envelope
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("name", MODELS)
 def test_inputs_are_used_up_to_the_reach_and_clamped_beyond(library, name):
     wide = widen(ENVELOPE.by_signal, MODELS[name].body.reach)
@@ -146,7 +141,7 @@ def test_inputs_are_used_up_to_the_reach_and_clamped_beyond(library, name):
         assert (outside[-1] == inside[-1]) == (signal == "current")  # the characteristic ends with the envelope
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("name", ["relaxation", "chambers"])
 @pytest.mark.parametrize("place", range(3))
 def test_a_tick_without_a_number_has_no_force(library, name, place):
@@ -216,7 +211,7 @@ def solve(body, drive, setting, before, interval):
     return compression(rebound), rebound
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("seed", range(6))
 def test_every_step_of_the_chambers_is_solved(tmp_path, seed):
     body = awkward(seed)
@@ -233,8 +228,7 @@ def test_every_step_of_the_chambers_is_solved(tmp_path, seed):
 # ------------------------------------------------------------------------------------------------------- the text
 
 
-@needs_compiler
-@pytest.mark.skipif(shutil.which("nm") is None, reason="no nm on this machine")
+@pytest.mark.needs("cc", "nm")
 @pytest.mark.parametrize("name", ["relaxation, delayed", "chambers, delayed"])
 def test_it_needs_nothing_but_math_and_has_no_globals(tmp_path, name):
     compile_c(tmp_path, MODELS[name])

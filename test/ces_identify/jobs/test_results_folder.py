@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from ces_identify.jobs import results_folder
-from ces_identify.jobs.job import CRASHED, DONE, FAILED, JobResult
+from ces_identify.jobs import results
+from ces_identify.jobs.results import CRASHED, DONE, FAILED, JobResult
 from ces_observer.errors import CesError
 
 
@@ -29,7 +29,7 @@ def result(key, status=DONE):
 
 
 def open_results(folder):
-    return results_folder.open_results(folder / "results.jsonl", "a campaign")
+    return results.open_results(folder / "results.jsonl", "a campaign")
 
 
 def test_rows_and_models_come_back(tmp_path):

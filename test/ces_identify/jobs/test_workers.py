@@ -7,12 +7,12 @@ from dataclasses import replace
 
 import pytest
 from campaign_parts import CAMPAIGN, RULES, made
-from patience import PATIENCE_S
+from dask_clusters import dask_scheduler
 
 from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import load_campaign
 from ces_identify.campaign.plan import jobs
-from ces_identify.jobs import cluster as cluster_module
+from ces_identify.jobs import workers as cluster_module
 from ces_identify.jobs.workers import Task, run_in_processes, run_on_cluster, run_on_this_machine
 from ces_observer.errors import CesError
 
@@ -60,15 +60,8 @@ def test_processes_on_this_machine(work, expected):
 @pytest.fixture(scope="module")
 def cluster():
     """The address of a scheduler with two workers, each a process of its own."""
-    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed")
-    with (
-        pytest.MonkeyPatch.context() as patch,
-        distributed.LocalCluster(
-            n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
-        ) as made_cluster,
-    ):
-        patch.setattr(cluster_module, "CONNECT_S", PATIENCE_S)
-        yield made_cluster.scheduler_address
+    with dask_scheduler() as address:
+        yield address
 
 
 def test_two_workers_of_a_dask_scheduler(work, expected, cluster):

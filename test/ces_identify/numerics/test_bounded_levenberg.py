@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from ces_identify.numerics.bounded_levenberg import BoundedProblem, descend_within_bounds
+from ces_identify.numerics.levenberg import BoundedProblem, descend_within_bounds
 
 
 def problem(residuals, jacobian, low, high, weights=0.0, centre=0.0):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from residual_series import coloured
 
-from ces_identify.numerics.sum_error import (
+from ces_identify.numerics.correlation import (
     MIN_SHARE,
     SLOWEST_S,
     SumError,

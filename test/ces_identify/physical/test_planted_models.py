@@ -7,15 +7,15 @@ import pytest
 from planted import SAMPLING
 from planted_dampers import KINDS, NOISE_N, models_of, planted_model, planted_series, true_parameters
 
+from ces_identify.physical.quantities import ERRORS, read_quantities
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.physical_quantities import ERRORS, read_quantities
 
 SIZES = {size.name: size.default for kit in KITS.values() for size in kit.sizes}
-LIMITS = Limits(seconds=8.0, starts=2, threads=2)  # short fits get 1.2 s, which is plenty for the planted structure
+LIMITS = Limits(time=8.0, starts=2, threads=2)  # short fits get 1.2 s, which is plenty for the planted structure
 
 
 @cache
@@ -46,7 +46,7 @@ def test_the_fitted_model_repeats_the_planted_force(kind):
 def test_the_damper_is_found_again(kind):
     envelope, interval = models_of(kind).training.envelope, 1.0 / SAMPLING.rate_Hz
     found, true = (
-        read_quantities(body, interval, envelope.position_m)
+        read_quantities(KINDS[kind], body, interval, envelope.position_m)
         for body in (fit_auto(kind).model.body, planted_model(kind).body)
     )
     stiffness = "Stiffness of oil and mounts [N/mm]" if kind == "relaxation" else "Stiffness of mounts and rod [N/mm]"
@@ -57,7 +57,7 @@ def test_the_damper_is_found_again(kind):
 
 
 def test_another_structure_is_compared_with_the_physical_ones():
-    options = IdentifyOptions(limits=replace(LIMITS, seconds=3.0))
+    options = IdentifyOptions(limits=replace(LIMITS, time=3.0))
     fitter = select_fitter("polynomial", SIZES)
     fitted = fitter([planted_series("relaxation", 1)], SAMPLING, options, lambda result: None)
     costs = fitted.how["structures"]

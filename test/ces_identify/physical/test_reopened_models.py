@@ -5,14 +5,13 @@ import pytest
 from physical_models import CHAMBERS, RELAXATION
 from planted_dampers import KINDS, models_of, planted_model, ride, true_parameters
 
-from ces_identify.physical.reopened_models import reopen
 from ces_identify.simulations.simulate import simulate_series
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_parameters_and_force_are_those_of_the_file(kind):
     models, model = models_of(kind), planted_model(kind)
-    opened, theta = reopen(model.body, models.scales.interval_s, models.training)
+    opened, theta = type(models).reopen(model.body, models.scales.interval_s, models.training)
     np.testing.assert_allclose(theta, true_parameters(kind), rtol=1e-6, atol=1e-9)
     series = ride(1)
     force = simulate_series(model, series).force
@@ -23,4 +22,4 @@ def test_its_parameters_and_force_are_those_of_the_file(kind):
 def test_a_model_made_by_hand_is_refused(body):
     kind = "chambers" if body is CHAMBERS else "relaxation"
     models = models_of(kind)
-    assert reopen(body, models.scales.interval_s, models.training) is None
+    assert type(models).reopen(body, models.scales.interval_s, models.training) is None

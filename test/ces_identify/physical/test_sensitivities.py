@@ -54,7 +54,7 @@ def test_the_gradients_of_blocks_add_up(kind):
     models, theta = noisy(kind), true_parameters(kind)
     weights = models.training.estimation
     blocks = np.arange(len(weights)) // 100
-    _, gradients = models.block_gradients(theta, weights, blocks)
+    _, _, gradients = models.sensitivities(theta, weights, blocks)
     _, _, gradient = models.normal_equations(theta, weights)
     assert gradients.shape == (blocks.max() + 1, len(theta))
     np.testing.assert_allclose(gradients.sum(axis=0), gradient, rtol=1e-9, atol=1e-12 * np.abs(gradient).max())

@@ -7,9 +7,14 @@ import pytest
 from planted_dampers import KINDS, models_of, planted_models, true_parameters
 
 from ces_identify.physical.physical_search import PENALTIES, PhysicalSearch
-from ces_identify.physical.standard_errors import ParameterErrors, parameter_errors
+from ces_identify.physical.quantities import (
+    ParameterErrors,
+    describe_errors,
+    parameter_errors,
+    read_quantities,
+    steady_force_map,
+)
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.structures.physical_quantities import describe_errors, read_quantities, steady_force_map
 
 DRAWS = 3
 PENALTY = PENALTIES[-1]
@@ -18,15 +23,17 @@ PENALTY = PENALTIES[-1]
 def fitted(kind, seed):
     """A fit from the true parameters: intervals say nothing of other optima."""
     models = planted_models(kind, seed)
-    search = PhysicalSearch(Limits(seconds=60.0, threads=1), lambda result: None)
+    search = PhysicalSearch(Limits(time=60.0, threads=1), lambda result: None)
     return models, search.refit(search._fit(models, true_parameters(kind), PENALTY, 0))
 
 
 def values_of(models, theta, errors):
     body, interval = models.body(theta), models.scales.interval_s
     stroke = models.training.envelope.position_m
-    quantities = read_quantities(body, interval, stroke)
-    forces = steady_force_map(body, interval, stroke, np.array(errors["speed_m_s"]), np.array(errors["current_A"]))
+    quantities = read_quantities(type(models), body, interval, stroke)
+    forces = steady_force_map(
+        type(models), body, interval, stroke, np.array(errors["speed_m_s"]), np.array(errors["current_A"])
+    )
     return np.array(list(quantities.values())), forces
 
 

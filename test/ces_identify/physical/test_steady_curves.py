@@ -5,8 +5,7 @@ import pytest
 from planted import RATE_HZ
 from planted_dampers import KINDS, planted_model
 
-from ces_identify.physical.steady_curves import curve_currents, curve_speeds, recorded_speeds
-from ces_identify.structures.physical_quantities import steady_force_map
+from ces_identify.physical.quantities import curve_currents, curve_speeds, recorded_speeds, steady_force_map
 
 SPEEDS, CURRENTS = np.array([-0.3, -0.02, 0.05, 0.4]), np.array([0.35, 0.6])
 
@@ -15,7 +14,7 @@ SPEEDS, CURRENTS = np.array([-0.3, -0.02, 0.05, 0.4]), np.array([0.35, 0.6])
 def test_they_are_those_of_the_models_own_run(kind):
     model = planted_model(kind)
     stroke = (-0.02, 0.03)
-    forces = steady_force_map(model.body, 1 / RATE_HZ, stroke, SPEEDS, CURRENTS)
+    forces = steady_force_map(KINDS[kind], model.body, 1 / RATE_HZ, stroke, SPEEDS, CURRENTS)
     for n, current in enumerate(CURRENTS):
         for m, speed in enumerate(SPEEDS):
             run, position = model.make_predictor(), 0.005

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ces_data.recording import Channel, Recording
 from ces_identify.identification import identify
-from ces_identify.polynomial.constructed_data import restrict_to_data
-from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
+from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs, restrict_to_data
 from ces_identify.polynomial.regressors import load_rules, parse_rules
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.preparation.series import prepare
-from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
@@ -70,7 +69,7 @@ def planted(seed, seconds=12.0, name="planted"):
 
 def identified(rules, terms=7):
     limits = Limits(terms, 20.0, 0.0, 2, 1, 2)
-    options = IdentifyOptions(split=1.0, rules=rules, limits=limits, bandwidth_Hz=40.0)
+    options = IdentifyOptions(split=1.0, candidates=rules, limits=limits, bandwidth=40.0)
     return identify([planted(1), planted(2)], [planted(3, name="fresh")], options)
 
 

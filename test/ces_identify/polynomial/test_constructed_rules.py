@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from ces_identify.polynomial.constructed_options import add_blend, add_constructed_inputs
+from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs
 from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules, parse_rules
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, TriangularMembership

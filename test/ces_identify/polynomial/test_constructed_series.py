@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP, constructed_damper
 
-from ces_identify.polynomial.compiled_terms import compile_terms, power_table
-from ces_identify.polynomial.constructed_series import constructed_values, membership
+from ces_data.recording import Channel, Recording
+from ces_identify.polynomial.compiled_terms import compile_terms, constructed_values, membership, power_table
 from ces_identify.polynomial.problem import probe
-from ces_identify.preparation.series import hold_current
-from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.prepare.series import hold_current
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.estimator import Estimator
 from ces_observer.structures.constructed_inputs import InputConstructor

@@ -14,7 +14,7 @@ from ces_identify.polynomial.sensitivity_kernels import (
     output_gains,
     sensitivities,
 )
-from ces_identify.preparation.series import prepare
+from ces_identify.prepare.series import prepare
 
 
 def run(powers, compiled, coefficients):
@@ -107,7 +107,7 @@ def test_a_fit_stays_inside_the_stable_models():
 
     from identification_examples import SAMPLING, planted
 
-    from ces_identify.recordings.recording import Channel
+    from ces_data.recording import Channel
 
     recording = planted(1, seconds=20.0)
     speed = prepare(recording, SAMPLING).speed

@@ -3,7 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from ces_identify.polynomial.regressors import DEFAULT_RULES, MAX_CANDIDATES, load_rules, parse_rules
+from ces_identify.polynomial.candidate_rules import MAX_CANDIDATES
+from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules, parse_rules
 from ces_identify.polynomial.search_limits import THESIS
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import Lag
@@ -115,6 +116,10 @@ def test_an_exploding_rule_is_refused_with_its_count():
         ({"products": [["temperature"]]}, "expected signals among force, speed, current"),
         ({"products": [[["speed"]]]}, "expected signals among force, speed, current"),
         ({"speed": {"lags": [0], "again": {"lags": [-1]}}}, r"speed: again: lags \[-1\]; expected whole numbers"),
+        (
+            {"speed": {"lags": [[0]]}},
+            r"speed: lags is \[\[0\]\]; expected a list of numbers",
+        ),
         ({"force": {"lags": [1], "again": {"lags": [2]}}}, "force: unknown key 'again'; known are lags"),
         ({"initial": []}, r"initial: expected a list of terms"),
         ({"initial": [{"signal": "speed"}]}, r"initial\[0\]: .*; expected a list of factors, at most 8"),

@@ -7,8 +7,7 @@ import re
 import pytest
 from report_examples import TERMS, WIDE
 
-from ces_identify.polynomial.term_symbols import describe_input, describe_symbols
-from ces_identify.polynomial.term_table import format_term
+from ces_identify.polynomial.term_table import describe_input, describe_symbols, format_term
 from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, TriangularMembership
 from ces_observer.structures.terms import Factor, Term
 

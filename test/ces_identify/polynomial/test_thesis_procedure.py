@@ -14,14 +14,14 @@ from ces_identify.numerics import search_clock
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.polynomial.regressors import load_rules, parse_rules
 from ces_identify.polynomial.search_limits import THESIS, Limits
-from ces_identify.polynomial.thesis_procedure import ThesisStart
-from ces_identify.preparation.series import prepare
+from ces_identify.polynomial.selection import ThesisStart
+from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError, ModelError
 from ces_observer.nodes.model_check import require_stable
-from ces_observer.structures.terms_file import MAX_TERMS
+from ces_observer.structures.terms import MAX_TERMS
 
-pytestmark = pytest.mark.filterwarnings("ignore::ces_identify.recordings.bag_reader.RecordingWarning")
+pytestmark = pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
 ROOT = Path(__file__).resolve().parents[3]
 ONCE = Limits(starts=1, threads=1, method=THESIS)
 
@@ -100,12 +100,12 @@ def test_it_stops_at_the_target_and_when_time_is_up(problem):
 
 def test_a_limit_on_the_number_of_terms_holds(problem):
     assert len(start(problem).run().chosen) > 2
-    assert len(start(problem, max_terms=2).run().chosen) <= 2
+    assert len(start(problem, terms=2).run().chosen) <= 2
 
 
 def test_initial_terms_alone_are_the_model_with_least_squares_coefficients():
     rules = parse_rules({"initial": [[{"signal": "speed", "power": 0.5}], [{"signal": "force", "lag": 2}]]}, "test")
-    found = identify([planted(1)], options=IdentifyOptions(1.0, rules, ONCE, rate_Hz=500.0, bandwidth_Hz=40.0))
+    found = identify([planted(1)], options=IdentifyOptions(1.0, rules, ONCE, rate=500.0, bandwidth=40.0))
     terms = found.model.body.terms
     assert tuple(term.factors for term in terms) == tuple(term.factors for term in rules.initial_terms())
     problem = assemble_problem([found.evaluations[0].series], rules.candidates(), stable=False)
@@ -114,12 +114,12 @@ def test_initial_terms_alone_are_the_model_with_least_squares_coefficients():
 
 
 def test_a_model_that_can_be_proved_stable_has_its_certificate():
-    options = IdentifyOptions(1.0, RULES, replace(ONCE, max_terms=4), rate_Hz=500.0, bandwidth_Hz=40.0)
+    options = IdentifyOptions(1.0, RULES, replace(ONCE, terms=4), rate=500.0, bandwidth=40.0)
     model = identify([planted(1)], options=options).model
     assert model.certificate == model.certify().to_mapping()
     assert model.certificate["gain"] < 1.0
     assert "not_proved" not in model.provenance["selection"]
-    assert identify([planted(1)], options=replace(options, certify=False)).model.certificate is None
+    assert identify([planted(1)], options=replace(options, certificate=False)).model.certificate is None
 
 
 # what the published regressors cost on half of a packaged recording, and on the other half [%]: at 500 Hz and more the
@@ -131,14 +131,16 @@ PUBLISHED = {("sine_4hz", 500.0): (10.4, 11.5), ("sweep", 250.0): (30.0, 45.8), 
 def test_the_published_regressors_are_fitted_to_a_rig_recording(name, rate_Hz):
     rules = load_rules(ROOT / "config" / "thesis" / f"{name}.yaml")
     recording = read_recording(ROOT / "bags" / name)
-    found = identify([recording], options=IdentifyOptions(rules=rules, limits=ONCE, rate_Hz=rate_Hz))
+    found = identify([recording], options=IdentifyOptions(candidates=rules, limits=ONCE, rate=rate_Hz))
     assert [t.factors for t in found.model.body.terms] == [t.factors for t in rules.initial_terms()]
     assert [e.cost for e in found.evaluations] == pytest.approx(PUBLISHED[name, rate_Hz], abs=1.0)
 
 
 def test_a_model_that_cannot_be_proved_stable_says_so_and_the_observer_refuses_it():
     rules = load_rules(ROOT / "config" / "thesis" / "noise.yaml")
-    model = identify([read_recording(ROOT / "bags" / "noise")], options=IdentifyOptions(rules=rules, limits=ONCE)).model
+    model = identify(
+        [read_recording(ROOT / "bags" / "noise")], options=IdentifyOptions(candidates=rules, limits=ONCE)
+    ).model
     assert model.certificate is None
     assert "the gains of the past forces may sum to" in model.provenance["selection"]["not_proved"]
     assert not model.certify().holds
@@ -150,7 +152,7 @@ def test_a_model_that_cannot_be_proved_stable_says_so_and_the_observer_refuses_i
 def test_regressors_that_diverge_are_refused_with_what_to_do():
     rules = load_rules(ROOT / "config" / "thesis" / "sweep.yaml")
     with pytest.raises(CesError, match="no model below 100 %: the free run of the initial model diverges or"):
-        identify([read_recording(ROOT / "bags" / "sweep")], options=IdentifyOptions(rules=rules, limits=ONCE))
+        identify([read_recording(ROOT / "bags" / "sweep")], options=IdentifyOptions(candidates=rules, limits=ONCE))
 
 
 def test_only_the_procedure_of_the_thesis_has_no_limit_on_terms_unless_it_is_given():

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from ces_data.recording import Channel, Recording
 from ces_identify.identification import identify
+from ces_identify.polynomial.constructed import GRID_S, find_time_constants
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.polynomial.search_limits import GAUSS_NEWTON, Limits
-from ces_identify.polynomial.time_constant import GRID_S, find_time_constants
-from ces_identify.preparation.series import prepare
-from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.model import Envelope, Model, Sampling
@@ -30,7 +30,7 @@ RULES = parse_rules(
     },
     "test",
 ).at_rate(SAMPLING.rate_Hz)
-LIMITS = Limits(max_terms=5, seconds=60.0, threads=2, method=GAUSS_NEWTON)
+LIMITS = Limits(terms=5, time=60.0, threads=2, method=GAUSS_NEWTON)
 
 
 FIRST, SPEED = Factor("force", 1), Factor("speed", 0, 0.5)
@@ -96,7 +96,7 @@ def test_a_model_is_identified_with_the_estimated_lag_and_memberships_of_it():
         "by_valve": {"lags_ms": [0]},
         "products": [["speed", "by_valve"], ["force"], ["force", "by_valve"]],
     }
-    options = IdentifyOptions(1.0, parse_rules(raw, "test"), LIMITS, bandwidth_Hz=40.0)
+    options = IdentifyOptions(1.0, parse_rules(raw, "test"), LIMITS, bandwidth=40.0)
     result = identify([planted(blended(0.01), 1)], [planted(blended(0.01), 2)], options)
     assert {
         f.definition.base
@@ -110,6 +110,6 @@ def test_a_model_is_identified_with_the_estimated_lag_and_memberships_of_it():
 def test_a_current_that_never_changes_needs_no_time_constant():
     still = planted(straight(0.01), 1)
     current = replace(still.channel("current"), values=np.full(len(still.channel("current").values), 0.5))
-    options = IdentifyOptions(1.0, RULES, LIMITS, bandwidth_Hz=40.0)
+    options = IdentifyOptions(1.0, RULES, LIMITS, bandwidth=40.0)
     result = identify([replace(still, channels={**still.channels, "current": current})], [], options)
     assert {f.signal for t in result.model.body.terms for f in t.factors} <= {"force", "speed"}

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from constructed_models import ENVELOPE, FREQUENCY, LOW, PLAY, STOP, constructed_damper, used
 
+from ces_data.recording import Channel, Recording
 from ces_identify.polynomial.term_table import coefficient_unit, format_term, term_forces
-from ces_identify.preparation.series import prepare
-from ces_identify.recordings.recording import Channel, Recording
+from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.structures.terms import Factor, Term
 

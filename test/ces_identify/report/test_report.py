@@ -14,23 +14,19 @@ from report_examples import TERMS, WIDE, damper, model
 
 from ces_identify.polynomial.problem import compute_envelope
 from ces_identify.polynomial.term_table import coefficient_unit, contributions, format_term, term_forces
-from ces_identify.preparation.cost import weighted_cost
-from ces_identify.preparation.weighting import parse_weighting
+from ces_identify.prepare.cost import parse_weighting, weighted_cost
 from ces_identify.report import write_report
-from ces_identify.report.drawing import PlotAxis, panel
-from ces_identify.report.grid import make_grid
-from ces_identify.report.interval_chart import MAX_NAME, IntervalRow, draw_intervals
-from ces_identify.report.marks import band, line
-from ces_identify.report.window import choose_window
-from ces_identify.typesetting import join_names
-from ces_identify.validation.cost_interval import pooled_cost
-from ces_identify.validation.error_regions import error_cells
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
-from ces_identify.validation.residuals import residual_tests, verdicts
+from ces_identify.report.figures import choose_window
+from ces_identify.report.maps import make_grid
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate, pooled_cost
+from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
+from ces_report.charts import MAX_NAME, IntervalRow, draw_intervals
+from ces_report.drawing import PlotAxis, band, line, panel
+from ces_report.typesetting import join_names
 
 XHTML = "{http://www.w3.org/1999/xhtml}"
 SVG = "{http://www.w3.org/2000/svg}"

@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 import pytest
 from planted import FUZZY, NETWORK, SAMPLING, planted
 
-from ces_identify.preparation.series import prepare
+from ces_identify.prepare.series import prepare
 from ces_identify.report import write_report
 from ces_identify.structures import model_table
 from ces_identify.validation.evaluate import VALIDATION, evaluate

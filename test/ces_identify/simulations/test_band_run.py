@@ -5,10 +5,9 @@ import pytest
 from bands import BAND, make_band
 from residual_series import series
 
-from ces_identify.preparation.series import hold_current, prepare
-from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.simulations.band_run import band_half_width
-from ces_identify.simulations.simulate import sample_bounds, sample_force
+from ces_data.recording import Channel, Recording
+from ces_identify.prepare.series import hold_current, prepare
+from ces_identify.simulations.simulate import band_half_width, sample_bounds, sample_force
 from ces_observer.band import BandRun
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator

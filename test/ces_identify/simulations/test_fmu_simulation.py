@@ -7,12 +7,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from fmus import algebraic_fmu, changed, damper, damper_fmu, needs_compiler, packed
+from fmus import algebraic_fmu, changed, damper, damper_fmu, packed
 
+from ces_data.recording import Channel, Recording
 from ces_identify.export.export_fmu import binary_path
-from ces_identify.recordings.recording import Channel, Recording
-from ces_identify.simulations.fmu_ports import Port, Ports, choose_ports, read_names
-from ces_identify.simulations.fmu_simulation import open_fmu, smooth_speed, split_at_gaps
+from ces_identify.simulations.fmu import Port, Ports, choose_ports, open_fmu, read_names, smooth_speed, split_at_gaps
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.errors import CesError
 
@@ -53,7 +52,7 @@ def spoiled():
     return make_recording(stamps, position, current)
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("what", [recording, spoiled])
 def test_an_exported_model_gives_the_models_force(tmp_path, what):
     force = open_fmu(str(damper_fmu(tmp_path))).force(what())
@@ -62,7 +61,7 @@ def test_an_exported_model_gives_the_models_force(tmp_path, what):
     np.testing.assert_allclose(force, expected, rtol=1e-9, atol=1e-9)
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 def test_without_interpolation_or_validity_it_still_follows(tmp_path):
     """Inputs of a step's end, taken as of its beginning: the same forces, for stamps that are regular."""
     changes = {'canInterpolateInputs="true"': 'canInterpolateInputs="false"', 'name="valid"': 'name="good"'}
@@ -76,7 +75,7 @@ def test_without_interpolation_or_validity_it_still_follows(tmp_path):
     np.testing.assert_allclose(force[400:], expected[400:], rtol=1e-6, atol=1e-6)
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 @pytest.mark.parametrize("variable", ["true", "false"])
 def test_a_force_that_follows_at_once_is_not_delayed_and_units_are_minded(tmp_path, variable):
     simulation = open_fmu(f"{algebraic_fmu(tmp_path, variable)}:force=rear.out")
@@ -91,7 +90,7 @@ def test_a_force_that_follows_at_once_is_not_delayed_and_units_are_minded(tmp_pa
     assert np.abs(error).max() < 0.005 * np.abs(expected).max()  # a delay of one sample would be ten times that
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 def test_nothing_stays_behind(tmp_path, monkeypatch):
     path = damper_fmu(tmp_path)
     (tmp_path / "t").mkdir()
@@ -104,7 +103,7 @@ def test_nothing_stays_behind(tmp_path, monkeypatch):
     assert list((tmp_path / "t").iterdir()) == []
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 def test_a_failing_step_says_when(tmp_path):
     simulation = open_fmu(f"{algebraic_fmu(tmp_path)}:force=rear.out")
     c = recording(jitter_ns=1).channels
@@ -113,7 +112,7 @@ def test_a_failing_step_says_when(tmp_path):
         simulation.force(strong)
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 def test_a_library_that_does_not_load_is_one_line(tmp_path):
     path = changed(damper_fmu(tmp_path), {}, without=["binaries"])
     with zipfile.ZipFile(path, "a") as archive:
@@ -165,7 +164,7 @@ def test_fmus_of_another_kind(tmp_path, version, kind, message):
     assert "\n" not in str(caught.value)
 
 
-@needs_compiler
+@pytest.mark.needs("cc")
 def test_an_fmu_of_another_platform_or_of_sources(tmp_path):
     path = changed(damper_fmu(tmp_path), {}, without=["binaries"])
     with pytest.raises(CesError, match=r"no binary for \w+; it has: sources; compile or export it"):
@@ -176,7 +175,7 @@ def test_without_fmpy_the_extra_is_named(monkeypatch):
     def missing(name):
         raise ModuleNotFoundError(name)
 
-    monkeypatch.setattr("ces_identify.simulations.fmu_slave.import_module", missing)
+    monkeypatch.setattr("ces_identify.simulations.fmu.import_module", missing)
     with pytest.raises(CesError, match=r"pip install 'ces_observer\[fmi\]'"):
         open_fmu("a.fmu")
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ces_identify.preparation.series import hold_current
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.recording import Channel, Recording
+from ces_identify.prepare.series import hold_current
 from ces_identify.simulations.simulate import sample_force
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.recording import Channel, Recording
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation, function_simulation
 from ces_observer.errors import CesError
 

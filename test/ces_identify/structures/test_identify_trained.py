@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, planted
 
+from ces_data.recording import Channel
 from ces_identify.identification import identify
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.recordings.recording import Channel
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkShape
@@ -29,7 +29,7 @@ NOISE_N = 4.0
 
 
 def options(**changes):
-    fields = {"limits": Limits(seconds=30.0, starts=2, threads=2), "rate_Hz": RATE_HZ, "bandwidth_Hz": 40.0}
+    fields = {"limits": Limits(time=30.0, starts=2, threads=2), "rate": RATE_HZ, "bandwidth": 40.0}
     return IdentifyOptions(**{"split": 1.0, **fields, **changes})
 
 
@@ -87,7 +87,7 @@ def test_held_out_data_do_not_change_the_model(kind):
     late = round(0.75 * len(values)) + 1
     values[late:] = np.random.default_rng(0).normal(0, 1e4, len(values))[late:]
     spoiled = replace(clean, channels={**clean.channels, "force": replace(force, values=values)})
-    few = Limits(seconds=30.0, starts=1, threads=1)
+    few = Limits(time=30.0, starts=1, threads=1)
     one = identify_kind(kind, 0.75, [clean], limits=few)
     other = identify_kind(kind, 0.75, [spoiled], limits=few)
     assert one.model.body == other.model.body
@@ -99,7 +99,7 @@ def test_a_constant_current_is_left_out(kind):
     clean = planted(KINDS[kind][0], 4)
     current = clean.channel("current")
     fixed = {**clean.channels, "current": replace(current, values=np.full(len(current), 0.5))}
-    identified = identify_kind(kind, 1.0, [replace(clean, channels=fixed)], limits=Limits(seconds=30.0, starts=1))
+    identified = identify_kind(kind, 1.0, [replace(clean, channels=fixed)], limits=Limits(time=30.0, starts=1))
     body = identified.model.body
     assert not any(r.signal == "current" for r in body.regressors)
 
@@ -107,7 +107,7 @@ def test_a_constant_current_is_left_out(kind):
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
     heard = []
-    quick = identify_kind(kind, limits=Limits(seconds=0.3, starts=1, threads=1), listener=heard.append)
+    quick = identify_kind(kind, limits=Limits(time=0.3, starts=1, threads=1), listener=heard.append)
     assert quick.search_results[0].ended in {"time is up", "no more gain on the selection ticks"}
     costs = [f.cost for f in heard]
     assert costs == sorted(costs, reverse=True)
@@ -121,13 +121,13 @@ def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
 
     heard.clear()
     monkeypatch.setattr("ces_identify.trained.simulation_error.wait", interrupt)
-    broken_off = identify_kind(kind, limits=Limits(seconds=60.0, starts=1, threads=1), listener=heard.append)
+    broken_off = identify_kind(kind, limits=Limits(time=60.0, starts=1, threads=1), listener=heard.append)
     assert broken_off.search_results[0].ended == "interrupted"
     assert np.isfinite(broken_off.search_results[0].cost)
 
 
 def test_without_a_certificate_none_is_written():
-    loose = identify_kind("network", certify=False, limits=Limits(seconds=10.0, starts=1, target=20.0))
+    loose = identify_kind("network", certificate=False, limits=Limits(time=10.0, starts=1, target=20.0))
     assert loose.model.certificate is None
     assert loose.search_results[0].ended == "target cost reached"
 
@@ -137,13 +137,13 @@ def test_a_preload_far_from_zero_is_no_obstacle(kind):
     recording = planted(KINDS[kind][0], 1)
     force = recording.channel("force")
     loaded = {**recording.channels, "force": replace(force, values=force.values - 5000.0)}
-    identified = identify_kind(kind, 1.0, [replace(recording, channels=loaded)], limits=Limits(seconds=20.0, starts=1))
+    identified = identify_kind(kind, 1.0, [replace(recording, channels=loaded)], limits=Limits(time=20.0, starts=1))
     assert identified.evaluations[0].rms_N < 2.0 * NOISE_N
 
 
 def test_a_damper_slower_than_may_be_proved_is_met_as_nearly_as_may_be():
     slow = replace(NETWORK, body=replace(NETWORK.body, linear=(0.99, 0.05, 0.03, 0.0), constant=0.0, units=()))
-    once = Limits(seconds=20.0, starts=1)
+    once = Limits(time=20.0, starts=1)
     identified = identify([planted(slow, 1)], [], options(limits=once), fitter=NetworkShape(2, LAGS, 1e-8))
     assert 0.95 < identified.model.certificate["gain"] < MAX_GAIN + 1e-9
     assert identified.evaluations[0].cost < 20.0

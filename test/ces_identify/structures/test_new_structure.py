@@ -11,23 +11,23 @@ import pytest
 from markupsafe import Markup
 from planted import RATE_HZ, SAMPLING, WIDE, planted
 
-from ces_cli.identify.certificate_check import verify_certificate
-from ces_cli.identify.program import make_parser
-from ces_cli.identify.structures import select_identify_function
+from ces_cli.identify.program import make_parser, select_identify_function
+from ces_cli.identify.validate import verify_certificate
 from ces_identify import structures as offline
 from ces_identify.polynomial.search_limits import SearchResult
 from ces_identify.report import write_report
 from ces_identify.simulations.simulate import sample_force
-from ces_identify.structures.kit import Fitted, IdentifyOptions, SizeOption, StructureKit
-from ces_identify.typesetting import parameter_table
+from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
 from ces_observer import structures as on_vehicle
-from ces_observer.control.steady_force import steady_force
+from ces_observer.control.inverse_map import steady_force
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model, parse_model
 from ces_observer.nodes.model_check import require_stable
+from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures.structure import Structure
+from ces_report.typesetting import parameter_table
 
 
 @dataclass(frozen=True)
@@ -78,6 +78,7 @@ class Dashpot(Structure):
 
     name: ClassVar[str] = "dashpot"
     keys: ClassVar[tuple[str, ...]] = ("viscosity_Ns_m",)
+    option: ClassVar[str] = "dashpot"
     unproved: ClassVar[str] = "it is not proved to dissipate"
     viscosity: float
 
@@ -107,7 +108,7 @@ def fit(share):
     def fitter(training, sampling, options, listener):
         v, f = (np.concatenate([getattr(s, name) for s in training]) for name in ("speed", "force"))
         model = Model(sampling, Dashpot(share * float(v @ f / (v @ v))), WIDE, (-1e5, 1e5))
-        certificate = model.certify().to_mapping() if options.certify else None
+        certificate = model.certify().to_mapping() if options.certificate else None
         model = Model(sampling, model.body, WIDE, (-1e5, 1e5), certificate)
         found = SearchResult(np.arange(1), np.array([model.body.viscosity]), 1.0, 1, 1, "solved")
         return Fitted(model, [found], {"method": "least squares"})
@@ -122,10 +123,9 @@ def table(body, model, runs, role):
 
 
 KIT = StructureKit(
-    option="dashpot",
     about="a dashpot",
     body=Dashpot,
-    sizes=(SizeOption("percent", 100, "share of the least squares", "whole numbers from 1 to 200", whole=(1, 200)),),
+    sizes=(Option("percent", 100, "share of the least squares", 1, 200),),
     fitter=lambda sizes: fit(0.01 * sizes["percent"]),
     batch_run=lambda body, model, inputs, segments: (body.viscosity * inputs[1], -1),
     table=table,
@@ -180,7 +180,7 @@ def test_it_is_identified_by_its_name_and_reported(tmp_path):
     words = shlex.split("--structure dashpot --percent 50")
     assert make_parser().parse_args(["bag"]).structure == "polynomial"
     identify = select_identify_function(make_parser().parse_args(["bag", *words]))
-    found = identify([planted(model(), 1)], [planted(model(), 2)], IdentifyOptions(rate_Hz=RATE_HZ, bandwidth_Hz=40.0))
+    found = identify([planted(model(), 1)], [planted(model(), 2)], IdentifyOptions(rate=RATE_HZ, bandwidth=40.0))
     assert found.model.body.viscosity == pytest.approx(400.0, rel=0.05)
     assert found.model.certificate["viscosity_Ns_m"] == found.model.body.viscosity
     assert found.model.provenance["selection"]["method"] == "least squares"

@@ -9,7 +9,7 @@ from planted import FUZZY, NETWORK, RATE_HZ, SAMPLING, planted
 import ces_identify
 from ces_identify.identification import identify
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.preparation.series import prepare
+from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures.fuzzy import choose_shape
 from ces_identify.structures.kit import IdentifyOptions
@@ -18,7 +18,7 @@ from ces_identify.trained.training import LAGS, LagCounts, build_regressors, bui
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
 
-OPTIONS = IdentifyOptions(1.0, limits=Limits(seconds=20.0, starts=1, threads=1), rate_Hz=RATE_HZ, bandwidth_Hz=40.0)
+OPTIONS = IdentifyOptions(1.0, limits=Limits(time=20.0, starts=1, threads=1), rate=RATE_HZ, bandwidth=40.0)
 
 
 def regressors(counts, rate_Hz=RATE_HZ, recording=None):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from planted import FUZZY, NETWORK, SAMPLING, planted, stroked
 
-from ces_identify.preparation.series import hold_current, prepare
-from ces_identify.recordings.recording import Channel, Recording
+from ces_data.recording import Channel, Recording
+from ces_identify.prepare.series import hold_current, prepare
 from ces_identify.simulations.simulate import sample_force, simulate_series
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, parse_model

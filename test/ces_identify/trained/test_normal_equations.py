@@ -7,9 +7,9 @@ import pytest
 from planted import FUZZY, NETWORK, SAMPLING, planted
 
 from ces_identify.numerics.normal_matrix import BLOCK, accumulate, mirror
-from ces_identify.preparation.series import prepare
-from ces_identify.trained.fuzzy_fit import FuzzyFit, PremiseGrid
-from ces_identify.trained.network_fit import KINK, NetworkFit
+from ces_identify.prepare.series import prepare
+from ces_identify.structures.fuzzy import FuzzyFit, PremiseGrid
+from ces_identify.structures.network import KINK, NetworkFit
 from ces_identify.trained.training import build_training
 
 

@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from planted import NETWORK, SAMPLING, planted
 
-from ces_identify.preparation.cost import cost
-from ces_identify.preparation.series import prepare
+from ces_identify.prepare.cost import cost
+from ces_identify.prepare.series import prepare
 from ces_identify.trained.training import Lags, build_regressors, build_training
 from ces_observer.errors import RecordingError
 

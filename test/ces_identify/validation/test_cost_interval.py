@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from residual_series import RATE, coloured, evaluation, series
 
-from ces_identify.preparation.cost import cost
-from ces_identify.validation.cost_interval import (
+from ces_identify.prepare.cost import cost
+from ces_identify.validation.evaluate import (
     MAX_FACTOR,
     ScoredTicks,
     cost_interval,

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from residual_series import RATE, coloured, series
 
-from ces_identify.preparation.cost import cost
-from ces_identify.preparation.sampling import choose_sampling
-from ces_identify.preparation.series import prepare
-from ces_identify.recordings.recording import Channel
+from ces_data.recording import Channel
+from ces_identify.prepare.cost import cost
+from ces_identify.prepare.sampling import choose_sampling
+from ces_identify.prepare.series import prepare
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise, find_period, whole_ticks
 from ces_rig.experiment import load_experiment, measure, packaged_experiments, simulate_truth
 

@@ -5,9 +5,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ces_identify.preparation.series import Series
-from ces_identify.validation.envelope_use import RangeUse, describe_outside, find_outside, outside_ranges
-from ces_identify.validation.evaluate import VALIDATION, evaluate
+from ces_identify.prepare.series import Series
+from ces_identify.validation.evaluate import (
+    VALIDATION,
+    RangeUse,
+    describe_outside,
+    evaluate,
+    find_outside,
+    outside_ranges,
+)
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term

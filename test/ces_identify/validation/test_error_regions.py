@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from residual_series import coloured, evaluation, series
 
-from ces_identify.validation.error_regions import error_cells, error_regions
+from ces_identify.validation.residuals import error_cells, error_regions
 
 
 def test_cells_add_up_to_the_whole_and_to_the_cost():

@@ -7,10 +7,15 @@ from dataclasses import replace
 import pytest
 from report_examples import damper, model
 
-from ces_identify.validation.cost_interval import cost_interval
-from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
-from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
-from ces_identify.validation.missing_figures import DIVERGED, SHORT, explain_missing
+from ces_identify.validation.cycle_noise import CycleNoise
+from ces_identify.validation.evaluate import (
+    DIVERGED,
+    SHORT,
+    VALIDATION,
+    Evaluation,
+    evaluate,
+    explain_missing,
+)
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -22,30 +27,32 @@ def road() -> Evaluation:
     return evaluate(model(), [damper("road")], VALIDATION)[0]
 
 
-def explain(*evaluations: Evaluation) -> list[str]:
-    intervals = [cost_interval([e]) for e in evaluations]
-    return explain_missing(evaluations, intervals, [cycle_noise(e.series) for e in evaluations])
+def with_noise(evaluation: Evaluation, noise: CycleNoise | str) -> Evaluation:
+    """Return the evaluation with a given noise floor, or a given reason why there is none."""
+    other = replace(evaluation)
+    vars(other)["noise"] = noise
+    return other
 
 
 def test_nothing_is_missing_where_all_figures_are_known(road: Evaluation) -> None:
-    assert explain_missing([road], [cost_interval([road])], [FLOOR]) == []
+    assert explain_missing([with_noise(road, FLOOR)]) == []
 
 
 def test_a_short_recording_has_no_interval() -> None:
     short = evaluate(model(), [damper("short", ticks=330)], VALIDATION)[0]
-    assert f"{SHORT}: short" in explain(short)
+    assert f"{SHORT}: short" in explain_missing([short])
 
 
 def test_a_diverged_run_is_named_once(road: Evaluation) -> None:
     unstable = model(body=Polynomial((Term(1.01, (Factor("force", 1),)), Term(50.0, (Factor("speed", 0),)))))
     lost = evaluate(replace(unstable, force_envelope_N=(-2000.0, 2000.0)), [damper("lost")], VALIDATION)[0]
-    lines = explain_missing([lost, road], [cost_interval([lost]), cost_interval([road])], [FLOOR, FLOOR])
+    lines = explain_missing([lost, road], floors=False)
     assert lines == [f"{DIVERGED}: lost"]
 
 
 def test_recordings_with_the_same_reason_share_a_line(road: Evaluation) -> None:
     again = replace(road, name="town")
-    whole = [f"no noise floor ({cycle_noise(road.series)}): all recordings"]
-    assert explain(road, again) == explain(road, road) == whole
-    some = explain_missing([road, again, road], [cost_interval([road])] * 3, ["why", "why", FLOOR])
+    whole = [f"no noise floor ({road.noise}): all recordings"]
+    assert explain_missing([road, again]) == explain_missing([road, road]) == whole
+    some = explain_missing([with_noise(road, "why"), with_noise(again, "why"), with_noise(road, FLOOR)])
     assert some == ["no noise floor (why): road, town"]

@@ -9,7 +9,7 @@ from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.validation.usage import RULE, usage
+from ces_identify.validation.distillation import RULE, usage
 from ces_observer.structures.terms import Term
 
 RULES = parse_rules(
@@ -51,7 +51,7 @@ def test_the_test_seconds_change_nothing_of_the_model():
         return replace(channel, values=np.where(late, new, channel.values))
 
     spoiled = replace(one, channels={name: changed(channel) for name, channel in one.channels.items()})
-    limits = Limits(max_terms=2, seconds=60.0, starts=1, threads=1, rounds=1, method="random")
+    limits = Limits(terms=2, time=60.0, starts=1, threads=1, rounds=1, method="random")
     first, second = (identify([r], options=IdentifyOptions(0.75, RULES, limits)).model for r in (one, spoiled))
     assert first.body.terms == second.body.terms
     assert first.sampling == second.sampling

@@ -12,7 +12,7 @@ from scipy.signal import welch
 from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.design.designer import DesignTask, design_experiment, rows_of
 from ces_iterate.errors import IterateError
-from ces_iterate.plan.limits import RigLimits
+from ces_iterate.plan import RigLimits
 
 BOXES = [
     make_limits(),

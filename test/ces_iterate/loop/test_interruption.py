@@ -12,9 +12,8 @@ import pytest
 from iterate_examples import make_plan, monotube_rig
 
 from ces_identify.polynomial.search_limits import SearchResult
-from ces_iterate.loop.interruption import interruptible
-from ces_iterate.loop.iterate import Iterations
-from ces_iterate.loop.progress import SilentListener
+from ces_iterate.loop.identification import interruptible
+from ces_iterate.loop.iterate import IterateListener, Iterations
 
 
 @pytest.fixture(autouse=True)
@@ -41,7 +40,7 @@ def test_without_one_nothing_is_raised() -> None:
         pass
 
 
-class InterruptingListener(SilentListener):
+class InterruptingListener(IterateListener):
     """Ctrl-C comes with the first result of the search."""
 
     came = False

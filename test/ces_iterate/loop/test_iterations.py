@@ -13,8 +13,8 @@ import pytest
 from browser import find_faults
 from iterate_examples import LIMITS, BreakingRig, make_plan, monotube_rig, sine_commands
 
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.signals_file import load_signals
 from ces_iterate.commands import write_commands
 from ces_iterate.loop.identification import evaluate_fresh
 from ces_iterate.loop.iterate import Iterations
@@ -145,7 +145,7 @@ def test_a_repeated_experiment_improves_the_parameters_until_the_cost_stops_fall
     plan = make_plan(
         tmp_path,
         experiments={"kind": "repeated", "commands": "mine.csv"},
-        identify={"structure": "polynomial", "terms": 4, "starts": 1, "threads": 1, "time_s": 20},
+        identify={"structure": "polynomial", "terms": 4, "starts": 1, "threads": 1, "time": 20},
         stop={"budget_s": 60.0, "max_iterations": 6},
     )
     reason = Iterations(plan, monotube_rig(), tmp_path / "out").run()

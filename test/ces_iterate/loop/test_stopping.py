@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from ces_iterate.loop.stopping import find_stop
+from ces_iterate.loop.iterate import find_stop
 
 
 def row(**facts):

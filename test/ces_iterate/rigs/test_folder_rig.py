@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from iterate_examples import monotube_rig, sine_commands
 
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.log_mapping import load_dyno_mapping
-from ces_identify.recordings.recording import Recording
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.logs.log_mapping import load_dyno_mapping
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
 from ces_iterate.rigs.folder import DROP, FolderRig
 
 MAPPING = "time: {column: t}\nposition: {column: x, scale: 0.001}\ncurrent: {column: i}\nforce: {column: f}\n"

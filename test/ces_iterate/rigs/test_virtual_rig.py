@@ -10,10 +10,10 @@ import pytest
 from iterate_examples import LIMITS, make_plan, monotube_rig, sine_commands
 
 from ces_iterate.commands import RigCommands
-from ces_iterate.rigs.kinds import open_rig
-from ces_iterate.rigs.virtual import VirtualRig
+from ces_iterate.rigs.kinds import VirtualRig, open_rig
 from ces_observer.errors import CesError
-from ces_rig.experiment import GRID_S, parse_experiment, run
+from ces_rig.experiment import parse_experiment, run
+from ces_rig.sensors import GRID_S
 
 
 def test_it_records_what_ces_rig_records(tmp_path: Path) -> None:

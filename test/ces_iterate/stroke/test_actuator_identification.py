@@ -4,11 +4,10 @@ import numpy as np
 import pytest
 from scipy.signal import butter, sosfiltfilt
 
-from ces_iterate.stroke.actuator_model import ActuatorModel, fit_model
-from ces_iterate.stroke.errors import StrokeError
-from ces_iterate.stroke.frequency_response import CommandedRun, identify_actuator, measure_response
+from ces_iterate.errors import StrokeError
+from ces_iterate.stroke.actuator import ActuatorModel, CommandedRun, fit_model, identify_actuator, measure_response
+from ces_iterate.stroke.learning import SHARE, make_probe
 from ces_iterate.stroke.limits import StrokeLimits, measure_peaks
-from ces_iterate.stroke.probe import SHARE, make_probe
 
 TRUE = ActuatorModel(0.95, 0.005, 30.0, 0.7, 0.002)
 INTERVAL = 1e-3

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import minimize
 
-from ces_iterate.stroke.errors import StrokeError
+from ces_iterate.errors import StrokeError
 from ces_iterate.stroke.limits import StrokeLimits, measure_peaks, project_command
 from ces_rig.drive.strokes import fade
 

@@ -5,19 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ces_identify.recordings.bag_writer import recording_topics, write_bag
-from ces_identify.recordings.recording import Recording
-from ces_identify.recordings.signals_file import load_signals
-from ces_iterate.commands import read_commands
-from ces_iterate.errors import IterateError
-from ces_iterate.plan.limits import RigLimits
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
+from ces_iterate.commands import INTERVAL_S, read_commands
+from ces_iterate.errors import IterateError, StrokeError
+from ces_iterate.plan import RigLimits
 from ces_iterate.rigs.folder import FolderRig
-from ces_iterate.stroke.commanded_rig import CommandedRig
-from ces_iterate.stroke.errors import StrokeError
-from ces_iterate.stroke.goal import LearningSettings, ProbeSettings, StrokeGoal
-from ces_iterate.stroke.learning import learn_stroke
+from ces_iterate.stroke.learning import LearningSettings, ProbeSettings, StrokeGoal, learn_stroke
 from ces_iterate.stroke.limits import StrokeLimits
-from ces_iterate.stroke.rig import INTERVAL_S, VirtualStrokeRig
+from ces_iterate.stroke.rigs import CommandedRig, VirtualStrokeRig
 from ces_rig.experiment import parse_experiment
 
 LIMITS = RigLimits(0.05, 1.5, 200.0, 0.2, 1.6)

@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 
-from ces_iterate.stroke.actuator_model import ActuatorModel
-from ces_iterate.stroke.errors import StrokeError
-from ces_iterate.stroke.frequency_response import MeasuredResponse
+from ces_iterate.errors import StrokeError
+from ces_iterate.stroke.actuator import ActuatorModel, MeasuredResponse
 from ces_iterate.stroke.learning_filter import MAX_CONTRACTION, design_filter, plants_within
 
 MODEL = ActuatorModel(1.0, 0.004, 35.0, 0.8, 0.001)

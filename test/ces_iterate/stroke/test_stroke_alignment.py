@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ces_identify.recordings.recording import Channel, Recording
-from ces_iterate.stroke.alignment import position_on_grid
-from ces_iterate.stroke.errors import StrokeError
+from ces_data.recording import Channel, Recording
+from ces_iterate.errors import StrokeError
+from ces_iterate.stroke.rigs import position_on_grid
 
 INTERVAL = 1e-3
 TIME = np.arange(3001) * INTERVAL

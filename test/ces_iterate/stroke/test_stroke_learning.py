@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from browser import find_faults, open_page
 
-from ces_iterate.stroke.actuator_model import ActuatorModel
-from ces_iterate.stroke.errors import StrokeError
-from ces_iterate.stroke.figures import describe_kind
-from ces_iterate.stroke.goal import (
+from ces_iterate.commands import INTERVAL_S
+from ces_iterate.errors import StrokeError
+from ces_iterate.stroke.actuator import ActuatorModel
+from ces_iterate.stroke.learning import (
     CONVERGED,
     DIVERGED,
     FIRST,
@@ -17,13 +17,13 @@ from ces_iterate.stroke.goal import (
     LearningSettings,
     ProbeSettings,
     StrokeGoal,
+    StrokeLearner,
     find_repeatability,
+    learn_stroke,
 )
-from ces_iterate.stroke.learner import StrokeLearner
-from ces_iterate.stroke.learning import learn_stroke
 from ces_iterate.stroke.limits import StrokeLimits, measure_peaks
-from ces_iterate.stroke.page import stroke_page
-from ces_iterate.stroke.rig import INTERVAL_S, VirtualStrokeRig
+from ces_iterate.stroke.page import describe_kind, stroke_page
+from ces_iterate.stroke.rigs import VirtualStrokeRig
 from ces_rig.experiment import parse_experiment
 
 SECONDS = 3.0

@@ -7,10 +7,9 @@ from dataclasses import replace
 import pytest
 from physical_models import CHAMBERS, FITTED, NO_SIDE, RELAXATION, fitted_model, physical_model
 
-from ces_observer.control.steady_force import compute_inverse_map, run_to_steady, steady_force
+from ces_observer.control.inverse_map import compute_inverse_map, run_to_steady, steady_force
 from ces_observer.model import Model
-from ces_observer.structures.physical_structure import yield_at_mid_stroke
-from ces_observer.structures.side_forces import FrictionElement
+from ces_observer.structures.physical import FrictionElement, yield_at_mid_stroke
 
 
 def force_of_full_strokes(model: Model, speed: float, current: float, strokes: int = 8) -> float:

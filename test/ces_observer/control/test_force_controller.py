@@ -14,10 +14,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ces_observer.control.control_loop import ESTIMATE, MEASURED, NONE, ControlLoop
-from ces_observer.control.controller_tuning import Tuning
-from ces_observer.control.force_controller import NO_ESTIMATE, NOT_FINITE, OK, STALE, ForceController
-from ces_observer.control.force_curve import ForceCurve
-from ces_observer.control.steady_force import compute_inverse_map
+from ces_observer.control.force_controller import (
+    NO_ESTIMATE,
+    NOT_FINITE,
+    OK,
+    STALE,
+    ForceController,
+    ForceCurve,
+    Tuning,
+)
+from ces_observer.control.inverse_map import compute_inverse_map
 from ces_observer.errors import CesError
 
 MS = 1_000_000

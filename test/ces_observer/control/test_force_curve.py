@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_observer.control.force_curve import CurveError, ForceCurve
-from ces_observer.nodes.controller_table import CURVE
+from ces_observer.control.force_controller import CurveError, ForceCurve
+from ces_observer.nodes.parameter_table import CURVE
 
 CURVES = ForceCurve.from_points([-1.0, -0.2, 0.0, 0.5], [-900.0, -500.0, 0.0, 400.0])
 

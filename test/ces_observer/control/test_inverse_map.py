@@ -11,8 +11,7 @@ from damper_models import plain_damper
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_observer.control.inverse_map import InverseMap
-from ces_observer.control.steady_force import compute_inverse_map, current_lag_s, steady_force
+from ces_observer.control.inverse_map import InverseMap, compute_inverse_map, current_lag_s, steady_force
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Model, load_model
 from ces_observer.structures.polynomial import Polynomial

@@ -5,7 +5,6 @@ from __future__ import annotations
 import random
 from collections.abc import Callable
 from math import nan, sin
-from pathlib import Path
 
 import pytest
 from damper_models import plain_damper
@@ -15,9 +14,8 @@ from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
 from ces_observer.estimator import UNBOUNDED, WARMING_UP
 from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Health
+from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
-from ces_observer.health.status_values import Load
-from ces_observer.recorder.black_box import BlackBox
 from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER
 
 MS = 1_000_000
@@ -240,31 +238,37 @@ def compare(cost: RunningCost, first_s: int, last_s: int, factor: float, each_se
             each_second(k * MS)
 
 
-def test_a_drift_is_recorded_once_and_named_until_it_is_over(tmp_path: Path) -> None:
-    cost, damper = RunningCost(window_s=5, warn_J=20.0), damper_and_health()[0]
-    box = BlackBox([], tmp_path / "records", seconds=1.0, tail_s=0.5, pause_s=3.0)
-    health = Health(damper, {"model": "model.json"}, cost=cost, box=box, name="rear_damper")
+class Notes:
+    """Keeps the drifts of which it was told."""
+
+    def __init__(self) -> None:
+        self.state, self.drifts = "taken", list[str]()
+
+    def note_drift(self, drift: str) -> bool:
+        self.drifts.append(drift)
+        return True
+
+
+def test_a_drift_asks_for_one_snapshot_and_is_named_until_it_is_over() -> None:
+    cost, damper, notes = RunningCost(window_s=5, warn_J=20.0), damper_and_health()[0], Notes()
+    health = Health(damper, {"model": "model.json"}, cost=cost, snapshots=notes, name="rear_damper")
     damper.reason = OK
     messages: list[str] = []
 
     def each_second(now_ns: int) -> None:
         health.roll(1.0, now_ns)
-        box.work(0.1, now_ns)
         messages.append(health.status("").message)
 
     compare(cost, 0, 10, 1.05, each_second)
     assert set(messages) == {"estimating"}
     assert dict(health.status("").values)["running cost J [%]"] == "4.76"
     compare(cost, 10, 20, 1.6, each_second)
-    while box.busy:
-        box.work(0.1, 20 * SECOND)
     status = health.status("")
     assert status.level == LEVEL_WARN
     assert status.message.startswith("estimating; re-identify: the cost J against the measured force is 37.5%")
-    assert status.message.endswith(f"expected below 20.0%; recorded in {box.saved}")
-    assert [path.name for path in (tmp_path / "records").iterdir()] == [box.saved.name if box.saved else ""]
-    assert dict(status.values)["recorded bag"] == str(box.saved)
-    assert "model.json" in (box.saved / "metadata.yaml").read_text() if box.saved else False
+    assert status.message.endswith("expected below 20.0%; snapshot taken")
+    assert dict(status.values)["snapshot"] == "taken"
+    assert len(notes.drifts) == 1 and notes.drifts[0].startswith("rear_damper: the cost J")
     compare(cost, 20, 32, 1.05, each_second)
     assert messages[-1] == "estimating"
     assert dict(health.status("").values)["threshold of J [%]"] == "20.00"

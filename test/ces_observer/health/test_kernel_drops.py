@@ -9,7 +9,7 @@ from contextlib import suppress
 import pytest
 from patience import wait_until
 
-from ces_observer.health.kernel_drops import KernelDrops
+from ces_observer.health.process import KernelDrops
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="Linux shows the drops of each socket")
 SMALL = 4096  # bytes of receive buffer

@@ -8,7 +8,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_observer.health.latencies import CLASSES, MAX_NS, Latencies, LatencyFigures
+from ces_observer.health.health import CLASSES, MAX_NS, Latencies, LatencyFigures
 
 
 @given(st.lists(st.integers(0, 10**11), min_size=1, max_size=500))

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ces_observer.health.losses import MAX_SWITCHES, Losses
-from ces_observer.health.status_values import UNKNOWN, describe_missing, stream_values
-from ces_observer.health.streams import Arrivals
+from ces_observer.health.streams import MAX_SWITCHES, UNKNOWN, Arrivals, Losses
 
 MS = 1_000_000
 START = 1_700_000_000 * 1000 * MS
@@ -22,7 +20,7 @@ def run(losses: Losses, *, numbers: tuple[range, range] | None, wait_ms: int = 0
             late_ms = max(0, wait_ms - k) if part else 0
             arrivals.take(START + tick * MS, START + (tick + late_ms) * MS)
     figures = arrivals.roll(1.0)
-    return {**dict(stream_values("position", figures)), "sentence": describe_missing(figures)}
+    return {**dict(figures.values("position")), "sentence": figures.describe_missing()}
 
 
 def results(values: dict[str, str]) -> tuple[str, ...]:

@@ -10,8 +10,7 @@ from damper_models import plain_damper
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.health.force_pairs import HISTORY
-from ces_observer.health.running_cost import RunningCost, default_warn_J
+from ces_observer.health.running_cost import HISTORY, RunningCost, default_warn_J
 
 MS = 1_000_000
 SECOND = 1000 * MS

@@ -4,7 +4,7 @@ from math import nan
 
 import pytest
 
-from ces_observer.health.stillness import Stillness
+from ces_observer.health.health import Stillness
 
 MS = 1_000_000
 

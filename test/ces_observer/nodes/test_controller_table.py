@@ -8,9 +8,9 @@ from typing import Any
 import pytest
 import yaml
 
-from ces_observer.control.controller_tuning import Tuning
+from ces_observer.control.force_controller import Tuning
 from ces_observer.model import load_model
-from ces_observer.nodes.controller_table import ALL, TUNING
+from ces_observer.nodes.parameter_table import OF_THE_CONTROLLER, TUNING
 
 CONFIG = Path(__file__).resolve().parents[3] / "config"
 NOT_IN_THE_FILE = {"model"}
@@ -25,13 +25,13 @@ def shipped() -> dict[str, Any]:
 def test_the_file_shows_every_parameter_at_its_default() -> None:
     given = shipped()
     assert given.pop("use_sim_time") is False
-    defaults = {spec.name: spec.default for spec in ALL}
+    defaults = {spec.name: spec.default for spec in OF_THE_CONTROLLER}
     assert given == {name: value for name, value in defaults.items() if name not in NOT_IN_THE_FILE}
 
 
 def test_the_defaults_lie_in_their_ranges() -> None:
-    for spec in ALL:
-        assert spec.check_value(spec.default) == spec.default
+    for spec in OF_THE_CONTROLLER:
+        assert spec.check_parameter(spec.default) == spec.default
 
 
 def test_the_tuning_has_the_tables_defaults() -> None:

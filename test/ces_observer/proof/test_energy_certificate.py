@@ -21,9 +21,8 @@ from physical_models import (
 )
 
 from ces_observer.proof.certificate import summarize
-from ces_observer.structures.chambers_bound import bound_energy
-from ces_observer.structures.flow_map import FlowMap
-from ces_observer.structures.increasing_curves import IncreasingCurve
+from ces_observer.structures.chambers import bound_energy
+from ces_observer.structures.curves import FlowMap, IncreasingCurve
 
 SPEED = 1.0  # end of the envelope of the small models
 

@@ -20,11 +20,11 @@ from physical_models import (
 )
 from physical_twins import chambers_forces, relaxation_forces, settings
 
-from ces_observer.structures import chambers_run, relaxation_run
-from ces_observer.structures.increasing_curves import IncreasingCurve
+from ces_observer.structures import chambers, relaxation
+from ces_observer.structures.curves import IncreasingCurve
+from ces_observer.structures.physical import ValveRun
 from ces_observer.structures.relaxation import YieldingSpring
 from ces_observer.structures.structure import OperatingRange
-from ces_observer.structures.valve_path import ValveRun
 
 REFERENCES = {"relaxation": relaxation_forces, "chambers": chambers_forces}
 RANDOM = [(make, seed) for make in (random_relaxation, random_chambers) for seed in range(4)]
@@ -71,7 +71,7 @@ def test_the_search_alone_gives_the_same_forces(name, monkeypatch):
     model = fitted_model(name)
     usual = model.make_predictor()
     forces = [usual.tick(*one) for one in swing(model)]
-    for module in (chambers_run, relaxation_run):
+    for module in (chambers, relaxation):
         monkeypatch.setattr(module, "QUICK_STEPS", 1)
     searching = model.make_predictor()
     calls = []

@@ -14,10 +14,9 @@ from model_examples import make_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import Envelope
-from ces_observer.structures.constructed_file import RESERVED
-from ces_observer.structures.constructed_inputs import Hysteresis, TriangularMembership
+from ces_observer.structures.constructed_inputs import RESERVED, Hysteresis, TriangularMembership
+from ces_observer.structures.polynomial import tick_source
 from ces_observer.structures.terms import Factor, Term
-from ces_observer.structures.tick_source import tick_source
 
 WORDS = {"def", "if", "else", "and", "not", "return", "make", "tick", "run", "clamped", "update", "forces", "force"}
 WORDS |= {

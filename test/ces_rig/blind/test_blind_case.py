@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from ces_identify.recordings.bag_reader import list_topics, read_recording
-from ces_identify.recordings.signals_file import load_signals
+from ces_data.bags.reader import list_topics, read_recording
+from ces_data.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation
-from ces_rig.blind.case_folder import EPOCH_S, write_case
+from ces_rig.blind.cases import write_case
 from ces_rig.blind.draw import draw_case
 from ces_rig.blind.plan import BlindCase
+from ces_rig.sensors import EPOCH_NS
 from ces_rig.simulation import load_rig
 
 SECONDS = 2.5
@@ -33,7 +34,7 @@ def bag(folder, place):
 
 
 def test_effect_and_simulation_are_of_the_planned_size(made):
-    label = made[1].label
+    label = made[1][0]
     assert label["gap_N"] == pytest.approx(24.0, rel=0.11)
     assert label["noise_N"] == 8.0
     assert label["baseline_error_N"] == pytest.approx(8.0, abs=3.5)  # in it what the sensors' noise does to the inputs
@@ -42,10 +43,10 @@ def test_effect_and_simulation_are_of_the_planned_size(made):
 
 
 def test_sealed_arrays_are_what_was_measured_without_its_noise(made):
-    folder, answer = made
+    folder, (_label, arrays) = made
     force = bag(folder, "held_out/h1").channel("force")
     clock = bag(folder, "held_out/h1").channel("position").stamps_ns
-    true = CubicSpline((clock - clock[0]) * 1e-9, answer.arrays["h1_force_N"])((force.stamps_ns - clock[0]) * 1e-9)
+    true = CubicSpline((clock - clock[0]) * 1e-9, arrays["h1_force_N"])((force.stamps_ns - clock[0]) * 1e-9)
     noise = (force.values - true)[100:-100]
     assert 1.4826 * np.median(np.abs(noise)) == pytest.approx(
         8.0, rel=0.1
@@ -54,7 +55,7 @@ def test_sealed_arrays_are_what_was_measured_without_its_noise(made):
 
 
 def test_references_are_free_of_the_effect_and_the_rest_is_not(made):
-    folder, answer = made
+    folder, (label, _arrays) = made
     simulate = FunctionSimulation("baseline", load_rig(folder / "baseline.yaml"))
 
     def gap(place):
@@ -62,38 +63,38 @@ def test_references_are_free_of_the_effect_and_the_rest_is_not(made):
         force, clock = recording.channel("force"), recording.channel("position").stamps_ns
         return rms((force.values - np.interp(force.stamps_ns, clock, simulate.force(recording)))[100:-100])
 
-    error = answer.label["baseline_error_N"]
+    error = label["baseline_error_N"]
     assert gap("reference/f1") < 1.5 * np.hypot(8.0, error)
     assert gap("real/r1") > 2.0 * np.hypot(8.0, error)
 
 
 def test_the_folder_tells_nothing_of_what_is_withheld(made):
-    folder, answer = made
+    folder, (_label, arrays) = made
     files = [path for path in folder.rglob("*") if path.is_file()]
     assert not any(b"friction" in path.read_bytes().lower() for path in files)
-    assert {path.stat().st_mtime for path in folder.rglob("*")} == {float(EPOCH_S)}
+    assert {path.stat().st_mtime for path in folder.rglob("*")} == {EPOCH_NS * 1e-9}
     described = json.loads((folder / "case.json").read_text())
     assert not set(described) & {"kind", "plant", "effects", "gap_to_noise", "baseline_ratio", "gap_N"}
-    other = write_case(
+    other_label, other_arrays = write_case(
         draw_case(BlindCase("none", (), 3.0, 0.0, "rich", ("hydraulic",), 8, 5), SECONDS), folder.parent / "0008"
     )
     names = [sorted(str(p.relative_to(f)) for p in f.rglob("*")) for f in (folder, folder.parent / "0008")]
     assert names[0] == names[1]
-    assert answer.arrays.keys() == other.arrays.keys()
-    assert other.label["gap_N"] == 0.0
-    assert other.label["baseline_error_N"] < 6.0
+    assert arrays.keys() == other_arrays.keys()
+    assert other_label["gap_N"] == 0.0
+    assert other_label["baseline_error_N"] < 6.0
 
 
 def test_predictions_in_the_bag_are_the_simulation_run_on_it(made):
-    folder, answer = made
+    folder, (_label, arrays) = made
     assert "/sim_force" in {topic.name for topic in list_topics(folder / "held_out/h1")}
     simulate = FunctionSimulation("baseline", load_rig(folder / "baseline.yaml"))
     force = simulate.force(bag(folder, "held_out/h1"))
-    assert answer.arrays["h1_baseline_N"] == pytest.approx(force, abs=0.01)
+    assert arrays["h1_baseline_N"] == pytest.approx(force, abs=0.01)
 
 
 def test_a_case_repeats_exactly(made, tmp_path):
-    again = write_case(draw_case(FRICTION, SECONDS), tmp_path / "0007")
-    assert again.label == made[1].label
+    again, _ = write_case(draw_case(FRICTION, SECONDS), tmp_path / "0007")
+    assert again == made[1][0]
     for place in ("real/r2/r2.mcap", "reference/f1/f1.mcap", "baseline.yaml"):
         assert (tmp_path / "0007" / place).read_bytes() == (made[0] / place).read_bytes()

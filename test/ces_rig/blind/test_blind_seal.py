@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from ces_rig.blind.seal import open_arrays, open_seal, write_arrays, write_seal
+from ces_rig.blind.cases import open_arrays, open_seal, write_arrays, write_seal
 from ces_rig.errors import RigError
 
 

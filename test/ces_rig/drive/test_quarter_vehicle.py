@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import welch
 
-from ces_rig.drive.quarter_vehicle import ROUGHNESS_M3, QuarterVehicle, road_stroke
+from ces_rig.drive.strokes import ROUGHNESS_M3, QuarterVehicle, road_stroke
 
 STEP, SPEED = 1e-3, 16.7
 TIME = np.arange(0, 400, STEP)

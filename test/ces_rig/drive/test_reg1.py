@@ -3,12 +3,11 @@
 import numpy as np
 import pytest
 
-from ces_rig.closed_loop import simulate_controlled
-from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.hydraulic.stepper import rest_force, simulate
-from ces_rig.drive.currents import make_current
-from ces_rig.drive.reg1 import FORCES_N, Reg1, SpeedForceLoop
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.stepper import simulate
+from ces_rig.drive.currents import FORCES_N, Reg1, SpeedForceLoop, make_current
 from ces_rig.errors import RigError
+from ces_rig.experiment import drive_damper
 
 STEP_S = 0.5e-3
 TIME = np.arange(0.0, 4.0, STEP_S)
@@ -21,10 +20,10 @@ SOFTER = tuple(0.75 * force for force in FORCES_N)
 
 def tracking_error_N(controller):
     """RMS of reference minus force where the motion is fast and the force has built up."""
-    run, _ = simulate_controlled(Damper(), STEP_S, STROKE, controller)
+    run, _ = drive_damper(Damper(), controller, TIME, STROKE)
     reference = np.array([controller.reference.at(v) for v in SPEED])
     fast = (np.abs(SPEED) > 0.2) & (TIME > 1.0)
-    return float(np.sqrt(np.mean((run.force_N - rest_force(Damper()) - reference)[fast] ** 2)))
+    return float(np.sqrt(np.mean((run.tared_N - reference)[fast] ** 2)))
 
 
 @pytest.mark.parametrize("forces_N", [FORCES_N, SOFTER])
@@ -35,17 +34,17 @@ def test_the_force_follows_the_reference_because_it_is_fed_back(forces_N):
 
 
 def test_commands_stay_inside_the_range_and_make_the_run_s_force():
-    run, command = simulate_controlled(Damper(), STEP_S, STROKE, Reg1())
+    run, command = drive_damper(Damper(), Reg1(), TIME, STROKE)
     assert 0.29 <= command.min() < 0.40
     assert 0.60 < command.max() <= 0.70
-    again = simulate(Damper(), STEP_S, STROKE, command)
+    again = simulate(Hydraulic(Damper()), STEP_S, STROKE, command)
     np.testing.assert_array_equal(run.force_N, again.force_N)
 
 
 def test_another_damper_gets_other_commands_for_nearly_the_same_force():
     weak = Damper()
     weak = type(weak)(ces_valve=type(weak.ces_valve)(cracking_high_Pa=3.2e6))
-    commands = [simulate_controlled(damper, STEP_S, STROKE, Reg1())[1] for damper in (Damper(), weak)]
+    commands = [drive_damper(damper, Reg1(), TIME, STROKE)[1] for damper in (Damper(), weak)]
     fast = (np.abs(SPEED) > 0.2) & (TIME > 1.0)
     assert np.mean((commands[1] - commands[0])[fast]) > 0.01
 
@@ -62,5 +61,5 @@ def test_the_integral_is_held_at_a_limit():
 
 def test_a_reference_that_drives_the_motion_is_refused():
     given = {"kind": "reg1", "speeds_m_s": [-0.1, 0.0, 0.1], "forces_N": [-10.0, 0.0, -5.0]}
-    with pytest.raises(RigError, match=r"reg1: curve: -5 N at 0\.1 m/s would drive the motion"):
+    with pytest.raises(RigError, match=r"x.yaml: current: curve: -5 N at 0\.1 m/s would drive the motion"):
         make_current(given, "x.yaml: current")

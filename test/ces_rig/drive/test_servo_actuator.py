@@ -5,14 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ces_rig.actuated import simulate_actuated
-from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.hydraulic.stepper import simulate
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.stepper import simulate
 from ces_rig.drive.currents import ConstantLevel
+from ces_rig.drive.kernels import MOTION_SIZE, STROKE, STROKE_SPEED, ServoNumbers, servo_step
 from ces_rig.drive.servo_actuator import ServoActuator
-from ces_rig.drive.servo_kernel import MOTION_SIZE, POSITION, POSITION_SPEED, ServoNumbers, servo_step
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S, parse_experiment, run, simulate_truth, with_repeat, with_seed
+from ces_rig.experiment import drive_damper, parse_experiment, run, simulate_truth, with_repeat, with_seed
+from ces_rig.sensors import GRID_S
 
 IDEAL = ServoActuator(disturbance_m=0.0, compliance_m_N=0.0)
 SINE = {"kind": "sine", "amplitude_m": 0.012, "frequency_Hz": 4.0}
@@ -24,9 +24,7 @@ def actuated(**actuator):
 
 
 def drive(servo, command, time):
-    noise = np.random.default_rng(1)
-    _, stroke, _ = simulate_actuated(Damper(), servo, time, command, ConstantLevel(0.3), noise, noise)
-    return stroke
+    return drive_damper(Damper(), ConstantLevel(0.3), time, command, servo)[0].state("stroke_m")
 
 
 @pytest.mark.parametrize("frequency", [2.0, 10.0, 30.0])
@@ -43,13 +41,13 @@ def test_the_response_is_that_of_its_transfer_function(frequency):
 
 
 def test_half_the_step_changes_the_position_little():
-    numbers = ServoNumbers(*IDEAL.kernel_numbers())
+    numbers = ServoNumbers(*IDEAL.numbers())
     positions = []
     for step in (50e-6, 25e-6):
         motion = np.zeros(MOTION_SIZE)
         for n in range(round(0.2 / step)):
             servo_step(numbers, motion, 0.01 * np.sin(2 * np.pi * 10 * n * step), step)
-        positions.append(motion[POSITION])
+        positions.append(motion[STROKE])
     assert positions[0] == pytest.approx(positions[1], abs=2e-5)
 
 
@@ -64,15 +62,15 @@ def test_the_damper_pushes_back_by_force_times_compliance():
 
 def test_no_command_breaks_the_limits_of_the_actuator():
     servo = replace(IDEAL, stroke_m=0.01, speed_m_s=0.3, acceleration_m_s2=20.0)
-    numbers, motion = ServoNumbers(*servo.kernel_numbers()), np.zeros(MOTION_SIZE)
+    numbers, motion = ServoNumbers(*servo.numbers()), np.zeros(MOTION_SIZE)
     random, step = np.random.default_rng(3), 50e-6
     speeds, positions = [0.0], []
     for _ in range(400):
         command = random.uniform(-0.05, 0.05)
         for _ in range(100):
             servo_step(numbers, motion, command, step)
-            speeds.append(motion[POSITION_SPEED])
-            positions.append(motion[POSITION])
+            speeds.append(motion[STROKE_SPEED])
+            positions.append(motion[STROKE])
     assert np.abs(positions).max() == 0.01
     assert np.abs(speeds).max() <= 0.3
     free = np.abs(positions[1:]) < 0.01
@@ -100,7 +98,7 @@ def test_a_repetition_has_other_noise_and_the_same_stroke_and_current():
 def test_without_an_actuator_the_stroke_is_exact():
     truth = simulate_truth(parse_experiment(SHORT, "e"))
     assert np.array_equal(truth.stroke_m, truth.command_m)
-    plain = simulate(Damper(), GRID_S, truth.stroke_m, truth.commanded_A)
+    plain = simulate(Hydraulic(Damper()), GRID_S, truth.stroke_m, truth.commanded_A)
     assert np.array_equal(truth.force_N + 0.0, plain.force_N - (plain.force_N - truth.force_N)[0])
 
 

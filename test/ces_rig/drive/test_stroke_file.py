@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ces_rig.drive.stroke_file import SampledStroke, StrokeFile, read_stroke_file
+from ces_rig.drive.sequences import SampledStroke, StrokeFile, read_stroke_file
 from ces_rig.errors import RigError
 from ces_rig.experiment import load_experiment, simulate_truth
 

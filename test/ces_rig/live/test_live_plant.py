@@ -4,12 +4,17 @@ import numpy as np
 import pytest
 import yaml
 
-from ces_rig.dampers.hydraulic.stepper import spline_speed
+from ces_rig.dampers.stepper import DamperStepper, simulate, spline_speed
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S, load_experiment, packaged_experiments, simulate_truth
-from ces_rig.live.description import DamperDescription, load_description, parse_effect, with_effects
-from ces_rig.live.plant import LivePlant
-from ces_rig.live.rig import LiveRig, RigSettings
+from ces_rig.experiment import (
+    DamperDescription,
+    load_description,
+    load_experiment,
+    packaged_experiments,
+    simulate_truth,
+)
+from ces_rig.live.rig import DeadTime, LiveRig, RigSettings, parse_effect, with_effects
+from ces_rig.sensors import GRID_S
 from ces_rig.withheld import plants
 
 COUNT = 2  # grid intervals a tick
@@ -30,13 +35,14 @@ def commands(low: float, high: float) -> np.ndarray:
 
 
 def driven(damper: DamperDescription, command: np.ndarray, step_s: float | None = None) -> np.ndarray:
-    plant = LivePlant(damper, GRID_S, COUNT, step_s)
-    speed = spline_speed(TIME, STROKE)
-    forces = [[plant.settle(STROKE[0], speed[0], command[0])]]
+    """Return the tared force [N] of the damper stepped tick by tick, as the live rig does."""
+    stepper, speed = DamperStepper(damper.model, GRID_S, step_s), spline_speed(TIME, STROKE)
+    dead_time = DeadTime(damper.model.delay_s / GRID_S, COUNT, command[0])
+    forces = [[stepper.settle(STROKE[0], speed[0], command[0])]]
     for k in range(1, len(TIME), COUNT):
-        plant.drive(STROKE[k : k + COUNT], speed[k : k + COUNT], command[k])
-        forces.append(plant.forces.copy())
-    return np.concatenate(forces)
+        late = dead_time.after(command[k])
+        forces.append(stepper.advance(STROKE[k : k + COUNT], speed[k : k + COUNT], command[k], late))
+    return np.concatenate(forces) - stepper.rest_N
 
 
 def described(tmp_path, kind: str) -> DamperDescription:
@@ -50,9 +56,9 @@ def described(tmp_path, kind: str) -> DamperDescription:
 def test_a_live_plant_equals_the_batch(tmp_path, kind):
     damper = described(tmp_path, kind)
     command = commands(*damper.model.current_A)
-    force, coil, _ = damper.model.run(GRID_S, STROKE, command)
-    assert np.abs(driven(damper, command) - force).max() <= ROUNDING_N[kind]
-    assert np.ptp(coil) > 0.5 * np.ptp(command) / 2
+    run = simulate(damper.model, GRID_S, STROKE, command)
+    assert np.abs(driven(damper, command) - run.tared_N).max() <= ROUNDING_N[kind]
+    assert np.ptp(run.coil_A) > 0.5 * np.ptp(command) / 2
 
 
 @pytest.mark.parametrize("kind", plants.PLANTS)
@@ -69,8 +75,7 @@ def test_twice_the_step_stays_within_the_integrators_tolerance(tmp_path, kind):
 def test_withheld_effects_are_those_of_the_blind_test(tmp_path, kind, name):
     damper = described(tmp_path, kind)
     command = commands(*damper.model.current_A)
-    plant = plants.BlindPlant(kind, damper.model)
-    expected = plants.simulate_signals(plant, [parse_effect(name, kind)], TIME, STROKE, command).force_N
+    expected = plants.simulate_signals(damper.model, [parse_effect(name, kind)], TIME, STROKE, command).force_N
     with_it = driven(with_effects(damper, [name]), command)
     assert np.abs(with_it - expected).max() <= ROUNDING_N[kind]
     assert np.abs(with_it - driven(damper, command)).max() > 10.0

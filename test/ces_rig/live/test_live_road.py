@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.signal import welch
 
-from ces_rig.drive.quarter_vehicle import ROUGHNESS_M3
-from ces_rig.live.road import AVERAGING, BLOCK, CLASSES, CONTACT_M, LONGEST_M, LiveRoad, roughness_m3
+from ces_rig.drive.strokes import ROUGHNESS_M3
+from ces_rig.live.vehicle import AVERAGING, BLOCK, CLASSES, CONTACT_M, MAX_WAVE_M, LiveRoad, roughness_m3
 
 INTERVAL = 0.5e-3
 
@@ -34,7 +34,7 @@ def test_density_as_declared_holds_down_to_the_contact_patch():
     wave, density = welch(heights(road, 2_000_000), 1 / (10.0 * INTERVAL), nperseg=2**15)
     band = (wave > 0.05) & (wave < 10.0)
     patch = 2.0 * np.pi * CONTACT_M / AVERAGING
-    profile = roughness_m3("C") * 0.1**2 / (wave[band] ** 2 + LONGEST_M**-2)
+    profile = roughness_m3("C") * 0.1**2 / (wave[band] ** 2 + MAX_WAVE_M**-2)
     ratio = density[band] * (1.0 + (patch * wave[band]) ** 2) / profile
     for part in np.array_split(ratio, 10):
         assert part.mean() == pytest.approx(1.0, abs=0.1)

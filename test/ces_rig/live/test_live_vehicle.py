@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
-from ces_rig.drive import vehicle_kernel as qv
-from ces_rig.drive.quarter_vehicle import QuarterVehicle
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.stepper import DamperStepper, Mover
+from ces_rig.drive import kernels as qv
+from ces_rig.drive.strokes import QuarterVehicle
 from ces_rig.errors import RigError
-from ces_rig.live.description import DamperDescription
-from ces_rig.live.plant import LivePlant
 from ces_rig.live.rig import LiveRig, RigSettings
 from ces_rig.live.vehicle import Vehicle, as_kernel_numbers
 
@@ -18,14 +19,19 @@ GRID = 0.5e-3
 WEIGHT_N = (145.0 + 17.0) * 9.81
 
 
-def ridden(plant: LivePlant, heights: np.ndarray, current: float) -> np.ndarray:
+def in_vehicle(model: DamperModel, step_s: float | None = None, vehicle: Vehicle | None = None) -> DamperStepper:
+    """Return the stepper of a damper in a vehicle."""
+    numbers = as_kernel_numbers(vehicle or Vehicle(), 0.06)
+    return DamperStepper(model, GRID, step_s, Mover(qv.VEHICLE, numbers))
+
+
+def ridden(stepper: DamperStepper, heights: np.ndarray, current: float) -> np.ndarray:
     """Return the motion after each grid interval, shape (n, MOTION_SIZE)."""
-    motion, numbers = np.zeros(qv.MOTION_SIZE), as_kernel_numbers(Vehicle(), 0.06)
-    plant.settle(0.0, 0.0, current)
+    stepper.settle(0.0, 0.0, current)
     out = []
     for height in heights:
-        plant.ride(numbers, motion, np.array([height]), current)
-        out.append(motion.copy())
+        stepper.advance(np.array([height]), 0.0, current)
+        out.append(stepper.motion.copy())
     return np.array(out)
 
 
@@ -54,7 +60,7 @@ def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
         yield_N=0.0, yield_N_A=0.0, viscous_Ns_m=1400.0, viscous_Ns_mA=0.0, series_Ns_m=1e8, inner_N_m=0.0,
         fluid_N_m=1e8, seal_N=0.0, rod_m2=1e-6, gas_Pa=1.1e5, mount_N_m=1e8, mount_Ns_m=1e4, mass_kg=0.05,
     )  # fmt: skip
-    plant = LivePlant(DamperDescription("bouc_wen", dashpot), GRID, 1, 5e-5)
+    plant = in_vehicle(dashpot, 5e-5)
     time = np.arange(0, 4, GRID) + GRID
     for frequency in (1.5, 4.0, 12.0):
         amplitude = 0.004
@@ -67,9 +73,7 @@ def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
 
 @pytest.mark.parametrize("step_s", [1e-4, 5e-5])
 def test_finer_steps_change_little(step_s):
-    fine, rough = (
-        ridden(LivePlant(DamperDescription(), GRID, 1, step), wavy(3.0), 0.5) for step in (step_s / 2, step_s)
-    )
+    fine, rough = (ridden(in_vehicle(Hydraulic(Damper()), step), wavy(3.0), 0.5) for step in (step_s / 2, step_s))
     for which in (qv.STROKE, qv.FORCE, qv.TYRE):
         error = np.sqrt(np.mean((rough[:, which] - fine[:, which]) ** 2))
         assert 0.0 < error < 0.01 * fine[:, which].std()
@@ -77,7 +81,7 @@ def test_finer_steps_change_little(step_s):
 
 def test_energy_that_the_road_puts_in_warms_the_damper():
     """What body and wheel have lost at the end is what dampers took: nothing comes from nowhere."""
-    plant = LivePlant(DamperDescription(), GRID, 1)
+    plant = in_vehicle(Hydraulic(Damper()))
     heights = wavy(6.0)
     motion = ridden(plant, heights, 0.5)
     rate = np.diff(heights, prepend=0.0) / GRID
@@ -90,7 +94,7 @@ def test_energy_that_the_road_puts_in_warms_the_damper():
 
 
 def test_a_firmer_valve_strokes_less():
-    soft, firm = (ridden(LivePlant(DamperDescription(), GRID, 1), wavy(4.0), current) for current in (0.29, 0.7))
+    soft, firm = (ridden(in_vehicle(Hydraulic(Damper())), wavy(4.0), current) for current in (0.29, 0.7))
     assert firm[:, qv.STROKE].std() < 0.8 * soft[:, qv.STROKE].std()
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ces_rig.live.lockstep import MAX_LOOKS, QUIET, WINDOW, Lockstep
+from ces_rig.live.timing import MAX_LOOKS, QUIET, WINDOW, Lockstep
 
 ANSWER_S = 2.0
 IDLE_S = 1e-3

@@ -7,9 +7,10 @@ import pytest
 from scipy.signal import lsim
 
 from ces_rig.dampers.effects import WithheldEffect
+from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S
-from ces_rig.withheld.plants import PLANTS, BlindPlant, draw_plant, physical_numbers, simulate_signals
+from ces_rig.sensors import GRID_S
+from ces_rig.withheld.plants import PLANTS, draw_plant, physical_numbers, simulate_signals
 from ces_rig.withheld.surroundings import hold_until_free
 
 TIME = np.arange(1600) * GRID_S
@@ -20,7 +21,7 @@ def plant_of(kind):
     return draw_plant(kind, np.random.default_rng(3))
 
 
-def simulate(kind, effect, command):
+def simulate_with(kind, effect, command):
     return simulate_signals(plant_of(kind), [effect] if effect else [], TIME, STROKE, command)
 
 
@@ -35,7 +36,7 @@ def test_a_sticking_spool_ignores_small_changes_of_current_that_are_logged(kind)
     small = np.where(TIME > 0.4, 0.5 * high, 0.5 * high + 0.04 * (high - low))
     stuck = WithheldEffect("sticking_pilot", 1.0, {"threshold": 0.08})
     with_it, free, before = (
-        simulate(kind, effect, command)
+        simulate_with(kind, effect, command)
         for effect, command in ((stuck, small), (None, small), (None, small[:1] + 0 * TIME))
     )
     assert np.array_equal(with_it.coil_A, free.coil_A)
@@ -49,7 +50,7 @@ def test_a_ripple_shows_in_the_force_alone(kind):
     high = plant_of(kind).current_A[1]
     ripple = WithheldEffect("current_ripple", 1.0, {"amplitude": 0.1, "frequency_Hz": 50.0, "phase_rad": 0.0})
     command = np.full_like(TIME, 0.5 * high)
-    with_it, free = simulate(kind, ripple, command), simulate(kind, None, command)
+    with_it, free = simulate_with(kind, ripple, command), simulate_with(kind, None, command)
     assert np.array_equal(with_it.coil_A, free.coil_A)
     change = (with_it.force_N - free.force_N)[400:1600]
     spectrum = np.abs(np.fft.rfft(change * np.sign(np.gradient(STROKE))[400:1600]))
@@ -61,13 +62,13 @@ def test_the_frame_moves_as_its_equation_says_under_the_dampers_force(kind):
     """The damper's force on the frame's own motion, computed apart, gives the same force again."""
     frame = WithheldEffect("frame_resonance", 1.0, {"compliance_m_N": 2e-7, "frequency_Hz": 30.0, "damping": 0.05})
     high = plant_of(kind).current_A[1]
-    plant = BlindPlant(kind, plant_of(kind).model.without_coil())
+    plant = plant_of(kind).without_coil()
     command = np.full_like(TIME, 0.5 * high)
     true, free = (simulate_signals(plant, effects, TIME, STROKE, command) for effects in ([frame], []))
     w = 2.0 * np.pi * 30.0
     system = ([2e-7 * w * w], [1.0, 2.0 * 0.05 * w, w * w])
     deflection = lsim(system, true.force_N - true.force_N[0], TIME)[1]
-    again = plant.model.run(GRID_S, STROKE - deflection, command)[0]
+    again = simulate(plant, GRID_S, STROKE - deflection, command).tared_N
     ringing = np.std(true.force_N - free.force_N)
     assert ringing > 3.0
     assert np.std(again - true.force_N) < 0.05 * ringing + 0.2
@@ -78,4 +79,4 @@ def test_a_frame_too_light_is_refused():
     frame = WithheldEffect("frame_resonance", 1.0, {"compliance_m_N": 1e-5, "frequency_Hz": 60.0, "damping": 0.05})
     assert physical_numbers(plant_of("bouc_wen"), replace(frame, severity=2.0))["compliance_m_N"] == 2e-5
     with pytest.raises(RigError, match="frame_resonance: mass is"):
-        simulate("bouc_wen", frame, np.full_like(TIME, 0.5))
+        simulate_with("bouc_wen", frame, np.full_like(TIME, 0.5))

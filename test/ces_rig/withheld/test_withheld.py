@@ -9,8 +9,7 @@ import yaml
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE, WithheldEffect
 from ces_rig.drive.strokes import make_stroke
 from ces_rig.errors import RigError
-from ces_rig.experiment import GRID_S, measure_signals
-from ces_rig.sensors import Sensors
+from ces_rig.sensors import GRID_S, Sensors, measure_signals
 from ces_rig.simulation import load_rig
 from ces_rig.withheld.plants import (
     PLANTS,
@@ -20,11 +19,13 @@ from ces_rig.withheld.plants import (
     gap_from,
     gap_N,
     perturb,
+    perturb_to_gap,
     physical_numbers,
+    scale_to_gap,
+    search_size,
     simulate_expected,
     simulate_signals,
 )
-from ces_rig.withheld.scaling import perturb_to_gap, scale_to_gap, search_size
 
 SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "calibration": 1.0, "monotube": 1.0}
 CASES = [(kind, name) for kind in PLANTS for name in available_effects(kind)]
@@ -85,7 +86,7 @@ def test_the_description_simulates_the_plant(kind, tmp_path):
     plant, inputs = plant_of(kind), drive(kind)
     true = simulate_signals(plant, (), *inputs)
     path = tmp_path / "rig.yaml"
-    path.write_text(yaml.safe_dump(plant.model.description()))
+    path.write_text(yaml.safe_dump(plant.description()))
     rig = load_rig(path)
     assert np.sqrt(np.mean((rig(true.time_s, true.stroke_m, true.coil_A) - true.force_N) ** 2)) < 2.0
     recording = measure_signals(true, Sensors(), 1, "x")
@@ -105,7 +106,7 @@ def test_perturbed_to_a_wanted_error(kind):
     assert wrong == perturb(plant, size, np.random.default_rng(7))
     difference = simulate_signals(wrong, (), *inputs).force_N - simulate_signals(plant, (), *inputs).force_N
     assert np.sqrt(np.mean(difference**2)) == pytest.approx(20.0, rel=0.04)
-    changed = [key for key, number in wrong.model.description().items() if number != plant.model.description()[key]]
+    changed = [key for key, number in wrong.description().items() if number != plant.description()[key]]
     assert len(changed) >= 5
 
 

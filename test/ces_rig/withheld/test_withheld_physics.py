@@ -5,11 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ces_rig.dampers.hydraulic.stepper import simulate
+from ces_rig.dampers.hydraulic.parameters import Hydraulic
 from ces_rig.dampers.kinds import KINDS
-from ces_rig.experiment import GRID_S
-from ces_rig.withheld.plants import PLANTS, draw_effect, draw_plant, gap_N, physical_numbers, simulate_signals
-from ces_rig.withheld.scaling import scale_to_gap
+from ces_rig.dampers.stepper import simulate
+from ces_rig.sensors import GRID_S
+from ces_rig.withheld.plants import (
+    PLANTS,
+    draw_effect,
+    draw_plant,
+    gap_N,
+    physical_numbers,
+    scale_to_gap,
+    simulate_signals,
+)
 
 FREQUENCY = 2.0
 
@@ -46,7 +54,7 @@ def test_a_mass_adds_mass_times_acceleration(kind):
     acceleration = np.gradient(np.gradient(inputs[1], GRID_S), GRID_S)
     mass = next(value for name, value in numbers.items() if "mass" in name)
     settled = inputs[0] > 0.5
-    extra = mass - plant_of(kind).model.number("body.moving_mass_kg" if kind == "hydraulic" else "mass_kg")
+    extra = mass - plant_of(kind).number("body.moving_mass_kg" if kind == "hydraulic" else "mass_kg")
     assert projected(force[settled], acceleration[settled]) == pytest.approx(extra, rel=0.1)
 
 
@@ -68,8 +76,8 @@ def test_play_lets_the_force_dwell_at_nothing_after_each_reversal(kind):
     plant = plant_of(kind)
     play = replace(draw_effect(kind, "backlash", np.random.default_rng(1)), severity=3.0)
     with_play, without = (simulate_signals(plant, effects, *inputs).force_N for effects in ([play], ()))
-    number = plant.model.number
-    area = plant.model.damper.rod_area_m2 if kind == "hydraulic" else number("rod_m2")
+    number = plant.number
+    area = plant.damper.rod_area_m2 if kind == "hydraulic" else number("rod_m2")
     gas = area * (number("reservoir.pressure_Pa" if kind == "hydraulic" else "gas_Pa") - 101_325)  # tared away
     settled = inputs[0] > 0.5
     dwell = [np.mean(np.abs(force[settled] + gas) < 6.0) for force in (with_play, without)]
@@ -157,11 +165,11 @@ def test_oil_boils_before_cavitation_costs_8_newtons():
     inputs = sine(amplitude=0.03, frequency=3.0, kind="hydraulic")
     for seed in range(3):
         effect = scale_to_gap(plant, draw_effect("hydraulic", "cavitation", np.random.default_rng(seed)), 8.0, *inputs)
-        damper = plant.model.with_numbers(KINDS["hydraulic"].numbers(plant.model, effect)).damper
+        damper = plant.with_numbers(KINDS["hydraulic"].numbers(plant, effect)).damper
         below = damper.oil.vapour_pressure_Pa + 2e3
-        chamber = simulate(damper, GRID_S, *inputs[1:]).state("p_compression_Pa")
+        chamber = simulate(Hydraulic(damper), GRID_S, *inputs[1:]).state("p_compression_Pa")
         assert np.mean(chamber < below) > 0.005
-        assert simulate(plant.model.damper, GRID_S, *inputs[1:]).state("p_compression_Pa").min() > 5e4
+        assert simulate(Hydraulic(plant.damper), GRID_S, *inputs[1:]).state("p_compression_Pa").min() > 5e4
 
 
 def test_foam_builds_up_and_a_groove_has_its_place():

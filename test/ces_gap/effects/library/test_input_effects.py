@@ -23,6 +23,7 @@ from input_physics import (
 )
 from scipy.optimize import least_squares
 
+from ces_data.arrays import F
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.effects.library import (
@@ -36,7 +37,7 @@ from ces_gap.effects.library import (
     position_delay,
     valve_lag,
 )
-from ces_gap.trace import F, Trace, TraceInputs
+from ces_gap.trace import Trace, TraceInputs
 
 MODULES = (
     backlash,

@@ -5,8 +5,7 @@ import pytest
 
 from bench.rig.characteristic import current_step, cycle, rise_time, steady_force
 from ces_rig.dampers.hydraulic import kernel as hy
-from ces_rig.dampers.hydraulic.coefficients import coefficients
-from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
+from ces_rig.dampers.hydraulic.parameters import Damper, coefficients, parse_damper
 
 
 def test_steady_levels_are_those_of_the_design():

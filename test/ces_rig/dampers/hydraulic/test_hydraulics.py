@@ -5,9 +5,9 @@ import pytest
 from hydraulics_twin import Twin
 
 from ces_rig.dampers.hydraulic import kernel as hy
-from ces_rig.dampers.hydraulic.coefficients import coefficients
-from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
-from ces_rig.dampers.hydraulic.stepper import STEP_S, equilibrium, simulate
+from ces_rig.dampers.hydraulic.kernel import STEP_S
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic, coefficients, parse_damper
+from ces_rig.dampers.stepper import simulate
 
 GRID = 0.5e-3
 
@@ -32,7 +32,7 @@ def relative_rms(a, b):
 
 def test_oil_is_conserved():
     _, stroke, current = drive()
-    runs = [simulate(Damper(), GRID, stroke, current, step_s=h) for h in (STEP_S, STEP_S / 2)]
+    runs = [simulate(Hydraulic(Damper()), GRID, stroke, current, step_s=h) for h in (STEP_S, STEP_S / 2)]
     astray = [np.ptp(mass(Damper(), run)) for run in runs]
     # about 0.3 kg/s flow to and fro; what goes astray is the integrator's error alone, so it falls with the step
     assert astray[0] < 2e-6
@@ -41,7 +41,8 @@ def test_oil_is_conserved():
 
 def test_gas_takes_up_the_rod():
     damper = Damper()
-    at_rest = equilibrium(damper, 0.04, 0.0, 0.3)
+    at_rest = np.zeros(hy.STATE_SIZE)
+    hy.settle(coefficients(damper), at_rest, 0.04, 0.0, 0.3)
     gas = damper.reservoir
     volume = gas.gas_m3 * (gas.pressure_Pa / at_rest[hy.P_GAS]) ** (1 / gas.exponent)
     # a little less than the rod's volume: the oil gives too
@@ -51,16 +52,17 @@ def test_gas_takes_up_the_rod():
 @pytest.mark.parametrize(("amplitude", "frequency"), [(0.018, 4.0), (0.006, 12.0), (0.012, 16.0)])
 def test_halving_the_step_changes_little(amplitude, frequency):
     _, stroke, current = drive(1.0, amplitude, frequency)
-    coarse = simulate(Damper(), GRID, stroke, current).force_N
-    fine = simulate(Damper(), GRID, stroke, current, step_s=STEP_S / 2).force_N
+    coarse = simulate(Hydraulic(Damper()), GRID, stroke, current).force_N
+    fine = simulate(Hydraulic(Damper()), GRID, stroke, current, step_s=STEP_S / 2).force_N
     assert relative_rms(coarse, fine) < 0.002
 
 
 def test_order_of_convergence():
     _, stroke, current = drive(0.5)
-    reference = simulate(Damper(), GRID, stroke, current, step_s=GRID / 160).force_N
+    reference = simulate(Hydraulic(Damper()), GRID, stroke, current, step_s=GRID / 160).force_N
     coarse, fine = (
-        relative_rms(simulate(Damper(), GRID, stroke, current, step_s=GRID / n).force_N, reference) for n in (10, 20)
+        relative_rms(simulate(Hydraulic(Damper()), GRID, stroke, current, step_s=GRID / n).force_N, reference)
+        for n in (10, 20)
     )
     assert 3.5 < coarse / fine < 4.5  # second order
 
@@ -68,7 +70,7 @@ def test_order_of_convergence():
 def test_agrees_with_the_slow_twin():
     damper = Damper()
     time, stroke, current = drive(0.5, 0.012, 6.0)
-    run = simulate(damper, GRID, stroke, current)
+    run = simulate(Hydraulic(damper), GRID, stroke, current)
     twin = Twin(damper)
     fine = np.arange(0, time[-1] + 1e-9, GRID / 50)
     pilot = twin.pilot_pressure(fine, np.interp(fine, time, current))
@@ -86,12 +88,12 @@ def test_pressures_stop_at_the_vapour_floor():
     damper = parse_damper({"reservoir": {"pressure_Pa": 1.1e5}}, "thin gas")
     time = np.arange(0, 1.0, GRID)
     stroke = 0.035 * np.clip(time / 0.2, 0, 1) ** 3 * np.sin(2 * np.pi * 10 * time)
-    run = simulate(damper, GRID, stroke, np.full_like(time, 0.6))
+    run = simulate(Hydraulic(damper), GRID, stroke, np.full_like(time, 0.6))
     lowest = run.state("p_compression_Pa").min()
     assert hy.LOWEST_PA < lowest < 1.3 * damper.oil.vapour_pressure_Pa
     assert np.isfinite(run.force_N).all()
     assert np.ptp(mass(damper, run)) < 1e-3 * mass(damper, run)[0]
-    full = simulate(Damper(), GRID, stroke, np.full_like(time, 0.6))
+    full = simulate(Hydraulic(Damper()), GRID, stroke, np.full_like(time, 0.6))
     assert full.state("p_compression_Pa").min() > 3e5  # the gas pressure prevents it
 
 
@@ -117,7 +119,8 @@ def test_aeration_softens_the_oil_at_low_pressure():
 
 def test_magnetic_loop_has_the_width_of_its_parameter():
     c = coefficients(Damper())
-    state = equilibrium(Damper(), 0.0, 0.0, 0.29)
+    state = np.zeros(hy.STATE_SIZE)
+    hy.settle(c, state, 0.0, 0.0, 0.29)
     seen = {}
     triangle = np.concatenate([np.linspace(0.29, 0.70, 20_000), np.linspace(0.70, 0.29, 20_000)])
     for n, current in enumerate(triangle):

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ces_rig.dampers.hydraulic.parameters import Damper
-from ces_rig.dampers.hydraulic.stepper import Stepper, rest_force, simulate, spline_speed
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.stepper import DamperStepper, simulate, spline_speed
 from ces_rig.errors import RigError
 
 GRID = 1e-3
@@ -19,9 +19,9 @@ def signals():
 
 def test_chunks_equal_the_batch_exactly(signals):
     stroke, speed, current = signals
-    batch = simulate(Damper(), GRID, stroke, current, speed).force_N
-    stepper = Stepper(Damper(), GRID)
-    chunked = [stepper.reset(stroke[0], speed[0], current[0])]
+    batch = simulate(Hydraulic(Damper()), GRID, stroke, current, speed).force_N
+    stepper = DamperStepper(Hydraulic(Damper()), GRID)
+    chunked = [stepper.settle(stroke[0], speed[0], current[0])]
     for part in (slice(1, 2), slice(2, 3), slice(3, 250), slice(250, 600)):
         chunked.extend(stepper.advance(stroke[part], speed[part], current[part]))
     assert np.array_equal(batch, chunked)
@@ -29,28 +29,28 @@ def test_chunks_equal_the_batch_exactly(signals):
 
 def test_reset_brings_it_back_to_new(signals):
     stroke, speed, current = signals
-    stepper = Stepper(Damper(), GRID)
+    stepper = DamperStepper(Hydraulic(Damper()), GRID)
     first = stepper.advance(stroke, speed, current)
     assert not np.array_equal(stepper.advance(stroke, speed, current), first)
-    stepper.reset()
+    stepper.settle()
     assert np.array_equal(stepper.advance(stroke, speed, current), first)
 
 
 @pytest.mark.parametrize("stroke_m", [-0.03, 0.0, 0.04])
 def test_at_rest_it_stays_at_rest(stroke_m):
-    stepper = Stepper(Damper(), GRID)
-    start = stepper.reset(stroke_m, 0.0, 0.5)
+    stepper = DamperStepper(Hydraulic(Damper()), GRID)
+    start = stepper.settle(stroke_m, 0.0, 0.5)
     force = stepper.advance(np.full(200, stroke_m), np.zeros(200), np.full(200, 0.5))
     assert np.abs(force - start).max() < 0.01
     if stroke_m == 0.0:
-        assert start == pytest.approx(rest_force(Damper()), abs=1e-6)
+        assert start == pytest.approx(stepper.rest_N, abs=1e-6)
 
 
 def test_the_oil_warms_by_the_work_put_in():
     damper = Damper()
     time = np.arange(0, 5, GRID)
     stroke = 0.018 * np.clip(time, 0, 1) ** 2 * np.sin(2 * np.pi * 4 * time)
-    run = simulate(damper, GRID, stroke, np.full_like(time, 0.6))
+    run = simulate(Hydraulic(damper), GRID, stroke, np.full_like(time, 0.6))
     work = np.sum((run.force_N[1:] + run.force_N[:-1]) / 2 * np.diff(stroke))
     oil = run.state("oil_degC")
     lost = damper.heat.loss_W_K * np.sum(oil - damper.heat.ambient_degC) * GRID
@@ -71,4 +71,4 @@ def test_the_oil_warms_by_the_work_put_in():
 )
 def test_bad_input_is_refused(stroke, current, says):
     with pytest.raises(RigError, match=says):
-        simulate(Damper(), GRID, np.array(stroke), np.array(current))
+        simulate(Hydraulic(Damper()), GRID, np.array(stroke), np.array(current))

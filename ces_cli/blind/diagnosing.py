@@ -1,0 +1,205 @@
+"""`ces blind run`: diagnoses every case from its recordings alone; an interrupted run can be continued.
+
+Every mode has a folder of its own in the folder for results. The seal is never opened: a folder with a copy of `cases/`
+is enough. The results of a case are `gap.json`, `augmented.json`, `decision.json` (the figures behind the verdict),
+`replay.npz` with forces [N] at the position samples of the held-out recordings (`NAME_simulated_N` of the simulation,
+`NAME_augmented_N` from the saved file, `NAME_corrected_N` without the effects), and last `row.json`. A model that was
+identified in place of the simulation is `model.json`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import time
+import warnings
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_cli.terminal import terminal
+from ces_cli.terminal.outputs import print_document, require_folder, without_text
+from ces_cli.terminal.progress import JobsProgress
+from ces_cli.terminal.simulations import open_simulation, with_predictions
+from ces_data.bags.reader import read_recording
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
+from ces_identify.identification import identify
+from ces_identify.jobs.workers import run_in_processes
+from ces_identify.polynomial.search_limits import Limits
+from ces_identify.simulations.simulation import Simulation
+from ces_identify.structures import KITS
+from ces_identify.structures.auto import physical_structures
+from ces_identify.structures.kit import IdentifyOptions
+from ces_observer.errors import CesError
+from ces_observer.json_text import write_atomically
+from ces_rig.blind.cases import read_seal
+from ces_rig.blind.outcome import IDENTIFIED, PREDICTIONS, Mode, combine_modes
+from ces_rig.blind.scoring import DECISION, GAP, REPLAY, ROW, SETTINGS
+
+if TYPE_CHECKING:
+    from ces_gap.diagnosis import Diagnosis
+
+AUGMENTED, MODEL = "augmented.json", "model.json"
+MAX_IDENTIFY_S = 10.0  # for each structure
+OPTIONS = IdentifyOptions(split=1.0, limits=Limits(time=MAX_IDENTIFY_S, starts=1, threads=1), band=False)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Diagnose the cases without a finished diagnosis, failed ones again; returns the exit status. Raises CesError."""
+    modes = combine_modes(options.simulation, options.references)
+    require_folder(options.out)
+    cases = sorted(path.parent for path in options.cases.glob("cases/*/case.json"))[: options.limit]
+    if not cases:
+        raise CesError(f"{options.cases}: contains no cases/NNNN/case.json; expected the output of 'ces blind make'")
+    for mode in modes:
+        _require_same_settings(options.out / mode.name, {**asdict(mode), "seal": read_seal(options.cases)})
+    failed = _diagnose_missing([(case, options.out / m.name / case.name, m) for m in modes for case in cases], options)
+    count, names = len(cases) * len(modes), [mode.name for mode in modes]
+    with without_text(options.json):
+        print(f"{options.out}: {count - len(failed)} of {count} diagnoses done ({', '.join(names)})")
+    for where, reason in failed:
+        terminal.print_warning(f"{where}: {reason}")
+    if len(failed) == count:
+        raise CesError(f"{options.cases}: none of the cases could be diagnosed, for the reasons above")
+    if options.json:
+        failures = [{"case": where, "reason": reason} for where, reason in failed]
+        facts = {"folder": options.out, "modes": names, "diagnoses": count, "failed": failures}
+        print_document("blind-run", facts)
+    return 0
+
+
+def _require_same_settings(results: Path, settings: dict[str, Any]) -> None:
+    """Write the run's settings beside the results; raises CesError if results of other cases exist."""
+    path = results / SETTINGS
+    if path.is_file() and json.loads(path.read_text(encoding="utf-8")) != settings:
+        raise CesError(f"{results}: holds results of other cases; choose another folder for --out")
+    results.mkdir(parents=True, exist_ok=True)
+    write_atomically(path, json.dumps(settings) + "\n")
+
+
+def _diagnose_missing(planned: Sequence[tuple[Path, Path, Mode]], options: argparse.Namespace) -> list[tuple[str, str]]:
+    """Diagnose the cases without a result, and return the modes and cases that failed, with the reason."""
+    failed, missing = [], []
+    for case, out, mode in planned:
+        row = out / ROW
+        if not row.is_file() or json.loads(row.read_text(encoding="utf-8"))["status"] != "done":
+            missing.append((case, out, mode))
+    with JobsProgress(len(planned), len(planned) - len(missing), "diagnoses") as progress:
+        for done in run_in_processes(diagnose_case, missing, options.jobs, threads=1):
+            where, is_failed = f"{done['mode']}, case {done['case']}", done["status"] != "done"
+            text = done["reason"] if is_failed else done["summary"]
+            progress.count(f"{where}: {text}, {done['seconds']:.1f} s", failed=is_failed)
+            if is_failed:
+                failed.append((where, done["reason"]))
+    return sorted(failed)
+
+
+def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
+    """Diagnose the case, write its results and return a row: the summary or the reason of failure, and the seconds."""
+    start = time.perf_counter()
+    out.mkdir(parents=True, exist_ok=True)
+    row: dict[str, Any] = {"case": case.name, "status": "done"}
+    try:
+        row["summary"] = _diagnose(case, out, mode)
+    except CesError as error:
+        row |= {"status": "failed", "reason": str(error)}
+    except Exception as error:  # a fault of the diagnosis counts as its result; the other cases continue
+        row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
+    row["seconds"] = round(time.perf_counter() - start, 2)
+    write_atomically(out / ROW, json.dumps(row) + "\n")
+    return {**row, "mode": mode.name}
+
+
+def _diagnose(case: Path, out: Path, mode: Mode) -> str:
+    from ces_gap.augmented import save_augmented
+    from ces_gap.inputs.checks import require_distinct
+    from ces_gap.pipeline import DiagnoseOptions, diagnose
+    from ces_gap.report.gap_json import write_gap
+
+    described = json.loads((case / "case.json").read_text(encoding="utf-8"))
+    spec = _prepare_simulation(case, out, described, mode)
+    simulation = open_simulation(spec)
+    real, held_out = (_read(simulation, case, described[role]) for role in ("real", "held_out"))
+    reference = _read(simulation, case, described["reference"][: mode.references])
+    require_distinct(real, held_out, reference)
+    options = DiagnoseOptions(threads=1, experiment=False)
+    diagnosis = diagnose(simulation, spec, real, held_out, reference, options)
+    write_gap(out / GAP, diagnosis)
+    save_augmented(out / AUGMENTED, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
+    _save_decision(out / DECISION, diagnosis)
+    _replay(out, simulation, held_out)
+    return _summary(json.loads((out / GAP).read_text(encoding="utf-8")))
+
+
+def _prepare_simulation(case: Path, out: Path, described: Mapping[str, Any], mode: Mode) -> str:
+    """Return the specification of the mode's simulation; an identified one is written to MODEL first."""
+    if mode.simulation == PREDICTIONS:
+        return str(described["predictions"])
+    if mode.simulation == IDENTIFIED:
+        identify_baseline(_read_bags(case, described["reference"][: mode.references]), out / MODEL)
+        return str(out / MODEL)
+    return str(case / described["simulation"])
+
+
+def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Recording]:
+    recordings = zip(names, _read_bags(case, names), strict=True)
+    return [with_predictions(simulation, case / name, one, load_signals()) for name, one in recordings]
+
+
+def _read_bags(case: Path, names: Sequence[str]) -> list[Recording]:
+    signals = load_signals()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # every case: the message of the current has no header
+        return [read_recording(case / name, signals, ("position", "current", "force")) for name in names]
+
+
+def _save_decision(path: Path, diagnosis: Diagnosis) -> None:
+    """Write the figures behind the verdict, and the causes that simpler methods would have named."""
+    figures = None if diagnosis.figures is None else asdict(diagnosis.figures)
+    write_atomically(path, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n")
+
+
+def _replay(out: Path, simulation: Simulation, held_out: Sequence[Recording]) -> None:
+    """Run the simulation over the held-out recordings, and the augmented one from its file with and without effects."""
+    from ces_gap.augmented import load_augmented
+    from ces_gap.effects.effect import Composition
+
+    augmented = load_augmented(out / AUGMENTED, open_simulation)
+    corrected = replace(augmented, composition=Composition())
+    arrays: dict[str, NDArray[np.float32]] = {}
+    for recording in held_out:
+        arrays[f"{recording.name}_simulated_N"] = simulation.force(recording).astype(np.float32)
+        arrays[f"{recording.name}_augmented_N"] = augmented.force(recording).astype(np.float32)
+        arrays[f"{recording.name}_corrected_N"] = corrected.force(recording).astype(np.float32)
+    part = out / f".part.{REPLAY}"
+    np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
+    part.replace(out / REPLAY)
+
+
+def _summary(gap: dict[str, Any]) -> str:
+    effects = " + ".join(gap["composition"]["effects"]) or "nothing"
+    before, after = gap["gap"]["rms_N"], gap["composition"]["gap_after_N"]
+    return f"{gap['verdict']}, {effects}; gap {before or 0.0:.1f} N, left {after or 0.0:.1f} N"
+
+
+def identify_baseline(references: Sequence[Recording], path: Path) -> None:
+    """Identify a model of the structures with physics inside and write the best to `path`; raises CesError.
+
+    The best is that with the lowest cost on the part of the references that their search selects on.
+    """
+    models = []
+    for option in physical_structures():
+        kit = KITS[option]
+        fitter = kit.fitter({size.name: size.default for size in kit.sizes})
+        with warnings.catch_warnings(), suppress(CesError):
+            warnings.simplefilter("ignore")
+            models.append(identify(references, (), OPTIONS, lambda result: None, fitter))
+    if not models:
+        raise CesError("no model could be identified from the reference recordings")
+    min(models, key=lambda result: float(result.search_results[0].cost)).model.save(path)

@@ -1,1 +1,0 @@
-"""`identify --campaign`: many identifications, with tables and pictures of their results."""

@@ -1,1 +1,0 @@
-"""`ces compare`: models and other simulations on the same recordings."""

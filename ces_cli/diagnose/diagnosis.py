@@ -1,0 +1,229 @@
+"""One diagnosis: from the options of `ces diagnose` to the result files and what the terminal shows."""
+
+from __future__ import annotations
+
+import argparse
+import math
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from rich.markup import escape
+
+from ces_cli.terminal import terminal
+from ces_cli.terminal.outputs import make_schemas, print_document, without_text
+from ces_cli.terminal.progress import DiagnoseProgress
+from ces_cli.terminal.recordings import find_bags
+from ces_cli.terminal.simulations import import_from_here, open_simulation, with_predictions
+from ces_data.recording import Recording
+from ces_gap.augmented import name_simulation
+from ces_gap.baseline.identified import MODEL, identify_baseline
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, GapRegion, Interval, Where
+from ces_gap.effects.user_effects import user_effect
+from ces_gap.inputs.checks import check_recordings
+from ces_gap.pipeline import DiagnoseOptions, diagnose
+from ces_gap.progress import Progress
+from ces_gap.report.formatting import region_name
+from ces_gap.report.gap_json import gap_content
+from ces_gap.report.result_files import REPORT, result_files
+from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
+from ces_identify.simulations.simulation import Simulation
+from ces_identify.structures.auto import AUTO
+from ces_observer.errors import CesError
+from ces_observer.json_text import write_all_atomically
+from ces_observer.signals import Signals
+
+COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan"}
+MAX_REGIONS = 3
+MAX_FALSE_DISCOVERY_RATE = 0.05  # of the regions that are printed
+MIN_ENERGY_RATIO, MIN_ENERGY_SHARE = 1.2, 0.05  # a printed region's energy: relative to its share of time, and in total
+OPTIONAL_FILES = ("next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
+
+
+def run_diagnosis(options: argparse.Namespace, command: str) -> None:
+    """Diagnose --real, write the results to --out and print them; the report states `command`. Raises CesError."""
+    require_one_source(options)
+    how, signals = build_diagnose_options(options, os.cpu_count() or 1), terminal.load_described_signals(options)
+    given = None if options.identify else open_simulation(options.sim)
+    roles = {"real": options.real, "held_out": options.held_out, "reference": options.reference}
+    recordings = {
+        role: [read_with_predictions(given, p, signals) for p in find_bags(words)] for role, words in roles.items()
+    }
+    real, held_out, reference = recordings.values()
+    doubts = check_recordings(real, held_out, reference)
+    for text in doubts:
+        terminal.print_warning(text)
+    with DiagnoseProgress() as progress:
+        simulation, spec = take_simulation(given, reference, options, how.threads, progress.listen)
+        diagnosis = diagnose(simulation, spec, real, held_out, reference, how, progress.listen)
+        diagnosis = replace(diagnosis, notes=(*doubts, *diagnosis.notes))
+        progress.listen("writing the report", 1.0)
+        name = name_simulation(spec, options.out)
+        files = result_files(diagnosis, name, list(recordings.items()), {"Command": command})
+    make_schemas()  # the recipe of the next experiment names its schema
+    options.out.mkdir(parents=True, exist_ok=True)
+    for optional in OPTIONAL_FILES:
+        (options.out / optional).unlink(missing_ok=True)  # from an earlier diagnosis
+    copies = {options.report: files[REPORT]} if options.report is not None and REPORT in files else {}
+    write_all_atomically({**{options.out / name: text for name, text in files.items()}, **copies})
+    with without_text(options.json):
+        print_diagnosis(diagnosis, options.out, tuple(files), printed_notes=len(doubts))
+        for path in copies:
+            print(f"report: {path}")
+    if options.json:
+        print_document("diagnose", {"folder": options.out, "files": list(files), "diagnosis": gap_content(diagnosis)})
+
+
+def build_diagnose_options(options: argparse.Namespace, threads: int) -> DiagnoseOptions:
+    """Return the settings of the diagnosis, with the user's own effects; `threads` is the default of --threads."""
+    import_from_here()
+    effects = tuple(user_effect(spec) for spec in options.effects)
+    threads, tolerance = options.threads or threads, None if options.tolerance is None else 0.01 * options.tolerance
+    return DiagnoseOptions(effects=effects, threads=threads, seed=options.seed, tolerance=tolerance)
+
+
+def read_with_predictions(simulation: Simulation | None, path: Path, signals: Signals) -> Recording:
+    """Return a recording with its measured force and, if recorded there, the simulation's force."""
+    recording = terminal.read_one(path, signals, terminal.FORCE)
+    return recording if simulation is None else with_predictions(simulation, path, recording, signals)
+
+
+def require_one_source(options: argparse.Namespace) -> None:
+    """Raise CesError unless the options give a simulation or references to identify one from."""
+    if not options.identify and options.sim is None:
+        raise CesError("no simulation: give --sim SIM, or --identify with --reference BAG...")
+    if options.identify and not options.reference:
+        raise CesError("--identify needs --reference BAG...: recordings free of the effect, from which to identify")
+
+
+def take_simulation(
+    given: Simulation | None,
+    reference: Sequence[Recording],
+    options: argparse.Namespace,
+    threads: int,
+    progress: Progress,
+) -> tuple[Simulation, str]:
+    """Return the simulation and its name: the one `given`, or a model of the references, saved in --out."""
+    if given is not None:
+        return given, str(options.sim)
+    baseline = identify_baseline(reference, options.structure or AUTO, threads, progress)
+    options.out.mkdir(parents=True, exist_ok=True)
+    saved = baseline.save(options.out / MODEL)
+    return saved, saved.name
+
+
+def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], printed_notes: int = 0) -> None:
+    """Print a diagnosis and the `files` written to `folder`; the first `printed_notes` notes are already printed."""
+    together = diagnosis.composition
+    for text in diagnosis.notes[printed_notes:]:
+        terminal.print_warning(text)
+    name, style = diagnosis.verdict.replace("_", " ").upper(), f"bold {COLORS[diagnosis.verdict]}"
+    terminal.out.print(f"[{style}]{name}[/]: {escape(diagnosis.sentence)}", highlight=False, soft_wrap=True)
+    _print_lines(_gap_lines(diagnosis))
+    if diagnosis.causes and diagnosis.verdict != NO_GAP:
+        terminal.print_table(terminal.lay_out(cause_table(diagnosis), lambda row: "bold" * (row.css == "named")))
+    parts = zip(together.effects, together.estimates, together.composition.settings, strict=True)
+    texts = [(effect, describe_parameters(estimates, setting)) for effect, estimates, setting in parts]
+    _print_lines([f"{effect}: {', '.join(map(str, parameters))}" for effect, parameters in texts if parameters])
+    if (recalibration := calibration_table(diagnosis)) is not None:
+        terminal.print_table(terminal.lay_out(recalibration))
+    if diagnosis.refits is not None and (says := diagnosis.refit_finding or diagnosis.refits.note):
+        terminal.print_line(f"second check: {says}")
+    if diagnosis.verdict != NO_GAP:
+        _print_lines(_where_lines("where", diagnosis.where))
+    if diagnosis.rest is not None:
+        _print_lines(_where_lines("unexplained", diagnosis.rest))
+    _print_lines([*_ambiguity_lines(diagnosis), *_next_lines(diagnosis, folder)])
+    print(f"written: {folder}/{', '.join(files)}")
+
+
+def _print_lines(lines: Sequence[str]) -> None:
+    for line in lines:
+        terminal.print_line(line)
+
+
+def _gap_lines(diagnosis: Diagnosis) -> list[str]:
+    """Return the size of the gap, how much of it remains, and how much controls leave."""
+    gap, together, wrong = diagnosis.gap, diagnosis.composition, diagnosis.wrong
+    lines = [
+        f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on held-out data, noise subtracted "
+        f"(noise {_newtons(gap.noise_floor_N)} from {gap.noise_source}, J = {gap.cost_J:.2f} %)"
+    ]
+    if diagnosis.correction is not None:
+        size = f"{_newtons(gap.corrected_N)} {_interval(gap.corrected_ci95_N)}"
+        lines.append(f"     {size} of it beyond the simulation's own error, learned from the references")
+    if together.effects:
+        low, high = (100.0 * share for share in together.shrink_ci95)
+        interval = f"[{low:.0f}, {high:.0f}]" if math.isfinite(low + high) else "unknown"
+        lines.append(
+            f"with {' + '.join(together.effects)}: {_newtons(together.gap_after_N)} left, the gap shrinks by "
+            f"{_percent(together.shrink)} {interval}"
+        )
+        ceiling = 1.0 - diagnosis.ceiling_after_N / gap.rms_N if gap.rms_N > 0.0 else math.nan
+        other = "" if wrong is None else f"the best other effect ({wrong.effects[0]}) {_percent(wrong.shrink)}, "
+        lines.append(f"     for comparison: {other}a learner without physics {_percent(ceiling)}")
+    return lines
+
+
+def _where_lines(label: str, where: Where) -> list[str]:
+    """Return the regions with more of the gap's energy than of the time."""
+    regions = [
+        r
+        for r in where.regions
+        if r.q_value <= MAX_FALSE_DISCOVERY_RATE
+        and r.share_of_energy > max(MIN_ENERGY_RATIO * r.share_of_samples, MIN_ENERGY_SHARE)
+    ]
+    regions.sort(key=lambda r: r.share_of_samples - r.share_of_energy)
+    by_axis = {r.axis: r for r in reversed(regions)}
+    best = [r for r in regions if by_axis[r.axis] is r][:MAX_REGIONS]
+    return [f"{label}: {_describe_region(r)}" for r in best] or [f"{label}: no region stands out"]
+
+
+def _describe_region(region: GapRegion) -> str:
+    """Return a region with its share of the gap's energy and of the time."""
+    energy = f"{region.share_of_energy:.0%} of the gap's energy"
+    if region.axis == "frequency_hz":
+        return f"{energy} at {region_name(region)}"
+    time = f"{region.share_of_samples:.0%} of the time"
+    return f"{energy} in {time} at {region_name(region)} (RMS {_newtons(region.rms_N)})"
+
+
+def _ambiguity_lines(diagnosis: Diagnosis) -> list[str]:
+    """Return what these recordings cannot decide."""
+    lines = [f"indistinguishable on these recordings: {', '.join(group)}" for group in diagnosis.indistinguishable]
+    if diagnosis.not_separable:
+        effects = ", ".join(diagnosis.not_separable)
+        lines.append(f"not separable from a calibration of the simulation: {effects} (use --reference)")
+    lines += [f"not observable: {effect}: {reason}" for effect, reason in diagnosis.invisible]
+    if diagnosis.surrogate_cost_J is not None:
+        lines.append(f"a surrogate with J = {diagnosis.surrogate_cost_J:.2f} % replaced the simulation")
+        if diagnosis.surrogate_error is not None:
+            lines[-1] += (
+                f"; its error where inputs change: about {100.0 * diagnosis.surrogate_error:.0f} % of the change"
+            )
+    return lines
+
+
+def _next_lines(diagnosis: Diagnosis, folder: Path) -> list[str]:
+    lines = []
+    if diagnosis.next_experiment is not None:
+        lines.append(f"next: {diagnosis.next_experiment.purpose}")
+        lines.append(f"      ces rig {folder}/next_experiment.yaml --out BAG   (for a real rig: next_experiment.csv)")
+    if diagnosis.composition.effects and diagnosis.verdict in (NAMED, AMBIGUOUS):
+        command = f"ces identify --teacher {folder}/augmented.json BAG... --out MODEL.json"
+        lines.append(f"next: {command}   (the repaired simulation as a model)")
+    return lines
+
+
+def _newtons(value: float) -> str:
+    return f"{value:.1f} N" if math.isfinite(value) else "unknown"
+
+
+def _interval(bounds: Interval) -> str:
+    """Return an interval of forces [N]."""
+    return f"[{bounds[0]:.1f}, {bounds[1]:.1f}]"
+
+
+def _percent(share: float) -> str:
+    return f"{100.0 * share:.0f} %" if math.isfinite(share) else "unknown"

@@ -1,0 +1,458 @@
+"""The JSON Schemas (draft 7) of the YAML files, made from the fields, options and tables that check these files."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS
+from ces_data.log_formats import LOG_FORMATS
+from ces_data.logs.log_mapping import BLANKS, COLUMN_KEYS, LAYOUT_KEYS, SOURCES
+from ces_identify.campaign.axes import COMMON, STRUCTURES, axis_schema
+from ces_identify.campaign.plan import CellLimits
+from ces_identify.options import SPLIT
+from ces_identify.polynomial.candidate_rules import FORMS
+from ces_identify.polynomial.regressors import AUTO, MAX_LAG_MS, MAX_MEMBERSHIPS, MEMBERSHIPS, RULE_KINDS, SIGNALS
+from ces_identify.schema_files import ABOUT
+from ces_iterate import plan as iterate_plan
+from ces_iterate.rigs.kinds import RIG_SETTINGS
+from ces_iterate.stroke import plan as stroke_plan
+from ces_iterate.stroke.actuator import ActuatorModel
+from ces_iterate.stroke.learning import LearningSettings, ProbeSettings
+from ces_iterate.stroke.limits import StrokeLimits
+from ces_observer.fields import Schema, record_schema
+from ces_observer.json_text import write_atomically
+from ces_observer.nodes import parameter_table
+from ces_observer.nodes.parameter_table import (
+    DAMPERS,
+    DAMPERS_MEANING,
+    NAME,
+    OF_A_DAMPER,
+    OF_ROS,
+    OF_THE_NODE,
+    SIGNAL_KEYS,
+)
+from ces_observer.options import Option
+from ces_observer.signals import LARGEST, LONGEST, MAX_DELAY_S, NAMES, UNITS
+from ces_observer.structures.constructed_inputs import BASE, MAX_WIDTH, MIN_WIDTH, SETTINGS
+from ces_observer.structures.structure import MAX_LAG
+from ces_observer.structures.terms import MAX_FACTORS, MAX_POWER, MAX_TERMS
+from ces_rig.dampers.hydraulic.parameters import Damper
+from ces_rig.dampers.kinds import HYDRAULIC, LUMPED
+from ces_rig.drive import currents, strokes
+from ces_rig.drive.sequences import KIND as SEQUENCE
+from ces_rig.drive.sequences import MAX_PARTS, TimedPart
+from ces_rig.drive.servo_actuator import ServoActuator
+from ces_rig.experiment import KEYS, ExperimentSettings
+from ces_rig.live import node_table
+from ces_rig.sensors import Sensors
+
+TEXT: Schema = {"type": "string"}
+FLAG: Schema = {"type": "boolean"}
+NUMBER: Schema = {"type": "number"}
+TEXTS: Schema = {"type": "array", "items": TEXT}
+
+
+def with_description(schema: Schema, text: str) -> Schema:
+    """Return `schema` with a description, which editors show beside the key."""
+    return {**schema, "description": text}
+
+
+def mapping_of(properties: Mapping[str, Schema], required: Sequence[str] = (), about: str = "") -> Schema:
+    """Return the schema of a mapping with these keys and no others."""
+    schema: Schema = {"type": "object", "properties": dict(properties), "additionalProperties": False}
+    schema |= {"required": list(required)} if required else {}
+    return schema | ({"description": about} if about else {})
+
+
+def one_of(values: Iterable[object]) -> Schema:
+    """Return the schema of a choice."""
+    return {"enum": list(values)}
+
+
+def number_between(low: float, high: float, above: bool = False, whole: bool = False) -> Schema:
+    """Return the schema of a number in [low, high], with `above` in (low, high]; infinite limits are left out."""
+    schema: Schema = {"type": "integer" if whole else "number"}
+    if math.isfinite(low):
+        schema["exclusiveMinimum" if above else "minimum"] = low
+    return schema | ({"maximum": high} if math.isfinite(high) else {})
+
+
+def list_of(item: Schema, least: int = 0) -> Schema:
+    """Return the schema of a list."""
+    return {"type": "array", "items": item} | ({"minItems": least} if least else {})
+
+
+def of_kinds(kinds: Mapping[str, type[Any]], more: type[Any] | None = None, default: str = "") -> Schema:
+    """Return the schema of a description that begins with its `kind`; `more` has the keys that all kinds share.
+
+    With `default`, a description without a kind is of that one.
+    """
+    return choose_by_kind(list(kinds), list_branches(kinds, more, default), default)
+
+
+def list_branches(kinds: Mapping[str, type[Any]], more: type[Any] | None = None, default: str = "") -> list[Schema]:
+    """Return the schema of each kind for `choose_by_kind`."""
+    common = record_schema(more)["properties"] if more else {}
+    branches = []
+    for name, cls in kinds.items():
+        own = record_schema(cls)
+        properties = {"kind": {"const": name}, **own["properties"], **common}
+        required = [*([] if name == default else ["kind"]), *own.get("required", ())]
+        branches.append(mapping_of(properties, required, own["description"]))
+    return branches
+
+
+def choose_by_kind(kinds: Sequence[str], branches: Sequence[Schema], default: str = "") -> Schema:
+    """Return a schema that applies the branch of a mapping's `kind`, so that an error names the key at fault."""
+    kind = {"properties": {"kind": one_of(kinds)}, "type": "object"} | ({} if default else {"required": ["kind"]})
+    rules = [
+        {
+            "if": {"properties": {"kind": {"const": name}}, **({} if name == default else {"required": ["kind"]})},
+            "then": branch,
+        }
+        for name, branch in zip(kinds, branches, strict=True)
+    ]
+    return {**kind, "allOf": rules}
+
+
+def of_parameters(table: Iterable[Option]) -> dict[str, Schema]:
+    """Return the schemas of a node's parameters, nested where a name has dots."""
+    groups: dict[str, Any] = {}
+    for option in table:
+        first, _, rest = option.name.partition(".")
+        if rest:
+            groups.setdefault(first, []).append(replace(option, name=rest))
+        else:
+            groups[first] = option
+    return {
+        name: value.schema if isinstance(value, Option) else mapping_of(of_parameters(value))
+        for name, value in groups.items()
+    }
+
+
+FACTOR: Schema = {"type": "number", "not": {"const": 0}, "minimum": -LARGEST, "maximum": LARGEST}
+ABOUT_CONSTANT = "a known value that is not recorded, instead of a topic"
+SIGNAL_SETTINGS: Mapping[str, Schema] = {
+    "topic": {**TEXT, "minLength": 1, "maxLength": LONGEST},
+    "type": {**TEXT, "pattern": r"^[A-Za-z]\w*/msg/[A-Za-z]\w*$", "maxLength": LONGEST},
+    "field": {**TEXT, "minLength": 1, "maxLength": LONGEST},
+    "scale": FACTOR,
+    "offset": number_between(-LARGEST, LARGEST),
+    "delay": number_between(-MAX_DELAY_S, MAX_DELAY_S),
+    "constant": number_between(-LARGEST, LARGEST),
+}
+LAYOUT: Mapping[str, Schema] = {
+    "format": with_description(one_of(LOG_FORMATS), "left out, the file's suffix decides"),
+    "delimiter": with_description({**TEXT, "minLength": 1, "maxLength": 1}, "between the cells of a CSV file"),
+    "decimal": with_description(one_of((".", ",")), "mark in the numbers of a CSV file"),
+    "blank": with_description(one_of(BLANKS), "a blank cell is a mistake, or a sample that was not taken"),
+    "dbc": with_description({"type": ["string", "array"], "items": TEXT}, "databases of a CAN log (.dbc)"),
+    "header_lines": with_description(
+        number_between(0, float("inf"), whole=True), "lines before the first row of numbers"
+    ),
+    "names": with_description(list_of({"type": ["string", "number"]}), "names for the columns"),
+    "rows": with_description(TEXT, "where the table is in a JSON or MAT file, a path such as results.data"),
+}
+
+
+def signal_properties() -> dict[str, Schema]:
+    """Return the schema of each signal in a signals file or a node's parameters."""
+    about = {**SIGNAL_KEYS, "constant": ABOUT_CONSTANT}
+    settings = {key: with_description(schema, about[key]) for key, schema in SIGNAL_SETTINGS.items()}
+    return {name: mapping_of(settings, about=f"{name} [{UNITS[name]}]") for name in NAMES}
+
+
+def dotted_signals() -> dict[str, Schema]:
+    """Return patterns of names such as `position.topic`, which ROS 2 reads as the nested form."""
+    return {rf"^({'|'.join(NAMES)})\.{key}$": schema for key, schema in SIGNAL_SETTINGS.items()}
+
+
+def parameter_file(own: Mapping[str, Schema], patterns: Mapping[str, Schema], others: Schema | bool) -> Schema:
+    """Return the schema of a ROS 2 parameter file: below node names, `ros__parameters` with these parameters."""
+    parameters = {
+        "type": "object",
+        "properties": dict(own),
+        "patternProperties": dict(patterns),
+        "additionalProperties": others,
+    }
+    section = {
+        "type": "object",
+        "properties": {"ros__parameters": {"$ref": "#/definitions/parameters"}},
+        "additionalProperties": {"$ref": "#/definitions/section"},
+        "minProperties": 1,
+    }
+    definitions = {"parameters": parameters, "section": section}
+    root = {"type": "object", "additionalProperties": {"$ref": "#/definitions/section"}, "minProperties": 1}
+    return {**root, "definitions": definitions}
+
+
+def signals_schema() -> Schema:
+    """Return the schema of a signals file: a parameter file, or a plain mapping of signals."""
+    signals, patterns = signal_properties(), dotted_signals()
+    own = {DAMPERS: with_description(list_of(TEXT), DAMPERS_MEANING), **signals}
+    damper = {**mapping_of(signals), "patternProperties": patterns}
+    file = parameter_file(own, patterns, damper)
+    plain = {"$ref": "#/definitions/parameters"}
+    as_parameters = {key: file[key] for key in ("type", "additionalProperties", "minProperties")}
+    is_plain = {"anyOf": [{"required": [name]} for name in (*NAMES, DAMPERS)]}
+    plain_names = {"propertyNames": {"not": {"pattern": rf"^({'|'.join(NAMES)})\."}}}
+    return {
+        "type": "object",
+        "if": {"anyOf": [is_plain, {"not": plain_names}]},
+        "then": plain,
+        "else": as_parameters,
+        "definitions": file["definitions"],
+    }
+
+
+def import_schema() -> Schema:
+    """Return the schema of a mapping for `ces import`."""
+    scaling = {"scale": {**NUMBER, "not": {"const": 0}}, "offset": NUMBER}
+    column = {"type": ["string", "integer"], "minimum": 0}
+    kinds = {
+        "column": with_description(column, "name of the column, or its number from 0"),
+        "constant": with_description(NUMBER, "the same value in all rows"),
+        "from_name": with_description(
+            {"type": "string", "format": "regex"}, "the first group, found in the file's name"
+        ),
+    }
+    of_a_column = {
+        "unit": with_description(TEXT, "unit of the column, instead of scale and offset"),
+        "group": with_description({"type": ["string", "integer"]}, "number or name of a channel group or bus"),
+        "date": with_description({**TEXT, "pattern": "%"}, 'pattern of a date, such as "%d/%m/%Y %H:%M:%S.%f"'),
+    }
+    about_scale = "value in SI units = scale * cell + offset"
+    settings = {**kinds, **{key: with_description(schema, about_scale) for key, schema in scaling.items()}}
+    settings |= {key: of_a_column[key] for key in COLUMN_KEYS}
+    either = {"not": {"required": ["unit"], "anyOf": [{"required": ["scale"]}, {"required": ["offset"]}]}}
+    of_time = {**mapping_of(settings, ("column",)), **either}
+    del settings["date"]
+    source = {**mapping_of(settings), **either, "oneOf": [{"required": [key]} for key in SOURCES]}
+    only_column = {**mapping_of(settings, ("column",)), **either}
+    properties = {
+        **{name: with_description(source, f"{name} [{UNITS[name]}] after scaling") for name in NAMES},
+        **LAYOUT,
+        "time": with_description(of_time, "[s] after scaling"),
+        "rate": {"anyOf": [{**NUMBER, "exclusiveMinimum": 0}, only_column], "description": "[Hz], instead of time"},
+    }
+    keys = (*LAYOUT_KEYS, *NAMES)
+    whole = mapping_of({key: properties[key] for key in keys}, ("position", "current", "force"))
+    return {**whole, "not": {"required": ["time", "rate"]}}
+
+
+SETTING: dict[str, Schema] = {
+    "half_width": number_between(MIN_WIDTH, MAX_WIDTH),
+    "time_constant_s": number_between(1e-4, 1e4),
+    "range_Hz": {**list_of(number_between(1e-3, 1e5)), "minItems": 2, "maxItems": 2},
+    "floor_m": number_between(MIN_WIDTH, MAX_WIDTH),
+}
+OPEN_LAG: Schema = {"anyOf": [{"const": AUTO}, SETTING["time_constant_s"]]}
+
+
+def candidates_schema() -> Schema:
+    """Return the schema; keys besides the signals are names of constructed inputs, which `constructed` defines."""
+    rule: Schema = {"$ref": "#/definitions/rule"}
+    forms = list_of(one_of(FORMS), 1)
+    of_a_factor = {
+        "signal": TEXT,
+        "lag": number_between(0, MAX_LAG, whole=True),
+        "power": number_between(0.0, MAX_POWER),
+        "form": one_of(FORMS),
+    }
+    term = {**list_of(mapping_of(of_a_factor, ("signal",))), "maxItems": MAX_FACTORS}
+    of_a_rule = {
+        "lags": _lags(0),
+        "lags_ms": with_description(list_of(number_between(0.0, MAX_LAG_MS), 1), "in milliseconds"),
+        "powers": list_of(number_between(0.0, MAX_POWER), 1),
+        "forms": forms,
+        "again": rule,
+    }
+    of_force = {"lags": _lags(1), "powers": list_of(NUMBER, 1), "forms": forms}  # other keys: signals that multiply it
+    properties: dict[str, Schema] = {
+        "force": {"$ref": "#/definitions/force"},
+        **{signal: rule for signal in SIGNALS if signal != "force"},
+        "constructed": {"type": "object", "additionalProperties": _construction()},
+        "products": with_description(
+            list_of({**list_of(TEXT), "maxItems": MAX_FACTORS}, 1), "signals whose factors are multiplied in a term"
+        ),
+        "initial": with_description(
+            {**list_of(term, 1), "maxItems": MAX_TERMS}, "terms to start from with --method thesis"
+        ),
+    }
+    definitions = {
+        "rule": {**mapping_of(of_a_rule), "oneOf": [{"required": ["lags"]}, {"required": ["lags_ms"]}]},
+        "force": {**mapping_of(of_force, ("lags",)), "additionalProperties": rule},
+    }
+    return {**mapping_of(properties), "additionalProperties": rule, "definitions": definitions}
+
+
+def _lags(least: int) -> Schema:
+    return with_description(list_of(number_between(least, MAX_LAG, whole=True), 1), "in ticks of the model's rate")
+
+
+def _construction() -> Schema:
+    branches = []
+    for kind in RULE_KINDS:
+        if kind == MEMBERSHIPS:
+            peaks = {**list_of(NUMBER, 2), "maxItems": MAX_MEMBERSHIPS}
+            branches.append(mapping_of({"kind": {"const": kind}, "of": TEXT, "at": peaks}, ("kind", "of", "at")))
+            continue
+        own = {key: one_of(BASE) if key == "of" else SETTING[key] for key in SETTINGS[kind]}
+        own |= {"time_constant_s": OPEN_LAG} if kind == "lag" else {}
+        required = ("kind",) if kind == "frequency" else ("kind", *SETTINGS[kind])
+        branches.append(mapping_of({"kind": {"const": kind}, **own}, required))
+    return {"oneOf": branches}
+
+
+def experiment_schema() -> Schema:
+    """Return the schema of an experiment on the virtual rig."""
+    hydraulic = record_schema(Damper, partial=True)
+    described = "values that differ from the default damper, or the name of a damper file beside this one"
+    properties = {
+        **record_schema(ExperimentSettings)["properties"],
+        "stroke": _with_sequences(strokes.KINDS, strokes.Common),
+        "current": _with_sequences(currents.KINDS, not_in_parts=("reg1",)),
+        "damper": with_description({"anyOf": [TEXT, hydraulic]}, described),
+        "sensors": record_schema(Sensors, partial=True),
+        "actuator": record_schema(ServoActuator),
+    }
+    return mapping_of({key: properties[key] for key in KEYS}, ("stroke", "current"))
+
+
+def damper_schema() -> Schema:
+    """Return the schema of a damper of any kind."""
+    hydraulic = record_schema(Damper, partial=True)
+    hydraulic["properties"] = {"kind": {"const": HYDRAULIC}, **hydraulic["properties"]}
+    first = {"if": {"properties": {"kind": {"const": HYDRAULIC}}}, "then": hydraulic}
+    kind = {"kind": one_of((HYDRAULIC, *LUMPED))}
+    return {"type": "object", "properties": kind, "allOf": [first, *of_kinds(LUMPED)["allOf"]]}
+
+
+def _with_sequences(
+    kinds: Mapping[str, type[Any]], more: type[Any] | None = None, not_in_parts: Iterable[str] = ()
+) -> Schema:
+    """Return the schema of a stroke or current; the parts of a sequence are of the other kinds and have a duration."""
+    single = {name: cls for name, cls in kinds.items() if name != SEQUENCE}
+    whole = list_branches(single, more)
+    lasting = record_schema(TimedPart)
+    in_parts = {
+        name: {
+            **branch,
+            "properties": {**branch["properties"], **lasting["properties"]},
+            "required": [*branch["required"], *lasting["required"]],
+        }
+        for name, branch in zip(single, whole, strict=True)
+        if name not in not_in_parts
+    }
+    parts = {**list_of(choose_by_kind(list(in_parts), list(in_parts.values())), 1), "maxItems": MAX_PARTS}
+    about = (kinds[SEQUENCE].__doc__ or "").strip()
+    sequence = mapping_of({"kind": {"const": SEQUENCE}, "parts": parts}, ("kind", "parts"), about)
+    return choose_by_kind([*single, SEQUENCE], [*whole, sequence])
+
+
+def iterate_schema() -> Schema:
+    """Return the schema of a plan for `ces iterate`."""
+    plan = record_schema(iterate_plan.SimpleSettings)
+    sections = {name: record_schema(cls) for name, cls in iterate_plan.SECTIONS.items()}
+    properties = {**plan["properties"], **sections, "rig": of_kinds(RIG_SETTINGS)}
+    return mapping_of({key: properties[key] for key in iterate_plan.KEYS}, ("limits", "rig"))
+
+
+def learn_stroke_schema() -> Schema:
+    """Return the schema of a plan for `ces learn-stroke`."""
+    properties = {
+        "description": TEXT,
+        "experiment": with_description(TEXT, "packaged experiment, or a file beside this one: its stroke is wanted"),
+        "rig": of_kinds(RIG_SETTINGS),
+        "actuator": record_schema(ServoActuator),
+        "limits": record_schema(StrokeLimits),
+        "probe": record_schema(ProbeSettings),
+        "learning": record_schema(LearningSettings),
+        "model": record_schema(ActuatorModel),
+    }
+    return mapping_of({key: properties[key] for key in stroke_plan.KEYS}, ("experiment",))
+
+
+def campaign_schema() -> Schema:
+    """Return the schema of a campaign."""
+    bags = {"anyOf": [TEXT, {**TEXTS, "minItems": 1, "uniqueItems": True}]}
+    sets = {
+        "type": "object",
+        "minProperties": 1,
+        "propertyNames": {"pattern": r"^[\w.+-]+$"},
+        "additionalProperties": bags,
+    }
+    structures = {name: {"anyOf": [{"type": "null"}, mapping_of(_axes(axes))]} for name, axes in STRUCTURES.items()}
+    properties = {
+        "bags": with_description(sets, "sets of recordings to identify on; each gives models of its own"),
+        "validate": with_description(sets, "recordings to validate every model on"),
+        "structures": {**mapping_of(structures), "minProperties": 1},
+        **_axes(COMMON),
+        "limits": record_schema(CellLimits),
+        "split": SPLIT.bare_schema,
+        "signals": with_description({"type": ["string", "null"]}, "signals file (default: the packaged one)"),
+    }
+    return mapping_of(properties, ("bags", "structures"))
+
+
+def _axes(axes: Mapping[str, Option]) -> dict[str, Schema]:
+    return {key: axis_schema(axis) for key, axis in axes.items()}
+
+
+ROS: dict[str, Schema] = {
+    "use_sim_time": with_description(FLAG, "take time from /clock"),
+    "start_type_description_service": FLAG,
+    "qos_overrides": with_description({"type": "object"}, "quality of service by resolved topic name"),
+}
+ROS_DOTTED: dict[str, Schema] = {rf"^({'|'.join(OF_ROS)})\.": {}}
+
+
+def observer_schema() -> Schema:
+    """Return the schema of the observer's parameters: of the node, of each damper, and of its signals."""
+    of_a_damper = {**of_parameters((*OF_A_DAMPER, NAME)), **signal_properties()}
+    own = {**of_parameters(OF_THE_NODE), **of_a_damper, DAMPERS: with_description(list_of(TEXT), DAMPERS_MEANING)}
+    damper = {**mapping_of(of_a_damper), "patternProperties": dotted_signals()}
+    return parameter_file({**own, **ROS}, {**dotted_signals(), **ROS_DOTTED}, damper)
+
+
+def node_schema(table: Sequence[Option], with_dots: bool = False) -> Schema:
+    """Return the schema of a node's parameters, `with_dots` also by the names that ROS 2 reads as the nested form."""
+    dotted = {rf"^{re.escape(option.name)}$": option.schema for option in table if "." in option.name}
+    return parameter_file({**of_parameters(table), **ROS}, (dotted if with_dots else {}) | ROS_DOTTED, False)
+
+
+DRAFT = "http://json-schema.org/draft-07/schema#"
+BUILDERS: Mapping[str, Callable[[], Schema]] = {
+    "signals": signals_schema,
+    "import": import_schema,
+    "candidates": candidates_schema,
+    "campaign": campaign_schema,
+    "experiment": experiment_schema,
+    "damper": damper_schema,
+    "iterate": iterate_schema,
+    "learn-stroke": learn_stroke_schema,
+    "observer": observer_schema,
+    "controller": partial(node_schema, parameter_table.OF_THE_CONTROLLER),
+    "rig-node": partial(node_schema, (*node_table.OF_THE_NODE, *node_table.OF_THE_RIG), with_dots=True),
+    "identify-node": partial(node_schema, (*PARAMETERS, EXIT_WHEN_DONE)),
+}
+
+
+def build_schema(name: str) -> str:
+    """Return the text of a schema's file."""
+    head = {"$schema": DRAFT, "title": ABOUT[name]}
+    return json.dumps({**head, **BUILDERS[name]()}, indent=1, ensure_ascii=False) + "\n"
+
+
+def write_schemas(folder: Path) -> None:
+    """Write all schemas into a folder, which is made if it does not exist."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name in BUILDERS:
+        write_atomically(folder / f"{name}.json", build_schema(name))

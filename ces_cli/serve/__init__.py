@@ -1,1 +1,0 @@
-"""`ces serve`: a page to browse a folder of results."""

@@ -1,0 +1,166 @@
+"""Arguments that name recordings (bags, folders that hold bags, globs of either), and what is wrong with these."""
+
+from __future__ import annotations
+
+import argparse
+import glob
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ces_cli.terminal import terminal
+from ces_data.bags.mcap import require_complete
+from ces_data.checks.check import check_each
+from ces_data.findings import Finding
+from ces_data.log_formats import explain_import, is_foreign
+from ces_data.recording import Recording
+from ces_observer.errors import CesError, RecordingError
+
+FILES = (".mcap", ".db3", ".bag")
+PART = re.compile(r"(.+?)(?:_([0-9]+))?\.(?:mcap|db3)(?:\.zstd)?")  # as recorders name the files of a bag
+WILD = "*?["
+RECORDING, VEHICLE = "recording", "vehicle"
+EXPECTED = "expected rosbag2 folders, .mcap or .db3 files, folders of them, or a glob"
+
+
+@dataclass(frozen=True)
+class FleetUnit:
+    """One recording of a fleet, or the recordings of one vehicle, which are in one folder."""
+
+    name: str
+    paths: tuple[Path, ...]
+
+
+def add_bags(to: argparse.ArgumentParser, text: str, name: str = "bags", nargs: str = "+") -> None:
+    """Add the positional argument or option `name` for recordings; `find_bags` returns what its words name."""
+    to.add_argument(name, nargs=nargs, default=[], metavar="BAG", help=f"{text}: bags, folders of bags, or globs")
+
+
+def find_bags(words: Sequence[str | Path], repeated: bool = False) -> list[Path]:
+    """Return the bags that the arguments name, in order; raises CesError for an argument that names none.
+
+    A bag that several arguments name is returned once, or with `repeated` each time. A path that does not exist is
+    returned as it is, for the reader's message.
+    """
+    _refuse_expanded_folder([Path(word) for word in words])
+    paths = [path for word in words for path in _match_word(str(word))]
+    return paths if repeated else list(dict.fromkeys(paths))
+
+
+def find_bag(word: str) -> Path:
+    """Return the one bag that the argument names; raises CesError if it names several or none."""
+    paths = find_bags([word])
+    if len(paths) > 1:
+        names = ", ".join(str(path) for path in paths[:3])
+        raise CesError(f"{word}: names {len(paths)} bags ({names}{', …' if len(paths) > 3 else ''}); expected one")
+    return paths[0]
+
+
+def require_model_first(program: str, path: Path) -> None:
+    """Raise CesError if a recording stands where the model is expected."""
+    if is_bag(path):
+        raise CesError(f"{path}: is a recording; the model comes first: ces {program} MODEL.json BAG")
+
+
+def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
+    """Return a unit for each recording that the arguments name, or for each folder that holds some (`each`)."""
+    groups: dict[Path, list[Path]] = {}
+    for path in find_bags(words):
+        groups.setdefault(path if each == RECORDING else path.resolve().parent, []).append(path)
+    names = make_distinct_names([path.resolve() for path in groups])
+    return [FleetUnit(name, tuple(paths)) for name, paths in zip(names, groups.values(), strict=True)]
+
+
+def _refuse_expanded_folder(paths: Sequence[Path]) -> None:
+    """Raise CesError if a shell's `FOLDER/*` has become a file that is no recording, beside others that are."""
+    for path in paths:
+        if is_bag(path) or not path.is_file():
+            continue
+        if any(other.parent == path.parent and (other.is_dir() or is_bag(other)) for other in paths):
+            what = explain_import(path) if is_foreign(path) else "is not a recording"
+            raise CesError(f"{path}: {what}; or, to use all bags in this folder, give the folder: {path.parent}")
+
+
+def _match_word(word: str) -> Iterator[Path]:
+    if (folder := Path(word)).is_dir() and not is_bag(folder) and _is_cut_short(folder):
+        yield folder
+        return
+    paths = [Path(word)]
+    matched = paths
+    if not paths[0].exists() and any(letter in word for letter in WILD):
+        matched = [Path(name) for name in sorted(glob.glob(word, recursive=True))]  # noqa: PTH207 - absolute, too
+        paths = [path for path in matched if (path.is_dir() or is_bag(path)) and not is_bag(path.parent)]
+    bags = [bag for path in paths for bag in _find_bags_inside(path)]
+    if not bags:
+        what = "no bag in this folder or below it" if matched == [Path(word)] else "no bag matches"
+        inside = (path for first in matched for path in ([first] if first.is_file() else sorted(first.glob("*"))))
+        foreign = next(filter(is_foreign, inside), None)
+        raise CesError(f"{word}: {what}; " + (f"{foreign} {explain_import(foreign)}" if foreign else EXPECTED))
+    yield from bags
+
+
+def _find_bags_inside(path: Path) -> list[Path]:
+    """Return the bag that `path` is, or those in and below it; a path that does not exist is returned as it is."""
+    if is_bag(path) or not path.is_dir():
+        return [path]
+    return [
+        bag for child in sorted(path.iterdir()) if child.is_dir() or is_bag(child) for bag in _find_bags_inside(child)
+    ]
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether `path` is a rosbag2 folder, also of a killed recorder, or a bag file by its name."""
+    if not path.is_dir():
+        return path.suffix in FILES
+    if (path / "metadata.yaml").is_file():
+        return True
+    files = [file for file in path.iterdir() if file.name.removesuffix(".zstd").endswith(FILES)]
+    parts = [PART.fullmatch(file.name) for file in files]
+    numbers = {int(match.group(2) or 0) for match in parts if match and match.group(1) == path.name}
+    return 0 in numbers and len(numbers) == len(files)  # the numbered files of one recorder, no collection of bags
+
+
+def _is_cut_short(folder: Path) -> bool:
+    """Return whether all files in a folder are the numbered MCAP files of one recorder, the last without its end."""
+    files = [file for file in folder.iterdir() if file.suffix in (".mcap", ".db3", ".zstd")]
+    parts = {int(match.group(2) or 0): file for file in files if (match := PART.fullmatch(file.name))}
+    names = {match.group(1) for file in files if (match := PART.fullmatch(file.name))}
+    if len(names) != 1 or len(parts) != len(files) or 0 not in parts or parts[max(parts)].suffix != ".mcap":
+        return False
+    try:
+        require_complete(parts[max(parts)])
+    except RecordingError:
+        return True
+    return False
+
+
+def with_distinct_names(recordings: Mapping[Path, Recording]) -> dict[Path, Recording]:
+    """Return the recordings; if two have the same name, all get the shortest ends of their paths that differ."""
+    if len({recording.name for recording in recordings.values()}) == len(recordings):
+        return dict(recordings)
+    names = make_distinct_names([path.resolve() for path in recordings])
+    pairs = zip(recordings.items(), names, strict=True)
+    return {path: replace(recording, name=name) for (path, recording), name in pairs}
+
+
+def make_distinct_names(paths: Sequence[Path]) -> list[str]:
+    """Return the shortest ends of the paths that differ from each other, each joined into one word."""
+    for depth in range(1, 8):
+        names = ["_".join([*path.parts[-depth:-1], path.stem if path.suffix in FILES else path.name]) for path in paths]
+        if len(set(names)) == len(names):
+            return [name.replace("/", "_").replace(" ", "_") for name in names]
+    return [f"{path.name}_{number}" for number, path in enumerate(paths, start=1)]
+
+
+def print_findings(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
+    """Print what is wrong with recordings, each and together, one warning line each; return it for --json."""
+    findings = check_each(recordings)
+    print_warnings(findings)
+    return findings
+
+
+def print_warnings(findings: Iterable[Finding]) -> None:
+    """Print one warning line for each finding."""
+    for finding in findings:
+        terminal.print_warning(finding.text)

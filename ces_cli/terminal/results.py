@@ -1,0 +1,228 @@
+"""Results that several programs show: costs as tables and for --json, and pictures in files and on the terminal."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from rich.table import Table
+from rich.text import Text
+
+from ces_cli.terminal.terminal import lay_out, make_table, print_warning
+from ces_data.samples import Coverage
+from ces_identify.folds import CrossValidation
+from ces_identify.prepare.cost import EQUAL, Weighting
+from ces_identify.validation.cost_table import NONE, cost_table, interval_text, percent
+from ces_identify.validation.evaluate import (
+    VALIDATION,
+    CostInterval,
+    Evaluation,
+    PooledCost,
+    explain_missing,
+    pool_evaluations,
+)
+from ces_observer.model import Model
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+
+def as_cost_table(
+    evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL, exact: bool = True
+) -> Table:
+    """Return the table of costs for the terminal, with a row for all held-out recordings together."""
+    table = lay_out(cost_table(evaluations, title, weighting, exact))
+    table.columns[0].min_width = min(14, max(len(e.name) for e in evaluations))
+    table.columns[1].no_wrap = True
+    if (pooled := _pool_held_out(evaluations)) is not None:
+        table.add_section()
+        use = f"test {pooled.scored_s:.1f} s"
+        table.add_row("all held out", use, percent(pooled.cost), interval_text(pooled.interval))
+    return table
+
+
+def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:
+    """Return the costs for --json, not rounded: an object for each evaluation.
+
+    Its keys are `recording`, `role`, `scored_s`, `J_percent` and `ci95_percent` (both null if the run diverged),
+    `floor_percent` (null where cycles do not repeat), `weighted_J_percent` (null without weights), `rms_N`,
+    `outside_envelope` (share) and `inside_band` (share; null without a band).
+    """
+    return [
+        {
+            "recording": e.name,
+            "role": e.role,
+            "scored_s": e.scored_s,
+            "J_percent": e.cost,
+            "ci95_percent": _interval_as_list(e.interval),
+            "floor_percent": e.floor,
+            "weighted_J_percent": e.weighted_cost(weighting) if weighting else None,
+            "rms_N": e.rms_N,
+            "outside_envelope": e.clamped_share,
+            "inside_band": e.coverage,
+        }
+        for e in evaluations
+    ]
+
+
+def held_out_row(evaluations: Sequence[Evaluation]) -> dict[str, Any] | None:
+    """Return J and its interval over all recordings for validation together; None for fewer than two."""
+    pooled = _pool_held_out(evaluations)
+    if pooled is None:
+        return None
+    return {"J_percent": pooled.cost, "ci95_percent": _interval_as_list(pooled.interval)}
+
+
+def fold_table(result: CrossValidation) -> Table:
+    """Return a table with a row for each held-out recording, and the mean and spread of J."""
+    table = make_table("each recording held out once", ("recording",), ("fold", "J %", "95 %", "model"))
+    for row in result.rows:
+        table.add_row(row.recording, str(row.fold), percent(row.cost), interval_text(row.interval), row.model)
+    table.add_section()
+    spread = f"spread {result.spread:.2f}" if math.isfinite(result.spread) else NONE
+    table.add_row("mean", "", percent(result.mean), spread, "")
+    return table
+
+
+def fold_rows(folds: CrossValidation | None) -> dict[str, Any] | None:
+    """Return the held-out costs of a cross-validation; None without one."""
+    if folds is None:
+        return None
+    rows = [
+        {
+            "recording": row.recording,
+            "fold": row.fold,
+            "J_percent": row.cost,
+            "ci95_percent": _interval_as_list(row.interval),
+            "model": row.model,
+        }
+        for row in folds.rows
+    ]
+    return {"rows": rows, "mean_J_percent": folds.mean, "spread_J_percent": folds.spread}
+
+
+def model_facts(model: Model) -> dict[str, Any]:
+    """Return what a document says of a model: size, rate, whether its stability is proved, and the band's level."""
+    return {
+        "size": model.size,
+        "rate_Hz": model.sampling.rate_Hz,
+        "proved_stable": model.certificate is not None,
+        "band_level": None if model.band is None else model.band.level,
+    }
+
+
+def print_missing(evaluations: Sequence[Evaluation]) -> None:
+    """Print why figures of the cost table are missing."""
+    for line in explain_missing(evaluations, floors=any(e.floor is not None for e in evaluations)):
+        print(f"{NONE}: {line}")
+
+
+def print_outside(evaluations: Sequence[Evaluation]) -> None:
+    """Print a warning for each recording that leaves the model's envelope, with the ranges of its signals."""
+    for text in filter(None, (e.outside_text for e in evaluations)):
+        print_warning(text)
+
+
+def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:
+    """Print what the column `band %` shows, if the model has a band."""
+    if model.band is None:
+        return
+    widths = [float(np.mean(e.half_width[e.series.scored])) for e in evaluations if e.half_width is not None]
+    print(
+        f"band: meant to hold {100 * model.band.level:.0f} % of the measured forces, sensor noise included; column "
+        f"'band %' is the share it holds; mean half-width {describe_range(min(widths), max(widths))} N"
+    )
+
+
+def describe_range(low: float, high: float) -> str:
+    """Return two numbers without decimals as a range, or as one number if they read the same."""
+    return f"{low:.0f}" if f"{low:.0f}" == f"{high:.0f}" else f"{low:.0f} to {high:.0f}"
+
+
+def _pool_held_out(evaluations: Sequence[Evaluation]) -> PooledCost | None:
+    return pool_evaluations([e for e in evaluations if e.role == VALIDATION and math.isfinite(e.cost)])
+
+
+def _interval_as_list(interval: CostInterval | None) -> list[float] | None:
+    return None if interval is None else [interval.low, interval.high]
+
+
+STEPS = (0.0005, 0.002, 0.01, 0.03)  # shares of time at which the next darker block begins
+BLOCKS = "·░▒▓█"
+CELL = 2  # width of a cell in characters
+
+
+def terminal_picture(coverage: Coverage) -> Text:
+    """Return the map as text: speed to the right, current upwards, darker for more time."""
+    rows, columns = coverage.share.shape
+    centres = (coverage.current_edges[:-1] + coverage.current_edges[1:]) / 2
+    lines = ["share of time over speed and current", f"{'A':>8}"]
+    for row in reversed(range(rows)):
+        blocks = np.searchsorted(STEPS, coverage.share[row], side="right")
+        drawn = [BLOCKS[k] if share > 0.0 else " " for k, share in zip(blocks, coverage.share[row], strict=True)]
+        cells = "".join(block * CELL for block in drawn)
+        lines.append(f"{centres[row]:8.3f} ┤{cells}")
+    top = coverage.speed_edges[-1]
+    half = CELL * columns // 2
+    lines.append(f"{'':8} └{'─' * (half - 1)}┬{'─' * half}")
+    lines.append(f"{'':9}{-top:<+{half - 1}.2f} 0{top:>+{half - 1}.2f} m/s")
+    lines.append(f"{'':9}{'rebound':<{half}}{'compression':>{half}}")
+    legend = " ".join(f"{block} > {100 * step:g} %" for block, step in zip(BLOCKS[1:], STEPS, strict=True))
+    lines.append(f"{'':9}{BLOCKS[0]} less  {legend}")
+    lines.append(f"{'':9}the outermost columns include all higher speeds")
+    return Text("\n".join(lines), no_wrap=True)
+
+
+def save_picture(coverage: Coverage, title: str, path: Path) -> None:
+    """Draw the map into an image file."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from matplotlib import pyplot as plt
+    from matplotlib.colors import LogNorm
+
+    figure, axes = plt.subplots(figsize=(8.0, 4.5), layout="constrained")
+    percent = np.ma.masked_equal(100 * coverage.share, 0.0)
+    norm = LogNorm(vmin=0.01, vmax=max(1.0, float(percent.max()) if percent.count() else 1.0))
+    edges = (coverage.speed_edges, coverage.current_edges)
+    mesh = axes.pcolormesh(*edges, percent, cmap="Blues", norm=norm, edgecolors="0.9", linewidth=0.5)
+    axes.axvline(0.0, color="0.5", linewidth=0.8)
+    axes.set(xlabel="speed [m/s], positive in compression", ylabel="current [A]")
+    axes.set_title(title, loc="left", fontsize=10)
+    axes.spines[["top", "right"]].set_visible(False)
+    figure.colorbar(mesh, label="share of time per cell [%]", format="%g")
+    write_picture(figure, path)
+
+
+def style_axis(axis: Axes) -> None:
+    """Apply the common look: a light grid, no frame above and on the right, small labels."""
+    axis.grid(alpha=0.25, lw=0.6)
+    axis.spines[["top", "right"]].set_visible(False)
+    axis.tick_params(labelsize=8)
+
+
+def write_picture(figure: Figure, path: Path) -> None:
+    """Save and close a figure; the image file appears under its name only when it is complete."""
+    from matplotlib import pyplot as plt
+
+    part = path.with_name(f".{path.stem}.part{path.suffix}")
+    try:
+        figure.savefig(part, dpi=150)
+        part.replace(path)
+    finally:
+        plt.close(figure)
+        part.unlink(missing_ok=True)
+
+
+def save_cost_picture(evaluations: Sequence[Evaluation], path: Path) -> None:
+    """Draw the first evaluations, validation first, into an image file that appears only when it is complete."""
+    import matplotlib as mpl
+
+    mpl.use("Agg")
+    from ces_identify.report.figures import draw_costs
+
+    write_picture(draw_costs(evaluations), path)

@@ -1,0 +1,176 @@
+"""Every number in every topic of a bag, for programs that do not know yet which of them are signals.
+
+A bag goes in; the series of each numeric field comes out, in the spelling of ROS 2 (`wrench.force.z`,
+`position[rear_damper]`), with array elements by joint name where the message names its joints. Topics that hold no
+signal of a damper (images, point clouds, logs, transforms) are passed over.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.interfaces import Nodetype
+from rosbags.typesys.store import Typestore
+
+from ces_data.bags.decode import DAMAGED, HEADER, Block, MessageDecoder, TopicSamples
+from ces_data.bags.opening import open_bag
+from ces_data.bags.storage import Bag, Topic
+from ces_data.recording import Stamps, Values
+from ces_observer.cdr.types import JOINT_NAMES
+from ces_observer.errors import CesError, RecordingError, SignalsError
+from ces_observer.signals import FieldPath
+
+MAX_FIELDS = 64  # of one topic
+MAX_ELEMENTS = 32  # of one array
+MAX_SAMPLES = 200_000  # of one topic: 200 s at 1 kHz
+MAX_MESSAGE = 20_000  # bytes; a larger message is an image or the like
+MAX_LISTED = 20  # fields in an error
+PASSED_OVER = (
+    "rcl_interfaces/", "tf2_msgs/", "diagnostic_msgs/", "rosgraph_msgs/", "visualization_msgs/", "nav_msgs/msg/Path",
+    "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage",
+    "sensor_msgs/msg/PointCloud", "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/CameraInfo",
+)  # fmt: skip
+NUMBERS = {"float32", "float64", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
+
+
+@dataclass(frozen=True)
+class FieldSeries:
+    """The numbers at one field of a topic: `stamps_ns` int64 and `values` float64, both (n,), as `read_recording`."""
+
+    topic: str
+    type: str
+    field: str
+    stamps_ns: Stamps
+    values: Values
+
+
+@dataclass(frozen=True)
+class BagFields:
+    """All series of a bag, the number of messages of each topic, and why topics were not read."""
+
+    series: tuple[FieldSeries, ...]
+    topics: tuple[Topic, ...]
+    skipped: Mapping[str, str]
+
+
+def read_fields(path: Path) -> BagFields:
+    """Read the numbers of every topic, up to 200,000 messages of each; raises RecordingError if the bag is damaged."""
+    with open_bag(path) as bag:
+        topics = {topic.name: topic for topic in bag.topics}
+        skipped = {name: why for name, topic in topics.items() if (why := _why_skipped(topic))}
+        samples: dict[str, TopicSamples] = {}
+        for name, block in bag.blocks([name for name in topics if name not in skipped]):
+            if name not in samples and name not in skipped:
+                found = _make_decoder(bag, topics[name], block)
+                if isinstance(found, str):
+                    skipped[name] = found
+                else:
+                    samples[name] = TopicSamples(found)
+            if name in samples and samples[name].count < MAX_SAMPLES:
+                samples[name].add(block)
+            if len(samples) + len(skipped) == len(topics) and all(s.count >= MAX_SAMPLES for s in samples.values()):
+                break
+        series = tuple(one for name in samples for one in _list_series(topics[name], samples[name]))
+        return BagFields(series, bag.topics, skipped)
+
+
+def read_series(path: Path, fields: Sequence[tuple[str, str]]) -> list[FieldSeries]:
+    """Read the numbers at these topics and fields, all messages; raises RecordingError or SignalsError."""
+    with open_bag(path) as bag:
+        topics = {topic.name.lstrip("/"): topic for topic in bag.topics}
+        samples: dict[str, TopicSamples] = {}
+        for name in {name for name, _ in fields}:
+            topic = topics.get(name.lstrip("/"))
+            if topic is None:
+                known = ", ".join(f"{topic.name} ({topic.type})" for topic in bag.topics)
+                raise RecordingError(f"{path}: no topic '{name}'; the bag has {known}")
+            paths = [FieldPath.parse(text) for at, text in fields if at == name]
+            where = f"{bag.path}: topic {topic.name}"
+            samples[topic.name] = TopicSamples(MessageDecoder(topic.type, paths, bag.typestore(topic), where))
+        for name, block in bag.blocks(samples):
+            samples[name].add(block)
+        series = (s for name, one in samples.items() for s in _list_series(topics[name.lstrip("/")], one))
+        found = {(one.topic, one.field): one for one in series}
+        for name, text in fields:
+            topic_name = topics[name.lstrip("/")].name
+            if (topic_name, text) not in found:
+                decoder = samples[topic_name].decoder
+                reason = decoder.reasons[[path.text for path in decoder.fields].index(text)]
+                raise SignalsError(f"{path}: topic {name}: {reason or f'field {text!r}: no messages'}")
+        return [found[topics[name.lstrip("/")].name, text] for name, text in fields]
+
+
+def format_fields(message: object, typename: str, typestore: Typestore) -> str:
+    """Return the field paths of a message's numbers as text, of arrays without joint names the first element's."""
+    paths = list(list_numbers(message, typename, typestore, max_elements=1))
+    more = [f"{len(paths) - MAX_LISTED} more"] if len(paths) > MAX_LISTED else []
+    return f"{typename} has {', '.join(paths[:MAX_LISTED] + more) or 'no numbers'}"
+
+
+def list_numbers(
+    message: Any, typename: str, typestore: Typestore, max_elements: int = MAX_ELEMENTS, before: str = ""
+) -> Iterator[str]:
+    """Yield the field path of each number in a message, without headers.
+
+    Elements of arrays go by joint name if there is one for each, else by index up to `max_elements`.
+    """
+    fields = typestore.get_msgdef(typename).fields
+    joints = next((list(getattr(message, name)) for name, _ in fields if name in JOINT_NAMES), [])
+    for name, description in fields:
+        if description == HEADER or name in ("layout", *JOINT_NAMES):
+            continue
+        values, elements, of = [getattr(message, name)], [f"{before}{name}"], description
+        if description[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            values, of = values[0], description[1][0]
+            named = len(joints) == len(values) and all(map(_is_usable, joints))
+            keys = joints[:MAX_ELEMENTS] if named else range(min(len(values), max_elements))
+            elements = [f"{before}{name}[{key}]" for key in keys]
+        for value, element in zip(values, elements, strict=False):
+            if of[0] == Nodetype.NAME:
+                yield from list_numbers(value, str(of[1]), typestore, max_elements, f"{element}.")
+            elif of[1][0] in NUMBERS:
+                yield element
+
+
+def _is_usable(joint: object) -> bool:
+    """Return whether a field path can name this joint."""
+    return isinstance(joint, str) and bool(joint.strip()) and not set(joint) & set("[].") and not joint.isdigit()
+
+
+def _why_skipped(topic: Topic) -> str:
+    if not topic.count:
+        return "no messages"
+    return "not a sensor's type" if topic.type.startswith(PASSED_OVER) else ""
+
+
+def _make_decoder(bag: Bag, topic: Topic, block: Block) -> MessageDecoder | str:
+    """Return the decoder of the first 64 numbers in a topic's first message, or why the topic is passed over."""
+    if int(block.lengths[0]) > MAX_MESSAGE:
+        return f"messages of {int(block.lengths[0])} bytes"
+    where = f"{bag.path}: topic {topic.name}"
+    try:
+        typestore = bag.typestore(topic)
+        numbers = list_numbers(typestore.deserialize_cdr(block.payload(0), topic.type), topic.type, typestore)
+        paths = [FieldPath.parse(text) for text in islice(numbers, MAX_FIELDS)]
+    except CesError as error:
+        return str(error).removeprefix(f"{bag.path}: ")
+    except DAMAGED as error:
+        raise RecordingError(f"{where}: a message cannot be decoded as {topic.type}: {error}") from None
+    return MessageDecoder(topic.type, paths, typestore, where) if paths else "no numbers"
+
+
+def _list_series(topic: Topic, samples: TopicSamples) -> Iterator[FieldSeries]:
+    """Yield the series of each field that some message has."""
+    if not samples.count:
+        return
+    header_ns, log_ns, values, _ = samples.join()
+    stamps = header_ns if header_ns.any() else log_ns
+    for path, numbers in zip(samples.decoder.fields, values.T, strict=True):
+        present = np.isfinite(numbers)
+        if present.any():
+            yield FieldSeries(topic.name, topic.type, path.text, stamps[present], numbers[present])

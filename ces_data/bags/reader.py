@@ -1,0 +1,211 @@
+"""Bags into recordings: finds the signals' topics, reads their numbers, and scales them to SI units.
+
+Stamps come from the message's header if its type has one; otherwise, or if the header was never filled in, from the
+time at which the bag logged the message.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Collection
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from ces_data.bags.decode import MessageDecoder, TopicSamples
+from ces_data.bags.fields import format_fields
+from ces_data.bags.opening import open_bag
+from ces_data.bags.storage import Bag, Topic
+from ces_data.recording import Channel, Recording, Stamps
+from ces_observer.errors import RecordingError, SignalsError
+from ces_observer.signals import Constant, Signal, Signals
+
+INPUTS = ("position", "current")
+MAX_TOPICS_LISTED = 20
+# `ros2 bag record --compression-mode message` compresses on one thread for each core and stores a message when its
+# thread is done (rosbag2's SequentialCompressionWriter), so a message may follow later ones. It fills a hole that it
+# left. Where a clock was set back, or a bag was played again, time that was recorded already comes a second time.
+MAX_LATE_NS = 100_000_000  # measured: 1 to 9 ms, 2 to 8 threads on two busy cores; a thread may miss several slices
+MIN_JUMP = 4  # late samples in a row, and late by as many intervals: fewer may be chance
+MAX_DENSITY = 1.5  # of the samples where late ones belong, in that around them; a clock that jumps back makes it 2
+AROUND_NS = 500_000_000
+
+
+class RecordingWarning(UserWarning):
+    """A fact about a recording that the user should know; the program continues."""
+
+
+class LogTimeWarning(RecordingWarning):
+    """A signal is stamped with the times at which its messages were logged."""
+
+
+def list_topics(path: Path) -> tuple[Topic, ...]:
+    """Return the topics of a bag, by name; raises RecordingError if it cannot be opened."""
+    with open_bag(path) as bag:
+        return bag.topics
+
+
+def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS) -> Recording:
+    """Read the described signals from a rosbag2 folder or an `.mcap` file.
+
+    The signals named in `need` must be present, as a topic or a constant; the others may be absent. Raises
+    RecordingError or SignalsError if the bag is damaged, truncated or empty, if a topic is missing or has another type,
+    or if no message has a field. Issues a LogTimeWarning for each signal stamped with log times (those in bags of
+    `bag_writer` are exact), and a RecordingWarning for samples that were stored late and are sorted in, and for a
+    recorder that was killed.
+    """
+    with open_bag(path) as bag:
+        if bag.warning:
+            warnings.warn(bag.warning, RecordingWarning, stacklevel=2)
+        if not any(topic.count for topic in bag.topics):
+            raise RecordingError(
+                f"{path}: the bag holds no messages; expected a recording of {', '.join(need) or 'signals'}"
+            )
+        readers = _make_readers(bag, signals, need)
+        for name, block in bag.blocks(readers):
+            readers[name].add(block)
+        by_name = {name: channel for reader in readers.values() for name, channel in reader.channels().items()}
+        digest = bag.sha256()
+    sorted_ = {name: sort_late_samples(by_name[name]) for name in signals.by_name if name in by_name}
+    texts = [f"{name} {late}" for name, (_, late) in sorted_.items() if late]
+    if texts:
+        text = f"stored after later samples, and sorted by stamp: {', '.join(texts)}"
+        warnings.warn(text, RecordingWarning, stacklevel=2)
+    constants = {s.name: s.value for s in signals.by_name.values() if isinstance(s, Constant)}
+    channels = {name: channel for name, (channel, _) in sorted_.items()}
+    return Recording(path.name if path.is_dir() else path.stem, channels, constants, str(path), digest)
+
+
+def _make_readers(bag: Bag, signals: Signals, need: Collection[str]) -> dict[str, _TopicReader]:
+    """Return a reader for each topic that carries a signal, by the topic's name."""
+    by_topic: dict[Topic, list[Signal]] = {}
+    for signal in signals.list_topic_signals():
+        topic = _find_topic(bag, signal, signals, signal.name in need)
+        if topic is not None:
+            by_topic.setdefault(topic, []).append(signal)
+    return {topic.name: _TopicReader(bag, topic, mine) for topic, mine in by_topic.items()}
+
+
+def _find_topic(bag: Bag, signal: Signal, signals: Signals, needed: bool) -> Topic | None:
+    """Return the topic of a signal; None if it is not in the bag and not `needed`."""
+    topics = [topic for topic in bag.topics if signal.matches(topic.name)]
+    if not topics and not needed:
+        return None
+    if not topics:
+        shown = [f"{topic.name} ({topic.type})" for topic in bag.topics[:MAX_TOPICS_LISTED]]
+        more = [f"{len(bag.topics) - MAX_TOPICS_LISTED} more"] if len(bag.topics) > MAX_TOPICS_LISTED else []
+        raise RecordingError(
+            f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has "
+            f"{', '.join(shown + more) or 'none'}; {_advice(bag.path, signal, signals)}"
+        )
+    for topic in topics:
+        if topic.type == signal.type:
+            return topic
+    raise SignalsError(
+        f"{signals.source}: signal '{signal.name}': topic '{signal.topic}' is {topics[0].type} in {bag.path}, not"
+        f" {signal.type}; correct type and field, or: {_advice(bag.path, signal, signals)}"
+    )
+
+
+def _advice(path: Path, signal: Signal, signals: Signals) -> str:
+    """Return what to do about a topic that is not found: complete the signals file, or let a program propose one."""
+    if signal.name in signals.assumed and len(signals.assumed) < len(signals.by_name):
+        return (
+            f"{signals.source} has no key '{signal.name}', so its default was looked for: add it, with topic, type and "
+            "field"
+        )
+    return f"'ces signals {path} --out my_signals.yaml' proposes a file for --signals"
+
+
+class _TopicReader(TopicSamples):
+    """Collects the samples of all signals in one topic."""
+
+    def __init__(self, bag: Bag, topic: Topic, signals: list[Signal]) -> None:
+        self.topic, self.signals, self.exact_log_times = topic, signals, bag.exact_log_times
+        where = f"{bag.path}: topic {topic.name}"
+        fields = [signal.field for signal in signals]
+        super().__init__(MessageDecoder(topic.type, fields, bag.typestore(topic), where))
+
+    def channels(self) -> dict[str, Channel]:
+        """Return the channels by signal; raises SignalsError if no message has a field."""
+        header_ns, log_ns, values, present = self.join()
+        channels = {}
+        for i, signal in enumerate(self.signals):
+            rows = present[:, i]
+            self._require_field(i, signal, int(rows.sum()))
+            stamped = bool(header_ns[rows].any())
+            if rows.any() and not stamped and not self.exact_log_times:
+                reason = "an empty header stamp" if self.decoder.stamp else "no header"
+                text = f"{self.topic.type} on {self.topic.name} has {reason}; stamped with the bag's log time"
+                warnings.warn(f"{signal.name}: {text}", LogTimeWarning, stacklevel=2)
+            stamps = (header_ns if stamped else log_ns)[rows] - signal.delay_ns
+            numbers = signal.scale * values[rows, i] + signal.offset
+            channels[signal.name] = Channel(signal.name, signal.unit, stamps, numbers)
+        return channels
+
+    def _require_field(self, i: int, signal: Signal, count: int) -> None:
+        """Raise SignalsError if no message has the field; warn if some have not."""
+        reason = self.decoder.reasons[i]
+        if self.count and not count:
+            reason = re.sub(r"\b(\w+)__msg__(\w+)\b", r"\1/msg/\2", reason).replace(
+                "a ndarray", "an array"
+            )  # as ROS 2 does
+            first = self.decoder.typestore.deserialize_cdr(self.first, self.topic.type)
+            has = format_fields(first, self.topic.type, self.decoder.typestore)
+            raise SignalsError(f"{self.decoder.where}: signal '{signal.name}': {reason}; {has}")
+        if count < self.count:
+            missing = f"missing in {self.count - count} of {self.count} messages on {self.topic.name}"
+            warnings.warn(f"{signal.name}: {missing}: {reason}", RecordingWarning, stacklevel=2)
+
+
+@dataclass(frozen=True)
+class LateSamples:
+    """How many samples of how many were stored after later ones, and by how much at most [ns]."""
+
+    count: int
+    total: int
+    max_late_ns: int
+
+    def __str__(self) -> str:
+        return f"{self.count} of {self.total} samples by at most {self.max_late_ns * 1e-6:.3f} ms"
+
+
+def sort_late_samples(channel: Channel) -> tuple[Channel, LateSamples | None]:
+    """Return the channel in the order of its stamps and what was late; unchanged and None if time ran backwards.
+
+    The order of equal stamps is kept. A channel in order is returned as it is, with None.
+    """
+    stamps = channel.stamps_ns
+    if not (stamps[1:] < stamps[:-1]).any():
+        return channel, None
+    latest = np.maximum.accumulate(stamps)
+    late_ns = latest - stamps
+    if late_ns.max() > MAX_LATE_NS:
+        return channel, None
+    order = np.argsort(stamps, kind="stable")
+    if _comes_twice(stamps, latest, stamps[order]):
+        return channel, None
+    found = LateSamples(int((late_ns > 0).sum()), len(stamps), int(late_ns.max()))
+    return replace(channel, stamps_ns=stamps[order], values=channel.values[order]), found
+
+
+def _comes_twice(stamps: Stamps, latest: Stamps, ordered: Stamps) -> bool:
+    """Return whether a run of late samples repeats time that was recorded before, as after a jump of the clock."""
+    late = np.flatnonzero(stamps < latest)
+    starts = np.flatnonzero(np.diff(late, prepend=-2) > 1)
+    lengths = np.diff(starts, append=len(late))
+    stored_before = np.minimum.accumulate(stamps)[late[starts] - 1]
+    first, last = np.maximum(np.minimum.reduceat(stamps[late], starts), stored_before), latest[late[starts]]
+    inside = _count(ordered, first, last)
+    before, after = np.maximum(first - AROUND_NS, ordered[0]), np.minimum(last + AROUND_NS, ordered[-1])
+    outside_ns = (first - before) + (after - last)
+    expected = (last - first) * (_count(ordered, before, after) - inside) / np.maximum(outside_ns, 1)
+    excess = inside - 1 > MAX_DENSITY * expected + 1
+    return bool((excess & (lengths >= MIN_JUMP) & (expected >= MIN_JUMP - 1)).any())
+
+
+def _count(ordered: Stamps, first: Stamps, last: Stamps) -> Stamps:
+    """Return the number of samples from each `first` to each `last`, both included."""
+    return np.searchsorted(ordered, last, side="right") - np.searchsorted(ordered, first, side="left")

@@ -1,0 +1,248 @@
+"""The check that all programs share: `check_recording` for one recording, `check_together` for those of one model.
+
+Recordings in; findings with a remedy out. Differences between recordings that are mistakes, mixed units or opposite
+signs, show in robust spreads (1st to 99th percentile), in the correlation of force with speed, which is positive for
+every damper, and in the forces at equal speeds and currents.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ces_data.arrays import F, I
+from ces_data.checks.delays import (
+    delay_findings,
+    find_clock_drift,
+    force_delay,
+    sign_findings,
+    timing_findings,
+)
+from ces_data.checks.motion import Motion, is_constant, join_motions, recorded_motion
+from ces_data.checks.sensors import current_findings, rate_findings, saturation_findings, sensor_findings
+from ces_data.checks.units import MAX_CURRENT_A, MAX_STROKE_M, find_exchange, half_span, ratio_findings, unit_findings
+from ces_data.findings import ERROR, WARNING, WRONG_MODEL, DelayFinding, Finding, findings, finite_values, sort_findings
+from ces_data.recording import Channel, Recording
+from ces_observer.errors import RecordingError
+from ces_observer.signals import UNITS
+
+LONG_S = 60.0  # clocks that differ by 100 ppm drift by 6 ms in it
+UNIT_RATIO = 100.0  # ratio of spreads beyond that of any two experiments with one damper
+MAX_SPEED_RATIO = 10.0  # largest ratio of speeds at which forces are compared
+MIN_DAMPING_CORRELATION = 0.3  # smallest correlation of force with speed whose sign counts
+BIN_S, MIN_BINS = 0.005, 50  # positions are averaged over bins to compute speeds; fewer bins give no correlation
+
+
+def check_recording(recording: Recording) -> tuple[Finding, ...]:
+    """Return what is wrong with a recording that can be read, the worst first, each with its remedy.
+
+    "wrong model": a model of it would be wrong. A check that cannot know says nothing.
+    """
+    motion = recorded_motion(recording)
+    if exchange := find_exchange(recording, motion):
+        return (exchange,)
+    sensors = [*saturation_findings(recording), *sensor_findings(recording)]
+    timing: Sequence[Finding] = ()
+    if motion is not None:
+        timing = list(sign_findings(motion)) if sensors else _check_timing(recording, motion)
+    intact = None if any(f.severity == WRONG_MODEL for f in sensors) else motion  # else follow-up findings mislead
+    others = rate_findings(recording), sensors, current_findings(recording, intact)
+    return sort_findings(unit_findings(recording, motion), timing, *others)
+
+
+def find_all_faults(recording: Recording) -> tuple[Finding, ...]:
+    """Return the faults of a recording and, if it can be used, what the checks find, the worst first."""
+    faults = findings(recording)
+    return faults if any(f.severity == ERROR for f in faults) else sort_findings(faults, check_recording(recording))
+
+
+def _check_timing(recording: Recording, motion: Motion) -> Sequence[Finding]:
+    """Return the findings on delays and signs of sensors without a fault; clocks that drift replace a delay."""
+    found = list(timing_findings(motion))
+    late = any(isinstance(f, DelayFinding) and f.signal != "current" for f in found)
+    if not late and np.ptp(recording.channels["position"].stamps_ns) < 1e9 * LONG_S:
+        return found
+    drift = find_clock_drift(recording)
+    return found if drift is None else [drift]
+
+
+def check_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
+    """Return the findings on each recording, with its name, and on what they show together, the worst first."""
+    single = sort_findings(
+        replace(f, text=f"{r.name}: {f.text}", recording=r.name) for r in recordings for f in check_recording(r)
+    )
+    if len(recordings) < 2:
+        return single
+    known = {f.signal for f in single if f.severity == WRONG_MODEL}
+    between = [f for f in find_differences(recordings) if f.signal not in known]
+    faulty = {f.recording for f in single if f.signal in ("position", "force")}
+    known_bad = between or any(f.severity == WRONG_MODEL or isinstance(f, DelayFinding) for f in single)
+    sound = [r for r in recordings if r.name not in faulty]
+    return sort_findings(between, single, () if known_bad else _check_joint_delay(sound))
+
+
+def _check_joint_delay(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Yield the delay that recordings show together where none shows it alone, as sines of several frequencies do."""
+    motions = [motion for recording in recordings if (motion := recorded_motion(recording)) is not None]
+    if len(motions) > 1:
+        motion = join_motions(motions)
+        found = delay_findings(motion, force_delay(motion))
+        yield from (replace(f, text=f"{len(motions)} recordings together: {f.text}") for f in found)
+
+
+def check_together(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
+    """Return the findings on recordings for one model, and a current that is the same in all; the worst first."""
+    found = check_each(recordings)
+    currents = [finite_values(r, "current") for r in recordings if "current" in r.channels]
+    values = np.concatenate(currents) if currents and len(currents) == len(recordings) else np.empty(0)
+    if not len(values) or not is_constant(values) or abs(values.mean()) <= 1e-3:
+        return found
+    text = (
+        f"current: {values.mean():.3g} A in all recordings; a model knows no other current: record others, too, or "
+        "check its topic"
+    )
+    return sort_findings(found, [Finding(WARNING, text, signal="current")])
+
+
+def require_sound(findings: Sequence[Finding], ignore_findings: bool = False) -> tuple[str, ...]:
+    """Return the texts of the findings that a model is identified in spite of: none, unless `ignore_findings`.
+
+    Raises RecordingError with the first finding because of which a model would be wrong, if not `ignore_findings`.
+    """
+    wrong = tuple(f.text for f in findings if f.severity == WRONG_MODEL)
+    if wrong and not ignore_findings:
+        more = f" (and {len(wrong) - 1} more findings like this)" if len(wrong) > 1 else ""
+        raise RecordingError(f"{wrong[0]}{more}; a model would be wrong: --ignore-findings identifies all the same")
+    return wrong
+
+
+@dataclass(frozen=True)
+class Traits:
+    """The compared quantities: spreads in SI units, and the correlation of force with speed (-1 to 1).
+
+    `current_A` is the 99th percentile of the magnitude. NaN where the recording lacks the data.
+    """
+
+    name: str
+    stroke_m: float
+    speed_m_s: float
+    current_A: float
+    force_N: float
+    damping: float
+
+
+def find_traits(recording: Recording) -> Traits:
+    """Return the traits of a recording."""
+    speed, force = _speed_and_force(recording)
+    current = np.abs(finite_values(recording, "current"))
+    known = len(speed) >= MIN_BINS and speed.std() != 0.0 and force.std() != 0.0
+    return Traits(
+        name=recording.name,
+        stroke_m=2.0 * half_span(finite_values(recording, "position"), np.nan),
+        speed_m_s=2.0 * half_span(speed, np.nan),
+        current_A=float(np.percentile(current, 99.0)) if len(current) else np.nan,
+        force_N=2.0 * half_span(finite_values(recording, "force"), np.nan),
+        damping=float(np.corrcoef(speed, force)[0, 1]) if known else np.nan,
+    )
+
+
+def find_differences(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
+    """Return the inconsistencies between recordings, each a "wrong model" that names them.
+
+    They are strokes, currents or forces in different units, and opposite signs of the force.
+    """
+    traits = [find_traits(recording) for recording in recordings]
+    forces = list(_compare_forces(traits)) or ratio_findings(recordings)
+    stroke = _compare_units(traits, "position", "stroke_m", MAX_STROKE_M, "spans", "mm")
+    current = _compare_units(traits, "current", "current_A", MAX_CURRENT_A, "reaches", "mA")
+    return sort_findings(stroke, current, forces, _compare_signs(traits))
+
+
+def require_consistent(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
+    """Return the warnings about recordings together; raises RecordingError if a model of them would be wrong."""
+    results = find_differences(recordings)
+    if results and results[0].severity != WARNING:
+        raise RecordingError(results[0].text)
+    return results
+
+
+def _compare_units(
+    traits: Sequence[Traits], signal: str, trait: str, limit: float, verb: str, unit: str
+) -> Iterator[Finding]:
+    """Yield a finding if a trait is beyond the limit of any damper in one recording and far smaller in another."""
+    low, high = _find_extremes(traits, trait)
+    smallest, largest = getattr(low, trait), getattr(high, trait)
+    if largest > limit and largest > UNIT_RATIO * smallest:
+        si = UNITS[signal]
+        text = f"{verb} {largest:.4g} {si} in {high.name}, {smallest:.4g} {si} in {low.name}"
+        yield _unit_finding(signal, text, unit)
+
+
+def _compare_forces(traits: Sequence[Traits]) -> Iterator[Finding]:
+    low, high = _find_extremes(traits, "force_N")
+    if high.force_N > UNIT_RATIO * low.force_N and high.speed_m_s < MAX_SPEED_RATIO * low.speed_m_s:
+        spans = f"spans {high.force_N:.4g} N in {high.name}, {low.force_N:.4g} N in {low.name}, at speeds of "
+        yield _unit_finding("force", f"{spans}{high.speed_m_s:.2g} and {low.speed_m_s:.2g} m/s", "kN")
+
+
+def _unit_finding(signal: str, text: str, unit: str) -> Finding:
+    return Finding(
+        WRONG_MODEL,
+        f"{signal}: {text}; expected one unit: is one of them in {unit}? convert it, or identify on them one by one",
+        signal=signal,
+    )
+
+
+def _compare_signs(traits: Sequence[Traits]) -> Iterator[Finding]:
+    along = [t for t in traits if t.damping >= MIN_DAMPING_CORRELATION]
+    against = [t for t in traits if t.damping <= -MIN_DAMPING_CORRELATION]
+    if not along or not against:
+        return
+
+    def describe(some: Sequence[Traits]) -> str:
+        names = ", ".join(t.name for t in some[:3]) + (f" and {len(some) - 3} more" if len(some) > 3 else "")
+        direction = "with" if some[0].damping > 0.0 else "against"
+        return f"goes {direction} speed (correlation {some[0].damping:.2f}) in {names}"
+
+    odd, rest = (against, along) if len(against) <= len(along) else (along, against)
+    yield Finding(
+        WRONG_MODEL,
+        f"force {describe(odd)}, {describe(rest)}; expected one sign: "
+        "position and force are positive in compression; set scale: -1 in the signals file of the wrong ones",
+        signal="force",
+    )
+
+
+def _find_extremes(traits: Sequence[Traits], trait: str) -> tuple[Traits, Traits]:
+    """Return the recordings with the smallest and the largest value, the same one twice if fewer than two have one."""
+    known = [t for t in traits if getattr(t, trait) > 0.0] or [traits[0]]
+    ordered = sorted(known, key=lambda t: float(getattr(t, trait)))
+    return ordered[0], ordered[-1]
+
+
+def _speed_and_force(recording: Recording) -> tuple[F, F]:
+    """Return speed [m/s] and force [N] in the bins where both are known; without a force channel it is zero."""
+    position = recording.channels.get("position")
+    if position is None or len(position) < 3:
+        return np.empty(0), np.empty(0)
+    start = int(position.stamps_ns.min())
+    width = max(BIN_S * 1e9, 2.0 * float(np.median(np.abs(np.diff(position.stamps_ns)))))
+    bins, place = _average_bins(position, start, width)
+    inner = bins[2:] - bins[:-2] == 2
+    at, speed = bins[1:-1][inner], ((place[2:] - place[:-2]) / (2e-9 * width))[inner]
+    if "force" not in recording.channels:
+        return speed, np.zeros(len(speed))
+    force_bins, force = _average_bins(recording.channels["force"], start, width)
+    _, at_speed, at_force = np.intersect1d(at, force_bins, assume_unique=True, return_indices=True)
+    return speed[at_speed], force[at_force]
+
+
+def _average_bins(channel: Channel, start_ns: int, width_ns: float) -> tuple[I, F]:
+    """Return the indices of the time bins with finite samples, and their means."""
+    good = np.isfinite(channel.values)
+    at = np.floor((channel.stamps_ns[good] - start_ns) / width_ns).astype(np.int64)
+    bins, inverse, count = np.unique(at, return_inverse=True, return_counts=True)
+    means: F = np.bincount(inverse, channel.values[good], minlength=len(bins)) / count
+    return bins, means

@@ -1,0 +1,359 @@
+"""Delays between channels, estimated with an interval: how late force or current are logged relative to the position.
+
+A damper's force depends on motion and current until now, never on those to come. For every shift of a channel, a
+flexible causal map of position, speed and current, with memory, is fitted to the force by least squares; it contains
+the lags that dampers have. The relative error of the fit is least at the right shift. All shifts that fit almost as
+well form the interval: where a lag of the damper or of its valve could imitate the delay, as with a single sine, the
+interval is wide and holds zero.
+
+Recordings of one damper by one logger may be joined: sines at several frequencies show together what none shows alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ces_data.arrays import F, I
+from ces_data.checks.motion import (
+    LAGS_S,
+    RATE_HZ,
+    VALVE_LAGS_S,
+    Motion,
+    fit_errors,
+    force_features,
+    hats,
+    is_constant,
+    lag,
+    normalize,
+    recorded_motion,
+)
+from ces_data.findings import WARNING, WRONG_MODEL, DelayFinding, Finding
+from ces_data.recording import Recording
+
+MAX_DELAY_S = 0.07
+FAR_S = 0.5  # searched if no shift within MAX_DELAY_S fits, or one at its end fits best: loggers that started apart
+MIN_TICKS = 2000
+ROWS, CURRENT_ROWS = 8000, 5000  # of the regressions
+CURRENT_KNOTS = (0.0, 0.03, 0.2, 0.4, 0.6, 0.8, 0.97, 1.0)
+CURRENT_STEP = 2  # ticks between shifts of the current
+FACTOR, FLOOR = 1.35, 0.02  # error that still counts as a fit: a multiple of the least, and never below the floor
+CURRENT_FACTOR, CURRENT_FLOOR = 1.12, 0.025
+LIKELY_S, LIKELY_FACTOR, LIKELY_FLOOR, LIKELY_ERROR = 0.015, 1.15, 0.01, 0.2  # of a delay that is probable only
+LIKELY_WIDTH_S = 0.05  # of the interval
+MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these signals
+
+
+@dataclass(frozen=True)
+class DelayEstimate:
+    """How late a signal is logged [s], with the interval of the shifts that fit; `errors` at zero and at the best.
+
+    Shifts of up to `reach_s` were tried.
+    """
+
+    late_s: float
+    low_s: float
+    high_s: float
+    error_at_zero: float
+    least_error: float
+    reach_s: float = MAX_DELAY_S
+
+    @property
+    def certain(self) -> bool:
+        """Whether the interval does not hold zero."""
+        return self.low_s > 0.0 or self.high_s < 0.0
+
+    @property
+    def likely(self) -> bool:
+        """Whether a delay beyond the lags of dampers fits clearly better than none; none cannot be excluded."""
+        limit = max(LIKELY_FACTOR * self.least_error, float(np.hypot(self.least_error, LIKELY_FLOOR)))
+        narrow = self.high_s - self.low_s < LIKELY_WIDTH_S  # a single fast sine fits at any phase
+        return narrow and abs(self.late_s) > LIKELY_S and self.least_error < LIKELY_ERROR and self.error_at_zero > limit
+
+    @property
+    def open_ended(self) -> bool:
+        """Whether the largest shift that was tried fits, too, so that the delay may be larger."""
+        return max(-self.low_s, self.high_s) >= self.reach_s - 1.0 / RATE_HZ
+
+    @property
+    def beyond(self) -> bool:
+        """Whether the largest shift that was tried fits best: the delay is at least that of the interval's near end."""
+        return abs(self.late_s) >= self.reach_s - 1.0 / RATE_HZ
+
+    @property
+    def settled(self) -> bool:
+        """Whether it fits well without a delay, so that there is no reason to try larger ones."""
+        return not self.open_ended and not self.certain and self.least_error < LIKELY_ERROR
+
+    @property
+    def nearest_s(self) -> float:
+        """The end of the interval that is nearer to zero, 0 if zero is inside."""
+        return min((self.low_s, self.high_s), key=abs) if self.certain else 0.0
+
+
+def force_delay(motion: Motion, far: bool = True) -> DelayEstimate | None:
+    """Return how late the force is logged relative to the position, None if that cannot be known.
+
+    With `far`, also a delay of more than MAX_DELAY_S if none up to that fits.
+    """
+    if len(motion) < MIN_TICKS or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
+        return None
+    near = _force_delay_within(motion, MAX_DELAY_S)
+    if not far or (near is not None and near.settled):
+        return near
+    wide = _force_delay_within(motion, FAR_S)
+    if wide is None or wide.open_ended or wide.least_error > LIKELY_ERROR or abs(wide.late_s) <= MAX_DELAY_S:
+        return near
+    return wide if near is None or FACTOR * wide.least_error < near.least_error else near
+
+
+def _force_delay_within(motion: Motion, reach_s: float) -> DelayEstimate | None:
+    """Return the delay if one of up to `reach_s` fits, and the parts of the motion are long enough for such shifts."""
+    features, reach = force_features(motion), round(reach_s * RATE_HZ)
+    rows = _rows(motion, reach, ROWS)
+    if len(rows) < MIN_TICKS // 2:
+        return None
+    shifts = np.arange(-reach, reach + 1)
+    targets = np.stack([motion.force[rows + shift] for shift in shifts], axis=1)
+    errors = fit_errors(features[:, rows].T, targets)
+    return _as_delay(shifts / RATE_HZ, errors, FACTOR, FLOOR)
+
+
+def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | None:
+    """Return how late the current is logged relative to the force, None if that cannot be known.
+
+    `force_late_s` is the delay of the force relative to the position, which is taken out first.
+    """
+    if len(motion) < MIN_TICKS or is_constant(motion.current) or motion.speed.std() == 0.0:
+        return None
+    reach, late = round(MAX_DELAY_S * RATE_HZ), round(force_late_s * RATE_HZ)
+    rows = _rows(motion, reach + abs(late), CURRENT_ROWS)
+    motion_part, speed_hats = _motion_features(motion)
+    currents = _currents(motion.current)
+    shifts = np.arange(-reach, reach + 1, CURRENT_STEP)
+    target = motion.force[rows + late][:, None]
+    errors = [
+        fit_errors(
+            np.concatenate([motion_part[:, rows], *(speed_hats[:, rows] * c[rows + late + shift] for c in currents)]).T,
+            target,
+        )[0]
+        for shift in shifts
+    ]
+    return _as_delay(shifts / RATE_HZ, np.array(errors), CURRENT_FACTOR, CURRENT_FLOOR)
+
+
+def _motion_features(motion: Motion) -> tuple[F, F]:
+    """Return the features of the motion alone (k, n), and the map of the speed (j, n) that currents multiply."""
+    speeds = hats(motion.speed, CURRENT_KNOTS)
+    return np.concatenate([speeds, lag(speeds, LAGS_S[1]), normalize(motion.position)[None]]), speeds
+
+
+def _currents(current: F) -> list[F]:
+    n = normalize(current)
+    return [*(lag(n, seconds) for seconds in VALVE_LAGS_S), n**2, lag(n**2, VALVE_LAGS_S[1])]
+
+
+def _rows(motion: Motion, margin: int, most: int) -> I:
+    """Return at most `most` ticks, evenly spread, that stay inside when shifted by `margin`."""
+    inside = motion.inner_ticks(margin + round(0.05 * RATE_HZ), margin)
+    return inside if len(inside) <= most else inside[np.linspace(0, len(inside) - 1, most).astype(np.int64)]
+
+
+def _as_delay(shifts_s: F, errors: F, factor: float, floor: float) -> DelayEstimate | None:
+    best = int(np.argmin(errors))
+    if errors[best] > MAX_ERROR:
+        return None
+    limit = max(factor * float(errors[best]), float(np.hypot(errors[best], floor)))
+    low, high = (_crossing(shifts_s, errors, limit, best, step) for step in (-1, 1))
+    at_zero = float(errors[len(errors) // 2])
+    return DelayEstimate(_vertex(shifts_s, errors, best), low, high, at_zero, float(errors[best]), float(shifts_s[-1]))
+
+
+def _crossing(shifts_s: F, errors: F, limit: float, best: int, step: int) -> float:
+    """Return the outermost shift on one side of the best whose error is within the limit, interpolated."""
+    side = np.arange(best, len(errors) if step > 0 else -1, step)
+    last = int(side[np.flatnonzero(errors[side] <= limit)[-1]])
+    beyond = last + step
+    if not 0 <= beyond < len(errors):
+        return float(shifts_s[last])
+    share = (limit - errors[last]) / (errors[beyond] - errors[last])
+    return float(shifts_s[last] + share * (shifts_s[beyond] - shifts_s[last]))
+
+
+def _vertex(shifts_s: F, errors: F, best: int) -> float:
+    """Return the shift at the vertex of the parabola through the squared errors beside the best."""
+    if best in (0, len(errors) - 1):
+        return float(shifts_s[best])
+    left, middle, right = errors[best - 1 : best + 2] ** 2
+    curvature = left - 2.0 * middle + right
+    offset = 0.0 if curvature <= 0.0 else 0.5 * (left - right) / curvature
+    return float(shifts_s[best] + offset * (shifts_s[1] - shifts_s[0]))
+
+
+MIN_DELAY_S, WRONG_DELAY_S = 0.002, 0.005  # that the interval must exclude to be reported; to be refused
+BLOCK_TICKS = 500
+MIN_WORK, MIN_BLOCKS = 0.3, 0.8  # share of the power that is negative on balance, and of the blocks
+
+
+def timing_findings(motion: Motion) -> Iterator[Finding]:
+    """Yield findings on the sign of the force or, where it is right, on delays."""
+    delay = force_delay(motion)
+    yield from list(sign_findings(motion, delay)) or delay_findings(motion, delay)
+
+
+def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
+    """Return the dissipated over the exchanged power (-1 to 1), and the share of blocks that return energy.
+
+    A damper dissipates on balance, whatever its spring, friction or lag. `late_s` is the delay of the force.
+    """
+    shift = round(late_s * RATE_HZ)
+    force = motion.force - motion.force.mean()
+    power = np.roll(force, -shift) * motion.speed
+    power = power[max(0, -shift) : len(power) - max(0, shift)]
+    blocks = np.array_split(power, max(1, len(power) // BLOCK_TICKS))
+    size = np.array([np.abs(block).sum() for block in blocks])
+    returned = np.array([block.sum() < 0.0 for block in blocks])
+    total = float(size.sum())
+    return (float(power.sum()) / total, float(size[returned].sum()) / total) if total > 0.0 else (0.0, 0.0)
+
+
+def is_reversed(motion: Motion, delay: DelayEstimate | None) -> bool:
+    """Return whether the recorded force drives the piston on balance: its sign or that of the position is wrong.
+
+    A force that is late by half a stroke does so, too: of an unknown delay, nothing follows.
+    """
+    if delay is not None and delay.certain and delay.beyond:
+        return False
+    late = delay.late_s if delay is not None and delay.certain else 0.0
+    balance, returned = dissipation(motion, late)
+    return balance < -MIN_WORK and returned > MIN_BLOCKS
+
+
+def sign_findings(motion: Motion, delay: DelayEstimate | None = None) -> Iterator[Finding]:
+    """Yield a finding if the force, moved back by its delay, drives the piston."""
+    if is_reversed(motion, delay):
+        yield Finding(
+            WRONG_MODEL,
+            "force: acts with the motion instead of against it, and no damper gives energy; position and force are "
+            "positive in compression: multiply the scale of the one that is not by -1 in the signals file (if both "
+            "are, one is late by half a stroke: align their clocks)",
+            signal="force",
+        )
+
+
+def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Finding]:
+    """Yield the delay of force or position, and that of the current if it fits neither of the two."""
+    moved = _current_instead(motion, force) if force is not None and (force.certain or force.likely) else None
+    if moved is not None:
+        yield (_describe_delay if abs(moved.nearest_s) >= MIN_DELAY_S else _describe_likely)("current", "force", moved)
+        return
+    if force is not None and abs(force.nearest_s) >= MIN_DELAY_S:
+        yield _describe_delay("force", "position", force)
+    elif force is not None and force.likely:
+        yield _describe_likely("force", "position", force)
+    offset = force.late_s if force is not None and force.certain else 0.0
+    if abs(offset) > 0.5 * MAX_DELAY_S:  # the shifts that are tried do not reach the position's time
+        return
+    current = current_delay(motion, offset)
+    if current is None or abs(current.nearest_s) < MIN_DELAY_S:
+        return
+    if not current.low_s <= -offset <= current.high_s:  # it may be in line with the position instead
+        yield _describe_delay("current", "force", current)
+
+
+def _current_instead(motion: Motion, force: DelayEstimate) -> DelayEstimate | None:
+    """Return the delay of the current if it explains the force at least as well as `force`, that of the force, does."""
+    current = current_delay(motion)
+    if current is None or abs(current.late_s) < MIN_DELAY_S:
+        return None
+    again = force_delay(replace(motion, current=np.roll(motion.current, -round(current.late_s * RATE_HZ))))
+    in_line = again is not None and abs(again.nearest_s) < MIN_DELAY_S and not again.likely
+    return current if again is not None and in_line and again.error_at_zero <= force.least_error else None
+
+
+def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> DelayFinding:
+    severity = WRONG_MODEL if abs(delay.nearest_s) >= WRONG_DELAY_S else WARNING
+    near, far = sorted(1e3 * abs(s) for s in (delay.low_s, delay.high_s))
+    name, relation, key_s = _name_late(signal, other, delay.late_s)
+    if delay.beyond:
+        text = (
+            f"{name}: logged at least {near:.0f} ms {relation}, too much to estimate; compare how both are stamped, set"
+        )
+        return DelayFinding(
+            severity, f"{text} the key delay (default 0) of {name} in the signals file, and check again", signal=name
+        )
+    interval = f"{near:.0f} ms or more" if delay.open_ended else f"{near:.0f} to {far:.0f}"
+    return DelayFinding(
+        severity,
+        f"{name}: logged {1e3 * abs(delay.late_s):.0f} ms ({interval}) {relation}; add {key_s:.3f} "
+        f"to the key delay (default 0) of {name} in the signals file",
+        signal=name,
+    )
+
+
+def _describe_likely(signal: str, other: str, delay: DelayEstimate) -> DelayFinding:
+    """Return a warning: the delay fits best, but the elasticity of the damper, or its valve, may be what is seen."""
+    low, high = sorted(np.sign(delay.late_s) * 1e3 * s for s in (delay.low_s, delay.high_s))
+    name, relation, _ = _name_late(signal, other, delay.late_s)
+    cause = "valve" if signal == "current" else "elasticity"
+    return DelayFinding(
+        WARNING,
+        f"{name}: perhaps logged {1e3 * abs(delay.late_s):.0f} ms {relation}; {low:.0f} to {high:.0f} ms fit, too, as "
+        f"a damper's {cause} does on these strokes: check with faster and more varied ones, or set the key delay "
+        f"(default 0) of {name} in the signals file",
+        signal=name,
+    )
+
+
+def _name_late(signal: str, other: str, late_s: float) -> tuple[str, str, float]:
+    """Return the signal to correct, its relation to the other, and what to add to its key [s].
+
+    Of force and position it is the late one. The current is corrected itself, also if it is early: the force is in line
+    with the position.
+    """
+    if signal == "current" and late_s < 0.0:
+        return signal, f"before the {other}", late_s
+    late, reference = (signal, other) if late_s > 0.0 else (other, signal)
+    return late, f"after the {reference}", abs(late_s)
+
+
+THIRDS = ((0.0, 1.0 / 3.0), (1.0 / 3.0, 2.0 / 3.0), (2.0 / 3.0, 1.0))  # of the position's samples
+MIN_CHANGE_S, CLEARLY = 0.01, 0.5  # between the first and the last third; in widths of the intervals
+STEADY = 0.35  # of the change, by which the middle may miss the mean of both ends
+
+
+def find_clock_drift(recording: Recording) -> Finding | None:
+    """Return a finding if the force is late by another time at the end of the recording than at its begin.
+
+    The middle must lie between: on a stroke that repeats, a delay is known but for a whole period.
+    """
+    first, middle, last = (_delay_within(recording, *third) for third in THIRDS)
+    if first is None or middle is None or last is None or not _is_apart(first, last):
+        return None
+    if abs(middle.late_s - 0.5 * (first.late_s + last.late_s)) > STEADY * abs(last.late_s - first.late_s):
+        return None
+    return Finding(
+        WRONG_MODEL,
+        f"force: logged {_describe(first)} the position in the first third and {_describe(last)} it in the last: their "
+        "clocks drift apart, which no constant delay corrects; log both with one clock, or rescale the stamps of one",
+        signal="force",
+    )
+
+
+def _is_apart(a: DelayEstimate, b: DelayEstimate) -> bool:
+    """Return whether two delays differ by more than what the damper's elasticity, which is in both, leaves open."""
+    width = max(delay.high_s - delay.low_s for delay in (a, b))
+    return not (a.beyond or b.beyond) and abs(a.late_s - b.late_s) > max(MIN_CHANGE_S, CLEARLY * width)
+
+
+def _delay_within(recording: Recording, first: float, last: float) -> DelayEstimate | None:
+    """Return the delay of the force in a part of the recording."""
+    motion = recorded_motion(recording.part(first, last))
+    return None if motion is None else force_delay(motion, far=False)
+
+
+def _describe(delay: DelayEstimate) -> str:
+    """Return about how much later than the position the force is."""
+    return f"about {1e3 * abs(delay.late_s):.0f} ms {'after' if delay.late_s >= 0.0 else 'before'}"

@@ -1,0 +1,193 @@
+"""The motion of a recording on uniform ticks, filtered without delay, for the sense checks.
+
+Position, force and current are interpolated over the longest stretch without a gap. Position and force pass the same
+zero-phase low-pass, so that their relation in time stays as logged.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.signal import butter, lfilter, sosfiltfilt
+
+from ces_data.arrays import F, I
+from ces_data.recording import Channel, Recording
+from ces_data.samples import remove_spikes
+
+RATE_HZ = 500.0  # of the ticks
+BAND_HZ = 50.0  # of the low-pass, or 0.4 of the lowest sampling rate
+MIN_RATE_HZ = 20.0
+MIN_S, MAX_S = 2.0, 60.0  # of the stretch; of a longer one, the part with the fastest motion
+GAP_S, GAP_INTERVALS = 0.05, 10.0
+
+
+@dataclass(frozen=True)
+class Motion:
+    """Position [m], speed [m/s], force [N] and current [A], each (n,), on ticks of RATE_HZ.
+
+    `sampled_Hz` is the lower rate of position and force. Without a current it is zero. `parts` are the numbers of
+    ticks of the recordings that were joined, one after another; empty for a single one.
+    """
+
+    position: F
+    speed: F
+    force: F
+    current: F
+    sampled_Hz: float
+    parts: tuple[int, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.position)
+
+    def inner_ticks(self, before: int, after: int) -> I:
+        """Return the indices of ticks that stay in their recording when moved back and ahead by so many ticks."""
+        lengths = np.array(self.parts or (len(self),))
+        begins = np.cumsum(lengths) - lengths
+        ranges = [np.arange(a + before, a + n - after) for a, n in zip(begins, lengths, strict=True)]
+        return np.concatenate(ranges)
+
+
+def join_motions(motions: Sequence[Motion]) -> Motion:
+    """Return one motion with the first part of each, about MAX_S seconds together."""
+    most = max(round(MAX_S * RATE_HZ) // len(motions), round(MIN_S * RATE_HZ))
+    position, speed, force, current = (
+        np.concatenate([getattr(motion, name)[:most] for motion in motions])
+        for name in ("position", "speed", "force", "current")
+    )
+    parts = tuple(min(len(motion), most) for motion in motions)
+    return Motion(position, speed, force, current, min(motion.sampled_Hz for motion in motions), parts)
+
+
+def recorded_motion(recording: Recording) -> Motion | None:
+    """Return the motion of a recording; None if it lacks position or force, or two seconds without a gap."""
+    channels = [_usable(recording, name) for name in ("position", "force")]
+    if any(len(channel) < 20 for channel in channels):
+        return None
+    spans = _common_spans(channels)
+    if not len(spans):
+        return None
+    begin, end = (int(edge) for edge in spans[np.argmax(spans[:, 1] - spans[:, 0])])
+    rates = [_rate(channel, begin, end) for channel in channels]
+    if (end - begin) * 1e-9 < MIN_S or min(rates) < MIN_RATE_HZ:
+        return None
+    return _on_ticks(recording, channels, begin, end, min(rates))
+
+
+def _on_ticks(recording: Recording, channels: list[Channel], begin: int, end: int, sampled_Hz: float) -> Motion:
+    finer = max(1, int(sampled_Hz // RATE_HZ))
+    rate = RATE_HZ * finer
+    time = np.arange(0.0, (end - begin) * 1e-9, 1.0 / rate)
+    low_pass = butter(4, min(BAND_HZ, 0.4 * sampled_Hz), fs=rate, output="sos")
+    position, force = (np.asarray(sosfiltfilt(low_pass, _at(channel, begin, time))) for channel in channels)
+    speed = np.gradient(position) * rate
+    current = _usable(recording, "current")
+    held = _at(current, begin, time) if len(current) else np.zeros(len(time))
+    part = _fastest_part(speed[::finer])
+    x, v, f, i = (np.ascontiguousarray(signal[::finer][part]) for signal in (position, speed, force, held))
+    return Motion(x, v, f, i, sampled_Hz)
+
+
+def _usable(recording: Recording, name: str) -> Channel:
+    """Return the finite samples in time order, each stamp once; without spikes if it is the position."""
+    channel = recording.channels.get(name)
+    if channel is None:
+        return Channel(name, "", np.empty(0, np.int64), np.empty(0))
+    channel = channel.in_order()
+    if name == "position" and len(channel) > 6:
+        return replace(channel, values=remove_spikes(channel.values))
+    return channel
+
+
+def _common_spans(channels: list[Channel]) -> I:
+    """Return begin and end [ns] (n, 2) of the stretches in which no channel has a gap."""
+    begin = max(int(c.stamps_ns[0]) for c in channels)
+    end = min(int(c.stamps_ns[-1]) for c in channels)
+    if begin >= end:
+        return np.empty((0, 2), np.int64)
+    edges = [begin, end]
+    for stamps in (c.stamps_ns for c in channels):
+        steps = np.diff(stamps)
+        wide = np.flatnonzero(steps > max(GAP_S * 1e9, GAP_INTERVALS * float(np.median(steps))))
+        edges += [*stamps[wide].tolist(), *stamps[wide + 1].tolist()]
+    inner = np.unique(np.clip(np.array(edges, np.int64), begin, end))
+    spans = np.stack([inner[:-1], inner[1:]], axis=1)
+    filled = [all(_has_samples(c, *span) for c in channels) for span in spans]
+    return np.asarray(spans[np.array(filled, bool)])
+
+
+def _has_samples(channel: Channel, begin: int, end: int) -> bool:
+    first, last = np.searchsorted(channel.stamps_ns, (begin, end))
+    return bool(last - first > 10)
+
+
+def _rate(channel: Channel, begin: int, end: int) -> float:
+    first, last = np.searchsorted(channel.stamps_ns, (begin, end))
+    return float(last - first) / max((end - begin) * 1e-9, 1e-9)
+
+
+def _at(channel: Channel, begin: int, time_s: F) -> F:
+    return np.asarray(np.interp(time_s, (channel.stamps_ns - begin) * 1e-9, channel.values))
+
+
+def _fastest_part(speed: F) -> slice:
+    count = round(MAX_S * RATE_HZ)
+    if len(speed) <= count:
+        return slice(None)
+    energy = np.concatenate([[0.0], np.cumsum(speed**2)])
+    first = int(np.argmax(energy[count:] - energy[:-count]))
+    return slice(first, first + count)
+
+
+KNOTS = (0.0, 0.02, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 0.98, 1.0)  # quantiles of the speed
+LAGS_S = (0.0, 0.003, 0.008)  # memory of the force
+VALVE_LAGS_S = (0.0, 0.01, 0.025)
+RIDGE = 1e-5
+SAME_CURRENT = 0.02  # relative spread below which a current counts as constant
+
+
+def force_features(motion: Motion) -> F:
+    """Return features (k, n): a map of speed and current, also behind lags, and the position."""
+    speeds, factors = hats(motion.speed, KNOTS), [np.ones(len(motion))]
+    if not is_constant(motion.current):
+        n = normalize(motion.current)
+        factors += [n, n**2, *(lag(n, seconds) for seconds in VALVE_LAGS_S[1:])]
+    base = np.concatenate([speeds * factor for factor in factors])
+    return np.concatenate([*(lag(base, seconds) for seconds in LAGS_S), normalize(motion.position)[None]])
+
+
+def is_constant(current: F) -> bool:
+    """Return whether a current hardly changes."""
+    return bool(current.std() <= SAME_CURRENT * max(abs(float(current.mean())), 1e-3))
+
+
+def hats(values: F, quantiles: tuple[float, ...]) -> F:
+    """Return piecewise linear functions (k, n) with knots at the quantiles; they sum to one."""
+    knots = np.unique(np.quantile(values, quantiles))
+    return np.stack([np.interp(values, knots, row) for row in np.eye(len(knots))])
+
+
+def lag(values: F, seconds: float) -> F:
+    """Return signals (..., n) behind a first-order lag."""
+    if seconds == 0.0:
+        return values
+    keep = float(np.exp(-1.0 / (RATE_HZ * seconds)))
+    return np.asarray(lfilter([1.0 - keep], [1.0, -keep], values, axis=-1))
+
+
+def normalize(values: F) -> F:
+    """Return a signal (n,) with mean 0 and standard deviation 1."""
+    return np.asarray((values - values.mean()) / max(float(values.std()), 1e-30))
+
+
+def fit_errors(features: F, targets: F) -> F:
+    """Return the relative error (m,) of the least-squares fit of each column of `targets` (n, m)."""
+    a, y = features - features.mean(axis=0), targets - targets.mean(axis=0)
+    gram = a.T @ a
+    damped = gram + RIDGE * np.trace(gram) / len(gram) * np.eye(len(gram))
+    right = a.T @ y
+    weights = np.linalg.solve(damped, right)
+    energy = np.maximum((y**2).sum(axis=0), 1e-30)
+    rest = energy - 2.0 * (weights * right).sum(axis=0) + (weights * (gram @ weights)).sum(axis=0)
+    return np.asarray(np.sqrt(np.maximum(rest, 0.0) / energy))

@@ -1,0 +1,351 @@
+"""Faults of single sensors: dead or stuck, held between slow samples, too coarse, clipped.
+
+Coarse and noise-free channels repeat values where nothing is wrong. A stretch of equal values counts only in a channel
+whose noise changes the samples elsewhere, or if it begins or ends with a jump that the signal never makes otherwise,
+and only while the other signal shows that it should have changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ces_data.arrays import F, I, Mask
+from ces_data.checks.motion import RATE_HZ, Motion, fit_errors, force_features, is_constant
+from ces_data.findings import WARNING, WRONG_MODEL, Finding, SaturationFinding, mean_rate
+from ces_data.recording import Channel, Recording
+
+MIN_SAMPLES = 1000
+MIN_LEVELS = {"position": 100, "force": 50}  # values in the range, below which a quantum is coarse
+COARSE_REPEATS = 0.5  # share of samples that repeat the one before; noise larger than the quantum leaves fewer
+SAMPLES_A_LEVEL = 10  # from which on the values are those of a converter
+SPEED_SPAN_S, SPEED_BAND_HZ, MAX_SPEED_NOISE = 0.05, 50.0, 0.05  # of a model's speed; share that a quantum may disturb
+NOISY_REPEATS = 0.3  # share of repeats up to which a channel is noisy, so that a long run of them is a fault
+STUCK_S, STUCK_SAMPLES = 0.1, 50
+STUCK_CHANGE = {"position": 0.3, "force": 0.1}  # change of the other signal meanwhile, of its range
+WRONG_STUCK = 0.02  # share of the time
+MAX_VISIT = 0.5  # of the samples at a limit: a single longer visit is a sensor that is stuck there
+JUMP = 5.0  # a signal's return from a stuck value, in its largest steps elsewhere
+HELD_SAMPLES, HELD_STEPS = 3, 4.0  # repeats of each value, and steps between values in quanta
+OTHER = {"position": "force", "force": "position"}
+
+
+def sensor_findings(recording: Recording) -> Iterator[Finding]:
+    """Yield the findings on position and force."""
+    channels = {name: recording.channels[name].finite() for name in OTHER if name in recording.channels}
+    for name, channel in channels.items():
+        if len(channel) < MIN_SAMPLES:
+            continue
+        if np.ptp(channel.values) == 0.0:
+            if name == "force":  # `findings` reports a constant position
+                text = (
+                    f"force: constant at {channel.values[0]:g} N; expected a force that changes with the stroke: check "
+                    "topic and field in the signals file, and the load cell"
+                )
+                yield Finding(WRONG_MODEL, text, signal="force")
+            continue
+        runs = runs_of_equal(channel.values)
+        limits = [s.limit for s in find_saturations(recording, name)]
+        stuck = list(_stuck(channel, channels.get(OTHER[name]), runs, limits))
+        held = [] if stuck else list(_held(channel, runs))
+        coarse = _coarse_position(channel) if name == "position" and not (stuck or held) else None
+        yield from stuck or held or ([coarse] if coarse else _coarse(channel, runs))
+
+
+def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[float]) -> Iterator[Finding]:
+    """Yield the stretches in which a noisy channel repeats one value while the other signal changes.
+
+    Those at a limit at which it saturates again and again are no fault of their own.
+    """
+    lengths = runs[:, 1] - runs[:, 0]
+    long = lengths >= max(STUCK_SAMPLES, STUCK_S * mean_rate(channel))
+    rest = lengths[~long]
+    for limit in limits:
+        visits = channel.values[runs[:, 0]] == limit
+        if lengths[visits].max() < MAX_VISIT * lengths[visits].sum():
+            long &= ~visits
+    if other is None or not long.any() or not len(rest):
+        return
+    noisy = (rest - 1).sum() <= NOISY_REPEATS * rest.sum()
+    suspects = runs[long] if noisy else runs[long & _jumps(channel.values, runs)]
+    spans = [(int(channel.stamps_ns[a]), int(channel.stamps_ns[b - 1])) for a, b in suspects]
+    moved = [span for span in spans if _change(other, *span) > STUCK_CHANGE[channel.name]]
+    if not moved:
+        return
+    total = sum(b - a for a, b in moved) / max(int(np.ptp(channel.stamps_ns)), 1)
+    first = (moved[0][0] - int(channel.stamps_ns[0])) * 1e-9
+    yield Finding(
+        WRONG_MODEL if total > WRONG_STUCK else WARNING,
+        f"{channel.name}: stuck {count_times(len(moved))} {first:.2f} s, {total:.1%} of the time, while the "
+        f"{other.name} changes; check the sensor and its cable, and cut these stretches out",
+        signal=channel.name,
+    )
+
+
+def _jumps(values: F, runs: I) -> Mask:
+    """Return for each run (n,) whether the signal jumps to it or from it, as it does nowhere else."""
+    steps = np.abs(np.diff(values, prepend=values[:1], append=values[-1:]))  # before each sample, and after the last
+    limit = JUMP * float(np.percentile(steps, 99.5))
+    return np.asarray(np.maximum(steps[runs[:, 0]], steps[runs[:, 1]]) > limit)
+
+
+def _held(channel: Channel, runs: I) -> Iterator[Finding]:
+    """Yield a finding if a channel repeats each of its samples: it was logged faster than it was measured."""
+    steps = np.abs(np.diff(channel.values[runs[:, 0]]))
+    lengths = np.diff(runs[:, 0])
+    if len(lengths) < 50 or np.median(lengths) < HELD_SAMPLES or np.percentile(lengths, 10) < HELD_SAMPLES - 1:
+        return
+    if np.median(steps) >= HELD_STEPS * np.percentile(steps, 1):
+        rate = mean_rate(channel)
+        yield Finding(
+            WARNING,
+            f"{channel.name}: stamped at {rate:.0f} Hz, but each value is repeated {np.median(lengths):.0f} times: it "
+            f"is measured at {rate / np.median(lengths):.0f} Hz; log it at the rate of its sensor, 500 Hz or more",
+            signal=channel.name,
+        )
+
+
+def _coarse(channel: Channel, runs: I) -> Iterator[Finding]:
+    repeats = 1.0 - len(runs) / len(channel)
+    low, high = np.percentile(channel.values, (1.0, 99.0))
+    inside = channel.values[(channel.values >= low) & (channel.values <= high)]
+    levels = len(np.unique(inside))
+    if levels < MIN_LEVELS[channel.name] and repeats > COARSE_REPEATS:
+        yield Finding(
+            WARNING,
+            f"{channel.name}: only {levels} values between {low:.4g} and {high:.4g} {channel.unit}: too coarse for a "
+            f"{'speed' if channel.name == 'position' else 'model'}; record with more resolution",
+            signal=channel.name,
+        )
+
+
+def _coarse_position(channel: Channel) -> Finding | None:
+    """Return a finding if the position's quantum disturbs the speed: error q / sqrt(12), white up to half the rate."""
+    low, high = np.percentile(channel.values, (1.0, 99.0))
+    inside = channel.values[(channel.values >= low) & (channel.values <= high)]
+    levels = len(np.unique(inside))
+    if levels < 2 or len(inside) < SAMPLES_A_LEVEL * levels:
+        return None
+    quantum, rate = float(high - low) / (levels - 1), mean_rate(channel)
+    band = min(SPEED_BAND_HZ, 0.5 * rate)
+    noise = quantum / np.sqrt(12.0) * 2.0 * np.pi * np.sqrt(2.0 * band**3 / (3.0 * rate))
+    step = max(1, round(SPEED_SPAN_S * rate))
+    time = (channel.stamps_ns[step:] - channel.stamps_ns[:-step]) * 1e-9
+    moved = np.abs(channel.values[step:] - channel.values[:-step])[time > 0.0] / time[time > 0.0]
+    speed = float(np.percentile(moved, 90.0)) if len(moved) else np.nan  # the usual one, over 50 ms
+    if not noise > MAX_SPEED_NOISE * speed:
+        return None
+    text = (
+        f"position: its steps of {1e3 * quantum:.2g} mm disturb the speed by {noise:.2g} m/s, {noise / speed:.0%} "
+        f"of its usual {speed:.2g} m/s: too coarse; record with more resolution, or with faster strokes"
+    )
+    return Finding(WARNING, text, signal="position")
+
+
+def count_times(count: int) -> str:
+    """Return how often, before the time of the first."""
+    return "once, at" if count == 1 else f"{count} times, first at"
+
+
+def runs_of_equal(values: F) -> I:
+    """Return begin and end (n, 2) of the runs of equal values."""
+    changes = np.flatnonzero(np.diff(values) != 0.0) + 1
+    return np.stack([np.concatenate([[0], changes]), np.concatenate([changes, [len(values)]])], axis=1)
+
+
+def _change(channel: Channel, begin: int, end: int) -> float:
+    """Return by how much of its range a channel changes between two stamps."""
+    inside: Mask = (channel.stamps_ns >= begin) & (channel.stamps_ns <= end)
+    values, whole = channel.values[inside], np.percentile(channel.values, (1.0, 99.0))
+    return float(np.ptp(values) / max(np.ptp(whole), 1e-30)) if len(values) else 0.0
+
+
+MIN_AT_LIMIT = 10  # at the limit
+MIN_SHARE = 2e-4  # of all samples
+MIN_PEAK_RATIO = 5.0  # samples at the limit over those at each neighbouring value
+NEIGHBOURS = 5  # number of neighbouring values
+SATURATES = "the channel saturates"
+REMEDIES = {"force": "record with a larger range", "position": "move the sensor's range to that of the stroke"}
+ARRIVAL_S, ARRIVAL_SPEED = 0.01, 0.2  # before a limit of the position: its speed, of its RMS; a stop by nature brakes
+MIN_STAY = 3  # samples at a limit of the position, on average
+WRONG_AT_LIMIT = 0.02  # of the samples at a limit: a model would learn the sensor's limit
+
+
+@dataclass(frozen=True)
+class Saturation:
+    """The value [N or m] at which a channel saturates, and the share of its samples at this limit."""
+
+    limit: float
+    share: float
+
+
+def find_saturations(recording: Recording, signal: str = "force") -> tuple[Saturation, ...]:
+    """Return the limits at which the force, or the position, saturates, lowest first; empty if it does not.
+
+    Samples accumulate at a limit. A force that only reverses there leaves about as many samples on the neighbouring
+    values, even with a coarse converter.
+    """
+    channel = recording.channel(signal)
+    values, counts = np.unique(channel.values[np.isfinite(channel.values)], return_counts=True)
+    if len(values) < 2 * NEIGHBOURS:
+        return ()
+    total = int(counts.sum())
+    ends = ((values, counts), (values[::-1], counts[::-1]))
+    return tuple(
+        Saturation(float(v[0]), float(c[0]) / total)
+        for v, c in ends
+        if c[0] >= max(MIN_AT_LIMIT, MIN_SHARE * total)
+        and c[0] >= MIN_PEAK_RATIO * c[1 : NEIGHBOURS + 1].max()
+        and (signal == "force" or _arrives_fast(channel, float(v[0])))
+    )
+
+
+def _arrives_fast(channel: Channel, limit: float) -> bool:
+    """Return whether the position runs into a limit instead of coming to rest there, as a piston does."""
+    values = channel.values
+    back = max(1, round(ARRIVAL_S * mean_rate(channel)))
+    steps = np.abs(values[back:] - values[:-back])
+    arrivals = np.flatnonzero((values[1:] == limit) & (values[:-1] != limit)) - back
+    if (values == limit).sum() < MIN_STAY * len(arrivals):  # a noise-free sine touches its largest value only
+        return False
+    arrivals = arrivals[arrivals >= 0]
+    usual = float(np.sqrt(np.nanmean(steps**2)))
+    return bool(len(arrivals)) and float(np.nanmedian(steps[arrivals])) > ARRIVAL_SPEED * usual
+
+
+def saturation_findings(recording: Recording) -> Iterator[Finding]:
+    """Yield a finding for the force and for the position if it saturates."""
+    for signal, remedy in REMEDIES.items():
+        limits = find_saturations(recording, signal) if signal in recording.channels else ()
+        if limits:
+            share = sum(limit.share for limit in limits)
+            yield SaturationFinding(
+                WRONG_MODEL if share > WRONG_AT_LIMIT else WARNING,
+                f"{signal}: {SATURATES}: {describe_saturations(limits, recording.channel(signal).unit)}; {remedy}",
+                signal=signal,
+            )
+
+
+def describe_saturations(limits: tuple[Saturation, ...], unit: str = "N") -> str:
+    """Return the limits and their shares as text."""
+    return " and ".join(f"{s.share:.1%} of the samples at {s.limit:.5g} {unit}" for s in limits)
+
+
+MAX_STRETCHES, MIN_STRETCH_S = 3, 1.0  # of one current
+SETTLING_S = 0.2  # at the begin of a stretch, in which the valve still answers to the current before
+MIN_REST, MIN_MOTION = 0.2, 0.3  # share of the time outside, to compare with; of the speed inside
+RATIO, MIN_ERROR = 2.0, 0.15  # of the errors inside and outside; the least that counts
+WRONG_SHARE = 0.02  # of the time
+STUCK_CURRENT_S = 0.5  # in a noisy current
+REMEDY = "check the sensor and its cable, and cut these stretches out"
+
+
+def current_findings(recording: Recording, motion: Motion | None) -> Iterator[Finding]:
+    """Yield a finding if the recorded current stands still while the force, or its own noise, shows a fault."""
+    channel = recording.channels.get("current")
+    if channel is not None:
+        by_force = _unlike_force(motion) if motion is not None and not is_constant(motion.current) else None
+        yield from [by_force] if by_force else _without_noise(channel.finite())
+
+
+def _unlike_force(motion: Motion) -> Finding | None:
+    """Return a finding on the first stretch of one current in which the force changes as if the current moved."""
+    runs = runs_of_equal(motion.current)
+    lengths = runs[:, 1] - runs[:, 0]
+    longest = np.argsort(-lengths, kind="stable")[:MAX_STRETCHES]
+    for begin, end in runs[longest][lengths[longest] >= MIN_STRETCH_S * RATE_HZ]:
+        rest = np.concatenate([np.arange(begin), np.arange(end, len(motion))])
+        if len(rest) < MIN_REST * len(motion):
+            continue
+        inside, outside = _error(motion, np.arange(begin + round(SETTLING_S * RATE_HZ), end)), _error(motion, rest)
+        if inside > max(RATIO * outside, MIN_ERROR):
+            share = (end - begin) / len(motion)
+            return Finding(
+                WRONG_MODEL if share > WRONG_SHARE else WARNING,
+                f"current: stuck at {motion.current[begin]:.3g} A for {(end - begin) / RATE_HZ:.1f} s, {share:.0%} of "
+                f"the time, while the force changes as if it moved ({inside:.0%} of it does not follow the motion, "
+                f"{outside:.0%} elsewhere); {REMEDY}",
+                signal="current",
+            )
+    return None
+
+
+def _without_noise(channel: Channel) -> Iterator[Finding]:
+    """Yield the stretches in which a current whose noise changes it everywhere else repeats one value."""
+    if len(channel) < MIN_SAMPLES or np.ptp(channel.values) == 0.0:
+        return
+    runs = runs_of_equal(channel.values)
+    lengths = runs[:, 1] - runs[:, 0]
+    long = lengths >= max(STUCK_SAMPLES, STUCK_CURRENT_S * mean_rate(channel))
+    rest = lengths[~long]
+    if long.any() and len(rest) and (rest - 1).sum() <= NOISY_REPEATS * rest.sum():
+        begin, total = int(runs[long][0, 0]), lengths[long].sum() / len(channel)
+        first = (channel.stamps_ns[begin] - channel.stamps_ns[0]) * 1e-9
+        yield Finding(
+            WARNING,
+            f"current: stuck {count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time, although noise "
+            f"changes it everywhere else; {REMEDY}",
+            signal="current",
+        )
+
+
+def _error(motion: Motion, ticks: I) -> float:
+    """Return the relative error of the map from motion and current to the force on these ticks; 0 if little moves."""
+    signals = {name: getattr(motion, name)[ticks] for name in ("position", "speed", "force", "current")}
+    part = replace(motion, **signals, parts=())
+    if part.speed.std() < MIN_MOTION * motion.speed.std() or part.force.std() == 0.0:
+        return 0.0
+    return float(fit_errors(force_features(part).T, part.force[:, None])[0])
+
+
+MAX_CHECKED_HZ = 400.0  # above it, what is lost is the noise of the load cell
+MIN_RATE_SAMPLES = 64
+MISS, WRONG_MISS = 0.2, 0.6  # of the force's RMS; free runs erred by 0.35 to 0.5 of it
+VALVE_S = 0.005  # of the fastest valves; the slowest answer within 0.03 s
+MIN_VALVE_HZ = 0.5 / VALVE_S
+SIDE = 3  # samples on each side that must have no gap between them
+
+
+def rate_findings(recording: Recording) -> Iterator[Finding]:
+    """Yield a finding if the rate is too low for the force, or else for the response of the valve."""
+    force, current = recording.channels.get("force"), recording.channels.get("current")
+    rate = mean_rate(force) if force is not None else 0.0
+    if force is None or not 0.0 < rate < MAX_CHECKED_HZ:
+        return
+    miss = interpolation_miss(force)
+    if miss > MISS:
+        yield Finding(
+            WRONG_MODEL if miss > WRONG_MISS else WARNING,
+            f"force: changes too fast for {rate:.0f} Hz: half of its samples, interpolated from the others, miss by "
+            f"{miss:.0%} of its RMS, and a model will err by a third to half of that; oil and valves change a force "
+            "within 5 to 30 ms: record at 500 Hz or more",
+            signal="force",
+        )
+    elif rate < MIN_VALVE_HZ and current is not None and not is_constant(current.finite().values):
+        yield Finding(
+            WARNING,
+            f"force: {rate:.0f} Hz is too low for the response of a valve, 5 to 30 ms: a model cannot learn how the "
+            "force follows the current; record at 500 Hz or more",
+            signal="force",
+        )
+
+
+def interpolation_miss(channel: Channel) -> float:
+    """Return the RMS error of every second sample, interpolated from the others, relative to the channel's own.
+
+    Samples beside gaps do not count; NaN if too few are left, or if the channel is constant.
+    """
+    sound = channel.in_order()
+    stamps, values = sound.stamps_ns, sound.values
+    if len(values) < MIN_RATE_SAMPLES or np.ptp(values) == 0.0:
+        return np.nan
+    time = (stamps - stamps[0]) * 1e-9
+    odd = np.arange(SIDE, len(time) - SIDE)[(np.arange(SIDE, len(time) - SIDE) % 2) == 1]
+    odd = odd[time[odd + SIDE] - time[odd - SIDE] < 4.0 * SIDE * float(np.median(np.diff(time)))]
+    if len(odd) < MIN_RATE_SAMPLES // 4:
+        return np.nan
+    errors = CubicSpline(time[::2], values[::2])(time[odd]) - values[odd]
+    return float(np.sqrt(np.mean(errors**2)) / values.std())

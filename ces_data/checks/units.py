@@ -1,0 +1,238 @@
+"""Magnitudes that no damper has: position, force and current in other units than m, N and A.
+
+The limits hold from the damper of a bicycle to that of a truck. A factor that lies inside this range, such as lbf for
+N, cannot be known from one recording; `consistency` finds it between recordings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from ces_data.arrays import F
+from ces_data.checks.delays import is_reversed
+from ces_data.checks.motion import RATE_HZ, Motion, is_constant, recorded_motion
+from ces_data.findings import WARNING, WRONG_MODEL, Finding, finite_values
+from ces_data.recording import Recording
+
+MAX_STROKE_M, MAX_SPEED_M_S = 1.0, 10.0  # of a damper on a rig or a vehicle
+MAX_RMS_M_S, MAX_M_S2 = 2.0, 1000.0  # over the whole recording: the oil would boil; wheels on a kerb stay below 500
+USUAL_RMS_M_S = 1.3  # of a sine that peaks at 1.8 m/s, which few dynamometers reach
+MIN_STROKE_M, STROKE_FORCE_N = 1e-4, 100.0  # a shorter stroke makes no force like this
+MAX_CURRENT_A, VALVE_A = 100.0, 30.0  # beyond any valve; beyond those of vehicles
+FORCE_N, DAMPING_N_S_M = 8.0, 40.0  # the seal's friction alone is more; half of the softest bicycle damper
+SMALL_FORCE_N, SMALL_DAMPING_N_S_M = 30.0, 200.0  # a small damper, or kN
+MIN_SPEED_M_S = 0.02  # below it hardly any force is to be expected
+MAX_FORCE_N = 1e6
+
+
+def unit_findings(recording: Recording, motion: Motion | None) -> Iterator[Finding]:
+    """Yield a finding for each signal whose magnitude speaks for another unit; percentiles ignore outliers."""
+    speed = float(np.percentile(np.abs(motion.speed), 99.0)) if motion is not None else 0.0
+    force = half_span(finite_values(recording, "force"))
+    yield from _position(half_span(finite_values(recording, "position")) * 2.0, motion, force)
+    yield from _current(finite_values(recording, "current"))
+    yield from _force(force, speed)
+
+
+def _position(stroke: float, motion: Motion | None, force: float) -> Iterator[Finding]:
+    """Yield a finding if the piston moves farther, keeps moving faster, or accelerates more than any damper's."""
+    moved = motion.speed if motion is not None else np.zeros(2)
+    speed, rms = float(np.percentile(np.abs(moved), 99.0)), float(np.sqrt(np.mean(moved**2)))
+    acceleration = float(np.percentile(np.abs(np.gradient(moved)), 99.0)) * RATE_HZ
+    if stroke > MAX_STROKE_M or speed > MAX_SPEED_M_S or rms > MAX_RMS_M_S or acceleration > MAX_M_S2:
+        yield Finding(
+            WRONG_MODEL,
+            f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper; multiply its scale "
+            "in the signals file by 0.001 if it is in mm, by 0.01 if it is in cm, by 0.0254 if it is in inches",
+            signal="position",
+        )
+    elif rms > USUAL_RMS_M_S:
+        yield Finding(
+            WARNING,
+            f"position: moves at {rms:.2g} m/s on average (RMS), which few dampers do; if it is in inches, multiply "
+            "its scale in the signals file by 0.0254",
+            signal="position",
+        )
+    elif 0.0 < stroke < MIN_STROKE_M and force > STROKE_FORCE_N:
+        yield Finding(
+            WARNING,
+            f"position: spans {1e3 * stroke:.2g} mm with forces of {force:.3g} N; if it was in m already, remove "
+            "scale: 0.001 from the signals file",
+            signal="position",
+        )
+
+
+def _current(current: F) -> Iterator[Finding]:
+    reach = float(np.percentile(np.abs(current), 99.0)) if len(current) else 0.0
+    if reach > MAX_CURRENT_A:
+        yield Finding(
+            WRONG_MODEL,
+            f"current: reaches {reach:.4g} A, more than any valve; multiply its scale in the signals file by 0.001 if "
+            "it is in mA, or by the factor from raw counts to A",
+            signal="current",
+        )
+    elif reach > VALVE_A:
+        yield Finding(
+            WARNING,
+            f"current: reaches {reach:.4g} A; if it is in mA, percent or raw counts, set its scale in the signals "
+            "file, and the same on the vehicle",
+            signal="current",
+        )
+
+
+def _force(force: float, speed: float) -> Iterator[Finding]:
+    if force > MAX_FORCE_N:
+        yield Finding(
+            WRONG_MODEL,
+            f"force: reaches {force:.3g} N, more than any damper; multiply its scale in the signals file by 0.001 if "
+            "it is in mN, by 0.00981 if it is in gf",
+            signal="force",
+        )
+    if force == 0.0 or speed < MIN_SPEED_M_S:
+        return
+    what = f"force: {force:.3g} N at {speed:.2g} m/s ({force / speed:.2g} N s/m)"
+    if force < FORCE_N and force / speed < DAMPING_N_S_M:
+        yield Finding(
+            WRONG_MODEL,
+            f"{what}, less than the friction of any damper's seals; multiply its scale in the signals file by 1000 if "
+            "it is in kN",
+            signal="force",
+        )
+    elif force < SMALL_FORCE_N and force / speed < SMALL_DAMPING_N_S_M:
+        yield Finding(
+            WARNING,
+            f"{what} is little for a damper; if it is in kN, multiply its scale in the signals file by 1000",
+            signal="force",
+        )
+
+
+def half_span(values: F, without: float = 0.0) -> float:
+    """Return half the range of values (n,) between the 1st and 99th percentile, `without` if there are none."""
+    return float(0.5 * np.ptp(np.percentile(values, (1.0, 99.0)))) if len(values) else without
+
+
+def find_exchange(recording: Recording, motion: Motion | None) -> Finding | None:
+    """Return a finding if both ranges are those of the other signal, and the work of the force has changed its sign.
+
+    Interchanged signals return the work that the damper takes; mm and kN alone do not.
+    """
+    stroke, force = (half_span(finite_values(recording, name)) for name in ("position", "force"))
+    if motion is None or 2.0 * stroke < MAX_STROKE_M or force > FORCE_N or not is_reversed(motion, None):
+        return None
+    return Finding(
+        WRONG_MODEL,
+        f"position: spans {2.0 * stroke:.4g} m, while the force reaches {force:.3g} N and acts with the motion: "
+        "position and force are interchanged, or both are in other units and one of them is reversed; check topics, "
+        "fields and scales in the signals file",
+        signal="position",
+    )
+
+
+UNITS = {"kN": 1e3, "lbf": 4.4482216, "kgf": 9.80665}  # [N]
+NEAR = 1.35  # largest ratio of a slope to that of a unit
+MIN_CORRELATION, MIN_CELLS, MIN_TICKS = 0.85, 12, 15
+SPEEDS, CURRENTS = 12, 4  # cells, over the range that all recordings share
+
+
+def ratio_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
+    """Yield a finding for each recording whose forces are in another unit than those of the first."""
+    motions = [(r.name, m) for r in recordings if (m := recorded_motion(r)) is not None]
+    for name, motion in motions[1:]:
+        first, reference = motions[0]
+        slope = _slope(reference, motion)
+        unit = find_unit(slope)
+        if unit:
+            small, large = (name, first) if slope < 1.0 else (first, name)
+            known = not (is_constant(motion.current) or is_constant(reference.current))
+            yield Finding(
+                WRONG_MODEL if known else WARNING,  # without a current, the valve may have been set differently
+                f"force: {max(slope, 1.0 / slope):.3g} times as large in {large} as in {small} at equal "
+                f"speeds and currents; if {small} is in {unit}, multiply its scale in the signals file by "
+                f"{UNITS[unit]:.6g}",
+                signal="force",
+            )
+
+
+def find_unit(slope: float) -> str | None:
+    """Return the unit whose ratio to N, or N's to it, a slope is."""
+    for unit, newtons in UNITS.items():
+        for ratio in (newtons, 1.0 / newtons):
+            if 1.0 / NEAR < slope / ratio < NEAR:
+                return unit
+    return None
+
+
+def _slope(first: Motion, other: Motion) -> float:
+    """Return by what the forces of `other` exceed those of `first` in the cells of both; NaN if they are unlike."""
+    edges = [
+        np.linspace(max(a.min(), b.min()), min(a.max(), b.max()), cells + 1)
+        for a, b, cells in ((first.speed, other.speed, SPEEDS), (first.current, other.current, CURRENTS))
+    ]
+    if np.ptp(edges[0]) <= 0.0 or edges[1][0] > edges[1][-1]:
+        return np.nan
+    x, y = (_cell_means(motion, *edges) for motion in (first, other))
+    both = np.isfinite(x) & np.isfinite(y)
+    if both.sum() < MIN_CELLS or x[both].std() == 0.0 or y[both].std() == 0.0:
+        return np.nan
+    correlation = float(np.corrcoef(x[both], y[both])[0, 1])
+    return float(y[both].std() / x[both].std()) if correlation > MIN_CORRELATION else np.nan
+
+
+def _cell_means(motion: Motion, speeds: F, currents: F) -> F:
+    """Return the mean force [N] in each cell of speed and current, NaN in cells with few ticks."""
+    inside = (motion.speed >= speeds[0]) & (motion.speed < speeds[-1])
+    if np.ptp(currents) > 0.0:
+        inside &= (motion.current >= currents[0]) & (motion.current < currents[-1])
+    rows = np.clip(np.searchsorted(speeds, motion.speed[inside], side="right") - 1, 0, SPEEDS - 1)
+    columns = np.clip(np.searchsorted(currents, motion.current[inside], side="right") - 1, 0, CURRENTS - 1)
+    cells = rows * CURRENTS + columns
+    count = np.bincount(cells, minlength=SPEEDS * CURRENTS)
+    total = np.bincount(cells, motion.force[inside], minlength=SPEEDS * CURRENTS)
+    return np.where(count >= MIN_TICKS, total / np.maximum(count, 1), np.nan)
+
+
+MIN_MODEL_CORRELATION = 0.85  # of both forces, from which on their ratio counts
+MIN_ERROR, CLEARLY = 0.2, 0.5  # relative error that both signs reversed must at least halve
+
+
+def unit_against_model(measured: F, simulated: F) -> Iterator[Finding]:
+    """Yield a finding if the measured force (n,) is the simulated one in another unit."""
+    if measured.std() == 0.0 or simulated.std() == 0.0 or _correlation(measured, simulated) < MIN_MODEL_CORRELATION:
+        return
+    slope = float(measured.std() / simulated.std())
+    unit = find_unit(slope)
+    if unit is not None and slope < 1.0:
+        yield Finding(
+            WRONG_MODEL,
+            f"force: {slope:.3g} times as large as the model's; if it is in {unit}, multiply its scale in the signals "
+            f"file by {UNITS[unit]:.6g}",
+            signal="force",
+        )
+    elif unit is not None:
+        yield Finding(
+            WRONG_MODEL,
+            f"force: {slope:.3g} times as large as the model's; if the model was identified in {unit}, multiply the "
+            f"scale of the force by {UNITS[unit]:.6g} in the signals file it was identified with, and identify again",
+            signal="force",
+        )
+
+
+def signs_against_model(cost: float, reversed_cost: float) -> Iterator[Finding]:
+    """Yield a finding if a model follows a recording better by far with position and force both reversed.
+
+    The costs J [%] are those of its free runs on the recording as it is, and reversed. A damper that acts alike in
+    compression and rebound shows no difference, and needs none.
+    """
+    if cost > 100.0 * MIN_ERROR and reversed_cost < CLEARLY * cost:
+        yield Finding(
+            WRONG_MODEL,
+            f"position and force: the model follows them better with both signs reversed (J {reversed_cost:.0f} "
+            f"instead of {cost:.0f} %); both are positive in compression: multiply both scales by -1 in the signals "
+            "file of the recording, or identify the model again if its own was wrong",
+        )
+
+
+def _correlation(a: F, b: F) -> float:
+    return float(np.corrcoef(a, b)[0, 1])

@@ -1,0 +1,251 @@
+"""Faults of a recording that can be detected before it is used: findings in plain words, errors first."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import reduce
+from itertools import chain, combinations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_data.recording import Channel, Recording, Stamps, Values
+from ces_observer.errors import RecordingError
+
+ERROR, WRONG_MODEL, WARNING = SEVERITIES = ("error", "wrong model", "warning")  # worst first
+POSSIBLE = {
+    "position": 1e4,
+    "current": 1e6,
+    "force": 1e9,
+    "sim_force": 1e9,
+}  # [m, A, N] none is beyond, in any unit
+MAX_EQUAL_SHARE = 0.2  # of the samples
+MAX_EQUAL_STAMPS = 100  # samples in a row with one stamp; a driver that stamps its batches makes fewer
+BAD_SHARE = 0.01  # largest share of NaN or infinite samples that preparation may omit
+RATE_RATIO = 100.0
+MISSING_SHARE = 0.01  # largest share of the position's span without current
+MISSING_S, EDGE_S, USUAL_INTERVALS = 0.5, 1.0, 20.0
+SECOND = 1e9
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A fault: with severity "error" the recording cannot be used; with "wrong model" it can be read, but a model of it
+    would be wrong; with "warning" it can be used.
+
+    `signal` is the one that it is about, empty if it is about several; `recording` the name of the one that it is
+    about, empty where the caller knows it, or if it is about several.
+    """
+
+    severity: str
+    text: str
+    signal: str = ""
+    recording: str = ""
+
+
+class DelayFinding(Finding):
+    """A signal is logged later or earlier than another; the remedy is the key delay in the signals file."""
+
+
+class SaturationFinding(Finding):
+    """A channel saturates."""
+
+
+def findings(recording: Recording) -> tuple[Finding, ...]:
+    """Return all faults of a recording, errors first.
+
+    Errors: constant position; an empty channel, or one with more than 1 % NaN or infinite samples; a value beyond all
+    units; time running backwards, or standing still; rates a factor of 100 apart; current absent for more than 1 % of
+    the time. Warnings: fewer NaN or infinite samples, a pause of all signals, a short absence of the current.
+    """
+    start_ns = min((int(c.stamps_ns[0]) for c in recording.channels.values() if len(c)), default=0)
+    return sort_findings(
+        *(_check_channel(channel, start_ns) for channel in recording.channels.values()),
+        _check_position(recording),
+        _check_rates(recording),
+        _check_pauses(recording, start_ns),
+        _check_current(recording, start_ns),
+    )
+
+
+def sort_findings(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
+    """Return the findings of all groups, the worst first."""
+    return tuple(sorted(chain(*groups), key=lambda finding: SEVERITIES.index(finding.severity)))
+
+
+def require_usable(recording: Recording) -> tuple[Finding, ...]:
+    """Return the warnings about a recording; raises RecordingError with the first error if there is one."""
+    results = findings(recording)
+    if results and results[0].severity == ERROR:
+        raise RecordingError(f"{recording.source or recording.name}: {results[0].text}")
+    return results
+
+
+def mean_rate(channel: Channel) -> float:
+    """Return the mean rate [Hz] of a channel over its whole span; 0 if the span is empty."""
+    span = int(channel.stamps_ns.max() - channel.stamps_ns.min()) if len(channel) else 0
+    return (len(channel) - 1) * SECOND / span if span else 0.0
+
+
+def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
+    if not len(channel):
+        yield Finding(ERROR, f"{channel.name}: the channel is empty; expected samples", signal=channel.name)
+        return
+    bad = ~np.isfinite(channel.values)
+    if bad.any():
+        first = (int(channel.stamps_ns[np.argmax(bad)]) - start_ns) / SECOND
+        text = f"{channel.name}: {int(bad.sum())} of {len(bad)} samples are NaN or infinite, the first at {first:.3f} s"
+        if bad.mean() > BAD_SHARE:
+            yield Finding(ERROR, f"{text}; expected at most {BAD_SHARE:.0%}", signal=channel.name)
+        else:
+            yield Finding(WARNING, f"{text}; they are left out", signal=channel.name)
+    yield from _check_values(channel, start_ns)
+    yield from _check_stamps(channel, start_ns)
+
+
+def _check_values(channel: Channel, start_ns: int) -> Iterator[Finding]:
+    """Report a value that no sensor can have measured: a wrong type, field or scale."""
+    size = np.abs(np.where(np.isfinite(channel.values), channel.values, 0.0))
+    worst, limit = int(np.argmax(size)), POSSIBLE.get(channel.name, np.inf)
+    if size[worst] > limit:
+        at = (int(channel.stamps_ns[worst]) - start_ns) / SECOND
+        yield Finding(
+            ERROR,
+            f"{channel.name}: {channel.values[worst]:.4g} {channel.unit} at {at:.3f} s; expected at most {limit:g}: "
+            "check type, field and scale in the signals file, or remove the sample",
+            signal=channel.name,
+        )
+
+
+def _check_stamps(channel: Channel, start_ns: int) -> Iterator[Finding]:
+    steps = np.diff(channel.stamps_ns)
+    equal, first = _longest_run(steps == 0)
+    if equal >= MAX_EQUAL_STAMPS:
+        at = (int(channel.stamps_ns[first]) - start_ns) / SECOND
+        yield Finding(
+            ERROR,
+            f"{channel.name}: {equal + 1} samples in a row have the same stamp, at {at:.3f} s; expected a stamp for "
+            "each sample (is the header's stamp filled in?)",
+            signal=channel.name,
+        )
+    elif len(steps) and (steps == 0).mean() > MAX_EQUAL_SHARE:
+        yield Finding(
+            WARNING,
+            f"{channel.name}: {(steps == 0).mean():.0%} of the samples have the same stamp as the one before: times "
+            "are rounded, or samples are repeated; log times that tell one sample from the next",
+            signal=channel.name,
+        )
+    if (steps < 0).any():
+        row = int(np.argmin(steps))
+        at = (int(channel.stamps_ns[row]) - start_ns) / SECOND
+        times = f"{int((steps < 0).sum())} times, most at {at:.3f} s by {-steps[row] / SECOND:.6f} s"
+        hint = "expected stamps in order (did a clock jump, or a bag loop?)"
+        yield Finding(ERROR, f"{channel.name}: time runs backwards {times}; {hint}", signal=channel.name)
+
+
+def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
+    """Return length and first index of the longest run of true values."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
+    if not len(edges):
+        return 0, 0
+    lengths = edges[1::2] - edges[::2]
+    longest = int(np.argmax(lengths))
+    return int(lengths[longest]), int(edges[2 * longest])
+
+
+def _check_position(recording: Recording) -> Iterator[Finding]:
+    values = finite_values(recording, "position")
+    if "position" in recording.constants:
+        yield Finding(
+            ERROR, "position: is a constant in the signals file; expected a recorded stroke", signal="position"
+        )
+    elif len(values) and values.min() == values.max():
+        yield Finding(
+            ERROR,
+            f"position: constant at {values[0]:g} m; expected a stroke (is it the right field?)",
+            signal="position",
+        )
+
+
+def _check_rates(recording: Recording) -> Iterator[Finding]:
+    rates = {name: rate for name, channel in recording.channels.items() if (rate := mean_rate(channel)) > 0.0}
+    for (slow, low), (fast, high) in combinations(sorted(rates.items(), key=lambda item: item[1]), 2):
+        if high >= RATE_RATIO * low and "temperature" not in (slow, fast):
+            yield Finding(
+                ERROR, f"{slow} at {low:.4g} Hz and {fast} at {high:.4g} Hz: rates more than {RATE_RATIO:g} times apart"
+            )
+
+
+def find_pauses(recording: Recording) -> list[tuple[int, int]]:
+    """Return begin and end [ns] of the stretches in which all signals pause: the recorder did, not a sensor."""
+    stamps = [channel.stamps_ns for channel in recording.channels.values() if len(channel)]
+    gaps = [missing_stretches(one, one) for one in stamps] if len(stamps) > 1 else [[]]
+    return reduce(_intersect, gaps)
+
+
+def _intersect(first: list[tuple[int, int]], second: list[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return the stretches that are in both lists."""
+    both = ((max(a, c), min(b, d)) for a, b in first for c, d in second)
+    return [(begin, end) for begin, end in both if end - begin > MISSING_S * SECOND]
+
+
+def _check_pauses(recording: Recording, start_ns: int) -> Iterator[Finding]:
+    """Report once that all signals pause, instead of a gap in each."""
+    pauses = find_pauses(recording)
+    if pauses:
+        span = _describe_stretches(pauses, start_ns)
+        yield Finding(WARNING, f"all signals pause {span} (was the recorder paused?); nothing is bridged")
+
+
+def _check_current(recording: Recording, start_ns: int) -> Iterator[Finding]:
+    """Report the longest stretch without current; an error if all together exceed MISSING_SHARE."""
+    if not all(len(recording.channels.get(name, ())) for name in ("position", "current")):
+        return
+    position = recording.channel("position").stamps_ns
+    pauses = find_pauses(recording)
+    absent = missing_stretches(position, recording.channel("current").stamps_ns)
+    stretches = [one for one in absent if _length_without(one, pauses) > MISSING_S * SECOND]
+    if not stretches:
+        return
+    share = sum(_length_without(one, pauses) for one in stretches) / int(np.ptp(position))
+    span = _describe_stretches(stretches, start_ns)
+    severity = ERROR if share > MISSING_SHARE else WARNING
+    yield Finding(
+        severity,
+        f"current: absent {span}, {share:.1%} of the time; expected it wherever position is recorded",
+        signal="current",
+    )
+
+
+def _describe_stretches(stretches: Sequence[tuple[int, int]], start_ns: int) -> str:
+    """Return when the longest stretch is, and how many there are besides."""
+    begin, end = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
+    more = f" and {len(stretches) - 1} times more" if len(stretches) > 1 else ""
+    return f"from {(begin - start_ns) / SECOND:.3f} s to {(end - start_ns) / SECOND:.3f} s{more}"
+
+
+def _length_without(stretch: tuple[int, int], pauses: Sequence[tuple[int, int]]) -> int:
+    """Return the length [ns] of a stretch without the pauses in it."""
+    begin, end = stretch
+    return end - begin - sum(max(0, min(end, last) - max(begin, first)) for first, last in pauses)
+
+
+def finite_values(recording: Recording, signal: str) -> Values:
+    """Return the finite values (n,) of a signal's channel, none without a channel."""
+    values = recording.channels[signal].values if signal in recording.channels else np.empty(0)
+    return np.asarray(values[np.isfinite(values)])
+
+
+def missing_stretches(reference_ns: Stamps, stamps_ns: Stamps) -> list[tuple[int, int]]:
+    """Return begin and end [ns] of the stretches inside the reference's span without stamps.
+
+    A stretch is longer than 0.5 s and 20 median intervals; at both ends, where topics start and stop, than 1 s.
+    """
+    first, last = int(reference_ns.min()), int(reference_ns.max())
+    edges = np.concatenate([[first], np.sort(np.clip(stamps_ns, first, last)), [last]])
+    lengths = np.diff(edges)
+    usual = float(np.median(lengths[1:-1])) if len(lengths) > 2 else 0.0
+    longest_allowed = np.full(len(lengths), max(MISSING_S * SECOND, USUAL_INTERVALS * usual))
+    longest_allowed[[0, -1]] = np.maximum(longest_allowed[[0, -1]], EDGE_S * SECOND)
+    return [(int(edges[i]), int(edges[i + 1])) for i in np.flatnonzero(lengths > longest_allowed)]

@@ -1,0 +1,1 @@
+"""Logs of dynos and loggers, a module for each format: tables whose rows share a time,."""

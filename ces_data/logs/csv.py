@@ -1,0 +1,292 @@
+"""Text tables: read once, line by line, into one array of numbers for each column."""
+
+from __future__ import annotations
+
+import csv
+import re
+from array import array
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from io import TextIOWrapper
+from itertools import accumulate, chain, islice, repeat, zip_longest
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_data.logs.csv_cells import (
+    AmbiguousDateError,
+    is_comment,
+    is_date,
+    is_grouped,
+    is_missing,
+    is_number,
+    mixes_groups,
+    parse_dates,
+    parse_number,
+)
+from ces_data.logs.csv_form import DELIMITERS, find_dialect
+from ces_data.logs.log_file import LogTable
+from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_data.recording import Stamps, Values
+from ces_observer.errors import RecordingError
+
+BATCH = 300  # rows converted together; their cells fit into the processor's cache
+SAMPLE = 5_000  # rows that show how numbers are written
+EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a float would round it
+NUMBER_STARTS = frozenset("0123456789+-.")
+LINE_BREAK = re.compile("\r\n|\r|\n")
+EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
+NAN = float("nan")
+
+
+def open_log(path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> CsvTable:
+    """Read a text table; raises RecordingError if it has no rows of numbers, or a quote that is not closed."""
+    try:
+        return CsvTable(path, mapping, progress)
+    except csv.Error as error:
+        raise RecordingError(f'{path}: cannot be read as a table: {error}; is a quote (") not closed?') from None
+
+
+def _is_text(cell: str) -> bool:
+    """Return whether the column of a first cell is kept as text: dates and long whole numbers."""
+    return is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
+
+
+def _as_values(numbers: array[float]) -> Values:
+    """Return the numbers without a copy, not to be written to."""
+    values = np.frombuffer(numbers, dtype=np.float64) if numbers else np.empty(0)
+    values.flags.writeable = False
+    return values
+
+
+def _read_whole(cells: Sequence[str], factor: int) -> Stamps:
+    """Return whole numbers times a factor; raises ValueError with the first cell that is none, and its row."""
+    for row, cell in enumerate(cells):
+        if not cell.removeprefix("-").isdecimal():
+            raise ValueError(cell, row)
+    return np.array([int(cell) * factor for cell in cells], dtype=np.int64)
+
+
+def _last_lines(rows: Sequence[Sequence[str]], before: int, last: int) -> Sequence[int]:
+    """Return the number of each row's last line; a row has several if there are line breaks in its quoted cells."""
+    if last - before == len(rows):
+        return range(before + 1, last + 1)
+    return [before + n for n in accumulate(1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in rows)]
+
+
+@dataclass
+class _Cells:
+    """The cells of one column: numbers, NaN where there is none; the rows without a number; the first bad cell."""
+
+    numbers: array[float] = field(default_factory=lambda: array("d"))
+    blanks: array[int] = field(default_factory=lambda: array("q"))
+    blank: str = ""  # the first of them, as `NA`
+    texts: list[str] | None = None
+    bad: tuple[int, str | None] | None = None  # row and text; None for a line that ends before this column
+
+
+class CsvTable(LogTable):
+    """A table of text cells. Memory is 8 bytes a cell, and the text of columns that hold dates."""
+
+    def __init__(
+        self, path: Path, mapping: DynoMapping, progress: Callable[[float], None] = lambda share: None
+    ) -> None:
+        self.path, self.mapping, self._progress = path, mapping, progress
+        self.dialect = find_dialect(path, mapping)
+        self.names = mapping.names or self.dialect.names
+        self._lines = array("q")
+        self._widths = array("l")
+        self._columns: list[_Cells] = []
+        self._comments, self._head = 0, self.dialect.head
+        self._read()
+        left_out = [f"{self._comments} comment lines are left out"] if self._comments else []
+        self.notes = (*self.dialect.notes, *left_out)
+        if not self._lines:
+            reason = f"no rows of numbers after {self.dialect.head} header lines"
+            empty = "the file is empty; expected a header and rows of numbers"
+            raise RecordingError(f"{path}: {reason if self.dialect.head else empty}")
+        if all(cells.texts is None and np.isnan(cells.numbers).all() for cells in self._columns):
+            raise RecordingError(f"{path}: no cell from line {self._lines[0]} on is a number; expected rows of numbers")
+
+    def column(self, key: str | int) -> Values:
+        """Return a column, NaN where a cell is blank; raises RecordingError naming the line of a bad cell."""
+        cells, name = self._cells(key)
+        if cells.bad is not None:
+            raise self._bad_cell(cells.bad, name)
+        if len(cells.blanks) and self.mapping.blank == "error":
+            raise self._bad_cell((cells.blanks[0], cells.blank), name)
+        return _as_values(cells.numbers)
+
+    def missing(self, key: str | int) -> NDArray[np.bool_] | None:
+        """Return which rows are blank in a column, None if none is."""
+        cells, _ = self._cells(key)
+        if not len(cells.blanks):
+            return None
+        mask = np.zeros(len(self._lines), dtype=np.bool_)
+        mask[np.array(cells.blanks)] = True
+        return mask
+
+    def stamps(self, column: Column) -> Stamps | None:
+        """Return the times of a column of dates or of long whole numbers of nanoseconds; None for other numbers."""
+        cells, name = self._cells(column.key)
+        if cells.texts is None:
+            return None
+        try:
+            if column.unit in EXACT_UNITS and cells.texts[0].isdigit():
+                return _read_whole(cells.texts, EXACT_UNITS[column.unit])
+            return parse_dates(cells.texts, column.date)
+        except OverflowError:
+            raise RecordingError(
+                f"{self.path}: column {name} has a time beyond the year 2262; check its unit"
+            ) from None
+        except AmbiguousDateError as error:
+            raise RecordingError(
+                f"{self.path}: column {name}: {str(error)!r} may be month/day or day/month; set date: "
+                f"'%m/%d/%Y %H:%M:%S.%f' or '%d/%m/%Y %H:%M:%S.%f' in {self.mapping.source}"
+            ) from None
+        except ValueError as error:
+            text, row = error.args
+            expected = f"a time like the first one, {cells.texts[0]!r}" if row else "a date that exists"
+            raise RecordingError(
+                f"{self.path}:{self._lines[row]}: column {name} is {text!r}; expected {expected} "
+                f"(or set date: in {self.mapping.source}, such as '%d/%m/%Y %H:%M:%S.%f')"
+            ) from None
+
+    def is_text(self, key: str | int) -> bool:
+        """Return whether a column holds dates or long whole numbers."""
+        return self._cells(key)[0].texts is not None
+
+    def unit(self, key: str | int) -> str:
+        """Return the unit in the row below the names."""
+        at, units = self._index(key, self.width), self.dialect.units
+        return units[at] if at < len(units) else ""
+
+    def first(self, key: str | int) -> float:
+        """Return the number in the first row; the cells below may be empty."""
+        cells, name = self._cells(key)
+        if np.isnan(cells.numbers[0]) and cells.bad is not None and cells.bad[0] == 0:
+            raise self._bad_cell(cells.bad, name)
+        return cells.numbers[0]
+
+    def place(self, row: int) -> str:
+        """Return the line in the file."""
+        return f"line {self._lines[row]}"
+
+    @property
+    def width(self) -> int:
+        """The number of columns, with or without a name."""
+        return max(len(self.names), len(self._columns))
+
+    def _cells(self, key: str | int) -> tuple[_Cells, str]:
+        i = self._index(key, self.width)
+        name = f"'{self.names[i]}'" if i < len(self.names) else str(key)
+        if i >= len(self._columns):
+            raise self._bad_cell((0, None), name)
+        return self._columns[i], name
+
+    def _read(self) -> None:
+        """Read all rows; the first one decides which columns are text."""
+        sample: list[list[str]] = []
+        for rows in self._batches():
+            sample += rows[: SAMPLE - len(sample)]
+            if not self._columns:
+                self._columns = [_Cells(texts=[] if _is_text(cell.strip()) else None) for cell in rows[0]]
+            first = len(self._widths)
+            self._widths.extend(map(len, rows))
+            missing = (None,) * len(rows)
+            for column, cells in zip(self._columns, chain(zip_longest(*rows), repeat(missing)), strict=False):
+                self._add_all(column, first, cells)
+        self._refuse_groups(sample)
+
+    def _refuse_groups(self, rows: Sequence[Sequence[str]]) -> None:
+        """Mark as bad what has thousands separators that look like decimal marks, unless the mapping states those."""
+        if self.mapping.decimal is not None:
+            return
+        mark = self.dialect.decimal
+        for column, cells in zip(self._columns, zip_longest(*rows, fillvalue=""), strict=False):
+            if mixes_groups(cells, mark):
+                column.bad = column.bad or next((row, cell) for row, cell in enumerate(cells) if mark in cell)
+
+    def _batches(self) -> Iterator[list[list[str]]]:
+        """Yield the cells of the next rows; keeps the number of each one's line, and reports the share that is read."""
+        size, line = max(1, self.path.stat().st_size), 0
+        with self.path.open("rb") as raw, TextIOWrapper(raw, self.dialect.encoding, "replace", newline="") as file:
+            reader = csv.reader(file, delimiter=self.dialect.delimiter, skipinitialspace=True)
+            while batch := list(islice(reader, BATCH)):
+                lines = _last_lines(batch, line, reader.line_num)
+                line = reader.line_num
+                kept = [at for at, cells in enumerate(batch) if self._is_row(cells)]
+                self._lines.extend(lines[at] for at in kept)
+                self._progress(raw.tell() / size)
+                if kept:
+                    yield batch if len(kept) == len(batch) else [batch[at] for at in kept]
+
+    def _is_row(self, cells: Sequence[str]) -> bool:
+        """Return whether a line is a row: not blank, below the header, and no comment; counts the others."""
+        if not self._head and cells and cells[0][:1] in NUMBER_STARTS:
+            return True
+        if not any(map(str.strip, cells)):
+            return False
+        if self._head:
+            self._head -= 1
+            return False
+        if is_comment(cells):
+            self._comments += 1
+            return False
+        return True
+
+    def _add_all(self, column: _Cells, row: int, cells: Sequence[str | None]) -> None:
+        """Add the cells of rows from `row` on, at once if all are numbers; None stands for one that is missing."""
+        if column.texts is None and None not in cells:
+            texts = cast(Sequence[str], cells)
+            try:
+                column.numbers.extend(array("d", map(float, self._with_points(texts))))
+                return
+            except ValueError:
+                pass
+        for at, cell in enumerate(cells, start=row):
+            self._add(column, at, cell)
+
+    def _with_points(self, texts: Sequence[str]) -> Sequence[str]:
+        """Return cells with decimal points; raises ValueError for a point among decimal commas, or for 1_000."""
+        joined = "\0".join(texts)
+        if "_" in joined or (self.dialect.decimal != "." and "." in joined):
+            raise ValueError(joined)
+        return texts if self.dialect.decimal == "." else joined.replace(self.dialect.decimal, ".").split("\0")
+
+    def _add(self, column: _Cells, row: int, cell: str | None) -> None:
+        if column.texts is not None:
+            column.texts.append((cell or "").strip())
+        try:
+            number = parse_number(cell or "", self.dialect.decimal)
+        except ValueError:
+            number = NAN
+            if cell is not None and (not cell.strip() or is_missing(cell)):
+                column.blank = cell if not len(column.blanks) else column.blank
+                column.blanks.append(row)
+            elif column.bad is None:
+                column.bad = (row, cell)
+        column.numbers.append(number)
+
+    def _hint(self, width: int) -> str:
+        """Suggest another delimiter if the only column contains one."""
+        text = self.names[0] if self.names else ""
+        others = [shown for mark, shown in DELIMITERS.items() if mark in text and mark != self.dialect.delimiter]
+        return f"; is the delimiter {others[0]}? Set it in {self.mapping.source}" if width == 1 and others else ""
+
+    def _bad_cell(self, bad: tuple[int, str | None], name: str) -> RecordingError:
+        row, text = bad
+        where = f"{self.path}:{self._lines[row]}: column {name}"
+        if text is None:
+            return RecordingError(f"{where} is missing; the line has {self._widths[row]} cells")
+        kind = "that" if text.strip() else "a blank"
+        blank = f" (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
+        if is_grouped(text):
+            return RecordingError(f"{where} is {text!r}; expected a number without thousands separators: export it so")
+        if self.dialect.decimal != "." and is_number(text, "."):
+            return RecordingError(f"{where} is {text!r}; expected decimals by '{self.dialect.decimal}' as elsewhere")
+        return RecordingError(
+            f"{where} is {text!r}; expected a number{blank if not text.strip() or is_missing(text) else ''}"
+        )

@@ -1,0 +1,188 @@
+"""Logs of every format: a path and a mapping in; a table, or channels with their own times, out.
+
+`ces_data.log_formats` lists the formats; the module of each is imported when a file of it is opened.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_data.config_file import first_line
+from ces_data.log_formats import LOG_FORMATS
+from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_data.recording import Stamps, Values
+from ces_observer.errors import RecordingError
+
+MAX_TIME_S = 9.0e9  # stamps in nanoseconds end at 9.2e9 s, in the year 2262
+MAX_NAMES = 30  # of columns or channels in a message
+MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
+REMEDIES = {  # what to do about files that are not read
+    **dict.fromkeys((".xlsx", ".xls", ".xlsm", ".ods"), "save the sheet as CSV"),
+    **dict.fromkeys((".gz", ".zip", ".7z", ".bz2", ".xz", ".tar", ".rar"), "unpack it"),
+    **dict.fromkeys((".tdms", ".tdm"), "export it as CSV (DIAdem, or NI's TDMS add-in for Excel)"),
+    **dict.fromkeys((".dxd", ".d7d", ".dsd"), "export it as CSV, MAT or MDF from DewesoftX"),
+    **dict.fromkeys((".h5", ".hdf5", ".hdf"), "only MATLAB's own HDF5 files (.mat) are; write CSV or Parquet"),
+    **dict.fromkeys((".jsonl", ".ndjson"), "write one JSON list of the rows (jq -s . FILE), or CSV"),
+}
+CAN_ASC = re.compile(rb"^\s*(date\s|base\s+(hex|dec)|//\s*version|Begin\s+Trigger)", re.IGNORECASE | re.MULTILINE)
+BAGS = (".mcap", ".db3")
+
+
+@dataclass(frozen=True)
+class LogSeries:
+    """A channel with its own times: `stamps_ns` int64 and `values` float64, both (n,); `unit` as the log spells it."""
+
+    label: str
+    stamps_ns: Stamps
+    values: Values
+    unit: str = ""
+    key: str = ""
+    group: str | int | None = None
+
+
+class LogTable(ABC):
+    """Columns of equal length; `notes` say what was found out about the file's form."""
+
+    path: Path
+    names: Sequence[str]
+    notes: tuple[str, ...] = ()
+    rows = ""  # the path to the table inside the file
+    unread: Mapping[str, str] = {}  # names of what cannot be a column, each with the reason
+
+    @property
+    def width(self) -> int:
+        """The number of columns."""
+        return len(self.names)
+
+    @abstractmethod
+    def column(self, key: str | int) -> Values:
+        """Return a column, shape (n,), NaN where a sample is missing.
+
+        Raises RecordingError if the column is missing or has a cell that is not a number.
+        """
+
+    def missing(self, key: str | int) -> NDArray[np.bool_] | None:
+        """Return which rows have no sample in a column, (n,); None if all have one."""
+        return None
+
+    def stamps(self, column: Column) -> Stamps | None:
+        """Return the times of a column of dates or nanoseconds as exact stamps, (n,); None if it holds numbers."""
+        return None
+
+    def unit(self, key: str | int) -> str:
+        """Return the unit that the file states for a column, '' if none."""
+        return ""
+
+    def first(self, key: str | int) -> float:
+        """Return the number in the first row of a column."""
+        return float(self.column(key)[0])
+
+    @abstractmethod
+    def place(self, row: int) -> str:
+        """Return the position of row `row` (from 0) for a message."""
+
+    def _index(self, key: str | int, width: int) -> int:
+        if isinstance(key, int) and key < width:
+            return key
+        if isinstance(key, str) and key in self.names:
+            return list(self.names).index(key)
+        columns = join_names(self.names) or f"columns 0 to {width - 1} without names"
+        raise RecordingError(f"{self.path}: no column {key!r}; the table has {columns}{self._hint(width)}")
+
+    def _hint(self, _: int) -> str:
+        return ""
+
+
+class TimedLog(ABC):
+    """A log whose channels have their own times."""
+
+    path: Path
+    notes: tuple[str, ...] = ()
+
+    @abstractmethod
+    def read(self, columns: Sequence[Column]) -> list[LogSeries]:
+        """Return the channels that the columns name, in this order; raises RecordingError if one is missing."""
+
+    @abstractmethod
+    def read_all(self) -> list[LogSeries]:
+        """Return every channel of numbers."""
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Return names for a message, the first 30 of them."""
+    more = [f"{len(names) - MAX_NAMES} more"] if len(names) > MAX_NAMES else []
+    return ", ".join([*map(str, names[:MAX_NAMES]), *more])
+
+
+def import_reader(module: str, package: str, extra: str, path: Path) -> Any:
+    """Import an optional library; raises RecordingError that names the extra to install if it is missing."""
+    try:
+        return import_module(module)
+    except ImportError:
+        raise RecordingError(
+            f"{path}: reading {path.suffix or path.name} needs {package}: pip install 'ces_observer[{extra}]'"
+        ) from None
+
+
+def open_log(
+    path: Path, mapping: DynoMapping, progress: Callable[[float], None] = lambda share: None
+) -> LogTable | TimedLog:
+    """Open a log; raises RecordingError if it does not have the format of the mapping or the suffix.
+
+    `progress` is called with the share of a text table that is read.
+    """
+    refuse_bag(path)
+    if not path.exists():
+        raise RecordingError(f"{path}: cannot be read: No such file or directory")
+    kind = mapping.format or find_format(path)
+    if kind:
+        return open_format(kind, path, mapping, progress)
+    if hint := REMEDIES.get(path.suffix.lower()):
+        raise RecordingError(f"{path}: is not read: {hint}")
+    raise RecordingError(
+        f"{path}: cannot tell the format from '{path.suffix}'; if it is one of {', '.join(LOG_FORMATS)}, set format in "
+        f"{mapping.source}"
+    )
+
+
+def open_format(kind: str, path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> LogTable | TimedLog:
+    """Open a log of a known format."""
+    module = import_module(f"ces_data.logs.{LOG_FORMATS[kind].module}")
+    try:
+        log: LogTable | TimedLog = module.open_log(path, mapping, progress)
+        return log
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+    except (ValueError, TypeError, RecursionError, NotImplementedError) as error:
+        raise RecordingError(f"{path}: not a {kind} file: {first_line(error)}") from None
+
+
+def refuse_bag(path: Path) -> None:
+    """Raise RecordingError if the file or folder is a rosbag2 recording, which all programs read as it is."""
+    if path.suffix in BAGS or (path.is_dir() and (path / "metadata.yaml").is_file()):
+        raise RecordingError(f"{path}: a bag needs no import: ces info {path}")
+    if path.is_dir():
+        raise RecordingError(f"{path}: is a folder; expected a log (.csv, .mat, .mf4, ...)")
+
+
+def find_format(path: Path) -> str:
+    """Return the format that the suffix or the first bytes say, '' if neither does."""
+    suffix = path.suffix.lower()
+    head = b""
+    if suffix in (*LOG_FORMATS["csv"].suffixes, ".asc") and path.is_file():
+        with path.open("rb") as file:
+            head = file.read(4096)
+    if head[:8] in MDF_MAGIC:
+        return "mdf"  # MDF 3 files often have the suffix .dat, as text tables do
+    if suffix == ".asc" and head.strip() and not CAN_ASC.search(head):
+        return "csv"
+    return next((kind for kind, one in LOG_FORMATS.items() if suffix in one.suffixes), "")

@@ -1,0 +1,277 @@
+"""The layout of a dyno's log: a small YAML file in, a checked `DynoMapping` out."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ces_data.config_file import parse_yaml_mapping, read_yaml_mapping
+from ces_data.log_formats import LOG_FORMATS
+from ces_data.units import QUANTITIES, find_unit
+from ces_observer.errors import CesError
+from ces_observer.fields import require_known_keys
+from ces_observer.signals import NAMES, UNITS
+
+WHAT = "a mapping for ces import; ces import --template prints one"
+ONE_TIME = "give one of 'time' and 'rate'"
+SOURCES = ("column", "constant", "from_name")
+COLUMN_KEYS = ("unit", "group", "date")
+LAYOUT_KEYS = ("format", "delimiter", "decimal", "header_lines", "names", "rows", "blank", "dbc", "time", "rate")
+BLANKS = ("error", "missing")
+
+TEMPLATE = """\
+# How `ces import` reads a log. Every signal is value in SI units = scale * cell + offset.
+# Position [m] and force [N] are positive in compression; use a negative scale where the log has it the other way.
+# `ces import LOG --propose` writes such a file from the log's own columns; examples are in config/import/.
+
+# format: csv           # csv, json, mat, mdf, bag, can or parquet; left out, the file's suffix decides
+
+# For csv (what is left out is found from the first lines, and said):
+# delimiter: ","        # "\\t" for a tab
+# decimal: "."          # "," if the log writes 3,14
+# header_lines: 1       # lines before the first row of numbers; the last of them names the columns, or the one
+                        # before it, if the last one holds their units
+# names: [t, x, F]      # names for the columns, instead of those in the file
+# blank: missing        # a blank cell is a sample that was not taken; the default is an error
+
+# For json and mat:
+# rows: data            # where the table is, a path such as results.data; a matrix, a list of rows, or columns by name
+
+# For can (.blf .asc .log): columns are MESSAGE.SIGNAL of the database
+# dbc: chassis.dbc      # or a list of files, relative to this one
+
+# Time: one of these three. A column is given by its name or by its number, from 0.
+# Logs whose channels have their own times (mdf, bag, can) need none of them.
+time: {column: t_s, scale: 1.0}    # [s] after scaling
+# time: {column: clock, date: "%d/%m/%Y %H:%M:%S.%f"}  # dates as text; ISO 8601 and 31.12.2024 need no pattern
+# rate: 1000.0                     # [Hz], for a log without time or with one that is too coarse
+# rate: {column: fs}               # [Hz], from the first row
+
+position: {column: x_mm, scale: 0.001}
+# position: {column: x_mm, unit: mm}                      # the same; a unit that the log states needs neither
+# position: {column: x, group: 2}                         # mdf: number or name of the channel group; can: the bus
+current: {column: current_A}
+# current: {constant: 0.0}                                # a passive damper
+# current: {from_name: "_([0-9.]+)A", scale: 1.0}         # the first group, found in the file's name
+force: {column: F_N}
+# temperature: {column: T_oil, offset: -273.15}           # [degC]
+# speed: {column: v_mm_s, scale: 0.001}                   # [m/s], measured; it also needs a topic in the signals file
+# acceleration: {column: a_g, scale: 9.80665}             # [m/s2], of the piston relative to the cylinder; likewise
+"""
+
+
+class MappingError(CesError):
+    """A mapping file that cannot be used."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """A column of the table by name or number (from 0); value = scale * cell + offset.
+
+    `scaled` is true if the mapping gives scale, offset or unit; otherwise the log's own unit counts, if it states one.
+    `group` selects one of several channels of the name, `date` is the pattern of a time as text.
+    """
+
+    key: str | int
+    scale: float = 1.0
+    offset: float = 0.0
+    scaled: bool = False
+    group: str | int | None = None
+    date: str = ""
+    unit: str = ""
+
+
+@dataclass(frozen=True)
+class FixedValue:
+    """A value that is the same in all rows of all files."""
+
+    value: float
+
+
+@dataclass(frozen=True)
+class FileNameValue:
+    """A number in the file's name, the first group of `pattern`; value = scale * number + offset."""
+
+    pattern: re.Pattern[str]
+    scale: float = 1.0
+    offset: float = 0.0
+
+
+Source = Column | FixedValue | FileNameValue
+
+
+@dataclass(frozen=True)
+class DynoMapping:
+    """The layout of a log, with either `time` [s] or `rate` [Hz], or neither if its channels have their own times.
+
+    `delimiter`, `decimal` and `header_lines` are found from the file if they are None. `signals` maps each signal to
+    its source; it always includes position, current and force.
+    """
+
+    source: str
+    signals: Mapping[str, Source]
+    time: Column | None = None
+    rate: float | Column | None = None
+    format: str = ""
+    delimiter: str | None = None
+    decimal: str | None = None
+    header_lines: int | None = None
+    names: tuple[str, ...] = ()
+    rows: str = ""
+    blank: str = "error"
+    dbc: tuple[Path, ...] = ()
+
+
+def load_dyno_mapping(path: Path) -> DynoMapping:
+    """Read a mapping file; raises MappingError naming the file and the key."""
+    return _make_mapping(path, read_yaml_mapping(path, WHAT, error=MappingError))
+
+
+def parse_dyno_mapping(text: str, source: str) -> DynoMapping:
+    """Return the mapping in a text, as `load_dyno_mapping` does; `source` begins each error."""
+    return _make_mapping(Path(source), parse_yaml_mapping(text, source, WHAT, error=MappingError))
+
+
+def _make_mapping(path: Path, content: Mapping[str, Any]) -> DynoMapping:
+    if "/**" in content or any(isinstance(part, Mapping) and "topic" in part for part in content.values()):
+        raise MappingError(
+            f"{path}: is a signals file (--signals); --mapping takes a mapping of columns, which "
+            "'ces import LOG --propose' writes"
+        )
+    require_known_keys(content, (*LAYOUT_KEYS, *NAMES), str(path), MappingError)
+    for name in ("position", "current", "force"):
+        if name not in content:
+            raise MappingError(f"{path}: no '{name}'; give its column, or a constant if it is known")
+    if "time" in content and "rate" in content:
+        raise MappingError(f"{path}: {ONE_TIME}")
+    reader = _Reader(path, content)
+    return DynoMapping(
+        source=str(path),
+        signals={name: reader.source(name) for name in NAMES if name in content},
+        time=reader.column("time") if "time" in content else None,
+        rate=reader.rate() if "rate" in content else None,
+        **reader.layout(),
+    )
+
+
+class _Reader:
+    """Checks the values under the keys of a mapping file."""
+
+    def __init__(self, path: Path, content: Mapping[str, Any]) -> None:
+        self.path, self.content = path, content
+
+    def source(self, name: str) -> Source:
+        content = self._mapping(name)
+        if sum(key in content for key in SOURCES) != 1:
+            raise self._error(name, content, f"one of column, constant and from_name, in {UNITS[name]} after scaling")
+        if "constant" in content:
+            return FixedValue(self._number(content["constant"], name, "a finite number"))
+        if "from_name" in content:
+            return FileNameValue(self._pattern(content["from_name"], name), *self._scaling(content, name))
+        return self.column(name)
+
+    def column(self, name: str) -> Column:
+        content = self._mapping(name)
+        key = content.get("column")
+        if isinstance(key, bool) or not isinstance(key, str | int) or (isinstance(key, int) and key < 0):
+            raise self._error(name, key, "column: a name, or a number from 0")
+        scale, offset = self._scaling(content, name)
+        return Column(
+            key,
+            scale,
+            offset,
+            scaled=not content.keys().isdisjoint(("scale", "offset", "unit")),
+            group=self._group(content.get("group"), name),
+            date=self._date(content.get("date", ""), name),
+            unit=str(content.get("unit", "")),
+        )
+
+    def rate(self) -> float | Column:
+        value = self.content["rate"]
+        if isinstance(value, Mapping):
+            return self.column("rate")
+        rate = self._number(value, "rate", "a rate in Hz, or {column: NAME}")
+        if rate <= 0.0:
+            raise self._error("rate", value, "a rate in Hz greater than 0")
+        return rate
+
+    def layout(self) -> dict[str, Any]:
+        """Return the file's format settings, where the mapping has them."""
+        get = self.content.get
+        delimiter, header_lines = get("delimiter"), get("header_lines")
+        rules: dict[str, tuple[bool, str]] = {
+            "format": (get("format") in LOG_FORMATS, f"one of {', '.join(LOG_FORMATS)}"),
+            "delimiter": (isinstance(delimiter, str) and len(delimiter) == 1, "one character"),
+            "decimal": (get("decimal") in (".", ","), "'.' or ','"),
+            "header_lines": (isinstance(header_lines, int) and header_lines >= 0, "0 or more"),
+            "names": (isinstance(get("names"), list), "a list of names"),
+            "rows": (isinstance(get("rows"), str), "a path such as results.data"),
+            "blank": (get("blank") in BLANKS, f"one of {', '.join(BLANKS)}"),
+            "dbc": (_are_texts(get("dbc")), "the name of a .dbc file, or a list of them"),
+        }
+        layout = {key: self.content[key] for key in rules if key in self.content}
+        for key, value in layout.items():
+            if not rules[key][0]:
+                raise self._error(key, value, rules[key][1])
+        if "names" in layout:
+            layout["names"] = tuple(map(str, layout["names"]))
+        if "dbc" in layout:
+            files = [layout["dbc"]] if isinstance(layout["dbc"], str) else layout["dbc"]
+            layout["dbc"] = tuple(self.path.parent / name for name in files)
+        return layout
+
+    def _mapping(self, name: str) -> Mapping[str, Any]:
+        content, keys = self.content[name], (*SOURCES, "scale", "offset", *COLUMN_KEYS)
+        if not isinstance(content, Mapping) or not set(content) <= set(keys):
+            raise self._error(name, content, f"a mapping of {', '.join(keys)}")
+        return content
+
+    def _scaling(self, content: Mapping[str, Any], name: str) -> tuple[float, float]:
+        if "unit" in content:
+            return self._unit(content, name)
+        scale = self._number(content.get("scale", 1.0), name, "scale: a finite number other than 0")
+        if scale == 0.0:
+            raise self._error(name, 0, "scale: a finite number other than 0")
+        return scale, self._number(content.get("offset", 0.0), name, "offset: a finite number")
+
+    def _unit(self, content: Mapping[str, Any], name: str) -> tuple[float, float]:
+        text, quantities = content["unit"], QUANTITIES.get(name, ())
+        unit = find_unit(text) if isinstance(text, str) else None
+        if unit is None or unit.quantity not in quantities or not content.keys().isdisjoint(("scale", "offset")):
+            raise self._error(name, text, f"unit: of a {' or '.join(quantities)}, without scale and offset")
+        return unit.scale, unit.offset
+
+    def _group(self, value: object, name: str) -> str | int | None:
+        if value is not None and (isinstance(value, bool) or not isinstance(value, str | int)):
+            raise self._error(name, value, "group: the number or name of a channel group or bus")
+        return value
+
+    def _date(self, value: object, name: str) -> str:
+        if not isinstance(value, str) or (value and (name != "time" or "%" not in value)):
+            raise self._error(name, value, 'date: a pattern such as "%d/%m/%Y %H:%M:%S.%f", for time only')
+        return value
+
+    def _pattern(self, text: object, name: str) -> re.Pattern[str]:
+        try:
+            pattern = re.compile(str(text))
+        except re.error as error:
+            raise self._error(name, text, f"a regular expression ({error})") from None
+        if pattern.groups < 1:
+            raise self._error(name, text, 'a regular expression with a group, such as "_([0-9.]+)A"')
+        return pattern
+
+    def _number(self, value: object, name: str, expected: str) -> float:
+        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+            raise self._error(name, value, expected)
+        return float(value)
+
+    def _error(self, name: str, value: object, expected: str) -> MappingError:
+        return MappingError(f"{self.path}: '{name}' is {value!r}; expected {expected}")
+
+
+def _are_texts(value: object) -> bool:
+    return isinstance(value, str) or (isinstance(value, list) and all(isinstance(one, str) for one in value))

@@ -1,0 +1,183 @@
+"""MDF 3 and 4 measurement files (.mf4, .mdf): channels in groups with their own times, units and conversions."""
+
+from __future__ import annotations
+
+import gc
+import logging
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ces_data.logs.log_file import LogSeries, LogTable, TimedLog, import_reader, join_names, open_format
+from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_observer.errors import RecordingError
+
+BUS_FRAMES = "CAN_DataFrame"
+MAX_PROPOSAL_RECORDS = 200_000
+Place = tuple[int, int]  # numbers of a channel group and of a channel in it
+
+
+def open_log(path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> LogTable | TimedLog:
+    """Open an MDF file, one of CAN frames with the database that the mapping names."""
+    return open_format("can", path, mapping, progress) if mapping.dbc else MdfLog(path)
+
+
+class MdfLog(TimedLog):
+    """An MDF file. Samples that its invalidation bits mark are left out; times count from its start time, in UTC.
+
+    A channel is named by its name alone if it is unique, else with the number or name of its group.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        import_reader("asammdf", "asammdf", "mdf", path)
+
+    def read(self, columns: Sequence[Column]) -> list[LogSeries]:
+        """Return the channels of these names; one after the other is read from the file."""
+        with opened_mdf(self.path) as mdf:
+            start = start_ns(mdf)
+            return [self._series(mdf, self._find(mdf, column), start) for column in columns]
+
+    def read_all(self) -> list[LogSeries]:
+        """Return the first 200,000 samples of every channel of numbers."""
+        with opened_mdf(self.path) as mdf:
+            start = start_ns(mdf)
+            if f"{BUS_FRAMES}.DataBytes" in mdf.channels_db:
+                raise RecordingError(
+                    f"{self.path}: holds CAN frames, not signals; give their database: --dbc FILE.dbc, or dbc in a "
+                    "mapping"
+                )
+            return list(self._all(mdf, start))
+
+    def _all(self, mdf: Any, start: int) -> Iterator[LogSeries]:
+        masters = set(mdf.masters_db.items())
+        seen: set[Place] = set()  # a channel may have a second name, as `force\XCP:1` is also `force`
+        for name, places in mdf.channels_db.items():
+            for place in sorted(set(places) - masters - seen):
+                seen.add(place)
+                try:
+                    series = self._series(mdf, place, start, MAX_PROPOSAL_RECORDS)
+                except RecordingError:
+                    continue  # text and structures are not signals
+                group = place[0] if len(set(places) - masters) > 1 else None
+                label = name if group is None else f"{name} (group {group})"
+                yield LogSeries(label, series.stamps_ns, series.values, series.unit, name, group)
+
+    def _find(self, mdf: Any, column: Column) -> Place:
+        masters = set(mdf.masters_db.items())
+        places = sorted(set(mdf.channels_db.get(str(column.key), ())) - masters)
+        if not places:
+            names = [name for name, where in mdf.channels_db.items() if not set(where) <= masters]
+            raise RecordingError(f"{self.path}: no channel {column.key!r}; the file has {join_names(names)}")
+        if column.group is not None:
+            places = [place for place in places if _is_group(mdf, place[0], column.group)]
+        if len(places) != 1:
+            groups = ", ".join(_describe_group(mdf, place[0]) for place in places) or f"not {column.group!r}"
+            raise RecordingError(
+                f"{self.path}: channel {column.key!r} is in {len(places)} groups ({groups}); give one as "
+                f"{{column: {column.key}, group: NUMBER}}"
+            )
+        place: Place = places[0]
+        return place
+
+    def _series(self, mdf: Any, place: Place, start: int, count: int | None = None) -> LogSeries:
+        signal = mdf.get(group=place[0], index=place[1], record_offset=0, record_count=count)
+        if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
+            raise RecordingError(f"{self.path}: channel '{signal.name}' holds no numbers but {signal.samples.dtype}")
+        stamps = start + np.rint(signal.timestamps * 1e9).astype(np.int64)
+        return LogSeries(signal.name, stamps, signal.samples.astype(np.float64), signal.unit or "", signal.name)
+
+
+@contextmanager
+def opened_mdf(path: Path) -> Iterator[Any]:
+    """Open an MDF file with asammdf; raises RecordingError if it is damaged or the library is missing."""
+    library = import_reader("asammdf", "asammdf", "mdf", path)
+    logging.getLogger("asammdf").setLevel(logging.CRITICAL)  # its errors are raised as well, and reported here
+    try:
+        with path.open("rb") as file, library.MDF(file) as mdf:
+            yield mdf
+    except (OSError, RecordingError):
+        raise
+    except Exception as error:  # asammdf raises errors of any kind for a damaged file
+        reason = (str(error).splitlines() or [type(error).__name__])[0]
+        _discard(error)
+        raise RecordingError(f"{path}: not an MDF file, or damaged: {reason}") from None
+
+
+def _discard(error: BaseException) -> None:
+    """Free the half-made file in an error's traceback; asammdf's own clean-up of it would print a traceback."""
+    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+    try:
+        error.__traceback__ = error.__context__ = error.__cause__ = None
+        gc.collect()
+    finally:
+        sys.unraisablehook = hook
+
+
+def start_ns(mdf: Any) -> int:
+    """Return the file's start time [ns since 1970, UTC], 0 if it has none."""
+    start = mdf.header.start_time
+    return max(0, round(start.timestamp() * 1e6) * 1_000) if start is not None else 0
+
+
+def _group_name(mdf: Any, number: int) -> str:
+    group = mdf.groups[number].channel_group
+    return str(getattr(group, "acq_name", None) or getattr(group, "comment", None) or "")
+
+
+def _is_group(mdf: Any, number: int, wanted: str | int) -> bool:
+    return wanted in (number, _group_name(mdf, number))
+
+
+def _describe_group(mdf: Any, number: int) -> str:
+    name = _group_name(mdf, number)
+    return f"{number} '{name}'" if name else str(number)
+
+
+@dataclass(frozen=True)
+class MdfFrame:
+    """A frame as python-can's `Message` has it; `timestamp` counts seconds from 1970."""
+
+    timestamp: float
+    arbitration_id: int
+    is_extended_id: bool
+    channel: int
+    data: bytes
+    is_error_frame: bool = False
+    is_remote_frame: bool = False
+
+
+def read_frames(path: Path) -> Iterator[MdfFrame]:
+    """Yield the frames of an MDF file, group by group; raises RecordingError if it has none."""
+    with opened_mdf(path) as mdf:
+        groups = sorted({group for group, _ in mdf.channels_db.get(f"{BUS_FRAMES}.DataBytes", ())})
+        if not groups:
+            raise RecordingError(f"{path}: holds no CAN frames; its channels have names of their own: leave dbc out")
+        for group in groups:
+            yield from _read_group(mdf, group, start_ns(mdf) * 1e-9)
+
+
+def _read_group(mdf: Any, group: int, start_s: float) -> Iterator[MdfFrame]:
+    data = mdf.get(f"{BUS_FRAMES}.DataBytes", group=group)
+    lengths, ids = _numbers(mdf, group, "DataLength"), _numbers(mdf, group, "ID")
+    buses, extended = _numbers(mdf, group, "BusChannel"), _numbers(mdf, group, "IDE")
+    for at, time in enumerate(data.timestamps.tolist()):
+        length = int(lengths[at]) if lengths is not None else data.samples.shape[1]
+        yield MdfFrame(
+            start_s + time,
+            int(ids[at]) & 0x1FFFFFFF,
+            bool(extended[at]) if extended is not None else bool(int(ids[at]) >> 31),
+            int(buses[at]) if buses is not None else group,
+            data.samples[at, :length].tobytes(),
+        )
+
+
+def _numbers(mdf: Any, group: int, name: str) -> Any:
+    """Return the numbers of a field of the frames, None if the file does not have it."""
+    places = [place for place in mdf.channels_db.get(f"{BUS_FRAMES}.{name}", ()) if place[0] == group]
+    return mdf.get(group=group, index=places[0][1], raw=True).samples if places else None

@@ -1,0 +1,83 @@
+"""Parquet tables: only the columns that are used are read; their units come from the fields' metadata."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_data.logs.log_file import LogTable, import_reader
+from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_data.recording import Stamps, Values
+from ces_observer.errors import RecordingError
+
+
+def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> ParquetTable:
+    """Open a Parquet file; raises RecordingError if it is damaged or pyarrow is missing."""
+    return ParquetTable(path, mapping)
+
+
+class ParquetTable(LogTable):
+    """A Parquet file; a null is a blank cell."""
+
+    def __init__(self, path: Path, mapping: DynoMapping) -> None:
+        self.path, self.mapping = path, mapping
+        parquet = import_reader("pyarrow.parquet", "pyarrow", "parquet", path)
+        self._arrow = import_reader("pyarrow", "pyarrow", "parquet", path)
+        try:
+            self._file = parquet.ParquetFile(path)
+        except self._arrow.ArrowInvalid as error:
+            raise RecordingError(f"{path}: not a Parquet file, or damaged: {str(error).splitlines()[0]}") from None
+        self._schema = self._file.schema_arrow
+        self.names = mapping.names or tuple(self._schema.names)
+        if not self._file.metadata.num_rows:
+            raise RecordingError(f"{path}: the table is empty; expected rows of numbers")
+
+    def column(self, key: str | int) -> Values:
+        """Return a column, NaN where it is null; raises RecordingError if it holds no numbers."""
+        column, name = self._read(key)
+        kind = column.type
+        types = self._arrow.types
+        if not (types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind)):
+            raise RecordingError(f"{self.path}: column {name!r} is {kind}; expected numbers")
+        if column.null_count and self.mapping.blank == "error":
+            row = int(np.argmax(column.is_null().to_numpy()))
+            raise RecordingError(
+                f"{self.path}: row {row}: column {name!r} is null; expected a number (if a null is a missing sample, "
+                f"set blank: missing in {self.mapping.source})"
+            )
+        return np.asarray(column.cast(self._arrow.float64(), safe=False).to_numpy(), dtype=np.float64)
+
+    def missing(self, key: str | int) -> NDArray[np.bool_] | None:
+        """Return which rows are null in a column, None if none is."""
+        column, _ = self._read(key)
+        return np.asarray(column.is_null().to_numpy(), dtype=np.bool_) if column.null_count else None
+
+    def stamps(self, column: Column) -> Stamps | None:
+        """Return the times of a column of timestamps or of whole nanoseconds; None for other numbers."""
+        values, _ = self._read(column.key)
+        if values.null_count:
+            return None
+        if self._arrow.types.is_timestamp(values.type):
+            return np.asarray(values.to_numpy().astype("datetime64[ns]").astype(np.int64))
+        if self._arrow.types.is_duration(values.type):
+            return np.asarray(values.to_numpy().astype("timedelta64[ns]").astype(np.int64))
+        exact = column.unit == "ns" and self._arrow.types.is_integer(values.type)
+        return np.asarray(values.to_numpy(), dtype=np.int64) if exact else None
+
+    def unit(self, key: str | int) -> str:
+        """Return the unit in the field's metadata."""
+        metadata = self._schema.field(self._index(key, len(self.names))).metadata or {}
+        return bytes(metadata.get(b"unit", b"")).decode("utf-8", "replace")
+
+    def place(self, row: int) -> str:
+        """Return the row in the table."""
+        return f"row {row}"
+
+    def _read(self, key: str | int) -> tuple[Any, str]:
+        i = self._index(key, len(self.names))
+        name = self._schema.names[i]
+        return self._file.read(columns=[name]).column(0), name

@@ -1,0 +1,310 @@
+"""What names say: the quantity that the words of a topic, field or column mean, and the damper that they belong to."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import compress
+
+from ces_data.mapping.candidates import Candidate
+from ces_data.units import QUANTITIES, Unit, find_unit
+from ces_observer.signals import UNITS
+
+STRONG = {
+    "position": "position displacement stroke travel lvdt deflection weg hub elongation extension potentiometer "
+    "linearpot verschiebung",
+    "current": "current currents amp amps ampere amperes curr strom solenoid coil",
+    "force": "force forces load loadcell kraft effort",
+    "temperature": "temperature temp temperatur",
+    "speed": "velocity speed vel geschwindigkeit",
+    "acceleration": "acceleration acc accel beschleunigung",
+    "time": "time timestamp stamp zeit seconds t",
+}
+WEAK = {
+    "position": "pos disp x dx xd d s z pot piston",
+    "current": "i ia iv valve cur",
+    "force": "f fz fx fd cell",
+    "temperature": "oil thermocouple",
+    "speed": "v vz dv dx_dt xdot",
+    "acceleration": "a az",
+    "time": "sec s ts clock elapsed abtast",
+}
+COMMANDS = frozenset(
+    (
+        *("cmd", "command", "commanded", "commands", "setpoint", "set", "sp", "target", "desired", "wanted"),
+        *("ref", "reference", "soll", "demand", "request", "goal"),
+    )
+)
+COMMAND_PARTS = ("cmd", "command", "soll", "setpoint", "target")  # also at an end of a word: `xcmd`
+COMPUTED = frozenset(
+    ("estimate", "estimated", "estimator", "sim", "simulated", "simulation", "predicted", "model", "observer", "band")
+)
+FOREIGN = frozenset(
+    (
+        *("battery", "torque", "moment", "pressure", "gps", "latitude", "longitude", "altitude", "covariance", "fuel"),
+        *("orientation", "quaternion", "angular", "gyro", "imu", "magnetic", "wheel", "steering", "engine", "rpm"),
+        *("odom", "odometry", "pose", "twist", "brake", "throttle", "gear", "counter", "sequence", "error", "status"),
+        *("yaw", "roll", "pitch", "humidity", "variance"),
+    )
+)
+DEVICE = frozenset(
+    ("damper", "shock", "strut", "suspension", "fork", "piston", "absorber", "daempfer", "dämpfer", "stossdämpfer")
+)
+OUTWARD = frozenset(("extension", "elongation", "rebound", "zug", "ausfederung", "extended"))
+SIDES = frozenset(
+    (
+        *("front", "rear", "left", "right", "fl", "fr", "rl", "rr", "lf", "rf", "lr", "f", "r", "l", "fore", "aft"),
+        *("vorne", "vorn", "hinten", "links", "rechts", "vl", "vr", "hl", "hr", "a", "b"),
+    )
+)
+WORD = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
+
+
+@dataclass(frozen=True)
+class NameMeaning:
+    """The quantity that a name says, '' if none, how strongly (0 to 3), and the word that says it."""
+
+    quantity: str
+    weight: float
+    word: str
+
+
+def split_words(text: str) -> tuple[str, ...]:
+    """Return the words of a name in lower case, split at underscores, digits and capitals."""
+    return tuple(word.casefold() for word in WORD.findall(text))
+
+
+def list_words(names: Sequence[str]) -> set[str]:
+    """Return the words of all names."""
+    return {word for name in names for word in split_words(name)}
+
+
+def read_meaning(names: Sequence[str]) -> NameMeaning:
+    """Return what the names say, the most specific first: strong words of any before weak ones."""
+    for table, weight in ((STRONG, 3.0), (WEAK, 1.5)):
+        for name in names:
+            meaning = _find(split_words(name), table, weight)
+            if meaning:
+                return meaning
+    return NameMeaning("", 0.0, "")
+
+
+def _find(words: Sequence[str], table: dict[str, str], weight: float) -> NameMeaning | None:
+    """Return the quantity of the first word that has one; the last word of a name says what it is."""
+    for word in reversed(words):
+        for quantity, texts in table.items():
+            if word in texts.split():
+                return NameMeaning(quantity, weight, word)
+    return None
+
+
+def find_word(names: Sequence[str], words: frozenset[str], ends: tuple[str, ...] = ()) -> str:
+    """Return the first word of the names that is one of `words` or begins or ends with one of `ends`, else ''."""
+    return next(
+        (
+            word
+            for name in names
+            for word in split_words(name)
+            if word in words or (ends and (word.startswith(ends) or word.endswith(ends)))
+        ),
+        "",
+    )
+
+
+def find_side(names: Sequence[str], others: Sequence[str]) -> str:
+    """Return the words by which two names of the same form differ if they are all sides or numbers, else ''.
+
+    `/front/damper/stroke` beside `/rear/damper/stroke` is `front`, `damper_1` beside `damper_2` is `1`.
+    """
+    mine, theirs = (tuple(word for name in some for word in split_words(name)) for some in (names, others))
+    if len(mine) != len(theirs):
+        return ""
+    different = [(one, other) for one, other in zip(mine, theirs, strict=True) if one != other]
+    if not all(word in SIDES or word.isdigit() for pair in different for word in pair):
+        return ""
+    return "_".join(dict.fromkeys(one for one, _ in different))
+
+
+def name_sides(group: Sequence[Sequence[str]]) -> tuple[str, ...]:
+    """Return a name for each of several dampers whose names have one form: the words that are not the same in all.
+
+    `front_left`, `front_right`, `rear_left` and `rear_right` for the four of a car.
+    """
+    words = [tuple(word for name in names for word in split_words(name)) for names in group]
+    different = [len(set(column)) > 1 for column in zip(*words, strict=True)]
+    return tuple("_".join(dict.fromkeys(compress(mine, different))) for mine in words)
+
+
+MIN_STROKE_M, MAX_STROKE_M = 0.001, 0.5
+MIN_FORCE_N, MAX_FORCE_N = 20.0, 60_000.0
+MIN_TOP_CURRENT_A, MAX_CURRENT_A = 0.05, 6.0
+RANGES = {  # of the span (position) or the peak, in SI units, in which a damper on a rig or vehicle works
+    "position": (MIN_STROKE_M, MAX_STROKE_M),
+    "force": (MIN_FORCE_N, MAX_FORCE_N),
+    "current": (MIN_TOP_CURRENT_A, MAX_CURRENT_A),
+    "speed": (0.002, 10.0),
+    "acceleration": (0.05, 3000.0),
+    "temperature": (-60.0, 250.0),
+}
+USUAL = {  # units to try where none is stated, the likeliest first
+    "position": ("m", "mm", "cm", "in"),
+    "force": ("N", "kN", "lbf", "kip"),
+    "current": ("A", "mA"),
+    "speed": ("m/s", "mm/s"),
+    "acceleration": ("m/s2", "g"),
+    "temperature": ("degC", "K"),
+}
+
+
+@dataclass(frozen=True)
+class UnitGuess:
+    """The unit of a candidate as a signal: None if no usual unit makes its range plausible.
+
+    `others` are further units that the range allows; `stated` is true if the log or a name states the unit.
+    """
+
+    unit: Unit | None
+    stated: bool
+    others: tuple[str, ...]
+    text: str
+
+
+def guess_unit(candidate: Candidate, signal: str) -> UnitGuess:
+    """Return the unit of a candidate if it is this signal: the stated one, or the likeliest by its range."""
+    if candidate.unit is not None:
+        return UnitGuess(candidate.unit, True, (), f"unit {candidate.unit.text} {candidate.stated}".strip())
+    number = candidate.span if signal == "position" else candidate.peak
+    what = "span" if signal == "position" else "peak"
+    allowed = [name for name in USUAL[signal] if _allows(name, signal, candidate)]
+    if candidate.constant and candidate.high == 0.0:
+        return UnitGuess(find_unit(USUAL[signal][0]), False, (), f"always 0, so any unit; taken as {USUAL[signal][0]}")
+    if not allowed:
+        low, high = RANGES[signal]
+        text = f"its unit is not known: a {what} of {number:.4g} is implausible in {', '.join(USUAL[signal])}"
+        return UnitGuess(None, False, (), f"{text} (expected {low:g} to {high:g} in SI units)")
+    chosen, others = allowed[0], tuple(allowed[1:])
+    text = f"taken as {chosen}, because its {what} of {number:.4g} is plausible in {chosen}"
+    excluded = USUAL[signal][: USUAL[signal].index(chosen)]
+    text += f" and not in {', '.join(excluded)}" if excluded else ""
+    return UnitGuess(
+        find_unit(chosen),
+        False,
+        others,
+        text + (f" (or in {' or '.join(others)}, which would be plausible, too)" if others else ""),
+    )
+
+
+def fits_quantity(candidate: Candidate, signal: str) -> bool:
+    """Return False if the stated unit is one of another quantity than the signal."""
+    return candidate.unit is None or candidate.unit.quantity in QUANTITIES[signal]
+
+
+def is_plausible(candidate: Candidate, signal: str) -> bool:
+    """Return whether the candidate's range makes sense for this signal in its stated or any usual unit."""
+    if candidate.unit is not None:
+        return fits_quantity(candidate, signal)
+    return any(_allows(name, signal, candidate) for name in USUAL[signal])
+
+
+def _allows(name: str, signal: str, candidate: Candidate) -> bool:
+    unit = find_unit(name)
+    low, high = RANGES[signal]
+    number = candidate.span if signal == "position" else candidate.peak
+    return unit is not None and low <= unit.scale * number + unit.offset <= high
+
+
+UNIT_POINTS, STEADY_POINTS, POSITIVE_POINTS, DEVICE_POINTS = 3.0, 1.0, 1.0, 1.0
+COMMAND_POINTS, COMPUTED_POINTS, FOREIGN_POINTS, SIGN_POINTS, RANGE_POINTS = -3.0, -5.0, -5.0, -2.0, -1.0
+CONSTANT_POINTS = -1.0  # of a current: possible, but not beside one that changes
+NEGATIVE_SHARE = 0.05  # of the peak, that an amplifier's offset may take a current below zero
+
+
+@dataclass(frozen=True)
+class Rating:
+    """A candidate as one signal: its points, the reasons for it and against it; `excluded` says why it cannot be."""
+
+    candidate: Candidate
+    signal: str
+    points: float
+    reasons: tuple[str, ...]
+    against: tuple[str, ...] = ()
+    excluded: str = ""
+    named: bool = False
+
+    def add(self, points: float, reason: str) -> Rating:
+        """Return the rating with further points for, or against if negative."""
+        if points >= 0.0:
+            return replace(self, points=self.points + points, reasons=(*self.reasons, reason))
+        return replace(self, points=self.points + points, against=(*self.against, reason))
+
+    def rank_lower(self, points: float, reason: str) -> Rating:
+        """Return the rating with negative points, so that another is preferred; no reason against what is named so."""
+        if not self.named:
+            return self.add(points, reason)
+        return replace(self, points=self.points + points, reasons=(*self.reasons, reason))
+
+    @property
+    def why(self) -> str:
+        """What speaks against the candidate, or else for it."""
+        return self.excluded or "; ".join(self.against or self.reasons) or "nothing in its name or unit says so"
+
+
+def rate(candidate: Candidate, signal: str) -> Rating:
+    """Return the rating of a candidate by name, unit and range alone."""
+    excluded = _exclusion(candidate, signal)
+    if excluded:
+        return Rating(candidate, signal, 0.0, (), excluded=excluded)
+    meaning = read_meaning(candidate.names)
+    mine = meaning.quantity == signal
+    rating = Rating(candidate, signal, 0.0, (), named=mine or candidate.unit is not None)
+    if mine:
+        rating = rating.add(meaning.weight, f"named '{meaning.word}'")
+    if candidate.unit is not None:
+        rating = rating.add(UNIT_POINTS, f"unit {candidate.unit.text} {candidate.stated}".rstrip())
+    for points, reason in _remarks(candidate, signal):
+        rating = rating.add(points, reason)
+    if signal == "current" and candidate.constant:
+        rating = rating.rank_lower(CONSTANT_POINTS, f"constant at {candidate.high:g}")
+    return rating
+
+
+def _exclusion(candidate: Candidate, signal: str) -> str:
+    """Return why the candidate cannot be the signal, '' if it can."""
+    unit, meaning = candidate.unit, read_meaning(candidate.names)
+    if not fits_quantity(candidate, signal):
+        return f"its unit {unit.text if unit else ''} is not one of a {signal} [{UNITS[signal]}]"
+    if meaning.quantity not in ("", signal) and (unit is None or meaning.weight > 2.0):
+        return f"named '{meaning.word}': a {meaning.quantity}"
+    if candidate.counts_up and unit is None and meaning.quantity != signal:
+        return "only counts up: a time or a counter"
+    if candidate.constant and signal in ("position", "force"):
+        return f"constant at {candidate.high:g}"
+    if signal == "position" and candidate.rough:
+        return f"jumps like noise from sample to sample, at {candidate.rate_Hz:.4g} Hz; a stroke moves smoothly"
+    return ""
+
+
+def _remarks(candidate: Candidate, signal: str) -> Iterator[tuple[float, str]]:
+    """Yield points and reason of what else the name and the numbers say."""
+    if (word := find_word(candidate.names, DEVICE)) and read_meaning(candidate.names).quantity == signal:
+        yield DEVICE_POINTS, f"of a '{word}'"
+    if word := find_word(candidate.names, COMMANDS, COMMAND_PARTS):
+        yield COMMAND_POINTS, f"a command by its name ('{word}'), not a measurement"
+    if word := find_word(candidate.names, COMPUTED):
+        yield COMPUTED_POINTS, f"computed by its name ('{word}'), not measured"
+    if word := find_word(candidate.names, FOREIGN):
+        yield FOREIGN_POINTS, f"'{word}' in its name"
+    if not candidate.constant and not is_plausible(candidate, signal):
+        yield RANGE_POINTS, f"range {candidate.low:.4g} to {candidate.high:.4g} is implausible for a {signal}"
+    if signal == "current":
+        yield from _current_remarks(candidate)
+
+
+def _current_remarks(candidate: Candidate) -> Iterator[tuple[float, str]]:
+    if candidate.low < -NEGATIVE_SHARE * candidate.peak:
+        yield SIGN_POINTS, f"goes below zero, to {candidate.low:.4g}"
+    else:
+        yield POSITIVE_POINTS, "never negative"
+    if candidate.held:
+        yield STEADY_POINTS, "held between steps"

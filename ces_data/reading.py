@@ -1,0 +1,87 @@
+"""Recordings from what a user gives: recordings, or the paths of bags and logs, one or several."""
+
+from __future__ import annotations
+
+import os
+import warnings
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from ces_data.bags import reader
+from ces_data.findings import require_usable
+from ces_data.log_formats import is_foreign
+from ces_data.logs import log_import
+from ces_data.logs.log_mapping import load_dyno_mapping
+from ces_data.mapping.proposals import propose_mapping
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
+from ces_observer.errors import CesError
+
+SIGNALS = ("position", "current", "force")
+PathInput: TypeAlias = "str | os.PathLike[str]"
+RecordingInput: TypeAlias = "Recording | PathInput"
+RecordingInputs: TypeAlias = "RecordingInput | Sequence[RecordingInput]"
+
+
+def read_recording(path: PathInput, *, signals: PathInput | None = None, need: Sequence[str] = SIGNALS) -> Recording:
+    """Read and check a rosbag2 folder or `.mcap` file; `signals` is a signals file (default: the packaged one).
+
+    Each signal in `need` must be there. Warns of what looks wrong; raises CesError for what cannot be used.
+    """
+    described = load_signals(None if signals is None else as_path(signals, "signals"))
+    return _checked(reader.read_recording(as_path(path, "recording"), described, need))
+
+
+def read_log(path: PathInput, *, mapping: PathInput | None = None) -> Recording:
+    """Read and check a log of any format that `ces import` reads.
+
+    `mapping` is its mapping file. Without one, the columns are found by their names, units and numbers, as `ces import`
+    does. Raises CesError, also where what was found is not certain.
+    """
+    path = as_path(path, "log")
+    if mapping is not None:
+        return _checked(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))))
+    proposal = propose_mapping(path)
+    recording = proposal.read()
+    for remark in proposal.remarks:
+        warnings.warn(f"{path}: {remark}; taken as logged", stacklevel=2)
+    return _checked(recording)
+
+
+def as_recordings(
+    given: RecordingInputs, signals: PathInput | None = None, *, need: Sequence[str] = SIGNALS, required: bool = True
+) -> list[Recording]:
+    """Return recordings that were given as such or as paths of bags and logs, one or several."""
+    single = isinstance(given, Recording | str | os.PathLike)
+    if not single and (isinstance(given, Mapping) or not hasattr(given, "__iter__")):
+        raise CesError(f"recordings: expected a recording, a path, or several of them; got {kind_of(given)}")
+    several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
+    if required and not several:
+        raise CesError("no recording given; expected a recording, a path, or several of them")
+    return [one if isinstance(one, Recording) else _read(as_path(one, "recording"), signals, need) for one in several]
+
+
+def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recording:
+    if is_foreign(path) and path.is_file():
+        return read_log(path)
+    return read_recording(path, signals=signals, need=need)
+
+
+def as_path(given: PathInput, name: str) -> Path:
+    """Return a path; raises CesError if `given` is none, calling it `name`."""
+    if not isinstance(given, str | os.PathLike):
+        raise CesError(f"{name}: expected {'a model or ' if name == 'model' else ''}a path; got {kind_of(given)}")
+    return Path(given)
+
+
+def kind_of(given: object) -> str:
+    """Return what a value is, for an error."""
+    return "None" if given is None else f"a value of type {type(given).__name__}"
+
+
+def _checked(recording: Recording) -> Recording:
+    """Return a recording that can be used; warns of what looks wrong. Raises CesError."""
+    for finding in require_usable(recording):
+        warnings.warn(f"{recording.name}: {finding.text}", stacklevel=3)
+    return recording

@@ -1,0 +1,102 @@
+"""A recording: the channels of one experiment as they were logged, each with its own time stamps."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_observer.errors import RecordingError
+
+Stamps = NDArray[np.int64]
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One logged signal in SI units: `stamps_ns` int64 and `values` float64, both of shape (n,).
+
+    Stamps are kept as logged and may repeat or run backwards; values may be NaN. Preparation handles both.
+    """
+
+    name: str
+    unit: str
+    stamps_ns: Stamps
+    values: Values
+
+    def __post_init__(self) -> None:
+        stamps = np.asarray(self.stamps_ns, dtype=np.int64)
+        values = np.asarray(self.values, dtype=np.float64)
+        if stamps.ndim != 1 or stamps.shape != values.shape:
+            raise RecordingError(
+                f"channel '{self.name}': {stamps.shape} stamps and {values.shape} values; expected two equal lengths"
+            )
+        object.__setattr__(self, "stamps_ns", _read_only(stamps))
+        object.__setattr__(self, "values", _read_only(values))
+
+    def __len__(self) -> int:
+        return len(self.stamps_ns)
+
+    def select(self, mask: NDArray[np.bool_]) -> Channel:
+        """Return the samples where `mask` (n,) is true."""
+        return replace(self, stamps_ns=self.stamps_ns[mask], values=self.values[mask])
+
+    def finite(self) -> Channel:
+        """Return the samples with finite values."""
+        return self.select(np.isfinite(self.values))
+
+    def in_order(self) -> Channel:
+        """Return the finite samples in the order of time, the first of each stamp."""
+        finite = self.finite()
+        stamps, first = np.unique(finite.stamps_ns, return_index=True)
+        return replace(finite, stamps_ns=stamps, values=finite.values[first])
+
+
+@dataclass(frozen=True)
+class Recording:
+    """The channels of one experiment by signal name, and their origin.
+
+    `source` is the path, `sha256` the hash of the bytes of the file or of the folder's data files; both are empty for a
+    recording made in memory. `constants` holds signals that are known without a channel.
+    """
+
+    name: str
+    channels: Mapping[str, Channel]
+    constants: Mapping[str, float] = field(default_factory=dict)
+    source: str = ""
+    sha256: str = ""
+
+    def __contains__(self, signal: str) -> bool:
+        return signal in self.channels or signal in self.constants
+
+    def channel(self, signal: str) -> Channel:
+        """Return the channel of `signal`; raises RecordingError naming the recording's channels."""
+        if signal not in self.channels:
+            raise RecordingError(f"{self.name}: no '{signal}' channel; it has {', '.join(self.channels) or 'none'}")
+        return self.channels[signal]
+
+    def first_part(self, share: float) -> Recording:
+        """Return the recording up to the end of the first `share` of the position samples."""
+        return self.part(0.0, share)
+
+    def part(self, first: float, last: float) -> Recording:
+        """Return the recording from the share `first` to the share `last` of the position samples."""
+        if first <= 0.0 and last >= 1.0:
+            return self
+        stamps = self.channel("position").stamps_ns
+        begin, end = (stamps[min(len(stamps) - 1, round(share * len(stamps)))] for share in (first, last))
+        return replace(
+            self,
+            channels={
+                n: c.select(((c.stamps_ns >= begin) | (first <= 0.0)) & ((c.stamps_ns < end) | (last >= 1.0)))
+                for n, c in self.channels.items()
+            },
+        )
+
+
+def _read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
+    view = array.view()
+    view.flags.writeable = False
+    return view

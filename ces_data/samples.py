@@ -1,0 +1,184 @@
+"""What the samples of channels look like: statistics as logged, holes, spikes, the time at each speed and current."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import savgol_filter
+
+from ces_data.arrays import F, I
+from ces_data.findings import SECOND, mean_rate
+from ces_data.recording import Channel, Recording, Stamps
+
+GAP_INTERVALS = 5.0  # a longer interval, in median intervals, is a gap
+
+
+@dataclass(frozen=True)
+class ChannelStats:
+    """Statistics of one channel; NaN where it has too few samples.
+
+    `jitter_s` is the standard deviation of the intervals without gaps, `longest_s` the longest interval; `low` and
+    `high` are the range of the finite values in the channel's unit.
+    """
+
+    count: int
+    duration_s: float
+    rate_Hz: float
+    jitter_s: float
+    longest_s: float
+    gaps: int
+    low: float
+    high: float
+
+
+def channel_stats(channel: Channel) -> ChannelStats:
+    """Return the statistics of a channel, its stamps sorted first."""
+    intervals_ns = np.diff(np.sort(channel.stamps_ns))
+    usual_ns = float(np.median(intervals_ns)) if len(intervals_ns) else 0.0
+    gaps = intervals_ns.astype(np.float64) > GAP_INTERVALS * usual_ns
+    values = channel.values[np.isfinite(channel.values)]
+    return ChannelStats(
+        count=len(channel),
+        duration_s=float(intervals_ns.sum() / SECOND),
+        rate_Hz=mean_rate(channel),
+        jitter_s=float(intervals_ns[~gaps].std() / SECOND) if len(intervals_ns) else np.nan,
+        longest_s=float(intervals_ns.max() / SECOND) if len(intervals_ns) else np.nan,
+        gaps=int(gaps.sum()),
+        low=float(values.min()) if len(values) else np.nan,
+        high=float(values.max()) if len(values) else np.nan,
+    )
+
+
+MAX_INTERVAL = 1.75  # of the usual one: a longer interval between two samples has lost one
+
+
+def measured_at(channel: Channel, stamps_ns: Stamps) -> NDArray[np.bool_]:
+    """Return where a channel was measured (n,): at its finite samples, and between two of them without a hole.
+
+    A hole is an interval between finite samples that is longer than 1.75 usual ones (the 90th percentile), or that
+    holds a sample that is not finite, unless most do, as in tables whose rows are denser than the measurement.
+    """
+    finite = np.flatnonzero(np.isfinite(channel.values))
+    if len(finite) < 2:
+        return np.zeros(len(stamps_ns), bool)
+    logged = channel.stamps_ns[finite]
+    interval, skips = np.diff(logged), np.diff(finite) > 1
+    hole = interval > MAX_INTERVAL * np.percentile(interval, 90.0)
+    if skips.mean() < 0.5:
+        hole |= skips
+    after = np.clip(np.searchsorted(logged, stamps_ns), 1, len(logged) - 1)
+    inside = (stamps_ns >= logged[0]) & (stamps_ns <= logged[-1])
+    return np.asarray(inside & (~hole[after - 1] | (stamps_ns == logged[after]) | (stamps_ns == logged[after - 1])))
+
+
+SPIKE_FACTOR = 5.0  # times the robust standard deviation of a sample's distance from its neighbours' parabola
+SPIKE_PASSES = 5  # for spikes so close together that they hide each other
+
+
+def remove_spikes(position: F) -> F:
+    """Return `position` with spikes of up to three samples replaced by interpolation.
+
+    A spike is far from the parabola through the three samples before it and from that through the three after.
+    """
+    low, high = np.percentile(position, (1.0, 99.0))
+    places, good, clean = np.arange(len(position)), np.ones(len(position), bool), position
+    for _ in range(SPIKE_PASSES):
+        distance = _parabola_distance(clean)
+        spikes = distance > max(SPIKE_FACTOR * 1.4826 * float(np.median(distance)), 0.002 * (high - low))
+        if not spikes.any():
+            break
+        good &= ~spikes
+        clean = np.asarray(np.interp(places, places[good], position[good]))
+    return clean
+
+
+def _parabola_distance(x: F) -> F:
+    """Return distances (n,) to the nearer of the parabolas through the three samples before and the three after."""
+    before, after = np.full(len(x), np.inf), np.full(len(x), np.inf)
+    before[3:] = abs(x[3:] - (3.0 * x[2:-1] - 3.0 * x[1:-2] + x[:-3]))
+    after[:-3] = abs(x[:-3] - (3.0 * x[1:-2] - 3.0 * x[2:-1] + x[3:]))
+    return np.asarray(np.minimum(before, after))
+
+
+WINDOW_S = 0.02  # of the Savitzky-Golay filter, but at least MIN_SAMPLES samples
+MIN_SAMPLES = 7
+RANGE_QUANTILE = 0.995  # of |speed|; higher speeds count in the outermost cells, so that spikes do not set the scale
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Share of time in each cell of speed and current.
+
+    `speed_edges` (m + 1,) [m/s] and `current_edges` (n + 1,) [A] bound the cells; `share` (n, m) sums to 1, or to 0
+    without samples. `duration_s` is the time counted.
+    """
+
+    speed_edges: F
+    current_edges: F
+    share: F
+    duration_s: float
+
+
+def coverage(recordings: Sequence[Recording], speed_cells: int = 24, current_cells: int = 8) -> Coverage:
+    """Count the time of recordings with position and current in cells of speed and current."""
+    samples = [speed_current_samples(recording) for recording in recordings]
+    speed, current, weight = (np.concatenate(parts) for parts in zip(*samples, strict=True))
+    top = float(np.quantile(np.abs(speed), RANGE_QUANTILE)) if len(speed) else 0.0
+    speed_edges = np.linspace(-1.0, 1.0, speed_cells + 1) * (top or 1.0)
+    current_edges = _current_edges(current, current_cells)
+    inside = np.clip(speed, speed_edges[0], speed_edges[-1])
+    time, _, _ = np.histogram2d(current, inside, [current_edges, speed_edges], weights=weight)
+    total = float(weight.sum())
+    return Coverage(speed_edges, current_edges, time / total if total else time, total)
+
+
+def speed_current_samples(recording: Recording) -> tuple[F, F, F]:
+    """Return speed [m/s], current [A] and duration [s] of each sample (n,) where both are known."""
+    times, speed, weight = _estimate_speed(recording.channel("position"))
+    current = _hold_current(recording, times)
+    known = np.isfinite(current) & np.isfinite(speed)
+    return speed[known], current[known], weight[known]
+
+
+def _estimate_speed(position: Channel) -> tuple[I, F, F]:
+    """Return stamps [ns], speed and duration on a regular grid within each run of position without a gap."""
+    sound = position.in_order()
+    stamps, values = sound.stamps_ns, sound.values
+    intervals = np.diff(stamps)
+    if not len(intervals):
+        return np.empty(0, np.int64), np.empty(0), np.empty(0)
+    interval = max(1, int(np.median(intervals)))
+    breaks = np.flatnonzero(intervals > GAP_INTERVALS * interval) + 1
+    runs = zip(np.split(stamps, breaks), np.split(values, breaks), strict=True)
+    grids = [_estimate_run_speed(run, x, interval) for run, x in runs if run[-1] - run[0] >= MIN_SAMPLES * interval]
+    times = np.concatenate([grid for grid, _ in grids] or [np.empty(0, np.int64)])
+    speed = np.concatenate([v for _, v in grids] or [np.empty(0)])
+    return times, speed, np.full(len(times), interval / SECOND)
+
+
+def _estimate_run_speed(stamps: I, values: F, interval: int) -> tuple[I, F]:
+    grid = np.arange(stamps[0], stamps[-1] + 1, interval)
+    even = np.interp((grid - stamps[0]).astype(np.float64), (stamps - stamps[0]).astype(np.float64), values)
+    window = min(max(MIN_SAMPLES, 2 * round(WINDOW_S * SECOND / interval / 2) + 1), (len(grid) - 1) // 2 * 2 + 1)
+    return grid, savgol_filter(even, window, polyorder=2, deriv=1, delta=interval / SECOND)
+
+
+def _hold_current(recording: Recording, times: I) -> F:
+    """Return the current at each time: the last one logged, NaN before the first."""
+    if "current" in recording.constants:
+        return np.full(len(times), recording.constants["current"])
+    channel = recording.channel("current")
+    order = np.argsort(channel.stamps_ns, kind="stable")
+    last = np.searchsorted(channel.stamps_ns[order], times, side="right") - 1
+    held = np.append(channel.values[order], np.nan)
+    return held[last]
+
+
+def _current_edges(current: F, cells: int) -> F:
+    low, high = (float(current.min()), float(current.max())) if len(current) else (0.0, 0.0)
+    if high - low < 1e-9 * max(1.0, abs(high)):
+        return np.array([low - 0.05, high + 0.05])
+    return np.linspace(low, high, cells + 1)

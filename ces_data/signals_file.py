@@ -1,0 +1,179 @@
+"""Signals files: YAML in ROS 2 parameter-file form in, `Signals` out; the node reads the same file.
+
+Aliases are refused, as in the parameter parser of ROS 2.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ces_data.config_file import read_yaml_tree, to_python
+from ces_observer.errors import SignalsError
+from ces_observer.signals import NAMES, Signals, override, quote
+
+_Sections = list[tuple[str, yaml.MappingNode]]
+PARAMETERS = "ros__parameters"
+SIMILAR = 0.7  # of two names, by difflib: 'postion' and 'position' are 0.93, 'seed' and 'speed' 0.89
+KEYS = frozenset({"topic", "type", "field", "scale", "offset", "constant"})
+
+
+@dataclass(frozen=True)
+class _Description:
+    """The description of one signal in one section of the file, and its line."""
+
+    section: str
+    line: int
+    value: Any
+
+    @property
+    def exact(self) -> bool:
+        """True if the section names one node instead of a wildcard."""
+        return "*" not in self.section
+
+
+def load_signals(path: Path | None = None) -> Signals:
+    """Read a signals file; the defaults if `path` is None.
+
+    Accepted are parameter files with any node names, namespaces and wildcards (a named node overrides a wildcard) and a
+    plain mapping of signals. If the parameter `dampers` lists several dampers, `observer.yaml#front` selects one: its
+    own `front.position` and so on override the common signals. Raises SignalsError with the file and, if known, the
+    line.
+    """
+    if path is None:
+        return Signals.from_mapping({}, "defaults")
+    path, damper = _file_and_damper(path)
+    root = read_yaml_tree(path, "a signals file, '/**: ros__parameters: position: ...'", SignalsError)
+    sections = list(_sections(root, "")) or [("/**", root)]
+    damper = _choose_damper(damper, _dampers(sections, path), path)
+    common = _signals_of("", sections, path)
+    own = _signals_of(damper, sections, path) if damper else {}
+    if not common and not own:
+        hint = _find_misspelled_section(root)
+        raise SignalsError(
+            f"{path}: describes no signal; {hint}expected at least one of {', '.join(NAMES)} with its topic"
+        )
+    merged = {}
+    for name in {**common, **own}:
+        (_, general), (line, special) = common.get(name, (0, None)), own.get(name, common.get(name, (0, None)))
+        merged[name] = override(general, special)
+        _check(name, merged[name], f"{path}:{line}")
+    return Signals.from_mapping(merged, f"{path}#{damper}" if damper else str(path))
+
+
+def _file_and_damper(path: Path) -> tuple[Path, str]:
+    """Split `FILE#NAME`, unless a file of that whole name exists."""
+    stem, mark, damper = path.name.rpartition("#")
+    return (path, "") if not mark or path.exists() else (path.with_name(stem), damper)
+
+
+def _dampers(sections: _Sections, path: Path) -> list[str]:
+    """Return the names in the parameter `dampers` of the last section that has it."""
+    dampers: list[str] = []
+    for key, value in (entry for _, parameters in sections for entry in parameters.value):
+        if key.value == "dampers":
+            names = to_python(value, path, SignalsError)
+            if not isinstance(names, list) or not all(isinstance(n, str) and n.isprintable() for n in names):
+                raise SignalsError(
+                    f"{path}:{key.start_mark.line + 1}: 'dampers' is {quote(names)}; expected a list of names, "
+                    "such as [front, rear]"
+                )
+            dampers = [name for name in names if name]
+    return dampers
+
+
+def _choose_damper(damper: str, known: list[str], path: Path) -> str:
+    if damper and damper not in known:
+        reason = f"its dampers are {', '.join(known)}" if known else "it has no parameter 'dampers'"
+        raise SignalsError(f"{path}: has no damper '{damper}'; {reason}")
+    if len(known) > 1 and not damper:
+        raise SignalsError(f"{path}: describes the dampers {', '.join(known)}; select one, as in {path}#{known[0]}")
+    return damper or (known[0] if known else "")
+
+
+def _signals_of(damper: str, sections: _Sections, path: Path) -> dict[str, tuple[int, Any]]:
+    """Return line and description of each signal of one damper, or of the common signals if `damper` is empty."""
+    parts: dict[str, list[_Description]] = {}
+    for section, parameters in sorted(sections, key=lambda item: "*" not in item[0]):
+        for name, key, value in _below(damper, parameters):
+            signal, dot, rest = name.partition(".")
+            if signal not in NAMES:
+                _refuse_typo(signal, rest, value, f"{path}:{key.start_mark.line + 1}")
+                continue
+            content = {rest: to_python(value, path, SignalsError)} if dot else to_python(value, path, SignalsError)
+            if _is_signal(content, sections):
+                parts.setdefault(signal, []).append(_Description(section, key.start_mark.line + 1, content))
+    return {name: _merge(name, own, path) for name, own in parts.items()}
+
+
+def _refuse_typo(name: str, rest: str, value: yaml.Node, where: str) -> None:
+    """Raise SignalsError for a description of a signal whose name is almost a signal's.
+
+    Another name is one of the node's other parameters.
+    """
+    keys = {str(key.value) for key, _ in value.value} if isinstance(value, yaml.MappingNode) else {rest}
+    similar = difflib.get_close_matches(name.lower(), NAMES, n=1, cutoff=SIMILAR)
+    if similar and not keys.isdisjoint(KEYS):
+        raise SignalsError(f"{where}: no signal {name!r}; did you mean {similar[0]}? Signals are {', '.join(NAMES)}")
+
+
+def _below(damper: str, parameters: yaml.MappingNode) -> Iterator[tuple[str, yaml.Node, yaml.Node]]:
+    """Yield name, key and value of the parameters whose names begin with `damper` and a dot, which are removed."""
+    for key, value in parameters.value:
+        name = str(key.value)
+        if not damper:
+            yield name, key, value
+        elif name.startswith(f"{damper}."):
+            yield name.removeprefix(f"{damper}."), key, value
+        elif name == damper and isinstance(value, yaml.MappingNode):
+            yield from ((str(k.value), k, v) for k, v in value.value)
+
+
+def _sections(node: yaml.MappingNode, name: str) -> Iterator[tuple[str, yaml.MappingNode]]:
+    for key, value in node.value:
+        if isinstance(value, yaml.MappingNode):
+            if key.value == PARAMETERS:
+                yield name, value
+            else:
+                yield from _sections(value, f"{name}/{str(key.value).strip('/')}")
+
+
+def _find_misspelled_section(node: yaml.MappingNode) -> str:
+    """Return a hint at a key that is almost 'ros__parameters', empty if there is none."""
+    for key, value in node.value:
+        name = str(key.value)
+        if name != PARAMETERS and difflib.get_close_matches(name, [PARAMETERS], cutoff=SIMILAR):
+            return f"line {key.start_mark.line + 1}: {name!r}: did you mean {PARAMETERS}? "
+        if isinstance(value, yaml.MappingNode) and (hint := _find_misspelled_section(value)):
+            return hint
+    return ""
+
+
+def _is_signal(content: object, sections: _Sections) -> bool:
+    """Return False for another node's parameter of the same name, possible in a file of several sections."""
+    return len(sections) == 1 or (isinstance(content, Mapping) and not KEYS.isdisjoint(content))
+
+
+def _merge(name: str, parts: list[_Description], path: Path) -> tuple[int, Any]:
+    """Return the last line that adds to a signal, for errors, and the merged description."""
+    exact = {part.section: part.line for part in parts if part.exact}
+    if len(exact) > 1:
+        places = " and ".join(f"{quote(section)} (line {line})" for section, line in exact.items())
+        raise SignalsError(f"{path}: signal '{name}' is described for {places}; expected one node's signals in a file")
+    merged: Any = {}
+    for part in parts:
+        both = isinstance(merged, Mapping) and isinstance(part.value, Mapping)
+        merged = {**merged, **part.value} if both else part.value
+    return parts[-1].line, merged
+
+
+def _check(name: str, content: Any, where: str) -> None:
+    try:
+        Signals.from_mapping({name: content}, where)
+    except SignalsError as error:
+        raise SignalsError(str(error) if where in str(error) else f"{where}: signal '{name}': {error}") from None

@@ -1,0 +1,288 @@
+"""Candidate experiments that separate effects, limited to about the operating range of the recordings.
+
+Each is a recipe that `ces rig FILE` runs; `generate_waveforms` returns its position and current. The diagnosis must not
+depend on the rig that tests it, so the waveforms are a second implementation; a test compares the two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from scipy.signal import max_len_seq
+
+from ces_data.arrays import F
+from ces_gap.trace import Trace, usable_inputs, usable_values
+
+Recipe = dict[str, Any]
+
+TRAVEL, SPEED, ACCELERATION = 1.05, 1.1, 1.5  # limits of an experiment over the range of the recordings
+MIN_AMPLITUDE_M, MIN_SPEED_M_S, MIN_ACCELERATION_M_S2 = 1e-3, 0.01, 1.0
+SAME_CURRENT = 0.05  # relative spread below which a current counts as constant
+CURRENT = 0.25  # relative change, up and down, that experiments then command
+TOP_HZ = 16.0
+SEED = 1
+
+
+@dataclass(frozen=True)
+class Reach:
+    """The limits of an experiment: a stroke of `centre_m` ± `amplitude_m`, speed, acceleration and current.
+
+    The current cannot be commanded if `low_A` and `high_A` are equal.
+    """
+
+    centre_m: float
+    amplitude_m: float
+    speed_m_s: float
+    acceleration_m_s2: float
+    low_A: float
+    high_A: float
+
+    @property
+    def middle_A(self) -> float:
+        """The mean of lowest and highest current."""
+        return _round((self.low_A + self.high_A) / 2.0)
+
+    def top_Hz(self, speed_share: float) -> float:
+        """Return the frequency at which a sine with this share of the speed uses all acceleration, up to 16 Hz."""
+        return min(TOP_HZ, self.acceleration_m_s2 / (2.0 * np.pi * speed_share * self.speed_m_s))
+
+
+def reach_of(traces: Sequence[Trace]) -> Reach:
+    """Return the limits of experiments: a little more than the range of the recordings."""
+    x, v, i = (usable_inputs(traces, name) for name in ("position", "speed", "current"))
+    a = usable_values(traces, [t.acceleration for t in traces])
+    low, high = np.quantile(x, (0.001, 0.999))
+    currents = _currents(i, any("current" in t.recording.constants for t in traces))
+    return Reach(
+        centre_m=float(low + high) / 2.0,
+        amplitude_m=max(TRAVEL * float(high - low) / 2.0, MIN_AMPLITUDE_M),
+        speed_m_s=max(SPEED * float(np.quantile(np.abs(v), 0.999)), MIN_SPEED_M_S),
+        acceleration_m_s2=max(ACCELERATION * float(np.quantile(np.abs(a), 0.999)), MIN_ACCELERATION_M_S2),
+        low_A=currents[0],
+        high_A=currents[1],
+    )
+
+
+def list_candidate_experiments(reach: Reach) -> list[Recipe]:
+    """Return recipes of 10 to 40 s within reach, with the keys that `ces rig` reads.
+
+    Without a current to command, the experiments with a changing current are left out.
+    """
+    changing = _changing_current_experiments(reach) if reach.high_A > reach.low_A else []
+    return [{**recipe, "seed": SEED} for recipe in (*_constant_current_experiments(reach), *changing)]
+
+
+def _constant_current_experiments(r: Reach) -> list[Recipe]:
+    """Return the experiments at constant current."""
+    soft, middle, hard = (_constant(level) for level in (r.low_A, r.middle_A, r.high_A))
+    slow_Hz, fast_Hz = _sine_Hz(r, 0.6, 0.4), r.top_Hz(0.5)
+    fast_m = _amplitude(r, 0.35, 0.5, fast_Hz)
+    beat_Hz = _sine_Hz(r, 1.0, 0.8)
+    beats_Hz = (beat_Hz, beat_Hz - min(0.16, 0.2 * beat_Hz))
+    return [
+        _recipe("slow_triangle", "slow motion to and fro: friction, gas and end stops without the valve", 40.0,
+                _triangle(r, 1.0, 0.04), soft),
+        _recipe("constant_speed", "constant speed to and fro at constant current", 20.0, _triangle(r, 0.9, 0.5), hard),
+        _recipe("fast_reversals", "short strokes with reversals as sharp as in the recordings", 15.0,
+                _triangle(r, 0.25, 0.9), middle),
+        _recipe("two_frequency_sine", "a slow stroke with a fast one superimposed", 20.0,
+                _sines(r, (0.6 * r.amplitude_m, fast_m), (slow_Hz, fast_Hz)), middle),
+        _recipe("offset_dwell", "a small sine whose centre moves slowly from end to end", 30.0,
+                _sines(r, (0.65 * r.amplitude_m, 0.3 * r.amplitude_m), (1.0 / 15.0, _sine_Hz(r, 0.3, 0.7))), middle),
+        _recipe("amplitude_sweep", "two close frequencies: the amplitude rises and falls", 25.0,
+                _sines(r, (0.5 * r.amplitude_m, 0.5 * r.amplitude_m), beats_Hz), middle),
+        _recipe("frequency_sweep", "sine sweep at constant current", 30.0, _sweep(r), middle),
+        _recipe("hard_sine", "the largest speed at the highest current", 15.0, _sine(r, 0.9, 1.0), hard),
+    ]  # fmt: skip
+
+
+def _changing_current_experiments(r: Reach) -> list[Recipe]:
+    """Return the experiments with a changing current."""
+    steps = [r.low_A, r.high_A, r.middle_A, r.high_A, r.low_A, r.middle_A]
+    return [
+        _recipe("current_steps", "constant speed with steps of current", 20.0,
+                _triangle(r, 0.9, 0.35), {"kind": "steps", "levels_A": steps, "hold_s": 0.37}),
+        _recipe("current_prbs", "constant speed with a random binary current", 20.0,
+                _triangle(r, 0.9, 0.35), {"kind": "prbs", "low_A": r.low_A, "high_A": r.high_A, "hold_s": 0.05}),
+        _recipe("slow_current", "constant speed, current slowly up and down: hysteresis without lag", 40.0,
+                _triangle(r, 0.9, 0.35), _sine_current(r, 0.05)),
+        _recipe("fast_current", "constant speed, current quickly up and down: lag and hysteresis", 15.0,
+                _triangle(r, 0.9, 0.35), _sine_current(r, 5.0)),
+        _recipe("standstill_steps", "no motion, steps of current", 10.0,
+                {"kind": "rest", "offset_m": _round(r.centre_m)}, {"kind": "steps", "levels_A": steps, "hold_s": 0.5}),
+        _recipe("heat_soak", "hard and soft for 8 s each at high speed: separates heat from elapsed time", 40.0,
+                _sine(r, 0.9, 0.8), {"kind": "steps", "levels_A": [r.high_A, r.low_A], "hold_s": 8.0}),
+    ]  # fmt: skip
+
+
+def _recipe(name: str, description: str, duration_s: float, stroke: Recipe, current: Recipe) -> Recipe:
+    fields = {"name": name, "description": description, "duration_s": duration_s}
+    return {**fields, "stroke": stroke, "current": current}
+
+
+def _triangle(r: Reach, amplitude: float, speed: float) -> Recipe:
+    """Return a triangle of these shares of the reach, with corners and speed limited by the acceleration."""
+    amplitude_m = amplitude * r.amplitude_m
+    speed_m_s = min(speed * r.speed_m_s, 0.5 * (r.acceleration_m_s2 * amplitude_m) ** 0.5)  # a corner is half a stroke
+    corner = 4.0 * speed_m_s / r.acceleration_m_s2  # the peak of a raised cosine is twice its mean
+    corner_s = _round(min(max(corner, 0.004), 1.0))
+    return _about(r, kind="triangle", amplitude_m=_round(amplitude_m), speed_m_s=_round(speed_m_s), corner_s=corner_s)
+
+
+def _sine(r: Reach, amplitude: float, speed: float) -> Recipe:
+    frequency = _sine_Hz(r, amplitude, speed)
+    amplitude_m = _amplitude(r, amplitude, speed, frequency)
+    return _about(r, kind="sine", amplitude_m=_round(amplitude_m), frequency_Hz=_round(frequency))
+
+
+def _sines(r: Reach, amplitudes_m: tuple[float, ...], frequencies_Hz: tuple[float, ...]) -> Recipe:
+    amplitudes, frequencies = ([_round(v) for v in values] for values in (amplitudes_m, frequencies_Hz))
+    return _about(r, kind="sum_of_sines", amplitudes_m=amplitudes, frequencies_Hz=frequencies)
+
+
+def _sweep(r: Reach) -> Recipe:
+    low, high = min(0.5, _sine_Hz(r, 0.9, 0.5)), r.top_Hz(0.8)
+    return _about(
+        r,
+        kind="sweep",
+        from_Hz=_round(low),
+        to_Hz=_round(max(high, 2.0 * low)),
+        amplitude_m=_round(0.9 * r.amplitude_m),
+        speed_m_s=_round(0.8 * r.speed_m_s),
+    )
+
+
+def _sine_current(r: Reach, frequency_Hz: float) -> Recipe:
+    return {"kind": "sine", "low_A": r.low_A, "high_A": r.high_A, "frequency_Hz": frequency_Hz}
+
+
+def _constant(current_A: float) -> Recipe:
+    return {"kind": "constant", "current_A": current_A}
+
+
+def _about(r: Reach, **stroke: Any) -> Recipe:
+    return {**stroke, "offset_m": _round(r.centre_m)}
+
+
+def _sine_Hz(r: Reach, amplitude: float, speed: float) -> float:
+    """Return the frequency of a sine with these shares of amplitude and speed, limited by the acceleration."""
+    return min(speed * r.speed_m_s / (2.0 * np.pi * amplitude * r.amplitude_m), r.top_Hz(speed))
+
+
+def _amplitude(r: Reach, amplitude: float, speed: float, frequency_Hz: float) -> float:
+    """Return the largest amplitude [m] at a frequency within both shares."""
+    return min(amplitude * r.amplitude_m, speed * r.speed_m_s / (2.0 * np.pi * frequency_Hz))
+
+
+def _currents(current: F, fixed: bool) -> tuple[float, float]:
+    """Return the lowest and highest current to command; both are the median if the current is fixed."""
+    low, high = np.quantile(current, (0.005, 0.995))
+    middle = float(np.median(current))
+    if fixed or (abs(middle) < 1e-9 and high - low < 1e-9):
+        return max(_round(middle), 0.0), max(_round(middle), 0.0)
+    if high - low < SAME_CURRENT * abs(middle):
+        low, high = (1.0 - CURRENT) * middle, (1.0 + CURRENT) * middle
+    return max(_round(float(low)), 0.0), max(_round(float(high)), 0.0)
+
+
+def _round(value: float) -> float:
+    """Return the value to three significant digits."""
+    return float(f"{value:.3g}")
+
+
+Rng = np.random.Generator
+
+FINE_S = 0.5e-3  # [s] the rig's grid
+DECIMATION = 2  # to 1 kHz
+FADE_S = 0.5  # [s] default of strokes
+CORNER_S = 0.02  # [s] default of triangles
+
+
+def generate_waveforms(recipe: Mapping[str, Any]) -> tuple[F, F, F]:
+    """Return `time_s`, `position_m` and `current_A` (n,) at 1 kHz; raises KeyError for unknown kinds."""
+    time = np.arange(round(recipe["duration_s"] / FINE_S) + 1) * FINE_S
+    stroke, current = recipe["stroke"], recipe["current"]
+    shape = STROKES[stroke["kind"]](stroke, time, np.random.default_rng([recipe["seed"], 0]))
+    position = stroke.get("offset_m", 0.0) + shape * _fade(time, stroke.get("fade_s", FADE_S))
+    level = CURRENTS[current["kind"]](current, time, np.random.default_rng([recipe["seed"], 1]))
+    return time[::DECIMATION], position[::DECIMATION], level[::DECIMATION]
+
+
+def _rest_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    return np.zeros_like(time)
+
+
+def _sine_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    return np.asarray(recipe["amplitude_m"] * np.sin(2.0 * np.pi * recipe["frequency_Hz"] * time))
+
+
+def _sum_of_sines_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    total = np.zeros_like(time)
+    for amplitude, frequency in zip(recipe["amplitudes_m"], recipe["frequencies_Hz"], strict=True):
+        total += amplitude * np.sin(2.0 * np.pi * (frequency * time + rng.random()))
+    return total
+
+
+def _sweep_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    """A linear chirp whose amplitude falls as 1/frequency where the speed limit binds."""
+    rise = (recipe["to_Hz"] - recipe["from_Hz"]) / time[-1]
+    bound = recipe["speed_m_s"] / (2.0 * np.pi * (recipe["from_Hz"] + rise * time))
+    amplitude = (recipe["amplitude_m"] ** -4 + bound**-4) ** -0.25
+    return np.asarray(amplitude * np.sin(2.0 * np.pi * (recipe["from_Hz"] + rise * time / 2.0) * time))
+
+
+def _triangle_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    """Constant speed to and fro, at first upwards from 0, with corners rounded by a raised-cosine window."""
+    half = max(1, round(recipe.get("corner_s", CORNER_S) / FINE_S / 2.0))
+    longer = np.arange(-half, len(time) + half) * FINE_S
+    cycle = longer * recipe["speed_m_s"] / (4.0 * recipe["amplitude_m"])
+    sharp = recipe["amplitude_m"] * (4.0 * np.abs((cycle - 0.25) % 1.0 - 0.5) - 1.0)
+    window = np.sin(np.pi * np.arange(1, 2 * half + 2) / (2 * half + 2)) ** 2
+    return np.convolve(sharp, window / window.sum(), mode="valid")
+
+
+def _constant_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    return np.full_like(time, recipe["current_A"])
+
+
+def _steps_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    held = np.floor(time / recipe["hold_s"] + 1e-9).astype(int)
+    return np.asarray(np.asarray(recipe["levels_A"], dtype=np.float64)[held % len(recipe["levels_A"])])
+
+
+def _prbs_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    """A maximum-length sequence of order 15 from a random start."""
+    bits = max_len_seq(15)[0].astype(bool)
+    held = np.floor(time / recipe["hold_s"] + 1e-9).astype(int) + int(rng.integers(len(bits)))
+    return np.asarray(np.where(bits[held % len(bits)], recipe["high_A"], recipe["low_A"]), dtype=np.float64)
+
+
+def _current_sine_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    middle, half = (recipe["high_A"] + recipe["low_A"]) / 2.0, (recipe["high_A"] - recipe["low_A"]) / 2.0
+    return np.asarray(middle + half * np.sin(2.0 * np.pi * recipe["frequency_Hz"] * time))
+
+
+def _fade(time: F, fade_s: float) -> F:
+    """Return a factor that rises from 0 to 1 within `fade_s` and falls again at the end (smootherstep)."""
+    if fade_s == 0.0:
+        return np.ones_like(time)
+    u = np.clip(np.minimum(time, time[-1] - time) / fade_s, 0.0, 1.0)
+    return np.asarray(u**3 * (10.0 + u * (6.0 * u - 15.0)))
+
+
+STROKES: Mapping[str, Callable[[Mapping[str, Any], F, Rng], F]] = {
+    "rest": _rest_wave,
+    "sine": _sine_wave,
+    "sum_of_sines": _sum_of_sines_wave,
+    "sweep": _sweep_wave,
+    "triangle": _triangle_wave,
+}
+CURRENTS: Mapping[str, Callable[[Mapping[str, Any], F, Rng], F]] = {
+    "constant": _constant_wave,
+    "steps": _steps_wave,
+    "prbs": _prbs_wave,
+    "sine": _current_sine_wave,
+}

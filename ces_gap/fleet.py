@@ -1,0 +1,170 @@
+"""Many diagnoses: their common request, a key for each result that identifies its inputs, and the work of one unit.
+
+The request is sent to the workers as bytes, with the user's simulation and effects by value: workers do not need the
+user's modules.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import inspect
+import json
+import pickle
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+from ces_data.recording import Recording
+from ces_gap.augmented import file_of, name_simulation
+from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.effects.user_effects import class_of
+from ces_gap.inputs.checks import check_recordings
+from ces_gap.pipeline import DiagnoseOptions
+from ces_gap.report.gap_json import to_plain_json
+from ces_identify.jobs.results import DONE, JobResult, Row, run_job
+from ces_identify.simulations.simulation import FunctionSimulation, Simulation
+from ces_observer import __version__
+
+UNITS = "units"
+OURS = ("ces_observer", "ces_identify", "ces_gap", "ces_rig", "ces_cli")
+
+Diagnose = Callable[..., Diagnosis]
+Files = Callable[..., Mapping[str, str]]
+
+
+@dataclass(frozen=True)
+class DiagnosisRequest:
+    """The common part of all jobs: simulation, references and options.
+
+    `diagnose` and `files` are `ces_gap.pipeline.diagnose` and `ces_gap.report.result_files.result_files`, or
+    replacements of them.
+    """
+
+    simulation: Simulation
+    spec: str
+    reference: tuple[Recording, ...]
+    options: DiagnoseOptions
+    diagnose: Diagnose
+    files: Files
+
+    def pack(self) -> bytes:
+        """Return the request as bytes that a worker unpacks without the user's modules."""
+        try:
+            cloudpickle: Any = import_module("cloudpickle")
+        except ImportError:  # the copy inside joblib before version 1.6
+            cloudpickle = import_module("joblib.externals.cloudpickle")
+        with contextlib.ExitStack() as stack:
+            for module in self._user_modules():
+                cloudpickle.register_pickle_by_value(module)
+                stack.callback(cloudpickle.unregister_pickle_by_value, module)
+            packed: bytes = cloudpickle.dumps(self)
+            return packed
+
+    def digest(self) -> str:
+        """Return a hash of everything that determines the results; `threads` does not."""
+        inputs = {
+            "tool": __version__,
+            "sim": [self.spec, _file_digest(file_of(self.spec))],
+            "code": sorted(_file_digest(Path(inspect.getsourcefile(m) or "")) for m in self._user_modules()),
+            "effects": sorted(filter(None, map(class_of, self.options.effects))),
+            "seed": self.options.seed,
+            "tolerance": self.options.tolerance,
+            "reference": [r.sha256 for r in self.reference],
+        }
+        return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
+
+    def _user_modules(self) -> list[Any]:
+        """Return the modules with code of the user."""
+        names = {type(effect).__module__ for effect in self.options.effects}
+        if isinstance(self.simulation, FunctionSimulation):
+            names.add(str(getattr(self.simulation.function, "__module__", "")))
+        return [sys.modules[n] for n in sorted(names) if n in sys.modules and n.partition(".")[0] not in OURS]
+
+
+@dataclass(frozen=True)
+class DiagnosisJob:
+    """One unit to diagnose: its name, the key of its result, and the folder of its files in the results folder.
+
+    `sim` names the simulation relative to that folder: workers may have no access to its file.
+    """
+
+    key: str
+    name: str
+    output: str
+    sim: Mapping[str, str | None] = field(compare=False)
+
+    @property
+    def identity(self) -> dict[str, Any]:
+        """The columns that identify the unit of a row."""
+        return {"key": self.key, "name": self.name}
+
+
+def job_of(
+    name: str, recordings: Sequence[Recording], request: DiagnosisRequest, signal_settings: str, folder: Path
+) -> DiagnosisJob:
+    """Return the job of a unit with files below `folder`; `signal_settings` describes how recordings were read."""
+    inputs = [request.digest(), signal_settings, [r.sha256 for r in recordings]]
+    key = hashlib.sha256(json.dumps(inputs).encode()).hexdigest()[:20]
+    output = f"{UNITS}/{name}-{key[:8]}"
+    return DiagnosisJob(key, name, output, name_simulation(request.spec, folder / output))
+
+
+def _file_digest(file: Path | None) -> str:
+    return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None and file.is_file() else ""
+
+
+def diagnose_unit(job: DiagnosisJob, packed: Sequence[bytes], recordings: Sequence[Recording]) -> JobResult:
+    """Diagnose one unit; `packed` holds the packed request as its only item."""
+    return run_job(job, partial(_diagnose, job, packed[0], recordings))
+
+
+def _diagnose(job: DiagnosisJob, packed: bytes, recordings: Sequence[Recording]) -> JobResult:
+    start = time.monotonic()
+    request: DiagnosisRequest = pickle.loads(packed)  # packed by this program, never read from a file
+    notes = check_recordings(recordings, (), request.reference)
+    diagnosis = request.diagnose(request.simulation, request.spec, recordings, (), request.reference, request.options)
+    diagnosis = replace(diagnosis, notes=(*notes, *diagnosis.notes))
+    files = request.files(diagnosis, job.sim, (("real", recordings), ("reference", request.reference)))
+    row = {**_row(job, recordings, diagnosis), "seconds": round(time.monotonic() - start, 3)}
+    return JobResult(row, {f"{job.output}/{name}": text for name, text in files.items()})
+
+
+def _row(job: DiagnosisJob, recordings: Sequence[Recording], diagnosis: Diagnosis) -> Row:
+    best = diagnosis.causes[0] if diagnosis.causes else None
+    gap, together = diagnosis.gap, diagnosis.composition
+    row: Row = {
+        **job.identity,
+        "status": DONE,
+        "recordings": [r.name for r in recordings],
+        "verdict": diagnosis.verdict,
+        "effects": list(together.effects),
+        "cause": best.effects[0] if best else None,
+        "probability": _probability(diagnosis),
+        "gap_N": gap.rms_N,
+        "gap_low_N": gap.ci95_N[0],
+        "gap_high_N": gap.ci95_N[1],
+        "noise_floor_N": gap.noise_floor_N,
+        "cost_J": gap.cost_J,
+        "gap_after_N": together.gap_after_N,
+        "shrink": together.shrink,
+        "shrink_low": together.shrink_ci95[0],
+        "shrink_high": together.shrink_ci95[1],
+        "sentence": diagnosis.sentence,
+        "notes": list(diagnosis.notes),
+        "folder": job.output,
+    }
+    plain: Row = to_plain_json(row, job.name)
+    return plain
+
+
+def _probability(diagnosis: Diagnosis) -> float | None:
+    """Return the probability of the verdict: of no gap, of an unknown cause, or of the most probable effect."""
+    if diagnosis.verdict in (NO_GAP, UNKNOWN):
+        return diagnosis.probability_none if diagnosis.verdict == NO_GAP else diagnosis.probability_unknown
+    return diagnosis.causes[0].probability if diagnosis.causes else None

@@ -1,0 +1,190 @@
+"""The plant's force as a static map of speed and current, from which effects know the slope of the damper.
+
+Effects use only slopes and differences of the map, so that a plant with memory keeps its memory.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from scipy.linalg import solveh_banded
+
+from ces_data.arrays import F, Mask
+from ces_gap.grid import derivative, rms
+from ces_gap.map_kernels import forward_backward, map_forces_and_slopes, pole_of, spline_normal
+
+CELLS, LEVELS = 24, 4  # of speed, of current
+MAX_TICKS = 4000  # from which the map is learnt
+NARROW = 0.05  # of the RMS speed: the width around standstill where the speed axis is finest
+SMOOTH = 1e-3  # weight of the coefficients' second differences, per tick and cell
+MAX_RECENT = 2  # maps that are kept
+LEVEL = 1e-4  # weight of differences between currents, which fill empty cells
+
+
+@dataclass(frozen=True)
+class SpeedMap:
+    """Force [N] over speed and current: quadratic splines of the warped speed, linear in the current.
+
+    `table` (cells + 2, levels) are the coefficients; the speed axis, fine within `narrow` [m/s], ends at ±`reach`.
+    """
+
+    narrow: float
+    reach: float
+    low_A: float
+    step_A: float
+    table: F
+
+    def force_and_slope(self, speed: F, current: F) -> tuple[F, F]:
+        """Return force [N] and its derivative by speed [N s/m], at least 0, at `speed` [m/s] and `current` (n,)."""
+        force, slope = map_forces_and_slopes(speed, self.level(current), *self.kernel())
+        return np.asarray(force), np.asarray(slope)
+
+    def force(self, speed: F, current: F) -> F:
+        """Return the force [N] (n,)."""
+        return self.force_and_slope(speed, current)[0]
+
+    def rest(self, current: F) -> float:
+        """Return the force [N] at standstill: gas and offsets, which drive no flow."""
+        return float(self.force(np.zeros(1), np.array([float(np.median(current))]))[0])
+
+    def level(self, current: F) -> F:
+        """Return the position (n,) of currents [A] on the current axis, 0 to levels - 1."""
+        return np.asarray(np.clip((current - self.low_A) / self.step_A, 0.0, self.table.shape[1] - 1.0))
+
+    def kernel(self) -> tuple[float, float, F]:
+        """Return `narrow`, `reach` and `table` for the compiled loops."""
+        return self.narrow, self.reach, self.table
+
+    def place(self, speed: F) -> F:
+        """Return the position (n,) of speeds [m/s] on the speed axis, 0 to cells."""
+        warped = np.copysign(np.sqrt(1.0 + np.abs(speed) / self.narrow) - 1.0, speed)
+        return np.asarray((warped / self.reach + 1.0) * (0.5 * CELLS))
+
+
+def learn_map(speed: F, current: F, force: F, usable: Mask) -> SpeedMap:
+    """Return the map of `force` [N] over speed [m/s] and current [A] on the `usable` ticks, on all if none is usable.
+
+    Penalised least squares (Eilers and Marx, 1996); all arrays are (n,).
+    """
+    ticks = np.flatnonzero(usable) if usable.any() else np.arange(len(usable))
+    ticks = ticks[:: max(1, len(ticks) // MAX_TICKS)]
+    speed, current = speed[ticks], current[ticks]
+    narrow = NARROW * rms(speed) + 1e-6
+    reach = float(np.sqrt(1.0 + np.max(np.abs(speed)) / narrow)) - 1.0 + 1e-3
+    low, span = float(current.min()), float(np.ptp(current))
+    levels = LEVELS if span > 1e-3 * (1.0 + abs(low)) else 1
+    blank = SpeedMap(narrow, reach, low, span / max(levels - 1, 1) or 1.0, np.zeros((CELLS + 2, levels)))
+    band, right = spline_normal(blank.place(speed), blank.level(current), force[ticks], CELLS, levels)
+    band += len(ticks) / CELLS * _penalty(levels)
+    table = solveh_banded(band, right, lower=True, check_finite=False)
+    return SpeedMap(narrow, reach, low, blank.step_A, np.asarray(table).reshape(CELLS + 2, levels))
+
+
+class RecentMaps:
+    """Learns maps and keeps the last few: a fit asks for the map of the same forces at each of its steps."""
+
+    def __init__(self) -> None:
+        self._recent: deque[tuple[tuple[F, F, F, Mask], SpeedMap]] = deque(maxlen=MAX_RECENT)
+
+    def learn(self, speed: F, current: F, force: F, usable: Mask) -> SpeedMap:
+        """Return `learn_map` of the same arguments."""
+        data = (speed, current, force, usable)
+        for known, learnt in tuple(self._recent):
+            if all(a is b or np.array_equal(a, b) for a, b in zip(known, data, strict=True)):
+                return learnt
+        learnt = learn_map(*data)
+        self._recent.appendleft((data, learnt))
+        return learnt
+
+
+@cache
+def _penalty(levels: int) -> F:
+    """Return the lower band (3·levels, m) of the penalty that keeps the coefficients smooth."""
+    width = CELLS + 2
+    bend, apart = np.diff(np.eye(width), 2, axis=0), np.diff(np.eye(levels), axis=0)
+    whole = SMOOTH * np.kron(bend.T @ bend, np.eye(levels)) + LEVEL * np.kron(np.eye(width), apart.T @ apart)
+    whole += 1e-9 * np.eye(len(whole))
+    out = np.zeros((3 * levels, len(whole)))
+    for k in range(3 * levels):
+        out[k, : len(whole) - k] = np.diag(whole, -k)
+    return out
+
+
+CORNER_HZ = 100.0  # [Hz] above it a simulated force is mostly noise
+COMPLIANCES = (0.0, *(1.0 / np.geomspace(3e5, 3e7, 9)))  # [m/N] rigid, then from soft to stiff
+SOFT = 0.03  # of the RMS of force and speed: width of the change from one compliance to the other
+
+
+@dataclass(frozen=True)
+class SprungMap:
+    """A map of speed and current behind a spring of `compliance` c [m/N]; `rest` [N] is the force at standstill."""
+
+    map: SpeedMap
+    compliance: float
+    rest: float
+
+
+@dataclass(frozen=True)
+class PumpedMap:
+    """A map behind a spring with two compliances `own` [m/N]: while the damper is pushed and moves in, and otherwise.
+
+    `widths` [N], [m/s] smooth the change between them. `memory` [N] (n,) is the plant's force minus that of this model.
+    """
+
+    map: SpeedMap
+    own: tuple[float, float]
+    widths: tuple[float, float]
+    memory: F
+
+
+def remove_high_frequencies(force: F, rate_Hz: float) -> F:
+    """Return the force (n,) behind a low-pass at `CORNER_HZ` without delay."""
+    corner = min(CORNER_HZ, 0.25 * rate_Hz)
+    return np.asarray(forward_backward(np.ascontiguousarray(force), pole_of(corner, rate_Hz)))
+
+
+def learn_sprung_map(speed: F, current: F, force: F, usable: Mask, rate_Hz: float) -> SprungMap:
+    """Return the map and spring that fit the simulated `force` [N] best on the usable ticks.
+
+    `speed` [m/s] and `current` [A] are the inputs of the simulation; all arrays are (n,).
+    """
+    rate, used = derivative(remove_high_frequencies(force, rate_Hz), rate_Hz), _usable_or_all(usable)
+    best, least, compliant = learn_map(speed, current, force, usable), np.inf, 0.0
+    for compliance in COMPLIANCES:
+        through = speed - compliance * rate
+        trial = learn_map(through, current, force, usable)
+        residual = (force - trial.force(through, current))[used]
+        if float(residual @ residual) < least:
+            best, least, compliant = trial, float(residual @ residual), compliance
+    return SprungMap(best, compliant, best.rest(current))
+
+
+def learn_pumped_map(speed: F, current: F, force: F, usable: Mask, rate_Hz: float, equal: float) -> PumpedMap:
+    """Return the map and the two compliances that fit the simulated force [N] best, searched in turn.
+
+    Both start at `equal` [m/N], the compliance of `learn_sprung_map`; the other arguments are the same as there.
+    """
+    smooth, used = remove_high_frequencies(force, rate_Hz), _usable_or_all(usable)
+    widths = (SOFT * rms(smooth[used]) + 1e-3, SOFT * rms(speed[used]) + 1e-6)
+    pumping = 0.25 * (1.0 + np.tanh(smooth / widths[0])) * (1.0 + np.tanh(speed / widths[1]))
+    rate = derivative(smooth, rate_Hz)
+
+    def fit(own: tuple[float, float]) -> tuple[float, SpeedMap, F]:
+        through = speed - (own[1] + pumping * (own[0] - own[1])) * rate
+        best = learn_map(through, current, force, usable)
+        residual = force - best.force(through, current)
+        return float(residual[used] @ residual[used]), best, residual
+
+    own = (equal, equal)
+    for _ in range(2):
+        own = min(((c, own[1]) for c in COMPLIANCES), key=lambda o: fit(o)[0])
+        own = min(((own[0], c) for c in COMPLIANCES), key=lambda o: fit(o)[0])
+    _, best, residual = fit(own)
+    return PumpedMap(best, own, widths, remove_high_frequencies(residual, rate_Hz))
+
+
+def _usable_or_all(usable: Mask) -> Mask:
+    return usable if usable.any() else np.ones(len(usable), bool)

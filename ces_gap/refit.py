@@ -1,0 +1,409 @@
+"""Second check of a diagnosis: the parameters of a physical model refitted to the real recordings, group by group.
+
+Effects are added around the simulation; the refits change the simulation itself. A group that moves, on recordings that
+neither fit has seen, agrees with an effect that would move it, or contradicts the others.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import islice
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_data.arrays import F
+from ces_gap.baseline.identified import IdentifiedBaseline
+from ces_gap.baseline.plant import Correction
+from ces_gap.errors import GapError
+from ces_gap.grid import number_blocks
+from ces_gap.inference.evidence import Baseline
+from ces_gap.inference.verdict import AMBIGUOUS, NAMED
+from ces_gap.inputs.prepare import DiagnosisInput
+from ces_gap.progress import FAILURES, Progress, ignore_progress
+from ces_gap.trace import Trace
+from ces_identify.numerics.levenberg import BoundedProblem, descend_within_bounds
+from ces_identify.physical.models import PhysicalModels
+from ces_identify.physical.quantities import read_quantities
+from ces_identify.prepare.series import prepare
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
+from ces_identify.structures import physical_models_of
+from ces_identify.trained.training import Training
+from ces_observer.model import Model
+from ces_observer.structures.physical import PhysicalStructure
+
+
+@dataclass(frozen=True)
+class ParameterGroup:
+    """A group by the `name` that reports give it: its `parts` in the layout, and the `effects` that would move it."""
+
+    name: str
+    parts: tuple[str, ...]
+    effects: tuple[str, ...]
+
+
+BLOCK_S = 0.5  # [s] errors within a block count as one sample in standard errors
+MAX_TICKS = 40_000  # of the fitted recordings: the first part of each
+MAX_STEPS = 4
+PENALTY = 0.003  # [J %] of a change of one parameter by its scale: holds what the recordings do not determine
+MIN_PREDICTED_GAIN = 0.01  # of the squared error: a group that could gain less is not refitted
+MIN_GAP = 0.1  # of the noise's energy: a smaller held-out gap counts as this large
+MAX_CHANGES, MIN_CHANGE = 2, 0.02  # quantities that a report names, and the relative change from which it does
+MIN_MOVED = 3.0  # standard errors
+MIN_ENERGY = 0.1  # of the held-out gap, for a refit that counts
+CLEAR_Z = 2.0  # standard errors by which a refit closes more than another
+CLEAR_ENERGY = 0.1  # of the gap, too
+
+GROUPS = (
+    ParameterGroup(
+        "elasticity",
+        ("compliance", "compression", "rebound", "mount"),
+        ("mount_compliance", "compressibility", "backlash"),
+    ),
+    ParameterGroup(
+        "friction", ("viscous_Ns_m", "stiffness", "yield", "friction", "friction_yield", "growth"), ("friction",)
+    ),
+    ParameterGroup("gas force", ("gas_N",), ("force_offset", "gas_spring", "bump_stop", "force_drift")),
+    ParameterGroup("valve lag", ("rise_s", "fall_s", "delay_ticks"), ("valve_lag",)),
+    ParameterGroup("magnetic loop", ("hysteresis_A",), ("current_hysteresis",)),
+    ParameterGroup("valve characteristic", ("setting",), ("current_scale",)),
+    ParameterGroup("lead of the drive", ("lead_s",), ("position_delay",)),
+    ParameterGroup("moving mass", ("mass_kg",), ("inertia",)),
+    ParameterGroup("refilling", ("check", "refill"), ("cavitation",)),
+    ParameterGroup(  # the valve characteristic ends at the extreme currents: a gain of the current moves the map, too
+        "flow map",
+        ("map", "leak", "ratio"),
+        ("force_scale", "leakage", "blow_off", "temperature_fade", "calibration", "current_scale"),
+    ),
+)
+
+
+@dataclass(frozen=True)
+class RefitTarget:
+    """Models on the nodes of a baseline, its parameters `theta`, weights (ticks,) and blocks (ticks,) of the data."""
+
+    models: PhysicalModels[Any]
+    theta: F
+    weights: F
+    blocks: NDArray[np.int64]
+
+    def square_errors(self, theta: F) -> F:
+        """Return the sum of the squared errors [N2] in each block (b,)."""
+        error = np.where(self.weights > 0.0, self.models.force(theta) - self.models.training.measured, 0.0)
+        return np.asarray(np.bincount(self.blocks, error**2), np.float64)
+
+    @property
+    def count(self) -> int:
+        """The number of ticks that count."""
+        return int((self.weights > 0.0).sum())
+
+
+def build_target(
+    model: Model, body: PhysicalStructure, traces: Sequence[Trace], correction: Correction | None
+) -> RefitTarget | None:
+    """Return the target on the usable ticks of the traces; None if the model was not made by these models.
+
+    Raises GapError without usable ticks.
+    """
+    series = [prepare(trace.recording, model.sampling) for trace in traces]
+    share = min(1.0, MAX_TICKS / max(1, sum(len(one) for one in series)))
+    series = [one.part(0.0, share) for one in series]
+    keep, measured = [], []
+    for one, trace in zip(series, traces, strict=True):
+        usable = np.interp(one.time_s, trace.time_s, trace.usable) > 0.99
+        keep.append(one.scored & usable)
+        added = 0.0 if correction is None else correction.force(trace, trace.inputs, trace.simulated)
+        measured.append(one.force - np.interp(one.time_s, trace.time_s, np.zeros(len(trace)) + added))
+    mask, force = np.concatenate(keep), np.concatenate(measured)
+    if not mask.any():
+        raise GapError(f"{', '.join(t.name for t in traces)}: no usable tick after the model's warm-up")
+    inputs = np.stack([np.concatenate([getattr(s, n) for s in series]) for n in ("position", "speed", "current")])
+    starts = np.cumsum([0, *(len(s) for s in series[:-1])])
+    segments = np.concatenate([s.segments + at for s, at in zip(series, starts, strict=True)])
+    owners = np.repeat(np.arange(len(series)), [len(s.segments) for s in series])
+    spread = float(force[mask].std())
+    weights: F = np.where(mask, 1.0 / (mask.sum() * spread**2), 0.0)
+    training = Training(
+        inputs=inputs,
+        measured=np.where(mask, force, 0.0),
+        segments=np.ascontiguousarray(segments, np.int64),
+        recordings=owners,
+        estimation=weights,
+        selection=np.zeros_like(weights),
+        envelope=model.envelope,
+        force_envelope=model.force_envelope_N,
+        scale_N=spread,
+    )
+    blocks = np.concatenate(number_blocks([one.time_s for one in series], BLOCK_S))
+    kind = physical_models_of(body)
+    opened = kind.reopen(body, 1.0 / model.sampling.rate_Hz, training) if kind else None
+    return None if opened is None else RefitTarget(*opened, weights, blocks)
+
+
+Places = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class Amplitude:
+    """The share of a change of force that recordings ask for (1: all of it), with its standard error."""
+
+    value: float
+    error: float
+
+    @property
+    def z(self) -> float:
+        """The amplitude in standard errors."""
+        return self.value / max(self.error, 1e-12)
+
+
+def places_of(target: RefitTarget, parts: Sequence[str]) -> Places:
+    """Return the places in theta of the named parts of the layout that the model has."""
+    sizes = [len(g.start) for g in target.models.layout.groups]
+    firsts = np.cumsum([0, *sizes[:-1]])
+    rows = zip(target.models.layout.groups, firsts, sizes, strict=True)
+    found = [np.arange(first, first + size) for group, first, size in rows if group.name in parts]
+    return np.concatenate([np.empty(0, np.int64), *found]).astype(np.int64)
+
+
+def refit_group(target: RefitTarget, free: Places) -> F:
+    """Return theta with the parameters at the places `free` refitted within their bounds."""
+    layout, start = target.models.layout, target.theta
+
+    def embed(values: F) -> F:
+        theta = start.copy()
+        theta[free] = values
+        return theta
+
+    def equations(values: F) -> tuple[float, F, F]:
+        error, matrix, gradient = target.models.normal_equations(embed(values), target.weights)
+        return error, matrix[np.ix_(free, free)], gradient[free]
+
+    problem = BoundedProblem(
+        lambda values: target.models.error(embed(values), target.weights),
+        equations,
+        lambda values: layout.project(embed(values))[free],
+        layout.low[free],
+        layout.high[free],
+        layout.penalty_weight(PENALTY) / layout.scale[free] ** 2,
+        start[free],
+    )
+    theta = start
+    for _, values in islice(descend_within_bounds(problem, start[free]), MAX_STEPS):
+        theta = embed(values)
+    return theta
+
+
+def predict_gain(target: RefitTarget, free: Places, matrix: F, gradient: F) -> float:
+    """Return the share of the squared error that one step of the parameters at the places `free` would gain.
+
+    `matrix` (n, n) and `gradient` (n,) are those of half the squared error by all parameters.
+    """
+    step = np.linalg.lstsq(matrix[np.ix_(free, free)], gradient[free], rcond=1e-9)[0]
+    return float(gradient[free] @ step) / max(target.models.error(target.theta, target.weights), 1e-300)
+
+
+def measure_amplitude(target: RefitTarget, theta: F) -> Amplitude:
+    """Return how much of the change of force from the baseline to `theta` the target's recordings ask for.
+
+    It is the regression of the baseline's error on the change; each block counts as one sample in its standard error
+    (White, Econometrica 50, 1982).
+    """
+    before = target.models.force(target.theta)
+    change = np.where(target.weights > 0.0, target.models.force(theta) - before, 0.0)
+    size = max(float(change @ change), 1e-300)
+    value = float(change @ (target.models.training.measured - before)) / size
+    rest = change * (target.models.training.measured - before - value * change)
+    scores = np.bincount(target.blocks, rest)
+    used = np.bincount(target.blocks, target.weights) > 0.0
+    spare = max(int(used.sum()) - 1, 1)
+    return Amplitude(value, float(np.sqrt((scores[used] ** 2).sum() * used.sum() / spare)) / size)
+
+
+@dataclass(frozen=True)
+class QuantityChange:
+    """A quantity of the damper by its name, which holds the unit, before and after a refit."""
+
+    name: str
+    before: float
+    after: float
+
+
+@dataclass(frozen=True)
+class GroupRefit:
+    """The refit of one group.
+
+    Held-out recordings ask for its change of force by `moved_z` standard errors, net of what the references ask for,
+    `control_z` standard errors (None without references). `closes` is the share of the held-out gap (RMS, noise taken
+    out) that it closes, `energy` and `energy_error` the share of the gap's energy and its standard error;
+    `block_energy` (b,) are the parts of `energy` in blocks.
+    """
+
+    group: str
+    effects: tuple[str, ...]
+    moved_z: float
+    control_z: float | None
+    closes: float
+    energy: float
+    energy_error: float
+    changes: tuple[QuantityChange, ...]
+    block_energy: tuple[float, ...] = ()
+
+
+@dataclass(frozen=True)
+class ModelRefits:
+    """The refits of the groups that could gain anything, the one that closes most first.
+
+    `group_effects` are the effects of every group that the model has, refitted or not; `note` says why there are none.
+    """
+
+    refits: tuple[GroupRefit, ...] = ()
+    group_effects: tuple[tuple[str, ...], ...] = ()
+    note: str = ""
+
+
+def refit_physical_model(
+    simulation: Simulation, inputs: DiagnosisInput, baseline: Baseline, progress: Progress = ignore_progress
+) -> ModelRefits | None:
+    """Return the refits of a baseline that is a physical model, None for any other simulation.
+
+    The diagnosis is complete without them: recordings or numbers that prevent them become their note.
+    """
+    if not isinstance(simulation, ModelSimulation | IdentifiedBaseline):
+        return None
+    model = simulation.model
+    if not isinstance(model.body, PhysicalStructure):
+        return None
+    try:
+        roles = (inputs.real, inputs.held_out, inputs.reference)
+        real, held_out, control = (
+            build_target(model, model.body, traces, baseline.correction) if traces else None for traces in roles
+        )
+        if real is None or held_out is None:
+            return ModelRefits(
+                note="the model's parameters cannot be refitted: its nodes are not those of this version"
+            )
+        groups = [g for g in GROUPS if len(places_of(real, g.parts))]
+        targets = _Targets(model, real, held_out, control)
+        refits = _refit_groups(targets, groups, baseline.evidence.noise.rms_N, progress)
+    except FAILURES as error:
+        return ModelRefits(note=f"the model's parameters could not be refitted: {type(error).__name__}: {error}")
+    return ModelRefits(tuple(refits), tuple(g.effects for g in groups))
+
+
+@dataclass(frozen=True)
+class _Targets:
+    """The baseline on the recordings to fit, those held out, and the references (None without any)."""
+
+    model: Model
+    real: RefitTarget
+    held_out: RefitTarget
+    control: RefitTarget | None
+
+
+def _refit_groups(
+    targets: _Targets, groups: Sequence[ParameterGroup], noise_N: float, progress: Progress
+) -> list[GroupRefit]:
+    """Return the refits of the groups that could gain anything, the one that closes most first."""
+    real = targets.real
+    _, matrix, gradient = real.models.normal_equations(real.theta, real.weights)
+    before = targets.held_out.square_errors(targets.held_out.theta)
+    found = []
+    for k, group in enumerate(groups):
+        progress(f"refitting the model's {group.name}", k / len(groups))
+        free = places_of(real, group.parts)
+        free = free[np.diag(matrix)[free] > 0.0]
+        if len(free) and predict_gain(real, free, matrix, gradient) > MIN_PREDICTED_GAIN:
+            found.append(_evaluate_refit(targets, group, refit_group(real, free), before, noise_N))
+    return sorted(found, key=lambda refit: -refit.energy)
+
+
+def _evaluate_refit(targets: _Targets, group: ParameterGroup, theta: F, before: F, noise_N: float) -> GroupRefit:
+    """Return what held-out recordings, with squared errors `before` (b,) [N2], say of a group refitted to `theta`."""
+    held_out = targets.held_out
+    asked = measure_amplitude(held_out, theta)
+    moved_z, control_z = asked.z, None
+    if targets.control is not None:
+        control = measure_amplitude(targets.control, theta)
+        moved_z = (asked.value - control.value) / max(float(np.hypot(asked.error, control.error)), 1e-12)
+        control_z = control.z
+    noise = held_out.count * noise_N**2
+    gain = (before - held_out.square_errors(theta)) / max(float(before.sum()) - noise, MIN_GAP * noise, 1e-12)
+    energy = float(gain.sum())
+    return GroupRefit(
+        group=group.name,
+        effects=group.effects,
+        moved_z=moved_z,
+        control_z=control_z,
+        closes=float(1.0 - np.sqrt(max(1.0 - energy, 0.0))),
+        energy=energy,
+        energy_error=float(np.sqrt(len(gain)) * gain.std()),
+        changes=_find_changes(targets, theta),
+        block_energy=tuple(gain.tolist()),
+    )
+
+
+def _find_changes(targets: _Targets, theta: F) -> tuple[QuantityChange, ...]:
+    """Return the quantities that change most by a refit, relative to their size."""
+
+    def read(at: F) -> Mapping[str, float]:
+        models, model = targets.real.models, targets.model
+        interval_s, stroke = 1.0 / model.sampling.rate_Hz, model.envelope.position_m
+        return read_quantities(type(models), models.body(at), interval_s, stroke)
+
+    old, new = read(targets.real.theta), read(theta)
+    relative = {name: abs(new[name] - old[name]) / max(abs(old[name]), abs(new[name]), 1e-300) for name in old}
+    largest = sorted((n for n in old if relative[n] > MIN_CHANGE), key=lambda name: -relative[name])
+    return tuple(QuantityChange(name, old[name], new[name]) for name in largest[:MAX_CHANGES])
+
+
+def weigh_refits(verdict: str, composition: Sequence[str], found: ModelRefits | None) -> tuple[str, str]:
+    """Return the verdict that the refits support, and what they say of the effects in the composition.
+
+    A refit agrees if its group belongs to one of the effects, moved, and closes part of the held-out gap. Another group
+    that moved and closes clearly more disagrees. A model without a group for any of the effects says nothing, nor do
+    refits without a control, as the model's own error moves its parameters, too. Where no effect is named, they say
+    which group moved.
+    """
+    refits = [] if found is None else [refit for refit in found.refits if refit.control_z is not None]
+    if found is None or verdict not in (NAMED, AMBIGUOUS):
+        first = next((refit for refit in refits if has_moved(refit)), None)
+        return verdict, "" if first is None else f"the model's {first.group} moved: {describe_refit(first)}"
+    own = [refit for refit in refits if set(refit.effects) & set(composition)]
+    best = max(own, key=lambda refit: refit.energy, default=None)
+    better = [refit for refit in refits if refit not in own and has_moved(refit) and closes_more(refit, best)]
+    if better and any(set(effects) & set(composition) for effects in found.group_effects):
+        most = max(better, key=lambda refit: refit.energy)
+        text = f"a refit of the model's {most.group} explains more: {describe_refit(most)}"
+        return AMBIGUOUS, text if best is None else f"{text}, that of its {best.group} {best.closes:.0%}"
+    if best is None or not has_moved(best):
+        return verdict, ""
+    return verdict, f"the refit of the model's {best.group} agrees: {describe_refit(best)}"
+
+
+def has_moved(refit: GroupRefit) -> bool:
+    """True if the group moved, more than on the references, and closes part of the held-out gap by it."""
+    clear = refit.energy > CLEAR_Z * refit.energy_error and refit.energy >= MIN_ENERGY
+    return clear and refit.moved_z >= max(MIN_MOVED, abs(refit.control_z or 0.0))
+
+
+def closes_more(refit: GroupRefit, other: GroupRefit | None) -> bool:
+    """True if a refit closes more of the held-out gap than another one, beyond the error of the difference."""
+    if other is None:
+        return True
+    difference = np.array(refit.block_energy) - np.array(other.block_energy)
+    error = float(np.sqrt(len(difference)) * difference.std())
+    return float(difference.sum()) > max(CLEAR_ENERGY, CLEAR_Z * error)
+
+
+def describe_refit(refit: GroupRefit) -> str:
+    """Return how a group moved, by how many standard errors, and what it closes."""
+    changes = []
+    for change in refit.changes:
+        name, _, unit = change.name.partition(" [")
+        values = f"{change.before:.3g} to {change.after:.3g} {unit.rstrip(']')}".rstrip()
+        changes.append(f"{name[0].lower()}{name[1:]} {values}")
+    control = "" if refit.control_z is None else f" ({refit.control_z:.0f} on the references)"
+    moved = f"{refit.moved_z:.0f} standard errors{control}"
+    return ", ".join([*changes, moved, f"closes {refit.closes:.0%} of the held-out gap"])

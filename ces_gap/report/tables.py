@@ -1,0 +1,270 @@
+"""The tables of a diagnosis, each declared once for page and terminal: causes, refits, recalibration, recordings."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from markupsafe import Markup
+
+from ces_gap.diagnosis import (
+    CalibrationCell,
+    Diagnosis,
+    Estimate,
+    Explanation,
+    GapRegion,
+    HeldOutSeries,
+    calibration_cells,
+)
+from ces_gap.effects.effect import Setting
+from ces_gap.inference.verdict import CALIBRATION
+from ces_gap.refit import GroupRefit
+from ces_gap.report.formatting import effect_name, parameter_text, percent, percents, region_name, sentence_case
+from ces_report.table import Column, Table
+from ces_report.typesetting import three_figures
+
+MAX_ROWS = 6  # effects with a row of their own
+ALWAYS = 3  # as many effects always have a row
+MIN_PROBABILITY = 0.005  # of a further effect with a row
+CLEAR_Q, MAX_REGIONS = 0.05, 10  # false-discovery rate and number of the regions in the before-after table
+
+
+@dataclass(frozen=True)
+class ParameterText:
+    """A parameter as text: description, and a warning if its value is not reliable."""
+
+    name: str
+    value: str
+    unit: str
+    interval: str
+    what: str
+    warning: str
+
+    def __str__(self) -> str:
+        """Return the parameter on one line."""
+        return f"{' '.join(filter(None, (self.name, self.value, self.unit)))} [{self.interval}] {self.warning}".rstrip()
+
+    def to_html(self) -> Markup:
+        """Return the parameter as an item of a list."""
+        warning = Markup(" <em>{}</em>").format(self.warning) if self.warning else ""
+        what = Markup("<small>{}</small>").format(self.what) if self.what else ""
+        unit = f"\N{NO-BREAK SPACE}{self.unit}" if self.unit else ""
+        item = Markup("<li>{} <b>{}{}</b> <span>({})</span>{}{}</li>")
+        return item.format(self.name, self.value, unit, self.interval, warning, what)
+
+
+@dataclass(frozen=True)
+class CauseRow:
+    """One effect alone, or one of the other possibilities; numbers that do not apply are None.
+
+    `css` is "named" if the verdict names the effect or one indistinguishable from it, and "left" for what is no effect.
+    """
+
+    effect: str
+    what: str
+    form: str
+    css: str
+    probability: float
+    parameters: tuple[ParameterText, ...] = ()
+    cause: Explanation | None = None
+
+    @property
+    def unknown(self) -> bool:
+        """Whether a number of the effect is not known from these recordings."""
+        c = self.cause
+        numbers = () if c is None else (self.probability, c.gap_after_N, c.shrink, *c.shrink_ci95)
+        return not all(map(math.isfinite, numbers))
+
+
+def parameter_list(parameters: Sequence[ParameterText]) -> Markup:
+    """Return parameters as a list for a page."""
+    return Markup('<ul class="parameters">{}</ul>').format(Markup("").join(p.to_html() for p in parameters))
+
+
+def _effect_html(row: CauseRow) -> Markup:
+    return Markup("{}<small>{}</small>").format(row.effect, " · ".join(filter(None, (row.what, row.form))))
+
+
+def _probability_html(row: CauseRow) -> Markup:
+    bar = Markup('<span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
+    text = Markup('<span class="figure">{}</span>').format(percent(row.probability))
+    return text + bar.format(100.0 * row.probability)
+
+
+def _shrink_html(row: CauseRow) -> Markup:
+    if row.cause is None:
+        return Markup("")
+    return Markup("{}<small>{}</small>").format(percent(row.cause.shrink), percents(row.cause.shrink_ci95))
+
+
+def _of_cause(text: Callable[[Explanation], str]) -> Callable[[CauseRow], str]:
+    """Return a text for the rows of effects, and none for the other rows."""
+    return lambda row: "" if row.cause is None else text(row.cause)
+
+
+CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
+    Column("Single effect", lambda r: f"{r.effect} ({r.form})" if r.form else r.effect, html=_effect_html, css="cause"),
+    Column("Probability [%]", lambda r: percent(r.probability), html=_probability_html, css="chance-of"),
+    Column(
+        "Parameters (95\N{NO-BREAK SPACE}% interval)",
+        lambda r: ", ".join(map(str, r.parameters)),
+        html=lambda r: parameter_list(r.parameters) if r.cause is not None else Markup(""),
+        page_only=True,
+    ),
+    Column("Gap left [N]", _of_cause(lambda c: three_figures(c.gap_after_N)), figure=True),
+    Column(
+        "Shrink [%]",
+        _of_cause(lambda c: f"{percent(c.shrink)} ({percents(c.shrink_ci95)})"),
+        figure=True,
+        html=_shrink_html,
+        css="shrunk",
+    ),
+)
+
+
+def cause_table(d: Diagnosis) -> Table[CauseRow]:
+    """Return the probable causes, most probable first, and below them what is no effect of the library."""
+    rest = (
+        CauseRow("none of these", "an effect outside the library", "", "left outside", d.probability_unknown),
+        CauseRow("no effect", "only noise and baseline error", "", "left nothing", d.probability_none),
+    )
+    return Table(CAUSE_COLUMNS, (*cause_rows(d), *rest), "each effect alone")
+
+
+def cause_rows(d: Diagnosis) -> list[CauseRow]:
+    """Return the rows of the probable causes, most probable first."""
+    causes = [c for i, c in enumerate(d.causes[:MAX_ROWS]) if i < ALWAYS or c.probability >= MIN_PROBABILITY]
+    effects = set(d.composition.effects)
+    named = effects.union(*(group for group in d.indistinguishable if effects & set(group)))
+    return [
+        CauseRow(
+            effect=effect_name(cause.effects[0]),
+            what=cause.composition.settings[0].effect.summary,
+            form=effect_name(cause.forms[0]),
+            css="named" if cause.effects[0] in named else "",
+            probability=cause.probability,
+            parameters=describe_parameters(cause.estimates[0], cause.composition.settings[0]),
+            cause=cause,
+        )
+        for cause in causes
+    ]
+
+
+def effects_without_row(d: Diagnosis) -> list[str]:
+    """Return the names of the effects that have no row."""
+    shown = {row.effect for row in cause_rows(d)}
+    return [n for n in (effect_name(c.effects[0]) for c in d.causes) if n not in shown]
+
+
+def describe_parameters(estimates: Sequence[Estimate], setting: Setting) -> tuple[ParameterText, ...]:
+    """Return the parameters as text; those of a calibration are shown as a table of its map instead."""
+    if setting.name == CALIBRATION:
+        return ()
+    what = {p.name: p.what for p in setting.effect.parameters}
+    return tuple(
+        ParameterText(
+            *parameter_text(e),
+            what.get(e.name, ""),
+            ", ".join(["at its bound"] * e.at_bound + ["differs between folds"] * e.drifts),
+        )
+        for e in estimates
+    )
+
+
+Part = tuple[str, str, tuple[ParameterText, ...]]  # effect, form and parameters of a part of a composition
+
+
+def composition_table(d: Diagnosis) -> Table[Part] | None:
+    """Return effect, form and jointly fitted parameters of a composition of several effects; None for a single one."""
+    c = d.composition
+    if len(c.effects) < 2:
+        return None
+    parts = zip(c.effects, c.forms, c.estimates, c.composition.settings, strict=True)
+    rows = [(effect_name(e), effect_name(f), describe_parameters(estimates, s)) for e, f, estimates, s in parts]
+    columns: tuple[Column[Part], ...] = (
+        Column("", lambda part: part[0], html=lambda p: Markup("{}<small>{}</small>").format(p[0], p[1]), css="cause"),
+        Column("", lambda part: ", ".join(map(str, part[2])), html=lambda part: parameter_list(part[2])),
+    )
+    return Table(columns, rows)
+
+
+def calibration_table(d: Diagnosis) -> Table[tuple[CalibrationCell, ...]] | None:
+    """Return the map of a calibration [N]: ranges of current as columns, of speed as rows; None without one."""
+    cells = calibration_cells(d)
+    if not cells:
+        return None
+    currents = list(dict.fromkeys(c.current_A for c in cells))
+    speeds = list(dict.fromkeys(c.speed_m_s for c in cells))
+    rows = [tuple(c for c in cells if c.speed_m_s == speed) for speed in speeds]
+
+    def force_at(current_A: tuple[float, float]) -> Callable[[tuple[CalibrationCell, ...]], str]:
+        return lambda row: next((f"{c.force_N:+.1f}" for c in row if c.current_A == current_A), "")
+
+    columns: list[Column[tuple[CalibrationCell, ...]]] = [
+        Column("Speed [m/s]", lambda row: "{:.2f} to {:.2f}".format(*row[0].speed_m_s))
+    ]
+    columns += [Column(f"{i[0]:.2f} to {i[1]:.2f}\N{NO-BREAK SPACE}A", force_at(i), figure=True) for i in currents]
+    return Table(columns, rows, "what the recalibration adds to the simulated force [N]")
+
+
+REFIT_COLUMNS: tuple[Column[GroupRefit], ...] = (
+    Column("Parameters", lambda r: sentence_case(r.group)),
+    Column(
+        "Change",
+        lambda r: "; ".join(f"{c.name}: {three_figures(c.before)} to {three_figures(c.after)}" for c in r.changes),
+    ),
+    Column("Moved [standard errors]", lambda r: f"{r.moved_z:.1f}", figure=True),
+    Column("On the references", lambda r: "\N{EN DASH}" if r.control_z is None else f"{r.control_z:.1f}", figure=True),
+    Column("Closes [%]", lambda r: percent(r.closes), figure=True),
+)
+
+
+def refit_table(d: Diagnosis) -> Table[GroupRefit] | None:
+    """Return the refits of a physical model's parameters that close part of the gap; None if there are none."""
+    refits = [] if d.refits is None else [r for r in d.refits.refits if r.energy > r.energy_error]
+    return Table(REFIT_COLUMNS, refits) if refits else None
+
+
+RegionGap = tuple[GapRegion, float]  # a region and the gap after [N] in it
+
+
+def region_table(d: Diagnosis) -> Table[RegionGap] | None:
+    """Return the gap before and after in the regions where it is significantly larger than elsewhere; None without."""
+    regions = [(r, after) for r, after in d.by_region if r.q_value <= CLEAR_Q][:MAX_REGIONS]
+    longest = max([max(r.rms_N, after) for r, after in regions] + [1e-9])
+
+    def bars(row: RegionGap) -> Markup:
+        bar = Markup('<i class="was" style="width:{:.1f}%"></i><i class="is" style="width:{:.1f}%"></i>')
+        return bar.format(100.0 * row[0].rms_N / longest, 100.0 * row[1] / longest)
+
+    def before_after(row: RegionGap) -> Markup:
+        return Markup("{} → <b>{}</b>").format(three_figures(row[0].rms_N), three_figures(row[1]))
+
+    columns: tuple[Column[RegionGap], ...] = (
+        Column("Region", lambda row: region_name(row[0])),
+        Column("", lambda row: "", html=bars, css="pairbar", page_only=True),
+        Column(
+            "RMS gap, before and after [N]",
+            lambda row: f"{three_figures(row[0].rms_N)} to {three_figures(row[1])}",
+            figure=True,
+            html=before_after,
+        ),
+    )
+    return Table(columns, regions) if regions else None
+
+
+RECORDING_COLUMNS: tuple[Column[HeldOutSeries], ...] = (
+    Column("Held-out recording", lambda s: s.trace.name),
+    Column("Usable [s]", lambda s: f"{float(s.trace.usable.sum()) * s.trace.step_s:.1f}", figure=True),
+    Column(
+        "SHA-256",
+        lambda s: s.trace.recording.sha256 or "in memory",
+        html=lambda s: Markup('<span class="hash">{}</span>').format(s.trace.recording.sha256 or "in memory"),
+    ),
+)
+
+
+def recording_table(d: Diagnosis) -> Table[HeldOutSeries]:
+    """Return the held-out recordings with their usable seconds and their hashes."""
+    return Table(RECORDING_COLUMNS, d.held_out)

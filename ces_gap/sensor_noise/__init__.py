@@ -1,1 +1,0 @@
-"""The noise of the measured force, estimated from the measurement alone: what no simulation can explain."""

@@ -1,0 +1,300 @@
+"""What is compared: models with the recordings that they know, their forces at the same stamps, the time of a tick.
+
+Each model runs freely at its own rate, with its own differentiator, over the whole recording. Its force at a position
+sample is the one that the observer would publish for it, so all forces have the recording's own position stamps; the
+measured force is interpolated to them. Only stamps count at which every model has a force.
+"""
+
+from __future__ import annotations
+
+import gc
+import platform
+import time
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ces_data.arrays import F, Mask
+from ces_data.checks.content import find_known_recording, identification_rows
+from ces_data.recording import Recording
+from ces_identify.prepare.series import force_at, hold_current, usable_samples
+from ces_identify.simulations.simulate import SampleRun, sample_run
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
+from ces_identify.validation.evaluate import UNITS as SIGNAL_UNITS
+from ces_identify.validation.evaluate import RangeUse, find_outside
+from ces_observer.errors import RecordingError
+from ces_observer.estimator import Estimator
+from ces_observer.model import MEASURED, Model
+
+TRAINED, TEST, UNKNOWN = "identified on", "test", "not known"
+FITTED_ROLES = ("identification", "real", "reference")  # of recordings in a model's and an augmented.json's provenance
+
+TrainingRow = Mapping[str, Any]  # a recording in a provenance: name, hash, share and marks
+WARM_UP_S = 0.5  # [s] not scored after the start and after each gap, for models that ask for less
+MAX_GAP_S = 0.05  # [s] over which the measured force is interpolated, as in `ces_observer.model.Sampling`
+MIN_SCORED = 50
+MAX_RATIO = 1000.0  # of a simulated to the largest measured force, for simulations that have no envelope
+ROUNDS = 9
+TICKS = 1500  # timed in each round
+WARM_UP_TICKS = 300  # before them
+MAX_RESOLUTION_S = 1e-6
+
+
+@dataclass(frozen=True)
+class ComparedModel:
+    """A simulation with the name that tables and charts show, and its `source` (a path or the like).
+
+    `trained_on` describes the recordings that it was identified on; `training_known` is False if there may be others,
+    because no file says so.
+    """
+
+    name: str
+    simulation: Simulation
+    source: str = ""
+    trained_on: tuple[TrainingRow, ...] = ()
+    training_known: bool = False
+
+    @property
+    def model(self) -> Model | None:
+        """The model if it is one, None for any other simulation."""
+        return self.simulation.model if isinstance(self.simulation, ModelSimulation) else None
+
+    def use_of(self, recording: Recording, part: tuple[float, float]) -> str:
+        """Return TRAINED if the model was identified on some of this `part` of the recording, TEST, or UNKNOWN."""
+        if find_known_recording(recording, {"identification": list(self.trained_on)}, part):
+            return TRAINED
+        return TEST if self.training_known and recording.sha256 else UNKNOWN
+
+
+def make_compared_model(name: str, simulation: Simulation, source: str = "") -> ComparedModel:
+    """Return the simulation with the recordings that the provenance of its file names."""
+    inside = simulation.innermost
+    provenances = [getattr(simulation, "provenance", {})] if inside is not simulation else []
+    provenances += [inside.model.provenance] if isinstance(inside, ModelSimulation) else [{}]
+    rows = tuple(row for provenance in provenances for row in _fitted_rows(provenance))
+    known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
+    return ComparedModel(name, simulation, source, rows, known)
+
+
+def name_sources(sources: Sequence[str]) -> list[str]:
+    """Return a name for each path or specification: the file's stem, with its folders where stems are equal."""
+    return [_shortest(source, sources) for source in sources]
+
+
+def _shortest(source: str, sources: Sequence[str]) -> str:
+    others = [other for other in sources if other != source]
+    for depth in range(1, 6):
+        name = _end_of(source, depth)
+        if all(name != _end_of(other, depth) for other in others):
+            break
+    return name
+
+
+def _end_of(source: str, depth: int) -> str:
+    path = Path(source)
+    return "/".join([*path.parts[-depth:-1], path.stem if path.suffix in (".json", ".yaml", ".yml") else path.name])
+
+
+def _fitted_rows(provenance: Mapping[str, Any]) -> Iterator[TrainingRow]:
+    for role in FITTED_ROLES:
+        yield from identification_rows({"identification": provenance.get(role)})
+
+
+@dataclass(frozen=True)
+class AlignedRecording:
+    """Forces of all models on one recording, at its position samples (n,).
+
+    `time_s` counts from the first sample; `position` [m] and `speed` [m/s] are shown only. `measured` (n,) and `forces`
+    (models, n) [N] are NaN where there is none; `scored` (n,) is true where all of them count. `diverged` says which
+    models left their force envelope, or have none and exceed MAX_RATIO times the measured force. `exits` lists the
+    signals outside each model's input envelope, `ranges` holds the lowest and highest position [m], speed [m/s] and
+    current [A] at the scored samples.
+    """
+
+    name: str
+    sha256: str
+    source: str
+    rate_Hz: float
+    time_s: F
+    position: F
+    speed: F
+    measured: F
+    forces: F
+    scored: Mask
+    diverged: tuple[bool, ...]
+    exits: tuple[tuple[RangeUse, ...], ...]
+    ranges: Mapping[str, tuple[float, float]]
+
+    @property
+    def seconds(self) -> float:
+        """Scored time [s]."""
+        return float(self.scored.sum()) / self.rate_Hz
+
+    @property
+    def errors(self) -> F:
+        """Measured minus simulated force [N] at the scored samples (models, m), NaN for a model that diverged."""
+        return np.asarray(self.measured[self.scored] - self.forces[:, self.scored])
+
+
+def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[float, float]) -> AlignedRecording:
+    """Run all models over `recording`; stamps outside its `part` (shares from 0 to 1) are not scored.
+
+    Raises RecordingError if there are too few stamps at which all models and the measurement have a force.
+    """
+    if "force" not in recording.channels:
+        raise RecordingError(f"{recording.name}: no measured force to compare with; describe it in the signals file")
+    position = recording.channel("position")
+    stamps = position.stamps_ns
+    measured = force_at(recording, stamps, MAX_GAP_S)
+    runs = [_run(model, recording) for model in models]
+    forces = np.stack([force for force, _ in runs])
+    diverged = tuple(_is_endless(force, measured) if run is None else run.run.diverged >= 0 for force, run in runs)
+    forces[np.array(diverged) & np.array([run is None for _, run in runs])] = np.nan
+    time_s = (stamps - stamps[0]) * 1e-9
+    counted = np.isfinite(measured) & np.isfinite(position.values) & _past_warm_up(time_s) & _in_part(len(stamps), part)
+    for force, lost in zip(forces, diverged, strict=True):
+        counted &= np.isfinite(force) | lost
+    _require_enough(recording.name, counted, measured)
+    speed, current = _find_speed(runs, time_s, position.values), hold_current(recording, stamps, 1e6)
+    return AlignedRecording(
+        name=recording.name,
+        sha256=recording.sha256,
+        source=recording.source,
+        rate_Hz=1.0 / float(np.median(np.diff(time_s))),
+        time_s=time_s,
+        position=position.values,
+        speed=speed,
+        measured=measured,
+        forces=forces,
+        scored=counted,
+        diverged=diverged,
+        exits=tuple(_find_exits(model, run, counted) for model, (_, run) in zip(models, runs, strict=True)),
+        ranges={
+            name: (float(np.nanmin(values[counted])), float(np.nanmax(values[counted])))
+            for name, values in (("position", position.values), ("speed", speed), ("current", current))
+        },
+    )
+
+
+def _run(model: ComparedModel, recording: Recording) -> tuple[F, SampleRun | None]:
+    if model.model is None:
+        return model.simulation.force(recording), None
+    run = sample_run(model.model, recording)
+    return run.force, run
+
+
+def _is_endless(force: F, measured: F) -> bool:
+    """Return whether a simulated force is far beyond the measured one."""
+    limit = MAX_RATIO * float(np.nanmax(np.abs(measured), initial=0.0))
+    return limit > 0.0 and bool(np.nanmax(np.abs(force), initial=0.0) > limit)
+
+
+def _past_warm_up(time_s: F) -> Mask:
+    """Return where the last start or gap is at least WARM_UP_S ago."""
+    starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > MAX_GAP_S)
+    began = time_s[starts[np.searchsorted(starts, np.arange(len(time_s)), side="right") - 1]]
+    return np.asarray(time_s - began >= WARM_UP_S)
+
+
+def _in_part(n: int, part: tuple[float, float]) -> Mask:
+    index = np.arange(n)
+    return np.asarray((index >= round(part[0] * n)) & (index < round(part[1] * n)))
+
+
+def _require_enough(name: str, counted: Mask, measured: F) -> None:
+    count = int(counted.sum())
+    if count < MIN_SCORED:
+        raise RecordingError(
+            f"{name}: {count} samples at which all models and the measurement have a force past warm-up; expected at "
+            f"least {MIN_SCORED}: compare on a longer recording, or leave out the model that has no force there"
+        )
+    if np.ptp(measured[counted]) == 0.0:
+        raise RecordingError(f"{name}: measured force is constant; check its topic and field in the signals file")
+
+
+def _find_speed(runs: Sequence[tuple[F, SampleRun | None]], time_s: F, position: F) -> F:
+    """Return a speed [m/s] (n,) for charts: that of the first model, else the slope of the position."""
+    for _, run in runs:
+        if run is not None:
+            return np.append(run.series.speed, np.nan)[run.newest]
+    return np.asarray(np.gradient(position, time_s))
+
+
+def _find_exits(model: ComparedModel, run: SampleRun | None, counted: Mask) -> tuple[RangeUse, ...]:
+    if model.model is None or run is None:
+        return ()
+    ticks = np.unique(run.newest[counted & (run.newest >= 0)])
+    return find_outside(model.model, {name: getattr(run.series, name)[ticks] for name in SIGNAL_UNITS})
+
+
+Sample = tuple[int, float, float, float]
+
+
+@dataclass(frozen=True)
+class TickTime:
+    """Time for one tick [µs]: the median of the rounds, and the fastest and slowest of them."""
+
+    median_us: float
+    fastest_us: float
+    slowest_us: float
+
+
+def measure_tick_times(models: Sequence[Model], recording: Recording) -> list[TickTime]:
+    """Return the time of a tick of each model on the motion of `recording`, at each model's own rate."""
+    inputs = [_samples_at_rate(model, recording) for model in models]
+    rounds = [[_time_ticks(model, one) for model, one in zip(models, inputs, strict=True)] for _ in range(ROUNDS)]
+    return [TickTime(float(np.median(us)), min(us), max(us)) for us in zip(*rounds, strict=True)]
+
+
+def describe_machine() -> str:
+    """Return the processor and the Python that the times hold for."""
+    return f"{_processor()}, Python {platform.python_version()}"
+
+
+def _samples_at_rate(model: Model, recording: Recording) -> list[Sample]:
+    """Return samples exactly one tick apart: stamp [ns], position [m], current [A] and motion signal."""
+    samples = usable_samples(recording, 1e6)
+    rate, count = model.sampling.rate_Hz, WARM_UP_TICKS + TICKS
+    stamps = np.rint(np.arange(count) * (1e9 / rate)).astype(np.int64)
+    seconds = (samples.stamps_ns - samples.stamps_ns[0]) * 1e-9
+    at = np.mod(stamps * 1e-9, max(seconds[-1], 1.0 / rate))
+    at = np.where(np.floor(stamps * 1e-9 / max(seconds[-1], 1.0 / rate)) % 2 == 1, seconds[-1] - at, at)  # to and fro
+    position, current = np.interp(at, seconds, samples.position), np.interp(at, seconds, samples.current)
+    motion = np.gradient(position, 1.0 / rate) if model.sampling.differentiator == MEASURED else np.zeros(count)
+    return list(zip(stamps.tolist(), position.tolist(), current.tolist(), motion.tolist(), strict=True))
+
+
+def _time_ticks(model: Model, samples: Sequence[Sample]) -> float:
+    """Return the mean time of a tick [µs] of a new estimator, after WARM_UP_TICKS."""
+    step = Estimator(model).step
+    for sample in samples[:WARM_UP_TICKS]:
+        step(*sample)
+    timed, enabled, clock = samples[WARM_UP_TICKS:], gc.isenabled(), _choose_clock()
+    gc.disable()
+    try:
+        began = clock()
+        for sample in timed:
+            step(*sample)
+        return 1e6 * (clock() - began) / len(timed)
+    finally:
+        if enabled:
+            gc.enable()
+
+
+def _choose_clock() -> Callable[[], float]:
+    """Return the clock of the thread's processor time [s], or of real time where that is coarse (Windows)."""
+    fine = time.get_clock_info("thread_time").resolution <= MAX_RESOLUTION_S
+    return time.thread_time if fine else time.perf_counter
+
+
+def _processor() -> str:
+    """Return the name of the processor, as far as the system gives it."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        return platform.processor() or platform.machine()
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.machine()

@@ -1,0 +1,130 @@
+"""The options of an identification, each declared once.
+
+The program `ces identify`, the node `identify`, campaigns and the plans of iterations take names, ranges, defaults and
+meanings from here; the sizes of a structure are declared in its kit.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+from ces_identify.polynomial.search_limits import BOTH, METHODS, Limits
+from ces_identify.prepare.cost import FORMS
+from ces_identify.structures import KITS
+from ces_identify.structures.auto import AUTO
+from ces_identify.structures.kit import IdentifyOptions
+from ces_observer.model import DIFFERENTIATORS
+from ces_observer.options import Option, in_group
+
+FROM_DATA = "from the data"
+REGIONS = f"{FORMS} [m/s, share of the stroke, A, m]"
+POLYNOMIALS = f"polynomials (--structure polynomial or {AUTO})"
+
+TIME = Option(
+    "time", 60.0, "maximum time of the search, without the compilation in the first run", 0.1, 1e6, "s", metavar="S"
+)
+STARTS = Option("starts", 8, "random starts", 1, 10000, metavar="N")
+SEED = Option("seed", 1, "seed of the first start", 0, 2**31, metavar="N")
+TARGET = Option("target", 0.0, "cost at which the search stops", 0.0, 100.0, "%", metavar="J")
+THREADS = Option("threads", None, "threads of the search", 1, 256, kind=int, none="one for each processor", metavar="N")
+CERTIFICATE = Option(
+    "certificate", True, "require a proof of the model's stability, without which the observer refuses it"
+)
+BAND = Option("band", True, "fit a band: how far the measured force may lie from the estimate (less than a second)")
+
+METHOD = Option(
+    "method",
+    BOTH,
+    "search method: random forward selection, Gauss-Newton selection, or starts of both kinds; thesis: the procedure "
+    "and the candidates of the thesis to the letter, for comparison, where nothing keeps a model stable",
+    choices=METHODS,
+)
+TERMS = Option(
+    "terms", None, "maximum number of terms", 1, 200, kind=int, none="25, or no limit with method thesis", metavar="N"
+)
+CANDIDATES = Option(
+    "candidates",
+    None,
+    "file of candidate rules (YAML), as --show-candidates prints",
+    kind=Path,
+    none="the built-in ones of the method",
+    metavar="FILE",
+)
+CONSTRUCT = Option(
+    "construct",
+    (),
+    "let terms use a constructed input: hysteresis:M,... (stroke since the last reversal, at most M metres), "
+    "remanence:A,... (current with a hysteresis of A amperes), lag:S,... (current after a first-order lag of S "
+    "seconds, or auto: estimated from the data), frequency or frequency:S (of the displacement, over S seconds)",
+    metavar="INPUT",
+)
+BLEND = Option(
+    "blend",
+    (),
+    "divide the terms into sub-models, one for each of these values of a signal, with blending in between, such as "
+    "speed:-0.3,0.3; SIGNAL is position, speed, current or a constructed input such as valve",
+    metavar="SIGNAL:A,B,...",
+)
+
+SPLIT = Option(
+    "split",
+    None,
+    "first share of each recording to identify on; the rest is for validation",
+    0.05,
+    1.0,
+    kind=float,
+    none="0.75, or 1 with validation recordings",
+    metavar="SHARE",
+)
+WEIGHT = Option(
+    "weight",
+    (),
+    f"give ticks in this region W times the weight in fit and selection: {REGIONS}",
+    metavar="REGION=W",
+)
+RATE = Option("rate", None, "rate of the model", 1.0, 1e5, "Hz", kind=float, none=FROM_DATA, metavar="HZ")
+BANDWIDTH = Option(
+    "bandwidth", None, "bandwidth of the differentiator", 0.01, 5e4, "Hz", kind=float, none=FROM_DATA, metavar="HZ"
+)
+DIFFERENTIATOR = Option(
+    "differentiator",
+    AUTO,
+    "source of the speed: the position through a Kalman filter or through three of them (adaptive), the position fused "
+    "with the signal acceleration, or the signal speed (measured). auto: measured or fused if all recordings have the "
+    "signal, else kalman",
+    choices=(AUTO, *DIFFERENTIATORS),
+)
+TEACHER = Option("teacher", None, "simulation whose force to learn instead of the measured force", metavar="SIM")
+IGNORE_FINDINGS = Option(
+    "ignore_findings", False, "identify in spite of findings that make a wrong model; model.json lists them"
+)
+
+
+def structure_option() -> Option:
+    """Return the option that chooses the structure of the model."""
+    about = ", ".join(f"{name}: {kit.about}" for name, kit in KITS.items())
+    text = f"{about}; {AUTO}: the best of short fits of all"
+    return Option("structure", next(iter(KITS)), text, choices=(*KITS, AUTO))
+
+
+def list_options() -> tuple[Option, ...]:
+    """Return all options besides the files that go in and out, in the order of the help."""
+    sizes = (size for kit in KITS.values() for size in kit.sizes)
+    return (
+        structure_option(),
+        TIME,
+        *in_group("search", STARTS, SEED, TARGET, THREADS, CERTIFICATE, BAND),
+        *in_group(POLYNOMIALS, METHOD, TERMS, CANDIDATES, CONSTRUCT, BLEND),
+        *in_group("sizes of other structures", *sizes),
+        *in_group("data", SPLIT, WEIGHT, RATE, BANDWIDTH, DIFFERENTIATOR, TEACHER, IGNORE_FINDINGS),
+    )
+
+
+def build_identify_options(values: Mapping[str, Any]) -> IdentifyOptions:
+    """Return the settings of an identification for values by the names of options; it leaves out other names."""
+    limits = Limits(**{f.name: values[f.name] for f in fields(Limits) if f.name in values})
+    own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
+    return IdentifyOptions(**{**own, "limits": limits})

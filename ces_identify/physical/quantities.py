@@ -1,0 +1,192 @@
+"""What an engineer knows a damper by, read off a model with physics inside, and how uncertain it is.
+
+With A the Gauss-Newton matrix, P the penalty's weights, H = A + P, and g_b the gradient of half the squared error of
+block b, the mean squared error of the parameters is  H^-1 (c sum_b g_b g_b' + P S^2 P + g g') H^-1.  The first part
+is noise (sandwich estimate: White, Econometrica 50, 1982). Errors that are alike from tick to tick do not count as
+independent, as the blocks are longer than their correlation. For n blocks and k parameters, c = n / (n - k/2) lies in
+the middle between parameters that all blocks determine together and those that have blocks of their own. The second
+part is the penalty's pull if true parameters lie S, the scales of their groups, from their starts: what the data leave
+open is then as uncertain as its scale. The third is the way to the optimum that is left where the descent stopped, with
+g the gradient there, penalty included. Parameters at a bound have no error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ces_data.arrays import F, I
+from ces_identify.physical.models import Body, PhysicalModels, free_run
+from ces_identify.physical.valve_kernels import RunData
+from ces_observer.structures.structure import Range
+
+BLOCK_S = 0.25
+MIN_BLOCKS = 1.0  # for each parameter that the data determine
+STEP = 1e-3  # of a parameter's standard error, to differentiate what follows from it
+
+
+@dataclass(frozen=True)
+class ParameterErrors:
+    """Parameters `theta` (n,) between `low` and `high`; their mean squared error is root root', `root` (n, m)."""
+
+    theta: F
+    low: F
+    high: F
+    root: F
+
+    def of(self, values: Callable[[F], F]) -> F:
+        """Return the standard errors of `values(theta)` (v,), linear in the errors of the parameters (delta method)."""
+        at, sizes = values(self.theta), np.sqrt((self.root**2).sum(axis=1))
+        spread = np.zeros((len(at), self.root.shape[1]))
+        for n in np.flatnonzero(sizes > 0.0):
+            step = STEP * sizes[n]
+            moved = self.theta.copy()
+            moved[n] += step if moved[n] + step < self.high[n] else -min(step, 0.5 * (moved[n] - self.low[n]))
+            change = moved[n] - self.theta[n]
+            spread += np.outer((values(moved) - at) / change, self.root[n])
+        return np.asarray(np.sqrt((spread**2).sum(axis=1)))
+
+
+def parameter_errors(models: PhysicalModels[Any], theta: F, penalty: float) -> ParameterErrors | None:
+    """Return the errors of parameters fitted with a penalty [J %]; None if there are too few blocks of data."""
+    training, layout = models.training, models.layout
+    weights = training.estimation + training.selection
+    blocks = _number_blocks(training.segments, len(weights), round(BLOCK_S / models.scales.interval_s))
+    _, matrix, gradients = models.sensitivities(theta, weights, blocks)
+    free = (theta > layout.low) & (theta < layout.high)
+    scale = layout.scale[free]
+    scaled = matrix[np.ix_(free, free)] * np.outer(scale, scale)
+    pull = layout.penalty_weight(penalty) * np.eye(len(scale))
+    inverse = np.linalg.inv(scaled + pull)
+    used = gradients[(gradients != 0.0).any(axis=1)][:, free] * scale
+    determined = float(np.trace(inverse @ scaled))
+    if len(used) < MIN_BLOCKS * determined:
+        return None
+    slope = gradients[:, free].sum(axis=0) * scale + (pull @ ((theta - layout.start)[free] / scale))
+    parts = np.column_stack([used.T * np.sqrt(len(used) / (len(used) - 0.5 * determined)), pull, slope])
+    root = np.zeros((len(theta), parts.shape[1]))
+    root[free] = scale[:, None] * (inverse @ parts)
+    return ParameterErrors(theta, layout.low, layout.high, root)
+
+
+def _number_blocks(segments: I, ticks: int, length: int) -> I:
+    """Return the number of each tick's block; blocks do not cross segments."""
+    numbers = np.zeros(ticks, np.int64)
+    count = 0
+    for start, stop in segments:
+        numbers[start:stop] = count + np.arange(stop - start) // length
+        count = int(numbers[stop - 1]) + 1 if stop > start else count
+    return numbers
+
+
+APPROACH_S = 0.3
+MIN_TICKS = 10
+SPEEDS = 10
+CURRENTS = 4
+SLOWEST = 0.01  # relative to the fastest speed
+MIN_SPEED_M_S = 1e-3  # of a direction in which nothing was recorded
+RECORDED = (0.5, 99.5)  # percentiles of the speeds at about a current
+
+
+def curve_speeds(slowest: float, fastest: float, count: int = SPEEDS) -> F:
+    """Return 2 `count` speeds [m/s] of a curve from `slowest` < 0 to `fastest` > 0, denser towards zero."""
+    shares = np.linspace(np.sqrt(SLOWEST), 1.0, count) ** 2
+    return np.concatenate([min(slowest, -MIN_SPEED_M_S) * shares[::-1], max(fastest, MIN_SPEED_M_S) * shares])
+
+
+def curve_currents(low: float, high: float) -> F:
+    """Return the currents [A] of the curves; only one if the current was constant."""
+    return np.linspace(low, high, CURRENTS) if high > low else np.array([low])
+
+
+def steady_force_map(
+    kind: type[PhysicalModels[Body]], body: Body, interval_s: float, position_m: Range, speeds: F, currents: F
+) -> F:
+    """Return the steady forces (currents, speeds) [N] without gas force and preload.
+
+    Each is read at mid-stroke on a triangular stroke: from mid-stroke to one end of what was recorded (for at most
+    APPROACH_S) and back, at constant speed and current. What depends on the stroke alone is then that of mid-stroke.
+    """
+    middle, half = 0.5 * sum(position_m), 0.5 * (position_m[1] - position_m[0])
+    seconds = np.minimum(half / np.abs(speeds), APPROACH_S)
+    there = np.maximum(np.ceil(seconds / interval_s).astype(np.int64), MIN_TICKS)
+    strokes = [v * np.append(-np.ones(n), np.ones(n)) for v, n in zip(speeds, there, strict=True)]
+    ends = np.cumsum(np.tile(2 * there, len(currents)))
+    speed = np.tile(np.concatenate(strokes), len(currents))
+    position = np.tile(np.concatenate([middle + interval_s * np.cumsum(one) for one in strokes]), len(currents))
+    current = np.repeat(currents, 2 * there.sum())
+    data = RunData(position, speed, current, np.column_stack([ends - np.tile(2 * there, len(currents)), ends]))
+    force = free_run(kind.kernel(), kind.arrays_of(body, interval_s), data)
+    return np.reshape(force[ends - 1], (len(currents), len(speeds))) - body.side.gas(middle)
+
+
+def recorded_speeds(speed: F, current: F, currents: F) -> list[list[float]]:
+    """Return the range of the speeds (ticks,) [m/s] recorded nearest to each of the currents [A]."""
+    nearest = np.abs(current[:, None] - currents).argmin(axis=1)
+    about = [speed[nearest == n] for n in range(len(currents))]
+    return [_short(np.percentile(one, RECORDED), 4) if len(one) else [0.0, 0.0] for one in about]
+
+
+ERRORS = "standard_errors"  # key of `describe_errors` in a model's provenance, under `selection`
+
+
+def read_quantities(
+    kind: type[PhysicalModels[Body]], body: Body, interval_s: float, position_m: Range
+) -> dict[str, float]:
+    """Return the damper's quantities by their names, which hold the units; some depend on the range of positions."""
+    path, side = body.valve, body.side
+    low, high = position_m
+    stroke = high - low
+    gas_N_m = (side.gas(high) - side.gas(low)) / stroke + kind.gas_stiffness_N_m(body)
+    return {
+        **kind.own_quantities(body, stroke),
+        "Valve lag, rising current [ms]": 1e3 * path.rise_s,
+        "Valve lag, falling current [ms]": 1e3 * path.fall_s,
+        "Dead time of the valve [ms]": 1e3 * path.delay_ticks * interval_s,
+        "Magnetic loop, half width [mA]": 1e3 * path.hysteresis_A,
+        "Viscous friction [N s/m]": side.viscous_Ns_m,
+        "Stiffness of the gas spring [N/mm]": 1e-3 * gas_N_m,
+        "Gas force and preload at mid-stroke [N]": side.gas(0.5 * (low + high)),
+        "Moving mass [kg]": side.mass_kg,
+        "Lead of the drive [ms]": 1e3 * side.lead_s,
+    }
+
+
+def describe_errors(models: PhysicalModels[Any], theta: F, penalty: float) -> Mapping[str, Any]:
+    """Return the standard errors of quantities, valve characteristic and steady forces, for a model's provenance.
+
+    Empty if the data are too few for them.
+    """
+    errors = parameter_errors(models, theta, penalty)
+    if errors is None:
+        return {}
+    scales, data = models.scales, models.training
+    envelope = data.envelope
+    speeds = curve_speeds(*envelope.speed_m_s)
+    currents = curve_currents(scales.currents_A[0], scales.currents_A[-1])
+    stroke, interval = envelope.position_m, scales.interval_s
+    kind = type(models)
+    names = list(read_quantities(kind, models.body(theta), interval, stroke))
+
+    def quantities(at: F) -> F:
+        values = read_quantities(kind, models.body(at), interval, stroke)
+        return np.array([values[name] for name in names])
+
+    def forces(at: F) -> F:
+        return steady_force_map(kind, models.body(at), interval, stroke, speeds, currents).ravel()
+
+    return {
+        "quantities": dict(zip(names, _short(errors.of(quantities)), strict=True)),
+        "setting": _short(errors.of(lambda at: models.layout.part(models.layout.k(at), "setting"))),
+        "speed_m_s": _short(speeds, 4),
+        "current_A": _short(currents, 4),
+        "steady_force_N": [_short(row) for row in errors.of(forces).reshape(len(currents), len(speeds))],
+        "recorded_m_s": recorded_speeds(data.inputs[1], data.inputs[2], currents),
+    }
+
+
+def _short(values: F, figures: int = 3) -> list[float]:
+    return [float(f"{value:.{figures}g}") for value in values]

@@ -1,0 +1,179 @@
+"""Candidate regressors: which signals, lags, powers and products may make terms, and the terms that they make.
+
+The candidates are counted before any is built; more than the search can hold are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import chain, product
+from math import prod
+
+from ces_observer.errors import CesError
+from ces_observer.structures.constructed_inputs import ConstructedInput, Lag, TriangularMembership
+from ces_observer.structures.structure import MAX_LAG
+from ces_observer.structures.terms import Factor, Term
+
+FORMS = {"signed": True, "magnitude": False}
+MAX_CANDIDATES = 6000
+MAX_CHOICES = 100_000  # combinations of factors that are tried
+
+Constructions = Mapping[str, tuple[ConstructedInput, ...]]  # by their name in rules and products
+
+
+@dataclass(frozen=True)
+class SignalRule:
+    """Lags, powers and forms (signed or magnitude) a signal may take in a term.
+
+    Lags are in ticks, or with `in_ms` in milliseconds, to the nearest tick. `again` is the rule of the signal's next
+    factor in a product that names it again; without it, that factor has the same rule and another lag.
+    """
+
+    lags: tuple[float, ...]
+    powers: tuple[float, ...] = (1.0,)
+    forms: tuple[str, ...] = ("signed",)
+    in_ms: bool = False
+    again: SignalRule | None = None
+
+    def at_rate(self, rate_Hz: float) -> SignalRule:
+        """Return the rule with its lags in ticks of that rate, without repetitions."""
+        again = self.again and self.again.at_rate(rate_Hz)
+        if not self.in_ms:
+            return replace(self, again=again)
+        ticks = (min(MAX_LAG, round(lag * 1e-3 * rate_Hz)) for lag in self.lags)
+        return replace(self, lags=tuple(dict.fromkeys(ticks)), in_ms=False, again=again)
+
+    def factors(self, signal: str) -> tuple[Factor, ...]:
+        """Return every factor that the rule allows, except |s|^0, which is 1."""
+        if signal == "force":
+            return tuple(Factor("force", int(lag)) for lag in self.lags)
+        return tuple(
+            Factor(signal, int(lag), power, FORMS[form])
+            for lag, power, form in product(self.lags, self.powers, self.forms)
+            if power > 0.0 or form == "signed"
+        )
+
+
+@dataclass(frozen=True)
+class CandidateRules:
+    """Rules by signal, and the products of signals that make a term; () is the constant term.
+
+    The terms `initial`, whose factors have no definitions yet, are candidates, too, and the first ones: the thesis'
+    procedure starts from them.
+
+    `beside_force` holds other rules for signals that multiply a past force; few different lags there keep the proof of
+    stability short (ces_observer.proof.certificate). `constructed` defines the constructed inputs; if a name has
+    several (memberships), each makes its own terms. The time constants of `open_lags` are estimated from the data
+    (ces_identify.polynomial.constructed).
+    """
+
+    signals: Mapping[str, SignalRule]
+    products: tuple[tuple[str, ...], ...]
+    beside_force: Mapping[str, SignalRule] = field(default_factory=dict)
+    constructed: Constructions = field(default_factory=dict)
+    open_lags: tuple[str, ...] = ()
+    initial: tuple[tuple[Factor, ...], ...] = ()
+
+    def count(self) -> int:
+        """Return the number of candidates, counting a term that two products make twice."""
+        made = sum(prod(map(_count_choices, self._factors(signals))) for signals in self.products)
+        return made + len(self.initial_terms())
+
+    def at_rate(self, rate_Hz: float) -> CandidateRules:
+        """Return the rules with every lag in ticks of that rate."""
+        signals = {name: rule.at_rate(rate_Hz) for name, rule in self.signals.items()}
+        return replace(
+            self, signals=signals, beside_force={n: rule.at_rate(rate_Hz) for n, rule in self.beside_force.items()}
+        )
+
+    def with_time_constant(self, name: str, seconds: float) -> CandidateRules:
+        """Return the rules with the time constant of the lag `name` set, also in memberships of that lag."""
+
+        def set_time_constant(one: ConstructedInput) -> ConstructedInput:
+            if isinstance(one, TriangularMembership) and one.base is not None:
+                return replace(one, base=set_time_constant(one.base))
+            return replace(one, time_constant_s=seconds) if isinstance(one, Lag) and one.name == name else one
+
+        return replace(
+            self,
+            constructed={n: tuple(set_time_constant(one) for one in made) for n, made in self.constructed.items()},
+            open_lags=tuple(n for n in self.open_lags if n != name),
+        )
+
+    def without_signal(self, signal: str) -> CandidateRules:
+        """Return the rules without the products of `signal` and of inputs constructed from it."""
+        removed = {signal} | {name for name, made in self.constructed.items() if signal in made[0].signals}
+        return replace(
+            self,
+            products=tuple(p for p in self.products if not removed & set(p)),
+            initial=tuple(term for term in self.initial if not removed & {f.signal for f in term}),
+            constructed={name: made for name, made in self.constructed.items() if name not in removed},
+            open_lags=tuple(name for name in self.open_lags if name not in removed),
+        )
+
+    def candidates(self) -> tuple[Term, ...]:
+        """Return one term (coefficient 1) for each candidate; raises CesError with the count if they are too many.
+
+        The initial terms come first. Lags must be in ticks (`at_rate`), else ValueError is raised.
+        """
+        if any(rule.in_ms for rule in (*self.signals.values(), *self.beside_force.values())):
+            raise ValueError("lags in milliseconds; call at_rate first")
+        if self.count() > MAX_CANDIDATES:
+            raise CesError(
+                f"candidate rules make {self.count()} terms; at most {MAX_CANDIDATES}: drop lags, powers or products"
+            )
+        made = (choice for p in self.products for choice in product(*map(choose_factors, self._factors(p))))
+        terms = (Term(1.0, tuple(chain.from_iterable(factors))) for factors in made)
+        return tuple(dict.fromkeys((*self.initial_terms(), *terms)))
+
+    def initial_terms(self) -> tuple[Term, ...]:
+        """Return the terms (coefficient 1) from which the thesis' procedure starts."""
+        made = (product(*(self._define(f.signal, [f]) for f in term)) for term in self.initial)
+        return tuple(dict.fromkeys(Term(1.0, factors) for factors in chain.from_iterable(made)))
+
+    def _factors(self, signals: tuple[str, ...]) -> list[list[tuple[Factor, ...]]]:
+        """Return for each different signal of a product the factors of its occurrences."""
+        rules = {**self.signals, **self.beside_force} if "force" in signals else self.signals
+        factors: dict[str, list[tuple[Factor, ...]]] = {}
+        for signal in signals:
+            occurrences = factors.setdefault(signal, [])
+            rule = rules[signal]
+            for _ in occurrences:
+                rule = rule.again or rule
+            occurrences.append(self._define(signal, rule.factors(signal)))
+        return list(factors.values())
+
+    def _define(self, signal: str, factors: Sequence[Factor]) -> tuple[Factor, ...]:
+        """Return factors of a signal with its definition, or with each of those of a group of memberships."""
+        if signal not in self.constructed:
+            return tuple(factors)
+        return tuple(replace(f, signal=one.name, definition=one) for one in self.constructed[signal] for f in factors)
+
+
+def _count_choices(occurrences: Sequence[Sequence[Factor]]) -> int:
+    """Return the number of choices of factors for a signal, or a larger one if there are very many."""
+    size = prod(map(len, occurrences))
+    return size if size > MAX_CHOICES or len(occurrences) == 1 else len(choose_factors(occurrences))
+
+
+def choose_factors(occurrences: Sequence[Sequence[Factor]]) -> list[tuple[Factor, ...]]:
+    """Return the choices of one factor for each occurrence of a signal, each choice once.
+
+    The factors have different lags, except that a magnitude and a sign at one lag become one signed factor.
+    """
+    merged = (merge_signs(choice) for choice in product(*occurrences))
+    usable = [choice for choice in merged if len({factor.lag for factor in choice}) == len(choice)]
+    return list({frozenset(choice): choice for choice in reversed(usable)}.values())[::-1]
+
+
+def merge_signs(choice: Sequence[Factor]) -> tuple[Factor, ...]:
+    """Return the factors with |s|^p and sign(s) of one signal at one lag as sign(s) |s|^p."""
+    signs = [f for f in choice if f.signed and f.power == 0.0]
+    merged = list(choice)
+    for sign in signs:
+        size = next((f for f in merged if (f.signal, f.lag) == (sign.signal, sign.lag) and not f.signed), None)
+        if size is not None:
+            merged.remove(sign)
+            merged[merged.index(size)] = replace(size, signed=True)
+    return tuple(merged)

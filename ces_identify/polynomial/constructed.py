@@ -1,0 +1,248 @@
+"""Constructed inputs in a search: the options that add them, their ranges in the data, and open time constants.
+
+The force lags behind the current because of coil and pilot valve; a free run shows best by how much. A short search
+with a guess finds a model; refitting it with other time constants gives the best of these, which is the next guess.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import cache, partial
+from math import inf
+
+import numpy as np
+
+from ces_data.arrays import F, I
+from ces_identify.numerics import search_clock
+from ces_identify.polynomial.candidate_rules import CandidateRules, SignalRule
+from ces_identify.polynomial.compiled_terms import constructed_values
+from ces_identify.polynomial.free_run_fit import fit_free_run
+from ces_identify.polynomial.gauss_newton import GaussNewtonStart
+from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen
+from ces_identify.polynomial.regressors import AUTO, FIRST_GUESS_S, constructions_from, replace_auto
+from ces_identify.polynomial.search_limits import Limits, SearchResult
+from ces_identify.prepare.cost import EQUAL, Weighting
+from ces_identify.prepare.series import Series
+from ces_observer.errors import CesError
+from ces_observer.model import Envelope
+from ces_observer.structures.constructed_inputs import (
+    BASE,
+    ConstructedInput,
+    Frequency,
+    Hysteresis,
+    Lag,
+    TriangularMembership,
+)
+
+HYSTERESIS, REMANENCE, LAG, FREQUENCY = "hysteresis", "remanence", "lag", "frequency"
+CURRENT, VALVE = "current", "valve"  # products with the current use the valve's if the rules have it
+MAX_BLENDED_INPUTS = 2  # inputs of a term besides its membership
+NO_LAG = SignalRule((0,))
+EXPECTED = "hysteresis:M,... or remanence:A,... or lag:S,... or frequency or frequency:S"
+
+CONSTRUCTED_RULES: Mapping[str, SignalRule] = {
+    HYSTERESIS: SignalRule((0,), (1.0, 2.0), ("signed",)),
+    REMANENCE: SignalRule((0, 8), (1.0, 2.0), ("magnitude",), in_ms=True),
+    LAG: SignalRule((0,), (1.0, 2.0), ("magnitude",)),
+    FREQUENCY: SignalRule((0,), (0.5, 1.0), ("magnitude",)),
+}
+CONSTRUCTED_PRODUCTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
+    HYSTERESIS: ((), (CURRENT,), ("speed",), ("speed", CURRENT)),
+    REMANENCE: ((), ("speed",), ("position",)),
+    LAG: ((), ("speed",), ("position",)),
+    FREQUENCY: (("speed",), ("speed", CURRENT)),
+}
+
+
+def add_constructed_inputs(rules: CandidateRules, spec: str) -> CandidateRules:
+    """Return `rules` with the constructed inputs of `spec` and their products; raises CesError.
+
+    `spec` is `hysteresis:W,...` (stops of the position, half widths in m), `remanence:W,...` (plays of the current,
+    half widths in A), `lag:T,...` (first-order lags of the current, time constants in s or `auto`), `frequency` or
+    `frequency:T` (window in s).
+    """
+    kind, _, text = spec.partition(":")
+    if kind not in CONSTRUCTED_RULES or (kind != FREQUENCY and not text):
+        raise CesError(f"'{spec}': expected {EXPECTED}")
+    settings = [AUTO if kind == LAG and one == AUTO else _parse_number(one, spec) for one in text.split(",") if one]
+    if kind == FREQUENCY:
+        window = {"time_constant_s": settings[0]} if settings else {}
+        return _add_inputs(rules, {FREQUENCY: {"kind": FREQUENCY, **window}}, kind)
+    return _add_inputs(rules, {f"{kind}_{i + 1}": _definition(kind, one) for i, one in enumerate(settings)}, kind)
+
+
+def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
+    """Return `rules` with each product repeated for every sub-model of a blend; raises CesError.
+
+    `spec` is `SIGNAL:A,B,...`: one sub-model applies at A (and below), one at B, and so on (and above the last), with
+    linear blending between; SIGNAL is position, speed, current or a constructed input of `rules`. If these use only the
+    valve's current, `current` means that, as a proof would treat the two as independent. The original products remain
+    for the part that the sub-models share.
+    """
+    of, _, text = spec.partition(":")
+    of = VALVE if of == CURRENT and CURRENT not in rules.signals and VALVE in rules.signals else of
+    smooth = [name for name, group in rules.constructed.items() if not isinstance(group[0], TriangularMembership)]
+    known = (*BASE, *smooth)
+    if of not in known:
+        raise CesError(f"'{spec}': expected SIGNAL:A,B,... with a signal among {', '.join(known)}")
+    name = f"by_{of}"
+    raw = {name: {"kind": "hats", "of": of, "at": [_parse_number(one, spec) for one in text.split(",") if one]}}
+    blended = [p for p in rules.products if len(set(p) - {"force"}) <= MAX_BLENDED_INPUTS]
+    beside = rules.beside_force.get(of, rules.signals.get(of, NO_LAG))  # the lag beside past forces keeps proofs short
+    rule = SignalRule(beside.lags[-1:], (1.0,), ("magnitude",), beside.in_ms)
+    return _extend_rules(rules, raw, rule, [(name, *p) for p in blended])
+
+
+def _definition(kind: str, setting: float | str) -> dict[str, object]:
+    if kind == LAG:
+        return {"kind": "lag", "of": CURRENT, "time_constant_s": setting}
+    how = {"kind": "stop", "of": "position"} if kind == HYSTERESIS else {"kind": "play", "of": CURRENT}
+    return {**how, "half_width": setting}
+
+
+def _add_inputs(rules: CandidateRules, raw: Mapping[str, object], kind: str) -> CandidateRules:
+    current = VALVE if VALVE in rules.signals else CURRENT
+    beside = [tuple(current if signal == CURRENT else signal for signal in p) for p in CONSTRUCTED_PRODUCTS[kind]]
+    products = [(name, *p) for name in raw for p in beside if set(p) <= set(rules.signals)]
+    return _extend_rules(rules, raw, CONSTRUCTED_RULES[kind], products)
+
+
+def _extend_rules(
+    rules: CandidateRules, raw: Mapping[str, object], rule: SignalRule, products: Sequence[tuple[str, ...]]
+) -> CandidateRules:
+    """Return `rules` with the definitions `raw`, all with `rule`, and `products`."""
+    repeated = sorted(set(raw) & {*rules.signals, *rules.constructed})
+    if repeated:
+        raise CesError(
+            f"constructed input '{repeated[0]}': is defined already; give each of --construct and --blend once"
+        )
+    block, open_lags = replace_auto(raw)
+    return replace(
+        rules,
+        signals={**rules.signals, **dict.fromkeys(raw, rule)},
+        products=(*rules.products, *products),
+        constructed=constructions_from(block, "constructed", rules.constructed),
+        open_lags=(*rules.open_lags, *open_lags),
+    )
+
+
+def _parse_number(text: str, spec: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise CesError(f"'{spec}': expected numbers after the colon, with commas between") from None
+
+
+ANYTHING = Envelope((-inf, inf), (-inf, inf), (-inf, inf))
+MARGIN = 0.1  # of the data's range, added at both ends of a frequency's range
+
+
+def restrict_to_data(rules: CandidateRules, series: Sequence[Series]) -> CandidateRules:
+    """Return `rules` with the range of each frequency narrowed to that of `series`.
+
+    Raises CesError for a membership that peaks outside the data, or a hysteresis wider than the data. A lag with an
+    open time constant is assumed to have the range of its signal.
+    """
+    constructed = {
+        name: tuple(_fit_to_data(one, series, rules.open_lags) for one in group)
+        for name, group in rules.constructed.items()
+    }
+    return replace(rules, constructed=constructed)
+
+
+def _fit_to_data(one: ConstructedInput, series: Sequence[Series], open_lags: Sequence[str]) -> ConstructedInput:
+    if isinstance(one, TriangularMembership):
+        base = None if one.base is None else _fit_to_data(one.base, series, open_lags)
+        lag = base if isinstance(base, Lag) and base.name in open_lags else None
+        data = _scored_values(lag.of, None, series) if lag else _scored_values(one.of, base, series)
+        if not data.min() <= one.peak <= data.max():
+            raise CesError(
+                f"{one.name}: peaks at {one.of} {one.peak:g}, outside the data's {data.min():g} to {data.max():g}; "
+                "expected peaks between"
+            )
+        return replace(one, base=base)
+    if isinstance(one, Frequency):
+        return _narrow_range(one, _scored_values(one.name, one, series))
+    data = _scored_values(one.of, None, series)
+    if isinstance(one, Hysteresis) and 2.0 * one.half_width >= np.ptp(data):
+        raise CesError(
+            f"{one.name}: half width {one.half_width:g} spans all of the data's {one.of}, "
+            f"{data.min():g} to {data.max():g}; expected a narrower hysteresis"
+        )
+    return one
+
+
+def _scored_values(signal: str, definition: ConstructedInput | None, series: Sequence[Series]) -> F:
+    """Return the values (n,) of a signal on all scored ticks."""
+    values = []
+    for s in series:
+        inputs = {"position": s.position, "speed": s.speed, "current": s.current}
+        if definition is not None:
+            inputs |= constructed_values([definition], ANYTHING, tuple(inputs.values()), s.segments, s.rate_Hz)
+        values.append(inputs[signal][s.scored])
+    return np.concatenate(values)
+
+
+def _narrow_range(one: Frequency, data: F) -> Frequency:
+    low, high = one.range_Hz
+    margin = MARGIN * float(np.ptp(data))
+    narrow = max(low, float(data.min()) - margin), min(high, float(data.max()) + margin)
+    if not narrow[0] < narrow[1]:
+        raise CesError(f"{one.name}: the data stay at {data.min():g} Hz; expected motion within {low:g}-{high:g} Hz")
+    return replace(one, range_Hz=narrow)
+
+
+GRID_S = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.0085, 0.01, 0.012, 0.014, 0.017, 0.02, 0.03, 0.05)
+EVERY, AROUND = 3, 2  # grid points: step of the first pass, and reach of the second around the best
+GUESSES = 3  # at most, until one is near an earlier guess
+NEAR = (0.6, 1.7)  # ratio of two guesses that are near
+TERMS = 12  # of the short searches
+ITERATIONS = 12  # of a fit
+COARSE_HZ = 250.0  # rate of searches and fits; the lag itself is computed at the model's rate
+SHARE = 0.2  # of the search time, for each guess
+
+
+def find_time_constants(
+    rules: CandidateRules, series: Sequence[Series], limits: Limits, stable: bool = True, weighting: Weighting = EQUAL
+) -> CandidateRules:
+    """Return `rules` with every open time constant [s] set to that of the lowest selection cost [%] on `series`."""
+    step = max(1, round(series[0].rate_Hz / COARSE_HZ)) if series else 1
+    short = replace(limits, target=0.0, terms=min(TERMS, limits.term_limit), exchanges=False)
+
+    def problem(choice: CandidateRules, chosen: I | None = None) -> Problem:
+        terms = choice.candidates()
+        terms = terms if chosen is None else tuple(terms[i] for i in chosen)
+        return coarsen(assemble_problem(series, terms, stable, weighting), step)
+
+    for name in rules.open_lags:
+        guess, tried = FIRST_GUESS_S, list[float]()
+        while len(tried) < GUESSES and not any(NEAR[0] < guess / one < NEAR[1] for one in tried):
+            tried.append(guess)
+            rules = rules.with_time_constant(name, guess)
+            deadline = search_clock.now() + SHARE * limits.time
+            start = GaussNewtonStart(problem(rules), short, limits.seed, deadline, threading.Event(), lambda f: None)
+            guess = _search_grid(cache(partial(_cost_after_refit, problem, rules, name, start.run())))
+        rules = rules.with_time_constant(name, guess)
+    return rules
+
+
+def _cost_after_refit(
+    problem: Callable[[CandidateRules, I], Problem],
+    rules: CandidateRules,
+    name: str,
+    model: SearchResult,
+    seconds: float,
+) -> float:
+    """Return the selection cost [%] of a model refitted on the estimation ticks with another time constant."""
+    trial = problem(rules.with_time_constant(name, seconds), model.chosen)
+    chosen = np.arange(len(model.chosen))
+    fit = fit_free_run(trial, chosen, model.coefficients, trial.estimation, ITERATIONS)
+    return trial.selection_cost(chosen, fit.coefficients) if np.isfinite(fit.error) else float("inf")
+
+
+def _search_grid(cost: Callable[[float], float]) -> float:
+    """Return the grid's time constant of lowest cost, from a coarse pass and then those around its best."""
+    best = GRID_S.index(min(GRID_S[1::EVERY], key=cost))
+    return min(GRID_S[max(0, best - AROUND) : best + AROUND + 1], key=cost)

@@ -1,0 +1,235 @@
+"""Preparation: from a recording to uniform ticks, by the rules of the observer.
+
+Position, speed and current at each tick are those that the estimator would have used; gaps and restarts split a series
+into segments and are never bridged. Measured force is interpolated to the ticks, but not over samples that are missing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ces_data.arrays import F, I, Mask
+from ces_data.recording import Channel, Recording
+from ces_data.samples import measured_at
+from ces_identify.numerics import kernels
+from ces_observer.errors import RecordingError
+from ces_observer.model import Sampling
+
+
+@dataclass(frozen=True)
+class Series:
+    """A prepared recording on its ticks.
+
+    Arrays over m ticks: `time_s` from the first position sample, `position` [m], `speed` [m/s], `current` [A],
+    `force` [N] (NaN where none was measured). `segments` (s, 2) are [start, stop) ticks without a gap. `scored` (m,)
+    is true where a force was measured after the warm-up of `warm_up` ticks. `dropped` counts the omitted position
+    samples by reason.
+    """
+
+    name: str
+    rate_Hz: float
+    time_s: F
+    position: F
+    speed: F
+    current: F
+    force: F
+    segments: I
+    scored: Mask
+    warm_up: int
+    dropped: dict[str, int]
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def part(self, first: float, last: float) -> Series:
+        """Return the share [first, last) of the ticks as a series of its own, with its own warm-up."""
+        a, b = round(first * len(self)), round(last * len(self))
+        segments = np.clip(self.segments, a, b) - a
+        scored = self.scored[a:b].copy()
+        if a > 0:
+            scored[: self.warm_up] = False
+        signals = {name: getattr(self, name)[a:b] for name in ("time_s", "position", "speed", "current", "force")}
+        return replace(self, **signals, segments=segments[segments[:, 1] > segments[:, 0]], scored=scored)
+
+
+@dataclass(frozen=True)
+class PositionSamples:
+    """The usable position samples of a recording with the current held at each.
+
+    `index` (n,) are their indices in the position channel; `motion` (n,) is the signal that the sampling's
+    differentiator measures beside the position, zero if there is none.
+    """
+
+    index: I
+    stamps_ns: I
+    position: F
+    current: F
+    motion: F
+    dropped: dict[str, int]
+
+
+def select_samples(recording: Recording, sampling: Sampling) -> PositionSamples:
+    """Return the position samples that a model with this `sampling` uses, with the motion signal that it needs.
+
+    A speed or acceleration older than the longest gap is not used. Raises RecordingError if it was not recorded.
+    """
+    samples = usable_samples(recording, sampling.max_current_age_s)
+    motion, name = hold_motion(recording, samples.stamps_ns, sampling), sampling.motion_signal
+    if not name:
+        return samples
+    good = np.isfinite(motion)
+    if not good.any():
+        raise RecordingError(f"{recording.name}: no position sample with a {name} at most {sampling.max_gap_s:g} s old")
+    arrays = {key: getattr(samples, key)[good] for key in ("index", "stamps_ns", "position", "current")}
+    return PositionSamples(**arrays, motion=motion[good], dropped=samples.dropped | {f"no {name}": int((~good).sum())})
+
+
+def usable_samples(recording: Recording, max_current_age_s: float) -> PositionSamples:
+    """Return the finite position samples that have a finite current no older than `max_current_age_s`."""
+    position = recording.channel("position")
+    current = hold_current(recording, position.stamps_ns, max_current_age_s)
+    finite = np.isfinite(position.values)
+    good = finite & np.isfinite(current)
+    dropped = {"position not finite": int((~finite).sum()), "no current": int((finite & ~good).sum())}
+    if not good.any():
+        raise RecordingError(f"{recording.name}: no position sample with a current at most {max_current_age_s} s old")
+    index = np.flatnonzero(good)
+    still = np.zeros(len(index))
+    return PositionSamples(index, position.stamps_ns[index], position.values[index], current[index], still, dropped)
+
+
+def hold_current(recording: Recording, stamps_ns: I, max_age_s: float) -> F:
+    """Return the newest current [A] at or before each stamp, NaN where there is none or it is too old."""
+    if "current" in recording.constants:
+        return np.full(len(stamps_ns), float(recording.constants["current"]))
+    return hold_signal(recording.channel("current"), stamps_ns, max_age_s)
+
+
+def hold_motion(recording: Recording, stamps_ns: I, sampling: Sampling) -> F:
+    """Return the speed [m/s] or acceleration [m/s2] that the differentiator needs at each stamp; zero if it needs none.
+
+    It is NaN where the newest value is older than the longest gap. Raises RecordingError if it was not recorded.
+    """
+    name = sampling.motion_signal
+    if not name:
+        return np.zeros(len(stamps_ns))
+    if name not in recording.channels:
+        raise RecordingError(
+            f"{recording.name}: no '{name}' channel, which the differentiator '{sampling.differentiator}' needs; "
+            f"describe '{name}' in the signals file, or identify with --differentiator kalman"
+        )
+    return hold_signal(recording.channel(name), stamps_ns, sampling.max_gap_s)
+
+
+def hold_signal(logged: Channel, stamps_ns: I, max_age_s: float) -> F:
+    """Return the newest value at or before each stamp, NaN where there is none or it is too old."""
+    channel = _finite(logged)
+    order = np.argsort(channel.stamps_ns, kind="stable")
+    if not len(order):
+        return np.full(len(stamps_ns), np.nan)
+    stamps, values = channel.stamps_ns[order], channel.values[order]
+    newest = np.searchsorted(stamps, stamps_ns, side="right") - 1
+    fresh = (newest >= 0) & (stamps_ns - stamps[newest] <= round(max_age_s * 1e9))
+    return np.where(fresh, values[newest], np.nan)
+
+
+def prepare(recording: Recording, sampling: Sampling) -> Series:
+    """Return the series of `recording`; raises RecordingError if no segment is longer than the warm-up."""
+    samples = select_samples(recording, sampling)
+    ticks, times, total, status, _, _ = track_samples(samples, sampling)
+    starts = total[status == kernels.STATUS_RESTART] - 1
+    segments = np.stack([starts, np.append(starts[1:], len(ticks))], axis=1)
+    force = force_at(recording, times, sampling.max_gap_s)
+    warm_up = round(sampling.warm_up_s * sampling.rate_Hz)
+    longest = np.diff(segments).max()
+    if longest <= warm_up:
+        raise RecordingError(
+            f"{recording.name}: longest stretch without a gap is {longest} ticks of "
+            f"{1 / sampling.rate_Hz:g} s; expected more than the warm-up of {sampling.warm_up_s:g} s"
+        )
+    since_start = np.arange(len(ticks)) - np.repeat(segments[:, 0], np.diff(segments)[:, 0])
+    dropped = samples.dropped | {
+        "out of order": int((status == kernels.STATUS_ORDER).sum()),
+        "outlier": int((status == kernels.STATUS_OUTLIER).sum()),
+    }
+    return Series(
+        name=recording.name,
+        rate_Hz=sampling.rate_Hz,
+        time_s=(times - samples.stamps_ns[0]) * 1e-9,
+        position=np.ascontiguousarray(ticks[:, 0]),
+        speed=np.ascontiguousarray(ticks[:, 1]),
+        current=np.repeat(samples.current, np.diff(total, prepend=0)),
+        force=force,
+        segments=segments.astype(np.int64),
+        scored=(since_start >= warm_up) & np.isfinite(force),
+        warm_up=warm_up,
+        dropped=dropped,
+    )
+
+
+def track_samples(samples: PositionSamples, sampling: Sampling) -> tuple[F, I, I, NDArray[np.int8], F, float]:
+    """Return the result of `kernels.track` for the samples."""
+    tracked: tuple[F, I, I, NDArray[np.int8], F, float] = kernels.track(
+        samples.stamps_ns,
+        samples.position,
+        sampling.rate_Hz,
+        sampling.bandwidth_Hz,
+        round(sampling.max_gap_s * 1e9),
+        sampling.outlier_m,
+        sampling.order,
+        samples.motion,
+        sampling.differentiator,
+        sampling.noise_m,
+    )
+    return tracked
+
+
+def force_at(recording: Recording, stamps_ns: I, max_gap_s: float) -> F:
+    """Return the measured force [N] interpolated at each stamp, NaN where none was measured (see `measured_at`)."""
+    force = interpolate_force(recording, stamps_ns, max_gap_s)
+    if np.isfinite(force).any():
+        force[~measured_at(recording.channel("force"), stamps_ns)] = np.nan
+    return force
+
+
+def interpolate_force(recording: Recording, stamps_ns: I, max_gap_s: float, name: str = "force") -> F:
+    """Return the logged force [N] interpolated at each stamp, NaN outside it and inside gaps beyond `max_gap_s`."""
+    if name not in recording.channels:
+        return np.full(len(stamps_ns), np.nan)
+    channel = _finite(recording.channel(name))
+    if len(channel) < 2:
+        return np.full(len(stamps_ns), np.nan)
+    origin = stamps_ns[0]
+    logged = (channel.stamps_ns - origin).astype(np.float64)
+    ticks = (stamps_ns - origin).astype(np.float64)
+    after = np.clip(np.searchsorted(logged, ticks), 1, len(logged) - 1)
+    inside = (ticks >= logged[0]) & (ticks <= logged[-1]) & (np.diff(logged)[after - 1] <= max_gap_s * 1e9)
+    return np.where(inside, np.interp(ticks, logged, channel.values), np.nan)
+
+
+def _finite(channel: Channel) -> Channel:
+    return channel.select(np.isfinite(channel.values))
+
+
+class ForceRun(Protocol):
+    """A simulated force."""
+
+    @property
+    def force(self) -> NDArray[np.float64]:
+        """Simulated force [N] (ticks,), NaN where there is none."""
+
+
+class SimulatedSeries(Protocol):
+    """A series and a free run on it."""
+
+    @property
+    def series(self) -> Series:
+        """The series."""
+
+    @property
+    def run(self) -> ForceRun:
+        """The free run."""

@@ -1,0 +1,237 @@
+"""The band around a model's force: its half-width fitted on recordings, and the share of forces that it holds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from scipy.optimize import nnls
+
+from ces_data.arrays import F, Mask
+from ces_identify.prepare.series import Series
+from ces_identify.simulations.simulate import (
+    band_signals,
+    band_state,
+    growth,
+    part_values,
+    simulate_series,
+    since_reversal,
+)
+from ces_identify.validation.evaluate import Evaluation
+from ces_observer.band import PARTS, STATE, Band
+from ces_observer.model import Model
+
+LEVEL = 0.9
+CHANGE_S = 0.01  # [s] over which speed, current and force change: valve and oil of a damper take about as long
+REVERSAL_S = 0.02  # [s] after a reversal, in which friction and pressure build up
+MAX_DISTANCE = 4.0  # beyond it nothing is known about the error, and the band does not grow further
+CONSTANT_SHARE = 0.2  # of the squared error, which does not grow with the distance
+MAX_RECORDING_PARTS = 6  # recordings left out in turn, or groups of them
+STRETCHES = 3  # of each recording, left out in turn
+MIN_TICKS = 200  # of errors, for a band
+MAX_TICKS = 200_000  # whose errors are kept, evenly spaced, in each way of leaving data out
+MAX_FITTED_TICKS = 20_000  # of these, in the least squares fit
+ROUNDS = 6  # of reweighted least squares
+MAX_STEPS = 1000  # of each
+RIDGE = 1e-4  # of the state's correlation matrix: directions that the recordings hardly have
+FIGURES = 6
+MIN_SPREAD = 1e-6  # [m, m/s, A]: a state that changes less counts as constant
+MIN_SIZE = 1e-3  # of an error's prediction, relative to the mean error
+
+Refit = Callable[[F], Model | None]
+"""Fits the model's parameters again with a weight of 0 or 1 for each tick (stacked series); None if that fails."""
+SPEEDS, CURRENTS = 4, 3  # regions
+QUANTILE = 0.995  # of |speed| at the limit of the fastest region, which also holds faster ticks
+REVERSAL_EDGES_S = (0.01, 0.05)
+MIN_REGION_TICKS = 50  # of a region
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Sizes [N] (n,) of errors, over the growth predicted there, and the parts of the band (parts, n)."""
+
+    size: F
+    parts: F
+
+
+def fit_band(
+    model: Model, series: Sequence[Series], refit: Refit | None = None, leave_out_recordings: bool = True
+) -> Band | None:
+    """Return the band of `model`, which was identified on `series`; None if these hold too little.
+
+    Without `leave_out_recordings`, only stretches are left out.
+    """
+    scored = [s.scored for s in series]
+    if sum(int(mask.sum()) for mask in scored) < MIN_TICKS:
+        return None
+    band = _describe_state(series, scored)
+    ways = (
+        [_held_out_errors(refit, series, band, parts) for parts in _ways_to_hold_out(series, leave_out_recordings)]
+        if refit
+        else []
+    )
+    ways = [errors for errors in ways if len(errors.size) >= MIN_TICKS]
+    ways = ways or [_errors_on(model, series, scored, band, band)]
+    return _fit_parts(band, ways) if len(ways[0].size) >= MIN_TICKS else None
+
+
+def _ways_to_hold_out(series: Sequence[Series], leave_out_recordings: bool) -> list[list[list[Mask]]]:
+    """Return the ways to divide the ticks into parts, one mask for each series: by recordings, and by stretches."""
+    groups = min(len(series), MAX_RECORDING_PARTS)
+    by_recording = [[np.full(len(s), i % groups == group) for i, s in enumerate(series)] for group in range(groups)]
+    by_stretch = [[STRETCHES * np.arange(len(s)) // len(s) == k for s in series] for k in range(STRETCHES)]
+    return [by_recording, by_stretch] if leave_out_recordings and groups > 1 else [by_stretch]
+
+
+def _held_out_errors(refit: Refit, series: Sequence[Series], band: Band, parts: Sequence[Sequence[Mask]]) -> _Errors:
+    """Return the errors on each part of models fitted without it; none where that fails."""
+    found = [_errors_without(refit, series, band, out) for out in parts]
+    return _join([errors for errors in found if errors is not None])
+
+
+def _errors_without(refit: Refit, series: Sequence[Series], band: Band, out: Sequence[Mask]) -> _Errors | None:
+    """Return the errors on the ticks left `out` of a model fitted to the others; None if that fails."""
+    kept = [s.scored & ~mask for s, mask in zip(series, out, strict=True)]
+    if sum(int(mask.sum()) for mask in kept) < MIN_TICKS:
+        return None
+    model = refit(np.where(np.concatenate(out), 0.0, 1.0))
+    if model is None:
+        return None
+    scored = [s.scored & mask for s, mask in zip(series, out, strict=True)]
+    return _errors_on(model, series, scored, band, _describe_state(series, kept))
+
+
+def _errors_on(model: Model, series: Sequence[Series], ticks: Sequence[Mask], band: Band, known: Band) -> _Errors:
+    """Return the errors of a model on some ticks, with their distance from the data that `known` describes.
+
+    Ticks after a divergence have no error and are left out.
+    """
+    rows, step = [], -(-sum(map(len, series)) // MAX_TICKS)
+    for one, mask in zip(series, ticks, strict=True):
+        force = simulate_series(model, one).force if mask.any() else np.full(len(one), np.nan)
+        usable = mask & np.isfinite(force) & (np.arange(len(one)) % step == 0)
+        signals = band_signals(one, force, band.change_s, band.reversal_s).at(usable)
+        sizes = np.abs(one.force - force)[usable] / growth(known, signals.state)
+        rows.append(_Errors(sizes, part_values(signals, band.speed_m_s, band.current_A)))
+    return _join(rows)
+
+
+def _join(rows: Sequence[_Errors]) -> _Errors:
+    sizes = np.concatenate([np.empty(0), *(row.size for row in rows)])
+    return _Errors(sizes, np.concatenate([np.empty((len(PARTS), 0)), *(row.parts for row in rows)], axis=1))
+
+
+def _describe_state(series: Sequence[Series], ticks: Sequence[Mask]) -> Band:
+    """Return a band with the mean and spread of the states on some ticks, all weights zero."""
+    states = [band_state(s, CHANGE_S)[:, mask] for s, mask in zip(series, ticks, strict=True)]
+    state = np.concatenate(states, axis=1)
+    mean, speed, current = state.mean(axis=1), state[STATE.index("speed")], state[STATE.index("current")]
+    return Band(
+        level=LEVEL,
+        change_s=CHANGE_S,
+        reversal_s=REVERSAL_S,
+        speed_m_s=max(_round(np.sqrt(np.mean(speed**2))), MIN_SPREAD),
+        current_A=(_round(current.min()), _round(current.max())),
+        parts=(0.0,) * len(PARTS),
+        mean=_round_all(mean),
+        whitening=tuple(_round_all(row[i:]) for i, row in enumerate(_whitening(state - mean[:, None]))),
+        max_distance=MAX_DISTANCE,
+        constant_share=CONSTANT_SHARE,
+    )
+
+
+def _whitening(deviations: F) -> F:
+    """Return the upper triangular matrix that gives `deviations` (5, ticks) a root mean square length of 1."""
+    spread = deviations.std(axis=1)
+    constant = spread <= MIN_SPREAD
+    scaled = deviations / np.where(constant, MIN_SPREAD, spread)[:, None]
+    correlation = scaled @ scaled.T / scaled.shape[1] + RIDGE * np.eye(len(scaled))
+    correlation[np.diag_indices_from(correlation)] += constant
+    upper = np.linalg.cholesky(np.linalg.inv(correlation)).T
+    return np.asarray(upper / np.where(constant, MIN_SPREAD, spread) / np.sqrt(len(scaled)))
+
+
+def _fit_parts(band: Band, ways: Sequence[_Errors]) -> Band:
+    """Return the band with weights fitted to all errors, scaled so that it holds LEVEL of those of each way."""
+    errors = _join(ways)
+    some = slice(None, None, -(-len(errors.size) // MAX_FITTED_TICKS))
+    weights = _fit_sizes(errors.parts[:, some], errors.size[some])
+    scores = [one.size / np.maximum(weights @ one.parts, 1e-9) for one in ways]
+    scale = max(float(np.quantile(score, band.level)) for score in scores)
+    return replace(band, parts=_round_all(scale * weights))
+
+
+def _fit_sizes(parts: F, sizes: F) -> F:
+    """Return non-negative weights (parts,) whose sums predict `sizes` (n,), each error relative to its prediction."""
+    scale = np.maximum(parts.mean(axis=1), 1e-12)
+    least = MIN_SIZE * float(sizes.mean()) + 1e-12
+    predicted = np.full(len(sizes), float(sizes.mean()) + least)
+    weights = np.zeros(len(parts))
+    for _ in range(ROUNDS):
+        weights = nnls((parts / scale[:, None] / predicted).T, sizes / predicted, maxiter=MAX_STEPS)[0] / scale
+        predicted = np.maximum(weights @ parts, least)
+    return np.asarray(weights)
+
+
+def _round_all(numbers: F) -> tuple[float, ...]:
+    return tuple(map(_round, numbers))
+
+
+def _round(number: float) -> float:
+    """Return the number with FIGURES significant figures, so that the model file stays readable."""
+    return float(f"{number:.{FIGURES}g}")
+
+
+@dataclass(frozen=True)
+class CoverageShare:
+    """A region's share of the ticks, the share of its measured forces within the band, and the mean half-width [N]."""
+
+    axis: str
+    region: str
+    ticks: float
+    coverage: float
+    half_width_N: float
+
+
+def coverage_regions(evaluations: Sequence[Evaluation]) -> list[CoverageShare]:
+    """Return the regions of speed, current and time since reversal with at least MIN_REGION_TICKS ticks.
+
+    Empty without a band. Ticks after a divergence count as outside the band.
+    """
+    some = [e for e in evaluations if e.half_width is not None and e.series.scored.any()]
+    if not some:
+        return []
+    width = _collect(some, lambda e: np.nan_to_num(np.zeros(0) if e.half_width is None else e.half_width))
+    inside = _collect(some, lambda e: np.abs(e.series.force - e.run.force)) <= width
+    return [
+        CoverageShare(axis, region, float(ticks.mean()), float(inside[ticks].mean()), float(width[ticks].mean()))
+        for axis, region, ticks in _regions(some)
+        if ticks.sum() >= MIN_REGION_TICKS
+    ]
+
+
+def _regions(evaluations: Sequence[Evaluation]) -> Iterator[tuple[str, str, Mask]]:
+    """Yield axis, name and ticks of each region."""
+    speed = np.abs(_collect(evaluations, lambda e: e.series.speed))
+    current = _collect(evaluations, lambda e: e.series.current)
+    top, (low, high) = float(np.quantile(speed, QUANTILE)), (float(current.min()), float(current.max()))
+    yield from _divide("speed, either direction", "m/s", speed, np.linspace(0.0, top, SPEEDS + 1)[1:-1])
+    if high > low:
+        yield from _divide("current", "A", current, np.linspace(low, high, CURRENTS + 1)[1:-1])
+    since = _collect(evaluations, lambda e: since_reversal(e.series))
+    yield from _divide("time since reversal", "s", since, np.array(REVERSAL_EDGES_S))
+
+
+def _divide(axis: str, unit: str, values: F, inner_edges: F) -> Iterator[tuple[str, str, Mask]]:
+    edges = [-np.inf, *inner_edges.tolist(), np.inf]
+    for low, high in pairwise(edges):
+        name = f"{low:.3g} to {high:.3g}" if low > -np.inf and high < np.inf else ""
+        name = name or (f"below {high:.3g}" if high < np.inf else f"above {low:.3g}")
+        yield axis, f"{name} {unit}", (values >= low) & (values < high)
+
+
+def _collect(evaluations: Sequence[Evaluation], signal: Callable[[Evaluation], F]) -> F:
+    """Return a signal on the scored ticks of all evaluations."""
+    return np.concatenate([signal(e)[e.series.scored] for e in evaluations])

@@ -1,1 +1,0 @@
-"""The rig behind ROS 2 topics: set points go out, measured position, current and force come in."""

@@ -1,0 +1,195 @@
+"""The position of a recording on the grid of its command: stamped samples go in, uniform ones come out.
+
+Time 0 is the start of the command. A channel `command` (the stroke as commanded, on the recording's clock) shows when
+that was. Without one the position itself is laid over the command: the actuator's mean delay is then taken out of every
+run alike, and the piston makes the wanted stroke as much later.
+"""
+
+from __future__ import annotations
+
+import io
+import zipfile
+from dataclasses import replace
+from hashlib import sha256
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ces_data.arrays import F
+from ces_data.recording import Channel, Recording
+from ces_iterate.commands import INTERVAL_S, RigCommands, write_commands
+from ces_iterate.errors import StrokeError
+from ces_iterate.plan import RigLimits
+from ces_iterate.rigs.kinds import RigAdapter
+from ces_observer.json_text import write_atomically
+from ces_rig import experiment as virtual
+from ces_rig.drive.currents import Reg1
+from ces_rig.drive.sequences import SampledStroke
+from ces_rig.drive.strokes import Common, Stroke
+from ces_rig.experiment import Experiment
+from ces_rig.sensors import STREAMS
+
+COMMAND, POSITION = "command", "position"
+MAX_GAP_S = 0.02  # [s] between position samples; longer ones would be bridged by a guess
+MAX_MISSING_S = 0.1  # [s] at either end of the command
+REFINEMENTS = 5
+
+
+def position_on_grid(recording: Recording, command_m: F, interval_s: float) -> F:
+    """Return the measured position [m] at the times of `command_m` (n,); raises StrokeError for missing samples."""
+    if POSITION not in recording.channels:
+        raise StrokeError(f"{recording.name}: no position in the recording; expected the piston's position")
+    start = _find_start(recording, command_m, interval_s)
+    time, values = _samples(recording.channel(POSITION), start)
+    length = (len(command_m) - 1) * interval_s
+    _require_complete(recording.name, time, length)
+    grid = np.arange(len(command_m), dtype=np.float64) * interval_s
+    return np.asarray(CubicSpline(time, values)(np.clip(grid, time[0], time[-1])))
+
+
+def _samples(channel: Channel, start_ns: float) -> tuple[F, F]:
+    """Return finite samples in order of rising times [s] since the start."""
+    good = np.isfinite(channel.values)
+    stamps, first = np.unique(channel.stamps_ns[good], return_index=True)
+    origin = int(stamps[0]) if len(stamps) else 0
+    time = ((stamps - origin).astype(np.float64) + (origin - start_ns)) * 1e-9
+    return time, channel.values[good][first]
+
+
+def _require_complete(name: str, time: F, length: float) -> None:
+    if len(time) < 10 or time[0] > MAX_MISSING_S or time[-1] < length - MAX_MISSING_S:
+        span = f"{time[0]:.2f} to {time[-1]:.2f} s" if len(time) else "no samples"
+        raise StrokeError(f"{name}: positions cover {span} of the command; expected 0 to {length:.2f} s")
+    inside = (time[1:] > 0.0) & (time[:-1] < length)
+    gap = float(np.diff(time)[inside].max())
+    if gap > MAX_GAP_S:
+        raise StrokeError(f"{name}: {1e3 * gap:.0f} ms without a position; expected at most {1e3 * MAX_GAP_S:.0f} ms")
+
+
+def _find_start(recording: Recording, command_m: F, interval_s: float) -> float:
+    """Return the stamp [ns] at which the command began."""
+    channel = recording.channel(COMMAND if COMMAND in recording.channels else POSITION)
+    if not np.isfinite(channel.values).any():
+        return 0.0
+    first = float(channel.stamps_ns[0])
+    time, values = _samples(channel, first)
+    grid = np.arange(time[0], time[-1], interval_s)
+    shift = _coarse_shift(np.interp(grid, time, values), command_m) * interval_s
+    spline = CubicSpline(np.arange(len(command_m)) * interval_s, command_m)
+    inside = (time > shift + 0.1) & (time < shift + (len(command_m) - 1) * interval_s - 0.1)
+    for _ in range(REFINEMENTS):  # Gauss-Newton on the delay
+        slope = spline(time[inside] - shift, 1)
+        error = values[inside] - spline(time[inside] - shift)
+        power = float(slope @ slope)
+        shift -= float(slope @ error) / power if power > 0.0 else 0.0
+    return first + 1e9 * shift
+
+
+def _coarse_shift(logged: F, command: F) -> int:
+    """Return how many samples after the log's first one the command begins."""
+    size = len(logged) + len(command)
+    spectra = np.fft.rfft(logged - logged.mean(), size), np.fft.rfft(command - command.mean(), size)
+    correlation = np.fft.irfft(spectra[0] * spectra[1].conj(), size)
+    lag = int(np.argmax(correlation))
+    return lag if lag < len(logged) else lag - size
+
+
+MAX_CHANNELS = 20
+
+
+class StrokeRig(Protocol):
+    """Anything that moves a damper by a commanded stroke: the virtual rig, or an adapter to a real one."""
+
+    def run(self, command_m: F, number: int) -> Recording:
+        """Return the recording of the command (n,), one sample every INTERVAL_S, in the run of this number.
+
+        Its channel `position` is the piston's; `command`, if the rig logs it, says when the command began.
+        """
+
+
+class VirtualStrokeRig:
+    """The virtual rig: an experiment with its current, damper, sensors and actuator, under other commands."""
+
+    def __init__(self, experiment: virtual.Experiment) -> None:
+        if experiment.actuator is None:
+            raise StrokeError(
+                f"{experiment.settings.name}: has no actuator, so its stroke is exact; add 'actuator: {{}}' to the plan"
+            )
+        self._experiment = replace(experiment, sensors=replace(experiment.sensors, log_command=True))
+
+    def run(self, command_m: F, number: int) -> Recording:
+        """Return the recording of position, current, force and command; every number has its own noise."""
+        time = np.arange(len(command_m), dtype=np.float64) * INTERVAL_S
+        stroke = Stroke(SampledStroke(time, command_m), Common(fade_s=0.0))
+        settings = replace(self._experiment.settings, duration_s=float(time[-1]), repeat=number)
+        return virtual.run(replace(self._experiment, stroke=stroke, settings=settings))
+
+
+class StoredRuns:
+    """A rig whose recordings are kept in `folder`; `plan` says what they depend on besides the command."""
+
+    def __init__(self, rig: StrokeRig, folder: Path, plan: str) -> None:
+        self._rig, self._folder, self._plan = rig, folder, plan
+
+    def run(self, command_m: F, number: int) -> Recording:
+        """Return the stored recording of this run, or run the command and store it; raises StrokeError."""
+        path = self._folder / f"run_{number:02d}.npz"
+        key = sha256(self._plan.encode() + command_m.tobytes()).hexdigest()
+        if path.exists():
+            return _read_run(path, key)
+        recording = self._rig.run(command_m, number)
+        write_atomically(path, _pack(recording, key))
+        return recording
+
+
+def _pack(recording: Recording, key: str) -> bytes:
+    arrays: dict[str, Any] = {"key": np.array(key), "name": np.array(recording.name)}
+    for name, channel in recording.channels.items():
+        arrays |= {f"{name}.stamps_ns": channel.stamps_ns, f"{name}.values": channel.values}
+        arrays[f"{name}.unit"] = np.array(channel.unit)
+    file = io.BytesIO()
+    np.savez_compressed(file, **arrays)
+    return file.getvalue()
+
+
+def _read_run(path: Path, key: str) -> Recording:
+    try:
+        with np.load(path, allow_pickle=False) as arrays:
+            if str(arrays["key"]) != key:
+                raise StrokeError(
+                    f"{path}: is a run of another plan or version; choose another --out, or --overwrite to start anew"
+                )
+            names = [name.removesuffix(".values") for name in arrays.files if name.endswith(".values")][:MAX_CHANNELS]
+            channels = {
+                n: Channel(n, str(arrays[f"{n}.unit"]), arrays[f"{n}.stamps_ns"], arrays[f"{n}.values"]) for n in names
+            }
+            return Recording(str(arrays["name"]), channels)
+    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
+        raise StrokeError(f"{path}: cannot be read as a stored run: {error}; delete it to repeat the run") from None
+
+
+class CommandedRig:
+    """Runs commands with the current of an experiment; every run has a folder of its own in `folder`."""
+
+    def __init__(self, rig: RigAdapter, experiment: Experiment, limits: RigLimits, folder: Path) -> None:
+        if isinstance(experiment.current, Reg1):
+            raise StrokeError(
+                f"{experiment.settings.name}: reg1 answers a measured force; choose another kind of current"
+            )
+        self._rig, self._current, self._limits, self._folder = rig, experiment.current, limits, folder
+        self._name, self._seed = experiment.settings.name, experiment.settings.seed
+
+    def run(self, command_m: F, number: int) -> Recording:
+        """Return what the rig recorded under the command (n,) every INTERVAL_S; raises CesError."""
+        folder = self._folder / f"run_{number:02d}"
+        folder.mkdir(parents=True, exist_ok=True)
+        commands = self._limits.require_within(self._commands(command_m, number))
+        write_commands(folder / "commands.csv", commands)
+        return self._rig.run(commands, folder)
+
+    def _commands(self, command_m: F, number: int) -> RigCommands:
+        time = np.arange(len(command_m), dtype=np.float64) * INTERVAL_S
+        current = self._current.samples(time, command_m, np.random.default_rng([self._seed, STREAMS["current"]]))
+        return RigCommands(f"{self._name.replace('/', '_')}_{number:02d}", command_m, current, number)

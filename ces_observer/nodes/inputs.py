@@ -1,0 +1,246 @@
+"""The observer's inputs: subscriptions to the topics of signals, whose numbers are read from the bytes of messages."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
+from functools import partial
+from inspect import Parameter, Signature
+from operator import itemgetter
+from time import time_ns
+from typing import Any
+
+from rclpy.qos import QoSProfile, QoSReliabilityPolicy
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from rosidl_runtime_py.utilities import get_message
+
+from ces_observer.arrival_clock import ArrivalClock
+from ces_observer.cdr.signal import RawSignal, Reading
+from ces_observer.cdr.types import CdrUnsupportedError
+from ces_observer.errors import SignalsError
+from ces_observer.health.streams import Losses
+from ces_observer.nodes.executors import NodeClock
+from ces_observer.nodes.guarded_node import GuardedNode
+from ces_observer.nodes.parameter_table import INPUT_DEPTH
+from ces_observer.signals import Signal
+
+
+def message_class(signal: Signal) -> Any:
+    """Return the class of the signal's message type; raises SignalsError if it or the field is missing."""
+    try:
+        kind = get_message(signal.type)
+        _check_field(signal, kind())
+    except (ImportError, AttributeError, ValueError):
+        raise SignalsError(
+            f"signal '{signal.name}': message type '{signal.type}' is not installed; check {signal.name}.type, or "
+            "source the workspace that has it"
+        ) from None
+    return kind
+
+
+def fields_of(type_name: str) -> Mapping[str, str]:
+    """Return the fields of a type (`package/Type` or `package/msg/Type`) with their types in rosidl's notation.
+
+    Raises LookupError if the type is not installed.
+    """
+    package, *_, name = type_name.split("/")
+    try:
+        fields: Mapping[str, str] = get_message(f"{package}/msg/{name}").get_fields_and_field_types()
+    except (ImportError, AttributeError, ValueError):
+        raise LookupError(f"message type '{type_name}' is not installed") from None
+    return fields
+
+
+def is_stamped(kind: Any) -> bool:
+    """Return whether messages of this class have a std_msgs/Header."""
+    return bool(kind.get_fields_and_field_types().get("header") == "std_msgs/Header")
+
+
+def header_stamp_ns(message: Any) -> int:
+    """Return the header stamp of a stamped message [ns]."""
+    stamp = message.header.stamp
+    return int(stamp.sec * 1_000_000_000 + stamp.nanosec)
+
+
+def _check_field(signal: Signal, message: Any) -> None:
+    """Check the field path in an empty message, up to the first array."""
+    where = f"signal '{signal.name}': field '{signal.field.text}' of {signal.type}"
+    value = message
+    for name, element in signal.field.steps:
+        fields = value.get_fields_and_field_types() if hasattr(value, "get_fields_and_field_types") else {}
+        if name not in fields:
+            raise SignalsError(f"{where}: no '{name}'; known are {', '.join(fields) or 'no fields'}")
+        value = getattr(value, name)
+        if element is not None:
+            if isinstance(value, str) or not hasattr(value, "__len__"):
+                raise SignalsError(f"{where}: '{name}' is not an array; omit [{element}]")
+            return
+    if not isinstance(value, int | float):
+        raise SignalsError(f"{where} is a {type(value).__name__}; expected the path to a number")
+
+
+Deliver = Callable[[int, float, bytes, int], None]  # stamp [ns], value [SI], frame id, the node's time on arrival [ns]
+Read = Callable[[bytes], Reading]
+Taken = tuple[bytes, dict[str, Any]]  # a message and rclpy's information about it
+MAX_ROUNDS = 100  # through all topics, before what was taken is read
+_MESSAGE_AND_INFO = Signature([Parameter(name, Parameter.POSITIONAL_ONLY) for name in ("message", "info")])
+
+
+class InputSubscriptions:
+    """All subscriptions of the node, with queues of `depth` messages; `drain` for a SingleThreadedExecutor."""
+
+    def __init__(self, node: GuardedNode, clock: NodeClock, *, depth: int = INPUT_DEPTH, drain: bool = False) -> None:
+        self._node, self.clock, self._depth, self.drain = node, clock, depth, drain
+        self._topics: dict[tuple[str, str], _Topic] = {}
+
+    def reset(self) -> None:
+        """Forget the delays of messages, as after a time jump."""
+        for topic in self._topics.values():
+            topic.reset()
+
+    def losses_of(self, signal: Signal) -> Losses:
+        """Return the losses on a subscribed signal's topic, as far as they are known."""
+        return self._topics[self._resolve_topic(signal), signal.type].losses
+
+    def subscribe(
+        self,
+        signal: Signal,
+        deliver: Deliver,
+        on_unreadable: Callable[[str], None],
+        on_failure: Callable[[], None] | None = None,
+    ) -> bool:
+        """Deliver each sample of `signal`, or the error that makes a message unreadable; return whether it is stamped.
+
+        `on_failure` is called when one of the two has failed. A sample without a stamp is stamped with its arrival
+        (ArrivalClock). Signals in one message are delivered in the order of their subscriptions. Raises SignalsError if
+        topic, type or field is wrong.
+        """
+        kind = message_class(signal)
+        key = (self._resolve_topic(signal), signal.type)
+        if key not in self._topics:
+            self._topics[key] = topic = _Topic(self, self._depth)
+            qos = QoSProfile(depth=self._depth, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+            topic.subscription = self._node.create_subscription(
+                kind,
+                signal.topic,
+                topic,
+                qos,
+                raw=True,
+                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+            )
+            topic.losses.depth = topic.subscription.qos_profile.depth
+        read = slowly = _make_slow_reader(signal, kind)
+        with suppress(CdrUnsupportedError):
+            read = RawSignal(signal, fields_of).read
+        wrap = self._node.guard.wrap
+        callbacks = wrap(deliver, on_failure), wrap(on_unreadable, on_failure)
+        self._topics[key].readers.append((read, slowly, signal.delay_ns, *callbacks))
+        return is_stamped(kind)
+
+    def take_all(self, topic: _Topic, first: Taken) -> None:
+        """Read a message and all that wait on any topic, in the order in which they were sent."""
+        taken = [(one.arrived_ns(message), one, message) for one, message in self._take_waiting(topic, first)]
+        for _, one, message in sorted(taken, key=itemgetter(0)):
+            self._node.guard.call(partial(one.read, *message))
+
+    def _take_waiting(self, topic: _Topic, first: Taken) -> Iterator[tuple[_Topic, Taken]]:
+        """Yield the messages of all topics until none waits: after a stall the middleware still hands them over."""
+        yield topic, first
+        for _ in range(MAX_ROUNDS):
+            found = [(one, message) for one in self._topics.values() for message in one.take_waiting(self._depth)]
+            if not found:
+                return
+            yield from found
+
+    def _resolve_topic(self, signal: Signal) -> str:
+        try:
+            return str(self._node.resolve_topic_name(signal.topic))
+        except (RuntimeError, ValueError):
+            raise SignalsError(
+                f"signal '{signal.name}': '{signal.topic}' is not a topic name; expected letters, digits, '_' and '/'"
+            ) from None
+
+
+class _Topic:
+    """One topic's readers, each with its slow substitute, delay [ns], and the callbacks for samples and for errors.
+
+    It is the callback of the subscription, called with message and information.
+    """
+
+    __signature__ = _MESSAGE_AND_INFO  # rclpy counts the parameters
+
+    def __init__(self, inputs: InputSubscriptions, depth: int) -> None:
+        self._inputs = inputs
+        self._numbered = True  # the middleware numbers the messages, as far as is known
+        self._arrived_ns = 0
+        self.subscription: Subscription | None = None
+        self.arrivals = ArrivalClock()
+        self.losses = Losses(depth)
+        self.readers: list[tuple[Read, Read, int, Deliver, Callable[[str], None]]] = []
+
+    def __call__(self, *taken: Any) -> None:
+        message, info = taken if len(taken) == 2 else taken[0]  # EventsExecutors up to 7.1.11 pass one tuple
+        if self._inputs.drain:
+            self._inputs.take_all(self, (message, info))
+        else:
+            self.read(message, info)
+
+    def reset(self) -> None:
+        """Forget the delays of messages."""
+        self.arrivals.reset()
+        self._arrived_ns = 0
+
+    def read(self, raw: bytes, info: dict[str, Any]) -> None:
+        """Read a message; `info` has the time of sending, and its number where the middleware has one."""
+        clock = self._inputs.clock
+        now_ns = clock.now()
+        if self._numbered:
+            self._numbered = self.losses.take_number(info.get("publication_sequence_number"))
+        for read, slowly, delay_ns, deliver, on_unreadable in self.readers:
+            try:
+                try:
+                    stamp_ns, value, frame = read(raw)
+                except CdrUnsupportedError:
+                    stamp_ns, value, frame = slowly(raw)
+            except SignalsError as error:
+                on_unreadable(str(error))
+                continue
+            if stamp_ns is None:  # simulated time does not show when the message was sent
+                stamp_ns = now_ns if clock.is_simulated else self.arrivals.stamp(info["source_timestamp"], now_ns)
+            deliver(stamp_ns - delay_ns, value, frame, now_ns)
+
+    def take_waiting(self, max_count: int) -> Iterator[Taken]:
+        """Take the messages that wait in the queue, at most `max_count`."""
+        subscription = self.subscription
+        if subscription is None:
+            return
+        handle = subscription.handle
+        with handle:
+            for _ in range(max_count):
+                taken = handle.take_message(subscription.msg_type, True)
+                if taken is None:
+                    return
+                yield taken
+
+    def arrived_ns(self, taken: Taken) -> int:
+        """Return the arrival of a message by the computer's clock [ns], never before that of the one before."""
+        stamp_ns = self.arrivals.stamp(taken[1]["source_timestamp"], time_ns())
+        self._arrived_ns = max(stamp_ns, self._arrived_ns)
+        return self._arrived_ns
+
+
+def _make_slow_reader(signal: Signal, kind: Any) -> Read:
+    """Return a reader that lets rclpy deserialise the whole message."""
+    value_of, stamped = signal.make_reader(), is_stamped(kind)
+
+    def read(raw: bytes) -> Reading:
+        try:
+            message = deserialize_message(raw, kind)
+        except RuntimeError as error:
+            raise SignalsError(f"a message of {signal.topic} cannot be deserialised: {error}") from None
+        value = value_of(message)
+        return (header_stamp_ns(message), value, message.header.frame_id.encode()) if stamped else (None, value, b"")
+
+    return read

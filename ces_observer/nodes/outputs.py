@@ -1,0 +1,160 @@
+"""What the nodes publish: estimates, bands and commands as bytes, desired forces, statuses as a DiagnosticArray."""
+
+from __future__ import annotations
+
+from array import array
+from collections.abc import Sequence
+from math import inf
+from struct import Struct
+from time import monotonic
+from typing import Any, NamedTuple
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSDurabilityPolicy, QoSProfile
+from rclpy.qos_overriding_options import QoSOverridingOptions
+from rclpy.serialization import serialize_message
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64
+
+from ces_observer.cdr.joint_state import FIELDS, LITTLE_CDR, RawJointState
+from ces_observer.health.health import LEVEL_OK, LEVEL_WARN, Status
+
+LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers get the newest
+OUTPUT_DEPTH = 1000  # estimates of a burst after a stall that wait for a slow reader
+PROBE_STAMP_NS = 1_234_567_890_987_654_321
+PROBE_FRAME = b"piston_rod"
+PROBE = (0.0123, -0.456, 789.1)  # numbers that differ from each other
+LOG_S = 1.0  # minimum time between two lines on one damper, against floods by a flickering reason
+
+
+def create_publisher(node: Node, kind: type, topic: str, depth: int) -> Publisher:
+    """Return a publisher whose quality of service can be overridden by parameters; reliable by default."""
+    overridable = QoSOverridingOptions.with_default_policies()
+    return node.create_publisher(kind, topic, QoSProfile(depth=depth), qos_overriding_options=overridable)
+
+
+def set_header(header: Any, stamp_ns: int, frame: bytes) -> None:
+    """Set stamp [ns] and frame id (UTF-8) of a std_msgs/Header."""
+    header.stamp.sec, header.stamp.nanosec = divmod(stamp_ns, 1_000_000_000)
+    header.frame_id = frame.decode("utf-8", "replace")
+
+
+class JointStateOutput:
+    """Publisher of states of the joints `names` on `topic`; only the sequences in `fields` have numbers.
+
+    The bytes are those of RawJointState; rclpy serialises the message if it gives others.
+    """
+
+    def __init__(self, node: Node, topic: str, names: Sequence[str], fields: Sequence[str] = FIELDS) -> None:
+        self._publisher = create_publisher(node, JointState, topic, OUTPUT_DEPTH)
+        self._message = JointState(name=list(names))
+        self._fields = fields
+        raw, numbers = RawJointState(names, fields), PROBE[: len(fields) * len(names)]
+        written, expected = (fill(PROBE_STAMP_NS, PROBE_FRAME, *numbers) for fill in (raw.fill, self._fill_slowly))
+        self._fill = raw.fill if written == expected else self._fill_slowly
+
+    def publish(self, stamp_ns: int, frame: bytes, *numbers: float) -> None:
+        """Publish the numbers, one sequence after the other, with this stamp [ns] and frame id (UTF-8)."""
+        self._publisher.publish(self._fill(stamp_ns, frame, *numbers))
+
+    def _fill_slowly(self, stamp_ns: int, frame: bytes, *numbers: float) -> bytes:
+        """Return the message as rclpy serialises it."""
+        set_header(self._message.header, stamp_ns, frame)
+        count = len(self._message.name)
+        for k, field in enumerate(self._fields):
+            setattr(self._message, field, array("d", numbers[k * count : (k + 1) * count]))
+        return bytes(serialize_message(self._message))
+
+
+class CommandOutput:
+    """Publisher of currents on `valve_command`, written as bytes; only the newest counts, so the queue holds one."""
+
+    def __init__(self, node: Node) -> None:
+        self._publisher = create_publisher(node, Float64, "valve_command", 1)
+        self._pack = Struct("<4sd").pack
+        self._own_bytes = self._pack(LITTLE_CDR, PROBE[0]) == serialize_message(Float64(data=PROBE[0]))
+        if not self._own_bytes:
+            node.get_logger().info("this ROS serialises messages in another way: rclpy serialises the commands")
+
+    def publish(self, current_A: float) -> None:
+        """Publish a current [A]."""
+        self._publisher.publish(self._pack(LITTLE_CDR, current_A) if self._own_bytes else Float64(data=current_A))
+
+
+class DesiredOutput:
+    """Publisher of the reachable desired force on `~/desired_force`; costs nothing without subscribers."""
+
+    def __init__(self, node: Node) -> None:
+        self._publisher = create_publisher(node, WrenchStamped, "~/desired_force", 10)
+        self._message = WrenchStamped()
+        self.has_listeners = False
+
+    def check_listeners(self) -> None:
+        """Update `has_listeners`."""
+        self.has_listeners = self._publisher.get_subscription_count() > 0
+
+    def publish(self, stamp_ns: int, frame: bytes, force_N: float) -> None:
+        """Publish the force [N] with the estimate's stamp and frame."""
+        set_header(self._message.header, stamp_ns, frame)
+        self._message.wrench.force.z = force_N
+        self._publisher.publish(self._message)
+
+
+class DamperReport(NamedTuple):
+    """The status of a damper, with its name in diagnostics, its joint, and "ok" or why its force is withheld."""
+
+    damper: str
+    joint: str
+    reason: str
+    status: Status
+
+
+def add_remark(status: Status, remark: str) -> Status:
+    """Return the status as a warning with `remark` added to its message; unchanged without one."""
+    if not remark:
+        return status
+    return Status(max(status.level, LEVEL_WARN), f"{status.message}; {remark}", status.values)
+
+
+class DiagnosticsOutput:
+    """Publisher of statuses."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
+        self._logged: dict[str, tuple[str, float]] = {}
+
+    def publish(self, reports: Sequence[DamperReport]) -> None:
+        """Publish the status of each damper in one message, and log new reasons."""
+        node = self._node
+        message = DiagnosticArray(
+            status=[
+                DiagnosticStatus(
+                    level=bytes([status.level]),
+                    name=f"{node.get_fully_qualified_name()}: {damper}",
+                    message=status.message,
+                    hardware_id=joint,
+                    values=[KeyValue(key=key, value=value) for key, value in status.values],
+                )
+                for damper, joint, _, status in reports
+            ]
+        )
+        message.header.stamp = node.get_clock().now().to_msg()
+        self._publisher.publish(message)
+        for report in reports:
+            self._log(report)
+
+    def _log(self, report: DamperReport) -> None:
+        known, at = self._logged.get(report.damper, ("", -inf))
+        now = monotonic()
+        if report.reason == known or now - at < LOG_S:
+            return
+        self._logged[report.damper] = report.reason, now
+        logger, text = self._node.get_logger(), f"{report.damper}: {report.status.message}"
+        if report.status.level == LEVEL_OK:
+            logger.info(text)
+        else:
+            logger.warning(text)

@@ -1,0 +1,338 @@
+"""Declares the nodes' parameters from their tables, with description and range, and reads them into checked settings.
+
+rclpy has already declared those that were set at the start (automatically_declare_parameters_from_overrides), without
+description; so unknown parameters can be reported. With names in the observer's `dampers`, each damper has parameters
+NAME.model, NAME.position.topic and so on; one that is not set has the value of the parameter without the name.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from pathlib import Path
+from typing import Any, ClassVar
+
+from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from ces_observer.control.force_controller import ForceCurve, Tuning
+from ces_observer.control.inverse_map import ModelInverse
+from ces_observer.errors import CesError, ModelError, SignalsError
+from ces_observer.model import Model, load_model
+from ces_observer.nodes.guarded_node import GuardedNode
+from ces_observer.nodes.model_check import require_stable
+from ces_observer.nodes.parameter_table import (
+    CURVE,
+    DAMPERS,
+    DAMPERS_MEANING,
+    FORCES,
+    LOOP,
+    NAME,
+    OF_A_DAMPER,
+    OF_THE_CONTROLLER,
+    OF_THE_NODE,
+    SIGNAL_KEYS,
+    SPEEDS,
+    TUNING,
+    find_unknown,
+)
+from ces_observer.options import Option
+from ces_observer.signals import DEFAULTS, MOTIONS, NAMES, Constant, Signals, override
+
+NULL = "null"  # what `ros2 param dump` writes for a parameter that is not set, and ROS 2 then reads as a text
+LIVE_OF_DAMPER = {spec.name: spec for spec in OF_A_DAMPER if spec.live}
+LIVE_OF_CONTROLLER = tuple(spec.name for spec in (*LOOP, *TUNING, *CURVE) if spec.live)
+SIGNALS = ("position", "current", "force", *MOTIONS)
+NUMBERS = {"scale": 1.0, "offset": 0.0, "delay": 0.0}  # of a signal, with their defaults
+
+
+class TableNode(GuardedNode):
+    """A guarded node whose parameters are declared from a table; raises CesError for a parameter without a type.
+
+    `MAY_BE_EMPTY` names the lists that may be empty; ROS 2 has no type for an empty list.
+    """
+
+    MAY_BE_EMPTY: ClassVar[frozenset[str]] = frozenset()
+
+    def __init__(self, name: str) -> None:
+        try:
+            super().__init__(name, automatically_declare_parameters_from_overrides=True)
+        except ValueError:
+            raise CesError("a parameter has no value or is an empty list; remove it") from None
+
+    def declare_parameters(self, namespace: str, parameters: list[Any], ignore_override: bool = False) -> list[Any]:
+        """Do the same as rclpy, but leave empty lists in MAY_BE_EMPTY to `declare`."""
+        typed = [one for one in parameters if not (ignore_override and one[0] in self.MAY_BE_EMPTY and one[1] is None)]
+        declared: list[Any] = super().declare_parameters(namespace, typed, ignore_override)
+        return declared
+
+    def refuse_parameters(self, check: Callable[[Sequence[Parameter]], object]) -> None:
+        """Refuse changes of parameters for which `check` raises CesError."""
+
+        def answer(parameters: Sequence[Parameter]) -> SetParametersResult:
+            try:
+                check(parameters)
+            except CesError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=True)
+
+        self.add_on_set_parameters_callback(answer)
+
+    def create_steady_timer(self, period_s: float, callback: Callable[[], None]) -> None:
+        """Call `callback` by the steady clock, whatever the node's time does."""
+        self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
+
+
+def declare_table(node: Node, table: Iterable[Option], groups: Collection[str] = ()) -> dict[str, Any]:
+    """Declare all of `table`, warn of unknown parameters, and return the values by name.
+
+    Names below one of `groups` are not unknown. Raises CesError or rclpy's ParameterException if a value is wrong.
+    """
+    values = {spec.name: declare(node, spec) for spec in table}
+    warn_of_unknown(node, values, groups)
+    return values
+
+
+def warn_of_unknown(
+    node: Node, known: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
+) -> None:
+    """Log a warning for each parameter that `find_unknown` returns."""
+    for name in find_unknown(node.get_parameters_by_prefix(""), known, groups, owners):
+        node.get_logger().warning(f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}")
+
+
+def declare(node: Node, spec: Option) -> Any:
+    """Declare `spec` and return its value; raises CesError or rclpy's ParameterException if the value is wrong."""
+    value = declare_anew(node, spec.name, spec.default, descriptor_of(spec))
+    return spec.check_parameter([] if value is None and isinstance(spec.default, list) else value)
+
+
+def descriptor_of(spec: Option) -> ParameterDescriptor:
+    """Return the ROS descriptor of `spec`."""
+    constraints = f"one of {', '.join(spec.choices)}" if spec.choices else ""
+    descriptor = ParameterDescriptor(
+        description=spec.described, read_only=not spec.live, additional_constraints=constraints
+    )
+    if isfinite(spec.high) and spec.kind is int:
+        descriptor.integer_range = [IntegerRange(from_value=int(spec.low), to_value=int(spec.high), step=1)]
+    elif isfinite(spec.high):
+        descriptor.floating_point_range = [FloatingPointRange(from_value=float(spec.low), to_value=float(spec.high))]
+    return descriptor
+
+
+def declare_anew(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
+    """Declare a parameter, again if it was declared without description, and return its value.
+
+    NULL for a parameter without a default leaves it unset.
+    """
+    is_null = False
+    if node.has_parameter(name):
+        is_null = default is None and value_of(node, name) == NULL
+        node.undeclare_parameter(name)
+    return node.declare_parameter(name, default, descriptor, ignore_override=is_null).value
+
+
+def value_of(node: Node, name: str) -> Any:
+    """Return the value of a parameter, None if it is not set or not declared."""
+    return node.get_parameter_or(name).value
+
+
+def model_path(text: str) -> Path:
+    """Return the path in a parameter `model`; raises ModelError if it is empty."""
+    if not text:
+        raise ModelError("parameter 'model' is not set; set the path of a model file: -p model:=/path/model.json")
+    return Path(text).expanduser()
+
+
+def load_first_model(values: Mapping[str, Any]) -> tuple[Path, Model]:
+    """Load the model that a node starts with, and prove it stable unless `allow_uncertified`; raises CesError."""
+    path = model_path(values["model"])
+    model = load_model(path)
+    if not values["allow_uncertified"]:
+        require_stable(model, str(path))
+    return path, model
+
+
+@dataclass(frozen=True)
+class DamperSettings:
+    """The settings of one damper; `key` is its name in `dampers`, empty if it is the only one."""
+
+    key: str
+    name: str
+    model: Model
+    model_path: Path
+    signals: Signals
+    values: dict[str, Any]  # by the names in OF_A_DAMPER, as they were at the start
+
+    @property
+    def prefix(self) -> str:
+        """Prefix of its own parameters."""
+        return f"{self.key}." if self.key else ""
+
+    @property
+    def topics(self) -> str:
+        """Prefix of its topics and services."""
+        return f"~/{self.key}/" if self.key else "~/"
+
+
+def declare_observer(node: Node) -> tuple[dict[str, Any], tuple[DamperSettings, ...]]:
+    """Declare and read the observer's parameters: values by the names in OF_THE_NODE, and settings of each damper.
+
+    Raises CesError or rclpy's ParameterException.
+    """
+    values = {spec.name: declare(node, spec) for spec in OF_THE_NODE}
+    keys = _declare_dampers(node)
+    for spec in (*OF_A_DAMPER, NAME):
+        declare(node, spec)
+        # Typed dynamically: rclpy cannot return several parameters if one of a fixed type is not set.
+        descriptor = descriptor_of(spec)
+        descriptor.dynamic_typing = True
+        descriptor.description += "; not set: as for all dampers"
+        for name in (f"{key}.{spec.name}" for key in keys):
+            value = declare_anew(node, name, None, descriptor)
+            if value is not None:
+                spec.check_parameter(value, name)
+    for prefix in ("", *(f"{key}." for key in keys)):
+        _declare_signals(node, prefix)
+    known = {spec.name for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)} | {DAMPERS}
+    warn_of_unknown(node, known, NAMES, keys)
+    return values, tuple(_read_damper(node, key) for key in keys or ("",))
+
+
+def governing_parameter(node: Node, prefix: str, name: str) -> str:
+    """Return the name of the parameter whose value now applies to the damper with this prefix: its own, or the common.
+
+    A damper without a name has the common one alone.
+    """
+    return name if value_of(node, prefix + name) is None else prefix + name
+
+
+def live_value(node: Node, prefix: str, name: str) -> Any:
+    """Return the present value of a parameter for the damper with this prefix."""
+    return value_of(node, governing_parameter(node, prefix, name))
+
+
+def check_live_values(node: Node, parameters: Sequence[Parameter]) -> None:
+    """Raise CesError if one of these parameters of the observer cannot be set."""
+    for parameter in parameters:
+        spec = LIVE_OF_DAMPER.get(parameter.name.rpartition(".")[2])
+        if spec is not None and node.has_parameter(parameter.name):
+            value = spec.check_parameter(parameter.value, parameter.name)
+            if spec.name == "model":
+                load_model(model_path(value))
+
+
+def _declare_dampers(node: Node) -> tuple[str, ...]:
+    """Declare the names of the dampers and return them."""
+    descriptor = ParameterDescriptor(description=DAMPERS_MEANING, read_only=True, dynamic_typing=True)
+    keys = declare_anew(node, DAMPERS, None, descriptor) or []
+    if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):
+        raise CesError(f"parameter '{DAMPERS}' is {keys!r}; expected a list of names, such as [front, rear]")
+    for key in keys:
+        if not key.isidentifier() or not key.isascii() or key in NAMES:
+            raise CesError(
+                f"parameter '{DAMPERS}' has '{key}'; expected letters, digits and underscores that do not begin with a "
+                "digit, and not the name of a signal"
+            )
+    if len(set(keys)) < len(keys):
+        raise CesError(f"parameter '{DAMPERS}' is {list(keys)}; expected each name once")
+    return tuple(keys)
+
+
+def _declare_signals(node: Node, prefix: str) -> None:
+    """Declare the parameters of all signals; with the `prefix` of one damper they have no defaults."""
+
+    def declare_key(name: str, default: Any, description: str, free: bool) -> None:
+        descriptor = ParameterDescriptor(description=description, read_only=True, dynamic_typing=free)
+        declare_anew(node, prefix + name, default, descriptor)
+
+    for signal in SIGNALS:
+        defaults = {**DEFAULTS[signal], **NUMBERS} if signal in DEFAULTS and not prefix else {}
+        for key, meaning in SIGNAL_KEYS.items():
+            free = not defaults or key in NUMBERS  # not set, or perhaps set to a whole number
+            declare_key(f"{signal}.{key}", defaults.get(key), f"{signal}: {meaning}", free)
+    declare_key("current.constant", None, "current: known value in SI units instead of a topic", True)
+
+
+def _read_damper(node: Node, key: str) -> DamperSettings:
+    """Read the settings of a damper, its own over the common ones; raises CesError."""
+    prefix = f"{key}." if key else ""
+    values = {s.name: s.check_parameter(live_value(node, prefix, s.name), prefix + s.name) for s in OF_A_DAMPER}
+    signals = _read_signals(node, prefix)
+    position = signals["position"]
+    if isinstance(position, Constant):
+        raise SignalsError(
+            f"signal '{prefix}position' is constant; expected topic, type and field of a measured position"
+        )
+    path, model = load_first_model(values)
+    joint = next((element for _, element in position.field.steps if isinstance(element, str)), "")
+    name = value_of(node, prefix + NAME.name) or joint or key or "damper"
+    return DamperSettings(key, name, model, path, signals, values)
+
+
+def _read_signals(node: Node, prefix: str) -> Signals:
+    """Return the signals of a damper, its own settings over the common ones; raises SignalsError."""
+
+    def read(name: str) -> dict[str, Any]:
+        keys = {key: value_of(node, f"{name}.{key}") for key in node.get_parameters_by_prefix(name)}
+        return {key: value for key, value in keys.items() if value is not None}
+
+    mapping = {signal: override(read(signal), read(prefix + signal)) for signal in SIGNALS}
+    mapping = {signal: keys for signal, keys in mapping.items() if keys or signal in DEFAULTS}  # others are optional
+    return Signals.from_mapping(mapping, f"parameters of '{prefix[:-1]}'" if prefix else "parameters")
+
+
+@dataclass(frozen=True)
+class LiveSettings:
+    """The controller's checked settings that may change while it runs."""
+
+    curve: ForceCurve
+    tuning: Tuning
+    feedback: str
+    max_age_s: float
+
+
+@dataclass(frozen=True)
+class ControllerSettings:
+    """The settings at the start; a negative `valve_lag_s` is replaced by that of the model's inverse."""
+
+    values: Mapping[str, Any]  # by the names in OF_THE_CONTROLLER
+    model: Model
+    model_path: Path
+    inverse: ModelInverse
+    live: LiveSettings
+
+
+def declare_controller(node: Node) -> ControllerSettings:
+    """Declare and read the controller's parameters; raises CesError or rclpy's ParameterException."""
+    values = declare_table(node, OF_THE_CONTROLLER)
+    path, model = load_first_model(values)
+    inverse = ModelInverse.from_model(model, str(path))
+    return ControllerSettings(values, model, path, inverse, build_live_settings(values, inverse.lag_s))
+
+
+def read_live_settings(node: Node, parameters: Sequence[Parameter], model_lag_s: float) -> LiveSettings:
+    """Return the live settings with `parameters` changed; raises CesError if together they cannot be used.
+
+    Only the file of a new model is checked: changing to the model takes too long for a parameter callback.
+    """
+    changed = {parameter.name: parameter.value for parameter in parameters}
+    if "model" in changed:
+        load_model(model_path(changed["model"]))
+    values = {name: changed.get(name, node.get_parameter(name).value) for name in LIVE_OF_CONTROLLER}
+    return build_live_settings(values, model_lag_s)
+
+
+def build_live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSettings:
+    """Return the settings in `values`, by parameter name; raises CesError if they cannot be used."""
+    for spec in LOOP:
+        spec.check_parameter(values[spec.name])
+    field_names = {"timeout_s": "max_gap_s"}
+    tuning = {field_names.get(spec.name, spec.name): values[spec.name] for spec in TUNING}
+    if tuning["valve_lag_s"] < 0.0:
+        tuning["valve_lag_s"] = Tuning.lead_s(model_lag_s, tuning["preview_s"])
+    curve = ForceCurve.from_points(values[SPEEDS], values[FORCES])
+    return LiveSettings(curve, Tuning(**tuning), values["feedback"], values["max_age_s"])

@@ -1,0 +1,152 @@
+"""Piecewise-linear curves that never fall: nodes in, values, slopes and inverses out; straight beyond both ends.
+
+A valve's map is one such curve for each of a few settings, blended linearly between neighbours. The curves share their
+abscissa (a speed or a flow [m/s]) and give a force [N]; settings are spaced evenly from 0 to 1.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any, Self
+
+from ces_observer.errors import ModelError
+from ces_observer.json_text import JsonObject
+
+MAX_NODES = 64
+MAX_VALUE = 1e9
+MIN_RISE = 1e-12  # between nodes, relative to the largest: less is lost in the rounding of a blend of two curves
+MIN_SLOPE, MAX_SLOPE = 1e-15, 1e12  # far beyond those of any damper's curve, in any of its units
+
+Piece = tuple[float, float, float]  # a straight piece: its left node (x, y), and its slope
+
+
+def pieces(at: Sequence[float], values: Sequence[float]) -> tuple[Piece, ...]:
+    """Return the pieces between nodes (at, values); `bisect_left(at[1:-1], x)` is the index of the one that holds x."""
+    ends = zip(pairwise(at), pairwise(values), strict=True)
+    return tuple((x0, y0, (y1 - y0) / (x1 - x0)) for (x0, x1), (y0, y1) in ends)
+
+
+def place_inside(ends: Sequence[float], n: int) -> float:
+    """Return a place in the n-th of the pieces that meet at `ends`, which rise; the outer pieces have no other end."""
+    if not ends:
+        return 0.0
+    if 0 < n < len(ends):
+        return 0.5 * (ends[n - 1] + ends[n])
+    return ends[0] - 1.0 - abs(ends[0]) if n == 0 else ends[-1] + 1.0 + abs(ends[-1])
+
+
+@dataclass(frozen=True)
+class IncreasingCurve:
+    """A curve through the nodes (at[j], values[j]); both rise strictly."""
+
+    at: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __call__(self, x: float) -> float:
+        """Return the value at `x`; beyond the ends the last pieces go on straight."""
+        return interpolate(self.at, self.values, x)
+
+    def inverse(self, y: float) -> float:
+        """Return where the curve has the value `y`."""
+        return interpolate(self.values, self.at, y)
+
+    def to_json(self, at: str, values: str) -> dict[str, Any]:
+        """Return the nodes under these keys."""
+        return {at: list(self.at), values: list(self.values)}
+
+
+def interpolate(at: Sequence[float], values: Sequence[float], x: float) -> float:
+    """Return the value at `x` of the piecewise-linear curve through the nodes."""
+    j = min(max(bisect_right(at, x), 1), len(at) - 1) - 1
+    return values[j] + (values[j + 1] - values[j]) * ((x - at[j]) / (at[j + 1] - at[j]))
+
+
+def parse_nodes(node: JsonObject, key: str, count: int | None = None, rising: bool = True) -> tuple[float, ...]:
+    """Check a list of numbers in a model file, rising by more than rounding errors if `rising`; raises ModelError."""
+    value = node.value.get(key)
+    found = len(value) if isinstance(value, list) else 0
+    numbers = node.numbers(key, min(max(found, 2), MAX_NODES) if count is None else count, MAX_VALUE)
+    least = MIN_RISE * max(map(abs, numbers))
+    if rising and not all(b - a > least for a, b in pairwise(numbers)):
+        raise ModelError(f"{node.where}: {key} does not rise from number to number; identify the model again")
+    return numbers
+
+
+def check_slopes(where: str, at: Sequence[float], values: Sequence[float], rising: bool = True) -> None:
+    """Raise ModelError if a curve is too steep or, if `rising`, too flat for a step that loses no digits."""
+    least = MIN_SLOPE if rising else 0.0
+    for x, _, slope in pieces(at, values):
+        if not least <= abs(slope) <= MAX_SLOPE:
+            raise ModelError(
+                f"{where}: a slope of {slope:g} from {x:g} on; expected {least:g} to {MAX_SLOPE:g}: identify the model "
+                "again"
+            )
+
+
+def parse_curve(node: JsonObject, at: str, values: str) -> IncreasingCurve:
+    """Check the nodes of a curve in a model file; raises ModelError."""
+    node.require_only_keys(at, values)
+    places = parse_nodes(node, at)
+    curve = IncreasingCurve(places, parse_nodes(node, values, len(places)))
+    check_slopes(node.where, curve.at, curve.values)
+    return curve
+
+
+MAX_CURVES = 16
+
+
+@dataclass(frozen=True)
+class FlowMap:
+    """Forces [N] over `at` [m/s]: `rows[k]` at the setting k / (rows - 1), each rising strictly."""
+
+    at: tuple[float, ...]
+    rows: tuple[tuple[float, ...], ...]
+
+    def pick(self, setting: float) -> tuple[int, float]:
+        """Return the row below a setting from 0 to 1, and the share of the next row."""
+        place = setting * (len(self.rows) - 1)
+        row = min(int(place), len(self.rows) - 2)
+        return row, place - row
+
+    def blend(self, setting: float) -> tuple[float, ...]:
+        """Return the curve's values at a setting from 0 to 1."""
+        row, share = self.pick(setting)
+        return tuple(a + share * (b - a) for a, b in zip(self.rows[row], self.rows[row + 1], strict=True))
+
+    def force(self, at: float, setting: float) -> float:
+        """Return the force [N] at an abscissa [m/s] and a setting."""
+        return interpolate(self.at, self.blend(setting), at)
+
+    def max_force(self, at: float) -> float:
+        """Return a bound on |force| [N] at abscissas [m/s] up to `at` in either direction, for every setting."""
+        return max(abs(interpolate(self.at, row, x)) for row in self.rows for x in (-at, at))
+
+    @property
+    def inverses(self) -> tuple[IncreasingCurve, ...]:
+        """The abscissa over the force at each row; at a setting between two rows it lies between theirs."""
+        return tuple(IncreasingCurve(row, self.at) for row in self.rows)
+
+    def to_json(self, at: str) -> dict[str, Any]:
+        """Return the contents of the model file; `at` names the abscissa."""
+        return {at: list(self.at), "force_N": [list(row) for row in self.rows]}
+
+    @classmethod
+    def from_json(cls, node: JsonObject, at: str) -> Self:
+        """Check it in a model file; raises ModelError."""
+        node.require_only_keys(at, "force_N")
+        places = parse_nodes(node, at)
+        rows = node.value.get("force_N")
+        if not isinstance(rows, list) or not 2 <= len(rows) <= MAX_CURVES:
+            raise ModelError(f"{node.where}: force_N has no 2 to {MAX_CURVES} lists; expected one for each setting")
+        parsed = [parse_nodes(JsonObject({"force_N": row}, node.where), "force_N", len(places)) for row in rows]
+        for row in parsed:
+            check_slopes(node.where, places, row)
+        return cls(places, tuple(parsed))
+
+
+def parse_growth(node: JsonObject, key: str) -> float:
+    """Check a number from 0 on in a model file; raises ModelError."""
+    return node.number(key, 0.0, MAX_VALUE)

@@ -1,0 +1,271 @@
+"""What a chart shows: lines, dots, bands, bars and shades in areas over one x axis."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from markupsafe import Markup
+
+from ces_report.drawing import (
+    F,
+    Mask,
+    Panel,
+    around_zero,
+    axes,
+    corridor,
+    dots,
+    line,
+    note,
+    panel,
+    ribbon,
+    span_of,
+    svg,
+)
+
+SERIES = 8  # classes s0 to s7: colours of things that have no order
+CURVES = 4  # classes c0 to c3: colours that rise with their order, such as currents
+LEFT, RIGHT, TOP = 62.0, 16.0, 26.0  # [px] around the areas
+COLUMN_LEFT = 46.0  # [px] before an area, where there are several columns
+BETWEEN, X_AXIS = 34.0, 41.0  # [px] above an area for its name, and below one for the labels of its x axis
+NO_DATA = "no values"
+
+
+@dataclass(frozen=True)
+class PlotLine:
+    """A line through the finite points of y (n,) over x (n,), interrupted before each point where `breaks` is true.
+
+    `name` is the entry in the legend (none if empty); marks of the same name are shown and hidden together. `css` are
+    classes of the style sheet, never colours. A line through points that are not in the order of x needs a plot with
+    `free` axes.
+    """
+
+    name: str
+    x: F
+    y: F
+    css: str = "measured"
+    breaks: Mask | None = None
+
+
+@dataclass(frozen=True)
+class PlotDots:
+    """A dot at each finite point of y (n,) over x (n,); `css` ends with `dots`, or with `spot` for larger ones."""
+
+    name: str
+    x: F
+    y: F
+    css: str = "measured dots"
+
+
+@dataclass(frozen=True)
+class PlotBand:
+    """The area between `low` and `high` (n,) over x (n,) in its order; without a name its values are not read out."""
+
+    name: str
+    x: F
+    low: F
+    high: F
+    css: str = "bounds"
+
+
+@dataclass(frozen=True)
+class PlotBars:
+    """Bars from zero to `values` (n,) between `edges` (n + 1,) of x."""
+
+    name: str
+    edges: F
+    values: F
+    css: str = "cover"
+
+
+@dataclass(frozen=True)
+class PlotShade:
+    """A shade over the whole height where `mask` (n,) is true at x (n,) in its order."""
+
+    name: str
+    x: F
+    mask: Mask
+    css: str = "outside"
+
+    def spans(self, room: float = 0.0) -> F:
+        """Return the ranges of x (m, 2) where the mask is true; those that are no more than `room` apart are one."""
+        ends = np.flatnonzero(np.diff(np.concatenate([[False], self.mask, [False]]).astype(np.int8)))
+        first, last = self.x[ends[::2]], self.x[ends[1::2] - 1]
+        apart = np.concatenate([[True], first[1:] - last[:-1] > room])[: len(first)]
+        kept = np.append(np.flatnonzero(apart), len(first))
+        return np.stack([first[kept[:-1]], last[kept[1:] - 1]], axis=1)
+
+
+PlotMark = PlotLine | PlotDots | PlotBand | PlotBars | PlotShade
+
+
+@dataclass(frozen=True)
+class PlotArea:
+    """Marks over the common x axis of a plot, drawn in their order, with a y axis named `y_label`, such as Force [N].
+
+    `y_range` None shows all finite values; `around_zero` makes the axis symmetric with three labels. An area with
+    `whole` always shows all data and the window of the other areas in it, which the reader can move.
+    """
+
+    y_label: str
+    marks: Sequence[PlotMark]
+    height: float = 170.0
+    y_range: tuple[float, float] | None = None
+    around_zero: bool = False
+    y_ticks: int = 5
+    whole: bool = False
+
+
+@dataclass(frozen=True)
+class Plot:
+    """A chart: areas below each other; `title` and `text` are its accessible name and its description in a sentence.
+
+    `ident` must be unique in the page. `x_view` is the range of x that is shown at first and in print, None for all.
+    Charts of one `group` zoom, move and read values together. `free`: zoom works on both axes, and values are read at
+    the nearest point (speed-force clouds, loops); otherwise zoom works on x, and y follows what is visible.
+    Areas fill `columns` row by row.
+    """
+
+    ident: str
+    title: str
+    text: str
+    x_label: str
+    areas: Sequence[PlotArea]
+    width: float = 660.0
+    x_view: tuple[float, float] | None = None
+    group: str = ""
+    free: bool = False
+    x_ticks: int = 8
+    legend: bool = True
+    columns: int = 1
+
+
+def series_css(number: int) -> str:
+    """Return the classes of the line `number` (from 0) among things without an order; they repeat after SERIES."""
+    return f"series s{number % SERIES}"
+
+
+def curve_css(number: int, count: int) -> str:
+    """Return the classes of the curve `number` of `count` that rise in their order, such as currents."""
+    return f"curve c{round(number * (CURVES - 1) / (count - 1)) if count > 1 else CURVES - 3}"
+
+
+def draw_svg(plot: Plot, panels: Sequence[Panel]) -> Markup:
+    """Return the figure of a plot in `panels`, one for each area."""
+    parts = []
+    for number, (area, p) in enumerate(zip(plot.areas, panels, strict=True)):
+        x_label = plot.x_label if has_x_axis(plot, number) else ""
+        parts.append(_clip(f"{plot.ident}-clip{number}", p))
+        parts.append(f'<g class="area">{_axes(area, p, x_label, plot.x_ticks, find_name_x(plot, p))}')
+        marks = [draw_mark(p, mark) for mark in area.marks]
+        if area.whole and plot.x_view is not None:
+            marks.append(p.rect(*plot.x_view, "window"))
+        parts.append(f'<g clip-path="url(#{plot.ident}-clip{number})">{"".join(marks)}</g></g>')
+    size = (plot.width, max(p.y.start for p in panels) + X_AXIS)
+    return svg(plot.ident, size, plot.title, plot.text, parts)
+
+
+def lay_out(plot: Plot) -> list[Panel]:
+    """Return the panel of each area as it is shown at first."""
+    full = x_range(plot)
+    margin = LEFT if plot.columns == 1 else COLUMN_LEFT
+    pitch = (plot.width - RIGHT) / plot.columns
+    out, top = [], TOP
+    for number, area in enumerate(plot.areas):
+        column = number % plot.columns
+        view = full if area.whole or plot.x_view is None else plot.x_view
+        box = (margin + column * pitch, top, pitch - margin, area.height)
+        out.append(panel(view, _y_range(area, view), box))
+        if column + 1 == plot.columns:
+            labels_below = plot.columns == 1 and has_x_axis(plot, number)  # in columns nothing is below them
+            top += area.height + BETWEEN + (X_AXIS - 6.0 if labels_below else 0.0)
+    return out
+
+
+def has_x_axis(plot: Plot, number: int) -> bool:
+    """Return whether an area has labels at its x axis: the last one of its column over the same range."""
+    below = number + plot.columns
+    return below >= len(plot.areas) or plot.areas[number].whole != plot.areas[below].whole
+
+
+def find_name_x(plot: Plot, p: Panel) -> float:
+    """Return where the name of an area begins [px]: at the figure's edge, or in columns over the area."""
+    return 4.0 if plot.columns == 1 else p.x.start
+
+
+def x_range(plot: Plot) -> tuple[float, float]:
+    """Return the range of all x; padded if both axes are free."""
+    every = [mark.edges if isinstance(mark, PlotBars) else mark.x for area in plot.areas for mark in area.marks]
+    if plot.free:
+        return span_of(*every, np.zeros(0))
+    values = np.concatenate([x[[0, -1]] for x in every if len(x)] or [np.array([0.0, 1.0])])
+    return float(values.min()), float(values.max())
+
+
+def draw_mark(p: Panel, mark: PlotMark) -> str:
+    """Return a mark within the range of x of a panel."""
+    if isinstance(mark, PlotBars):
+        css = mark.css
+        pairs = zip(mark.edges[:-1], mark.edges[1:], mark.values, strict=True)
+        return "".join(p.rect(a, b, css, min(v, 0.0), max(v, 0.0)) for a, b, v in pairs if np.isfinite(v) and v)
+    if isinstance(mark, PlotDots):
+        return dots(p, mark.x, mark.y, mark.css)
+    if isinstance(mark, PlotShade):
+        return _shade(p, mark)
+    some = _visible(mark.x, p)
+    if isinstance(mark, PlotLine):
+        broken = None if mark.breaks is None else mark.breaks[some]
+        return line(p, mark.x[some], mark.y[some], mark.css, broken)
+    return _band(p, mark.x[some], mark.low[some], mark.high[some], mark.css)
+
+
+def _band(p: Panel, x: F, low: F, high: F, css: str) -> str:
+    """Return the area between two lines: by pixel columns if it has more points than these, else point by point."""
+    if len(x) > p.x.stop - p.x.start:
+        return corridor(p, x, low, high, css)
+    finite = np.isfinite(low + high)
+    pieces = np.split(np.arange(len(x)), np.flatnonzero(np.diff(finite)) + 1)
+    shown = [some for some in pieces if len(some) > 1 and finite[some[0]]]
+    return "".join(ribbon(p, x[some], low[some], high[some], f"{css} area") for some in shown)
+
+
+def _shade(p: Panel, mark: PlotShade) -> str:
+    """Return the visible parts of a shade, each at least a pixel wide."""
+    pixel = (p.x.high - p.x.low) / (p.x.stop - p.x.start)
+    spans = np.clip(mark.spans(pixel), p.x.low, p.x.high)
+    return "".join(p.rect(a, max(b, a + pixel), mark.css) for a, b in spans if b > a or p.x.low < a < p.x.high)
+
+
+def _visible(x: F, p: Panel) -> slice:
+    """Return the points in the panel's range of x, if they are in its order; all of them otherwise."""
+    if len(x) < 2 or (np.diff(x) < 0.0).any():
+        return slice(None)
+    return slice(int(np.searchsorted(x, p.x.low)), int(np.searchsorted(x, p.x.high, "right")))
+
+
+def _y_range(area: PlotArea, view: tuple[float, float]) -> tuple[float, float]:
+    if area.y_range is not None:
+        return area.y_range
+    values = [*_values(area.marks, view), np.zeros(0)]
+    return around_zero(np.concatenate(values)) if area.around_zero else span_of(*values)
+
+
+def _values(marks: Sequence[PlotMark], view: tuple[float, float]) -> Iterator[F]:
+    """Yield the values of y that the range of the axis must show."""
+    for mark in marks:
+        if isinstance(mark, PlotBars):
+            yield from (mark.values, np.zeros(1))
+        elif isinstance(mark, PlotLine | PlotDots):
+            yield mark.y[(mark.x >= view[0]) & (mark.x <= view[1])]
+
+
+def _axes(area: PlotArea, p: Panel, x_label: str, x_ticks: int, name_x: float) -> str:
+    empty = not any(np.isfinite(values).any() for values in _values(area.marks, (-np.inf, np.inf)))
+    ticks = 0 if empty else None if area.around_zero else area.y_ticks
+    return axes(p, x_label, area.y_label, x_ticks, ticks, name_x) + (note(p, NO_DATA) if empty else "")
+
+
+def _clip(ident: str, p: Panel) -> str:
+    box = f'x="{p.x.start:.1f}" y="{p.y.stop - 2:.1f}" width="{p.x.stop - p.x.start:.1f}"'
+    return f'<clipPath id="{ident}"><rect {box} height="{p.y.start - p.y.stop + 4:.1f}"/></clipPath>'

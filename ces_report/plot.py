@@ -1,0 +1,329 @@
+"""The data of a chart as compact JSON: values as 16-bit steps in base64, long lines as extremes of groups."""
+
+from __future__ import annotations
+
+import base64
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from ces_report.drawing import F, I, Mask, Panel
+from ces_report.figure import (
+    Plot,
+    PlotArea,
+    PlotBand,
+    PlotBars,
+    PlotDots,
+    PlotLine,
+    PlotMark,
+    PlotShade,
+    curve_css,
+    draw_svg,
+    find_name_x,
+    has_x_axis,
+    lay_out,
+    series_css,
+    x_range,
+)
+from ces_report.typesetting import minus
+
+MAX_POINTS = 60_000  # of a line
+PAGE_BYTES = 2_700_000  # of a page with the data of all its charts
+FIGURE_BYTES = 200_000  # of the figures of a recording, without data
+MIN_BYTES = 300_000  # of the data of all charts of a page
+POINT_BYTES = 2 / 3 * 4  # of one value of a line in base64
+MISSING = 65535  # stands for a value that is not finite
+STEPS = MISSING - 1
+GAP = 3.0  # of the usual step of x: a longer one interrupts the extremes
+HEADS = ("Shown", "Points", "Lowest", "at", "Highest", "at", "Mean")
+SWATCHES = {"line": "M1,5h20", "dots": "M5,5h0M11,5h0M17,5h0"}
+
+
+@dataclass(frozen=True)
+class PackedPlot:
+    """The JSON text of a plot's data, and the largest number of samples that one point stands for."""
+
+    text: str
+    samples: int
+
+
+def share_points(lines: int, recordings: int = 4) -> int:
+    """Return the points that each line may have on a page of `lines` lines in all, so that it stays below 3 MB.
+
+    A band counts as two lines. `recordings` is the number of those with figures of their own.
+    """
+    data = max(PAGE_BYTES - FIGURE_BYTES * recordings, MIN_BYTES)
+    return int(min(MAX_POINTS, data / (POINT_BYTES * max(lines, 1))))
+
+
+def pack(plot: Plot, panels: Sequence[Panel], max_points: int = MAX_POINTS) -> PackedPlot:
+    """Return the data of a plot whose areas were drawn in `panels`; longer lines keep their extremes."""
+    packer = _Packer(max_points)
+    areas = []
+    for number, (area, p) in enumerate(zip(plot.areas, panels, strict=True)):
+        box = [p.x.start, p.y.stop, p.x.stop - p.x.start, p.y.start - p.y.stop]
+        areas.append(
+            {
+                "box": [round(v, 1) for v in box],
+                "label": area.y_label,
+                "y": [p.y.low, p.y.high],
+                "fixed": area.y_range is not None,
+                "zero": area.around_zero,
+                "whole": area.whole,
+                "yTicks": area.y_ticks,
+                "nameX": find_name_x(plot, p),
+                "xLabel": plot.x_label if has_x_axis(plot, number) else "",
+                "marks": [packer.mark(mark) for mark in area.marks],
+            }
+        )
+    first = next((p for a, p in zip(plot.areas, panels, strict=True) if not a.whole), panels[0])
+    full = panels[0].x if plot.free else None
+    content = {
+        "x": plot.x_label,
+        "xTicks": plot.x_ticks,
+        "free": plot.free,
+        "view": [first.x.low, first.x.high],
+        "full": [full.low, full.high] if full else list(x_range(plot)),
+        "areas": areas,
+        "arrays": packer.arrays,
+    }
+    return PackedPlot(_as_text(content), packer.samples)
+
+
+class _Packer:
+    """The arrays of a plot's marks; an array that several marks share is packed once."""
+
+    def __init__(self, max_points: int) -> None:
+        self.arrays: list[dict[str, Any]] = []
+        self.samples = 1
+        self._max_points = max_points
+        self._known: dict[tuple[bool, bytes], int] = {}
+
+    def mark(self, mark: PlotMark) -> dict[str, Any]:
+        """Return a mark with the numbers of its arrays."""
+        head = {"name": mark.name, "css": mark.css}
+        if isinstance(mark, PlotBars):
+            return {**head, "kind": "bars", "x": self._add(mark.edges, wide=True), "y": self._add(mark.values)}
+        if isinstance(mark, PlotDots):
+            return {**head, "kind": "dots", "x": self._add(mark.x, wide=True), "y": self._add(mark.y)}
+        if isinstance(mark, PlotShade):
+            return {**head, "kind": "shade", "spans": _spans(mark)}
+        return {**head, **(self._line(mark) if isinstance(mark, PlotLine) else self._band(mark))}
+
+    def _line(self, mark: PlotLine) -> dict[str, Any]:
+        starts, size = self._groups(mark.x, mark.breaks)
+        breaks = np.zeros(0) if mark.breaks is None else np.flatnonzero(mark.breaks)
+        if size == 1:
+            x, y = mark.x, mark.y
+        else:
+            x, y = _centres(mark.x, starts), _extremes(mark.y, starts)
+            breaks = 2 * np.searchsorted(starts, breaks)
+        return {
+            "kind": "line",
+            "x": self._add(x, wide=True),
+            "y": self._add(y),
+            "breaks": [int(b) for b in breaks if b],
+        }
+
+    def _band(self, mark: PlotBand) -> dict[str, Any]:
+        starts, size = self._groups(mark.x, None)
+        x, low, high = mark.x, mark.low, mark.high
+        if size > 1:
+            x = _centres(x, starts)
+            low, high = np.repeat(np.fmin.reduceat(low, starts), 2), np.repeat(np.fmax.reduceat(high, starts), 2)
+        return {"kind": "band", "x": self._add(x, wide=True), "low": self._add(low), "high": self._add(high)}
+
+    def _groups(self, x: F, breaks: Mask | None) -> tuple[I, int]:
+        """Return the first sample of each group that becomes two points, and the size of the groups (1: none)."""
+        size = 1 if len(x) <= self._max_points else -(-2 * len(x) // self._max_points)
+        self.samples = max(self.samples, size)
+        return _group_starts(x, breaks, size), size
+
+    def _add(self, values: F, wide: bool = False) -> int:
+        key = wide, values.tobytes()
+        if key not in self._known:
+            self._known[key] = len(self.arrays)
+            self.arrays.append(_encode(np.asarray(values, np.float64), wide))
+        return self._known[key]
+
+
+def _group_starts(x: F, breaks: Mask | None, size: int) -> I:
+    """Return the first sample of each group; no group spans a gap of x or a break."""
+    step = np.diff(x)
+    usual = float(np.median(np.abs(step))) if len(step) else 0.0
+    apart = np.concatenate([[True], np.abs(step) > GAP * usual])[: len(x)]
+    if breaks is not None:
+        apart = apart | breaks
+    first = np.flatnonzero(apart)
+    since = np.arange(len(x)) - np.repeat(first, np.diff(np.append(first, len(x))))
+    return np.flatnonzero(since % size == 0)
+
+
+def _centres(x: F, starts: I) -> F:
+    """Return the two values of x of each group: at its first and at its middle sample."""
+    middle = (starts + np.append(starts[1:], len(x))) // 2
+    return np.stack([x[starts], x[middle]], axis=1).ravel()
+
+
+def _extremes(y: F, starts: I) -> F:
+    """Return the lowest and the highest value of each group, in the order in which the line rises or falls."""
+    low, high = np.fmin.reduceat(y, starts), np.fmax.reduceat(y, starts)
+    falls = y[np.append(starts[1:], len(y)) - 1] < y[starts]
+    return np.where(falls[:, None], np.stack([high, low], 1), np.stack([low, high], 1)).ravel()
+
+
+def _encode(values: F, wide: bool) -> dict[str, Any]:
+    """Return an array as a start and a step if it is even, else as 16-bit (`wide`: 32-bit) steps of its range."""
+    n = len(values)
+    finite = np.isfinite(values)
+    if not finite.any():
+        return {"n": n, "even": [None, 0.0]}
+    if finite.all():
+        step = float(values[-1] - values[0]) / max(n - 1, 1)
+        if np.abs(values - values[0] - step * np.arange(n)).max() <= 1e-6 * abs(step):
+            return {"n": n, "even": [float(values[0]), step]}
+    steps, kind = (2**32 - 2, "<u4") if wide else (STEPS, "<u2")
+    low, high = float(values[finite].min()), float(values[finite].max())
+    unit = (high - low) / steps or 1.0
+    whole = np.where(finite, np.rint((np.where(finite, values, low) - low) / unit), steps + 1).astype(kind)
+    return {
+        "n": n,
+        "low": low,
+        "unit": unit,
+        "bits": 32 if wide else 16,
+        "data": base64.b64encode(whole.tobytes()).decode(),
+    }
+
+
+def _spans(mark: PlotShade) -> list[list[float]]:
+    """Return the ranges of x of a shade; what is closer than the finest pixel is one."""
+    room = float(np.ptp(mark.x)) / MAX_POINTS if len(mark.x) else 0.0
+    return [[float(a), float(b)] for a, b in mark.spans(room)]
+
+
+def _as_text(content: dict[str, Any]) -> str:
+    """Return JSON that is the same text in HTML and in XML."""
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+
+
+def plot_table(plot: Plot) -> Markup:
+    """Return the table of a plot: of each mark the number of its points, its extremes and its mean."""
+    return value_table(f"{plot.text} \u201cAt\u201d is {plot.x_label}.", HEADS, list(_rows(plot)))
+
+
+def value_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
+    """Return the values of a figure as a table that the reader can open; each row begins with its name."""
+    head = _join('<th scope="col">{}</th>', heads)
+    body = Markup("").join(
+        Markup('<tr><th scope="row">{}</th>{}</tr>').format(name, _join('<td class="n">{}</td>', cells))
+        for name, *cells in rows
+    )
+    return Markup(
+        '<details class="plot-table"><summary>Values of this chart</summary><div class="wide"><table class="plain">'
+        "<caption>{}</caption><thead><tr>{}</tr></thead><tbody>{}</tbody></table></div></details>"
+    ).format(caption, head, body)
+
+
+def _join(element: str, texts: Sequence[str]) -> Markup:
+    return Markup("").join(Markup(element).format(text) for text in texts)
+
+
+def _rows(plot: Plot) -> Iterator[tuple[str, ...]]:
+    """Yield a row for each mark; an area that repeats what another one shows has none."""
+    for area in (area for area in plot.areas if not area.whole):
+        for mark in area.marks:
+            same = area.y_label.lower().startswith(mark.name.lower())
+            for suffix, x, y in _values(mark):
+                name = area.y_label if same else f"{mark.name}{suffix}: {area.y_label}"
+                yield name, *_statistics(x, y)
+
+
+def _values(mark: PlotMark) -> Iterator[tuple[str, F, F]]:
+    if isinstance(mark, PlotBand):
+        yield from ((", lower end", mark.x, mark.low), (", upper end", mark.x, mark.high))
+    elif isinstance(mark, PlotBars):
+        yield "", 0.5 * (mark.edges[:-1] + mark.edges[1:]), mark.values
+    elif not isinstance(mark, PlotShade):
+        yield "", mark.x, mark.y
+
+
+def _statistics(x: F, y: F) -> tuple[str, ...]:
+    finite = np.isfinite(y)
+    if not finite.any():
+        return ("0", *["–"] * 5)
+    x, y = x[finite], y[finite]
+    low, high = int(y.argmin()), int(y.argmax())
+    numbers = (y[low], x[low], y[high], x[high], y.mean())
+    return (str(len(y)), *(minus(f"{float(v):.4g}") for v in numbers))
+
+
+__all__ = [
+    "Plot",
+    "PlotArea",
+    "PlotBand",
+    "PlotBars",
+    "PlotDots",
+    "PlotLine",
+    "PlotMark",
+    "PlotShade",
+    "curve_css",
+    "draw_plot",
+    "series_css",
+    "share_points",
+]
+
+
+def draw_plot(plot: Plot, max_points: int = MAX_POINTS, table: Markup | None = None) -> Markup:
+    """Return a plot as HTML: legend, figure, data and a table of the values that it shows, or the given `table`.
+
+    Lines with more than `max_points` points keep the lowest and the highest value of groups of samples in the data,
+    and the plot says so; see `share_points` for pages with many lines.
+    """
+    panels = lay_out(plot)
+    packed = pack(plot, panels, max_points)
+    group = Markup(' data-group="{}"').format(plot.group) if plot.group else Markup("")
+    return Markup('<div class="plot" id="{}-plot"{}>{}{}{}{}<script type="application/json">{}</script></div>').format(
+        plot.ident,
+        group,
+        _legend(plot) if plot.legend else "",
+        draw_svg(plot, panels),
+        _resolution(packed.samples),
+        plot_table(plot) if table is None else table,
+        Markup(packed.text),  # JSON with <, > and & as escape sequences
+    )
+
+
+def _legend(plot: Plot) -> Markup:
+    """Return a list of the names of all marks, each with the swatch of the first mark of this name."""
+    first: dict[str, PlotMark] = {}
+    for mark in (mark for area in plot.areas for mark in area.marks if mark.name):
+        first.setdefault(mark.name, mark)
+    entries = Markup("").join(
+        Markup('<li data-name="{}">{}{}</li>').format(name, _swatch(mark), name) for name, mark in first.items()
+    )
+    return Markup('<ul class="plot-legend">{}</ul>').format(entries) if entries else Markup("")
+
+
+def _swatch(mark: PlotMark) -> Markup:
+    """Return a small picture of how a mark is drawn."""
+    if isinstance(mark, PlotBars | PlotShade):
+        inner = Markup('<rect class="{}" x="1" y="0" width="20" height="10"/>').format(mark.css)
+    elif isinstance(mark, PlotBand):
+        inner = Markup('<path class="{} area" d="M1,0h20v10h-20Z"/>').format(mark.css)
+    else:
+        kind = "dots" if {"dots", "spot"} & set(mark.css.split()) else "line"
+        inner = Markup('<path class="{}" d="{}"/>').format(mark.css, SWATCHES[kind])
+    return Markup('<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true">{}</svg>').format(inner)
+
+
+def _resolution(samples: int) -> Markup:
+    if samples == 1:
+        return Markup("")
+    return Markup('<p class="plot-resolution">Data of this chart: lowest and highest of every {} samples.</p>').format(
+        samples
+    )

@@ -1,0 +1,242 @@
+"""Makes the cases of a plan and seals their answers: labels packed against accidental reading, bound by a hash.
+
+A case's folder receives what a user would have. `seal.json` holds a random salt and the packed labels, which contain
+the hashes of the arrays in `seal/`. The SHA-256 of salt and labels is published beside the cases: it reveals nothing,
+and the answers can no longer be changed.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import os
+import secrets
+import shutil
+import zlib
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline, PchipInterpolator
+
+from ces_data.arrays import F
+from ces_data.bags.writer import TopicData, recording_topics, write_bag
+from ces_data.recording import Recording
+from ces_data.signals_file import load_signals
+from ces_identify.simulations.simulation import FunctionSimulation
+from ces_observer.json_text import write_atomically
+from ces_rig.blind.draw import HELD_OUT, NOISE_N, REAL, REFERENCE, DrawnCase, IdealRecording, draw_case
+from ces_rig.blind.plan import BlindCase
+from ces_rig.errors import RigError
+from ces_rig.sensors import EPOCH_NS, Sensor, Sensors, Truth, measure_signals
+from ces_rig.simulation import load_rig
+from ces_rig.withheld.plants import physical_numbers, rms
+
+Arrays = Mapping[str, NDArray[np.float32]]
+Label = dict[str, Any]
+SpareEffects = Sequence[tuple[str, ...]]
+
+SCHEMA = "ces-blind/1"
+WRITTEN = ("cases", "seal", "seal.json")
+GROUPS = {"real": REAL, "reference": REFERENCE, "held_out": HELD_OUT}
+BASELINE, DESCRIPTION, PREDICTIONS = "baseline.yaml", "case.json", "sim_force"
+SENSORS = Sensors(
+    position=Sensor(noise=4e-6, quantum=2e-6, phase_s=0.4e-3, jitter_s=5e-6),
+    current=Sensor(noise=1e-3, quantum=0.5e-3, phase_s=0.35e-3, jitter_s=5e-6),
+    force=Sensor(noise=NOISE_N, quantum=1.0, phase_s=0.6e-3, jitter_s=5e-6),
+)
+"""Fast, quiet sensors: otherwise errors of the simulation's inputs would cost more force than the force sensor's noise,
+and `gap_to_noise` would be too optimistic."""
+
+
+def write_case(drawn: DrawnCase, folder: Path) -> tuple[Label, Arrays]:
+    """Write the case to `folder` (new); return its label, and noise-free arrays at the samples of scored recordings.
+
+    Nothing in the folder reveals the effect: names, order, stamps and file times are the same in every case.
+    """
+    folder.mkdir(parents=True)
+    (folder / BASELINE).write_text(yaml.safe_dump(drawn.simulated.description(), sort_keys=True), encoding="utf-8")
+    simulation = FunctionSimulation(BASELINE, load_rig(folder / BASELINE))
+    arrays: dict[str, NDArray[np.float32]] = {}
+    for group, name in ((group, name) for group, names in GROUPS.items() for name in names):
+        recording = log_sensors(drawn.recordings[name].true, name, drawn.seeds[name])
+        simulated = simulation.force(recording)
+        valid = np.isfinite(simulated)
+        stamps = recording.channel("position").stamps_ns[valid]
+        predictions = TopicData(PREDICTIONS, "std_msgs/msg/Float64", stamps, {"data": simulated[valid]})
+        write_bag(folder / group / name, [*recording_topics(recording, load_signals()), predictions])
+        if name not in REFERENCE:
+            arrays |= _noise_free_arrays(name, drawn.recordings[name], recording, simulated)
+    described = {
+        "schema": "ces-blind-case/1",
+        "case": f"{drawn.case.number:04d}",
+        "excitation": drawn.case.excitation,
+        **{group: [f"{group}/{name}" for name in names] for group, names in GROUPS.items()},
+        "simulation": BASELINE,
+        "predictions": f"topic:/{PREDICTIONS}",
+        "about": "synthetic; if anything is withheld from the simulation it is in real and held_out, not in reference",
+    }
+    (folder / DESCRIPTION).write_text(json.dumps(described, indent=1) + "\n", encoding="utf-8")
+    for path in (*folder.rglob("*"), folder):
+        os.utime(path, (EPOCH_NS // 1_000_000_000, EPOCH_NS // 1_000_000_000))
+    return _make_label(drawn, arrays), arrays
+
+
+def log_sensors(true: Truth, name: str, seed: int) -> Recording:
+    """Return the recording of the true signals by the sensors of blind cases."""
+    return measure_signals(true, SENSORS, seed, name)
+
+
+def _noise_free_arrays(
+    name: str, ideal: IdealRecording, recording: Recording, simulated: F
+) -> dict[str, NDArray[np.float32]]:
+    """Return the noise-free signals and the simulated force at the stamps of the position samples."""
+    true = ideal.true
+    at = (recording.channel("position").stamps_ns - EPOCH_NS) * 1e-9
+    motion = CubicSpline(true.time_s, true.stroke_m)
+    columns = {
+        "force_N": PchipInterpolator(true.time_s, true.force_N)(at),
+        "effect_N": PchipInterpolator(true.time_s, ideal.effect_N)(at),
+        "baseline_N": simulated,
+        "stroke_m": motion(at),
+        "speed_m_s": motion(at, 1),
+    }
+    return {f"{name}_{key}": np.asarray(values, np.float32) for key, values in columns.items()}
+
+
+def _make_label(drawn: DrawnCase, arrays: Arrays) -> dict[str, Any]:
+    case = drawn.case
+    force, effect, baseline = (
+        np.concatenate([arrays[f"{name}_{key}"] for name in REAL]).astype(np.float64)
+        for key in ("force_N", "effect_N", "baseline_N")
+    )
+    error = force - effect - baseline
+    return {
+        "case": f"{case.number:04d}",
+        "kind": case.kind,
+        "plant": drawn.plant.kind,
+        "excitation": case.excitation,
+        "gap_to_noise": case.gap_to_noise,
+        "baseline_ratio": case.baseline_ratio,
+        "effects": [
+            {"name": w.name, "severity": w.severity, "physical": physical_numbers(drawn.plant, w)}
+            for w in drawn.withheld
+        ],
+        "gap_N": rms(effect),
+        "noise_N": NOISE_N,
+        "baseline_error_N": rms(error[np.isfinite(error)]),
+    }
+
+
+def write_arrays(folder: Path, case: str, arrays: Arrays) -> str:
+    """Write `seal/CASE.npz` under `folder` and return its SHA-256."""
+    packed = io.BytesIO()
+    np.savez_compressed(packed, **arrays)  # type: ignore[arg-type]
+    path = _arrays_path(folder, case)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(packed.getvalue())
+    return hashlib.sha256(packed.getvalue()).hexdigest()
+
+
+def write_seal(folder: Path, about: Mapping[str, Any], labels: Sequence[Label]) -> str:
+    """Write `seal.json` and `cases/seal.sha256` under `folder` and return the published hash."""
+    text = json.dumps({"about": dict(about), "labels": list(labels)}, allow_nan=False)
+    packed = base64.b85encode(zlib.compress(text.encode(), 9)).decode()
+    (folder / "cases").mkdir(parents=True, exist_ok=True)
+    salt = secrets.token_hex(32)
+    digest = _digest(salt, packed)
+    write_atomically(folder / "seal.json", json.dumps({"schema": SCHEMA, "salt": salt, "labels": packed}) + "\n")
+    write_atomically(folder / "cases" / "seal.sha256", f"{digest}\n")
+    return digest
+
+
+def open_seal(folder: Path) -> tuple[Label, list[Label]]:
+    """Return the description of the test and its labels; raises RigError if they were changed after sealing."""
+    try:
+        published = (folder / "cases" / "seal.sha256").read_text(encoding="utf-8").strip()
+        sealed = json.loads((folder / "seal.json").read_text(encoding="utf-8"))
+        salt, packed = str(sealed["salt"]), str(sealed["labels"])
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise RigError(f"{folder}: not a sealed blind test ({error}); expected one from 'ces blind make'") from None
+    if _digest(salt, packed) != published:
+        raise RigError(f"{folder}/seal.json: its hash is not the published one in cases/seal.sha256; it was changed")
+    content = json.loads(zlib.decompress(base64.b85decode(packed)))
+    return content["about"], content["labels"]
+
+
+def read_seal(folder: Path) -> str:
+    """Return the published hash that shows which results and cases belong together; empty if there is none."""
+    path = folder / "cases" / "seal.sha256"
+    return path.read_text(encoding="utf-8").strip() if path.is_file() else ""
+
+
+def open_arrays(folder: Path, label: Label) -> dict[str, F]:
+    """Return the sealed arrays of a case; raises RigError if they are missing or were changed after sealing."""
+    path = _arrays_path(folder, label["case"])
+    if not path.is_file():
+        raise RigError(f"{path}: missing; copy it from the output of 'ces blind make'")
+    data = path.read_bytes()
+    if hashlib.sha256(data).hexdigest() != label["arrays_sha256"]:
+        raise RigError(f"{path}: its hash is not the sealed one; it was changed")
+    with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        return {name: arrays[name].astype(np.float64) for name in arrays.files}
+
+
+def _arrays_path(folder: Path, case: str) -> Path:
+    return folder / "seal" / f"{case}.npz"
+
+
+def _digest(salt: str, packed: str) -> str:
+    return hashlib.sha256(f"{salt}\n{packed}".encode()).hexdigest()
+
+
+def make_cases(
+    folder: Path,
+    plan: Sequence[tuple[BlindCase, SpareEffects]],
+    seconds: float,
+    processes: int,
+    about: Mapping[str, Any],
+    on_label: Callable[[Label], None],
+) -> str:
+    """Write `folder/cases/NNNN/`, `folder/seal.json` and `folder/seal/`; return the published hash.
+
+    `on_label` is called with each label when its case is ready. `folder` must be new or empty. Raises CesError.
+    """
+    if folder.exists() and any(folder.iterdir()):
+        raise RigError(f"{folder}: is not empty; choose another folder for the cases")
+    import joblib  # type: ignore[import-untyped]
+
+    (folder / "cases").mkdir(parents=True, exist_ok=True)
+    labels = []
+    tasks = (joblib.delayed(make_case)(folder, case, seconds, spare) for case, spare in plan)
+    try:
+        with joblib.parallel_config(backend="loky", inner_max_num_threads=1):
+            for label in joblib.Parallel(n_jobs=processes, batch_size=1, return_as="generator")(tasks):
+                labels.append(label)
+                on_label(label)
+    except BaseException:
+        for name in ("cases", "seal"):
+            shutil.rmtree(folder / name, ignore_errors=True)
+        raise
+    return write_seal(folder, {**about, "seconds": seconds}, sorted(labels, key=lambda x: str(x["case"])))
+
+
+def remove_cases(folder: Path) -> None:
+    """Remove the cases and the seal in `folder`; raises RigError if it holds anything else."""
+    inside = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
+    other = [name for name in inside if name not in WRITTEN]
+    if other:
+        raise RigError(f"{folder}: holds more than blind cases ({other[0]}), so it is not replaced; choose another")
+    for name in inside:
+        shutil.rmtree(folder / name) if (folder / name).is_dir() else (folder / name).unlink()
+
+
+def make_case(folder: Path, case: BlindCase, seconds: float, spare_effects: SpareEffects) -> Label:
+    """Make one case and return its label; raises CesError."""
+    label, arrays = write_case(draw_case(case, seconds, spare_effects), folder / "cases" / f"{case.number:04d}")
+    return {**label, "planned": list(case.effects), "arrays_sha256": write_arrays(folder, label["case"], arrays)}

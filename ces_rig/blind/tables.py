@@ -1,0 +1,182 @@
+"""The tables of a scored blind test as records, and its cases as rows; the program prints them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from math import isfinite
+from typing import Any
+
+from ces_rig.blind.metrics import BY_NAME, METRICS, Cases, Metric, Statistic, baselines, cases_of_kind
+from ces_rig.blind.metrics import cases_with_targets as with_targets
+from ces_rig.blind.outcome import NONE, UNKNOWN, CaseOutcome
+
+SHORT = {
+    "top-1 by class": "class",
+    "verdict names exactly the effect": "named exactly",
+    "named, and not the cause": "named, not the cause",
+    "both of a pair": "pairs",
+    "closure / oracle, 10th percentile": "10th percentile",
+    "abs(claimed − true shrink), 90th percentile": "90th percentile",
+    "parameters within their 95 % interval": "parameters covered",
+    "outside called `unknown`": "outside unknown",
+    "library called `unknown`": "library unknown",
+    "closure / oracle, median": "closure / oracle",
+    "abs(claimed − true shrink), median": "shrink error",
+    "ECE of the first candidate": "ECE",
+}
+SLICE_METRICS = (
+    "top-1", "top-1 by class", "top-3", "named, and not the cause", "false alarms", "outside called `unknown`",
+    "library called `unknown`", "both of a pair", "closure / oracle, median", "abs(claimed − true shrink), median",
+    "ECE of the first candidate",
+)  # fmt: skip
+SUMMARY_METRICS = (
+    "top-1", "top-1 by class", "top-3", "verdict names exactly the effect", "named, and not the cause", "false alarms",
+    "outside called `unknown`", "both of a pair", "closure / oracle, median", "closure / oracle, 10th percentile",
+    "abs(claimed − true shrink), median", "abs(claimed − true shrink), 90th percentile",
+    "parameters within their 95 % interval", "ECE of the first candidate",
+)  # fmt: skip
+WORDS = {0.0: "0", 1.0 / 3.0: "1/3"}
+
+
+@dataclass(frozen=True)
+class ScoreTable:
+    """A table of texts: `head` names the columns, every row has as many cells."""
+
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+def summary_table(by_mode: Mapping[str, Cases]) -> ScoreTable:
+    """Return one row per mode: each main metric with its interval, the number of cases, and the target."""
+    rows = []
+    for name, cases in by_mode.items():
+        row = [f"`{name}`", str(len(cases))]
+        for metric in (BY_NAME[name] for name in SUMMARY_METRICS):
+            value, interval, count, goal = _describe(metric, metric.count(cases), cases[0].mode.class_name)
+            row.append(f"{value} ({interval}; {count})" + (f"; {goal}" if goal else "") if count != "0" else "–")
+        rows.append(row)
+    return ScoreTable(("mode", "cases", *(SHORT.get(name, name) for name in SUMMARY_METRICS)), rows)
+
+
+def headline_table(cases: Cases) -> ScoreTable:
+    """Return every metric with its interval and the target of the cases' mode."""
+    described = [(m.name, *_describe(m, m.count(cases), cases[0].mode.class_name)) for m in METRICS]
+    return ScoreTable(
+        ("figure", "value", "95 % interval", "cases", "target"), [row for row in described if row[3] != "0"]
+    )
+
+
+def mode_facts(cases: Cases) -> dict[str, Any]:
+    """Return for --json every metric over the cases that the targets apply to, and over all."""
+    return {"cases": len(cases), "with_targets": _metric_facts(with_targets(cases)), "all": _metric_facts(cases)}
+
+
+def _metric_facts(cases: Cases) -> list[dict[str, Any]]:
+    counted = [(metric, metric.count(cases)) for metric in METRICS] if cases else []
+    return [
+        {
+            "figure": metric.name,
+            "value": figure.value,
+            "ci95": figure.interval(),
+            "cases": figure.count,
+            "target": metric.targets.get(cases[0].mode.class_name),
+            "target_is_minimum": metric.target_is_minimum,
+        }
+        for metric, figure in counted
+        if figure.count > 0
+    ]
+
+
+def slice_table(cases: Cases, title: str, key: Callable[[CaseOutcome], object]) -> ScoreTable:
+    """Return the main metrics by one property of the cases."""
+    rows = []
+    for level in sorted({key(case) for case in cases}, key=lambda level: (isinstance(level, str), level)):
+        part = [case for case in cases if key(case) == level]
+        text = WORDS.get(level, f"{level:g}") if isinstance(level, float) else str(level)
+        rows.append([text, str(len(part)), *_values(SLICE_METRICS, part)])
+    return ScoreTable((title, "cases", *(SHORT.get(name, name) for name in SLICE_METRICS)), rows)
+
+
+def confusion_table(cases: Cases) -> ScoreTable:
+    """Return for each withheld effect its top-1 and top-3 rates, the verdicts and the effects mistaken for it."""
+    rows = []
+    effect_cases = cases_of_kind(cases, "effect")
+    for effect in sorted({name for case in effect_cases for name in case.truth}):
+        part = [case for case in effect_cases if effect in case.truth]
+        shares = _values(("top-1", "top-1 by class", "top-3"), part)
+        mistaken = (case.ranked[0] if case.ranked else "nothing" for case in part if not case.is_in_top(1))
+        counts = [_format_counts(case.verdict for case in part), _format_counts(mistaken)]
+        rows.append([f"`{effect}`", str(len(part)), *shares, *counts])
+    return ScoreTable(("withheld", "cases", "top-1", "by class", "top-3", "verdicts", "mistaken for"), rows)
+
+
+def no_effect_table(cases: Cases) -> ScoreTable:
+    """Return the verdicts on cases without a library effect, and the effects named in them."""
+    parts: dict[str, list[CaseOutcome]] = {}
+    for case in cases_of_kind(cases, "none", "outside"):
+        nothing = "nothing, simulation correct" if case.baseline_ratio == 0.0 else "nothing, simulation wrong"
+        parts.setdefault(f"outside: `{case.truth[0]}`" if case.kind == "outside" else nothing, []).append(case)
+    rows = []
+    for name, part in sorted(parts.items()):
+        named = (" + ".join(case.composition) for case in part if case.verdict in ("named", "ambiguous"))
+        rows.append([name, str(len(part)), _format_counts(case.verdict for case in part), _format_counts(named)])
+    return ScoreTable(("withheld", "cases", "verdicts", "named"), rows)
+
+
+def baseline_table(cases: Cases) -> ScoreTable:
+    """Return the top-1 rates of the diagnosis and of simpler methods."""
+    metric = BY_NAME["top-1"]
+    methods = {"the diagnosis": metric.count(cases), **baselines(cases)}
+    rows = [[name, *_describe(metric, figure)[:3]] for name, figure in methods.items()]
+    return ScoreTable(("method", "top-1", "95 % interval", "cases"), rows)
+
+
+def case_table(cases: Cases) -> ScoreTable:
+    """Return one row for each case: withheld effects, diagnosis, and the true figures."""
+    names = sorted({name for case in cases for name in case.figures})
+    head = (
+        "mode", "case", "kind", "plant", "excitation", "gap_to_noise", "baseline_ratio", "withheld", "verdict", "found",
+        "causes", "probability_none", "probability_unknown", "claimed_shrink", *names, "seconds",
+    )  # fmt: skip
+    rows = []
+    for c in cases:
+        levels = [c.mode.name, c.case, c.kind, c.plant, c.excitation, f"{c.gap_to_noise:g}", f"{c.baseline_ratio:.3g}"]
+        first = [f"{name} {c.probability.get(name, 0.0):.3f}" for name in c.ranked[:3]]
+        rest = [f"{c.probability.get(name, 0.0):.3f}" for name in (NONE, UNKNOWN)]
+        figures = [f"{c.figures[name]:.4g}" if name in c.figures else "" for name in names]
+        result = ["+".join(c.truth), c.verdict, "+".join(c.composition), "; ".join(first)]
+        claimed = "" if c.claimed_shrink is None else f"{c.claimed_shrink:.4g}"
+        rows.append([*levels, *result, *rest, claimed, *figures, f"{c.seconds:.1f}"])
+    return ScoreTable(head, rows)
+
+
+def _format_counts(words: Iterable[str]) -> str:
+    return ", ".join(f"{word} {count}" for word, count in Counter(words).most_common())
+
+
+def _values(names: Sequence[str], cases: Cases) -> list[str]:
+    return [_number(BY_NAME[name].count(cases).value, BY_NAME[name].percent) for name in names]
+
+
+def _describe(metric: Metric, figure: Statistic, target_class: str = "") -> tuple[str, str, str, str]:
+    """Return value, interval, number of cases, and the target of a class of modes with whether it is met.
+
+    It is undecided where the interval of the figure contains the target.
+    """
+    low, high = figure.interval()
+    interval = f"{_number(low, metric.percent)} to {_number(high, metric.percent)}"
+    target, goal = metric.targets.get(target_class), ""
+    if target is not None:
+        at_least = metric.target_is_minimum
+        met, missed = (low >= target, high < target) if at_least else (high <= target, low > target)
+        decided = "met" if met else "**not met**" if missed else "undecided"
+        goal = f"{'≥' if at_least else '≤'} {_number(target, metric.percent)} {decided}"
+    return _number(figure.value, metric.percent), interval, str(figure.count), goal
+
+
+def _number(value: float, percent: bool) -> str:
+    if not isfinite(value):
+        return "–"
+    return f"{100 * value:.1f} %" if percent else f"{value:.3f}"

@@ -1,0 +1,185 @@
+"""What every damper of the rig is: numbers that can be changed by path, and the kind that its equations belong to.
+
+A kind is a package: the fields of its model (`parameters`), its equations (`kernel`), the changes that its effects make
+(`effects`), and in its `__init__` the `KIND` that puts them together; `kinds.py` lists it.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from types import ModuleType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+from numpy.random import Generator
+
+from ces_data.arrays import F
+from ces_rig.dampers.effects import Change, Proportions, WithheldEffect, interpolate_log, log_spread, uniform_spread
+from ces_rig.errors import RigError
+from ces_rig.nested_numbers import get_number, replace_numbers
+
+REACH_M = 0.06  # [m] travel to either side for which the gas volume is designed
+MIN_GAS_SHARE = 1.05  # of the volume that the rod displaces at the end of that travel
+
+
+class DamperModel(ABC):
+    """A damper whose numbers can be changed by path: as a plant, a simulation or on a live rig."""
+
+    kind: ClassVar[str]
+    delay_s: float = 0.0  # [s] dead time of the current, for kinds that have one
+    foaming_1_J: float
+    damper: Any  # the description that the effects change
+
+    @property
+    @abstractmethod
+    def current_A(self) -> tuple[float, float]:
+        """The working range [A] of the current, which experiments use."""
+
+    @property
+    def allowed_A(self) -> tuple[float, float]:
+        """The range [A] that a driver clips commands to."""
+        return self.current_A
+
+    @property
+    def reach_m(self) -> float:
+        """Travel [m] from mid-stroke to either end."""
+        return REACH_M
+
+    @abstractmethod
+    def coefficients(self) -> tuple[float, ...]:
+        """Return the kernel's numbers, a named tuple."""
+
+    @abstractmethod
+    def without_coil(self) -> Self:
+        """Return the damper without its coil's lag, to be driven with a measured coil current."""
+
+    @abstractmethod
+    def with_numbers(self, numbers: Mapping[str, float]) -> Self:
+        """Return the damper with other numbers, by path; raises RigError for one out of range."""
+
+    def number(self, path: str) -> float:
+        """Return the number at a path."""
+        return get_number(self.damper, path)
+
+    def description(self) -> dict[str, Any]:
+        """Return the contents of its YAML file."""
+        return {"kind": self.kind, **asdict(self.damper)}
+
+    def check_input(self, stroke_m: F, current_A: F) -> None:
+        """Raise RigError for strokes and currents, each (n,), that the kind cannot be driven with."""
+        return
+
+    def refresh(self, numbers: F, absorbed_J: float) -> float:
+        """Update the kernel's `numbers` by the energy absorbed so far; return the time [s] to the next update."""
+        return np.inf
+
+
+class LumpedDamper(DamperModel):
+    """Base of the frozen dataclasses with a flat description; raises RigError if a number is out of range."""
+
+    current_A: ClassVar[tuple[float, float]]
+    gas_m3: float
+    rod_m2: float
+    coil_s: float
+
+    def __post_init__(self) -> None:
+        if self.gas_m3 <= MIN_GAS_SHARE * self.rod_m2 * REACH_M:
+            raise RigError(f"{self.kind}: gas_m3 {self.gas_m3:g} cannot take up the rod's volume; enlarge it")
+
+    @property
+    def damper(self) -> Self:
+        """The description that the effects change: this object."""
+        return self
+
+    def without_coil(self) -> Self:
+        """Return the damper without its coil's lag, to be driven with a measured coil current."""
+        return replace(self, coil_s=0.0)  # type: ignore[type-var]
+
+    def with_numbers(self, numbers: Mapping[str, float]) -> Self:
+        """Return the damper with other numbers; raises RigError for one out of range."""
+        return replace_numbers(self, numbers, f"{self.kind} plant")
+
+
+@dataclass(frozen=True)
+class DamperKind:
+    """A kind of damper: its effect-free design, variation, simulation errors, effects and compiled equations.
+
+    The `kernel` has `settle(c, state, stroke, speed, current) -> force` at rest, `rest_force(c)`, `run` (which steps
+    the damper by whatever moves it, see `drive/kernels.py`), STATE_SIZE, the indices COIL and TEMPERATURE of the
+    state, and STEP_S, the integrator's step.
+    """
+
+    design: DamperModel
+    varied: Mapping[str, float]
+    wrong: Mapping[tuple[str, ...], float]
+    spreads: Mapping[str, Proportions]
+    changes: Mapping[str, Change]
+    kernel: ModuleType
+
+    @staticmethod
+    def of(design: DamperModel, effects: ModuleType, kernel: ModuleType) -> DamperKind:
+        """Return the kind of a design from its modules."""
+        return DamperKind(design, effects.VARIED, effects.WRONG, effects.SPREADS, effects.CHANGES, kernel)
+
+    def draw_plant(self, rng: Generator) -> DamperModel:
+        """Return the design with the numbers in `varied` drawn log-normally, each with its standard deviation."""
+        factors = {path: float(np.exp(s * rng.standard_normal())) for path, s in self.varied.items()}
+        return self.design.with_numbers({path: f * self.design.number(path) for path, f in factors.items()})
+
+    def numbers(self, model: DamperModel, withheld: WithheldEffect) -> dict[str, float]:
+        """Return the physical numbers of `model` under the effect, by path."""
+        return self.changes[withheld.name](model.damper, withheld.severity, withheld.proportions)
+
+
+LUMPED_SPREADS: Mapping[str, Proportions] = {
+    "inertia": {"mass_kg": log_spread(1.5, 4.0)},
+    "groove": {"bypass_m_Ns": log_spread(6e-5, 2e-4), "at_m": uniform_spread(-0.012, 0.012),
+               "half_m": log_spread(0.004, 0.01)},
+    "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": uniform_spread(-0.01, 0.01)},
+}  # fmt: skip
+
+
+def _gas_spring(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    """Return the numbers of a gas with more pressure and less volume, still large enough for the rod."""
+    smallest = 1.2 * d.rod_m2 * REACH_M
+    numbers = {
+        "gas_Pa": d.gas_Pa * (1.0 + s * p["pressure"]),
+        "gas_m3": smallest + (d.gas_m3 - smallest) / (1.0 + s * p["volume"]),
+    }
+    if "exponent" in p:
+        numbers["gas_exponent"] = interpolate_log(d.gas_exponent, p["exponent"], s / (1.0 + s))
+    return numbers
+
+
+def _friction(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    seal = d.seal_N + s * p["seal_N"]
+    share = 1.0 - d.seal_N / seal
+    return {
+        "seal_N": seal,
+        "seal_rise": d.seal_rise + share * (p["rise"] - d.seal_rise),
+        "seal_m_s": interpolate_log(d.seal_m_s, p["rise_m_s"], share),
+        "seal_m": interpolate_log(d.seal_m, p["travel_m"], share),
+    }
+
+
+LUMPED_CHANGES: Mapping[str, Change] = {
+    "friction": _friction,
+    "compressibility": lambda d, s, p: {
+        "oil_N_m": 1.0 / (1.0 / d.oil_N_m + s * p["compliance_m_N"]), "air_m": d.air_m + s * p["air_m"],
+    },
+    "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"], "play_edge_m": p["edge_m"]},
+    "inertia": lambda d, s, p: {"mass_kg": d.mass_kg + s * p["mass_kg"]},
+    "gas_spring": _gas_spring,
+    "blow_off": lambda d, s, p: {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_Ns_m": p["beyond_Ns_m"]},
+    "current_hysteresis": lambda d, s, p: {"loop_A": d.loop_A + s * p["loop_A"]},
+    "groove": lambda _d, s, p: {
+        "groove_m_Ns": s * p["bypass_m_Ns"], "groove_at_m": p["at_m"], "groove_m": p["half_m"],
+    },
+    "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_m_J"]},
+    "side_load": lambda _d, s, p: {"side_load_N_m": s * p["slope_N_m"], "side_at_m": p["at_m"]},
+    "sticking_check": lambda _d, s, p: {"stick_N": s * p["adhesion_N"]},
+    "late_check": lambda d, s, p: {"closing_s": d.closing_s + s * p["closing_s"]},
+}  # fmt: skip
+"""Changes of effects whose laws several kinds share; a kind replaces those that it has of its own."""

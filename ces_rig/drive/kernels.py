@@ -1,0 +1,151 @@
+"""Numerical kernels of what moves a damper: a given stroke, a quarter vehicle on a road, or a servo actuator.
+
+`move` advances any of them by one step of the damper's integrator; the damper's force pushes back through the `motion`.
+
+The vehicle is a body on a spring and a wheel on a tyre, with stops at the stroke's ends. All its quantities are
+relative to the vehicle at rest on a level road with the damper at mid-stroke; heights, speeds and forces are positive
+upwards, stroke and damper force in compression. Semi-implicit Euler at the damper's own step.
+
+The servo actuator is a piston on a stiff, damped position loop. With v the valve's output, u the command after gain,
+delay and disturbance, and F the damper's force,
+
+    valve_s * dv/dt = u - v,   d²x/dt² = w² * (v - x - compliance * F) - 2 * damping * w * dx/dt,
+
+that is a mass 1/(compliance w²) on a servo loop of stiffness 1/compliance. Acceleration, speed and stroke are limited.
+The valve is stepped exactly for a constant command, the piston by semi-implicit Euler.
+"""
+
+from __future__ import annotations
+
+from math import exp
+from typing import NamedTuple
+
+from numba import njit
+from numba.np.unsafe.ndarray import to_fixed_tuple
+
+from ces_data.arrays import F
+
+GIVEN, VEHICLE, SERVO = 0, 1, 2  # what moves the damper
+# Rows of `moves` (ROWS, n + 1): stroke [m] (or road height, or the servo's input), its speed, current [A], and that
+# current after the damper's dead time. Column 0 is the last input, one every `interval` seconds follows.
+STROKE, STROKE_SPEED, CURRENT, LATE, ROWS = 0, 1, 2, 3, 4
+# The `motion` (MOTION_SIZE,): STROKE, STROKE_SPEED, the damper's force [N] minus the gas force at mid-stroke, and the
+# state of the vehicle or of the servo actuator.
+FORCE, BODY, WHEEL, BODY_SPEED, WHEEL_SPEED, TYRE, BLOWS, VALVE, MOTION_SIZE = 2, 3, 4, 5, 6, 7, 8, 9, 10
+GRAVITY_M_S2 = 9.81
+BLOW_M_S = 0.1  # [m/s] closing speed above which contact counts as a blow
+
+
+class VehicleNumbers(NamedTuple):
+    """The kernel's view of a vehicle: SI units."""
+
+    sprung: float
+    unsprung: float
+    spring: float
+    tyre: float
+    tyre_damping: float
+    stop_clearance: float
+    stop: float
+    stop_bend: float
+    limit: float
+
+
+class ServoNumbers(NamedTuple):
+    """The kernel's view of an actuator: SI units, angular frequency in rad/s."""
+
+    omega: float
+    damping: float
+    valve: float
+    compliance: float
+    stroke: float
+    speed: float
+    acceleration: float
+
+
+VEHICLE_SIZE, SERVO_SIZE = len(VehicleNumbers._fields), len(ServoNumbers._fields)
+
+
+@njit(cache=True)
+def move(kind: int, numbers: F, m: F, moves: F, n: int, k: int, interval: float, substeps: int) -> None:
+    """Advance the `motion` by the substep `k` (from 1 on) of the interval that ends at column `n` of `moves`.
+
+    `kind` is GIVEN (the stroke is the cubic through positions and speeds), VEHICLE or SERVO, `numbers` belong to it.
+    """
+    if kind == VEHICLE:
+        vehicle = VehicleNumbers(*to_fixed_tuple(numbers, VEHICLE_SIZE))
+        rise = moves[STROKE, n] - moves[STROKE, n - 1]
+        road = moves[STROKE, n - 1] + k / substeps * rise
+        vehicle_step(vehicle, m, road, rise / interval, interval / substeps)
+    elif kind == SERVO:
+        servo = ServoNumbers(*to_fixed_tuple(numbers, SERVO_SIZE))
+        servo_step(servo, m, between(moves[STROKE], n, (k - 0.5) / substeps), interval / substeps)
+    else:
+        x0, v0, x1, v1 = moves[STROKE, n - 1], moves[STROKE_SPEED, n - 1], moves[STROKE, n], moves[STROKE_SPEED, n]
+        bend2, bend3 = 3.0 * (x1 - x0) - (2.0 * v0 + v1) * interval, 2.0 * (x0 - x1) + (v0 + v1) * interval
+        r = k / substeps
+        m[STROKE] = x0 + r * (v0 * interval + r * (bend2 + r * bend3))
+        m[STROKE_SPEED] = v0 + r * (2.0 * bend2 + 3.0 * r * bend3) / interval
+
+
+@njit(cache=True)
+def between(row: F, n: int, share: float) -> float:
+    """Return the value at this share of the interval that ends at column `n`."""
+    return float(row[n - 1] + share * (row[n] - row[n - 1]))
+
+
+@njit(cache=True)
+def vehicle_step(b: VehicleNumbers, m: F, road: float, road_speed: float, h: float) -> None:
+    """Advance the `motion` by `h` seconds under the damper force in it; the tyre can only push."""
+    bend = m[WHEEL] - m[BODY]
+    up = b.spring * bend + stop_force(b, bend) + m[FORCE]
+    weight = (b.sprung + b.unsprung) * GRAVITY_M_S2
+    tyre = max(b.tyre * (road - m[WHEEL]) + b.tyre_damping * (road_speed - m[WHEEL_SPEED]), -weight)
+    m[BODY_SPEED] += h * up / b.sprung
+    m[WHEEL_SPEED] += h * (tyre - up) / b.unsprung
+    m[BODY] += h * m[BODY_SPEED]
+    m[WHEEL] += h * m[WHEEL_SPEED]
+    limit_stroke(b, m)
+    m[STROKE] = m[WHEEL] - m[BODY]
+    m[STROKE_SPEED] = m[WHEEL_SPEED] - m[BODY_SPEED]
+    m[TYRE] = weight + tyre
+
+
+@njit(cache=True)
+def stop_force(b: VehicleNumbers, bend: float) -> float:
+    """Return the bump stop's force [N] at a stroke [m]; stiffness grows with the square of the deflection."""
+    into = abs(bend) - b.stop_clearance
+    if into <= 0.0:
+        return 0.0
+    force = b.stop * into * (1.0 + (into / b.stop_bend) ** 2)
+    return force if bend > 0.0 else -force
+
+
+@njit(cache=True)
+def limit_stroke(b: VehicleNumbers, m: F) -> None:
+    """At the metal stops let both masses continue at their common speed: a plastic blow that conserves momentum."""
+    bend = m[WHEEL] - m[BODY]
+    excess = bend - b.limit if bend > 0.0 else bend + b.limit
+    if abs(bend) <= b.limit:
+        return
+    whole = b.sprung + b.unsprung
+    m[BODY] += excess * b.unsprung / whole
+    m[WHEEL] -= excess * b.sprung / whole
+    closing = m[WHEEL_SPEED] - m[BODY_SPEED] if bend > 0.0 else m[BODY_SPEED] - m[WHEEL_SPEED]
+    if closing > 0.0:
+        common = (b.sprung * m[BODY_SPEED] + b.unsprung * m[WHEEL_SPEED]) / whole
+        m[BODY_SPEED] = m[WHEEL_SPEED] = common
+        m[BLOWS] += 1.0 if closing > BLOW_M_S else 0.0
+
+
+@njit(cache=True)
+def servo_step(s: ServoNumbers, m: F, command: float, h: float) -> None:
+    """Advance the `motion` (MOTION_SIZE,) by `h` seconds under the damper's force in it; hard ends stop the piston."""
+    m[VALVE] += (command - m[VALVE]) * (1.0 - exp(-h / s.valve) if s.valve > 0.0 else 1.0)
+    pull = s.omega**2 * (m[VALVE] - m[STROKE] - s.compliance * m[FORCE])
+    push = pull - 2.0 * s.damping * s.omega * m[STROKE_SPEED]
+    speed = m[STROKE_SPEED] + h * min(max(push, -s.acceleration), s.acceleration)
+    m[STROKE_SPEED] = min(max(speed, -s.speed), s.speed)
+    position = m[STROKE] + h * m[STROKE_SPEED]
+    m[STROKE] = min(max(position, -s.stroke), s.stroke)
+    if m[STROKE] != position:
+        m[STROKE_SPEED] = 0.0

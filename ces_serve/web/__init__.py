@@ -1,1 +1,0 @@
-"""The pages: requests in, HTML and streams of events out. Flask is imported in this room alone."""

@@ -1,1 +1,0 @@
-"""Work that takes seconds, in processes of its own with a time limit: reading a bag, comparing models."""

@@ -1,0 +1,128 @@
+"""Folders, globs and bags on the command lines of the programs that read recordings."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+import tiny_bags as tiny
+
+from ces_cli.main import main
+from ces_cli.terminal.recordings import find_bag, find_bags, with_distinct_names
+from ces_data.recording import Recording
+from ces_observer.errors import CesError
+
+ROOT = Path(__file__).resolve().parents[3]
+MODEL, BAGS = ROOT / "config" / "models" / "sample.json", ROOT / "bags"
+
+
+@pytest.fixture
+def here(tmp_path, monkeypatch):
+    for name in ("one", "two", "deep/three"):
+        tiny.write(tmp_path / name, tiny.drive())
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_a_bag_that_is_named_twice_is_returned_once_or_as_often(here):
+    words = ["one", "*", "deep"]
+    assert [str(path) for path in find_bags(words)] == ["one", "deep/three", "two"]
+    assert [str(path) for path in find_bags(words, repeated=True)] == ["one", "deep/three", "one", "two", "deep/three"]
+
+
+def test_recordings_of_one_name_are_distinguished_by_their_paths():
+    paths = [Path("fleet/red/road"), Path("fleet/blue/road"), Path("bench/noise")]
+    named = with_distinct_names({path: Recording(path.name, {}) for path in paths})
+    assert [recording.name for recording in named.values()] == ["red_road", "blue_road", "bench_noise"]
+    alone = {path: Recording(path.name, {}) for path in paths[1:]}
+    assert with_distinct_names(alone) == alone
+
+
+def test_one_bag(here):
+    assert find_bag("deep") == Path("deep/three")
+    with pytest.raises(CesError, match=r"^\.: names 3 bags \(deep/three, one, two\); expected one$"):
+        find_bag(".")
+
+
+def test_the_folder_of_a_killed_recorder_is_a_bag(here):
+    (here / "one" / "metadata.yaml").unlink()
+    assert find_bags(["one"]) == [Path("one")]
+    (here / "one" / "one.mcap").rename(here / "one" / "one_0.mcap")
+    assert find_bags(["*"]) == [Path("deep/three"), Path("one"), Path("two")]
+    (here / "one" / "other.mcap").touch()  # a collection of bags
+    assert find_bags(["one"]) == [Path("one/one_0.mcap"), Path("one/other.mcap")]
+
+
+@pytest.mark.parametrize("name", ["x.csv", "x.mat", "x.MF4", "x.parquet", "x.blf", "x.asc", "x.log"])
+@pytest.mark.parametrize("program", ["info", "identify", "validate", "diagnose", "replay", "simulate"])
+def test_another_log_is_pointed_to_import(tmp_path, monkeypatch, capsys, program, name):
+    monkeypatch.chdir(tmp_path)
+    Path(name).touch()
+    words = {
+        "info": [name],
+        "identify": [name],
+        "validate": [str(MODEL), name],
+        "diagnose": ["--sim", str(MODEL), "--real", name, "--out", "gap"],
+        "replay": [str(MODEL), name, "--out", "out"],
+        "simulate": ["--sim", str(MODEL), name, "--out", "out"],
+    }
+    assert main([program, *words[program]]) == 2
+    assert f"not a rosbag2 bag; convert it: ces import {name} --out BAG" in capsys.readouterr().err
+    assert [path.name for path in tmp_path.iterdir()] == [name]
+
+
+def test_a_folder_or_glob_of_other_logs_is_pointed_to_import(tmp_path):
+    (tmp_path / "run.csv").touch()
+    for word in (tmp_path, tmp_path / "*.csv"):
+        with pytest.raises(
+            CesError, match=r"run.csv is a CSV table, not a rosbag2 bag; convert it: ces import \S+/run.csv --out BAG"
+        ):
+            find_bags([str(word)])
+
+
+def test_programs_take_folders_and_globs(here, capsys):
+    assert main(["info", ".", "--json"]) == 0
+    assert capsys.readouterr().out.count('"sha256"') == 3
+    assert main(["validate", str(MODEL), str(BAGS / "s*")]) == 0
+    out = capsys.readouterr().out
+    named = {line.split()[0] for line in out.splitlines() if line.split()}
+    assert {"sine_4hz", "sweep"} <= named and "noise" not in named
+    words = ["identify", str(BAGS / "n*"), "--validate", str(BAGS / "sine_*"), "--out", "m.json", "--rate", "1e5"]
+    assert main(words) == 2
+    assert "--rate 100000: the positions in noise are at 1000 Hz" in capsys.readouterr().err
+
+
+def test_a_shells_star_with_another_file_names_the_folder(here):
+    (here / "README.md").write_text("our recordings")
+    with pytest.raises(CesError, match=r"README\.md: is not a recording; .* give the folder: \."):
+        find_bags(["README.md", "deep", "one", "two"])
+    (here / "log.csv").write_text("t,x\n0,1\n")
+    with pytest.raises(
+        CesError, match=r"log\.csv: is a CSV table, .*ces import log\.csv --out BAG; .* give the folder: \."
+    ):
+        find_bags(["deep", "log.csv"])
+    assert len(find_bags(["."])) == 3
+
+
+def test_a_folder_with_a_file_that_lost_its_end_is_a_bag_whatever_its_name(here):
+    whole = next((here / "one").glob("*.mcap")).read_bytes()
+    for name, files in {
+        "killed": {"run_0.mcap": whole[:-100]},
+        "two_parts": {"run_0.mcap": whole, "run_1.mcap": whole[:-100]},
+        "several": {"a.mcap": whole, "b.mcap": whole[:-100]},
+        "ended": {"run_0.mcap": whole},
+    }.items():
+        (here / name).mkdir()
+        for file, content in files.items():
+            (here / name / file).write_bytes(content)
+    assert find_bags(["killed", "two_parts"]) == [Path("killed"), Path("two_parts")]
+    assert find_bags(["several"]) == [Path("several/a.mcap"), Path("several/b.mcap")]
+    assert find_bags(["ended"]) == [Path("ended/run_0.mcap")]
+
+
+def test_signals_are_proposed_for_what_a_killed_recorder_left(here, capsys):
+    file = next((here / "one").glob("*.mcap"))
+    (here / "killed").mkdir()
+    (here / "killed" / "run_0.mcap").write_bytes(file.read_bytes()[:-100])
+    assert main(["signals", "killed"]) == 0
+    assert "joint_states" in capsys.readouterr().out

@@ -1,0 +1,170 @@
+"""`ces compare` from end to end: tables, JSON, page, training data, and mistakes."""
+
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+from browser import find_faults, open_page
+
+from ces_cli.main import main
+from ces_gap.augmented import save_augmented
+from ces_gap.effects.effect import Composition
+from ces_identify import read_recording
+from ces_observer.model import load_model
+
+ROOT = Path(__file__).parents[2]
+SAMPLE, ROAD, SINE = ROOT / "config/models/sample.json", ROOT / "bags/road", ROOT / "bags/sine_4hz"
+
+
+def ces(*words):
+    return main(["compare", *map(str, words)])
+
+
+def error_line(capsys, *words):
+    capsys.readouterr()
+    assert ces(*words) == 2
+    shown = capsys.readouterr()
+    lines = [line for line in shown.err.splitlines() if not line.startswith("warning: ")]
+    assert len(lines) == 1 and shown.out == "", lines
+    return lines[0]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Two equal models in files of the same name, the second without provenance, and a function."""
+    folder = tmp_path_factory.mktemp("compare")
+    for name in ("ours", "theirs"):
+        (folder / name).mkdir()
+    shutil.copy(SAMPLE, folder / "ours/model.json")
+    text = json.loads(SAMPLE.read_text())
+    text["provenance"] = {}
+    (folder / "theirs/model.json").write_text(json.dumps(text))
+    (folder / "rig_like.py").write_text(
+        "import numpy as np\ndef force(t, x, i):\n    return 2000.0 * np.gradient(x, t) * (0.5 + i)\n"
+    )
+    return folder
+
+
+@pytest.fixture(scope="module")
+def compared(folder):
+    """The page of three simulations on two recordings."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        words = ("ours/model.json", "theirs/model.json", "rig_like:force", ROAD, SINE)
+        assert ces(*words, "--report", "page.html") == 0
+    return folder / "page.html"
+
+
+def test_tables(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert ces("ours/model.json", ROAD, "rig_like:force", SINE) == 0  # in any order
+    shown = capsys.readouterr().out
+    assert "model is better than rig_like:force" in shown
+    assert "identified on" in shown and "model was identified on road; its cost there is not a test" in shown
+    assert "no file says what rig_like:force was identified on" in shown
+
+
+def test_json_holds_the_numbers_of_validate(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert ces("ours/model.json", "theirs/model.json", SINE, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "ces-compare/1"
+    assert [model["name"] for model in document["models"]] == ["ours/model", "theirs/model"]
+    first, second = (model["costs"][0] for model in document["models"])
+    recorded = next(
+        row["J"] for row in load_model(SAMPLE).provenance["cost_J_percent"] if row["recording"] == "sine_4hz"
+    )
+    assert first["J_percent"] == pytest.approx(recorded, abs=0.05)
+    assert (first["use"], second["use"]) == ("test", "not known")
+    (pair,) = document["pairs"]
+    assert pair["verdict"] == "cannot be told apart" and pair["better"] is None
+    assert pair["pooled"]["first_minus_second_percent"] == 0.0
+
+
+def test_a_comparison_on_training_data_has_no_verdict(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    assert ces("ours/model.json", "rig_like:force", ROAD, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["test_recordings"] == []
+    assert document["pairs"][0]["verdict"] == "not a test" and document["pairs"][0]["p_value"] is None
+    assert ces("ours/model.json", "rig_like:force", ROAD) == 0
+    shown = capsys.readouterr().out
+    assert "no test: model or rig_like:force was identified on each recording." in shown
+    assert "is better" not in shown
+
+
+def test_recordings_of_a_diagnosis_are_no_test_for_its_simulation(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    rows = [{"recording": "sine_4hz", "sha256": read_recording(SINE).sha256}]
+    save_augmented(folder / "augmented.json", "ours/model.json", Composition(()), provenance={"real": rows})
+    assert ces("augmented.json", "ours/model.json", SINE, ROAD, "--json") == 0
+    document = json.loads(capsys.readouterr().out)
+    uses = [[cost["use"] for cost in model["costs"]] for model in document["models"]]
+    assert uses == [["identified on", "identified on"], ["test", "identified on"]]
+    assert document["pairs"][0]["verdict"] == "not a test"
+
+
+def test_the_front_of_a_campaign_is_compared(folder, monkeypatch, capsys):
+    monkeypatch.chdir(folder)
+    (folder / "sizes/models").mkdir(parents=True)
+    rows = [
+        {"key": key, "status": "done", "bags": "noise", "structure": "polynomial", "terms": terms, "size": "terms",
+         "parameters": terms, "selection_J": cost, "costs": [], "gain": 0.9, "seconds": 1.0}
+        for key, terms, cost in (("aa", 4, 9.0), ("ab", 8, 5.0), ("ac", 8, 6.0))
+    ]  # fmt: skip
+    (folder / "sizes/results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
+    for row in rows:
+        shutil.copy(SAMPLE, folder / f"sizes/models/{row['key']}.json")
+    assert ces("sizes", SINE, "--json") == 0
+    names = [model["name"] for model in json.loads(capsys.readouterr().out)["models"]]
+    assert names == ["polynomial 8 terms", "polynomial 4 terms"]
+    assert ces("sizes", "--report", "sizes.html") == 0
+    assert 'href="sizes/models/ab.json"' in (folder / "sizes.html").read_text(encoding="utf-8")
+    assert ces("sizes", "--json") == 0
+    cells = json.loads(capsys.readouterr().out.partition("report: sizes.html\n")[2])["cells"]
+    assert [cell["on_front"] for cell in cells] == [True, False, True]
+    assert "--part applies to recordings" in error_line(capsys, "sizes", "--part", "0.5:1")
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (("ours/model.json", SINE), "one model given (ours/model.json); taken as recordings: "),
+        ((SINE,), "no model given; taken as recordings: "),
+        (("ours/model.json", "theirs/model.json", SINE, "--report", "page.pdf"), "a report is an HTML page"),
+        (("ours/model.json", "theirs/model.json"), "no recording given"),
+        (("ours/model.json", "ours/model.json", SINE), "ours/model.json is given twice"),
+        (("ours/model.json", "theirs/model.json", SINE, SINE, "--report", "page.html"), "exists; choose another name"),
+        (("ours/model.json", "theirs/model.json", SINE, "--report", "ours/model.json"), "ours/model.json: "),
+        (("ours/model.json", "theirs/model.json", "nowhere"), "nowhere"),
+        (("ours/model.json", "nothing.json", SINE), "nothing.json: no such model file"),
+        (("ours/model.json", "topic:/prediction", SINE), "no topic /prediction"),
+    ],
+)
+def test_mistakes_are_one_line_and_write_nothing(folder, compared, monkeypatch, capsys, words, expected):
+    monkeypatch.chdir(folder)
+    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
+    assert expected in error_line(capsys, *words)
+    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*") if "__pycache__" not in path.parts} == {
+        path: stamp for path, stamp in before.items() if "__pycache__" not in path.parts
+    }
+
+
+def test_the_page_names_everything(compared):
+    text = compared.read_text(encoding="utf-8")
+    for word in ("ours/model", "theirs/model", "rig_like:force", "identified on road; its cost there is not a test"):
+        assert word in text
+    assert len(text) < 3_000_000
+
+
+def test_the_page_is_legible_on_screen_in_print_and_by_keys(compared):
+    assert find_faults(compared) == []
+
+
+def test_the_page_reads_forces(compared):
+    with open_page(compared) as page:
+        assert page.locator("#costs tbody tr").count() == 3
+        frame = page.locator("#time0-plot .plot-frame")
+        frame.hover()
+        assert "ours/model" in page.locator("#time0-plot .plot-readout").inner_text()

@@ -1,0 +1,335 @@
+"""The JSON Schemas and the loaders accept and refuse the same files."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from jsonschema import Draft7Validator
+
+from ces_cli.main import main
+from ces_cli.schemas import BUILDERS, build_schema
+from ces_cli.terminal.outputs import make_schemas
+from ces_data.logs.log_mapping import LAYOUT_KEYS, load_dyno_mapping
+from ces_data.logs.log_mapping import TEMPLATE as IMPORT_TEMPLATE
+from ces_data.signals_file import load_signals
+from ces_identify.campaign import axes
+from ces_identify.campaign.description import KEYS as CAMPAIGN_KEYS
+from ces_identify.campaign.description import load_campaign
+from ces_identify.polynomial.regressors import DEFAULT_RULES, THESIS_RULES, load_rules
+from ces_identify.schema_files import ABOUT, KEYWORD, path_of_schema, schema_line
+from ces_iterate.plan import TEMPLATE as ITERATE_TEMPLATE
+from ces_iterate.plan import load_plan
+from ces_iterate.rigs.kinds import open_rig
+from ces_iterate.stroke.plan import load_plan as load_stroke_plan
+from ces_observer.errors import CesError
+from ces_observer.signals import NAMES
+from ces_rig.experiment import KEYS as EXPERIMENT_KEYS
+from ces_rig.experiment import load_description, load_experiment
+
+ROOT = Path(__file__).resolve().parents[2]
+SHIPPED = sorted(path for folder in ("config", "ces_rig", "ces_identify") for path in (ROOT / folder).rglob("*.yaml"))
+
+
+class Loader(yaml.SafeLoader):
+    """Reads 1e6 as a number and yes as a text, as YAML 1.2 and the editors' language servers do."""
+
+
+Loader.yaml_implicit_resolvers = {
+    first: [rule for rule in rules if rule[0] not in ("tag:yaml.org,2002:bool", "tag:yaml.org,2002:float")]
+    for first, rules in yaml.SafeLoader.yaml_implicit_resolvers.items()
+}
+Loader.add_implicit_resolver("tag:yaml.org,2002:bool", re.compile("^(true|false)$"), ["t", "f"])
+NUMBER = re.compile(r"^[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?$")
+Loader.add_implicit_resolver("tag:yaml.org,2002:float", NUMBER, list("-+.0123456789"))
+
+
+@cache
+def schema_of(name: str) -> dict[str, Any]:
+    return dict(json.loads(build_schema(name)))
+
+
+def faults(name: str, text: str) -> list[str]:
+    return [error.message for error in Draft7Validator(schema_of(name)).iter_errors(yaml.load(text, Loader))]
+
+
+def schema_named_in(path: Path) -> Path:
+    """Return the file that the first line of a shipped file names, relative to the folder of that file."""
+    first = path.read_text(encoding="utf-8").splitlines()[0]
+    assert first.startswith(KEYWORD), f"{path}: {first}"
+    return (path.parent / first.removeprefix(KEYWORD)).resolve()
+
+
+@pytest.fixture(autouse=True)
+def _own_cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+
+
+@pytest.mark.parametrize("name", BUILDERS)
+def test_every_schema_is_one_and_is_described(name: str) -> None:
+    Draft7Validator.check_schema(schema_of(name))
+    assert set(ABOUT) == set(BUILDERS)
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: str(path.relative_to(ROOT)))
+def test_shipped_files_name_their_schema_and_follow_it(path: Path) -> None:
+    schema = schema_named_in(path)
+    assert schema.parent == ROOT / "ces_identify" / "schemas"  # as in the folder share/ of an installation
+    assert faults(schema.stem, path.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (["import", "--template"], "import"),
+        (["iterate", "--template"], "iterate"),
+        (["identify", "--show-candidates"], "candidates"),
+    ],
+)
+def test_templates_name_the_installed_schema_and_follow_it(
+    words: list[str], name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(words) == 0
+    printed = capsys.readouterr().out
+    assert printed.startswith(schema_line(name)) and Path(printed.splitlines()[0].removeprefix(KEYWORD)).is_file()
+    assert faults(name, printed) == []
+
+
+def test_every_commented_setting_of_the_templates_is_known() -> None:
+    for name, text in (("import", IMPORT_TEMPLATE), ("iterate", ITERATE_TEMPLATE)):
+        schema = build_schema(name)
+        for line in text.splitlines():
+            found = re.match(r"\s*# ?([a-z_A-Z]+): \S", line)
+            assert found is None or f'"{found[1]}"' in schema or found[1] in ("For", "Time"), line
+
+
+def test_the_built_in_rules_follow_their_schema() -> None:
+    assert faults("candidates", DEFAULT_RULES) == faults("candidates", THESIS_RULES) == []
+
+
+def documented() -> Iterator[tuple[str, str]]:
+    """Yield the YAML examples of the documentation, each with the name of its page."""
+    for page in sorted((ROOT / "docs").glob("*.md")):
+        for block in re.findall(r"```yaml\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL):
+            if "--qos-profile-overrides-path" not in block:  # a file of ROS 2
+                yield page.name, block
+
+
+def test_examples_in_the_documentation_follow_a_schema() -> None:
+    examples = [(page, text) for page, text in documented() if isinstance(yaml.load(text, Loader), dict)]
+    assert len(examples) > 3
+    for page, text in examples:
+        found = {name: [f for f in faults(name, text) if "required property" not in f] for name in BUILDERS}
+        assert [] in found.values(), f"{page}:\n{text}"
+
+
+def load_rig_damper(path: Path) -> object:
+    return load_description(path)
+
+
+def load_iterate(path: Path) -> object:
+    return open_rig(load_plan(path))
+
+
+LOADERS: dict[str, Callable[[Path], object]] = {
+    "signals": load_signals,
+    "import": load_dyno_mapping,
+    "candidates": load_rules,
+    "campaign": load_campaign,
+    "experiment": load_experiment,
+    "damper": load_rig_damper,
+    "iterate": load_iterate,
+    "learn-stroke": load_stroke_plan,
+}
+GOOD = {
+    "signals": "position: {topic: a, type: std_msgs/msg/Float64, field: data, scale: 0.001}\ncurrent: {constant: 0}\n",
+    "import": "time: {column: 0}\nposition: {column: x, scale: 1e-3}\ncurrent: {constant: 0}\nforce: {column: F}\n",
+    "candidates": "speed: {lags: [0, 3], powers: [0.5], forms: [magnitude]}\nforce: {lags: [1]}\nproducts: [[speed]]\n",
+    "campaign": "bags: {a: [x, y]}\nvalidate: {b: z}\nstructures: {sigmoid: {units: [4, 8]}}\nseed: [1, 2]\n",
+    "experiment": "stroke: {kind: sine, amplitude_m: 0.01, frequency_Hz: 2, fade_s: 1}\n"
+    "current: {kind: constant, current_A: 0.4}\ndamper: {seal: {coulomb_N: 40}}\nsensors: {force: {noise: 1}}\n",
+    "damper": "seal: {coulomb_N: 30, static_N: 50}\n",
+    "iterate": "limits: {stroke_m: 0.02, speed_m_s: 1, acceleration_m_s2: 50, low_A: 0.3, high_A: 0.6}\n"
+    "rig: {kind: virtual}\nstop: {budget_s: 30}\n",
+    "learn-stroke": "experiment: road\nactuator: {gain: 1.1}\nlimits: {stroke_m: 0.05}\nlearning: {repeats: 3}\n",
+}
+
+
+def changed(text: str, path: tuple[str, ...], value: object) -> str:
+    """Return a YAML text with the value at a path of keys replaced, or removed if `value` is `...`."""
+    content = yaml.load(text, Loader)
+    place: Any = content
+    for key in path[:-1]:
+        place = place[key]
+    if value is ...:
+        del place[path[-1]]
+    else:
+        place[path[-1]] = value
+    return yaml.safe_dump(content)
+
+
+WRONG: list[tuple[str, tuple[str, ...], object]] = [
+    ("signals", ("position", "topik"), "a"),
+    ("signals", ("position", "scale"), 0),
+    ("signals", ("position", "scale"), "much"),
+    ("signals", ("position", "type"), "Float64"),
+    ("signals", ("position", "offset"), 1e31),
+    ("signals", ("current",), 3),
+    ("import", ("positon",), {"column": "x"}),
+    ("import", ("position", "colum"), "x"),
+    ("import", ("position",), {"column": "x", "constant": 1}),
+    ("import", ("position", "scale"), 0),
+    ("import", ("force",), ...),
+    ("import", ("position", "unit"), "mm"),
+    ("import", ("blank",), "skip"),
+    ("import", ("dbc",), 3),
+    ("import", ("time", "date"), "now"),
+    ("import", ("position", "group"), 1.5),
+    ("import", ("rate",), 1000),
+    ("import", ("format",), "xls"),
+    ("import", ("header_lines",), -1),
+    ("import", ("time", "column"), -1),
+    ("candidates", ("speed", "lag"), [1]),
+    ("candidates", ("speed", "lags"), []),
+    ("candidates", ("speed", "lags"), [-1]),
+    ("candidates", ("speed", "lags_ms"), [3]),
+    ("candidates", ("speed", "powers"), [100]),
+    ("candidates", ("speed", "forms"), ["round"]),
+    ("candidates", ("force", "lags"), [0]),
+    ("candidates", ("products",), "speed"),
+    ("candidates", ("constructed",), {"h": {"kind": "stop", "of": "position", "width": 1}}),
+    ("candidates", ("constructed",), {"h": {"kind": "spring", "of": "position"}}),
+    ("candidates", ("initial",), [[{"signal": "speed", "lags": 3}]]),
+    ("campaign", ("structure",), {}),
+    ("campaign", ("structures",), {}),
+    ("campaign", ("structures", "sigmoid", "unit"), 3),
+    ("campaign", ("structures", "sigmoid", "units"), [4, 400]),
+    ("campaign", ("bags",), []),
+    ("campaign", ("bags",), {"a b": ["x"]}),
+    ("campaign", ("limits",), {"seconds": 3}),
+    ("campaign", ("split",), 2),
+    ("campaign", ("seed",), "many"),
+    ("experiment", ("duration",), 3),
+    ("experiment", ("duration_s",), 0),
+    ("experiment", ("seed",), 1.5),
+    ("experiment", ("stroke", "kind"), "sinus"),
+    ("experiment", ("stroke", "amplitude_m"), 0),
+    ("experiment", ("stroke", "amplitude_m"), ...),
+    ("experiment", ("stroke", "amplitude"), 1),
+    ("experiment", ("current",), ...),
+    ("experiment", ("damper", "seal", "coulomb"), 3),
+    ("experiment", ("damper", "seal", "coulomb_N"), -3),
+    ("experiment", ("sensors", "force", "noise"), "low"),
+    ("experiment", ("tare",), 3),
+    ("damper", ("seals",), {}),
+    ("damper", ("kind",), "rubber"),
+    ("damper", ("seal", "coulomb_N"), "high"),
+    ("iterate", ("limits", "stroke_m"), ...),
+    ("iterate", ("limits", "stroke"), 1),
+    ("iterate", ("limits", "heat"), {"power": 3}),
+    ("iterate", ("rig", "kind"), "real"),
+    ("iterate", ("rig", "dampers"), "x"),
+    ("iterate", ("stop", "budget_s"), 0),
+    ("iterate", ("identify",), {"structure": "best"}),
+    ("iterate", ("experiments",), {"kind": "random"}),
+    ("iterate", ("recordings",), "x"),
+    ("iterate", ("seed",), -1),
+    ("learn-stroke", ("experiment",), 3),
+    ("learn-stroke", ("experiment",), ...),
+    ("learn-stroke", ("actuator", "gains"), 1),
+    ("learn-stroke", ("limits", "stroke_m"), 5),
+    ("learn-stroke", ("learning", "repeats"), 1),
+    ("learn-stroke", ("rig",), {"kind": "real"}),
+    ("learn-stroke", ("plan",), {}),
+]
+
+
+@pytest.mark.parametrize("name", GOOD)
+def test_what_the_loader_accepts_follows_the_schema(name: str, tmp_path: Path) -> None:
+    assert set(GOOD) == set(LOADERS)
+    file = tmp_path / "file.yaml"
+    file.write_text(GOOD[name])
+    LOADERS[name](file)
+    assert faults(name, GOOD[name]) == []
+
+
+@pytest.mark.parametrize(("name", "path", "value"), WRONG, ids=str)
+def test_what_the_loader_refuses_the_schema_refuses(
+    name: str, path: tuple[str, ...], value: object, tmp_path: Path
+) -> None:
+    file, text = tmp_path / "file.yaml", changed(GOOD[name], path, value)
+    file.write_text(text)
+    with pytest.raises(CesError):
+        LOADERS[name](file)
+    assert faults(name, text)
+
+
+@pytest.mark.parametrize(
+    ("name", "keys"),
+    [
+        ("import", (*LAYOUT_KEYS, *NAMES)),
+        ("campaign", CAMPAIGN_KEYS),
+        ("experiment", EXPERIMENT_KEYS),
+    ],
+)
+def test_schema_and_loader_know_the_same_keys(name: str, keys: tuple[str, ...]) -> None:
+    assert set(schema_of(name)["properties"]) == set(keys)
+
+
+def test_every_axis_of_a_campaign_has_a_schema_that_agrees() -> None:
+    probes = (0, 1, 4, -1, 200, 201, 0.5, 1e12, True, "auto", "both", None)
+    for axis in (*axes.COMMON.values(), *(a for own in axes.STRUCTURES.values() for a in own.values())):
+        if axis.check_text is None:
+            for probe in probes:
+                good = Draft7Validator(axes.axis_schema(axis)).is_valid(probe)
+                assert good == axes.is_on_axis(axis, probe), (axis.name, probe)
+
+
+NODE_FILES = {"observer": "observer", "controller": "controller", "rig-node": "rig_live", "identify-node": "identify"}
+
+
+@pytest.mark.parametrize("name", NODE_FILES)
+def test_parameter_files_with_a_typo_or_a_wrong_type_are_refused(name: str) -> None:
+    text = (ROOT / "config" / f"{NODE_FILES[name]}.yaml").read_text(encoding="utf-8")
+    parameters = yaml.load(text, Loader)["/**"]["ros__parameters"]
+    for key, value in parameters.items():
+        assert faults(name, changed(text, ("/**", "ros__parameters", f"{key}_x"), value)), key
+        wrong: object = 1 if isinstance(value, str | dict) else "wrong"
+        assert faults(name, changed(text, ("/**", "ros__parameters", key), wrong)), key
+    assert faults(name, text.replace("/**", "/front/node")) == []
+
+
+def test_several_dampers_and_dotted_names_follow_the_schema() -> None:
+    own = {"model": "m.json", "max_age_s": 0.1, "position": {"field": "position[fork]"}, "current.topic": "front"}
+    parameters = {"dampers": ["front"], "front": own, "position.scale": 0.001}
+    text = yaml.safe_dump({"/ns": {"observer": {"ros__parameters": parameters}}})
+    assert faults("observer", text) == []
+    assert faults("observer", text.replace("max_age_s", "max_age"))
+    assert faults("signals", yaml.safe_dump({"dampers": ["a"], "a": {"position": {"topic": "x"}}})) == []
+    assert faults("signals", yaml.safe_dump({"/**": {"ros__parameters": {"positon": {"topic": "x"}}}}))
+
+
+def test_ces_schema_prints_writes_and_lists(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["schema", "signals"]) == 0
+    assert capsys.readouterr().out == build_schema("signals")
+    assert main(["schema", "signals", "--path"]) == 0
+    assert Path(capsys.readouterr().out.strip()).is_file()
+    assert main(["schema", "--list"]) == 0
+    assert [line.split()[0] for line in capsys.readouterr().out.splitlines()] == list(ABOUT)
+    assert main(["schema", "--all", str(tmp_path / "all")]) == 0
+    assert {path.stem for path in (tmp_path / "all").iterdir()} == set(BUILDERS)
+
+
+def test_schemas_of_another_version_are_made_anew(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ces_identify.schema_files.files", lambda package: tmp_path)  # nothing was built
+    old = path_of_schema("signals")
+    old.parent.mkdir(parents=True)
+    old.write_text("{}")
+    make_schemas()
+    assert old.read_text(encoding="utf-8") == build_schema("signals")

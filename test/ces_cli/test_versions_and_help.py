@@ -1,0 +1,86 @@
+"""What `ces` says of itself: the versions in use, the help of a program, and the program that was probably meant."""
+
+from __future__ import annotations
+
+import json
+import platform
+from importlib import metadata
+
+import pytest
+
+from ces_cli import versions
+from ces_cli.main import PROGRAMS, main
+from ces_observer import __version__
+
+
+def test_the_versions_are_those_of_the_installed_packages(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["--version"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f"ces_observer {__version__}"
+    assert f"python        {platform.python_version()}" in lines[1]
+    assert main(["--version", "--json"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["schema"] == "ces-version/1" and document["ces_observer"] == __version__
+    for name, version in document["packages"].items():
+        assert version == metadata.version(name)
+        assert f"{name:<14}{version}" in lines
+
+
+def test_absent_extras_are_named_with_what_installs_them(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    twice = [f'no_such_library>=2; extra == "{extra}"' for extra in ("fmi", "formats")]
+    requires = ["numpy>=1.26", *twice, 'pytest>=7.4; extra == "dev"']
+    monkeypatch.setattr(versions.metadata, "requires", lambda name: requires)
+    assert main(["--version"]) == 0
+    printed = capsys.readouterr().out
+    assert "no_such_library absent (optional: pip install ces_observer[fmi])" in printed.replace("  ", " ")
+    assert "pytest" not in printed and printed.count("no_such_library") == 1
+
+
+def test_ros_is_named_where_it_is_sourced(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setenv("ROS_DISTRO", "jazzy")
+    monkeypatch.setenv("RMW_IMPLEMENTATION", "rmw_cyclonedds_cpp")
+    assert main(["--version"]) == 0
+    assert "ROS 2         jazzy, rmw_cyclonedds_cpp" in capsys.readouterr().out
+
+
+def test_ces_without_an_installation_has_no_packages(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(versions, "NAME", "a_package_that_nobody_has")
+    assert main(["--version"]) == 0
+    assert "is not installed" in capsys.readouterr().out
+
+
+def test_help_names_a_part_of_a_program(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as stop:
+        main(["help", "blind", "make"])
+    assert stop.value.code == 0 and capsys.readouterr().out.startswith("usage: ces blind make")
+
+
+def test_help_of_a_program_is_its_own(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["help"]) == 0
+    assert capsys.readouterr().out.startswith("usage: ces PROGRAM")
+    with pytest.raises(SystemExit) as stop:
+        main(["help", "learn-stroke"])
+    assert stop.value.code == 0
+    assert capsys.readouterr().out.startswith("usage: ces learn-stroke")
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [("identity", "identify"), ("diagnos", "diagnose"), ("learn_stroke", "learn-stroke"), ("vaildate", "validate")],
+)
+def test_a_misspelt_program_is_recognised(typed: str, meant: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for words in ([typed], ["help", typed]):
+        assert main(words) == 2
+        assert capsys.readouterr().err == f"ces: error: unknown program '{typed}'; did you mean '{meant}'?\n"
+
+
+def test_a_wrong_word_lists_the_programs(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["xyzzy"]) == 2
+    error = capsys.readouterr().err
+    assert all(name in error for name in PROGRAMS)
+    assert main(["--version", "long"]) == 2
+    assert capsys.readouterr().err == "ces --version: error: found 'long'; expected nothing more, or --json\n"

@@ -1,0 +1,205 @@
+import struct
+import tracemalloc
+from io import BytesIO
+
+import lz4.frame
+import numpy as np
+import pytest
+import zstandard
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.reader import make_reader
+from mcap.records import Chunk
+from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
+from mcap.writer import Writer as McapWriter
+
+from ces_data.bags import mcap
+from ces_data.bags.mcap import blocks, require_complete, split_messages
+from ces_data.bags.reader import list_topics
+from ces_observer.errors import RecordingError
+
+
+def slow_twin(data):
+    """Walk along the records one after the other, as the format's description reads."""
+    rows, stream = [], BytesIO(data)
+    while len(head := stream.read(9)) == 9:
+        opcode, length = struct.unpack("<BQ", head)
+        start = stream.tell()
+        body = stream.read(length)
+        if len(body) < length or (opcode == 5 and length < 22):
+            return rows, start - 9
+        if opcode == 5:
+            channel, _, log_ns, _ = struct.unpack("<HIqQ", body[:22])
+            rows.append((channel, log_ns, start + 22, length - 22))
+    return rows, stream.tell() - len(head)
+
+
+def split(data):
+    messages, end = split_messages(np.frombuffer(data, dtype=np.uint8))
+    return [tuple(row) for row in messages.tolist()], end
+
+
+def record(opcode, body):
+    return struct.pack("<BQ", opcode, len(body)) + body
+
+
+@pytest.mark.parametrize("cut", [0, 1, 5, 9, 12, 400])
+def test_split_is_that_of_the_slow_twin(cut):
+    rng = np.random.default_rng(2)
+    data = b"".join(record(int(rng.integers(1, 15)), rng.bytes(rng.integers(22, 300))) for _ in range(200))
+    data = data[: len(data) - cut]
+    assert split(data) == slow_twin(data)
+    assert len(split(data)[0]) > 5
+
+
+def test_length_beyond_all_memory_is_an_unfinished_record():
+    data = record(5, bytes(22)) + b"\x05" + b"\xff" * 8 + b"x"
+    assert split(data) == ([(0, 0, 31, 0)], 31)
+
+
+def test_message_too_short_for_its_header_ends_the_split():
+    data = record(3, b"abc") + record(5, bytes(21)) + record(5, bytes(22))
+    assert split(data) == slow_twin(data) == ([], 12)
+
+
+def write(path, messages, **options):
+    with path.open("wb") as file:
+        writer = McapWriter(file, **options)
+        writer.start(profile="ros2")
+        schema = writer.register_schema("std_msgs/msg/Float64", "ros2msg", b"float64 data\n")
+        channels = [writer.register_channel(topic, "cdr", schema) for topic in ("/a", "/b")]
+        for channel, log_ns, payload in messages:
+            writer.add_message(channels[channel], log_ns, payload, log_ns)
+        writer.finish()
+    return channels
+
+
+WAYS = {
+    "zstd": {"compression": CompressionType.ZSTD, "chunk_size": 2000},
+    "lz4": {"compression": CompressionType.LZ4, "chunk_size": 2000},
+    "none": {"compression": CompressionType.NONE, "chunk_size": 2000},
+    "one message a chunk": {"compression": CompressionType.NONE, "chunk_size": 1},
+    "no chunks": {"use_chunking": False},
+    "no index": {"index_types": IndexType.NONE, "use_statistics": False, "use_summary_offsets": False},
+}
+
+
+@pytest.mark.parametrize("size", [64, 3000, 4 << 20])
+@pytest.mark.parametrize("way", WAYS)
+def test_every_way_of_storing_gives_the_messages_in_recorded_order(tmp_path, monkeypatch, way, size):
+    monkeypatch.setattr(mcap, "BLOCK", size)
+    rng = np.random.default_rng(4)
+    messages = [(int(rng.integers(2)), int(rng.integers(10**15)), rng.bytes(rng.integers(0, 90))) for _ in range(400)]
+    channels = write(tmp_path / "x.mcap", messages, **WAYS[way])
+    rows = [
+        (channels.index(int(block.topics[i])), int(block.log_ns[i]), block.payload(i))
+        for block in blocks(tmp_path / "x.mcap")
+        for i in range(len(block))
+    ]
+    assert rows == messages
+
+
+@pytest.mark.parametrize("way", ["zstd", "no chunks"])
+def test_file_cut_anywhere_is_reported_as_cut(tmp_path, way):
+    path = tmp_path / "x.mcap"
+    write(path, [(0, i, bytes(30)) for i in range(50)], **WAYS[way])
+    whole = path.read_bytes()
+    require_complete(path)
+    for size in range(1, len(whole), 7):
+        path.write_bytes(whole[:size])
+        with pytest.raises(RecordingError, match=r"ends early|not an MCAP file") as caught:
+            require_complete(path)
+        assert size < 8 or "mcap recover x.mcap" in str(caught.value)
+
+
+def test_footer_pasted_onto_a_cut_file_does_not_hide_the_cut(tmp_path):
+    path = tmp_path / "x.mcap"
+    write(path, [(0, i, bytes(3000)) for i in range(50)], use_chunking=False)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:9000] + whole[-37:])
+    with pytest.raises(RecordingError, match=r"ends early"):
+        list(blocks(path))
+
+
+@pytest.mark.parametrize("way", ["zstd", "lz4", "none"])
+def test_damaged_chunk_is_never_read(tmp_path, way):
+    path = tmp_path / "x.mcap"
+    rng = np.random.default_rng(5)
+    write(path, [(0, i, rng.bytes(30)) for i in range(400)], **WAYS[way])
+    whole = bytearray(path.read_bytes())
+    with path.open("rb") as file:
+        second = make_reader(file).get_summary().chunk_indexes[1]
+    whole[second.chunk_start_offset + second.chunk_length * 3 // 4] ^= 0x10
+    path.write_bytes(whole)
+    with pytest.raises(RecordingError, match="damaged"):
+        list(blocks(path))
+
+
+def test_empty_file(tmp_path):
+    (tmp_path / "x.mcap").touch()
+    with pytest.raises(RecordingError, match="the file is empty"):
+        require_complete(tmp_path / "x.mcap")
+
+
+BOMB = {"zstd": zstandard.compress(bytes(50_000_000)), "lz4": lz4.frame.compress(bytes(1_000_000)), "": bytes(101)}
+
+
+@pytest.mark.parametrize("compression", BOMB)
+def test_chunk_with_more_data_than_it_states_is_refused(tmp_path, compression):
+    chunk = Chunk(compression, BOMB[compression], 0, 0, 0, uncompressed_size=100)
+    tracemalloc.start()
+    assert "a chunk is damaged" in refusal(tmp_path / "x.mcap", chunk)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10_000_000
+
+
+def test_chunk_in_an_unknown_compression_is_refused(tmp_path):
+    assert "compression 'br' is none of zstd and lz4" in refusal(tmp_path / "x.mcap", Chunk("br", b"abc", 0, 0, 0, 3))
+
+
+@pytest.mark.parametrize("stated", [10**6, 2**62, 2**64 - 1])
+@pytest.mark.parametrize("at", [1, 9 + 32])  # length of the record, length of the data in it
+def test_length_beyond_the_file_is_refused(tmp_path, stated, at):
+    path = tmp_path / "x.mcap"
+    refusal(path, Chunk("", bytes(100), 0, 0, 1, 100))
+    whole = bytearray(path.read_bytes())
+    whole[8 + at : 16 + at] = struct.pack("<Q", stated)
+    path.write_bytes(whole)
+    with pytest.raises(RecordingError, match=r"a chunk is damaged|the file ends early"):
+        list(blocks(path))
+
+
+def refusal(path, chunk):
+    """Return the error about a file with this chunk alone."""
+    builder = RecordBuilder()
+    chunk.write(builder)
+    path.write_bytes(MCAP0_MAGIC + builder.end() + record(Opcode.DATA_END, bytes(4)))
+    with pytest.raises(RecordingError) as caught:
+        list(blocks(path))
+    return str(caught.value)
+
+
+def write_mixed(path, profile, *encodings):
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start(profile=profile, library="a logger")
+        schema = writer.register_schema("Pos", "jsonschema", b"{}")
+        for number, encoding in enumerate(encodings):
+            channel = writer.register_channel(f"/pos{number}", encoding, schema)
+            writer.add_message(channel, log_time=5, publish_time=5, data=b'{"x": 1}')
+        writer.finish()
+
+
+@pytest.mark.parametrize("profile", ["", "ros2"])
+def test_a_file_of_other_messages_says_what_it_is_and_what_to_do(tmp_path, profile):
+    path = tmp_path / "log.mcap"
+    write_mixed(path, profile, "json")
+    phrase = r"log\.mcap: an MCAP file, but not of ROS 2: its messages \(/pos0\) are encoded as 'json', .*ces import"
+    with pytest.raises(RecordingError, match=phrase):
+        list_topics(path)
+    write_mixed(path, profile, "json", "cdr", "protobuf")
+    with pytest.raises(
+        RecordingError, match=r"topics \(/pos0, /pos2\) are encoded as 'json', 'protobuf'; .*mcap filter"
+    ):
+        list_topics(path)

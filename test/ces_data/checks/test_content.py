@@ -1,0 +1,210 @@
+"""Copies and parts of a recording are recognised, however they are stored; other recordings are not taken for them."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import recording_topics, write_bag
+from ces_data.checks.content import (
+    find_known_recording,
+    known_share,
+    marks_of_copies,
+    recording_marks,
+    require_distinct,
+    require_once,
+    shared_content,
+)
+from ces_data.recording import Channel, Recording
+from ces_data.tables import tabulate
+from ces_observer.errors import RecordingError
+from ces_observer.signals import Signals
+
+START = 10**18
+RATE = 1000
+OTHER_TOPICS = Signals.from_mapping(
+    {
+        "position": {"topic": "rig/x", "type": "std_msgs/msg/Float64", "field": "data", "scale": 0.001},
+        "current": {"topic": "rig/i", "type": "std_msgs/msg/Float32", "field": "data"},
+        "force": {"topic": "rig/f", "type": "std_msgs/msg/Float32", "field": "data", "scale": 1000.0},
+    },
+    "test",
+)
+
+
+def made(name="run", seed=1, stroke_seed=None, seconds=8.0, start_ns=START, hz=2.0):
+    """Return a recording of a noisy viscous damper; `stroke_seed` gives two of them the same stroke."""
+    t = np.arange(round(seconds * RATE)) / RATE
+    dice, shared = np.random.default_rng(seed), np.random.default_rng(seed if stroke_seed is None else stroke_seed)
+    x = 0.02 * np.sin(2 * np.pi * hz * t) + shared.normal(0, 1e-5, len(t))
+    force = 3000.0 * np.gradient(0.02 * np.sin(2 * np.pi * hz * t), t) + dice.normal(0, 8.0, len(t))
+    stamps = start_ns + np.rint(t * 1e9).astype(np.int64)
+    columns = {"position": ("m", x), "current": ("A", 0.5 + dice.normal(0, 1e-3, len(t))), "force": ("N", force)}
+    return Recording(name, {n: Channel(n, u, stamps, v) for n, (u, v) in columns.items()}, source=f"bags/{name}")
+
+
+def part(recording, first_s, last_s, shift_ns=0):
+    stamps = recording.channel("position").stamps_ns
+    origin = stamps[0]
+    inside = (stamps >= origin + first_s * 1e9) & (stamps < origin + last_s * 1e9)
+    channels = {
+        n: replace(c.select(inside), stamps_ns=c.stamps_ns[inside] + shift_ns) for n, c in recording.channels.items()
+    }
+    return replace(recording, name="part", source="bags/part", channels=channels)
+
+
+def test_a_copy_is_the_same_whatever_its_name_and_stamps():
+    for copy in (made("copy"), made("copy", start_ns=0)):
+        assert str(shared_content(made(), copy)) == "the same recording"
+
+
+def resampled(recording, hz):
+    stamps = recording.channel("position").stamps_ns
+    new = np.arange(stamps[0], stamps[-1], round(1e9 / hz))
+    at, known = ((some - stamps[0]).astype(float) for some in (new, stamps))
+    channels = {
+        n: replace(c, stamps_ns=new, values=np.interp(at, known, c.values)) for n, c in recording.channels.items()
+    }
+    return replace(recording, name="resampled", channels=channels)
+
+
+@pytest.mark.parametrize("hz", [250, 800, 2000, 2718])
+def test_a_copy_at_another_rate_is_the_same(hz):
+    shared = shared_content(made(), resampled(made(), hz))
+    assert shared is not None and shared.seconds == pytest.approx(8.0, abs=0.02)
+    assert shared_content(made(seed=2, stroke_seed=1), resampled(made(stroke_seed=1), hz)) is None
+
+
+def test_recordings_to_be_judged_on_are_given_once():
+    require_once([made("one", seed=1), made("two", seed=2)])
+    with pytest.raises(RecordingError, match="s of one recording: its seconds would count twice"):
+        require_once([made(), part(made(), 2.0, 5.0)])
+
+
+def test_a_copy_with_other_topics_units_and_precision_is_the_same(tmp_path):
+    original = made()
+    write_bag(tmp_path / "encoded", recording_topics(original, OTHER_TOPICS))
+    again = read_recording(tmp_path / "encoded", OTHER_TOPICS)
+    assert again.sha256 and not np.array_equal(again.channel("force").values, original.channel("force").values)
+    assert shared_content(original, again).whole
+
+
+@pytest.mark.parametrize("shift_ns", [0, -START, 10**15 + 1234])
+def test_a_part_is_recognised_with_or_without_its_time(shift_ns):
+    shared = shared_content(made(), part(made(), 2.0, 5.0, shift_ns))
+    assert not shared.whole
+    assert shared.seconds == pytest.approx(3.0, abs=0.01)
+
+
+def test_parts_that_overlap_share_seconds_and_others_do_not():
+    whole = made()
+    assert shared_content(part(whole, 0.0, 5.0), part(whole, 4.0, 8.0)).seconds == pytest.approx(1.0, abs=0.01)
+    assert shared_content(part(whole, 0.0, 4.0), part(whole, 4.0, 8.0)) is None
+
+
+def test_a_slower_copy_is_recognised():
+    whole = made()
+    slow = {n: c.select(np.arange(len(c)) % 4 == 0) for n, c in whole.channels.items()}
+    assert shared_content(whole, replace(whole, name="slow", channels=slow)).seconds == pytest.approx(8.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        made("again", seed=2),
+        made("beside", seed=2, stroke_seed=1),
+        made("from zero", seed=2, start_ns=0),
+        made("longer", seed=2, seconds=12.0),
+    ],
+    ids=lambda r: r.name,
+)
+def test_another_recording_of_the_same_time_or_stroke_is_another(other):
+    """Two dampers recorded at once, the same test once more, and logs that all start at zero."""
+    assert shared_content(made(), other) is None
+    assert shared_content(other, made(start_ns=0)) is None
+
+
+def test_standstill_at_the_same_time_is_nothing_in_common():
+    def resting(name, seed, move):
+        one = made(name, seed)
+        still = np.arange(8 * RATE) < 4 * RATE
+        channels = {n: replace(c, values=np.where(still, 0.0, move * c.values)) for n, c in one.channels.items()}
+        return replace(one, channels=channels)
+
+    assert shared_content(resting("a", 1, 1.0), resting("b", 2, 1.1)) is None
+
+
+@pytest.mark.parametrize("count", [0, 1, 20])
+def test_hardly_any_samples_have_nothing_in_common(count):
+    few = made()
+    few = replace(few, channels={n: c.select(np.arange(len(c)) < count) for n, c in few.channels.items()})
+    assert shared_content(made(seed=3), few) is None
+    assert recording_marks(few) == []
+    assert shared_content(Recording("bare", {}), made()) is None
+
+
+def test_seconds_in_common_are_refused_by_name():
+    require_distinct([made("a"), made("b", 2)], [made("c", 3)])
+    with pytest.raises(RecordingError, match=r"bags/a and bags/b: the same recording, twice for identification"):
+        require_distinct([made("a"), made("b")])
+    with pytest.raises(RecordingError, match=r"bags/a: the same recording, for identification and for validation"):
+        require_distinct([made("a")], [made("a")])
+    with pytest.raises(
+        RecordingError, match=r"bags/a and bags/part: share 2\.0 s of one recording, for identification and"
+    ):
+        require_distinct([made("a"), made("b", 2)], [part(made("a"), 1.0, 3.0, -START)])
+
+
+def test_marks_show_about_the_share_that_is_known():
+    whole = made(seconds=20.0)
+    marks = recording_marks(whole)
+    assert len(marks) == 64
+    assert known_share(made("copy", start_ns=0, seconds=20.0), marks) == 1.0
+    assert known_share(part(whole, 5.0, 15.0, -START), marks) == pytest.approx(0.5, abs=0.2)
+    assert known_share(made(seed=2, seconds=20.0), marks) == 0.0
+
+
+def test_a_model_knows_copies_and_parts_of_what_it_was_identified_on():
+    whole = made("first", seconds=20.0)
+    used = {
+        "recording": "first",
+        "sha256": "",
+        "share": [0.0, 0.5],
+        "marks": " ".join(recording_marks(whole.part(0.0, 0.5))),
+    }
+    provenance = {"identification": [used]}
+    assert find_known_recording(made("renamed", seconds=20.0), provenance) == "first"
+    assert find_known_recording(part(whole, 2.0, 8.0), provenance) == "first"
+    assert find_known_recording(made("renamed", seconds=20.0), provenance, (0.5, 1.0)) == ""
+    assert find_known_recording(part(whole, 11.0, 20.0), provenance) == ""
+    assert find_known_recording(made("other", 2), provenance) == ""
+
+
+def test_a_model_knows_a_copy_that_went_through_a_table():
+    """A table holds the force at the position's times; a part of it is still recognised, another run is not."""
+    whole = made("first", seconds=20.0)
+    late = replace(whole.channels["force"], stamps_ns=whole.channels["force"].stamps_ns + 300_000)
+    apart = replace(whole, channels={**whole.channels, "force": late})
+    force = next(column for column in tabulate(apart, {}).columns if column.name == "force_interp_N")
+    kept = ~force.missing
+    position = apart.channels["position"].select(kept)
+    table = replace(
+        apart, channels={"position": position, "force": Channel("force", "N", position.stamps_ns, force.values[kept])}
+    )
+    known = {"identification": [{"recording": "first", "sha256": "", "marks": " ".join(marks_of_copies(apart))}]}
+    assert find_known_recording(table, known) == "first" and find_known_recording(apart, known) == "first"
+    assert find_known_recording(part(table, 5.0, 12.0), known) == "first"
+    assert find_known_recording(made("other", 2, seconds=20.0), known) == ""
+    assert marks_of_copies(whole) == recording_marks(whole)  # the same stamps: one set of marks
+
+
+def test_older_model_files_know_the_bytes_of_their_bags():
+    row = {"recording": "first", "sha256": "a1", "share": [0.0, 0.5]}
+    recording = replace(made(), sha256="a1")
+    assert find_known_recording(recording, {"identification": [row]}) == "first"
+    assert find_known_recording(recording, {"identification": [row]}, (0.5, 1.0)) == ""
+    assert find_known_recording(replace(recording, sha256="b2"), {"identification": [row]}) == ""
+    assert find_known_recording(recording, {"identification": [{"recording": "old", "sha256": "a1"}]}) == "old"
+    for damaged in (None, "a1", [1, "a1"], [{"marks": "zz 12"}, {"marks": 3, "sha256": 4}]):
+        assert find_known_recording(recording, {"identification": damaged}) == ""

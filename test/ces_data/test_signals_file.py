@@ -1,0 +1,211 @@
+from pathlib import Path
+
+import pytest
+
+from ces_data.config_file import MAX_BYTES
+from ces_data.signals_file import load_signals
+from ces_observer.errors import SignalsError
+from ces_observer.signals import DEFAULTS, Constant, Signal
+
+PACKAGED = Path(__file__).parents[2] / "config" / "signals.yaml"
+
+
+def load(tmp_path, text):
+    path = tmp_path / "signals.yaml"
+    path.write_text(text)
+    return load_signals(path)
+
+
+def failure(tmp_path, text):
+    with pytest.raises(SignalsError) as caught:
+        load(tmp_path, text)
+    message = str(caught.value)
+    assert "\n" not in message
+    assert str(tmp_path / "signals.yaml") in message
+    return message
+
+
+def test_no_file_gives_the_defaults():
+    signals = load_signals()
+    assert {s.name: s.topic for s in signals.list_topic_signals()} == {name: d["topic"] for name, d in DEFAULTS.items()}
+
+
+def test_packaged_file_says_what_the_defaults_say():
+    assert load_signals(PACKAGED).by_name == load_signals().by_name
+
+
+@pytest.mark.parametrize("head", ["/**:", "/*:", "observer:", "/observer:", "/front/observer:", "front:\n  observer:"])
+def test_any_node_name_namespace_or_wildcard(tmp_path, head):
+    depth = "  " * len(head.splitlines())
+    text = f"{head}\n{depth}ros__parameters:\n{depth}  use_sim_time: true\n{depth}  position: {{scale: -0.001}}\n"
+    position = load(tmp_path, text)["position"]
+    assert isinstance(position, Signal)
+    assert position.scale == -0.001
+    assert position.topic == "joint_states"
+
+
+def test_plain_mapping(tmp_path):
+    assert load(tmp_path, "current: {constant: 0.5}")["current"] == Constant("current", 0.5)
+
+
+def test_dotted_names_as_ros_has_them(tmp_path):
+    signals = load(tmp_path, "/**:\n  ros__parameters:\n    force.topic: load_cell\n    force.scale: 9.80665\n")
+    assert (signals["force"].topic, signals["force"].scale) == ("load_cell", 9.80665)
+
+
+def test_named_node_overrides_wildcard_wherever_it_stands(tmp_path):
+    signals = load(
+        tmp_path,
+        "observer: {ros__parameters: {position: {scale: 2.0}}}\n"
+        "/**: {ros__parameters: {position: {scale: 3.0, offset: 1.0}, current: {topic: amps}}}\n",
+    )
+    assert (signals["position"].scale, signals["position"].offset) == (2.0, 1.0)
+    assert signals["current"].topic == "amps"
+
+
+def test_other_nodes_parameter_of_the_same_name_is_ignored(tmp_path):
+    signals = load(
+        tmp_path,
+        "/**: {ros__parameters: {position: {scale: 2.0}}}\n"
+        "controller: {ros__parameters: {current: 5, force: {kp: 1}}}\n",
+    )
+    assert signals["current"].topic == "valve_current"
+
+
+def test_two_nodes_signals_are_ambiguous(tmp_path):
+    message = failure(
+        tmp_path,
+        "front: {ros__parameters: {position: {scale: 2.0}}}\nrear: {ros__parameters: {position: {scale: 3.0}}}\n",
+    )
+    assert "'/front' (line 1) and '/rear' (line 2)" in message
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "phrase"),
+    [
+        ("a: 1\nposition: {scale: 0.0}\n", 2, "scale is 0"),
+        ("\n\ncurrent: {topic: }\n", 3, "'topic' is missing"),
+        ("current:\n  topc: x\n", 1, "unknown key 'topc'"),
+        ("position: {field: 'a..b'}\n", 1, "field path 'a..b'"),
+        ("force: {type: Float64}\n", 1, "package/msg/Type"),
+        ("force: {scale: .nan}\n", 1, "finite number"),
+        ("force: 3\n", 1, "expected a mapping"),
+        ("force:\n  topic: x\n  topic: y\n", 3, "'topic' is given twice"),
+        ("force: {topic: x\n", 2, "not valid YAML"),
+        ("force: !!python/object/apply:os.system [ls]\n", 1, "not valid YAML"),
+        ("a: &a {topic: x}\nforce: *a\n", 2, "alias '*a'"),
+    ],
+)
+def test_mistake_names_file_and_line(tmp_path, text, line, phrase):
+    message = failure(tmp_path, text)
+    assert phrase in message
+    assert f"signals.yaml:{line}:" in message
+
+
+@pytest.mark.parametrize(
+    ("text", "phrase"),
+    [
+        ("", "not a mapping"),
+        ("- position\n", "not a mapping"),
+        ("/**: {ros__parameters: {rate: 500.0}}\n", "describes no signal"),
+        ("x: " + "[" * 50_000, "nested more than"),
+        ("#" * (MAX_BYTES + 1), "larger than"),
+    ],
+)
+def test_file_that_is_no_description(tmp_path, text, phrase):
+    assert phrase in failure(tmp_path, text)
+
+
+def test_file_that_is_not_there(tmp_path):
+    with pytest.raises(SignalsError, match=r"nothing\.yaml: cannot be read: No such file"):
+        load_signals(tmp_path / "nothing.yaml")
+
+
+def test_file_that_is_not_text(tmp_path):
+    (tmp_path / "signals.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(SignalsError, match="not UTF-8"):
+        load_signals(tmp_path / "signals.yaml")
+
+
+SEVERAL = """
+/**:
+  ros__parameters:
+    dampers: [front, rear]
+    position: {topic: suspension, scale: 0.001}
+    current: {constant: 0.0}
+    front:
+      position: {field: "position[fork]"}
+      current: {topic: front_valve}
+    rear.position: {field: "position[shock]"}
+    rear.current.constant: 0.7
+"""
+
+
+def chosen(tmp_path, damper, text=SEVERAL):
+    path = tmp_path / "observer.yaml"
+    path.write_text(text)
+    return load_signals(path.with_name(f"observer.yaml{damper}"))
+
+
+def test_one_of_several_dampers_has_its_own_over_what_all_have(tmp_path):
+    front, rear = chosen(tmp_path, "#front"), chosen(tmp_path, "#rear")
+    for signals, joint in ((front, "fork"), (rear, "shock")):
+        position = signals["position"]
+        assert (position.topic, position.scale, position.field.text) == ("suspension", 0.001, f"position[{joint}]")
+        assert signals["force"].topic == "measured_force"
+    assert front["current"].topic == "front_valve"
+    assert rear["current"] == Constant("current", 0.7)
+
+
+@pytest.mark.parametrize(
+    ("damper", "text", "phrase"),
+    [
+        ("", SEVERAL, "describes the dampers front, rear; select one, as in "),
+        ("#middle", SEVERAL, "has no damper 'middle'; its dampers are front, rear"),
+        ("#front", "position: {scale: 2.0}\n", "has no damper 'front'; it has no parameter 'dampers'"),
+        ("", "dampers: front\nposition: {scale: 2.0}\n", "observer.yaml:1: 'dampers' is 'front'; expected a list"),
+        ("#front", SEVERAL.replace("front_valve", "''"), "observer.yaml:9: signal 'current': 'topic' is missing"),
+    ],
+)
+def test_an_unclear_damper_is_refused(tmp_path, damper, text, phrase):
+    with pytest.raises(SignalsError) as caught:
+        chosen(tmp_path, damper, text)
+    assert phrase in str(caught.value)
+
+
+def test_a_single_named_damper_need_not_be_named_again(tmp_path):
+    only_front = SEVERAL.replace("[front, rear]", "[front]")
+    assert chosen(tmp_path, "", only_front)["current"].topic == "front_valve"
+
+
+def test_a_file_whose_name_has_the_mark_is_found(tmp_path):
+    path = tmp_path / "rig#2.yaml"
+    path.write_text("position: {scale: 2.0}\n")
+    assert load_signals(path)["position"].scale == 2.0
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "name", "meant"),
+    [
+        ("postion: {topic: a}\n", 1, "postion", "position"),
+        ("position: {scale: 2.0}\nCurrent: {constant: 0.0}\n", 2, "Current", "current"),
+        ("/**:\n  ros__parameters:\n    forces.topic: f\n", 3, "forces", "force"),
+        (SEVERAL.replace("front:\n      position", "front:\n      positon"), 8, "positon", "position"),
+    ],
+)
+def test_a_misspelled_signal_is_named_with_the_one_that_is_meant(tmp_path, text, line, name, meant):
+    damper = "#front" if "dampers" in text else ""
+    with pytest.raises(SignalsError, match=rf"observer.yaml:{line}: no signal '{name}'; did you mean {meant}\?"):
+        chosen(tmp_path, damper, text)
+
+
+def test_a_misspelled_section_is_named(tmp_path):
+    with pytest.raises(
+        SignalsError, match=r"describes no signal; line 2: 'ros_parameters': did you mean ros__parameters"
+    ):
+        chosen(tmp_path, "", "/**:\n  ros_parameters:\n    position: {scale: 2.0}\n")
+
+
+def test_other_parameters_of_a_node_are_no_misspelled_signals(tmp_path):
+    others = "seed: 1\ncurrents: [1]\ntorce: {kind: x}\npositions.gain: 2.0\nspeeds: fast\n"
+    assert chosen(tmp_path, "", "position: {scale: 2.0}\n" + others)["position"].scale == 2.0

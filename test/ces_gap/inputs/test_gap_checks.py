@@ -1,0 +1,420 @@
+"""Errors of one line if a diagnosis is not possible, notes for doubts, nothing otherwise."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from ces_data.checks.content import recording_marks
+from ces_data.recording import Channel, Recording
+from ces_gap.augmented import AugmentedSimulation
+from ces_gap.effects.effect import Composition, Effect, EffectParameter
+from ces_gap.effects.user_effects import require_sound, user_effect
+from ces_gap.errors import GapError
+from ces_gap.inputs.checks import (
+    check_recordings,
+    check_traces,
+    compare_forces,
+    exclude_saturated_ticks,
+    explain_invisibility,
+    find_invisible_effects,
+    find_saturations,
+    is_current_constant,
+    require_distinct,
+    seen_notes,
+)
+from ces_gap.trace import make_trace
+from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
+from ces_observer.errors import CesError, RecordingError
+from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.terms import Factor, Term
+
+RATE = 500.0
+STAMPS = 10**18 + np.arange(5000) * 2_000_000
+T = np.arange(5000) / RATE
+
+
+def force_of(position, current):
+    speed = np.gradient(position, 1.0 / RATE)
+    return 2000.0 * position + np.sign(speed) * np.sqrt(np.abs(speed)) * (300.0 + 800.0 * current) + 40.0
+
+
+def ride(name="ride", seed=1, noise=8.0, current=None, change=lambda force: force):
+    random = np.random.default_rng(seed)
+    position = 0.012 * np.sin(2 * np.pi * 1.7 * T + seed) + 0.004 * np.sin(2 * np.pi * 6.3 * T)
+    current = 0.6 + 0.2 * np.sin(2 * np.pi * 0.8 * T + seed) if current is None else np.full(5000, current)
+    force = change(force_of(position, current) + random.normal(0.0, noise, 5000))
+    columns = {"position": ("m", position), "current": ("A", current), "force": ("N", force)}
+    return Recording(name, {key: Channel(key, unit, STAMPS, values) for key, (unit, values) in columns.items()})
+
+
+def simulated(recording, factor=1.0, fidelity=1.0):
+    """The damper's force of a slightly wrong simulation, times a factor."""
+    position, current = recording.channel("position").values, recording.channel("current").values
+    wrong = 1500.0 * np.gradient(position, 1.0 / RATE)
+    return factor * (fidelity * force_of(position, current) + (1.0 - fidelity) * wrong)
+
+
+def trace(factor=1.0, fidelity=0.7, **more):
+    recording = ride(**more)
+    return make_trace(recording, simulated(recording, factor, fidelity))
+
+
+SIM = FunctionSimulation("my:sim", lambda t, x, i: x)
+
+
+# recordings ------------------------------------------------------------------------------------------------------
+
+
+def test_different_recordings_have_no_notes():
+    assert check_recordings([ride(seed=1), ride(seed=2)], [ride(seed=3)], [ride(seed=4)]) == ()
+
+
+@pytest.mark.parametrize(
+    ("sets", "message"),
+    [
+        (([1, 1], [], []), "a: the same recording, twice under --real; pass each recording once"),
+        (([1, 2], [2], []), "a: the same recording, under --real and --held-out; held-out recordings must not"),
+        (([1], [], [1]), "a: the same recording, under --real and --reference; references must be free of"),
+        (([1], [2], [2]), "a: the same recording, under --held-out and --reference"),
+    ],
+)
+@pytest.mark.parametrize("hashed", [True, False])
+def test_a_duplicate_recording_is_refused(sets, message, hashed):
+    def recording(seed):
+        return replace(ride("a", seed), sha256=f"{seed:064x}" if hashed else "")
+
+    with pytest.raises(GapError, match=message):
+        require_distinct(*([recording(seed) for seed in some] for some in sets))
+
+
+def test_a_copy_under_another_name_is_the_same_recording():
+    with pytest.raises(GapError, match="one and two: the same recording, under --real and --held-out"):
+        require_distinct([ride("one", 1)], [ride("two", 1)], [])
+
+
+def test_units_mixed_between_recordings_are_refused():
+    kilonewtons = ride("kilo", 2, change=lambda force: force / 1000.0)
+    with pytest.raises(RecordingError, match=r"force: spans .* N in ride, .* N in kilo"):
+        check_recordings([ride()], [], [kilonewtons])
+
+
+def test_a_recording_without_force_is_refused():
+    bare = ride("bare")
+    channels = {name: c for name, c in bare.channels.items() if name != "force"}
+    with pytest.raises(GapError, match="bare: no measured force"):
+        check_recordings([replace(bare, channels=channels)], [], [])
+
+
+# saturation ------------------------------------------------------------------------------------------------------
+
+
+def clipped(low=-1e9, high=1e9, step=0.0):
+    def change(force):
+        quantised = np.round(force / step) * step if step else force
+        return np.clip(quantised, low, high)
+
+    return change
+
+
+@pytest.mark.parametrize("step", [0.0, 1.0, 10.0])
+def test_flat_tops_are_detected_with_any_converter(step):
+    (result,) = find_saturations(ride(change=clipped(high=400.0, step=step)))
+    assert result.limit == 400.0
+    assert 0.01 < result.share < 0.4
+    assert [s.limit for s in find_saturations(ride(change=clipped(-300.0, 350.0, step)))] == [-300.0, 350.0]
+
+
+@pytest.mark.parametrize("step", [0.0, 1.0, 10.0, 50.0])
+@pytest.mark.parametrize("noise", [0.0, 8.0])
+def test_a_force_that_only_reverses_does_not_saturate(step, noise):
+    assert find_saturations(ride(noise=noise, change=clipped(step=step))) == ()
+
+
+def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
+    limit = float(np.percentile(ride().channel("force").values, 97.0))
+    recording = ride(change=clipped(high=limit))
+    (note,) = check_recordings([recording], [], [])
+    assert note.startswith(f"ride: force: the channel saturates: 3.0% of the samples at {limit:.5g} N")
+    whole = make_trace(recording, simulated(recording))
+    remaining = exclude_saturated_ticks(whole)
+    flat = np.interp(whole.time_s, T, (recording.channel("force").values == limit).astype(float)) > 0.0
+    assert not (remaining.usable & flat).any()
+    assert 0.7 < remaining.usable.sum() / whole.usable.sum() < 0.97
+    assert exclude_saturated_ticks(trace()).usable.sum() == trace().usable.sum()
+
+
+def test_much_saturation_is_refused():
+    with pytest.raises(GapError, match=r"ride: force: the channel saturates: .* record again with a larger range"):
+        check_recordings([ride(change=clipped(-200.0, 200.0))], [], [])
+
+
+# sign and unit ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fidelity", [1.0, 0.7, 0.3])
+@pytest.mark.parametrize("factor", [1.0, 0.6, 1.5, 2.5])
+def test_a_simulation_with_a_plausible_error_passes(factor, fidelity):
+    assert check_traces([trace(factor, fidelity)], SIM, "my:sim") == ()
+
+
+@pytest.mark.parametrize(
+    ("factor", "says", "remedy"),
+    [
+        (-1.0, "the simulated force has the opposite sign of the measured one", "invert the simulation's output"),
+        (1e-3, "the simulation's force is in kN", "multiply the simulation's output by 1000"),
+        (-1e-3, "opposite sign of the measured one and the simulation's force is in kN", "output by -1000"),
+        (1e3, "the measured force is in kN", "set scale: 1000 for force in the signals file"),
+        (1.0 / 4.4482, "the simulation's force is in lbf", "multiply the simulation's output by 4.44822"),
+        (4.4482, "the measured force is in lbf", "set scale: 4.44822"),
+        (1.0 / 9.80665, "the simulation's force is in kgf", "output by 9.80665"),
+        (9.80665, "the measured force is in kgf", "set scale: 9.80665"),
+        (1.0 / 0.00980665, "the simulation's force is in gf", "output by 0.00980665"),
+        (90.0, "check the units of the simulation", "expected the same damper"),
+        (0.02, "check the units of the simulation", "expected the same damper"),
+    ],
+)
+def test_wrong_signs_and_units_are_errors_with_a_remedy(factor, says, remedy):
+    with pytest.raises(GapError) as raised:
+        check_traces([trace(factor, fidelity=0.95)], SIM, "my:sim")
+    text = str(raised.value)
+    assert text.startswith("my:sim: ")
+    assert says in text
+    assert remedy in text
+    assert "\n" not in text
+
+
+def test_wrong_sign_or_kilonewtons_are_detected_in_a_rough_simulation():
+    for factor, says in ((-1.0, "opposite sign"), (1e-3, "is in kN")):
+        with pytest.raises(GapError, match=says):
+            check_traces([trace(factor, fidelity=0.2, noise=150.0)], SIM, "my:sim")
+
+
+def test_the_gain_is_that_of_the_reduced_major_axis():
+    result = compare_forces([trace(factor=0.5, fidelity=1.0, noise=0.0)])
+    assert result.correlation == pytest.approx(1.0, abs=1e-6)
+    assert result.gain == pytest.approx(2.0, rel=1e-4)
+
+
+def test_a_constant_force_is_refused():
+    recording = ride()
+    with pytest.raises(GapError, match="the force of my:sim is constant"):
+        check_traces([make_trace(recording, np.full(5000, 3.0))], SIM, "my:sim")
+    still = ride(change=lambda force: np.full(5000, 7.0))
+    with pytest.raises(GapError, match="the measured force is constant"):
+        check_traces([make_trace(still, simulated(still))], SIM, "my:sim")
+
+
+def test_an_unrelated_simulation_is_a_note():
+    recording = ride()
+    unrelated = 500.0 * np.sin(2 * np.pi * 3.1 * T)
+    (note,) = check_traces([make_trace(recording, unrelated)], SIM, "my:sim")
+    assert "hardly correlates with the measured one" in note
+
+
+# range -----------------------------------------------------------------------------------------------------------
+
+
+def model(**ranges):
+    bounds = {"position_m": (-0.02, 0.02), "speed_m_s": (-0.6, 0.6), "current_A": (0.3, 0.9), **ranges}
+    return Model(
+        Sampling(500.0, 60.0, 0.02), Polynomial((Term(900.0, (Factor("speed", 0),)),)), Envelope(**bounds), (-3e4, 3e4)
+    )
+
+
+def test_inside_the_envelope_there_is_no_note():
+    assert check_traces([trace()], ModelSimulation(model()), "m.json") == ()
+
+
+def test_little_outside_is_a_note_that_names_the_input():
+    (note,) = check_traces([trace()], ModelSimulation(model(current_A=(0.45, 0.9))), "m.json")
+    assert note.startswith("ride: ")
+    assert "outside the range m.json was identified on (current 0.4" in note
+
+
+@pytest.mark.parametrize("depth", [0, 2])
+def test_no_overlap_is_refused_for_a_nested_model(depth):
+    simulation = ModelSimulation(model(current_A=(1.2, 1.6)))
+    for _ in range(depth):
+        simulation = AugmentedSimulation("a.json", simulation, Composition())
+    with pytest.raises(GapError, match=r"m\.json: outside the range .* 100% of the time, most in ride \(current"):
+        check_traces([trace()], simulation, "m.json")
+
+
+def test_a_missing_simulated_force_is_a_note():
+    recording = ride()
+    force = simulated(recording)
+    force[1000:3000] = np.nan
+    (note,) = check_traces([make_trace(recording, force)], SIM, "my:sim")
+    assert "ride: 4" in note
+    assert "the force of my:sim is missing" in note
+
+
+def test_traces_of_one_recording_count_together():
+    whole = trace()
+    late = whole.time_s > 6.0
+    parts = [replace(whole, usable=whole.usable & late), replace(whole, usable=whole.usable & ~late)]
+    assert check_traces(parts, SIM, "my:sim") == ()
+
+
+def test_slow_motion_is_a_note():
+    slow = trace()
+    inputs = replace(slow.inputs, speed=slow.inputs.speed * 0.01)
+    (note,) = check_traces([replace(slow, inputs=inputs)], SIM, "my:sim")
+    assert "hardly moves" in note
+
+
+# current ---------------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Lag(Effect):
+    name, form, needs = "lag", "slow", "a changing current"
+    parameters = (EffectParameter("lag_s", 0.0, 0.1, (0.01,), "of the valve"),)
+
+
+@dataclass(frozen=True)
+class FreeLag(Lag):
+    form, needs = "free", ""
+
+
+@dataclass(frozen=True)
+class Gain(Effect):
+    name, form, needs = "gain", "linear", "a current other than zero"
+    parameters = (EffectParameter("gain", 0.5, 2.0, (1.1,), "of the current"),)
+
+
+def test_a_constant_current_is_a_note_and_hides_effects():
+    constant = [trace(current=0.6), trace(current=0.6, seed=2)]
+    assert is_current_constant(constant)
+    assert check_traces(constant, SIM, "my:sim") == (
+        "the current stays at 0.6 A: effects of the valve are not visible",
+    )
+    assert find_invisible_effects([Lag(), Gain()], constant) == (
+        ("lag", "it needs a changing current; the current stays at 0.6 A"),
+    )
+    assert find_invisible_effects([Lag(), FreeLag()], constant) == ()
+    assert explain_invisibility(Lag(), constant) is not None
+
+
+def test_at_zero_current_its_gain_is_not_visible():
+    passive = [trace(current=0.0)]
+    assert [name for name, _ in find_invisible_effects([Lag(), Gain()], passive)] == ["lag", "gain"]
+
+
+def test_a_current_that_differs_between_recordings_is_not_constant():
+    assert not is_current_constant([trace(current=0.3), trace(current=0.6)])
+    assert find_invisible_effects([Lag(), Gain()], [trace()]) == ()
+
+
+# effects of the user's own ---------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Sound(Effect):
+    name, form = "sound", "one"
+    parameters = (EffectParameter("gain", 0.0, 2.0, (1.0,), "of the force"),)
+
+    def respond(self, trace, inputs, force, values):
+        return values[0] * force
+
+
+@dataclass(frozen=True)
+class Short(Sound):
+    def respond(self, trace, inputs, force, values):
+        return force[:-1]
+
+
+@dataclass(frozen=True)
+class Wild(Sound):
+    def respond(self, trace, inputs, force, values):
+        return force * np.nan
+
+
+@dataclass(frozen=True)
+class Raises(Sound):
+    def drive(self, trace, inputs, force, values):
+        raise RuntimeError("no")
+
+
+@dataclass(frozen=True)
+class Nameless(Sound):
+    name = ""
+
+
+@dataclass(frozen=True)
+class Outside(Sound):
+    parameters = (EffectParameter("gain", 0.0, 2.0, (3.0,), "of the force"),)
+
+
+def test_a_sound_effect_of_the_user_is_accepted():
+    effect = user_effect("test_gap_checks:Sound")
+    assert effect == Sound()
+    require_sound(effect, trace())
+
+
+def test_a_model_identified_on_a_real_recording_is_noted():
+    known = {"identification": [{"recording": "worn", "sha256": "a1"}, {"recording": "new", "sha256": "b2"}]}
+    envelope = Envelope((-1.0, 1.0), (-9.0, 9.0), (-9.0, 9.0))
+    body = Polynomial((Term(1.0, (Factor("speed", 0),)),))
+    model = Model(Sampling(RATE, 40.0, 0.02), body, envelope, (-1e6, 1e6), provenance=known)
+    traces = [replace(trace(), recording=replace(trace().recording, sha256=sha)) for sha in ("a1", "c3", "")]
+    (note,) = seen_notes(traces, ModelSimulation(model), "model.json")
+    assert "model.json was identified on seconds of this recording: it has learned part of the gap" in note
+    assert seen_notes(traces[1:], ModelSimulation(model), "model.json") == ()
+    assert seen_notes(traces, FunctionSimulation("f", force_of), "f") == ()
+
+
+def test_a_renamed_copy_or_a_part_is_noted_also_inside_an_augmented_simulation():
+    class Wrapped(Simulation):
+        """A simulation around another, as an augmented one is."""
+
+        def __init__(self, inside):
+            self.innermost_simulation = inside
+
+        @property
+        def innermost(self):
+            return self.innermost_simulation
+
+    whole = ride("learned", 1)
+    known = {"identification": [{"recording": "learned", "sha256": "", "marks": " ".join(recording_marks(whole))}]}
+    envelope = Envelope((-1.0, 1.0), (-9.0, 9.0), (-9.0, 9.0))
+    model = Model(Sampling(RATE, 40.0, 0.02), Polynomial((Term(1.0, (Factor("speed", 0),)),)), envelope, (-1e6, 1e6))
+    wrapped = Wrapped(ModelSimulation(replace(model, provenance=known)))
+    for recording in (replace(whole, name="renamed"), replace(whole.part(0.2, 0.8), name="part")):
+        seen = replace(trace(), recording=recording, name=recording.name)
+        (note,) = seen_notes([seen], wrapped, "augmented.json")
+        assert note.startswith(f"{recording.name}: augmented.json was identified on seconds of this recording")
+        assert "the gap found here is smaller than on new recordings" in note
+    assert seen_notes([replace(trace(), recording=ride("new", 2))], wrapped, "augmented.json") == ()
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        (Short, r"returned force of shape \(\d+,\); expected"),
+        (Wild, "force that is not finite"),
+        (Raises, "raised RuntimeError: no"),
+    ],
+)
+def test_a_failing_effect_is_named(kind, message):
+    with pytest.raises(GapError, match=f"effect 'sound': .*{message}"):
+        require_sound(kind(), trace())
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("nowhere:Sound", "cannot be imported: ModuleNotFoundError"),
+        ("test_gap_checks:ride", "not an effect"),
+        ("test_gap_checks", "expected module:Class"),
+        ("test_gap_checks:Nameless", "expected name, form and parameters"),
+        ("test_gap_checks:Outside", r"gain has bounds \[0, 2\] and starts \(3.0,\)"),
+        ("test_gap_checks:" + "x" * 900, "expected module:Class"),
+    ],
+)
+def test_an_invalid_effect_is_an_error_of_one_line(spec, message):
+    with pytest.raises(CesError, match=message) as raised:
+        user_effect(spec)
+    assert len(str(raised.value)) < 500

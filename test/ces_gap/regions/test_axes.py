@@ -1,0 +1,110 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from gap_traces import drive, trace_of
+
+from ces_gap.regions.axes import (
+    CURRENT,
+    DIRECTION,
+    ELAPSED,
+    HEAT,
+    REVERSAL,
+    SPEED,
+    STROKE,
+    axis_edges,
+    axis_values,
+    region_indices,
+    round_to_one_two_five,
+)
+from ces_gap.trace import Trace, TraceInputs
+
+T = np.arange(5000) / 500.0
+
+
+def sine(frequency_Hz: float = 2.0) -> Trace:
+    return trace_of(T, 0.02 * np.sin(2 * np.pi * frequency_Hz * T), np.full_like(T, 0.8))
+
+
+def test_time_since_reversal_is_a_saw_tooth_of_half_periods():
+    trace = sine()
+    since = axis_values(trace)[REVERSAL]
+    expected = np.mod(trace.time_s - 0.125, 0.25)
+    assert np.median(np.abs(since - expected)[trace.usable]) <= trace.step_s
+    assert since[trace.usable].max() <= 0.25 + trace.step_s
+
+
+def test_direction_is_that_of_the_speed_and_positive_in_compression():
+    trace = sine()
+    direction = axis_values(trace)[DIRECTION]
+    moving = trace.usable & (np.abs(trace.inputs.speed) > 0.02)
+    assert (direction == np.sign(trace.inputs.speed))[moving].all()
+
+
+def test_noise_near_standstill_is_no_reversal():
+    rng = np.random.default_rng(0)
+    trace = sine(0.5)
+    speed = trace.inputs.speed + 0.0003 * rng.normal(size=len(trace))
+    shaken = replace(trace, inputs=TraceInputs(trace.inputs.position, speed, trace.inputs.current))
+    turns = np.diff(axis_values(shaken)[DIRECTION])[trace.usable[1:]] != 0.0
+    crossings = np.diff(np.sign(speed))[trace.usable[1:]] != 0.0
+    assert turns.sum() == 10
+    assert crossings.sum() > 10
+
+
+def test_a_damper_at_rest_has_no_reversal():
+    trace = sine()
+    still = replace(trace, inputs=TraceInputs(trace.inputs.position, np.zeros(len(trace)), trace.inputs.current))
+    assert axis_values(still)[REVERSAL] == pytest.approx(trace.time_s)
+
+
+def test_heat_is_the_work_of_the_force():
+    trace = sine()
+    heat = axis_values(trace)[HEAT]
+    amplitude = 2 * np.pi * 2.0 * 0.02
+    assert heat[-1] == pytest.approx(0.5 * 1500.0 * 1.8 * amplitude**2 * 10.0, rel=0.02)
+    assert (np.diff(heat) >= 0.0).all()
+
+
+@pytest.mark.parametrize("axis", [STROKE, SPEED, REVERSAL, ELAPSED, HEAT])
+def test_edges_hold_all_values_in_a_handful_of_regions_none_empty(axis):
+    values = np.concatenate([axis_values(t)[axis][t.usable] for t in (drive(1), drive(2))])
+    edges = axis_edges(axis, values)
+    assert edges[0] <= values.min() and values.max() <= edges[-1]
+    assert 4 <= len(edges) - 1 <= 13
+    assert np.bincount(region_indices(edges, values)).min() >= 0.003 * len(values)
+
+
+def test_edges_are_numbers_a_person_can_read():
+    edges = axis_edges(STROKE, np.random.default_rng(0).normal(0.0, 0.01, 20_000))
+    assert all(len(f"{abs(e):.12g}".replace("0.", "").lstrip("0")) <= 3 for e in edges)
+
+
+def test_rare_extremes_keep_regions_of_their_own():
+    values = np.random.default_rng(0).normal(0.0, 0.01, 20_000)
+    shares = np.bincount(region_indices(axis_edges(STROKE, values), values)) / len(values)
+    assert shares[0] < 0.01
+    assert shares[-1] < 0.01
+
+
+def test_speed_is_cut_alike_on_both_sides():
+    edges = axis_edges(SPEED, np.random.default_rng(0).normal(0.0, 0.3, 20_000))
+    assert edges == pytest.approx(-edges[::-1])
+
+
+def test_every_level_of_a_stepped_current_is_a_region():
+    values = np.random.default_rng(0).choice([0.0, 0.4, 0.8, 1.6], 5000)
+    assert axis_edges(CURRENT, values) == pytest.approx([0.0, 0.2, 0.6, 1.2, 1.6])
+
+
+@pytest.mark.parametrize("level", [0.0, 0.8, -0.3])
+def test_a_constant_is_one_region_around_its_value(level):
+    low, high = axis_edges(CURRENT, np.full(100, level))
+    assert low <= level <= high
+    assert low < high
+
+
+@pytest.mark.parametrize(("value", "above", "below"), [(0.03, 0.05, 0.02), (0.2, 0.2, 0.2), (7.0, 10.0, 5.0)])
+def test_nice_numbers(value, above, below):
+    assert round_to_one_two_five(value, up=True) == pytest.approx(above)
+    assert round_to_one_two_five(value, up=False) == pytest.approx(below)

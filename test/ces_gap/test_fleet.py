@@ -1,0 +1,266 @@
+"""A fleet is diagnosed equally here and on a Dask cluster, streams to disk, and resumes after an interruption."""
+
+import json
+import os
+import signal
+import socket
+import subprocess
+import sys
+from pathlib import Path
+
+import cheap_diagnosis
+import pytest
+from cheap_diagnosis import OFFSETS_N, Offset, Options, made
+from dask_clusters import dask_scheduler
+from patience import wait_until
+
+from ces_gap.fleet import DiagnosisRequest, diagnose_unit, job_of
+from ces_identify.jobs import workers as cluster_module
+from ces_identify.jobs.results import CRASHED, DONE, FAILED, failed_job, open_results
+from ces_identify.jobs.workers import Task, run_on_cluster, run_on_this_machine
+from ces_identify.simulations.simulation import FunctionSimulation, function_simulation
+from ces_observer.errors import CesError
+
+ROOT = Path(__file__).parents[2]
+SPEC = "cheap_diagnosis:damper"
+ROWS = "fleet.jsonl"
+
+
+def open_fleet(folder):
+    return open_results(folder / ROWS, "a fleet")
+
+
+def answer(job, packed, recordings):
+    return diagnose_unit(job, [packed], recordings)
+
+
+def tasks(work):
+    return (Task(job, ["question"], recordings) for job, recordings in work)
+
+
+def on_cluster(packed, work, address):
+    return run_on_cluster(diagnose_unit, tasks(work), {"question": packed}, address)
+
+
+def on_this_machine(packed, work, processes, threads):
+    return run_on_this_machine(diagnose_unit, tasks(work), {"question": packed}, processes, threads)
+
+
+def make_request(**more):
+    arguments = {"simulation": FunctionSimulation(SPEC, cheap_diagnosis.damper), "spec": SPEC, "reference": ()}
+    arguments |= {"options": Options(), "diagnose": cheap_diagnosis.diagnose, "files": cheap_diagnosis.files}
+    return DiagnosisRequest(**{**arguments, **more})
+
+
+def jobs(folder, names=tuple(OFFSETS_N), request=None):
+    """Jobs with their recordings; each vehicle has two."""
+    fleet = {name: [made(name, OFFSETS_N.get(name, 5.0), seed) for seed in (1, 2)] for name in names}
+    return [
+        (job_of(name, recordings, request or make_request(), "", folder), recordings)
+        for name, recordings in fleet.items()
+    ]
+
+
+def as_results(answers):
+    return {
+        a.row["name"]: (
+            {k: v for k, v in a.row.items() if k != "seconds"},
+            {Path(f).name: t for f, t in a.files.items()},
+        )
+        for a in answers
+    }
+
+
+@pytest.fixture(scope="module")
+def expected(tmp_path_factory):
+    """The results of this process, with a failure and a crash, and the jobs."""
+    work = jobs(tmp_path_factory.mktemp("fleet"), (*OFFSETS_N, "refused", "broken"))
+    packed = make_request().pack()
+    return work, packed, as_results(answer(job, packed, recordings) for job, recordings in work)
+
+
+def test_a_row_describes_the_result(expected):
+    _, _, answers = expected
+    row, files = answers["c"]
+    assert row["status"] == DONE
+    assert row["verdict"] == "named"
+    assert row["effects"] == ["stand_in_offset"]
+    assert row["gap_N"] == pytest.approx(90.0, abs=1.0)
+    assert row["shrink"] == pytest.approx(1.0 - 3.0 / 90.0, abs=0.02)
+    assert json.loads(files["gap.json"])["rms_N"] == pytest.approx(row["gap_N"], rel=1e-4)
+    assert row["recordings"] == ["c", "c"]
+    assert answers["a"][0]["verdict"] == "no_gap"
+    assert answers["refused"][0]["status"] == FAILED
+    assert answers["refused"][0]["reason"] == "refused: too short"
+    assert answers["broken"][0]["status"] == CRASHED
+    assert answers["broken"][0]["reason"] == "ZeroDivisionError: by zero"
+    json.dumps([row for row, _ in answers.values()], allow_nan=False)
+
+
+def test_local_processes_give_the_same_results(expected):
+    work, packed, answers = expected
+    assert as_results(on_this_machine(packed, work, processes=2, threads=1)) == answers
+
+
+@pytest.fixture(scope="module")
+def cluster():
+    """The address of a scheduler with two workers, each in processes without these tests."""
+    path = sys.path[:]
+    sys.path[:] = [p for p in sys.path if not p.startswith(str(ROOT / "test"))]
+    try:
+        with dask_scheduler() as address:
+            sys.path[:] = path
+            yield address
+    finally:
+        sys.path[:] = path
+
+
+def test_dask_workers_give_the_same_results(expected, cluster):
+    work, packed, answers = expected
+    assert as_results(on_cluster(packed, work, cluster)) == answers
+
+
+def test_tasks_are_taken_when_workers_are_free(expected, cluster):
+    work, packed, _ = expected
+    taken = []
+
+    def lazily():
+        for job, recordings in work:
+            taken.append(job.name)
+            yield job, recordings
+
+    first = next(answers := on_cluster(packed, lazily(), cluster))
+    assert first.row["status"] in (DONE, FAILED, CRASHED)
+    assert len(taken) <= 4  # two workers, two each
+    assert len(list(answers)) == len(work) - 1
+
+
+def test_a_missing_scheduler_is_an_error_of_one_line(expected, monkeypatch):
+    pytest.importorskip("distributed", reason="dask.distributed is not installed")
+    monkeypatch.setattr(cluster_module, "CONNECT_S", 0.5)
+    work, packed, _ = expected
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+        with pytest.raises(CesError, match=f"--dask {address}: no scheduler answered"):
+            list(on_cluster(packed, work, address))
+
+
+def test_code_of_the_user_is_sent_by_value(tmp_path, monkeypatch, cluster):
+    (tmp_path / "my_damper.py").write_text("GAIN = 1200.0\n\n\ndef force(t, x, i):\n    return GAIN * x * 0.0\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    mine = make_request(simulation=function_simulation("my_damper:force"), options=Options(effects=(Offset(),)))
+    work = jobs(tmp_path, ("b",), mine)
+    packed = mine.pack()
+    (found,) = on_cluster(packed, work, cluster)
+    assert found.row["status"] == DONE, found.row
+    assert as_results([found]) == as_results([answer(work[0][0], packed, work[0][1])])
+
+
+def test_different_requests_have_different_keys(tmp_path, monkeypatch):
+    (tmp_path / "coded.py").write_text("def force(t, x, i):\n    return x\n")
+    monkeypatch.syspath_prepend(str(tmp_path))
+    coded = make_request(simulation=function_simulation("coded:force"), spec="coded:force")
+    (tmp_path / "m.json").write_text("1")
+    monkeypatch.chdir(tmp_path)
+    filed = make_request(spec="m.json")
+    digests = [q.digest() for q in (make_request(), make_request(options=Options(seed=2)), coded, filed)]
+    digests.append(make_request(options=Options(effects=(Offset(),))).digest())
+    digests.append(make_request(reference=(made("r", 1.0),)).digest())
+    (tmp_path / "coded.py").write_text("def force(t, x, i):\n    return 2 * x\n")
+    (tmp_path / "m.json").write_text("2")
+    digests += [coded.digest(), filed.digest()]
+    assert len(set(digests)) == len(digests)
+    assert make_request(options=Options(threads=9)).digest() == make_request().digest()
+    recordings = [made("a", 1.0)]
+    keys = [
+        job_of("a", recordings, make_request(), "s", tmp_path),
+        job_of("a", recordings, make_request(), "other", tmp_path),
+    ]
+    keys.append(job_of("a", [made("a", 2.0)], make_request(), "s", tmp_path))
+    assert len({job.key for job in keys}) == 3
+    assert job_of("a", recordings, filed, "", tmp_path).sim["spec"] == "../../m.json"
+    assert job_of("renamed", recordings, make_request(), "s", tmp_path).key == keys[0].key
+
+
+def test_rows_and_files_are_written_immediately(tmp_path, expected):
+    _, packed, _ = expected
+    with open_fleet(tmp_path) as fleet:
+        for job, recordings in jobs(tmp_path, (*OFFSETS_N, "refused", "broken")):
+            fleet.add(answer(job, packed, recordings))
+            last = (tmp_path / ROWS).read_text().splitlines()[-1]
+            assert json.loads(last)["name"] == job.name
+        with pytest.raises(CesError, match="another run is writing"), open_fleet(tmp_path):
+            pass
+    found = {job.name: job for job, _ in jobs(tmp_path, (*OFFSETS_N, "refused", "broken"))}
+    assert ((tmp_path / found["b"].output) / "report.html").is_file()
+    with open_fleet(tmp_path) as fleet:
+        assert {name: fleet.has(job) for name, job in found.items()} == {
+            "a": True,
+            "b": True,
+            "c": True,
+            "refused": True,
+            "broken": False,
+        }
+        ((tmp_path / found["b"].output) / "report.html").unlink()
+        ((tmp_path / found["b"].output) / "gap.json").unlink()
+        (tmp_path / found["b"].output).rmdir()
+        assert not fleet.has(found["b"])
+
+
+RUN = """
+import signal, sys
+sys.path[:0] = [*{test!r}, {root!r}]
+from pathlib import Path
+import test_fleet as t
+folder = Path(sys.argv[1])
+asked = t.make_request()
+work = t.jobs(folder, tuple("abcdefgh"), asked)
+with t.open_fleet(folder) as fleet:
+    for found in t.on_this_machine(asked.pack(), work, 2, 1):
+        fleet.add(found)
+        if len(fleet.rows) == 3:
+            signal.pause()  # until it is killed
+"""
+
+
+def start_run(folder):
+    code = RUN.format(test=[str(Path(__file__).parent), str(ROOT / "test" / "support")], root=str(ROOT))
+    return subprocess.Popen(
+        [sys.executable, "-c", code, str(folder)], stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def lines_of(folder):
+    path = folder / ROWS
+    return path.read_bytes().splitlines() if path.exists() else []
+
+
+def test_a_killed_run_resumes(tmp_path):
+    run = start_run(tmp_path)
+    wait_until(lambda: len(lines_of(tmp_path)) == 3 or run.poll() is not None)
+    os.kill(run.pid, signal.SIGKILL)
+    os.killpg(run.pid, signal.SIGTERM)  # its orphans, which would end by themselves some minutes later
+    run.communicate()
+    finished = lines_of(tmp_path)
+    assert len(finished) == 3
+    with (tmp_path / ROWS).open("ab") as file:
+        file.write(b'{"key": "torn')
+    request = make_request()
+    with open_fleet(tmp_path) as fleet:
+        missing = [(job, r) for job, r in jobs(tmp_path, "abcdefgh", request) if not fleet.has(job)]
+        assert len(missing) == 8 - len(finished)
+        for job, recordings in missing:
+            fleet.add(answer(job, request.pack(), recordings))
+    lines = lines_of(tmp_path)
+    assert lines[: len(finished)] == finished
+    assert sorted(json.loads(line)["name"] for line in lines) == list("abcdefgh")
+    assert all((tmp_path / json.loads(line)["folder"] / "gap.json").is_file() for line in lines)
+
+
+def test_a_failure_has_no_files(tmp_path):
+    (job, _), *_ = jobs(tmp_path)
+    with open_fleet(tmp_path) as fleet:
+        fleet.add(failed_job(job, FAILED, "why"))
+        assert not (tmp_path / job.output).exists()
+        assert fleet.rows[job.key]["reason"] == "why"

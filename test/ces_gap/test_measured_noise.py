@@ -1,0 +1,172 @@
+"""The noise of the measured force: each source finds a planted noise, and knows when it cannot know."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from engine_plant import F, damper
+from scipy.signal import butter, lfilter, sosfilt
+
+from ces_data.recording import Channel, Recording
+from ces_gap.sensor_noise import (
+    CYCLES,
+    HIGH_FREQUENCIES,
+    NO_SOURCE,
+    QUANTUM,
+    STANDSTILL,
+    MeasuredNoise,
+    NoiseEstimate,
+    find_quantum_N,
+)
+from ces_gap.trace import Trace, make_trace
+
+SECONDS, NOISE_N = 20.0, 8.0
+Filter = Callable[[F, float], F]
+
+
+def pass_all(values: F, rate_Hz: float) -> F:
+    return values
+
+
+def smooth(values: F, rate_Hz: float) -> F:
+    """A logger's anti-alias filter at 40 Hz."""
+    return np.asarray(sosfilt(butter(2, 40.0, fs=rate_Hz, output="sos"), values))
+
+
+def average(values: F, rate_Hz: float) -> F:
+    """An exponential average, whose spectrum is flat near the Nyquist frequency."""
+    return np.asarray(lfilter([0.25], [1.0, -0.75], values))
+
+
+def sine(time: F) -> F:
+    return 0.02 * np.sin(2.0 * np.pi * 2.03 * time)
+
+
+def random(time: F) -> F:
+    rng = np.random.default_rng(7)
+    tones = [(f, rng.random()) for f in rng.uniform(0.3, 6.0, 12)]
+    return np.sum([0.01 / f**0.7 * np.sin(2.0 * np.pi * (f * time + p)) for f, p in tones], axis=0)
+
+
+def rest(time: F) -> F:
+    return np.where(time < 6.0, 0.0, random(time) * np.clip(time - 6.0, 0.0, 1.0))
+
+
+def measure(
+    motion: Callable[[F], F],
+    rate_Hz: float,
+    passes: Filter = pass_all,
+    noise_N: float = NOISE_N,
+    quantum_N: float = 1.0,
+) -> tuple[MeasuredNoise, float]:
+    """Return the noise found, and the true one on the grid [N]."""
+    rng = np.random.default_rng(3)
+    time = np.arange(round(SECONDS * rate_Hz)) / rate_Hz
+    position = motion(time) + 5e-6 * rng.standard_normal(len(time))
+    clean = passes(damper(time, motion(time), np.full_like(time, 0.6)), rate_Hz)
+    force = clean + passes(noise_N * rng.standard_normal(len(time)), rate_Hz)
+    force = quantum_N * np.round(force / quantum_N) if quantum_N else force
+
+    def trace(measured: F) -> Trace:
+        stamps = np.round(time * 1e9).astype(np.int64)
+        columns = {"position": ("m", position), "current": ("A", np.full_like(time, 0.6)), "force": ("N", measured)}
+        channels = {n: Channel(n, unit, stamps, v) for n, (unit, v) in columns.items()}
+        return make_trace(Recording("made", channels), np.zeros_like(time))
+
+    noisy = trace(force)
+    return noisy.measured_noise, float((noisy.force - trace(clean).force)[noisy.usable].std())
+
+
+def estimate_of(noise: MeasuredNoise, source: str) -> NoiseEstimate:
+    used = NoiseEstimate(noise.source, noise.rms_N, "" if noise.known else "not known")
+    return next(e for e in (*noise.others, used) if e.source == source)
+
+
+@pytest.mark.parametrize("passes", [pass_all, smooth, average])
+@pytest.mark.parametrize("rate_Hz", [1000.0, 200.0])
+@pytest.mark.parametrize(("motion", "source"), [(sine, CYCLES), (rest, STANDSTILL)])
+def test_cycles_and_standstill_show_the_noise_behind_any_filter(
+    motion: Callable[[F], F], source: str, rate_Hz: float, passes: Filter
+) -> None:
+    noise, true = measure(motion, rate_Hz, passes)
+    assert noise.known and noise.rms_N == pytest.approx(true, rel=0.1)
+    assert estimate_of(noise, source).valid and estimate_of(noise, source).rms_N == pytest.approx(true, rel=0.1)
+
+
+@pytest.mark.parametrize("passes", [smooth, average])
+@pytest.mark.parametrize("motion", [sine, random, rest])
+def test_high_frequencies_cannot_know_behind_a_filter(motion: Callable[[F], F], passes: Filter) -> None:
+    estimate = estimate_of(measure(motion, 1000.0, passes)[0], HIGH_FREQUENCIES)
+    assert not estimate.valid
+
+
+def test_without_a_valid_source_the_noise_is_not_known() -> None:
+    noise, true = measure(random, 1000.0, smooth)
+    assert not noise.known and noise.rms_N < 0.5 * true
+    assert noise.describe_source().endswith("not limited by any source")
+
+
+@pytest.mark.parametrize("noise_N", [2.0, 8.0])
+def test_high_frequencies_show_white_noise_of_any_motion(noise_N: float) -> None:
+    noise, true = measure(random, 1000.0, noise_N=noise_N)
+    assert noise.known and noise.describe_source() == HIGH_FREQUENCIES
+    assert noise.rms_N == pytest.approx(true, rel=0.1)
+
+
+def test_the_colour_of_the_noise_is_stated() -> None:
+    white, filtered = measure(sine, 1000.0)[0], measure(sine, 1000.0, smooth)[0]
+    assert white.lag1 == pytest.approx(white.white_lag1, abs=0.1)
+    assert filtered.lag1 > filtered.white_lag1 + 0.3
+
+
+def test_cycles_of_slightly_different_motion_are_corrected() -> None:
+    def wander(time: F) -> F:
+        return (1.0 + 0.01 * np.sin(2.0 * np.pi * 0.31 * time)) * sine(time)
+
+    noise, true = measure(wander, 1000.0, smooth)
+    assert noise.source == CYCLES and noise.rms_N == pytest.approx(true, rel=0.1)
+
+
+def test_cycles_that_differ_are_not_compared() -> None:
+    def grow(time: F) -> F:
+        return (0.5 + 0.05 * time * np.sin(2.0 * np.pi * 0.31 * time)) * sine(time)
+
+    assert not estimate_of(measure(grow, 1000.0)[0], CYCLES).valid
+
+
+def test_the_quantum_is_a_lower_bound() -> None:
+    noise, _ = measure(sine, 1000.0, noise_N=0.0, quantum_N=4.0)
+    assert noise.quantum_N == pytest.approx(4.0)
+    assert noise.rms_N >= estimate_of(noise, QUANTUM).rms_N > 0.5
+    assert not estimate_of(noise, HIGH_FREQUENCIES).valid
+    assert measure(sine, 1000.0, quantum_N=0.0)[0].quantum_N == 0.0
+
+
+def test_the_quantum_is_found_among_rounded_numbers() -> None:
+    counts = np.round(np.random.default_rng(1).normal(0.0, 300.0, 5000))
+    assert find_quantum_N(np.round(counts * 2.4414, 2)) == pytest.approx(2.4414, rel=0.01)
+    assert find_quantum_N(np.random.default_rng(1).normal(0.0, 300.0, 5000)) == 0.0
+
+
+def test_sources_that_agree_have_a_narrow_range() -> None:
+    noise, true = measure(sine, 1000.0)
+    values = [noise.rms_N, *(e.rms_N for e in noise.others if e.valid)]
+    low, high = min(values), max(values)
+    assert low == noise.rms_N and 0.9 * true < low <= high < 1.1 * true
+
+
+def test_a_recording_without_force_has_no_noise() -> None:
+    time = np.arange(4000) / 1000.0
+    stamps = np.round(time * 1e9).astype(np.int64)
+    channels = {
+        "position": Channel("position", "m", stamps, sine(time)),
+        "current": Channel("current", "A", stamps, time),
+    }
+    bare = Recording("bare", channels)
+    still = replace(bare, channels={**channels, "force": Channel("force", "N", stamps, np.zeros(4000))})
+    for recording in (bare, still):
+        noise = make_trace(recording, np.zeros(4000)).measured_noise
+        assert noise.source == NO_SOURCE and noise.rms_N == 0.0 and not noise.known

@@ -1,0 +1,193 @@
+"""Charts to work with: what the page shows without a script, and the data from which the script redraws it."""
+
+from __future__ import annotations
+
+import base64
+import json
+import xml.etree.ElementTree as ET
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ces_report.plot import (
+    Plot,
+    PlotArea,
+    PlotBand,
+    PlotBars,
+    PlotDots,
+    PlotLine,
+    PlotShade,
+    curve_css,
+    draw_plot,
+    series_css,
+    share_points,
+)
+
+SVG = "{http://www.w3.org/2000/svg}"
+TIME = np.arange(5000) / 1000.0
+WAVE = 300.0 * np.sin(2 * np.pi * 3.0 * TIME)
+
+
+def drawn(plot: Plot, max_points: int = 60_000) -> ET.Element:
+    return ET.fromstring(str(draw_plot(plot, max_points)))
+
+
+def one_area(*marks: Any, **settings: Any) -> Plot:
+    return Plot("p", "A chart", "About it.", "Time [s]", [PlotArea("Force [N]", marks)], **settings)
+
+
+def data_of(root: ET.Element) -> dict[str, Any]:
+    data = json.loads(root.find("script").text)
+    arrays = [decode(code) for code in data["arrays"]]
+    for area in data["areas"]:
+        for mark in area["marks"]:
+            mark.update({key: arrays[mark[key]] for key in ("x", "y", "low", "high") if key in mark})
+    return data
+
+
+def decode(code: dict[str, Any]) -> np.ndarray:
+    """What the script does."""
+    if "even" in code:
+        start, step = code["even"]
+        return np.full(code["n"], np.nan) if start is None else start + step * np.arange(code["n"])
+    kind, missing = ("<u4", 2**32 - 1) if code["bits"] == 32 else ("<u2", 65535)
+    whole = np.frombuffer(base64.b64decode(code["data"]), kind)
+    return np.where(whole == missing, np.nan, code["low"] + whole * code["unit"])
+
+
+@given(st.lists(st.floats(-1e6, 1e6) | st.just(np.nan), min_size=1, max_size=50))
+def test_values_survive_within_half_a_step(values: list[float]) -> None:
+    y = np.array(values)
+    mark = data_of(drawn(one_area(PlotLine("a", np.arange(len(y)) + 0.5, y))))["areas"][0]["marks"][0]
+    step = (np.nanmax(y) - np.nanmin(y)) / 65534 if np.isfinite(y).any() else 0.0
+    np.testing.assert_allclose(mark["y"], y, atol=0.51 * step + 1e-9, equal_nan=True)
+    np.testing.assert_allclose(mark["x"], np.arange(len(y)) + 0.5, atol=1e-6)
+
+
+def test_a_long_line_keeps_its_peak_and_the_page_says_what_was_left_out() -> None:
+    y = WAVE.copy()
+    y[3217] = 900.0
+    root = drawn(one_area(PlotLine("a", TIME, y)), max_points=1000)
+    mark = data_of(root)["areas"][0]["marks"][0]
+    assert len(mark["y"]) <= 1000
+    peak = int(np.argmax(mark["y"]))
+    assert mark["y"][peak] == pytest.approx(900.0, abs=0.02)
+    assert mark["x"][peak] == pytest.approx(TIME[3217], abs=0.01)
+    assert "lowest and highest of every 10 samples" in "".join(root.find("p").itertext())
+    assert drawn(one_area(PlotLine("a", TIME, y))).find("p") is None
+
+
+def test_no_group_of_samples_spans_a_gap_or_a_break() -> None:
+    x = np.concatenate([TIME[:2003], TIME[:2003] + 10.0])
+    y = np.where(x < 5.0, 1.0, 2.0)
+    breaks = np.zeros(len(x), bool)
+    breaks[[0, 1111]] = True
+    y[1111:2003] = 7.0
+    mark = data_of(drawn(one_area(PlotLine("a", x, y, breaks=breaks)), max_points=400))["areas"][0]["marks"][0]
+    assert len(mark["breaks"]) == 1
+    at = mark["breaks"][0]
+    assert mark["y"][at - 1] == pytest.approx(1.0, abs=0.01) and mark["y"][at] == pytest.approx(7.0, abs=0.01)
+    pairs = mark["y"].reshape(-1, 2)
+    np.testing.assert_allclose(pairs[:, 0], pairs[:, 1], atol=0.01)  # none holds values of both sides
+
+
+def test_arrays_that_marks_share_are_stored_once() -> None:
+    root = drawn(one_area(PlotLine("a", TIME, WAVE), PlotLine("b", TIME, -WAVE), PlotDots("a", TIME, WAVE)))
+    assert len(json.loads(root.find("script").text)["arrays"]) == 3
+
+
+def test_an_x_that_equals_a_y_keeps_its_resolution() -> None:
+    """Of a span of 1000 s, 16 bits resolve 15 ms, and 32 bits less than a microsecond."""
+    x = np.cumsum(np.random.default_rng(1).random(2000))
+    marks = data_of(drawn(one_area(PlotDots("a", np.arange(2000.0), x), PlotDots("b", x, x))))["areas"][0]["marks"]
+    assert np.abs(marks[1]["x"] - x).max() < 1e-6
+    assert np.abs(marks[1]["y"] - x).max() > 1e-4
+
+
+def test_lines_share_what_a_page_may_weigh() -> None:
+    assert share_points(3, 1) == 60_000
+    for lines, recordings in ((60, 12), (300, 12), (40, 4)):
+        assert share_points(lines, recordings) * lines * 8 / 3 + 200_000 * recordings < 2_900_000
+
+
+def test_the_figure_shows_the_window_and_the_data_hold_the_rest() -> None:
+    plot = one_area(PlotLine("a", TIME, WAVE), x_view=(1.0, 1.5))
+    root = drawn(plot)
+    path = next(p for p in root.find(f"{SVG}svg").iter(f"{SVG}path") if p.get("class") == "measured")
+    assert path.get("d").count(",") == pytest.approx(500, abs=3)
+    data = data_of(root)
+    assert data["view"] == [1.0, 1.5] and data["full"] == pytest.approx([0.0, 4.999])
+    assert len(data["areas"][0]["marks"][0]["y"]) == 5000
+
+
+def test_each_name_is_one_entry_of_the_legend() -> None:
+    areas = [
+        PlotArea("Force [N]", [PlotLine("model", TIME, WAVE), PlotDots("model", TIME[::9], WAVE[::9])]),
+        PlotArea("Error [N]", [PlotLine("model", TIME, -WAVE, "error"), PlotLine("", TIME, WAVE, "error thin")]),
+    ]
+    root = drawn(Plot("p", "A chart", "About it.", "Time [s]", areas))
+    assert [entry.get("data-name") for entry in root.iter("li")] == ["model"]
+
+
+def test_names_cannot_end_the_data_or_the_page() -> None:
+    evil = "</script><script>alert(1)</script>&amp;]]>\"'"
+    text = str(draw_plot(one_area(PlotLine(evil, TIME, WAVE))))
+    assert "alert(1)</script>" not in text
+    root = ET.fromstring(text)
+    assert next(root.iter("li")).get("data-name") == evil
+    assert data_of(root)["areas"][0]["marks"][0]["name"] == evil
+
+
+def test_a_band_of_few_points_is_one_area_in_each_piece() -> None:
+    x = np.linspace(0.0, 1.0, 30)
+    low = np.where((x > 0.4) & (x < 0.5), np.nan, x)
+    root = drawn(one_area(PlotBand("band", x, low, low + 1.0)))
+    bands = [p for p in root.find(f"{SVG}svg").iter(f"{SVG}path") if p.get("class") == "bounds area"]
+    assert len(bands) == 2
+    assert all(p.get("d").count("M") == 1 for p in bands)
+
+
+def test_a_shade_is_where_the_mask_is_true() -> None:
+    shade = PlotShade("outside", TIME, (TIME > 1.0) & (TIME < 2.0) | (TIME > 4.0))
+    np.testing.assert_allclose(shade.spans(), [[1.001, 1.999], [4.001, 4.999]])
+    np.testing.assert_allclose(shade.spans(2.5), [[1.001, 4.999]])
+    assert PlotShade("", TIME, np.zeros(5000, bool)).spans().shape == (0, 2)
+
+
+def test_the_table_has_the_extremes_of_every_mark() -> None:
+    bars = PlotBars("share", np.array([0.0, 1.0, 2.0]), np.array([30.0, 70.0]))
+    root = drawn(one_area(PlotLine("model", TIME, WAVE), PlotBand("band", TIME, WAVE - 1, WAVE + 1), bars))
+    rows = {r.find("th").text: [c.text for c in r.iter("td")] for r in root.iter("tr") if r.find("td") is not None}
+    assert list(rows) == [
+        "model: Force [N]",
+        "band, lower end: Force [N]",
+        "band, upper end: Force [N]",
+        "share: Force [N]",
+    ]
+    assert rows["model: Force [N]"][:2] == ["5000", "−300"]
+    assert rows["share: Force [N]"][3:5] == ["70", "1.5"]
+
+
+def test_what_is_shown_twice_is_in_the_table_once() -> None:
+    error = PlotLine("error", TIME, WAVE, "error")
+    whole = PlotArea("Error over the whole run [N]", [PlotLine("", TIME, WAVE)], whole=True)
+    root = drawn(Plot("p", "A chart", "About it.", "Time [s]", [PlotArea("Error [N]", [error]), whole]))
+    assert [row.find("th").text for row in root.find("details").find(".//tbody")] == ["Error [N]"]
+
+
+@pytest.mark.parametrize("values", [np.zeros(0), np.full(10, np.nan), np.full(10, 3.0), np.ones(1)])
+def test_nothing_and_constants_are_drawn(values: np.ndarray) -> None:
+    text = str(draw_plot(one_area(PlotLine("a", np.arange(float(len(values))), values))))
+    assert "nan" not in text.lower()
+    assert ("no values" in text) == (not np.isfinite(values).any())
+
+
+def test_colours_are_classes_only() -> None:
+    text = str(
+        draw_plot(one_area(PlotLine("a", TIME, WAVE, series_css(9)), PlotLine("b", TIME, WAVE, curve_css(2, 3))))
+    )
+    assert "series s1" in text and "curve c3" in text
+    assert "style=" not in text and "#1f" not in text

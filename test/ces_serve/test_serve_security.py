@@ -1,0 +1,156 @@
+"""What a request must pass: own names, reading only, no other site; and the headers of every response."""
+
+from __future__ import annotations
+
+import pytest
+
+pytest.importorskip("flask", reason="Flask is not installed")
+
+from pathlib import Path
+from typing import Any
+
+from flask.testing import FlaskClient
+from served_folders import described_model, fill_folder, write_report_page
+
+from ces_serve.app import Site, make_app
+from ces_serve.security import is_own_name
+
+
+@pytest.fixture(scope="module")
+def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    root = tmp_path_factory.mktemp("served") / "root"
+    root.mkdir()
+    (root.parent / "secret.html").write_text("secret")
+    write_report_page(root.parent / "secret_report.html", "secret")
+    (root / "linked.html").symlink_to(root.parent / "secret_report.html")
+    (root / "notes.txt").write_text("private notes")
+    (root / "script.py").write_text("private code")
+    (root / "other.html").write_text("<title>not ours</title><script>alert(1)</script>")
+    return fill_folder(root, bags=False)
+
+
+@pytest.fixture
+def client(root: Path) -> FlaskClient:
+    return make_app(Site.open(root), "127.0.0.1").test_client()
+
+
+@pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"])
+@pytest.mark.parametrize("path", ["/", "/files/first.html", "/compare/result"])
+def test_only_reading_is_allowed(client: FlaskClient, method: str, path: str) -> None:
+    assert client.open(path, method=method).status_code == 405
+
+
+def test_head_is_reading(client: FlaskClient) -> None:
+    answer = client.head("/")
+    assert (answer.status_code, answer.data) == (200, b"")
+
+
+@pytest.mark.parametrize(
+    ("header", "bound", "own"),
+    [
+        ("127.0.0.1:8000", "127.0.0.1", True),
+        ("localhost:9999", "127.0.0.1", True),  # through a tunnel
+        ("LOCALHOST", "127.0.0.1", True),
+        ("[::1]:8000", "::1", True),
+        ("evil.example:8000", "127.0.0.1", False),
+        ("127.0.0.1.evil.example", "127.0.0.1", False),
+        ("192.168.0.7:8000", "127.0.0.1", False),
+        ("", "127.0.0.1", False),
+        ("192.168.0.7:8000", "0.0.0.0", True),
+        ("evil.example", "0.0.0.0", False),
+        ("rig-pc:8000", "rig-pc", True),
+    ],
+)
+def test_only_own_names_are_answered(header: str, bound: str, own: bool) -> None:
+    assert is_own_name(header, bound) is own
+
+
+REFUSED: dict[int, dict[str, Any]] = {
+    421: {"headers": {"Host": "evil.example"}},
+    405: {"method": "POST"},
+    403: {"headers": {"Sec-Fetch-Site": "cross-site", "Sec-Fetch-Mode": "cors"}},
+}
+
+
+@pytest.mark.parametrize("status", REFUSED)
+def test_who_is_refused_gets_nothing_of_the_folder(client: FlaskClient, root: Path, status: int) -> None:
+    answer = client.open("/", **REFUSED[status])
+    assert answer.status_code == status
+    assert str(root) not in answer.text and "Models" not in answer.text  # neither its place nor what it holds
+    assert "Content-Security-Policy" in answer.headers
+
+
+@pytest.mark.parametrize("site", ["cross-site", "same-site"])
+def test_other_sites_can_link_here_and_nothing_else(client: FlaskClient, site: str) -> None:
+    other = {"Sec-Fetch-Site": site}
+    assert client.get("/list/model", headers={**other, "Sec-Fetch-Mode": "cors"}).status_code == 403
+    assert client.get("/files/first.json", headers={**other, "Sec-Fetch-Mode": "no-cors"}).status_code == 403
+    assert client.get("/", headers={**other, "Sec-Fetch-Mode": "navigate"}).status_code == 200
+
+
+@pytest.mark.parametrize("path", ["/", "/files/first.html", "/files/first.json", "/nothing", "/assets/plots.js"])
+def test_every_response_has_the_headers(client: FlaskClient, path: str) -> None:
+    headers = client.get(path).headers
+    assert headers["X-Content-Type-Options"] == "nosniff"
+    assert headers["Referrer-Policy"] == "no-referrer"
+    assert headers["Cross-Origin-Resource-Policy"] == "same-origin"
+    assert "default-src 'none'" in headers["Content-Security-Policy"]
+    assert "frame-ancestors 'none'" in headers["Content-Security-Policy"]
+    assert not [name for name in headers.keys() if name.startswith("Access-Control")]  # noqa: SIM118
+
+
+def test_pages_run_only_the_scripts_of_this_server(client: FlaskClient) -> None:
+    answer = client.get("/")
+    assert "script-src 'self'; style-src 'self'" in answer.headers["Content-Security-Policy"]
+    assert b"<style" not in answer.data and b" style=" not in answer.data and b"onclick" not in answer.data
+
+
+def test_reports_are_served_as_they_are_in_a_sandbox(client: FlaskClient, root: Path) -> None:
+    answer = client.get("/files/first.html")
+    assert answer.data == (root / "first.html").read_bytes()
+    assert answer.headers["Content-Security-Policy"].startswith("sandbox allow-scripts")
+    assert "allow-same-origin" not in answer.headers["Content-Security-Policy"]
+    assert "connect-src" not in answer.headers["Content-Security-Policy"]  # none, by default-src
+
+
+NOT_SERVED = (
+    "notes.txt", "script.py", "other.html", "linked.html", "missing.html", "../secret.html", "..%2fsecret.html",
+    "%2e%2e/secret.html", "sizes/..%2f..%2fsecret.html", "....//secret.html", "/etc/passwd", "%2fetc%2fpasswd",
+    "first.html%00", "loop/iterations.jsonl%00.html", "file:///etc/passwd", "sizes",
+)  # fmt: skip
+
+
+@pytest.mark.parametrize("path", NOT_SERVED)
+def test_nothing_else_is_served(client: FlaskClient, path: str) -> None:
+    answer = client.get(f"/files/{path}", follow_redirects=True)
+    assert answer.status_code in (404, 405)
+    for secret in (b"private", b"root:", b"not ours", b">secret<"):
+        assert secret not in answer.data
+
+
+@pytest.mark.parametrize("page", ["view/model", "view/recording", "view/report", "search"])
+def test_no_page_leaves_the_folder(client: FlaskClient, page: str) -> None:
+    for path in ("../secret.html", "..%2fsecret.html", "%2fetc%2fpasswd", "linked.html"):
+        answer = client.get(f"/{page}/{path}", follow_redirects=True)
+        assert answer.status_code in (200, 404)
+        assert b"root:" not in answer.data and b">secret<" not in answer.data
+
+
+def test_names_are_escaped(tmp_path: Path) -> None:
+    described_model().save(tmp_path / "<img src=x onerror=alert(1)>.json")
+    (tmp_path / "<b>.json").write_text("")
+    text = make_app(Site.open(tmp_path), "127.0.0.1").test_client().get("/").text
+    assert "<img" not in text and "&lt;img src=x" in text and "&lt;b&gt;" in text
+
+
+def test_nothing_is_written(client: FlaskClient, root: Path) -> None:
+    before = {path: path.lstat().st_mtime_ns for path in root.rglob("*")}
+    for path in (
+        "/",
+        "/list/model",
+        "/view/result/sizes/results.jsonl",
+        "/files/first.html",
+        "/compare?model=first.json",
+    ):
+        assert client.get(path).status_code == 200
+    assert {path: path.lstat().st_mtime_ns for path in root.rglob("*")} == before
