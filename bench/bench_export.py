@@ -19,14 +19,13 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from bench_free_run import ten_terms
+from bench_free_run import FITTED, ten_terms
 from measurement import median_seconds, processor
 from numpy.typing import NDArray
-from physical_examples import SAMPLING, make_chambers, make_model, make_relaxation, make_valve
 
 from ces_identify.export.export_c import export_c
 from ces_observer.estimator import Estimator
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial
 
 N = 30_000
@@ -143,9 +142,8 @@ def make_models() -> dict[str, Model]:
         )
         for order in (2, 3)
     }
-    physical = [make_model(structure) for structure in (make_relaxation(make_valve()), make_chambers(make_valve()))]
-    named = {f"{one.structure}, {one.size}, differentiator of order {SAMPLING.order}": one for one in physical}
-    return polynomials | named
+    physical = [load_model(FITTED / f"{name}_hysteretic.json") for name in ("relaxation", "chambers")]
+    return polynomials | {f"{one.structure}, {one.size}": one for one in physical}
 
 
 def main() -> int:

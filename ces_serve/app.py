@@ -239,7 +239,8 @@ def _list_page(kind: str) -> str:
         cut=listing.cut,
         problem=listing.problem,
         can_compare=kind == MODEL,
-        follows=bool(listing.searches or not listing.items) and not query,  # what an empty list waits for is written soon
+        follows=bool(listing.searches or not listing.items)
+        and not query,  # what an empty list waits for is written soon
     )
 
 

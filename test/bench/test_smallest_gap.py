@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from physical_examples import make_model, make_relaxation, make_valve
 
 from bench.gaps.ladder_damper import (
     AUTO,
@@ -21,7 +22,6 @@ from bench.gaps.ladder_damper import (
     tables,
 )
 from bench.gaps.smallest_gap import EFFECTS, Ladder, find_cause, identify_model
-from bench.physical_examples import make_model, make_relaxation, make_valve
 from ces_gap.diagnosis import NO_GAP
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.simulations.simulation import ModelSimulation

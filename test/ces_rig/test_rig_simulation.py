@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from dyno_measurements import steady_force
 
-from bench.rig.characteristic import steady_force
 from bench.thesis.costs import cost, noise_floors, simulate_driven
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.errors import RigError

@@ -5,9 +5,9 @@ import json
 
 import numpy as np
 import pytest
+from physical_examples import make_chambers, make_model, make_relaxation, make_valve
 from schema_rules import SCHEMA, faults
 
-from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
 from ces_cli.main import main
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag

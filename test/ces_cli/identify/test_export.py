@@ -7,8 +7,8 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
+from physical_examples import make_chambers, make_model, make_relaxation, make_valve
 
-from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
 from ces_cli.main import main
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial

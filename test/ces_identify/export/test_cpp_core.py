@@ -9,9 +9,9 @@ from math import inf, nan
 
 import pytest
 from bands import BAND
+from physical_examples import make_chambers, make_model, make_relaxation, make_valve
 from trained_models import fuzzy_model, network_model
 
-from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
 from ces_data.signals_file import load_signals
 from ces_identify.export.replay_sequence import START_NS, ReplaySequence, record_faults
 from ces_identify.export.ros_package import export_ros_package, write_package

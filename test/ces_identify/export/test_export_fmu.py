@@ -6,8 +6,8 @@ import zipfile
 import numpy as np
 import pytest
 from fmus import UNPROVED, damper
+from physical_examples import make_chambers, make_model, make_relaxation, make_valve
 
-from bench.physical_examples import make_chambers, make_model, make_relaxation, make_valve
 from ces_identify.export.export_c import REASONS
 from ces_identify.export.export_fmu import VARIABLES, binary_path, export_fmu, find_compiler, sources
 from ces_observer.errors import CesError

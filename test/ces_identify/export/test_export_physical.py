@@ -17,8 +17,8 @@ from exported_c import (
     seeded,
     undefined_and_defined,
 )
+from physical_examples import ENVELOPE, SAMPLING, make_chambers, make_model, make_relaxation, make_valve
 
-from bench.physical_examples import ENVELOPE, SAMPLING, make_chambers, make_model, make_relaxation, make_valve
 from ces_identify.export.export_c import export_c
 from ces_observer.model import parse_model
 from ces_observer.structures.curves import FlowMap, IncreasingCurve

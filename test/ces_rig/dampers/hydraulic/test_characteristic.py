@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+from dyno_measurements import current_step, cycle, rise_time, steady_force
 
-from bench.rig.characteristic import current_step, cycle, rise_time, steady_force
 from ces_rig.dampers.hydraulic import kernel as hy
 from ces_rig.dampers.hydraulic.parameters import Damper, coefficients, parse_damper
 

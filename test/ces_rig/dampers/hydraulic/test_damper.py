@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bench.rig.parameter_table import as_markdown, as_yaml, format_number, rows
+from bench.parameter_table import as_markdown, as_yaml, format_number, rows
 from ces_rig.dampers.hydraulic.parameters import Damper, coefficients, load_damper, parse_damper
 from ces_rig.errors import RigError
 

@@ -1,7 +1,7 @@
 """The damper's parameters as a commented YAML file or a Markdown table, from the declarations in `parameters.py`.
 
-python -m bench.rig.parameter_table yaml > ces_rig/dampers/hydraulic/damper.yaml
-python -m bench.rig.parameter_table markdown
+python -m bench.parameter_table yaml > ces_rig/dampers/hydraulic/damper.yaml
+python -m bench.parameter_table markdown
 """
 
 from __future__ import annotations
