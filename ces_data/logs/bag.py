@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from ces_data.bags.fields import read_fields, read_series
+from ces_data.bags.fields import FieldSeries, read_fields, read_series
 from ces_data.logs.log_file import LogSeries, TimedLog
 from ces_data.logs.log_mapping import Column, DynoMapping, MappingError
 
@@ -23,19 +23,21 @@ class BagLog(TimedLog):
 
     def read(self, columns: Sequence[Column]) -> list[LogSeries]:
         """Return the numbers at these topics and fields."""
-        found = read_series(self.path, [_split(column) for column in columns])
-        return [LogSeries(f"{s.topic} {s.field}", s.stamps_ns, s.values, key=f"{s.topic} {s.field}") for s in found]
+        fields = []
+        for key in (str(column.key) for column in columns):
+            topic, _, field = map(str.strip, key.partition(" "))
+            if not topic or not field:
+                raise MappingError(
+                    f"column {key!r}: expected topic and field, such as '/measured_force wrench.force.z'"
+                )
+            fields.append((topic, field))
+        return _as_logged(read_series(self.path, fields))
 
     def read_all(self) -> list[LogSeries]:
         """Return the numbers of all topics."""
-        return [
-            LogSeries(f"{s.topic} {s.field}", s.stamps_ns, s.values, key=f"{s.topic} {s.field}")
-            for s in read_fields(self.path).series
-        ]
+        return _as_logged(read_fields(self.path).series)
 
 
-def _split(column: Column) -> tuple[str, str]:
-    topic, _, field = str(column.key).partition(" ")
-    if not topic or not field.strip():
-        raise MappingError(f"column {column.key!r}: expected topic and field, such as '/measured_force wrench.force.z'")
-    return topic, field.strip()
+def _as_logged(series: Sequence[FieldSeries]) -> list[LogSeries]:
+    labels = [f"{one.topic} {one.field}" for one in series]
+    return [LogSeries(name, s.stamps_ns, s.values, key=name) for name, s in zip(labels, series, strict=True)]

@@ -6,6 +6,7 @@ import csv
 import re
 from array import array
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from io import TextIOWrapper
 from itertools import accumulate, chain, islice, repeat, zip_longest
@@ -38,7 +39,6 @@ EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a floa
 NUMBER_STARTS = frozenset("0123456789+-.")
 LINE_BREAK = re.compile("\r\n|\r|\n")
 EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
-NAN = float("nan")
 
 
 def open_log(path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> CsvTable:
@@ -49,50 +49,24 @@ def open_log(path: Path, mapping: DynoMapping, progress: Callable[[float], None]
         raise RecordingError(f'{path}: cannot be read as a table: {error}; is a quote (") not closed?') from None
 
 
-def _is_text(cell: str) -> bool:
-    """Return whether the column of a first cell is kept as text: dates and long whole numbers."""
-    return is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
-
-
-def _as_values(numbers: array[float]) -> Values:
-    """Return the numbers without a copy, not to be written to."""
-    values = np.frombuffer(numbers, dtype=np.float64) if numbers else np.empty(0)
-    values.flags.writeable = False
-    return values
-
-
-def _read_whole(cells: Sequence[str], factor: int) -> Stamps:
-    """Return whole numbers times a factor; raises ValueError with the first cell that is none, and its row."""
-    for row, cell in enumerate(cells):
-        if not cell.removeprefix("-").isdecimal():
-            raise ValueError(cell, row)
-    return np.array([int(cell) * factor for cell in cells], dtype=np.int64)
-
-
-def _last_lines(rows: Sequence[Sequence[str]], before: int, last: int) -> Sequence[int]:
-    """Return the number of each row's last line; a row has several if there are line breaks in its quoted cells."""
-    if last - before == len(rows):
-        return range(before + 1, last + 1)
-    return [before + n for n in accumulate(1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in rows)]
-
-
 @dataclass
 class _Cells:
-    """The cells of one column: numbers, NaN where there is none; the rows without a number; the first bad cell."""
+    """The cells of one column: numbers, NaN where there is none; the rows without a number; the first bad cell.
 
+    `texts` are kept of dates and long whole numbers.
+    """
+
+    texts: list[str] | None
     numbers: array[float] = field(default_factory=lambda: array("d"))
     blanks: array[int] = field(default_factory=lambda: array("q"))
     blank: str = ""  # the first of them, as `NA`
-    texts: list[str] | None = None
     bad: tuple[int, str | None] | None = None  # row and text; None for a line that ends before this column
 
 
 class CsvTable(LogTable):
     """A table of text cells. Memory is 8 bytes a cell, and the text of columns that hold dates."""
 
-    def __init__(
-        self, path: Path, mapping: DynoMapping, progress: Callable[[float], None] = lambda share: None
-    ) -> None:
+    def __init__(self, path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> None:
         self.path, self.mapping, self._progress = path, mapping, progress
         self.dialect = find_dialect(path, mapping)
         self.names = mapping.names or self.dialect.names
@@ -117,16 +91,14 @@ class CsvTable(LogTable):
             raise self._bad_cell(cells.bad, name)
         if len(cells.blanks) and self.mapping.blank == "error":
             raise self._bad_cell((cells.blanks[0], cells.blank), name)
-        return _as_values(cells.numbers)
+        values = np.frombuffer(cells.numbers, dtype=np.float64) if cells.numbers else np.empty(0)
+        values.flags.writeable = False
+        return values
 
     def missing(self, key: str | int) -> NDArray[np.bool_] | None:
         """Return which rows are blank in a column, None if none is."""
         cells, _ = self._cells(key)
-        if not len(cells.blanks):
-            return None
-        mask = np.zeros(len(self._lines), dtype=np.bool_)
-        mask[np.array(cells.blanks)] = True
-        return mask
+        return np.isin(np.arange(len(self._lines)), cells.blanks) if len(cells.blanks) else None
 
     def stamps(self, column: Column) -> Stamps | None:
         """Return the times of a column of dates or of long whole numbers of nanoseconds; None for other numbers."""
@@ -134,9 +106,12 @@ class CsvTable(LogTable):
         if cells.texts is None:
             return None
         try:
-            if column.unit in EXACT_UNITS and cells.texts[0].isdigit():
-                return _read_whole(cells.texts, EXACT_UNITS[column.unit])
-            return parse_dates(cells.texts, column.date)
+            if column.unit not in EXACT_UNITS or not cells.texts[0].isdigit():
+                return parse_dates(cells.texts, column.date)
+            for row, text in enumerate(cells.texts):
+                if not text.removeprefix("-").isdecimal():
+                    raise ValueError(text, row)
+            return np.array([int(text) * EXACT_UNITS[column.unit] for text in cells.texts], dtype=np.int64)
         except OverflowError:
             raise RecordingError(
                 f"{self.path}: column {name} has a time beyond the year 2262; check its unit"
@@ -153,10 +128,6 @@ class CsvTable(LogTable):
                 f"{self.path}:{self._lines[row]}: column {name} is {text!r}; expected {expected} "
                 f"(or set date: in {self.mapping.source}, such as '%d/%m/%Y %H:%M:%S.%f')"
             ) from None
-
-    def is_text(self, key: str | int) -> bool:
-        """Return whether a column holds dates or long whole numbers."""
-        return self._cells(key)[0].texts is not None
 
     def unit(self, key: str | int) -> str:
         """Return the unit in the row below the names."""
@@ -187,36 +158,37 @@ class CsvTable(LogTable):
         return self._columns[i], name
 
     def _read(self) -> None:
-        """Read all rows; the first one decides which columns are text."""
+        """Read all rows; the first one decides which columns are text.
+
+        Columns with thousands separators that look like decimal marks are bad, unless the mapping states those marks.
+        """
         sample: list[list[str]] = []
         for rows in self._batches():
             sample += rows[: SAMPLE - len(sample)]
-            if not self._columns:
-                self._columns = [_Cells(texts=[] if _is_text(cell.strip()) else None) for cell in rows[0]]
+            for cell in map(str.strip, [] if self._columns else rows[0]):
+                is_text = is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
+                self._columns.append(_Cells([] if is_text else None))
             first = len(self._widths)
             self._widths.extend(map(len, rows))
             missing = (None,) * len(rows)
             for column, cells in zip(self._columns, chain(zip_longest(*rows), repeat(missing)), strict=False):
-                self._add_all(column, first, cells)
-        self._refuse_groups(sample)
-
-    def _refuse_groups(self, rows: Sequence[Sequence[str]]) -> None:
-        """Mark as bad what has thousands separators that look like decimal marks, unless the mapping states those."""
-        if self.mapping.decimal is not None:
-            return
+                self._add(column, first, cells)
         mark = self.dialect.decimal
-        for column, cells in zip(self._columns, zip_longest(*rows, fillvalue=""), strict=False):
-            if mixes_groups(cells, mark):
-                column.bad = column.bad or next((row, cell) for row, cell in enumerate(cells) if mark in cell)
+        for column, texts in zip(self._columns, zip_longest(*sample, fillvalue=""), strict=False):
+            if self.mapping.decimal is None and column.bad is None and mixes_groups(texts, mark):
+                column.bad = next((row, cell) for row, cell in enumerate(texts) if mark in cell)
 
     def _batches(self) -> Iterator[list[list[str]]]:
-        """Yield the cells of the next rows; keeps the number of each one's line, and reports the share that is read."""
-        size, line = max(1, self.path.stat().st_size), 0
+        """Yield the cells of the next rows; keeps the number of each one's last line, and reports the share read."""
+        size, before = max(1, self.path.stat().st_size), 0
         with self.path.open("rb") as raw, TextIOWrapper(raw, self.dialect.encoding, "replace", newline="") as file:
             reader = csv.reader(file, delimiter=self.dialect.delimiter, skipinitialspace=True)
             while batch := list(islice(reader, BATCH)):
-                lines = _last_lines(batch, line, reader.line_num)
-                line = reader.line_num
+                lines: Sequence[int] = range(before + 1, reader.line_num + 1)
+                if len(lines) > len(batch):  # there are line breaks in quoted cells
+                    counts = (1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in batch)
+                    lines = [before + n for n in accumulate(counts)]
+                before = reader.line_num
                 kept = [at for at, cells in enumerate(batch) if self._is_row(cells)]
                 self._lines.extend(lines[at] for at in kept)
                 self._progress(raw.tell() / size)
@@ -229,46 +201,35 @@ class CsvTable(LogTable):
             return True
         if not any(map(str.strip, cells)):
             return False
-        if self._head:
-            self._head -= 1
-            return False
-        if is_comment(cells):
-            self._comments += 1
-            return False
-        return True
+        in_head, comment = self._head > 0, self._head == 0 and is_comment(cells)
+        self._head -= in_head
+        self._comments += comment
+        return not in_head and not comment
 
-    def _add_all(self, column: _Cells, row: int, cells: Sequence[str | None]) -> None:
+    def _add(self, column: _Cells, row: int, cells: Sequence[str | None]) -> None:
         """Add the cells of rows from `row` on, at once if all are numbers; None stands for one that is missing."""
+        mark = self.dialect.decimal
         if column.texts is None and None not in cells:
             texts = cast(Sequence[str], cells)
-            try:
-                column.numbers.extend(array("d", map(float, self._with_points(texts))))
-                return
-            except ValueError:
-                pass
+            joined = "\0".join(texts)
+            if "_" not in joined and (mark == "." or "." not in joined):  # 1_000, and a point among decimal commas
+                with suppress(ValueError):
+                    numbers = map(float, texts if mark == "." else joined.replace(mark, ".").split("\0"))
+                    column.numbers.extend(array("d", numbers))
+                    return
         for at, cell in enumerate(cells, start=row):
-            self._add(column, at, cell)
-
-    def _with_points(self, texts: Sequence[str]) -> Sequence[str]:
-        """Return cells with decimal points; raises ValueError for a point among decimal commas, or for 1_000."""
-        joined = "\0".join(texts)
-        if "_" in joined or (self.dialect.decimal != "." and "." in joined):
-            raise ValueError(joined)
-        return texts if self.dialect.decimal == "." else joined.replace(self.dialect.decimal, ".").split("\0")
-
-    def _add(self, column: _Cells, row: int, cell: str | None) -> None:
-        if column.texts is not None:
-            column.texts.append((cell or "").strip())
-        try:
-            number = parse_number(cell or "", self.dialect.decimal)
-        except ValueError:
-            number = NAN
+            if column.texts is not None:
+                column.texts.append((cell or "").strip())
+            try:
+                column.numbers.append(parse_number(cell or "", mark))
+                continue
+            except ValueError:
+                column.numbers.append(np.nan)
             if cell is not None and (not cell.strip() or is_missing(cell)):
                 column.blank = cell if not len(column.blanks) else column.blank
-                column.blanks.append(row)
+                column.blanks.append(at)
             elif column.bad is None:
-                column.bad = (row, cell)
-        column.numbers.append(number)
+                column.bad = (at, cell)
 
     def _hint(self, width: int) -> str:
         """Suggest another delimiter if the only column contains one."""
@@ -281,12 +242,12 @@ class CsvTable(LogTable):
         where = f"{self.path}:{self._lines[row]}: column {name}"
         if text is None:
             return RecordingError(f"{where} is missing; the line has {self._widths[row]} cells")
-        kind = "that" if text.strip() else "a blank"
-        blank = f" (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
+        expected = "a number"
         if is_grouped(text):
-            return RecordingError(f"{where} is {text!r}; expected a number without thousands separators: export it so")
-        if self.dialect.decimal != "." and is_number(text, "."):
-            return RecordingError(f"{where} is {text!r}; expected decimals by '{self.dialect.decimal}' as elsewhere")
-        return RecordingError(
-            f"{where} is {text!r}; expected a number{blank if not text.strip() or is_missing(text) else ''}"
-        )
+            expected = "a number without thousands separators: export it so"
+        elif self.dialect.decimal != "." and is_number(text, "."):
+            expected = f"decimals by '{self.dialect.decimal}' as elsewhere"
+        elif not text.strip() or is_missing(text):
+            kind = "that" if text.strip() else "a blank"
+            expected = f"a number (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
+        return RecordingError(f"{where} is {text!r}; expected {expected}")

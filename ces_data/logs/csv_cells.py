@@ -3,26 +3,31 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Mapping, Sequence
-from datetime import UTC, datetime
-from functools import partial
+from collections.abc import Mapping, Sequence
+from datetime import UTC, datetime, tzinfo
+from functools import cache
 
 import numpy as np
 
 from ces_data.recording import Stamps
 
-FRACTION = r"([.,]\d{1,9}|:\d{3})?"  # controllers of machines write 12:00:00:125
-ISO = re.compile(rf"(\d{{4}}-\d\d-\d\d)[T _](\d\d:\d\d(?::\d\d)?){FRACTION}\s*(Z|[+-]\d\d:?\d\d)?$")
-GERMAN = re.compile(rf"(\d{{1,2}})\.(\d{{1,2}})\.(\d{{4}})[ _T](\d{{1,2}}):(\d\d):(\d\d){FRACTION}$")
-NAMED = re.compile(rf"(\d{{1,2}})[-. ]+([A-Za-zä]{{3,9}})[-. ]+(\d{{4}})[ T]+(\d{{1,2}}):(\d\d):(\d\d){FRACTION}$")
+DECIMALS = r"(?P<fraction>[.,]\d{1,9})"
+FRACTION = r"(?P<fraction>[.,]\d{1,9}|:\d{3})?"  # controllers of machines write 12:00:00:125
+TIME = r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)"
+HALF = r"\s*(?P<half>[AaPp])?(?:\.?[Mm]\.?)?$"
+ISO = re.compile(
+    r"(?P<y>\d{4})-(?P<m>\d\d)-(?P<d>\d\d)[T _](?P<hour>\d\d):(?P<minute>\d\d)(?::(?P<second>\d\d))?"
+    rf"{FRACTION}\s*(?P<zone>Z|[+-]\d\d:?\d\d)?$"
+)
+GERMAN = re.compile(rf"(?P<d>\d{{1,2}})\.(?P<m>\d{{1,2}})\.(?P<y>\d{{4}})[ _T]{TIME}{FRACTION}$")
+NAMED = re.compile(rf"(?P<d>\d{{1,2}})[-. ]+(?P<m>[A-Za-zä]{{3,9}})[-. ]+(?P<y>\d{{4}})[ T]+{TIME}{FRACTION}$")
+SLASHED = re.compile(rf"(?P<first>\d{{1,4}})/(?P<next>\d{{1,2}})/(?P<last>\d{{1,4}})[ T]+{TIME}{DECIMALS}?{HALF}")
+CLOCK = re.compile(rf"(?:(?P<days>-?\d+) days? )?{TIME}{FRACTION}{HALF}")
+MINUTES = re.compile(rf"(?P<minutes>\d{{1,3}}):(?P<second>\d\d){DECIMALS}$")
+FORMS = (CLOCK, MINUTES, GERMAN, NAMED, SLASHED, ISO)
 NAMES_OF_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec"
 MONTHS = {name: number for number, name in enumerate(NAMES_OF_MONTHS.split(), start=1)}
 MONTHS |= {"mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12}
-CLOCK = re.compile(rf"(?:(-?\d+) days? )?(\d{{1,2}}):(\d\d):(\d\d){FRACTION}\s*([AaPp])?(?:\.?[Mm]\.?)?$")
-MINUTES = re.compile(r"(\d{1,3}):(\d\d)([.,]\d{1,9})$")
-SLASHED = re.compile(
-    r"(\d{1,4})/(\d{1,2})/(\d{1,4})[ T]+(\d{1,2}):(\d\d):(\d\d)([.,]\d{1,9})?\s*([AaPp])?(?:\.?[Mm]\.?)?$"
-)
 HOUR_NS = 3_600_000_000_000
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([.,'’ \u00a0\u202f]\d{3})+([.,]\d+)?$")  # 1.234,5 or 1'234.5
 WHOLE_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}([.,]\d{3})+$")
@@ -43,8 +48,7 @@ class AmbiguousDateError(ValueError):
 
 def is_date(cell: str) -> bool:
     """Return whether a cell is a date or a time of day in some form."""
-    text = cell.strip()
-    return any(pattern.match(text) for pattern in READERS)
+    return any(form.match(cell.strip()) for form in FORMS)
 
 
 def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
@@ -56,23 +60,18 @@ def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
     two meanings.
     """
     ends = [cell.strip() for cell in (cells[0], cells[-1])] if cells else [""]
-    form = next((form for form in READERS if form.match(ends[0])), ISO)
-    read = READERS[form]
-    if form is SLASHED and not pattern:
-        read = partial(read, order=_find_order([match for text in ends if (match := SLASHED.match(text))]))
-
-    def read_cell(text: str) -> int:
-        if pattern:
-            return _to_ns(datetime.strptime(text, pattern))
-        match = form.match(text)
-        if match is None:
-            raise ValueError(text)
-        return read(*match.groups())
-
+    form = next((form for form in FORMS if form.match(ends[0])), ISO)
+    order = _find_order([m for text in ends if (m := SLASHED.match(text))]) if form is SLASHED and not pattern else ""
     stamps = np.empty(len(cells), dtype=np.int64)
     for row, cell in enumerate(cells):
         try:
-            stamps[row] = read_cell(cell.strip())
+            match = None if pattern else form.match(cell.strip())
+            if pattern:
+                stamps[row] = _since_1970(datetime.strptime(cell.strip(), pattern))
+            elif match:
+                stamps[row] = _read_parts(match.groupdict(), order)
+            else:
+                raise ValueError(cell)
         except ValueError:
             raise ValueError(cell, row) from None
     period = 0 if pattern else {CLOCK: 24 * HOUR_NS, MINUTES: HOUR_NS}.get(form, 0)
@@ -84,77 +83,49 @@ def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
 
 def _find_order(matches: Sequence[re.Match[str]]) -> str:
     """Return the order of year, month and day, such as `mdy`; raises AmbiguousDateError if it cannot be known."""
-    if len(matches[0].group(1)) == 4:
+    if len(matches[0]["first"]) == 4:
         return "ymd"
-    firsts, seconds = ([int(match.group(i)) for match in matches] for i in (1, 2))
-    if max(seconds) > 12 or matches[0].group(8):  # a clock of twelve hours is American
+    firsts, seconds = ([int(match[i]) for match in matches] for i in ("first", "next"))
+    if max(seconds) > 12 or matches[0]["half"]:  # a clock of twelve hours is American
         return "mdy"
     if max(firsts) > 12 or firsts == seconds:
         return "dmy"
-    raise AmbiguousDateError(matches[0].group(0))
+    raise AmbiguousDateError(matches[0][0])
 
 
-def _read_iso(day: str, clock: str, fraction: str | None, zone: str | None) -> int:
-    return _to_ns(datetime.fromisoformat(f"{day}T{clock}{zone or ''}")) + _fraction_ns(fraction)
-
-
-def _read_german(day: str, month: str, year: str, hour: str, minute: str, second: str, fraction: str | None) -> int:
-    moment = datetime(int(year), int(month), int(day), int(hour), int(minute), int(second), tzinfo=UTC)
-    return _to_ns(moment) + _fraction_ns(fraction)
-
-
-def _read_named(day: str, name: str, *rest: str) -> int:
-    if name[:3].casefold() not in MONTHS:
-        raise ValueError(name)
-    return _read_german(day, str(MONTHS[name[:3].casefold()]), *rest)
-
-
-def _read_slashed(
-    a: str, b: str, c: str, hour: str, minute: str, second: str, fraction: str | None, half: str | None, order: str = ""
-) -> int:
-    parts = dict(zip(order, (a, b, c), strict=True))
-    hours = str(_hour_of_day(int(hour), half))
-    return _read_german(parts["d"], parts["m"], parts["y"], hours, minute, second, fraction)
-
-
-def _read_clock(
-    days: str | None, hour: str, minute: str, second: str, fraction: str | None, half: str | None = None
-) -> int:
-    if int(minute) > 59 or int(second) > 59:
+def _read_parts(part: Mapping[str, str | None], order: str) -> int:
+    """Return the time [ns] since 1970, or since midnight without a date; raises ValueError if there is none such."""
+    hour, minute, second, days, minutes = (
+        int(part.get(key) or 0) for key in ("hour", "minute", "second", "days", "minutes")
+    )
+    if half := part.get("half"):
+        if not 1 <= hour <= 12:
+            raise ValueError(hour)
+        hour = hour % 12 + (12 if half in "Pp" else 0)
+    fraction = part.get("fraction") or ".0"
+    fraction_ns = int(fraction[1:].ljust(9, "0"))
+    day = part if not order else dict(zip(order, (part["first"], part["next"], part["last"]), strict=True))
+    if year := day.get("y"):
+        name = str(day["m"])
+        month = int(name) if name.isdigit() else MONTHS.get(name[:3].casefold(), 0)
+        zone = _read_zone(part.get("zone") or "Z")
+        return (
+            _since_1970(datetime(int(year), month, int(day["d"] or 0), hour, minute, second, tzinfo=zone)) + fraction_ns
+        )
+    if minute > 59 or second > 59:
         raise ValueError(minute, second)
-    minutes = 60 * (24 * int(days or 0) + _hour_of_day(int(hour), half)) + int(minute)
-    return (60 * minutes + int(second)) * 1_000_000_000 + _fraction_ns(fraction)
+    return (60 * (60 * (24 * days + hour) + minute + minutes) + second) * 1_000_000_000 + fraction_ns
 
 
-def _read_minutes(minute: str, second: str, fraction: str) -> int:
-    if int(second) > 59:
-        raise ValueError(second)
-    return (60 * int(minute) + int(second)) * 1_000_000_000 + _fraction_ns(fraction)
+@cache
+def _read_zone(text: str) -> tzinfo | None:
+    return datetime.strptime(text, "%z").tzinfo
 
 
-def _hour_of_day(hour: int, half: str | None) -> int:
-    """Return the hour of 24 from one of 12 with its half of the day, `a` or `p`."""
-    if half is None:
-        return hour
-    if not 1 <= hour <= 12:
-        raise ValueError(hour)
-    return hour % 12 + (12 if half in "Pp" else 0)
-
-
-def _fraction_ns(fraction: str | None) -> int:
-    return int(fraction[1:].ljust(9, "0")) if fraction else 0
-
-
-def _to_ns(moment: datetime) -> int:
+def _since_1970(moment: datetime) -> int:
     known = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
     since = known - datetime(1970, 1, 1, tzinfo=UTC)
     return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1_000
-
-
-READERS: Mapping[re.Pattern[str], Callable[..., int]] = {
-    **{CLOCK: _read_clock, MINUTES: _read_minutes, GERMAN: _read_german, NAMED: _read_named},
-    **{SLASHED: _read_slashed, ISO: _read_iso},
-}
 
 
 def parse_number(cell: str, decimal: str) -> float:

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog, open_log
-from ces_data.logs.log_mapping import ONE_TIME, Column, DynoMapping, FileNameValue, FixedValue, MappingError, Source
+from ces_data.logs.log_file import MAX_TIME_S, LogTable, TimedLog, open_log
+from ces_data.logs.log_mapping import ONE_TIME, Column, DynoMapping, FileNameValue, FixedValue, MappingError
 from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_data.units import QUANTITIES, find_unit
 from ces_observer.errors import RecordingError
@@ -39,20 +39,32 @@ def to_recording(log: LogTable | TimedLog, mapping: DynoMapping) -> Recording:
 
 
 def _read_table(table: LogTable, mapping: DynoMapping) -> Recording:
-    path = table.path
-    columns = {name: _values(table, name, source, mapping) for name, source in mapping.signals.items()}
+    columns: dict[str, Values | float] = {}
+    for name, source in mapping.signals.items():
+        if not isinstance(source, Column):
+            columns[name] = _constant(source, table.path, mapping)
+            continue
+        values, where = table.column(source.key), f"{table.path}: column {source.key!r}"
+        scale, offset = find_factors(name, source, table.unit(source.key), where, mapping.source)
+        columns[name] = scale * values + offset
     lengths = {name: len(values) for name, values in columns.items() if not isinstance(values, float)}
     if len(set(lengths.values())) > 1:
         text = ", ".join(f"{name} {length}" for name, length in lengths.items())
-        raise RecordingError(f"{path}: columns of different lengths ({text}); expected a value of each in every row")
-    stamps = _stamps(table, mapping, next(iter(lengths.values())))
+        raise RecordingError(
+            f"{table.path}: columns of different lengths ({text}); expected a value of each in every row"
+        )
+    count = next(iter(lengths.values()))
+    if mapping.time is None:
+        stamps = np.rint(np.arange(count) / _rate(table, mapping.rate) * 1e9).astype(np.int64)
+    else:
+        stamps = read_times(table, mapping.time, count)
     channels = {}
-    for name, values in columns.items():
-        channel = Channel(name, UNITS[name], stamps, np.broadcast_to(values, stamps.shape))
+    for name, column in columns.items():
+        channel = Channel(name, UNITS[name], stamps, np.broadcast_to(column, stamps.shape))
         source = mapping.signals[name]
         missing = table.missing(source.key) if isinstance(source, Column) else None
         channels[name] = channel if missing is None else channel.select(~missing)
-    return Recording(path.stem, channels, source=str(path))
+    return Recording(table.path.stem, channels, source=str(table.path))
 
 
 def _read_series(log: TimedLog, mapping: DynoMapping) -> Recording:
@@ -65,21 +77,17 @@ def _read_series(log: TimedLog, mapping: DynoMapping) -> Recording:
     columns = {name: source for name, source in mapping.signals.items() if isinstance(source, Column)}
     found = dict(zip(columns, log.read(list(columns.values())), strict=True))
     stamps = found.get("position", next(iter(found.values()))).stamps_ns
-    channels = {
-        name: _series_channel(name, source, found.get(name), stamps, log.path, mapping)
-        for name, source in mapping.signals.items()
-    }
+    channels = {}
+    for name, source in mapping.signals.items():
+        if isinstance(source, Column):
+            series = found[name]
+            where = f"{log.path}: '{series.label}'"
+            scale, offset = find_factors(name, source, series.unit, where, mapping.source)
+            channels[name] = Channel(name, UNITS[name], series.stamps_ns, scale * series.values + offset)
+        else:
+            values = np.full(stamps.shape, _constant(source, log.path, mapping))
+            channels[name] = Channel(name, UNITS[name], stamps, values)
     return Recording(log.path.stem, channels, source=str(log.path))
-
-
-def _series_channel(
-    name: str, source: Source, series: LogSeries | None, stamps: Stamps, path: Path, mapping: DynoMapping
-) -> Channel:
-    if series is None or not isinstance(source, Column):
-        constant = _constant(source, path, mapping)
-        return Channel(name, UNITS[name], stamps, np.broadcast_to(np.float64(constant), stamps.shape))
-    scale, offset = find_factors(name, source, series.unit, f"{path}: '{series.label}'", mapping.source)
-    return Channel(name, UNITS[name], series.stamps_ns, scale * series.values + offset)
 
 
 def find_factors(signal: str, column: Column, unit: str, where: str, source: str) -> tuple[float, float]:
@@ -98,31 +106,15 @@ def find_factors(signal: str, column: Column, unit: str, where: str, source: str
     return known.scale, known.offset
 
 
-def _values(table: LogTable, name: str, source: Source, mapping: DynoMapping) -> Values | float:
-    if not isinstance(source, Column):
-        return _constant(source, table.path, mapping)
-    values = table.column(source.key)
-    where = f"{table.path}: column {source.key!r}"
-    scale, offset = find_factors(name, source, table.unit(source.key), where, mapping.source)
-    return scale * values + offset
-
-
-def _constant(source: Source, path: Path, mapping: DynoMapping) -> float:
+def _constant(source: FixedValue | FileNameValue, path: Path, mapping: DynoMapping) -> float:
     if isinstance(source, FixedValue):
         return source.value
-    assert isinstance(source, FileNameValue)
     match = source.pattern.search(path.name)
     try:
         return source.scale * float(match.group(1) if match else "") + source.offset
     except (ValueError, TypeError):
         pattern = source.pattern.pattern
         raise MappingError(f"{mapping.source}: from_name '{pattern}' finds no number in '{path.name}'") from None
-
-
-def _stamps(table: LogTable, mapping: DynoMapping, count: int) -> Stamps:
-    if mapping.time is None:
-        return _to_nanoseconds(np.arange(count) / _rate(table, mapping.rate))
-    return read_times(table, mapping.time, count)
 
 
 def read_times(table: LogTable, column: Column, count: int) -> Stamps:
@@ -133,16 +125,12 @@ def read_times(table: LogTable, column: Column, count: int) -> Stamps:
         scale = known.scale if known is not None and known.quantity == "time" else column.scale
         seconds = scale * table.column(column.key) + column.offset
         _require_finite(seconds, table)
-        stamps = np.rint(seconds / scale).astype(np.int64) if scale == 1e-9 else _to_nanoseconds(seconds)
+        stamps = np.rint(seconds / scale if scale == 1e-9 else seconds * 1e9).astype(np.int64)
         stamps = stamps - min(0, int(stamps[0])) if len(stamps) else stamps
     if len(stamps) != count:
         raise RecordingError(f"{table.path}: {len(stamps)} times for {count} values; expected one for each")
     _require_forward(stamps, table)
     return stamps
-
-
-def _to_nanoseconds(seconds: Values) -> Stamps:
-    return np.asarray(np.rint(seconds * 1e9).astype(np.int64))
 
 
 def _rate(table: LogTable, source: float | Column | None) -> float:

@@ -166,112 +166,94 @@ class _Reader:
 
     def source(self, name: str) -> Source:
         content = self._mapping(name)
-        if sum(key in content for key in SOURCES) != 1:
-            raise self._error(name, content, f"one of column, constant and from_name, in {UNITS[name]} after scaling")
+        expected = f"one of column, constant and from_name, in {UNITS[name]} after scaling"
+        self._require(sum(key in content for key in SOURCES) == 1, name, content, expected)
         if "constant" in content:
             return FixedValue(self._number(content["constant"], name, "a finite number"))
-        if "from_name" in content:
-            return FileNameValue(self._pattern(content["from_name"], name), *self._scaling(content, name))
-        return self.column(name)
+        if "column" in content:
+            return self.column(name)
+        text = content["from_name"]
+        try:
+            pattern = re.compile(str(text))
+        except re.error as error:
+            raise self._error(name, text, f"a regular expression ({error})") from None
+        self._require(pattern.groups > 0, name, text, 'a regular expression with a group, such as "_([0-9.]+)A"')
+        return FileNameValue(pattern, *self._scaling(content, name))
 
     def column(self, name: str) -> Column:
         content = self._mapping(name)
-        key = content.get("column")
-        if isinstance(key, bool) or not isinstance(key, str | int) or (isinstance(key, int) and key < 0):
-            raise self._error(name, key, "column: a name, or a number from 0")
+        key: Any = content.get("column")
+        group, date = content.get("group"), content.get("date", "")
+        known = isinstance(key, str) or (type(key) is int and key >= 0)
+        self._require(known, name, key, "column: a name, or a number from 0")
         scale, offset = self._scaling(content, name)
-        return Column(
-            key,
-            scale,
-            offset,
-            scaled=not content.keys().isdisjoint(("scale", "offset", "unit")),
-            group=self._group(content.get("group"), name),
-            date=self._date(content.get("date", ""), name),
-            unit=str(content.get("unit", "")),
-        )
+        known = group is None or isinstance(group, str) or type(group) is int
+        self._require(known, name, group, "group: the number or name of a channel group or bus")
+        known = isinstance(date, str) and (not date or (name == "time" and "%" in date))
+        self._require(known, name, date, 'date: a pattern such as "%d/%m/%Y %H:%M:%S.%f", for time only')
+        scaled = not content.keys().isdisjoint(("scale", "offset", "unit"))
+        return Column(key, scale, offset, scaled, group, date, str(content.get("unit", "")))
 
     def rate(self) -> float | Column:
         value = self.content["rate"]
         if isinstance(value, Mapping):
             return self.column("rate")
         rate = self._number(value, "rate", "a rate in Hz, or {column: NAME}")
-        if rate <= 0.0:
-            raise self._error("rate", value, "a rate in Hz greater than 0")
+        self._require(rate > 0.0, "rate", value, "a rate in Hz greater than 0")
         return rate
 
     def layout(self) -> dict[str, Any]:
         """Return the file's format settings, where the mapping has them."""
-        get = self.content.get
-        delimiter, header_lines = get("delimiter"), get("header_lines")
+        layout = {key: self.content[key] for key in LAYOUT_KEYS if key in self.content and key not in ("time", "rate")}
+        delimiter, header_lines, files = (layout.get(key) for key in ("delimiter", "header_lines", "dbc"))
+        files = [files] if isinstance(files, str) else files
         rules: dict[str, tuple[bool, str]] = {
-            "format": (get("format") in LOG_FORMATS, f"one of {', '.join(LOG_FORMATS)}"),
+            "format": (layout.get("format") in LOG_FORMATS, f"one of {', '.join(LOG_FORMATS)}"),
             "delimiter": (isinstance(delimiter, str) and len(delimiter) == 1, "one character"),
-            "decimal": (get("decimal") in (".", ","), "'.' or ','"),
+            "decimal": (layout.get("decimal") in (".", ","), "'.' or ','"),
             "header_lines": (isinstance(header_lines, int) and header_lines >= 0, "0 or more"),
-            "names": (isinstance(get("names"), list), "a list of names"),
-            "rows": (isinstance(get("rows"), str), "a path such as results.data"),
-            "blank": (get("blank") in BLANKS, f"one of {', '.join(BLANKS)}"),
-            "dbc": (_are_texts(get("dbc")), "the name of a .dbc file, or a list of them"),
+            "names": (isinstance(layout.get("names"), list), "a list of names"),
+            "rows": (isinstance(layout.get("rows"), str), "a path such as results.data"),
+            "blank": (layout.get("blank") in BLANKS, f"one of {', '.join(BLANKS)}"),
+            "dbc": (
+                isinstance(files, list) and all(isinstance(one, str) for one in files),
+                "the name of a .dbc file, or a list of them",
+            ),
         }
-        layout = {key: self.content[key] for key in rules if key in self.content}
-        for key, value in layout.items():
-            if not rules[key][0]:
-                raise self._error(key, value, rules[key][1])
+        for key, (good, expected) in rules.items():
+            self._require(good or key not in layout, key, layout.get(key), expected)
         if "names" in layout:
             layout["names"] = tuple(map(str, layout["names"]))
-        if "dbc" in layout:
-            files = [layout["dbc"]] if isinstance(layout["dbc"], str) else layout["dbc"]
+        if files is not None:
             layout["dbc"] = tuple(self.path.parent / name for name in files)
         return layout
 
     def _mapping(self, name: str) -> Mapping[str, Any]:
         content, keys = self.content[name], (*SOURCES, "scale", "offset", *COLUMN_KEYS)
-        if not isinstance(content, Mapping) or not set(content) <= set(keys):
-            raise self._error(name, content, f"a mapping of {', '.join(keys)}")
-        return content
+        known = isinstance(content, Mapping) and set(content) <= set(keys)
+        self._require(known, name, content, f"a mapping of {', '.join(keys)}")
+        found: Mapping[str, Any] = content
+        return found
 
     def _scaling(self, content: Mapping[str, Any], name: str) -> tuple[float, float]:
-        if "unit" in content:
-            return self._unit(content, name)
-        scale = self._number(content.get("scale", 1.0), name, "scale: a finite number other than 0")
-        if scale == 0.0:
-            raise self._error(name, 0, "scale: a finite number other than 0")
-        return scale, self._number(content.get("offset", 0.0), name, "offset: a finite number")
-
-    def _unit(self, content: Mapping[str, Any], name: str) -> tuple[float, float]:
+        if "unit" not in content:
+            scale = self._number(content.get("scale", 1.0), name, "scale: a finite number other than 0")
+            self._require(scale != 0.0, name, 0, "scale: a finite number other than 0")
+            return scale, self._number(content.get("offset", 0.0), name, "offset: a finite number")
         text, quantities = content["unit"], QUANTITIES.get(name, ())
         unit = find_unit(text) if isinstance(text, str) else None
         if unit is None or unit.quantity not in quantities or not content.keys().isdisjoint(("scale", "offset")):
             raise self._error(name, text, f"unit: of a {' or '.join(quantities)}, without scale and offset")
         return unit.scale, unit.offset
 
-    def _group(self, value: object, name: str) -> str | int | None:
-        if value is not None and (isinstance(value, bool) or not isinstance(value, str | int)):
-            raise self._error(name, value, "group: the number or name of a channel group or bus")
-        return value
-
-    def _date(self, value: object, name: str) -> str:
-        if not isinstance(value, str) or (value and (name != "time" or "%" not in value)):
-            raise self._error(name, value, 'date: a pattern such as "%d/%m/%Y %H:%M:%S.%f", for time only')
-        return value
-
-    def _pattern(self, text: object, name: str) -> re.Pattern[str]:
-        try:
-            pattern = re.compile(str(text))
-        except re.error as error:
-            raise self._error(name, text, f"a regular expression ({error})") from None
-        if pattern.groups < 1:
-            raise self._error(name, text, 'a regular expression with a group, such as "_([0-9.]+)A"')
-        return pattern
-
-    def _number(self, value: object, name: str, expected: str) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise self._error(name, value, expected)
+    def _number(self, value: Any, name: str, expected: str) -> float:
+        number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        self._require(number, name, value, expected)
         return float(value)
+
+    def _require(self, good: bool, name: str, value: object, expected: str) -> None:
+        if not good:
+            raise self._error(name, value, expected)
 
     def _error(self, name: str, value: object, expected: str) -> MappingError:
         return MappingError(f"{self.path}: '{name}' is {value!r}; expected {expected}")
-
-
-def _are_texts(value: object) -> bool:
-    return isinstance(value, str) or (isinstance(value, list) and all(isinstance(one, str) for one in value))

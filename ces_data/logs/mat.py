@@ -29,12 +29,8 @@ MAX_BYTES = 4_000_000_000  # of one variable in memory
 def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> LogTable | TimedLog:
     """Read a MATLAB file; raises RecordingError if it is damaged or a library is missing."""
     with path.open("rb") as file:
-        is_mat73 = file.read(len(HEAD)) == HEAD
-    return open_tree(path, mapping, open_mat73(path) if is_mat73 else _load_mat(path))
-
-
-def _load_mat(path: Path) -> dict[str, Any]:
-    """Return the variables of a MAT file up to version 7."""
+        if file.read(len(HEAD)) == HEAD:
+            return open_tree(path, mapping, open_mat73(path))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # scipy before 1.18 gives all objects one name
         tree: dict[str, Any] = scipy.io.loadmat(path, simplify_cells=True)
@@ -42,24 +38,23 @@ def _load_mat(path: Path) -> dict[str, Any]:
             with path.open("rb") as file:
                 parts = [scipy.io.loadmat(part, simplify_cells=True) for _, part in varmats_from_mat(file)]
             tree = {name: value for part in parts for name, value in replace_objects(part).items()}
-    return tree
+    return open_tree(path, mapping, tree)
 
 
 def replace_objects(tree: Mapping[str, Any]) -> dict[str, Any]:
     """Return the variables of a file that scipy read, its objects as `MatlabObject` by their own names."""
     found: dict[str, Any] = {}
     for name, value in tree.items():
-        own, kind = _read_class(value) if isinstance(value, MatlabOpaque) else ("", "")
-        found[own or str(name)] = MatlabObject(kind) if kind else value
+        if not isinstance(value, MatlabOpaque):
+            found[str(name)] = value
+            continue
+        cells = [cell for cell in value.ravel()[0] if isinstance(cell, bytes | str)]
+        texts = [cell.decode() if isinstance(cell, bytes) else cell for cell in cells]
+        own = [
+            text for text in texts if text != SYSTEM
+        ]  # its name, which scipy gives elsewhere from 1.18 on; its class
+        found[own[0] if len(own) > 1 else str(name)] = MatlabObject(own[-1])
     return found
-
-
-def _read_class(value: Any) -> tuple[str, str]:
-    """Return name and class of an object; the name is '' where scipy (from 1.18) gives it elsewhere."""
-    cells = value.ravel()[0]
-    texts = [cell.decode() if isinstance(cell, bytes) else cell for cell in cells if isinstance(cell, bytes | str)]
-    own = [text for text in texts if text != SYSTEM]
-    return (own[0] if len(own) > 1 else ""), own[-1]
 
 
 def open_mat73(path: Path) -> Mapping[str, Any]:

@@ -6,13 +6,14 @@ import gc
 import logging
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from ces_data.config_file import first_line
 from ces_data.logs.log_file import LogSeries, LogTable, TimedLog, import_reader, join_names, open_format
 from ces_data.logs.log_mapping import Column, DynoMapping
 from ces_observer.errors import RecordingError
@@ -52,38 +53,34 @@ class MdfLog(TimedLog):
                     f"{self.path}: holds CAN frames, not signals; give their database: --dbc FILE.dbc, or dbc in a "
                     "mapping"
                 )
-            return list(self._all(mdf, start))
-
-    def _all(self, mdf: Any, start: int) -> Iterator[LogSeries]:
-        masters = set(mdf.masters_db.items())
-        seen: set[Place] = set()  # a channel may have a second name, as `force\XCP:1` is also `force`
-        for name, places in mdf.channels_db.items():
-            for place in sorted(set(places) - masters - seen):
-                seen.add(place)
-                try:
-                    series = self._series(mdf, place, start, MAX_PROPOSAL_RECORDS)
-                except RecordingError:
-                    continue  # text and structures are not signals
-                group = place[0] if len(set(places) - masters) > 1 else None
-                label = name if group is None else f"{name} (group {group})"
-                yield LogSeries(label, series.stamps_ns, series.values, series.unit, name, group)
+            found, masters = [], set(mdf.masters_db.items())
+            seen: set[Place] = set()  # a channel may have a second name, as `force\XCP:1` is also `force`
+            for name, places in mdf.channels_db.items():
+                for place in sorted(set(places) - masters - seen):
+                    seen.add(place)
+                    with suppress(RecordingError):  # text and structures are not signals
+                        series = self._series(mdf, place, start, MAX_PROPOSAL_RECORDS)
+                        group = place[0] if len(set(places) - masters) > 1 else None
+                        label = name if group is None else f"{name} (group {group})"
+                        found.append(replace(series, label=label, key=name, group=group))
+            return found
 
     def _find(self, mdf: Any, column: Column) -> Place:
         masters = set(mdf.masters_db.items())
-        places = sorted(set(mdf.channels_db.get(str(column.key), ())) - masters)
+        places: list[Place] = sorted(set(mdf.channels_db.get(str(column.key), ())) - masters)
         if not places:
             names = [name for name, where in mdf.channels_db.items() if not set(where) <= masters]
             raise RecordingError(f"{self.path}: no channel {column.key!r}; the file has {join_names(names)}")
+        groups = {place: _group_name(mdf, place[0]) for place in places}
         if column.group is not None:
-            places = [place for place in places if _is_group(mdf, place[0], column.group)]
+            places = [place for place in places if column.group in (place[0], groups[place])]
         if len(places) != 1:
-            groups = ", ".join(_describe_group(mdf, place[0]) for place in places) or f"not {column.group!r}"
+            texts = [f"{place[0]} '{groups[place]}'" if groups[place] else str(place[0]) for place in places]
             raise RecordingError(
-                f"{self.path}: channel {column.key!r} is in {len(places)} groups ({groups}); give one as "
-                f"{{column: {column.key}, group: NUMBER}}"
+                f"{self.path}: channel {column.key!r} is in {len(places)} groups "
+                f"({', '.join(texts) or f'not {column.group!r}'}); give one as {{column: {column.key}, group: NUMBER}}"
             )
-        place: Place = places[0]
-        return place
+        return places[0]
 
     def _series(self, mdf: Any, place: Place, start: int, count: int | None = None) -> LogSeries:
         signal = mdf.get(group=place[0], index=place[1], record_offset=0, record_count=count)
@@ -104,19 +101,12 @@ def opened_mdf(path: Path) -> Iterator[Any]:
     except (OSError, RecordingError):
         raise
     except Exception as error:  # asammdf raises errors of any kind for a damaged file
-        reason = (str(error).splitlines() or [type(error).__name__])[0]
-        _discard(error)
-        raise RecordingError(f"{path}: not an MDF file, or damaged: {reason}") from None
-
-
-def _discard(error: BaseException) -> None:
-    """Free the half-made file in an error's traceback; asammdf's own clean-up of it would print a traceback."""
-    hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
-    try:
+        reason = first_line(error)
+        hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
         error.__traceback__ = error.__context__ = error.__cause__ = None
-        gc.collect()
-    finally:
+        gc.collect()  # frees the half-made file, whose own clean-up would print a traceback
         sys.unraisablehook = hook
+        raise RecordingError(f"{path}: not an MDF file, or damaged: {reason}") from None
 
 
 def start_ns(mdf: Any) -> int:
@@ -128,15 +118,6 @@ def start_ns(mdf: Any) -> int:
 def _group_name(mdf: Any, number: int) -> str:
     group = mdf.groups[number].channel_group
     return str(getattr(group, "acq_name", None) or getattr(group, "comment", None) or "")
-
-
-def _is_group(mdf: Any, number: int, wanted: str | int) -> bool:
-    return wanted in (number, _group_name(mdf, number))
-
-
-def _describe_group(mdf: Any, number: int) -> str:
-    name = _group_name(mdf, number)
-    return f"{number} '{name}'" if name else str(number)
 
 
 @dataclass(frozen=True)

@@ -20,6 +20,7 @@ DATA_KEYS = ("Data", "data", "values", "Values", "value")
 MIN_ROWS = 2
 NO_NUMBERS = (ValueError, TypeError, OverflowError)  # the last for a whole number that no float holds
 MAX_SHOWN = 3
+COMPLEX = "holds complex numbers; expected real ones"
 REMEDIES = {  # MATLAB code that saves an object NAME as a structure that is read
     "timeseries": "NAME = struct('time', NAME.Time, 'data', squeeze(NAME.Data)); save('plain.mat', 'NAME')",
     "table": "s = table2struct(NAME, 'ToScalar', true); save('plain.mat', '-struct', 's')",
@@ -38,24 +39,6 @@ class MatlabObject:
     kind: str
 
 
-def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> LogTable | TimedLog:
-    """Read a JSON file."""
-    return open_tree(path, mapping, json.loads(path.read_bytes()))
-
-
-def open_tree(path: Path, mapping: DynoMapping, tree: Any) -> LogTable | TimedLog:
-    """Return the series if the mapping gives no time and its columns are series, else the table."""
-    root = follow_route(path, tree, mapping.rows)
-    columns = [source for source in mapping.signals.values() if isinstance(source, Column)]
-    if mapping.time is None and mapping.rate is None and isinstance(root, Mapping):
-        listed = dict(list_series(root))
-        if columns and all(str(c.key) in listed or find_series(follow_route(path, root, str(c.key))) for c in columns):
-            return TreeSeries(path, root)
-        if not columns and listed:
-            return TreeSeries(path, root)
-    return TreeTable(path, mapping, tree)
-
-
 class TimedValues(NamedTuple):
     """Times [s] and values of a series, both (n,), and the unit that the file states for it."""
 
@@ -64,32 +47,55 @@ class TimedValues(NamedTuple):
     unit: str = ""
 
 
+def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> LogTable | TimedLog:
+    """Read a JSON file."""
+    return open_tree(path, mapping, json.loads(path.read_bytes()))
+
+
+def open_tree(path: Path, mapping: DynoMapping, tree: Any) -> LogTable | TimedLog:
+    """Return the series if the mapping gives no time and its columns are series, else the table."""
+    root = _follow_route(path, tree, mapping.rows)
+    keys = [str(source.key) for source in mapping.signals.values() if isinstance(source, Column)]
+    if mapping.time is None and mapping.rate is None and isinstance(root, Mapping):
+        listed = dict(_list_series(root))
+        known = all(key in listed or _find_series(_follow_route(path, root, key)) for key in keys)
+        if known if keys else listed:
+            return TreeSeries(path, root)
+    return TreeTable(path, mapping, tree)
+
+
 class TreeTable(LogTable):
     """A table inside nested mappings and lists: a matrix, rows as lists or as mappings, or a mapping of columns."""
 
     def __init__(self, path: Path, mapping: DynoMapping, tree: Any) -> None:
         self.path = path
-        self.rows = mapping.rows if mapping.rows or mapping.signals else find_rows(tree)
-        self.root = follow_route(path, tree, self.rows)
+        self.rows = mapping.rows if mapping.rows or mapping.signals else _find_rows(tree)
+        self.root = _follow_route(path, tree, self.rows)
         if not len(self.root):
             raise RecordingError(f"{path}: '{mapping.rows or 'the file'}' is empty; expected rows of numbers")
         self.names = mapping.names or (() if mapping.signals else tuple(self._find_names()))
         if isinstance(self.root, Mapping) and not mapping.signals:
-            self.unread = dict(_list_unread(self.root))
+            objects = [(name, value) for name, value in _walk(self.root) if isinstance(value, MatlabObject)]
+            self.unread = {name: _describe_object(value, name) for name, value in objects}
+            self.unread |= {str(n): f"'{n}' {COMPLEX}" for n, value in self.root.items() if _is_complex(value)}
             if self.unread and not self.names:
-                raise RecordingError(f"{path}: {describe_objects(self.root) or next(iter(self.unread.values()))}")
+                raise RecordingError(f"{path}: {_describe_objects(objects) or next(iter(self.unread.values()))}")
 
     def column(self, key: str | int) -> Values:
         """Return a column; raises RecordingError naming the row of a cell that is not a number."""
         cells = self._cells(key)
-        if opaque := describe_object(cells, str(key)):
+        if opaque := _describe_object(cells, str(key)):
             raise RecordingError(f"{self.path}: {opaque}")
         if _is_complex(cells):
-            raise RecordingError(f"{self.path}: column {key!r} holds complex numbers; expected real ones")
+            raise RecordingError(f"{self.path}: column {key!r} {COMPLEX}")
         try:
             numbers = np.atleast_1d(np.asarray(cells, dtype=np.float64).squeeze())
         except NO_NUMBERS:
-            raise self._bad_cell(cells, key) from None
+            for row, cell in enumerate(cells if isinstance(cells, list | np.ndarray) else ()):
+                if not isinstance(cell, int | float):
+                    text = f"row {row}: column {key!r} is {cell!r}; expected a number"
+                    raise RecordingError(f"{self.path}: {text}") from None
+            raise RecordingError(f"{self.path}: column {key!r} has a cell that is not a number") from None
         if numbers.ndim != 1:
             raise RecordingError(f"{self.path}: column {key!r} has shape {numbers.shape}; expected one number a row")
         return numbers
@@ -105,40 +111,35 @@ class TreeTable(LogTable):
         return len(self.root[0]) if rows else len(self.names)
 
     def _find_names(self) -> Iterator[str]:
-        """Yield the paths to the columns that have names."""
+        """Yield the paths to the columns that have names; those of single numbers, such as a rate, after the arrays."""
         if isinstance(self.root, Mapping):
-            arrays = [name for name, _ in list_arrays(self.root)]
+            arrays = list(_list_arrays(self.root))
             yield from arrays
-            yield from list_single_numbers(self.root) if arrays else ()
+            for name, value in _walk(self.root) if arrays else ():
+                if not _is_complex(value) and np.size(value) == 1 and np.asarray(value).dtype.kind in "iuf":
+                    yield name
         elif isinstance(self.root[0], Mapping):
-            yield from (str(name) for name in self.root[0])
+            yield from map(str, self.root[0])
 
     def _cells(self, key: str | int) -> Any:
         if isinstance(self.root, Mapping):
-            return self.root[key] if str(key) in self.root else follow_route(self.path, self.root, str(key))
-        if isinstance(key, str) and isinstance(self.root[0], Mapping):
-            self._require_rows(lambda row: isinstance(row, Mapping), key)
-            first = self.root[0]
-            return [row.get(key) for row in self.root] if key in first else follow_route(self.path, first, key)
-        if not isinstance(self.root[0], list | np.ndarray):
+            return self.root[key] if str(key) in self.root else _follow_route(self.path, self.root, str(key))
+        first = self.root[0]
+        if isinstance(key, str) and isinstance(first, Mapping):
+            bad = next((row for row, cells in enumerate(self.root) if not isinstance(cells, Mapping)), None)
+            if bad is None:
+                return [row.get(key) for row in self.root] if key in first else _follow_route(self.path, first, key)
+        elif not isinstance(first, list | np.ndarray):
             raise RecordingError(f"{self.path}: a list of single values; expected rows, or columns by name")
-        i = self._index(key, len(self.root[0]))
-        if isinstance(self.root, np.ndarray):
-            return self.root[:, i]
-        self._require_rows(lambda row: isinstance(row, list | np.ndarray) and len(row) > i, key)
-        return [row[i] for row in self.root]
-
-    def _require_rows(self, is_good: Callable[[Any], bool], key: str | int) -> None:
-        """Raise RecordingError at the first row that does not have the form of the others."""
-        bad = next((number for number, row in enumerate(self.root) if not is_good(row)), None)
-        if bad is not None:
-            raise RecordingError(f"{self.path}: row {bad}: column {key!r} is missing")
-
-    def _bad_cell(self, cells: Any, key: str | int) -> RecordingError:
-        for row, cell in enumerate(cells if isinstance(cells, list | np.ndarray) else ()):
-            if not isinstance(cell, int | float):
-                return RecordingError(f"{self.path}: row {row}: column {key!r} is {cell!r}; expected a number")
-        return RecordingError(f"{self.path}: column {key!r} has a cell that is not a number")
+        else:
+            i = self._index(key, len(first))
+            if isinstance(self.root, np.ndarray):
+                return self.root[:, i]
+            whole = (isinstance(cells, list | np.ndarray) and len(cells) > i for cells in self.root)
+            bad = next((row for row, good in enumerate(whole) if not good), None)
+            if bad is None:
+                return [row[i] for row in self.root]
+        raise RecordingError(f"{self.path}: row {bad}: column {key!r} is missing")
 
 
 class TreeSeries(TimedLog):
@@ -150,31 +151,24 @@ class TreeSeries(TimedLog):
     def __init__(self, path: Path, root: Any) -> None:
         self.path, self.root = path, root
 
-    def read(self, columns: Any) -> list[LogSeries]:
+    def read(self, columns: Sequence[Column]) -> list[LogSeries]:
         """Return the series at the columns' paths."""
-        listed = dict(list_series(self.root))
-        return self._stamp([(str(c.key), listed.get(str(c.key)) or find_series(self._at(c))) for c in columns])
+        listed, keys = dict(_list_series(self.root)), [str(column.key) for column in columns]
+        return self._stamp(
+            [(key, listed.get(key) or _find_series(_follow_route(self.path, self.root, key))) for key in keys]
+        )
 
     def read_all(self) -> list[LogSeries]:
         """Return every series in the tree."""
-        return self._stamp(list(list_series(self.root)))
-
-    def _at(self, column: Column) -> Any:
-        return follow_route(self.path, self.root, str(column.key))
+        return self._stamp(list(_list_series(self.root)))
 
     def _stamp(self, series: Sequence[tuple[str, TimedValues | None]]) -> list[LogSeries]:
         """Return the series with stamps on one clock."""
         known = [(name, self._require_series(name, found)) for name, found in series]
-        start_s = min((float(timed.seconds.min()) for _, timed in known), default=0.0)
+        start_s = min(0.0, *(float(seconds.min()) for _, (seconds, _, _) in known)) if known else 0.0
         return [
-            LogSeries(
-                name,
-                np.rint((timed.seconds - min(0.0, start_s)) * 1e9).astype(np.int64),
-                timed.values,
-                timed.unit,
-                key=name,
-            )
-            for name, timed in known
+            LogSeries(name, np.rint((seconds - start_s) * 1e9).astype(np.int64), values, unit, key=name)
+            for name, (seconds, values, unit) in known
         ]
 
     def _require_series(self, name: str, found: TimedValues | None) -> TimedValues:
@@ -190,26 +184,47 @@ class TreeSeries(TimedLog):
             raise RecordingError(f"{where} is empty; expected samples")
         bad = np.flatnonzero(~(np.abs(seconds) <= MAX_TIME_S))
         if len(bad):
-            raise RecordingError(
-                f"{where}: time {bad[0]} is {seconds[bad[0]]:g}; expected seconds, at most {MAX_TIME_S:g}"
-            )
+            text = f"time {bad[0]} is {seconds[bad[0]]:g}; expected seconds, at most {MAX_TIME_S:g}"
+            raise RecordingError(f"{where}: {text}")
         return found
 
 
-def follow_route(path: Path, tree: Any, route: str) -> Any:
+def _follow_route(path: Path, tree: Any, route: str) -> Any:
     """Return the table at a path of names, such as `results.data`; raises RecordingError for an unknown name."""
     for step in route.split(".") if route else []:
         if not isinstance(tree, Mapping) or step not in tree:
-            raise RecordingError(f"{path}: no '{step}' in the path '{route}'; expected one of {_keys(tree)}")
+            names = ", ".join(str(key) for key in tree if _is_plain(key)) if isinstance(tree, Mapping) else "no names"
+            raise RecordingError(f"{path}: no '{step}' in the path '{route}'; expected one of {names}")
         tree = tree[step]
-        if opaque := describe_object(tree, step):
+        if opaque := _describe_object(tree, step):
             raise RecordingError(f"{path}: {opaque}")
     if not isinstance(tree, Mapping | list | np.ndarray):
         raise RecordingError(f"{path}: '{route}' is a {type(tree).__name__}; expected a table")
     return tree
 
 
-def find_series(tree: Any) -> TimedValues | None:
+def _is_plain(name: object) -> bool:
+    """Return whether a name is a user's, not one of the format's own."""
+    return not str(name).startswith(("__", "#"))
+
+
+def _walk(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield path and value of everything in a tree that is no mapping itself."""
+    for name, value in tree.items():
+        if isinstance(value, Mapping) and _is_plain(name):
+            yield from _walk(value, f"{prefix}{name}.")
+        elif _is_plain(name):
+            yield f"{prefix}{name}", value
+
+
+def _list_arrays(tree: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the path of every array of numbers in a tree."""
+    for name, value in _walk(tree):
+        if (numbers := _as_numbers(value)) is not None and len(numbers) >= MIN_ROWS:
+            yield name
+
+
+def _find_series(tree: Any) -> TimedValues | None:
     """Return times [s] and values of a structure that holds both, None for anything else."""
     if not isinstance(tree, Mapping):
         return None
@@ -217,22 +232,21 @@ def find_series(tree: Any) -> TimedValues | None:
     signals = tree.get("signals")
     holder = signals if isinstance(signals, Mapping) else tree
     data = next((holder[key] for key in DATA_KEYS if key in holder), None)
-    seconds, values = as_numbers(time), as_numbers(data)
+    seconds, values = _as_numbers(time), _as_numbers(data)
     return None if seconds is None or values is None else TimedValues(seconds, values)
 
 
-def list_series(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, TimedValues]]:
+def _list_series(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, TimedValues]]:
     """Yield path and content of every time series in a tree."""
     for name, value in tree.items():
-        if not isinstance(value, Mapping) or str(name).startswith(("__", "#")):
+        if not isinstance(value, Mapping) or not _is_plain(name):
             continue
-        found = find_series(value)
-        if found:
+        if found := _find_series(value):
             yield f"{prefix}{name}", found
         elif named := list(_list_named(value)):
             yield from ((f"{prefix}{name}.{label}", series) for label, series in named)
         else:
-            yield from list_series(value, f"{prefix}{name}.")
+            yield from _list_series(value, f"{prefix}{name}.")
 
 
 def _list_named(tree: Mapping[str, Any]) -> Iterator[tuple[str, TimedValues]]:
@@ -241,85 +255,50 @@ def _list_named(tree: Mapping[str, Any]) -> Iterator[tuple[str, TimedValues]]:
     Simulink's `structure with time` has `time` beside `signals` with `label` and `values`; ControlDesk's recordings
     have `Y` with `Name`, `Unit`, `Data`, and the number `XIndex` of their time in `X`.
     """
-    times = _structures(tree.get("X"), as_numbers(tree.get("time")))
-    for signal in _structures(tree.get("Y"), None) or _structures(tree.get("signals"), None):
+    time, x = _as_numbers(tree.get("time")), tree.get("X")
+    several = isinstance(x, Mapping | list | np.ndarray)
+    times: list[Mapping[str, Any]] = _structures(x) if several else [] if time is None else [{"Data": time}]
+    for signal in _structures(tree.get("Y")) or _structures(tree.get("signals")):
         at = signal.get("XIndex", 1)
         at = int(at) - 1 if isinstance(at, int | float) and 1 <= at <= len(times) else 0
-        seconds = as_numbers(times[at].get("Data")) if times else None
-        values = as_numbers(signal.get("Data", signal.get("values")))
+        seconds = _as_numbers(times[at].get("Data")) if times else None
+        values = _as_numbers(signal.get("Data", signal.get("values")))
         label = signal.get("Name") or signal.get("label")
         if seconds is not None and values is not None and isinstance(label, str):
             yield label, TimedValues(seconds, values, str(signal.get("Unit") or ""))
 
 
-def _structures(value: Any, seconds: Values | None) -> list[Mapping[str, Any]]:
-    """Return a structure, or those of an array; one with these times if the value is neither."""
-    if isinstance(value, Mapping):
-        return [value]
-    if isinstance(value, list | np.ndarray):
-        return [one for one in value if isinstance(one, Mapping)]
-    return [] if seconds is None else [{"Data": seconds}]
-
-
-def list_arrays(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Values]]:
-    """Yield path and content of every array of numbers in a tree."""
-    for name, value in tree.items():
-        if str(name).startswith(("__", "#")):
-            continue
-        if isinstance(value, Mapping):
-            yield from list_arrays(value, f"{prefix}{name}.")
-        elif (numbers := as_numbers(value)) is not None and len(numbers) >= MIN_ROWS:
-            yield f"{prefix}{name}", numbers
-
-
-def list_single_numbers(tree: Mapping[str, Any], prefix: str = "") -> Iterator[str]:
-    """Yield the path of every number that stands alone in a tree, such as the rate of its arrays."""
-    for name, value in tree.items():
-        if str(name).startswith(("__", "#")):
-            continue
-        if isinstance(value, Mapping):
-            yield from list_single_numbers(value, f"{prefix}{name}.")
-        elif not _is_complex(value) and np.size(value) == 1 and np.asarray(value).dtype.kind in "iuf":
-            yield f"{prefix}{name}"
-
-
-def _list_unread(tree: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield name and reason of MATLAB objects and of complex numbers in a tree."""
-    for name, value in list_objects(tree):
-        yield name, describe_object(value, name)
-    for name, value in tree.items():
-        if _is_complex(value):
-            yield str(name), f"'{name}' holds complex numbers; expected real ones"
+def _structures(value: Any) -> list[Mapping[str, Any]]:
+    """Return a structure, or those of an array."""
+    several = [value] if isinstance(value, Mapping) else value if isinstance(value, list | np.ndarray) else []
+    return [one for one in several if isinstance(one, Mapping)]
 
 
 def _is_complex(value: Any) -> bool:
     return isinstance(value, np.ndarray) and np.iscomplexobj(value)
 
 
-def find_rows(tree: Any, prefix: str = "") -> str:
-    """Return the path to the first table of rows in a tree that has no columns by name, '' if it has or has none."""
-    if not isinstance(tree, Mapping) or any(True for _ in list_arrays(tree)):
+def _find_rows(tree: Any, prefix: str = "") -> str:
+    """Return the path to the first table of rows in a tree that has no columns by name, '' if it has or has none.
+
+    A table of rows is a matrix, or a list of rows or of mappings.
+    """
+    if not isinstance(tree, Mapping) or next(_list_arrays(tree), None) is not None:
         return ""
     for name, value in tree.items():
-        if str(name).startswith(("__", "#")):
+        if not _is_plain(name):
             continue
         if isinstance(value, Mapping):
-            found = find_rows(value, f"{prefix}{name}.")
-            if found or any(True for _ in list_arrays(value)):
+            found = _find_rows(value, f"{prefix}{name}.")
+            if found or next(_list_arrays(value), None) is not None:
                 return found or f"{prefix}{name}"
-        elif _are_rows(value):
+        first = value[0] if isinstance(value, list | np.ndarray) and len(value) >= MIN_ROWS else None
+        if isinstance(first, Mapping) or (isinstance(first, list | np.ndarray) and len(first) > 1):
             return f"{prefix}{name}"
     return ""
 
 
-def _are_rows(value: Any) -> bool:
-    """Return whether a value is a matrix, or a list of rows or of mappings."""
-    if not isinstance(value, list | np.ndarray) or len(value) < MIN_ROWS:
-        return False
-    return isinstance(value[0], Mapping) or (isinstance(value[0], list | np.ndarray) and len(value[0]) > 1)
-
-
-def as_numbers(value: Any) -> Values | None:
+def _as_numbers(value: Any) -> Values | None:
     """Return an array of numbers in one direction as float64 (n,), None for anything else."""
     if value is None or isinstance(value, str | Mapping) or _is_complex(value):
         return None
@@ -330,22 +309,7 @@ def as_numbers(value: Any) -> Values | None:
     return numbers if numbers.ndim == 1 else None
 
 
-def _keys(tree: Any) -> str:
-    if not isinstance(tree, Mapping):
-        return "no names"
-    return ", ".join(str(key) for key in tree if not str(key).startswith(("__", "#")))
-
-
-def list_objects(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, MatlabObject]]:
-    """Yield path and object of every object in a tree."""
-    for name, value in tree.items():
-        if isinstance(value, MatlabObject):
-            yield f"{prefix}{name}", value
-        elif isinstance(value, Mapping) and not str(name).startswith(("__", "#")):
-            yield from list_objects(value, f"{prefix}{name}.")
-
-
-def describe_object(value: object, where: str) -> str:
+def _describe_object(value: object, where: str) -> str:
     """Return what to do about a value that is a MATLAB object, '' for any other value."""
     if not isinstance(value, MatlabObject):
         return ""
@@ -354,12 +318,11 @@ def describe_object(value: object, where: str) -> str:
     return f"'{where}' is a MATLAB object ({value.kind}), which is not read; {remedy}"
 
 
-def describe_objects(tree: Mapping[str, Any]) -> str:
+def _describe_objects(objects: Sequence[tuple[str, MatlabObject]]) -> str:
     """Return which objects a tree holds and what to do about one of them, '' if it holds none."""
-    found = sorted(list_objects(tree), key=lambda one: one[1].kind not in REMEDIES)
-    if not found:
+    if not objects:
         return ""
-    first = describe_object(found[0][1], found[0][0])
-    others = [f"'{name}' ({value.kind})" for name, value in found[1 : 1 + MAX_SHOWN]]
-    more = [f"{len(found) - 1 - MAX_SHOWN} more"] if len(found) > 1 + MAX_SHOWN else []
-    return f"{first}; likewise {', '.join([*others, *more])}" if others else first
+    (name, first), *rest = sorted(objects, key=lambda one: one[1].kind not in REMEDIES)
+    others = [f"'{other}' ({value.kind})" for other, value in rest[:MAX_SHOWN]]
+    more = [f"{len(rest) - MAX_SHOWN} more"] if len(rest) > MAX_SHOWN else []
+    return _describe_object(first, name) + (f"; likewise {', '.join([*others, *more])}" if others else "")

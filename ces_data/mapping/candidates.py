@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ces_data.bags.fields import BagFields, FieldSeries, read_fields
+from ces_data.bags.fields import FieldSeries, read_fields
 from ces_data.recording import Stamps, Values
 from ces_data.units import Unit, split_unit
 from ces_observer.errors import RecordingError
@@ -98,52 +98,38 @@ class Candidate:
 BETWEEN_BAGS_NS = 10_000_000_000
 
 
-@dataclass(frozen=True)
-class BagCandidates:
-    """The candidates, and the topics that were not examined with the reason."""
+def find_bag_candidates(paths: Sequence[Path]) -> tuple[tuple[Candidate, ...], dict[str, str]]:
+    """Return the candidates that all bags have, one bag after the other, and why topics were not examined.
 
-    candidates: tuple[Candidate, ...]
-    skipped: dict[str, str]
-
-
-def find_bag_candidates(paths: Sequence[Path]) -> BagCandidates:
-    """Return the candidates that all bags have; raises RecordingError if there are none."""
+    Raises RecordingError if there are none.
+    """
     bags = [read_fields(path) for path in paths]
-    common = set.intersection(*({(s.topic, s.type, s.field) for s in bag.series} for bag in bags))
+    series = [{(s.topic, s.type, s.field): s for s in bag.series} for bag in bags]
+    common = [key for key in series[0] if all(key in one for one in series)]
     if not common:
         names = ", ".join(str(path) for path in paths)
         raise RecordingError(f"{names}: no numbers in {'any topic' if len(paths) == 1 else 'a topic that all have'}")
-    offsets = _offsets(bags)
-    order = [(s.topic, s.type, s.field) for s in bags[0].series if (s.topic, s.type, s.field) in common]
-    keys = sorted(order, key=lambda key: key[0])  # by topic; within a message as its fields come
-    series = [{(s.topic, s.type, s.field): s for s in bag.series} for bag in bags]
-    found = tuple(_candidate([one[key] for one in series], offsets) for key in keys)
-    return BagCandidates(found, {name: why for bag in bags for name, why in bag.skipped.items()})
-
-
-def _offsets(bags: Sequence[BagFields]) -> list[int]:
-    """Return what to add to the stamps of each bag [ns] so that one follows the other."""
     offsets, end = [], 0
     for bag in bags:
-        first = min(int(series.stamps_ns.min()) for series in bag.series)
-        last = max(int(series.stamps_ns.max()) for series in bag.series)
+        first = min(int(one.stamps_ns.min()) for one in bag.series)
+        last = max(int(one.stamps_ns.max()) for one in bag.series)
         offsets.append(end - first)
         end += last - first + BETWEEN_BAGS_NS
-    return offsets
+    keys = sorted(common, key=lambda key: key[0])  # by topic; within a message as its fields come
+    found = tuple(_join([one[key] for one in series], offsets) for key in keys)
+    return found, {name: why for bag in bags for name, why in bag.skipped.items()}
 
 
-def _candidate(parts: Sequence[FieldSeries], offsets: Sequence[int]) -> Candidate:
+def _join(parts: Sequence[FieldSeries], offsets: Sequence[int]) -> Candidate:
+    """Return the candidate of a field, the stamps of each bag moved by its offset [ns]."""
     first = parts[0]
-    stamps = np.concatenate([part.stamps_ns + offset for part, offset in zip(parts, offsets, strict=True)])
-    field_name, unit = (
-        split_unit(first.field.replace("[", "_").replace("]", "")) if "[" in first.field else split_unit(first.field)
-    )
+    field_name, unit = split_unit(first.field.replace("[", "_").replace("]", ""))
     topic_name, topic_unit = split_unit(first.topic)
     where = "from the field's name" if unit else "from the topic's name"
     return Candidate(
         label=f"{first.topic} {first.field}",
         names=(field_name, topic_name, first.type.rpartition("/")[2]),
-        stamps_ns=stamps,
+        stamps_ns=np.concatenate([part.stamps_ns + offset for part, offset in zip(parts, offsets, strict=True)]),
         values=np.concatenate([part.values for part in parts]),
         kind=first.type,
         topic=first.topic,

@@ -5,7 +5,7 @@ Ratings, what the numbers of pairs say (a damper's force goes with the speed), d
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,17 +14,17 @@ from ces_data.mapping.candidates import Candidate
 from ces_data.mapping.rating import (
     OUTWARD,
     Rating,
-    UnitGuess,
     find_side,
     find_word,
     guess_unit,
     is_plausible,
-    list_words,
+    join_words,
     name_sides,
     rate,
     read_meaning,
 )
 from ces_data.recording import Values
+from ces_data.units import Unit
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Choice:
 
     signal: str
     candidate: Candidate
-    unit: UnitGuess
+    unit: Unit | None
     scale: float
     offset: float
     reasons: tuple[str, ...]
@@ -63,7 +63,6 @@ class Selection:
     """What was chosen: for one damper under the name '', or for several by name, with what they share under ''."""
 
     dampers: Mapping[str, DamperChoice]
-    candidates: tuple[Candidate, ...]
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -153,109 +152,41 @@ class MotionTable:
         return self._bins[key]
 
 
-MIN_CORRELATION = 0.3
-ASYMMETRY = 1.3  # ratio of the larger to the smaller peak of a force; rebound is damped more than compression
-FLIP = "sign turned: "
-UNCHECKED = "the sign could not be checked"
-
-
-def find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice]:
-    """Return the choices with negative scales where the sign is clearly the other one, each with its reason.
-
-    A force that goes against the speed means that position or force is positive in rebound. The position's name
-    decides, or else the larger peak of the force, which is that in rebound; without either, the force is turned, and
-    that is to be checked.
-    """
-    position, force = found.get("position"), found.get("force")
-    if position is None or force is None:
-        return found
-    correlation, _ = table.correlate(position.candidate, force.candidate)
-    outward = find_word(position.candidate.names, OUTWARD)
-    if np.isnan(correlation):
-        text = f"{UNCHECKED}: too few samples to compare force and speed"
-        return {**found, "force": replace(force, checks=(*force.checks, text))}
-    if abs(correlation) < MIN_CORRELATION:
-        text = f"{UNCHECKED}: force and speed hardly correlate ({correlation:+.2f})"
-        return {**found, "force": replace(force, checks=(*force.checks, text))}
-    if outward:
-        found = {**found, "position": _turn(position, f"named '{outward}', so positive in rebound")}
-    against = (correlation < 0.0) != bool(outward)
-    if not against:
-        text = f"sign as logged: force goes with the speed ({abs(correlation):+.2f})"
-        return {**found, "force": replace(force, reasons=(*force.reasons, text))}
-    reason = f"force goes against the speed ({correlation:+.2f}), so one of the two is positive in rebound"
-    return {**found, **_turn_one(found["position"], force, reason, bool(outward))}
-
-
-def _turn_one(position: Choice, force: Choice, reason: str, outward: bool) -> dict[str, Choice]:
-    """Return the one that is positive in rebound, turned; the force, to be checked, if that cannot be known."""
-    rebound = 1 if outward else _find_rebound(force)
-    if rebound < 0:
-        more = "the force's larger peak, that in rebound, is negative as it should be"
-        return {"position": _turn(position, f"{reason}; {more}")}
-    if rebound > 0:
-        more = "" if outward else "; the force's larger peak, that in rebound, is positive"
-        return {"force": _turn(force, f"{reason}{more}")}
-    turned = _turn(force, reason)
-    text = (
-        "which of the two is positive in rebound cannot be known from the numbers; turn the position instead if it is"
-    )
-    return {"force": replace(turned, checks=(*turned.checks, text))}
-
-
-def _turn(choice: Choice, reason: str) -> Choice:
-    return replace(choice, scale=-choice.scale, offset=-choice.offset, reasons=(*choice.reasons, f"{FLIP}{reason}"))
-
-
-def _find_rebound(force: Choice) -> int:
-    """Return the sign of the force's clearly larger peak, 0 if neither is."""
-    low, high = np.percentile(force.candidate.finite, (1.0, 99.0))
-    if not low < 0.0 < high:
-        return 0
-    return -1 if -low > ASYMMETRY * high else int(high > -ASYMMETRY * low)
-
-
 MAIN = ("position", "current", "force")
 MIN_POINTS, MIN_MARGIN = 3.0, 1.0  # points to be chosen at all, and ahead of the next one
 MIN_DAMPING, HIGH_CORRELATION = 0.3, 0.6  # of a force with the speed, in size: counts, and counts more
 MAX_STROKES, MAX_FORCES = 12, 40  # candidates that are compared in pairs, the best by name and unit
+ASYMMETRY = 1.3  # ratio of the larger to the smaller peak of a force; rebound is damped more than compression
 ALONE = "by its numbers alone, nothing in its name says so"
+UNCHECKED = "the sign could not be checked"
 SI = {"m", "N", "A", "V", "m/s", "m/s2", "degC"}
 
 
 def choose(candidates: Sequence[Candidate]) -> Selection:
-    """Choose candidates for position, current, force and temperature; for each damper if names tell several apart."""
+    """Choose candidates for position, current, force and temperature; for each damper if names tell several apart.
+
+    What all dampers share is under '', the rest of each under its side.
+    """
     chooser = _Chooser(candidates)
     sides = chooser.sides()
     if not sides:
-        return Selection({"": chooser.choose_damper(candidates)}, tuple(candidates))
-    return Selection(dict(_choose_sides(chooser, candidates, sides)), tuple(candidates))
-
-
-def _choose_sides(
-    chooser: _Chooser, candidates: Sequence[Candidate], sides: tuple[str, ...]
-) -> Iterator[tuple[str, DamperChoice]]:
-    """Yield the signals that all dampers share under '', then the rest of each damper."""
-    per_side = {side: chooser.choose_damper(_of_side(candidates, side, sides)) for side in sides}
-    first = next(iter(per_side.values()))
+        return Selection({"": chooser.choose_damper(candidates)})
+    per_side = {}
+    for side in sides:
+        others = [set(other.split("_")) - set(side.split("_")) for other in sides if other != side]
+        mine = [c for c in candidates if not any(other.intersection(join_words(c.names)) for other in others)]
+        per_side[side] = chooser.choose_damper(mine)
+    first, *rest = (damper.choices for damper in per_side.values())
     shared = {
-        signal
-        for signal, choice in first.choices.items()
-        if all(
-            signal in damper.choices and damper.choices[signal].candidate is choice.candidate
-            for damper in per_side.values()
-        )
+        signal: choice
+        for signal, choice in first.items()
+        if all(signal in other and other[signal].candidate is choice.candidate for other in rest)
     }
-    yield "", DamperChoice({signal: first.choices[signal] for signal in first.choices if signal in shared})
+    dampers = {"": DamperChoice(shared)}
     for side, damper in per_side.items():
         own = {signal: choice for signal, choice in damper.choices.items() if signal not in shared}
-        yield (f"damper_{side}" if side[0].isdigit() else side), DamperChoice(own, damper.missing)
-
-
-def _of_side(candidates: Sequence[Candidate], side: str, sides: tuple[str, ...]) -> list[Candidate]:
-    """Return the candidates that belong to this side or to none."""
-    others = [set(other.split("_")) - set(side.split("_")) for other in sides if other != side]
-    return [c for c in candidates if not any(list_words(c.names) & other for other in others)]
+        dampers[f"damper_{side}" if side[0].isdigit() else side] = DamperChoice(own, damper.missing)
+    return Selection(dampers)
 
 
 class _Chooser:
@@ -277,24 +208,18 @@ class _Chooser:
 
     def choose_damper(self, candidates: Sequence[Candidate]) -> DamperChoice:
         """Choose the signals of one damper."""
-        found: dict[str, Choice] = {}
-        missing: dict[str, NotFound] = {}
-        ratings = {"position": self._strokes(candidates)}
-        stroke = _pick("position", ratings["position"], self.table)
-        pair = stroke.candidate if isinstance(stroke, Choice) else None
-        ratings["force"] = self._forces(candidates, pair)
-        force = _pick("force", ratings["force"], self.table)
+        stroke = _pick("position", self._strokes(candidates), self.table)
+        forces = self._forces(candidates, stroke.candidate if isinstance(stroke, Choice) else None)
+        force = _pick("force", forces, self.table)
         taken = [choice.candidate for choice in (stroke, force) if isinstance(choice, Choice)]
-        current = _pick("current", self._currents(candidates, taken), self.table)
-        for signal, result in (("position", stroke), ("current", current), ("force", force)):
-            if isinstance(result, Choice):
-                found[signal] = result
-            else:
-                missing[signal] = result
+        current = _pick("current", _currents(candidates, taken), self.table)
+        results = {"position": stroke, "current": current, "force": force}
+        found = {signal: result for signal, result in results.items() if isinstance(result, Choice)}
+        missing = {signal: result for signal, result in results.items() if isinstance(result, NotFound)}
         temperature = _pick("temperature", _rate_all(candidates, "temperature"), self.table)
         if isinstance(temperature, Choice) and not temperature.checks:
             found["temperature"] = temperature
-        return DamperChoice(find_signs(found, self.table), missing)
+        return DamperChoice(_find_signs(found, self.table), missing)
 
     def _strokes(self, candidates: Sequence[Candidate]) -> list[Rating]:
         """Return the ratings as position, with points for a stroke with which a force goes as a damper's does."""
@@ -305,8 +230,7 @@ class _Chooser:
         for rating in usable:
             goes = [(self._damping(rating.candidate, force, rating.named), force.label) for force in forces]
             best, label = max(goes, key=lambda one: abs(one[0]), default=(0.0, ""))
-            reason = f"{label} goes with its speed ({best:+.2f})"
-            improved.append(rating.add(_points(best), reason) if best else rating)
+            improved.append(_add_damping(rating, best, f"{label} goes with its speed"))
         return _sort([*improved, *(r for r in ratings if r.excluded or r not in usable)])
 
     def _damping(self, stroke: Candidate, force: Candidate, named: bool) -> float:
@@ -333,22 +257,25 @@ class _Chooser:
             correlation = 0.0 if rating.excluded else self._damping(stroke, rating.candidate, rating.named)
             if not rating.excluded and self.table.is_derivative(stroke, rating.candidate):
                 improved.append(rating.add(-5.0, f"is the speed of {stroke.label}"))
-            elif correlation:
-                reason = f"goes with the speed of {stroke.label} ({correlation:+.2f})"
-                improved.append(rating.add(_points(correlation), reason))
             else:
-                improved.append(rating)
+                improved.append(_add_damping(rating, correlation, f"goes with the speed of {stroke.label}"))
         return _sort(improved)
 
-    def _currents(self, candidates: Sequence[Candidate], taken: Sequence[Candidate]) -> list[Rating]:
-        """Return the ratings as current; one without a name counts only if it is the only one that can be."""
-        ratings = [r for r in _rate_all(candidates, "current") if r.candidate not in taken]
-        if any(r.named and r.points >= MIN_POINTS for r in ratings):
-            return ratings
-        silent = [r for r in ratings if not r.excluded and not r.named and r.points > 0.0 and not r.against]
-        if len(silent) != 1 or read_meaning(silent[0].candidate.names).quantity or silent[0].candidate.constant:
-            return ratings
-        return _sort([silent[0].add(MIN_POINTS - silent[0].points, ALONE), *(r for r in ratings if r != silent[0])])
+
+def _add_damping(rating: Rating, correlation: float, reason: str) -> Rating:
+    points = 3.0 if abs(correlation) >= HIGH_CORRELATION else 2.0
+    return rating.add(points, f"{reason} ({correlation:+.2f})") if correlation else rating
+
+
+def _currents(candidates: Sequence[Candidate], taken: Sequence[Candidate]) -> list[Rating]:
+    """Return the ratings as current; one without a name counts only if it is the only one that can be."""
+    ratings = [r for r in _rate_all(candidates, "current") if r.candidate not in taken]
+    if any(r.named and r.points >= MIN_POINTS for r in ratings):
+        return ratings
+    silent = [r for r in ratings if not r.excluded and not r.named and r.points > 0.0 and not r.against]
+    if len(silent) != 1 or read_meaning(silent[0].candidate.names).quantity or silent[0].candidate.constant:
+        return ratings
+    return _sort([silent[0].add(MIN_POINTS - silent[0].points, ALONE), *(r for r in ratings if r != silent[0])])
 
 
 def _rate_all(candidates: Sequence[Candidate], signal: str) -> list[Rating]:
@@ -358,10 +285,6 @@ def _rate_all(candidates: Sequence[Candidate], signal: str) -> list[Rating]:
 def _sort(ratings: Sequence[Rating]) -> list[Rating]:
     """Return the ratings, the best first, those that are excluded last."""
     return sorted(ratings, key=lambda r: (bool(r.excluded), -r.points))
-
-
-def _points(correlation: float) -> float:
-    return 3.0 if abs(correlation) >= HIGH_CORRELATION else 2.0
 
 
 def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice | NotFound:
@@ -375,12 +298,11 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
             reason = f"'{excluded.candidate.label}' is named like it, but {excluded.excluded}"
         return NotFound(signal, reason, others or tuple(ratings))
     best, *rest = good
-    alternatives = [r for r in rest if best.points - r.points < MIN_MARGIN]
-    same = bool(alternatives) and all(table.is_same(best.candidate, r.candidate) for r in alternatives)
-    if alternatives and not same:
-        labels = ", ".join(r.candidate.label for r in (best, *alternatives))
-        return NotFound(signal, f"{1 + len(alternatives)} candidates are equally good: {labels}", (best, *alternatives))
-    twins = [f"the same motion as {r.candidate.label}: take the one that is measured" for r in alternatives]
+    equal = [r for r in rest if best.points - r.points < MIN_MARGIN]
+    if equal and not all(table.is_same(best.candidate, r.candidate) for r in equal):
+        labels = ", ".join(r.candidate.label for r in (best, *equal))
+        return NotFound(signal, f"{1 + len(equal)} candidates are equally good: {labels}", (best, *equal))
+    twins = [f"the same motion as {r.candidate.label}: take the one that is measured" for r in equal]
     return _make_choice(best, tuple(r for r in others if r is not best), twins)
 
 
@@ -395,4 +317,46 @@ def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[st
     scale, offset = (unit.scale, unit.offset) if unit else (1.0, 0.0)
     reasons = [reason for reason in rating.reasons if reason != ALONE]
     reasons += [guess.text] if usual and not guess.stated else []
-    return Choice(rating.signal, rating.candidate, guess, scale, offset, tuple(reasons), tuple(doubts), others)
+    return Choice(rating.signal, rating.candidate, unit, scale, offset, tuple(reasons), tuple(doubts), others)
+
+
+def _find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice]:
+    """Return the choices with negative scales where the sign is clearly the other one, each with its reason.
+
+    A force that goes against the speed means that position or force is positive in rebound. The position's name
+    decides, or else the larger peak of the force, which is that in rebound; without either, the force is turned, and
+    that is to be checked.
+    """
+    position, force = found.get("position"), found.get("force")
+    if position is None or force is None:
+        return found
+    correlation, _ = table.correlate(position.candidate, force.candidate)
+    if not abs(correlation) >= MIN_DAMPING:
+        unknown = "too few samples to compare force and speed"
+        text = unknown if np.isnan(correlation) else f"force and speed hardly correlate ({correlation:+.2f})"
+        return {**found, "force": replace(force, checks=(*force.checks, f"{UNCHECKED}: {text}"))}
+    outward = find_word(position.candidate.names, OUTWARD)
+    low, high = np.percentile(force.candidate.finite, (1.0, 99.0))  # the larger peak, if it is clearly larger
+    negative, positive = low < 0.0 < high and -low > ASYMMETRY * high, low < 0.0 < high and high > -ASYMMETRY * low
+    reason = f"force goes against the speed ({correlation:+.2f}), so one of the two is positive in rebound"
+    if outward:
+        position = _turn(position, f"named '{outward}', so positive in rebound")
+    if (correlation < 0.0) == bool(outward):
+        text = f"sign as logged: force goes with the speed ({abs(correlation):+.2f})"
+        force = replace(force, reasons=(*force.reasons, text))
+    elif outward:
+        force = _turn(force, reason)
+    elif negative:
+        text = "the force's larger peak, that in rebound, is negative as it should be"
+        position = _turn(position, f"{reason}; {text}")
+    elif positive:
+        force = _turn(force, f"{reason}; the force's larger peak, that in rebound, is positive")
+    else:
+        text = "which of the two is positive in rebound cannot be known from the numbers; turn the position instead if"
+        force = _turn(replace(force, checks=(*force.checks, f"{text} it is")), reason)
+    return {**found, "position": position, "force": force}
+
+
+def _turn(choice: Choice, reason: str) -> Choice:
+    reasons = (*choice.reasons, f"sign turned: {reason}")
+    return replace(choice, scale=-choice.scale, offset=-choice.offset, reasons=reasons)

@@ -1,4 +1,4 @@
-"""What names say: the quantity that the words of a topic, field or column mean, and the damper that they belong to."""
+"""What speaks for a candidate as a signal: the words of its name, its unit, and the range of its numbers."""
 
 from __future__ import annotations
 
@@ -30,33 +30,26 @@ WEAK = {
     "acceleration": "a az",
     "time": "sec s ts clock elapsed abtast",
 }
-COMMANDS = frozenset(
-    (
-        *("cmd", "command", "commanded", "commands", "setpoint", "set", "sp", "target", "desired", "wanted"),
-        *("ref", "reference", "soll", "demand", "request", "goal"),
-    )
+
+
+def _words(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
+COMMANDS = _words(
+    "cmd command commanded commands setpoint set sp target desired wanted ref reference soll demand request goal"
 )
 COMMAND_PARTS = ("cmd", "command", "soll", "setpoint", "target")  # also at an end of a word: `xcmd`
-COMPUTED = frozenset(
-    ("estimate", "estimated", "estimator", "sim", "simulated", "simulation", "predicted", "model", "observer", "band")
+COMPUTED = _words("estimate estimated estimator sim simulated simulation predicted model observer band")
+FOREIGN = _words(
+    "battery torque moment pressure gps latitude longitude altitude covariance fuel orientation quaternion angular "
+    "gyro imu magnetic wheel steering engine rpm odom odometry pose twist brake throttle gear counter sequence error "
+    "status yaw roll pitch humidity variance"
 )
-FOREIGN = frozenset(
-    (
-        *("battery", "torque", "moment", "pressure", "gps", "latitude", "longitude", "altitude", "covariance", "fuel"),
-        *("orientation", "quaternion", "angular", "gyro", "imu", "magnetic", "wheel", "steering", "engine", "rpm"),
-        *("odom", "odometry", "pose", "twist", "brake", "throttle", "gear", "counter", "sequence", "error", "status"),
-        *("yaw", "roll", "pitch", "humidity", "variance"),
-    )
-)
-DEVICE = frozenset(
-    ("damper", "shock", "strut", "suspension", "fork", "piston", "absorber", "daempfer", "dämpfer", "stossdämpfer")
-)
-OUTWARD = frozenset(("extension", "elongation", "rebound", "zug", "ausfederung", "extended"))
-SIDES = frozenset(
-    (
-        *("front", "rear", "left", "right", "fl", "fr", "rl", "rr", "lf", "rf", "lr", "f", "r", "l", "fore", "aft"),
-        *("vorne", "vorn", "hinten", "links", "rechts", "vl", "vr", "hl", "hr", "a", "b"),
-    )
+DEVICE = _words("damper shock strut suspension fork piston absorber daempfer dämpfer stossdämpfer")
+OUTWARD = _words("extension elongation rebound zug ausfederung extended")
+SIDES = _words(
+    "front rear left right fl fr rl rr lf rf lr f r l fore aft vorne vorn hinten links rechts vl vr hl hr a b"
 )
 WORD = re.compile(r"[A-Z]+(?![a-zäöü])|[A-ZÄÖÜ]?[a-zäöü]+|\d+")
 
@@ -75,41 +68,28 @@ def split_words(text: str) -> tuple[str, ...]:
     return tuple(word.casefold() for word in WORD.findall(text))
 
 
-def list_words(names: Sequence[str]) -> set[str]:
+def join_words(names: Sequence[str]) -> tuple[str, ...]:
     """Return the words of all names."""
-    return {word for name in names for word in split_words(name)}
+    return tuple(word for name in names for word in split_words(name))
 
 
 def read_meaning(names: Sequence[str]) -> NameMeaning:
-    """Return what the names say, the most specific first: strong words of any before weak ones."""
+    """Return what the names say, the most specific first: strong words of any before weak ones.
+
+    The last word of a name says what it is.
+    """
     for table, weight in ((STRONG, 3.0), (WEAK, 1.5)):
-        for name in names:
-            meaning = _find(split_words(name), table, weight)
-            if meaning:
-                return meaning
+        for word in (word for name in names for word in reversed(split_words(name))):
+            for quantity, texts in table.items():
+                if word in texts.split():
+                    return NameMeaning(quantity, weight, word)
     return NameMeaning("", 0.0, "")
-
-
-def _find(words: Sequence[str], table: dict[str, str], weight: float) -> NameMeaning | None:
-    """Return the quantity of the first word that has one; the last word of a name says what it is."""
-    for word in reversed(words):
-        for quantity, texts in table.items():
-            if word in texts.split():
-                return NameMeaning(quantity, weight, word)
-    return None
 
 
 def find_word(names: Sequence[str], words: frozenset[str], ends: tuple[str, ...] = ()) -> str:
     """Return the first word of the names that is one of `words` or begins or ends with one of `ends`, else ''."""
-    return next(
-        (
-            word
-            for name in names
-            for word in split_words(name)
-            if word in words or (ends and (word.startswith(ends) or word.endswith(ends)))
-        ),
-        "",
-    )
+    found = (w for w in join_words(names) if w in words or (ends and (w.startswith(ends) or w.endswith(ends))))
+    return next(found, "")
 
 
 def find_side(names: Sequence[str], others: Sequence[str]) -> str:
@@ -117,7 +97,7 @@ def find_side(names: Sequence[str], others: Sequence[str]) -> str:
 
     `/front/damper/stroke` beside `/rear/damper/stroke` is `front`, `damper_1` beside `damper_2` is `1`.
     """
-    mine, theirs = (tuple(word for name in some for word in split_words(name)) for some in (names, others))
+    mine, theirs = join_words(names), join_words(others)
     if len(mine) != len(theirs):
         return ""
     different = [(one, other) for one, other in zip(mine, theirs, strict=True) if one != other]
@@ -131,18 +111,15 @@ def name_sides(group: Sequence[Sequence[str]]) -> tuple[str, ...]:
 
     `front_left`, `front_right`, `rear_left` and `rear_right` for the four of a car.
     """
-    words = [tuple(word for name in names for word in split_words(name)) for names in group]
+    words = [join_words(names) for names in group]
     different = [len(set(column)) > 1 for column in zip(*words, strict=True)]
     return tuple("_".join(dict.fromkeys(compress(mine, different))) for mine in words)
 
 
-MIN_STROKE_M, MAX_STROKE_M = 0.001, 0.5
-MIN_FORCE_N, MAX_FORCE_N = 20.0, 60_000.0
-MIN_TOP_CURRENT_A, MAX_CURRENT_A = 0.05, 6.0
 RANGES = {  # of the span (position) or the peak, in SI units, in which a damper on a rig or vehicle works
-    "position": (MIN_STROKE_M, MAX_STROKE_M),
-    "force": (MIN_FORCE_N, MAX_FORCE_N),
-    "current": (MIN_TOP_CURRENT_A, MAX_CURRENT_A),
+    "position": (0.001, 0.5),
+    "force": (20.0, 60_000.0),
+    "current": (0.05, 6.0),
     "speed": (0.002, 10.0),
     "acceleration": (0.05, 3000.0),
     "temperature": (-60.0, 250.0),
@@ -161,55 +138,44 @@ USUAL = {  # units to try where none is stated, the likeliest first
 class UnitGuess:
     """The unit of a candidate as a signal: None if no usual unit makes its range plausible.
 
-    `others` are further units that the range allows; `stated` is true if the log or a name states the unit.
+    `stated` is true if the log or a name states the unit; `text` says how it is known.
     """
 
     unit: Unit | None
     stated: bool
-    others: tuple[str, ...]
     text: str
 
 
 def guess_unit(candidate: Candidate, signal: str) -> UnitGuess:
     """Return the unit of a candidate if it is this signal: the stated one, or the likeliest by its range."""
     if candidate.unit is not None:
-        return UnitGuess(candidate.unit, True, (), f"unit {candidate.unit.text} {candidate.stated}".strip())
-    number = candidate.span if signal == "position" else candidate.peak
-    what = "span" if signal == "position" else "peak"
-    allowed = [name for name in USUAL[signal] if _allows(name, signal, candidate)]
+        return UnitGuess(candidate.unit, True, f"unit {candidate.unit.text} {candidate.stated}".strip())
+    usual = USUAL[signal]
+    number, what = (candidate.span, "span") if signal == "position" else (candidate.peak, "peak")
     if candidate.constant and candidate.high == 0.0:
-        return UnitGuess(find_unit(USUAL[signal][0]), False, (), f"always 0, so any unit; taken as {USUAL[signal][0]}")
+        return UnitGuess(find_unit(usual[0]), False, f"always 0, so any unit; taken as {usual[0]}")
+    allowed = [name for name in usual if _allows(name, signal, candidate)]
     if not allowed:
         low, high = RANGES[signal]
-        text = f"its unit is not known: a {what} of {number:.4g} is implausible in {', '.join(USUAL[signal])}"
-        return UnitGuess(None, False, (), f"{text} (expected {low:g} to {high:g} in SI units)")
-    chosen, others = allowed[0], tuple(allowed[1:])
+        text = f"its unit is not known: a {what} of {number:.4g} is implausible in {', '.join(usual)}"
+        return UnitGuess(None, False, f"{text} (expected {low:g} to {high:g} in SI units)")
+    chosen, *others = allowed
     text = f"taken as {chosen}, because its {what} of {number:.4g} is plausible in {chosen}"
-    excluded = USUAL[signal][: USUAL[signal].index(chosen)]
+    excluded = usual[: usual.index(chosen)]
     text += f" and not in {', '.join(excluded)}" if excluded else ""
-    return UnitGuess(
-        find_unit(chosen),
-        False,
-        others,
-        text + (f" (or in {' or '.join(others)}, which would be plausible, too)" if others else ""),
-    )
-
-
-def fits_quantity(candidate: Candidate, signal: str) -> bool:
-    """Return False if the stated unit is one of another quantity than the signal."""
-    return candidate.unit is None or candidate.unit.quantity in QUANTITIES[signal]
+    text += f" (or in {' or '.join(others)}, which would be plausible, too)" if others else ""
+    return UnitGuess(find_unit(chosen), False, text)
 
 
 def is_plausible(candidate: Candidate, signal: str) -> bool:
     """Return whether the candidate's range makes sense for this signal in its stated or any usual unit."""
     if candidate.unit is not None:
-        return fits_quantity(candidate, signal)
+        return candidate.unit.quantity in QUANTITIES[signal]
     return any(_allows(name, signal, candidate) for name in USUAL[signal])
 
 
 def _allows(name: str, signal: str, candidate: Candidate) -> bool:
-    unit = find_unit(name)
-    low, high = RANGES[signal]
+    unit, (low, high) = find_unit(name), RANGES[signal]
     number = candidate.span if signal == "position" else candidate.peak
     return unit is not None and low <= unit.scale * number + unit.offset <= high
 
@@ -238,12 +204,6 @@ class Rating:
             return replace(self, points=self.points + points, reasons=(*self.reasons, reason))
         return replace(self, points=self.points + points, against=(*self.against, reason))
 
-    def rank_lower(self, points: float, reason: str) -> Rating:
-        """Return the rating with negative points, so that another is preferred; no reason against what is named so."""
-        if not self.named:
-            return self.add(points, reason)
-        return replace(self, points=self.points + points, reasons=(*self.reasons, reason))
-
     @property
     def why(self) -> str:
         """What speaks against the candidate, or else for it."""
@@ -265,15 +225,18 @@ def rate(candidate: Candidate, signal: str) -> Rating:
     for points, reason in _remarks(candidate, signal):
         rating = rating.add(points, reason)
     if signal == "current" and candidate.constant:
-        rating = rating.rank_lower(CONSTANT_POINTS, f"constant at {candidate.high:g}")
+        points, reason = rating.points + CONSTANT_POINTS, f"constant at {candidate.high:g}"
+        if rating.named:  # no reason against what is named so, but another is preferred
+            return replace(rating, points=points, reasons=(*rating.reasons, reason))
+        return replace(rating, points=points, against=(*rating.against, reason))
     return rating
 
 
 def _exclusion(candidate: Candidate, signal: str) -> str:
     """Return why the candidate cannot be the signal, '' if it can."""
     unit, meaning = candidate.unit, read_meaning(candidate.names)
-    if not fits_quantity(candidate, signal):
-        return f"its unit {unit.text if unit else ''} is not one of a {signal} [{UNITS[signal]}]"
+    if unit is not None and unit.quantity not in QUANTITIES[signal]:
+        return f"its unit {unit.text} is not one of a {signal} [{UNITS[signal]}]"
     if meaning.quantity not in ("", signal) and (unit is None or meaning.weight > 2.0):
         return f"named '{meaning.word}': a {meaning.quantity}"
     if candidate.counts_up and unit is None and meaning.quantity != signal:
@@ -297,14 +260,9 @@ def _remarks(candidate: Candidate, signal: str) -> Iterator[tuple[float, str]]:
         yield FOREIGN_POINTS, f"'{word}' in its name"
     if not candidate.constant and not is_plausible(candidate, signal):
         yield RANGE_POINTS, f"range {candidate.low:.4g} to {candidate.high:.4g} is implausible for a {signal}"
-    if signal == "current":
-        yield from _current_remarks(candidate)
-
-
-def _current_remarks(candidate: Candidate) -> Iterator[tuple[float, str]]:
-    if candidate.low < -NEGATIVE_SHARE * candidate.peak:
+    if signal == "current" and candidate.low < -NEGATIVE_SHARE * candidate.peak:
         yield SIGN_POINTS, f"goes below zero, to {candidate.low:.4g}"
-    else:
+    elif signal == "current":
         yield POSITIVE_POINTS, "never negative"
-    if candidate.held:
+    if signal == "current" and candidate.held:
         yield STEADY_POINTS, "held between steps"
