@@ -82,7 +82,13 @@ def _read_text(path: Path, what: str, error: type[CesError]) -> str:
 
 def _parse_tree(text: str, source: str, what: str, error: type[CesError]) -> yaml.MappingNode:
     try:
-        _refuse_growth(text, source, error)
+        depth = 0
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):  # before aliases or depth cost memory or time
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if isinstance(event, yaml.AliasEvent):
+                raise error(f"{_place(source, event)}: alias '*{event.anchor}'; write the value out")
+            if depth > MAX_DEPTH:
+                raise error(f"{_place(source, event)}: nested more than {MAX_DEPTH} deep; remove some levels")
         root = yaml.compose(text, Loader=_Loader)
     except yaml.MarkedYAMLError as reason:
         line = f":{reason.problem_mark.line + 1}" if reason.problem_mark else ""
@@ -93,17 +99,6 @@ def _parse_tree(text: str, source: str, what: str, error: type[CesError]) -> yam
         raise error(f"{source}: is not a mapping; expected {what}")
     _refuse_repeats(root, source, error)
     return root
-
-
-def _refuse_growth(text: str, source: str, error: type[CesError]) -> None:
-    """Raise at an alias or at deep nesting, before either costs memory or time."""
-    depth = 0
-    for event in yaml.parse(text, Loader=yaml.SafeLoader):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        if isinstance(event, yaml.AliasEvent):
-            raise error(f"{_place(source, event)}: alias '*{event.anchor}'; write the value out")
-        if depth > MAX_DEPTH:
-            raise error(f"{_place(source, event)}: nested more than {MAX_DEPTH} deep; remove some levels")
 
 
 def _refuse_repeats(node: yaml.Node, source: str, error: type[CesError]) -> None:

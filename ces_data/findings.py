@@ -14,12 +14,7 @@ from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_observer.errors import RecordingError
 
 ERROR, WRONG_MODEL, WARNING = SEVERITIES = ("error", "wrong model", "warning")  # worst first
-POSSIBLE = {
-    "position": 1e4,
-    "current": 1e6,
-    "force": 1e9,
-    "sim_force": 1e9,
-}  # [m, A, N] none is beyond, in any unit
+POSSIBLE = {"position": 1e4, "current": 1e6, "force": 1e9, "sim_force": 1e9}  # [m, A, N] none is beyond, in any unit
 MAX_EQUAL_SHARE = 0.2  # of the samples
 MAX_EQUAL_STAMPS = 100  # samples in a row with one stamp; a driver that stamps its batches makes fewer
 BAD_SHARE = 0.01  # largest share of NaN or infinite samples that preparation may omit
@@ -64,8 +59,7 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
         *(_check_channel(channel, start_ns) for channel in recording.channels.values()),
         _check_position(recording),
         _check_rates(recording),
-        _check_pauses(recording, start_ns),
-        _check_current(recording, start_ns),
+        _check_gaps(recording, start_ns),
     )
 
 
@@ -89,59 +83,41 @@ def mean_rate(channel: Channel) -> float:
 
 
 def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
+    name, stamps, values = channel.name, channel.stamps_ns, channel.values
     if not len(channel):
-        yield Finding(ERROR, f"{channel.name}: the channel is empty; expected samples", signal=channel.name)
+        yield Finding(ERROR, f"{name}: the channel is empty; expected samples", name)
         return
-    bad = ~np.isfinite(channel.values)
+    at = (stamps - start_ns) / SECOND
+    bad = ~np.isfinite(values)
     if bad.any():
-        first = (int(channel.stamps_ns[np.argmax(bad)]) - start_ns) / SECOND
-        text = f"{channel.name}: {int(bad.sum())} of {len(bad)} samples are NaN or infinite, the first at {first:.3f} s"
+        text = f"{name}: {int(bad.sum())} of {len(bad)} samples are NaN or infinite, the first at {at[bad][0]:.3f} s"
         if bad.mean() > BAD_SHARE:
-            yield Finding(ERROR, f"{text}; expected at most {BAD_SHARE:.0%}", signal=channel.name)
+            yield Finding(ERROR, f"{text}; expected at most {BAD_SHARE:.0%}", name)
         else:
-            yield Finding(WARNING, f"{text}; they are left out", signal=channel.name)
-    yield from _check_values(channel, start_ns)
-    yield from _check_stamps(channel, start_ns)
+            yield Finding(WARNING, f"{text}; they are left out", name)
+    worst, limit = int(np.argmax(np.where(bad, 0.0, np.abs(values)))), POSSIBLE.get(name, np.inf)
+    if not bad[worst] and abs(values[worst]) > limit:  # no sensor can have measured it: a wrong type, field or scale
+        text = f"{name}: {values[worst]:.4g} {channel.unit} at {at[worst]:.3f} s; expected at most {limit:g}"
+        yield Finding(ERROR, f"{text}: check type, field and scale in the signals file, or remove the sample", name)
+    yield from _check_stamps(name, stamps, at)
 
 
-def _check_values(channel: Channel, start_ns: int) -> Iterator[Finding]:
-    """Report a value that no sensor can have measured: a wrong type, field or scale."""
-    size = np.abs(np.where(np.isfinite(channel.values), channel.values, 0.0))
-    worst, limit = int(np.argmax(size)), POSSIBLE.get(channel.name, np.inf)
-    if size[worst] > limit:
-        at = (int(channel.stamps_ns[worst]) - start_ns) / SECOND
-        yield Finding(
-            ERROR,
-            f"{channel.name}: {channel.values[worst]:.4g} {channel.unit} at {at:.3f} s; expected at most {limit:g}: "
-            "check type, field and scale in the signals file, or remove the sample",
-            signal=channel.name,
-        )
-
-
-def _check_stamps(channel: Channel, start_ns: int) -> Iterator[Finding]:
-    steps = np.diff(channel.stamps_ns)
+def _check_stamps(name: str, stamps: Stamps, at: Values) -> Iterator[Finding]:
+    steps = np.diff(stamps)
     equal, first = _longest_run(steps == 0)
     if equal >= MAX_EQUAL_STAMPS:
-        at = (int(channel.stamps_ns[first]) - start_ns) / SECOND
-        yield Finding(
-            ERROR,
-            f"{channel.name}: {equal + 1} samples in a row have the same stamp, at {at:.3f} s; expected a stamp for "
-            "each sample (is the header's stamp filled in?)",
-            signal=channel.name,
-        )
+        text = f"{name}: {equal + 1} samples in a row have the same stamp, at {at[first]:.3f} s; expected a stamp for"
+        yield Finding(ERROR, f"{text} each sample (is the header's stamp filled in?)", name)
     elif len(steps) and (steps == 0).mean() > MAX_EQUAL_SHARE:
+        text = f"{name}: {(steps == 0).mean():.0%} of the samples have the same stamp as the one before: times are"
         yield Finding(
-            WARNING,
-            f"{channel.name}: {(steps == 0).mean():.0%} of the samples have the same stamp as the one before: times "
-            "are rounded, or samples are repeated; log times that tell one sample from the next",
-            signal=channel.name,
+            WARNING, f"{text} rounded, or samples are repeated; log times that tell one sample from the next", name
         )
     if (steps < 0).any():
         row = int(np.argmin(steps))
-        at = (int(channel.stamps_ns[row]) - start_ns) / SECOND
-        times = f"{int((steps < 0).sum())} times, most at {at:.3f} s by {-steps[row] / SECOND:.6f} s"
+        times = f"{int((steps < 0).sum())} times, most at {at[row]:.3f} s by {-steps[row] / SECOND:.6f} s"
         hint = "expected stamps in order (did a clock jump, or a bag loop?)"
-        yield Finding(ERROR, f"{channel.name}: time runs backwards {times}; {hint}", signal=channel.name)
+        yield Finding(ERROR, f"{name}: time runs backwards {times}; {hint}", name)
 
 
 def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
@@ -157,31 +133,44 @@ def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
 def _check_position(recording: Recording) -> Iterator[Finding]:
     values = finite_values(recording, "position")
     if "position" in recording.constants:
-        yield Finding(
-            ERROR, "position: is a constant in the signals file; expected a recorded stroke", signal="position"
-        )
+        text = "position: is a constant in the signals file; expected a recorded stroke"
+        yield Finding(ERROR, text, "position")
     elif len(values) and values.min() == values.max():
-        yield Finding(
-            ERROR,
-            f"position: constant at {values[0]:g} m; expected a stroke (is it the right field?)",
-            signal="position",
-        )
+        text = f"position: constant at {values[0]:g} m; expected a stroke (is it the right field?)"
+        yield Finding(ERROR, text, "position")
 
 
 def _check_rates(recording: Recording) -> Iterator[Finding]:
     rates = {name: rate for name, channel in recording.channels.items() if (rate := mean_rate(channel)) > 0.0}
     for (slow, low), (fast, high) in combinations(sorted(rates.items(), key=lambda item: item[1]), 2):
         if high >= RATE_RATIO * low and "temperature" not in (slow, fast):
-            yield Finding(
-                ERROR, f"{slow} at {low:.4g} Hz and {fast} at {high:.4g} Hz: rates more than {RATE_RATIO:g} times apart"
-            )
+            rates_apart = f"{slow} at {low:.4g} Hz and {fast} at {high:.4g} Hz"
+            yield Finding(ERROR, f"{rates_apart}: rates more than {RATE_RATIO:g} times apart")
 
 
-def find_pauses(recording: Recording) -> list[tuple[int, int]]:
-    """Return begin and end [ns] of the stretches in which all signals pause: the recorder did, not a sensor."""
+def _check_gaps(recording: Recording, start_ns: int) -> Iterator[Finding]:
+    """Report once that all signals pause, as the recorder did, and the longest stretch without current besides.
+
+    That is an error if all such stretches together exceed MISSING_SHARE.
+    """
     stamps = [channel.stamps_ns for channel in recording.channels.values() if len(channel)]
-    gaps = [missing_stretches(one, one) for one in stamps] if len(stamps) > 1 else [[]]
-    return reduce(_intersect, gaps)
+    pauses = reduce(_intersect, [missing_stretches(one, one) for one in stamps] if len(stamps) > 1 else [[]])
+    if pauses:
+        span = _describe_stretches(pauses, start_ns)
+        yield Finding(WARNING, f"all signals pause {span} (was the recorder paused?); nothing is bridged")
+    if not all(len(recording.channels.get(name, ())) for name in ("position", "current")):
+        return
+    position, current = (recording.channel(name).stamps_ns for name in ("position", "current"))
+    lengths = {  # without the pauses
+        (begin, end): end - begin - sum(max(0, min(end, last) - max(begin, first)) for first, last in pauses)
+        for begin, end in missing_stretches(position, current)
+    }
+    absent = [stretch for stretch, length in lengths.items() if length > MISSING_S * SECOND]
+    if absent:
+        share = sum(lengths[stretch] for stretch in absent) / int(np.ptp(position))
+        text = f"current: absent {_describe_stretches(absent, start_ns)}, {share:.1%} of the time; expected it wherever"
+        severity = ERROR if share > MISSING_SHARE else WARNING
+        yield Finding(severity, f"{text} position is recorded", "current")
 
 
 def _intersect(first: list[tuple[int, int]], second: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -190,45 +179,11 @@ def _intersect(first: list[tuple[int, int]], second: list[tuple[int, int]]) -> l
     return [(begin, end) for begin, end in both if end - begin > MISSING_S * SECOND]
 
 
-def _check_pauses(recording: Recording, start_ns: int) -> Iterator[Finding]:
-    """Report once that all signals pause, instead of a gap in each."""
-    pauses = find_pauses(recording)
-    if pauses:
-        span = _describe_stretches(pauses, start_ns)
-        yield Finding(WARNING, f"all signals pause {span} (was the recorder paused?); nothing is bridged")
-
-
-def _check_current(recording: Recording, start_ns: int) -> Iterator[Finding]:
-    """Report the longest stretch without current; an error if all together exceed MISSING_SHARE."""
-    if not all(len(recording.channels.get(name, ())) for name in ("position", "current")):
-        return
-    position = recording.channel("position").stamps_ns
-    pauses = find_pauses(recording)
-    absent = missing_stretches(position, recording.channel("current").stamps_ns)
-    stretches = [one for one in absent if _length_without(one, pauses) > MISSING_S * SECOND]
-    if not stretches:
-        return
-    share = sum(_length_without(one, pauses) for one in stretches) / int(np.ptp(position))
-    span = _describe_stretches(stretches, start_ns)
-    severity = ERROR if share > MISSING_SHARE else WARNING
-    yield Finding(
-        severity,
-        f"current: absent {span}, {share:.1%} of the time; expected it wherever position is recorded",
-        signal="current",
-    )
-
-
 def _describe_stretches(stretches: Sequence[tuple[int, int]], start_ns: int) -> str:
     """Return when the longest stretch is, and how many there are besides."""
     begin, end = max(stretches, key=lambda stretch: stretch[1] - stretch[0])
     more = f" and {len(stretches) - 1} times more" if len(stretches) > 1 else ""
     return f"from {(begin - start_ns) / SECOND:.3f} s to {(end - start_ns) / SECOND:.3f} s{more}"
-
-
-def _length_without(stretch: tuple[int, int], pauses: Sequence[tuple[int, int]]) -> int:
-    """Return the length [ns] of a stretch without the pauses in it."""
-    begin, end = stretch
-    return end - begin - sum(max(0, min(end, last) - max(begin, first)) for first, last in pauses)
 
 
 def finite_values(recording: Recording, signal: str) -> Values:

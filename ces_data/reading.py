@@ -59,13 +59,15 @@ def as_recordings(
     several: Sequence[Any] = [given] if single else list(given)  # type: ignore[arg-type]
     if required and not several:
         raise CesError("no recording given; expected a recording, a path, or several of them")
-    return [one if isinstance(one, Recording) else _read(as_path(one, "recording"), signals, need) for one in several]
-
-
-def _read(path: Path, signals: PathInput | None, need: Sequence[str]) -> Recording:
-    if is_foreign(path) and path.is_file():
-        return read_log(path)
-    return read_recording(path, signals=signals, need=need)
+    recordings = []
+    for one in several:
+        if isinstance(one, Recording):
+            recordings.append(one)
+        elif is_foreign(path := as_path(one, "recording")):
+            recordings.append(read_log(path))
+        else:
+            recordings.append(read_recording(path, signals=signals, need=need))
+    return recordings
 
 
 def as_path(given: PathInput, name: str) -> Path:

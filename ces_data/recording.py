@@ -33,8 +33,9 @@ class Channel:
             raise RecordingError(
                 f"channel '{self.name}': {stamps.shape} stamps and {values.shape} values; expected two equal lengths"
             )
-        object.__setattr__(self, "stamps_ns", _read_only(stamps))
-        object.__setattr__(self, "values", _read_only(values))
+        for name, view in (("stamps_ns", stamps.view()), ("values", values.view())):
+            view.flags.writeable = False
+            object.__setattr__(self, name, view)
 
     def __len__(self) -> int:
         return len(self.stamps_ns)
@@ -94,9 +95,3 @@ class Recording:
                 for n, c in self.channels.items()
             },
         )
-
-
-def _read_only(array: NDArray[np.generic]) -> NDArray[np.generic]:
-    view = array.view()
-    view.flags.writeable = False
-    return view

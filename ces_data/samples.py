@@ -128,7 +128,9 @@ def coverage(recordings: Sequence[Recording], speed_cells: int = 24, current_cel
     speed, current, weight = (np.concatenate(parts) for parts in zip(*samples, strict=True))
     top = float(np.quantile(np.abs(speed), RANGE_QUANTILE)) if len(speed) else 0.0
     speed_edges = np.linspace(-1.0, 1.0, speed_cells + 1) * (top or 1.0)
-    current_edges = _current_edges(current, current_cells)
+    low, high = (float(current.min()), float(current.max())) if len(current) else (0.0, 0.0)
+    single = high - low < 1e-9 * max(1.0, abs(high))
+    current_edges = np.array([low - 0.05, high + 0.05]) if single else np.linspace(low, high, current_cells + 1)
     inside = np.clip(speed, speed_edges[0], speed_edges[-1])
     time, _, _ = np.histogram2d(current, inside, [current_edges, speed_edges], weights=weight)
     total = float(weight.sum())
@@ -136,49 +138,36 @@ def coverage(recordings: Sequence[Recording], speed_cells: int = 24, current_cel
 
 
 def speed_current_samples(recording: Recording) -> tuple[F, F, F]:
-    """Return speed [m/s], current [A] and duration [s] of each sample (n,) where both are known."""
-    times, speed, weight = _estimate_speed(recording.channel("position"))
-    current = _hold_current(recording, times)
-    known = np.isfinite(current) & np.isfinite(speed)
-    return speed[known], current[known], weight[known]
+    """Return speed [m/s], current [A] and duration [s] of each sample (n,) where both are known.
 
-
-def _estimate_speed(position: Channel) -> tuple[I, F, F]:
-    """Return stamps [ns], speed and duration on a regular grid within each run of position without a gap."""
-    sound = position.in_order()
-    stamps, values = sound.stamps_ns, sound.values
-    intervals = np.diff(stamps)
-    if not len(intervals):
-        return np.empty(0, np.int64), np.empty(0), np.empty(0)
-    interval = max(1, int(np.median(intervals)))
-    breaks = np.flatnonzero(intervals > GAP_INTERVALS * interval) + 1
-    runs = zip(np.split(stamps, breaks), np.split(values, breaks), strict=True)
-    grids = [_estimate_run_speed(run, x, interval) for run, x in runs if run[-1] - run[0] >= MIN_SAMPLES * interval]
-    times = np.concatenate([grid for grid, _ in grids] or [np.empty(0, np.int64)])
-    speed = np.concatenate([v for _, v in grids] or [np.empty(0)])
-    return times, speed, np.full(len(times), interval / SECOND)
-
-
-def _estimate_run_speed(stamps: I, values: F, interval: int) -> tuple[I, F]:
-    grid = np.arange(stamps[0], stamps[-1] + 1, interval)
-    even = np.interp((grid - stamps[0]).astype(np.float64), (stamps - stamps[0]).astype(np.float64), values)
-    window = min(max(MIN_SAMPLES, 2 * round(WINDOW_S * SECOND / interval / 2) + 1), (len(grid) - 1) // 2 * 2 + 1)
-    return grid, savgol_filter(even, window, polyorder=2, deriv=1, delta=interval / SECOND)
-
-
-def _hold_current(recording: Recording, times: I) -> F:
-    """Return the current at each time: the last one logged, NaN before the first."""
+    The speed is on a regular grid within each run of position without a gap; the current is the last one logged.
+    """
+    times, speed, interval = _estimate_speed(recording.channel("position"))
     if "current" in recording.constants:
-        return np.full(len(times), recording.constants["current"])
-    channel = recording.channel("current")
-    order = np.argsort(channel.stamps_ns, kind="stable")
-    last = np.searchsorted(channel.stamps_ns[order], times, side="right") - 1
-    held = np.append(channel.values[order], np.nan)
-    return held[last]
+        current = np.full(len(times), recording.constants["current"])
+    else:
+        channel = recording.channel("current")
+        order = np.argsort(channel.stamps_ns, kind="stable")
+        last = np.searchsorted(channel.stamps_ns[order], times, side="right") - 1
+        current = np.append(channel.values[order], np.nan)[last]  # NaN before the first
+    known = np.isfinite(current) & np.isfinite(speed)
+    return speed[known], current[known], np.full(int(known.sum()), interval / SECOND)
 
 
-def _current_edges(current: F, cells: int) -> F:
-    low, high = (float(current.min()), float(current.max())) if len(current) else (0.0, 0.0)
-    if high - low < 1e-9 * max(1.0, abs(high)):
-        return np.array([low - 0.05, high + 0.05])
-    return np.linspace(low, high, cells + 1)
+def _estimate_speed(position: Channel) -> tuple[I, F, int]:
+    """Return the stamps [ns] and speed of all ticks, and their interval [ns]."""
+    sound = position.in_order()
+    intervals = np.diff(sound.stamps_ns)
+    interval = max(1, int(np.median(intervals))) if len(intervals) else 1
+    breaks = np.flatnonzero(intervals > GAP_INTERVALS * interval) + 1
+    times, speed = [np.empty(0, np.int64)], [np.empty(0)]
+    for stamps, x in zip(np.split(sound.stamps_ns, breaks), np.split(sound.values, breaks), strict=True):
+        if not len(stamps) or stamps[-1] - stamps[0] < MIN_SAMPLES * interval:
+            continue
+        grid = np.arange(stamps[0], stamps[-1] + 1, interval)
+        even = np.interp((grid - stamps[0]).astype(np.float64), (stamps - stamps[0]).astype(np.float64), x)
+        usual = max(MIN_SAMPLES, 2 * round(WINDOW_S * SECOND / interval / 2) + 1)
+        window = min(usual, (len(grid) - 1) // 2 * 2 + 1)
+        times.append(grid)
+        speed.append(savgol_filter(even, window, polyorder=2, deriv=1, delta=interval / SECOND))
+    return np.concatenate(times), np.concatenate(speed), interval

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,20 +22,6 @@ SIMILAR = 0.7  # of two names, by difflib: 'postion' and 'position' are 0.93, 's
 KEYS = frozenset({"topic", "type", "field", "scale", "offset", "constant"})
 
 
-@dataclass(frozen=True)
-class _Description:
-    """The description of one signal in one section of the file, and its line."""
-
-    section: str
-    line: int
-    value: Any
-
-    @property
-    def exact(self) -> bool:
-        """True if the section names one node instead of a wildcard."""
-        return "*" not in self.section
-
-
 def load_signals(path: Path | None = None) -> Signals:
     """Read a signals file; the defaults if `path` is None.
 
@@ -47,10 +32,11 @@ def load_signals(path: Path | None = None) -> Signals:
     """
     if path is None:
         return Signals.from_mapping({}, "defaults")
-    path, damper = _file_and_damper(path)
+    stem, mark, damper = ("", "", "") if path.exists() else path.name.rpartition("#")
+    path = path.with_name(stem) if mark else path
     root = read_yaml_tree(path, "a signals file, '/**: ros__parameters: position: ...'", SignalsError)
     sections = list(_sections(root, "")) or [("/**", root)]
-    damper = _choose_damper(damper, _dampers(sections, path), path)
+    damper = _choose_damper(damper if mark else "", _dampers(sections, path), path)
     common = _signals_of("", sections, path)
     own = _signals_of(damper, sections, path) if damper else {}
     if not common and not own:
@@ -62,14 +48,12 @@ def load_signals(path: Path | None = None) -> Signals:
     for name in {**common, **own}:
         (_, general), (line, special) = common.get(name, (0, None)), own.get(name, common.get(name, (0, None)))
         merged[name] = override(general, special)
-        _check(name, merged[name], f"{path}:{line}")
+        where = f"{path}:{line}"
+        try:
+            Signals.from_mapping({name: merged[name]}, where)
+        except SignalsError as error:
+            raise SignalsError(str(error) if where in str(error) else f"{where}: signal '{name}': {error}") from None
     return Signals.from_mapping(merged, f"{path}#{damper}" if damper else str(path))
-
-
-def _file_and_damper(path: Path) -> tuple[Path, str]:
-    """Split `FILE#NAME`, unless a file of that whole name exists."""
-    stem, mark, damper = path.name.rpartition("#")
-    return (path, "") if not mark or path.exists() else (path.with_name(stem), damper)
 
 
 def _dampers(sections: _Sections, path: Path) -> list[str]:
@@ -98,16 +82,18 @@ def _choose_damper(damper: str, known: list[str], path: Path) -> str:
 
 def _signals_of(damper: str, sections: _Sections, path: Path) -> dict[str, tuple[int, Any]]:
     """Return line and description of each signal of one damper, or of the common signals if `damper` is empty."""
-    parts: dict[str, list[_Description]] = {}
+    parts: dict[str, list[tuple[str, int, Any]]] = {}  # section, line and description, those of wildcards first
     for section, parameters in sorted(sections, key=lambda item: "*" not in item[0]):
         for name, key, value in _below(damper, parameters):
-            signal, dot, rest = name.partition(".")
+            line, (signal, dot, rest) = key.start_mark.line + 1, name.partition(".")
             if signal not in NAMES:
-                _refuse_typo(signal, rest, value, f"{path}:{key.start_mark.line + 1}")
+                _refuse_typo(signal, rest, value, f"{path}:{line}")
                 continue
-            content = {rest: to_python(value, path, SignalsError)} if dot else to_python(value, path, SignalsError)
-            if _is_signal(content, sections):
-                parts.setdefault(signal, []).append(_Description(section, key.start_mark.line + 1, content))
+            content = to_python(value, path, SignalsError)
+            content = {rest: content} if dot else content
+            described = isinstance(content, Mapping) and not KEYS.isdisjoint(content)
+            if described or len(sections) == 1:  # else another node's parameter of the same name
+                parts.setdefault(signal, []).append((section, line, content))
     return {name: _merge(name, own, path) for name, own in parts.items()}
 
 
@@ -154,26 +140,14 @@ def _find_misspelled_section(node: yaml.MappingNode) -> str:
     return ""
 
 
-def _is_signal(content: object, sections: _Sections) -> bool:
-    """Return False for another node's parameter of the same name, possible in a file of several sections."""
-    return len(sections) == 1 or (isinstance(content, Mapping) and not KEYS.isdisjoint(content))
-
-
-def _merge(name: str, parts: list[_Description], path: Path) -> tuple[int, Any]:
+def _merge(name: str, parts: list[tuple[str, int, Any]], path: Path) -> tuple[int, Any]:
     """Return the last line that adds to a signal, for errors, and the merged description."""
-    exact = {part.section: part.line for part in parts if part.exact}
-    if len(exact) > 1:
-        places = " and ".join(f"{quote(section)} (line {line})" for section, line in exact.items())
+    nodes = {section: line for section, line, _ in parts if "*" not in section}
+    if len(nodes) > 1:
+        places = " and ".join(f"{quote(section)} (line {line})" for section, line in nodes.items())
         raise SignalsError(f"{path}: signal '{name}' is described for {places}; expected one node's signals in a file")
     merged: Any = {}
-    for part in parts:
-        both = isinstance(merged, Mapping) and isinstance(part.value, Mapping)
-        merged = {**merged, **part.value} if both else part.value
-    return parts[-1].line, merged
-
-
-def _check(name: str, content: Any, where: str) -> None:
-    try:
-        Signals.from_mapping({name: content}, where)
-    except SignalsError as error:
-        raise SignalsError(str(error) if where in str(error) else f"{where}: signal '{name}': {error}") from None
+    for _, _, value in parts:
+        both = isinstance(merged, Mapping) and isinstance(value, Mapping)
+        merged = {**merged, **value} if both else value
+    return parts[-1][1], merged

@@ -7,11 +7,9 @@ says so. As logged, there is a row for each stamp of any channel, and a cell is 
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,31 +24,51 @@ from ces_observer.signals import UNITS
 HELD = ("current", "temperature")  # the newest value counts; the others are interpolated
 SUFFIXES = {"m/s": "m_s", "m/s2": "m_s2"}  # of units that a column's name cannot hold
 MAX_RATE_RATIO = 2.0  # of a uniform grid to the fastest channel; more rows would hold nothing new
+BATCH = 50_000  # rows that are converted at a time
+SECOND = 1_000_000_000
+FORMATS = ("csv", "parquet")
 
 
 @dataclass(frozen=True)
 class DataColumn:
-    """A column: `values` float64 (n,), with no cell where `missing` (n,) is true."""
+    """A column, whose name ends with its unit: `values` float64 (n,), with no cell where `missing` (n,) is true."""
 
     name: str
     unit: str
     values: Values
     missing: NDArray[np.bool_]
 
+    @classmethod
+    def of(cls, name: str, unit: str, values: Values, missing: NDArray[np.bool_] | None = None) -> DataColumn:
+        """Return the column of a signal, or of `signal_held` and the like."""
+        mask = np.zeros(len(values), dtype=np.bool_) if missing is None else missing
+        return cls(f"{name}_{SUFFIXES.get(unit, unit)}", unit, values, mask)
+
+    @classmethod
+    def at_rows(cls, name: str, channel: Channel, rows: NDArray[np.int64], count: int) -> DataColumn:
+        """Return the column of a channel whose samples are in these rows of `count`."""
+        values, missing = np.full(count, np.nan), np.ones(count, dtype=np.bool_)
+        values[rows], missing[rows] = channel.values, False
+        return cls.of(name, channel.unit, values, missing)
+
 
 @dataclass(frozen=True)
 class DataTable:
     """A table of n rows at `stamps_ns` (n,); `notes` are facts for the file's metadata."""
 
-    name: str
     stamps_ns: Stamps
     columns: tuple[DataColumn, ...]
-    notes: Mapping[str, str] = field(default_factory=dict)
+    notes: Mapping[str, str]
 
     @property
     def time_ns(self) -> Stamps:
         """Times from the first row [ns]."""
         return np.asarray(self.stamps_ns - self.stamps_ns[0])
+
+    @property
+    def batches(self) -> Iterator[slice]:
+        """The rows in batches."""
+        return (slice(begin, begin + BATCH) for begin in range(0, len(self.stamps_ns), BATCH))
 
 
 def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: float | None = None) -> DataTable:
@@ -59,71 +77,61 @@ def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: floa
     `more` are channels on some of the position's stamps, such as estimates; on those stamps they have no cell where
     they have no sample. Raises RecordingError for a rate beyond twice that of the fastest channel.
     """
-    position = recording.channel("position")
-    stamps: Stamps = position.stamps_ns if rate_Hz is None else _uniform(recording, rate_Hz)
+    position = recording.channel("position").stamps_ns
+    fastest = max(mean_rate(channel) for channel in recording.channels.values())
+    if rate_Hz is None:
+        stamps = position
+    elif rate_Hz > MAX_RATE_RATIO * fastest:
+        raise RecordingError(
+            f"{recording.name}: --rate {rate_Hz:g} is more than twice the {fastest:.4g} Hz of its fastest channel; "
+            "nothing was recorded between"
+        )
+    else:
+        count = int((position[-1] - position[0]) * rate_Hz / 1e9) + 1
+        stamps = position[0] + np.rint(np.arange(count) * (1e9 / rate_Hz)).astype(np.int64)
     columns = [_column(name, channel, stamps) for name, channel in recording.channels.items()]
     columns += [
-        DataColumn(f"{name}_{_suffix(UNITS[name])}", UNITS[name], np.full(len(stamps), value), _none(stamps))
-        for name, value in recording.constants.items()
+        DataColumn.of(name, UNITS[name], np.full(len(stamps), value)) for name, value in recording.constants.items()
     ]
-    columns += [_place(name, c, stamps) if rate_Hz is None else _column(name, c, stamps) for name, c in more.items()]
-    return DataTable(recording.name, stamps, tuple(columns), _notes(recording))
+    for name, channel in more.items():
+        rows = np.searchsorted(stamps, channel.stamps_ns)
+        as_logged = rate_Hz is None
+        columns.append(
+            DataColumn.at_rows(name, channel, rows, len(stamps)) if as_logged else _column(name, channel, stamps)
+        )
+    return DataTable(stamps, tuple(columns), _notes(recording))
 
 
 def tabulate_as_logged(recording: Recording, more: Mapping[str, Channel]) -> DataTable:
     """Return all samples of all channels; equal stamps of one channel have a row each."""
     channels = {**recording.channels, **more}
-    keys = {name: _keys(channel.stamps_ns) for name, channel in channels.items()}
+    keys = {}
+    for name, stamps in ((name, channel.stamps_ns) for name, channel in channels.items()):
+        keys[name] = np.empty(len(stamps), dtype=[("stamp", np.int64), ("repeat", np.int64)])
+        first = np.searchsorted(stamps, stamps, side="left")
+        keys[name]["stamp"], keys[name]["repeat"] = stamps, np.arange(len(stamps)) - first  # its number among equals
     rows = np.unique(np.concatenate(list(keys.values())))
-    columns = []
-    for name, channel in channels.items():
-        at = np.searchsorted(rows, keys[name])
-        values, missing = np.full(len(rows), np.nan), np.ones(len(rows), dtype=np.bool_)
-        values[at], missing[at] = channel.values, False
-        columns.append(DataColumn(f"{name}_{_suffix(channel.unit)}", channel.unit, values, missing))
-    return DataTable(recording.name, rows["stamp"].copy(), tuple(columns), _notes(recording))
+    columns = (
+        DataColumn.at_rows(name, channel, np.searchsorted(rows, keys[name]), len(rows))
+        for name, channel in channels.items()
+    )
+    return DataTable(rows["stamp"].copy(), tuple(columns), _notes(recording))
 
 
-def _keys(stamps: Stamps) -> NDArray[np.void]:
-    """Return stamp and number among equal stamps of each sample."""
-    first = np.searchsorted(stamps, stamps, side="left")
-    keys = np.empty(len(stamps), dtype=[("stamp", np.int64), ("repeat", np.int64)])
-    keys["stamp"], keys["repeat"] = stamps, np.arange(len(stamps)) - first
-    return keys
-
-
-def _uniform(recording: Recording, rate_Hz: float) -> Stamps:
-    position = recording.channel("position").stamps_ns
-    fastest = max(mean_rate(channel) for channel in recording.channels.values())
-    if rate_Hz > MAX_RATE_RATIO * fastest:
-        raise RecordingError(
-            f"{recording.name}: --rate {rate_Hz:g} is more than twice the {fastest:.4g} Hz of its fastest channel; "
-            "nothing was recorded between"
-        )
-    count = int((position[-1] - position[0]) * rate_Hz / 1e9) + 1
-    return np.asarray(position[0] + np.rint(np.arange(count) * (1e9 / rate_Hz)).astype(np.int64))
+def _notes(recording: Recording) -> dict[str, str]:
+    return {"recording": recording.name, "source": recording.source, "source_sha256": recording.sha256}
 
 
 def _column(name: str, channel: Channel, stamps: Stamps) -> DataColumn:
     """Return a channel on these stamps: as it is if they are its own, else held or interpolated."""
-    unit = _suffix(channel.unit)
     if np.array_equal(channel.stamps_ns, stamps):
-        return DataColumn(f"{name}_{unit}", channel.unit, channel.values, _none(stamps))
-    finite = channel.finite()
+        return DataColumn.of(name, channel.unit, channel.values)
     if name in HELD:
-        values, missing = _hold(finite, stamps)
-        return DataColumn(f"{name}_held_{unit}", channel.unit, values, missing)
-    values, missing = _interpolate(finite, stamps)
+        return DataColumn.of(f"{name}_held", channel.unit, *_hold(channel.finite(), stamps))
+    values, missing = _interpolate(channel.finite(), stamps)
     if name == "force":
         missing |= ~measured_at(channel, stamps)
-    return DataColumn(f"{name}_interp_{unit}", channel.unit, values, missing)
-
-
-def _place(name: str, channel: Channel, stamps: Stamps) -> DataColumn:
-    at = np.searchsorted(stamps, channel.stamps_ns)
-    values, missing = np.full(len(stamps), np.nan), np.ones(len(stamps), dtype=np.bool_)
-    values[at], missing[at] = channel.values, False
-    return DataColumn(f"{name}_{_suffix(channel.unit)}", channel.unit, values, missing)
+    return DataColumn.of(f"{name}_interp", channel.unit, values, missing)
 
 
 def _hold(channel: Channel, stamps: Stamps) -> tuple[Values, NDArray[np.bool_]]:
@@ -146,29 +154,6 @@ def _interpolate(channel: Channel, stamps: Stamps) -> tuple[Values, NDArray[np.b
     return np.asarray(values), np.asarray((stamps < own[0]) | (stamps > own[-1]) | (gap & ~exact))
 
 
-def _none(stamps: Stamps) -> NDArray[np.bool_]:
-    return np.zeros(len(stamps), dtype=np.bool_)
-
-
-def _suffix(unit: str) -> str:
-    return SUFFIXES.get(unit, unit)
-
-
-def _notes(recording: Recording) -> dict[str, str]:
-    return {"recording": recording.name, "source": recording.source, "source_sha256": recording.sha256}
-
-
-def iterate_rows(table: DataTable, batch: int) -> Iterator[slice]:
-    """Yield the rows of a table in batches."""
-    for begin in range(0, len(table.stamps_ns), batch):
-        yield slice(begin, begin + batch)
-
-
-BATCH = 50_000  # rows that are converted at a time
-SECOND = 1_000_000_000
-FORMATS = ("csv", "parquet")
-
-
 def require_writer(path: Path, kind: str) -> None:
     """Raise CesError if the library that writes this kind of file is missing."""
     if kind == "parquet":
@@ -180,25 +165,26 @@ def require_writer(path: Path, kind: str) -> None:
 
 def write_table(table: DataTable, path: Path, kind: str) -> None:
     """Write a table as `csv` or `parquet`; raises CesError if the file cannot be written."""
-    write = _write_parquet if kind == "parquet" else _write_csv
-    with _beside(path) as part:
-        write(table, part)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
+            part = Path(folder) / path.name
+            (_write_parquet if kind == "parquet" else _write_csv)(table, part)
+            part.replace(path)
+    except OSError as error:
+        raise CesError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
 
 
 def _write_csv(table: DataTable, path: Path) -> None:
     """Write exact stamps, and numbers with as many digits as bring them back."""
     with path.open("w", encoding="utf-8") as file:
         file.write(",".join(["stamp_ns", "time_s", *(column.name for column in table.columns)]) + "\n")
-        for rows in iterate_rows(table, BATCH):
+        for rows in table.batches:
             times = [f"{t // SECOND}.{t % SECOND:09d}" for t in table.time_ns[rows].tolist()]
-            cells = [_texts(column, rows) for column in table.columns]
+            pairs = [zip(c.values[rows].tolist(), c.missing[rows].tolist(), strict=True) for c in table.columns]
+            cells = (["" if missing else repr(value) for value, missing in pair] for pair in pairs)
             lines = zip(table.stamps_ns[rows].tolist(), times, *cells, strict=True)
             file.writelines(f"{','.join(map(str, line))}\n" for line in lines)
-
-
-def _texts(column: DataColumn, rows: slice) -> list[str]:
-    pairs = zip(column.values[rows].tolist(), column.missing[rows].tolist(), strict=True)
-    return ["" if missing else repr(value) for value, missing in pairs]
 
 
 def _write_parquet(table: DataTable, path: Path) -> None:
@@ -211,23 +197,7 @@ def _write_parquet(table: DataTable, path: Path) -> None:
     ]
     schema = arrow.schema(fields, metadata=dict(table.notes))
     with parquet.ParquetWriter(path, schema, compression="zstd") as writer:
-        for rows in iterate_rows(table, BATCH):
-            writer.write_table(arrow.table(_arrays(table, rows, arrow), schema=schema))
-
-
-def _arrays(table: DataTable, rows: slice, arrow: Any) -> list[Any]:
-    cells = [arrow.array(column.values[rows], mask=column.missing[rows]) for column in table.columns]
-    return [arrow.array(table.stamps_ns[rows]), arrow.array(table.time_ns[rows] * 1e-9), *cells]
-
-
-@contextmanager
-def _beside(path: Path) -> Iterator[Path]:
-    """Give a path in a temporary folder beside `path`, and rename what was written there to `path`."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
-            part = Path(folder) / path.name
-            yield part
-            part.replace(path)
-    except OSError as error:
-        raise CesError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
+        for rows in table.batches:
+            times = [arrow.array(table.stamps_ns[rows]), arrow.array(table.time_ns[rows] * 1e-9)]
+            cells = [arrow.array(column.values[rows], mask=column.missing[rows]) for column in table.columns]
+            writer.write_table(arrow.table([*times, *cells], schema=schema))

@@ -18,8 +18,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys.store import Typestore
 
 from ces_data.bags.decode import DAMAGED, HEADER, Block, MessageDecoder, TopicSamples
-from ces_data.bags.opening import open_bag
-from ces_data.bags.storage import Bag, Topic
+from ces_data.bags.storage import Bag, Topic, open_bag
 from ces_data.recording import Stamps, Values
 from ces_observer.cdr.types import JOINT_NAMES
 from ces_observer.errors import CesError, RecordingError, SignalsError
@@ -62,7 +61,9 @@ def read_fields(path: Path) -> BagFields:
     """Read the numbers of every topic, up to 200,000 messages of each; raises RecordingError if the bag is damaged."""
     with open_bag(path) as bag:
         topics = {topic.name: topic for topic in bag.topics}
-        skipped = {name: why for name, topic in topics.items() if (why := _why_skipped(topic))}
+        skipped = {name: "no messages" for name, topic in topics.items() if not topic.count}
+        passed = (topic.name for topic in bag.topics if topic.count and topic.type.startswith(PASSED_OVER))
+        skipped |= dict.fromkeys(passed, "not a sensor's type")
         samples: dict[str, TopicSamples] = {}
         for name, block in bag.blocks([name for name in topics if name not in skipped]):
             if name not in samples and name not in skipped:
@@ -140,12 +141,6 @@ def list_numbers(
 def _is_usable(joint: object) -> bool:
     """Return whether a field path can name this joint."""
     return isinstance(joint, str) and bool(joint.strip()) and not set(joint) & set("[].") and not joint.isdigit()
-
-
-def _why_skipped(topic: Topic) -> str:
-    if not topic.count:
-        return "no messages"
-    return "not a sensor's type" if topic.type.startswith(PASSED_OVER) else ""
 
 
 def _make_decoder(bag: Bag, topic: Topic, block: Block) -> MessageDecoder | str:

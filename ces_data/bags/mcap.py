@@ -79,7 +79,11 @@ def blocks(path: Path, *, interrupted: bool = False) -> Iterator[Block]:
     With `interrupted`, the messages end with the last whole one, also within a chunk.
     """
     for records in record_buffers(path, interrupted=interrupted):
-        yield _block(records, path)
+        buffer = np.frombuffer(records, dtype=np.uint8)
+        messages, end = split_messages(buffer)
+        if end != len(buffer):
+            raise RecordingError(f"{path}: the records in a chunk do not fill it; the file is damaged, copy it again")
+        yield Block(buffer, *messages.T.copy())
 
 
 def record_buffers(path: Path, *, interrupted: bool = False) -> Iterator[bytes]:
@@ -149,14 +153,6 @@ def _unpack_unfinished(record: bytes) -> bytes:
     return bytes(records[: split_messages(np.frombuffer(records, dtype=np.uint8))[1]])
 
 
-def _block(records: bytes, path: Path) -> Block:
-    buffer = np.frombuffer(records, dtype=np.uint8)
-    messages, end = split_messages(buffer)
-    if end != len(buffer):
-        raise RecordingError(f"{path}: the records in a chunk do not fill it; the file is damaged, copy it again")
-    return Block(buffer, *messages.T.copy())
-
-
 def split_messages(buffer: Bytes) -> tuple[Index, int]:
     """Return the messages among the records in a buffer, int64 of shape (n, 4), and the end of the last whole record.
 
@@ -209,24 +205,23 @@ def list_topics(path: Path) -> tuple[StoredTopic, ...]:
             elif opcode == Opcode.CHANNEL:
                 channel = Channel.read(stream)
                 channels[channel.id] = channel
-    return tuple(_stored_topic(channel, schemas.get(channel.schema_id), counts[i]) for i, channel in channels.items())
+    topics = []
+    for i, channel in channels.items():
+        schema = schemas.get(channel.schema_id)
+        name, kind, text = (schema.name, schema.encoding, schema.data.decode()) if schema else ("", "", "")
+        definition = make_definition(kind, text)
+        topics.append(StoredTopic(channel.id, channel.topic, name, definition, channel.message_encoding, counts[i]))
+    return tuple(topics)
 
 
 def _other_records(records: bytes, messages: Index) -> Iterator[tuple[int, ReadDataStream]]:
     """Yield opcode and content of each record between the messages."""
-    begins = messages[:, 2] - MESSAGE_HEADER - PREFIX
-    ends = messages[:, 2] + messages[:, 3]
-    free_from, free_to = np.append(0, ends), np.append(begins, len(records))
-    for i in np.flatnonzero(free_to > free_from):
-        position = int(free_from[i])
-        while position < free_to[i]:
+    begins = np.append(messages[:, 2] - MESSAGE_HEADER - PREFIX, len(records))
+    ends = np.append(0, messages[:, 2] + messages[:, 3])
+    for i in np.flatnonzero(begins > ends):
+        position = int(ends[i])
+        while position < begins[i]:
             length = int.from_bytes(records[position + 1 : position + PREFIX], "little")
             start = position + PREFIX
             yield records[position], ReadDataStream(BytesIO(records[start : start + length]))
             position = start + length
-
-
-def _stored_topic(channel: Channel, schema: Schema | None, count: int) -> StoredTopic:
-    name = schema.name if schema else ""
-    definition = make_definition(schema.encoding, schema.data.decode()) if schema else make_definition("", "")
-    return StoredTopic(channel.id, channel.topic, name, definition, channel.message_encoding, count)

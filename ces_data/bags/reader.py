@@ -16,8 +16,7 @@ import numpy as np
 
 from ces_data.bags.decode import MessageDecoder, TopicSamples
 from ces_data.bags.fields import format_fields
-from ces_data.bags.opening import open_bag
-from ces_data.bags.storage import Bag, Topic
+from ces_data.bags.storage import Bag, Topic, open_bag
 from ces_data.recording import Channel, Recording, Stamps
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.signals import Constant, Signal, Signals
@@ -53,7 +52,7 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
     The signals named in `need` must be present, as a topic or a constant; the others may be absent. Raises
     RecordingError or SignalsError if the bag is damaged, truncated or empty, if a topic is missing or has another type,
     or if no message has a field. Issues a LogTimeWarning for each signal stamped with log times (those in bags of
-    `bag_writer` are exact), and a RecordingWarning for samples that were stored late and are sorted in, and for a
+    `writer` are exact), and a RecordingWarning for samples that were stored late and are sorted in, and for a
     recorder that was killed.
     """
     with open_bag(path) as bag:
@@ -63,7 +62,12 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
             raise RecordingError(
                 f"{path}: the bag holds no messages; expected a recording of {', '.join(need) or 'signals'}"
             )
-        readers = _make_readers(bag, signals, need)
+        by_topic: dict[Topic, list[Signal]] = {}
+        for signal in signals.list_topic_signals():
+            topic = _find_topic(bag, signal, signals, signal.name in need)
+            if topic is not None:
+                by_topic.setdefault(topic, []).append(signal)
+        readers = {topic.name: _TopicReader(bag, topic, mine) for topic, mine in by_topic.items()}
         for name, block in bag.blocks(readers):
             readers[name].add(block)
         by_name = {name: channel for reader in readers.values() for name, channel in reader.channels().items()}
@@ -78,44 +82,31 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
     return Recording(path.name if path.is_dir() else path.stem, channels, constants, str(path), digest)
 
 
-def _make_readers(bag: Bag, signals: Signals, need: Collection[str]) -> dict[str, _TopicReader]:
-    """Return a reader for each topic that carries a signal, by the topic's name."""
-    by_topic: dict[Topic, list[Signal]] = {}
-    for signal in signals.list_topic_signals():
-        topic = _find_topic(bag, signal, signals, signal.name in need)
-        if topic is not None:
-            by_topic.setdefault(topic, []).append(signal)
-    return {topic.name: _TopicReader(bag, topic, mine) for topic, mine in by_topic.items()}
-
-
 def _find_topic(bag: Bag, signal: Signal, signals: Signals, needed: bool) -> Topic | None:
     """Return the topic of a signal; None if it is not in the bag and not `needed`."""
     topics = [topic for topic in bag.topics if signal.matches(topic.name)]
-    if not topics and not needed:
-        return None
-    if not topics:
-        shown = [f"{topic.name} ({topic.type})" for topic in bag.topics[:MAX_TOPICS_LISTED]]
-        more = [f"{len(bag.topics) - MAX_TOPICS_LISTED} more"] if len(bag.topics) > MAX_TOPICS_LISTED else []
-        raise RecordingError(
-            f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has "
-            f"{', '.join(shown + more) or 'none'}; {_advice(bag.path, signal, signals)}"
-        )
     for topic in topics:
         if topic.type == signal.type:
             return topic
-    raise SignalsError(
-        f"{signals.source}: signal '{signal.name}': topic '{signal.topic}' is {topics[0].type} in {bag.path}, not"
-        f" {signal.type}; correct type and field, or: {_advice(bag.path, signal, signals)}"
-    )
+    advice = _advice(bag.path, signal, signals)
+    if topics:
+        raise SignalsError(
+            f"{signals.source}: signal '{signal.name}': topic '{signal.topic}' is {topics[0].type} in {bag.path}, not"
+            f" {signal.type}; correct type and field, or: {advice}"
+        )
+    if not needed:
+        return None
+    shown = [f"{topic.name} ({topic.type})" for topic in bag.topics[:MAX_TOPICS_LISTED]]
+    more = [f"{len(bag.topics) - MAX_TOPICS_LISTED} more"] if len(bag.topics) > MAX_TOPICS_LISTED else []
+    has = ", ".join(shown + more) or "none"
+    raise RecordingError(f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has {has}; {advice}")
 
 
 def _advice(path: Path, signal: Signal, signals: Signals) -> str:
     """Return what to do about a topic that is not found: complete the signals file, or let a program propose one."""
     if signal.name in signals.assumed and len(signals.assumed) < len(signals.by_name):
-        return (
-            f"{signals.source} has no key '{signal.name}', so its default was looked for: add it, with topic, type and "
-            "field"
-        )
+        missing = f"{signals.source} has no key '{signal.name}', so its default was looked for"
+        return f"{missing}: add it, with topic, type and field"
     return f"'ces signals {path} --out my_signals.yaml' proposes a file for --signals"
 
 
@@ -149,9 +140,8 @@ class _TopicReader(TopicSamples):
         """Raise SignalsError if no message has the field; warn if some have not."""
         reason = self.decoder.reasons[i]
         if self.count and not count:
-            reason = re.sub(r"\b(\w+)__msg__(\w+)\b", r"\1/msg/\2", reason).replace(
-                "a ndarray", "an array"
-            )  # as ROS 2 does
+            reason = re.sub(r"\b(\w+)__msg__(\w+)\b", r"\1/msg/\2", reason)  # as ROS 2 does
+            reason = reason.replace("a ndarray", "an array")
             first = self.decoder.typestore.deserialize_cdr(self.first, self.topic.type)
             has = format_fields(first, self.topic.type, self.decoder.typestore)
             raise SignalsError(f"{self.decoder.where}: signal '{signal.name}': {reason}; {has}")

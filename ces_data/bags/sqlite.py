@@ -19,6 +19,10 @@ COUNTS = "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
 HAS_DEFINITIONS = "SELECT COUNT(*) FROM sqlite_master WHERE name = 'message_definitions'"  # since Iron
 ROWS = 20_000  # messages per block
+_DAMAGE = (
+    "{path}: {error}; the recording is damaged or incomplete: copy it again, or save what is there: "
+    "sqlite3 {name} .recover | sqlite3 recovered.db3"
+)
 
 
 def require_complete(path: Path) -> None:
@@ -63,7 +67,7 @@ def apply_journal(path: Path) -> None:
         with closing(sqlite3.connect(path)) as database:
             database.execute("PRAGMA journal_mode = DELETE").fetchall()
     except sqlite3.Error as error:
-        raise _damage(path, error) from None
+        raise RecordingError(_DAMAGE.format(path=path, name=path.name, error=error)) from None
 
 
 @contextmanager
@@ -72,11 +76,4 @@ def _reading(path: Path) -> Iterator[sqlite3.Connection]:
         with closing(sqlite3.connect(f"file:{quote(str(path.resolve()))}?mode=ro", uri=True)) as database:
             yield database
     except sqlite3.Error as error:
-        raise _damage(path, error) from None
-
-
-def _damage(path: Path, error: sqlite3.Error) -> RecordingError:
-    return RecordingError(
-        f"{path}: {error}; the recording is damaged or incomplete: copy it again, or save what is there:"
-        f" sqlite3 {path.name} .recover | sqlite3 recovered.db3"
-    )
+        raise RecordingError(_DAMAGE.format(path=path, name=path.name, error=error)) from None

@@ -1,27 +1,44 @@
 """A bag on disk: its topics, message definitions, data files and raw messages, for every storage format.
 
-The messages come in blocks, in recorded order. `opening` opens a bag.
+The messages come in blocks, in recorded order. `ros2 bag record` writes metadata.yaml, and the summary and footer of an
+MCAP file, only when it ends in order; of a recorder that was killed, the files themselves say which topics they hold.
+They are read where they are, or from temporary copies; nothing in the bag changes.
 """
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Collection, Iterator, Sequence
+import re
+import shutil
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, cast
 
+import yaml
 import zstandard
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.interfaces import Connection, ConnectionExtRosbag2, MessageDefinition, MessageDefinitionFormat
 from rosbags.interfaces.typing import Typesdict
+from rosbags.rosbag2 import Reader
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from ces_data.bags import mcap, rosbag1, sqlite
 from ces_data.bags.decode import Block, StoredTopic
+from ces_data.config_file import first_line
+from ces_data.log_formats import explain_import, is_foreign
 from ces_observer.errors import RecordingError
 
 IDL_SEPARATOR = "=" * 80 + "\n"
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"  # a message begins with 0
+METADATA = "metadata.yaml"
+SUFFIXES = (".mcap", ".db3")
+PACKED = ".zstd"
+WRITTEN_BY = "written_by"  # note of every bag of `writer`, whose log times are the samples' stamps
+WRITER_NOTES = {WRITTEN_BY, "ces_rig", "imported_from", "model_sha256"}  # the other ones are of earlier versions
 
 
 @dataclass(frozen=True)
@@ -58,7 +75,7 @@ class DataFile:
 class Bag:
     """An open bag; `stored_topics` are those of all its files, `warning` is what the user should know about it.
 
-    `exact_log_times`: the log time of a message is its sample's stamp, as in the bags that `bag_writer` writes.
+    `exact_log_times`: the log time of a message is its sample's stamp, as in the bags that `writer` writes.
     """
 
     path: Path
@@ -70,10 +87,9 @@ class Bag:
     @property
     def topics(self) -> tuple[Topic, ...]:
         """All topics, by name."""
-        counts: dict[tuple[str, str], int] = {}
+        counts: Counter[tuple[str, str]] = Counter()
         for topic in self.stored_topics:
-            key = (topic.name, topic.type)
-            counts[key] = counts.get(key, 0) + topic.count
+            counts[topic.name, topic.type] += topic.count
         return tuple(Topic(name, kind, count) for (name, kind), count in sorted(counts.items()))
 
     def sha256(self) -> str:
@@ -98,11 +114,8 @@ class Bag:
     def typestore(self, topic: Topic) -> Typestore:
         """Return the types of a topic: the bag's own definitions, or those of ROS 2 Jazzy if it has none."""
         mine = [t for t in self.stored_topics if t.name == topic.name]
-        for stored in mine:
-            if stored.encoding != "cdr":
-                raise RecordingError(
-                    f"{self.path}: topic {stored.name} is encoded as '{stored.encoding}'; expected cdr"
-                )
+        if others := [t.encoding for t in mine if t.encoding != "cdr"]:
+            raise RecordingError(f"{self.path}: topic {topic.name} is encoded as '{others[0]}'; expected cdr")
         definition = next((t.definition for t in mine if t.definition.format != MessageDefinitionFormat.NONE), None)
         store = get_typestore(Stores.ROS2_JAZZY if definition is None else Stores.EMPTY)
         if definition is not None:
@@ -138,3 +151,142 @@ def _parse_types(definition: MessageDefinition, name: str) -> Typesdict:
     for text in texts:
         types.update(get_types_from_idl(text))
     return types
+
+
+@contextmanager
+def open_bag(path: Path) -> Iterator[Bag]:
+    """Open a rosbag2 folder, an `.mcap` or `.db3` file, or a ROS 1 `.bag` file.
+
+    A folder without metadata.yaml is that of a recorder that was killed. With metadata.yaml (`ros2 bag reindex` writes
+    one), an unfinished file is read if it has all messages. Raises RecordingError if a bag is damaged or truncated.
+    """
+    if not path.exists():
+        raise RecordingError(f"{path}: no such file or folder; expected a rosbag2 folder or an .mcap file")
+    if is_foreign(path):
+        raise RecordingError(f"{path}: {explain_import(path)}")
+    with ExitStack() as opened:
+        yield _open(path, opened)
+
+
+def _open(path: Path, opened: ExitStack) -> Bag:
+    if path.is_dir() and not (path / METADATA).exists():
+        return opened.enter_context(_open_interrupted_bag(path))
+    if path.suffix == rosbag1.SUFFIX and path.is_file():
+        topics = rosbag1.list_topics(path)
+        return Bag(path, topics, (DataFile(path, (path,), topics),))
+    try:
+        reader = Reader(path)
+        reader.open()
+    except Exception as error:  # a damaged file makes rosbags raise errors of any kind
+        if path.is_dir() and (bag := _open_reindexed(path, opened)):
+            return bag
+        for file in path.glob("*.mcap") if path.is_dir() else [path]:
+            if file.suffix == ".mcap":
+                mcap.require_complete(file)
+                _require_ros2(file)
+        raise RecordingError(f"{path}: cannot be opened as a bag: {first_line(error).rstrip('.')}") from None
+    opened.callback(reader.close)
+    storages: list[Any] = getattr(reader.storage, "storages", [reader.storage])
+    files = []
+    for storage in storages:
+        packed = path / f"{storage.path.name}{PACKED}"  # of it, the storage's path is a temporary copy
+        copied = path.is_dir() and storage.path.parent != path and packed.exists()
+        stored = packed if copied else storage.path
+        files.append(DataFile(storage.path, (stored,), _stored_topics(storage.connections)))
+    notes = _read_metadata(path).get("custom_data") if path.is_dir() else None
+    exact = isinstance(notes, dict) and not WRITER_NOTES.isdisjoint(notes)
+    return Bag(path, _stored_topics(reader.connections), tuple(files), exact_log_times=exact)
+
+
+def _read_metadata(path: Path) -> Any:
+    return yaml.safe_load((path / METADATA).read_text())["rosbag2_bagfile_information"]
+
+
+def _open_reindexed(path: Path, opened: ExitStack) -> Bag | None:
+    """Return the bag with an unfinished file if it has as many messages as its metadata say, else None."""
+    try:
+        stated = _read_metadata(path)["message_count"]
+        bag = opened.enter_context(_open_interrupted_bag(path))
+    except (RecordingError, OSError, ValueError, yaml.YAMLError, KeyError, TypeError):
+        return None
+    return bag if sum(topic.count for topic in bag.topics) == stated else None
+
+
+def _stored_topics(connections: Iterable[Connection]) -> tuple[StoredTopic, ...]:
+    topics = []
+    for c in connections:
+        encoding = cast(ConnectionExtRosbag2, c.ext).serialization_format
+        topics.append(StoredTopic(c.id, c.topic, c.msgtype, c.msgdef, encoding, c.msgcount))
+    return tuple(topics)
+
+
+def _require_ros2(file: Path) -> None:
+    """Raise RecordingError if topics of a complete MCAP file are encoded in another way than ROS 2 does."""
+    topics = mcap.list_topics(file)
+    others = [topic for topic in topics if topic.encoding != "cdr"]
+    codes = ", ".join(sorted({f"'{topic.encoding}'" for topic in others}))
+    names = ", ".join(sorted({topic.name for topic in others})[:3])
+    if others and len(others) < len(topics):
+        raise RecordingError(
+            f"{file}: topics ({names}) are encoded as {codes}; expected ROS 2's cdr in all: keep the others alone, "
+            "with mcap filter"
+        )
+    if others:
+        raise RecordingError(
+            f"{file}: an MCAP file, but not of ROS 2: its messages ({names}) are encoded as {codes}, expected cdr; "
+            "write their numbers as a CSV table, and convert that: ces import TABLE.csv --out BAG"
+        )
+
+
+def list_data_files(path: Path) -> list[Path]:
+    """Return the data files of a bag's folder in recorded order; of a file and its compressed copy, the file."""
+    found = {file.name: file for file in path.iterdir() if file.name.endswith(SUFFIXES) and file.stat().st_size}
+    for file in path.iterdir():
+        if file.name.removesuffix(PACKED).endswith(SUFFIXES) and file.name.endswith(PACKED):
+            found.setdefault(file.name.removesuffix(PACKED), file)
+
+    def by_number(name: str) -> list[tuple[int, str]]:  # run_10 after run_9
+        return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", name)]
+
+    return [found[name] for name in sorted(found, key=by_number)]
+
+
+@contextmanager
+def _open_interrupted_bag(path: Path) -> Iterator[Bag]:
+    """Open a bag's folder without metadata; raises RecordingError if a file is damaged or any but the last is cut."""
+    stored = list_data_files(path)
+    if not stored and any(path.glob("*.mcap")):
+        raise RecordingError(
+            f"{path}: the recorder was killed before its first chunk was stored; nothing can be recovered: record again"
+            " (--storage-preset-profile fastwrite stores each message at once)"
+        )
+    if not stored:
+        raise RecordingError(f"{path}: the folder has no {METADATA} and no .mcap or .db3 file; expected a bag")
+    with TemporaryDirectory() as folder:
+        files = tuple(_open_file(file, Path(folder), last=file == stored[-1]) for file in stored)
+        topics = tuple(topic for file in files for topic in file.topics)
+        count = sum(topic.count for topic in topics)
+        text = f"the recorder did not end in order (killed?); the {count} messages that it had stored are read"
+        yield Bag(path, topics, files, f"{path}: {text}")
+
+
+def _open_file(file: Path, folder: Path, *, last: bool) -> DataFile:
+    path = file
+    if file.suffix == PACKED:
+        path = folder / file.name.removesuffix(PACKED)
+        try:
+            with file.open("rb") as packed, path.open("wb") as unpacked:
+                zstandard.ZstdDecompressor().copy_stream(packed, unpacked)
+        except zstandard.ZstdError as error:
+            raise RecordingError(f"{file}: cannot be decompressed: {error}; copy it again") from None
+    if path.suffix == ".mcap":
+        (mcap.require_mcap_file if last else mcap.require_complete)(path)
+        return DataFile(path, (file,), mcap.list_topics(path), interrupted=True)
+    journals = [path.with_name(path.name + ending) for ending in ("-wal", "-journal")]
+    used = (path, *(journal for journal in journals if journal.exists() and journal.stat().st_size))
+    if len(used) > 1:  # the journal is applied to a copy
+        for part in used:
+            shutil.copyfile(part, folder / part.name)
+        path = folder / path.name
+        sqlite.apply_journal(path)
+    return DataFile(path, used, sqlite.list_topics(path))

@@ -19,7 +19,7 @@ from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from ces_data.bags.decode import HEADER, STAMP, NumberField, describe_layout
-from ces_data.bags.opening import WRITTEN_BY
+from ces_data.bags.storage import WRITTEN_BY
 from ces_data.recording import Recording, Stamps, Values
 from ces_observer import __version__
 from ces_observer.cdr.types import JOINT_NAMES
@@ -65,20 +65,18 @@ def recording_topics(recording: Recording, signals: Signals) -> tuple[TopicData,
     for signal in signals.list_topic_signals():
         if signal.name in recording.channels:
             shared.setdefault((signal.topic, signal.type), []).append(signal)
-    return tuple(_topic_data(recording, mine) for mine in shared.values())
-
-
-def _topic_data(recording: Recording, signals: list[Signal]) -> TopicData:
-    first, columns = recording.channel(signals[0].name), {}
-    stamps_ns = first.stamps_ns + signals[0].delay_ns
-    for signal in signals:
-        channel = recording.channel(signal.name)
-        if not np.array_equal(channel.stamps_ns + signal.delay_ns, stamps_ns):
-            raise RecordingError(
-                f"{recording.name}: {first.name} and {channel.name} share topic {signal.topic} but not their stamps"
-            )
-        columns[signal.field.text] = (channel.values - signal.offset) / signal.scale
-    return TopicData(signals[0].topic, signals[0].type, stamps_ns, columns)
+    topics = []
+    for (name, kind), mine in shared.items():
+        first, columns = recording.channel(mine[0].name), {}
+        stamps_ns = first.stamps_ns + mine[0].delay_ns
+        for signal in mine:
+            channel = recording.channel(signal.name)
+            if not np.array_equal(channel.stamps_ns + signal.delay_ns, stamps_ns):
+                text = f"{first.name} and {channel.name} share topic {name} but not their stamps"
+                raise RecordingError(f"{recording.name}: {text}")
+            columns[signal.field.text] = (channel.values - signal.offset) / signal.scale
+        topics.append(TopicData(name, kind, stamps_ns, columns))
+    return tuple(topics)
 
 
 def write_bag(
@@ -97,7 +95,11 @@ def write_bag(
     anything but a bag to overwrite, or if the folder cannot be written; SignalsError if a type or field path cannot be
     written.
     """
-    _require_free(path, overwrite)
+    used = path.exists() and not (path.is_dir() and not any(path.iterdir()))
+    if used and not overwrite:
+        raise RecordingError(f"{path}: exists; choose another name, or replace it with --overwrite (overwrite=True)")
+    if used and not (path / "metadata.yaml").exists():
+        raise RecordingError(f"{path}: exists and is not a bag, so it is not overwritten; choose another name")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
@@ -106,15 +108,6 @@ def write_bag(
             _move_into_place(part, path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
-
-
-def _require_free(path: Path, overwrite: bool) -> None:
-    if not path.exists() or (path.is_dir() and not any(path.iterdir())):
-        return
-    if not overwrite:
-        raise RecordingError(f"{path}: exists; choose another name, or replace it with --overwrite (overwrite=True)")
-    if not (path / "metadata.yaml").exists():
-        raise RecordingError(f"{path}: exists and is not a bag, so it is not overwritten; choose another name")
 
 
 def _move_into_place(part: Path, path: Path) -> None:
@@ -177,11 +170,19 @@ class _Encoder:
     def __init__(self, topic: TopicData, typestore: Typestore) -> None:
         if topic.type not in typestore.fielddefs:
             raise SignalsError(f"topic {topic.name}: cannot write {topic.type}; it is not a type of ROS 2 Jazzy")
-        fields = dict(typestore.get_msgdef(topic.type).fields)
-        stamped = fields.get("header") == HEADER
+        stamped = dict(typestore.get_msgdef(topic.type).fields).get("header") == HEADER
         paths = [FieldPath.parse(text) for text in (*(STAMP if stamped else ()), *topic.columns)]
-        self.topic, self.stamped = topic, stamped
-        self.blank, self.numbers = _find_numbers(topic, paths, typestore)
+        try:
+            blank = blank_message(topic.type, [(path.text, path.steps) for path in paths], typestore)
+            raw = bytes(typestore.serialize_cdr(blank, topic.type))
+            layout = describe_layout(raw, topic.type, paths, typestore)
+        except CesError as error:
+            raise SignalsError(f"topic {topic.name}: {error}") from None
+        numbers = layout.numbers if layout else tuple(f"field '{path.text}' cannot be written" for path in paths)
+        if missing := [number for number in numbers if isinstance(number, str)]:
+            raise SignalsError(f"topic {topic.name}: {topic.type}: {missing[0]}")
+        self.topic, self.stamped, self.blank = topic, stamped, np.frombuffer(raw, dtype=np.uint8)
+        self.numbers = [number for number in numbers if isinstance(number, NumberField)]
         self.order = np.maximum.accumulate(topic.stamps_ns)  # the latest stamp so far
 
     def messages(self, index: int, part: slice) -> Iterator[tuple[int, int, bytes]]:
@@ -198,22 +199,6 @@ class _Encoder:
         payloads, width = rows.tobytes(), len(self.blank)
         for i, stamp in enumerate(stamps.tolist()):
             yield index, stamp, payloads[i * width : (i + 1) * width]
-
-
-def _find_numbers(
-    topic: TopicData, paths: list[FieldPath], typestore: Typestore
-) -> tuple[np.ndarray[tuple[int], np.dtype[np.uint8]], list[NumberField]]:
-    """Return the bytes of a blank message and the offsets of its numbers."""
-    try:
-        blank = blank_message(topic.type, [(path.text, path.steps) for path in paths], typestore)
-        raw = bytes(typestore.serialize_cdr(blank, topic.type))
-        layout = describe_layout(raw, topic.type, paths, typestore)
-    except CesError as error:
-        raise SignalsError(f"topic {topic.name}: {error}") from None
-    results = layout.numbers if layout else tuple(f"field '{path.text}' cannot be written" for path in paths)
-    if missing := [number for number in results if isinstance(number, str)]:
-        raise SignalsError(f"topic {topic.name}: {topic.type}: {missing[0]}")
-    return np.frombuffer(raw, dtype=np.uint8), [number for number in results if isinstance(number, NumberField)]
 
 
 def blank_message(typename: str, paths: Sequence[tuple[str, Steps]], typestore: Typestore) -> object:

@@ -20,7 +20,7 @@ from ces_data.checks.delays import (
     sign_findings,
     timing_findings,
 )
-from ces_data.checks.motion import Motion, is_constant, join_motions, recorded_motion
+from ces_data.checks.motion import is_constant, join_motions, recorded_motion
 from ces_data.checks.sensors import current_findings, rate_findings, saturation_findings, sensor_findings
 from ces_data.checks.units import MAX_CURRENT_A, MAX_STROKE_M, find_exchange, half_span, ratio_findings, unit_findings
 from ces_data.findings import ERROR, WARNING, WRONG_MODEL, DelayFinding, Finding, findings, finite_values, sort_findings
@@ -44,9 +44,15 @@ def check_recording(recording: Recording) -> tuple[Finding, ...]:
     if exchange := find_exchange(recording, motion):
         return (exchange,)
     sensors = [*saturation_findings(recording), *sensor_findings(recording)]
-    timing: Sequence[Finding] = ()
-    if motion is not None:
-        timing = list(sign_findings(motion)) if sensors else _check_timing(recording, motion)
+    timing: list[Finding] = []
+    if motion is not None and sensors:
+        timing = list(sign_findings(motion))
+    elif motion is not None:
+        timing = list(timing_findings(motion))
+        late = any(isinstance(f, DelayFinding) and f.signal != "current" for f in timing)
+        long = np.ptp(recording.channels["position"].stamps_ns) >= 1e9 * LONG_S
+        drift = find_clock_drift(recording) if late or long else None
+        timing = [drift] if drift else timing  # clocks that drift replace a delay
     intact = None if any(f.severity == WRONG_MODEL for f in sensors) else motion  # else follow-up findings mislead
     others = rate_findings(recording), sensors, current_findings(recording, intact)
     return sort_findings(unit_findings(recording, motion), timing, *others)
@@ -58,16 +64,6 @@ def find_all_faults(recording: Recording) -> tuple[Finding, ...]:
     return faults if any(f.severity == ERROR for f in faults) else sort_findings(faults, check_recording(recording))
 
 
-def _check_timing(recording: Recording, motion: Motion) -> Sequence[Finding]:
-    """Return the findings on delays and signs of sensors without a fault; clocks that drift replace a delay."""
-    found = list(timing_findings(motion))
-    late = any(isinstance(f, DelayFinding) and f.signal != "current" for f in found)
-    if not late and np.ptp(recording.channels["position"].stamps_ns) < 1e9 * LONG_S:
-        return found
-    drift = find_clock_drift(recording)
-    return found if drift is None else [drift]
-
-
 def check_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
     """Return the findings on each recording, with its name, and on what they show together, the worst first."""
     single = sort_findings(
@@ -77,19 +73,15 @@ def check_each(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
         return single
     known = {f.signal for f in single if f.severity == WRONG_MODEL}
     between = [f for f in find_differences(recordings) if f.signal not in known]
+    if between or any(f.severity == WRONG_MODEL or isinstance(f, DelayFinding) for f in single):
+        return sort_findings(between, single)
     faulty = {f.recording for f in single if f.signal in ("position", "force")}
-    known_bad = between or any(f.severity == WRONG_MODEL or isinstance(f, DelayFinding) for f in single)
-    sound = [r for r in recordings if r.name not in faulty]
-    return sort_findings(between, single, () if known_bad else _check_joint_delay(sound))
-
-
-def _check_joint_delay(recordings: Sequence[Recording]) -> Iterator[Finding]:
-    """Yield the delay that recordings show together where none shows it alone, as sines of several frequencies do."""
-    motions = [motion for recording in recordings if (motion := recorded_motion(recording)) is not None]
-    if len(motions) > 1:
-        motion = join_motions(motions)
-        found = delay_findings(motion, force_delay(motion))
-        yield from (replace(f, text=f"{len(motions)} recordings together: {f.text}") for f in found)
+    motions = [m for r in recordings if r.name not in faulty and (m := recorded_motion(r)) is not None]
+    if len(motions) < 2:
+        return single
+    motion = join_motions(motions)  # a delay that none shows alone, as of sines of several frequencies
+    joint = delay_findings(motion, force_delay(motion))
+    return sort_findings(single, (replace(f, text=f"{len(motions)} recordings together: {f.text}") for f in joint))
 
 
 def check_together(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
@@ -99,11 +91,8 @@ def check_together(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
     values = np.concatenate(currents) if currents and len(currents) == len(recordings) else np.empty(0)
     if not len(values) or not is_constant(values) or abs(values.mean()) <= 1e-3:
         return found
-    text = (
-        f"current: {values.mean():.3g} A in all recordings; a model knows no other current: record others, too, or "
-        "check its topic"
-    )
-    return sort_findings(found, [Finding(WARNING, text, signal="current")])
+    text = "in all recordings; a model knows no other current: record others, too, or check its topic"
+    return sort_findings(found, [Finding(WARNING, f"current: {values.mean():.3g} A {text}", "current")])
 
 
 def require_sound(findings: Sequence[Finding], ignore_findings: bool = False) -> tuple[str, ...]:
@@ -188,11 +177,8 @@ def _compare_forces(traits: Sequence[Traits]) -> Iterator[Finding]:
 
 
 def _unit_finding(signal: str, text: str, unit: str) -> Finding:
-    return Finding(
-        WRONG_MODEL,
-        f"{signal}: {text}; expected one unit: is one of them in {unit}? convert it, or identify on them one by one",
-        signal=signal,
-    )
+    remedy = f"expected one unit: is one of them in {unit}? convert it, or identify on them one by one"
+    return Finding(WRONG_MODEL, f"{signal}: {text}; {remedy}", signal)
 
 
 def _compare_signs(traits: Sequence[Traits]) -> Iterator[Finding]:
@@ -207,12 +193,8 @@ def _compare_signs(traits: Sequence[Traits]) -> Iterator[Finding]:
         return f"goes {direction} speed (correlation {some[0].damping:.2f}) in {names}"
 
     odd, rest = (against, along) if len(against) <= len(along) else (along, against)
-    yield Finding(
-        WRONG_MODEL,
-        f"force {describe(odd)}, {describe(rest)}; expected one sign: "
-        "position and force are positive in compression; set scale: -1 in the signals file of the wrong ones",
-        signal="force",
-    )
+    remedy = "position and force are positive in compression; set scale: -1 in the signals file of the wrong ones"
+    yield Finding(WRONG_MODEL, f"force {describe(odd)}, {describe(rest)}; expected one sign: {remedy}", "force")
 
 
 def _find_extremes(traits: Sequence[Traits], trait: str) -> tuple[Traits, Traits]:

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
 from ces_observer.errors import RecordingError
 
@@ -51,11 +50,15 @@ def shared_content(one: Recording, other: Recording) -> SharedContent | None:
     pairs = [(one.channels[name], other.channels[name]) for name in both]
     if not pairs or not all(len(a) and len(b) for a, b in pairs):
         return None
-    if all(_equal_values(a.values, b.values) for a, b in pairs):
+    if all(len(a) == len(b) and np.allclose(a.values, b.values, 0.0, _tolerance(a), True) for a, b in pairs):
         return SharedContent(True, 0.0)
     seconds = 0.0
     for a, b in reversed(pairs):  # the force first: it settles most pairs
-        seconds = max(_common_seconds(a, b, shift_ns) for shift_ns in _possible_shifts(a, b))
+        one_line, other_line = a.finite(), b.finite()
+        seconds = max(
+            _seconds_on_line(one_line, other_line, shift_ns) or _seconds_on_line(other_line, one_line, -shift_ns)
+            for shift_ns in _possible_shifts(a, b)  # the copy may be the denser one
+        )
         if not seconds:
             return None
     return SharedContent(False, seconds)
@@ -126,24 +129,15 @@ def find_known_recording(
     """
     asked = recording.part(*part)
     for row in identification_rows(provenance):
-        if known_share(asked, _marks_of(row)) > 0.0 or _has_same_bytes(recording, row, part):
+        stored, digest, share = row.get("marks"), row.get("sha256"), row.get("share")
+        words = stored.split() if isinstance(stored, str) else []
+        same = isinstance(digest, str) and bool(digest) and digest == recording.sha256
+        match share:
+            case [int() | float() as first, int() | float() as last]:
+                same = same and max(first, part[0]) < min(last, part[1])
+        if same or known_share(asked, [word for word in words if MARK.fullmatch(word)]) > 0.0:
             return str(row.get("recording", recording.name))
     return ""
-
-
-def _marks_of(row: Mapping[str, Any]) -> list[str]:
-    stored = row.get("marks")
-    words = stored.split() if isinstance(stored, str) else []
-    return [word for word in words if MARK.fullmatch(word)]
-
-
-def _has_same_bytes(recording: Recording, row: Mapping[str, Any], part: tuple[float, float]) -> bool:
-    match row:
-        case {"sha256": str(digest), "share": [int() | float() as first, int() | float() as last]}:
-            return bool(digest) and digest == recording.sha256 and max(first, part[0]) < min(last, part[1])
-        case {"sha256": str(digest)}:
-            return bool(digest) and digest == recording.sha256
-    return False
 
 
 def identification_rows(provenance: Mapping[str, Any]) -> Iterator[Mapping[str, Any]]:
@@ -157,15 +151,10 @@ def _names(one: Recording, other: Recording) -> str:
     return first if first == second else f"{first} and {second}"
 
 
-def _equal_values(a: F, b: F) -> bool:
-    if len(a) != len(b):
-        return False
-    return bool(np.allclose(a, b, rtol=0.0, atol=EQUAL * _range(a), equal_nan=True))
-
-
-def _range(values: F) -> float:
-    finite = values[np.isfinite(values)]
-    return float(np.ptp(finite)) if len(finite) else 0.0
+def _tolerance(channel: Channel) -> float:
+    """Return the difference that re-encoding may make."""
+    finite = channel.values[np.isfinite(channel.values)]
+    return EQUAL * float(np.ptp(finite)) if len(finite) else 0.0
 
 
 def _possible_shifts(a: Channel, b: Channel) -> Iterator[int]:
@@ -211,12 +200,6 @@ def _run_hashes(channel: Channel) -> tuple[U, NDArray[np.bool_]]:
     return marks, np.repeat(distinct >= MIN_DISTINCT, RUN // 2)[:count]
 
 
-def _common_seconds(a: Channel, b: Channel, shift_ns: int) -> float:
-    """Return the seconds in which two channels hold the same values at the same time, 0 if they do not."""
-    a, b = (c.finite() for c in (a, b))
-    return _seconds_on_line(a, b, shift_ns) or _seconds_on_line(b, a, -shift_ns)  # the copy may be the denser one
-
-
 def _seconds_on_line(samples: Channel, line: Channel, shift_ns: int) -> float:
     """Return the seconds in which `samples` lie on the straight lines between those of `line`, shifted in time."""
     stamps = line.stamps_ns + shift_ns
@@ -226,5 +209,5 @@ def _seconds_on_line(samples: Channel, line: Channel, shift_ns: int) -> float:
     origin = int(stamps[0])
     at = (samples.stamps_ns[inside] - origin).astype(np.float64)
     other = np.interp(at, (stamps - origin).astype(np.float64), line.values)
-    equal = np.abs(samples.values[inside] - other) <= EQUAL * max(_range(samples.values), _range(line.values))
+    equal = np.abs(samples.values[inside] - other) <= max(_tolerance(samples), _tolerance(line))
     return float(np.ptp(at)) * 1e-9 if equal.mean() >= SAME_SHARE else 0.0

@@ -83,11 +83,6 @@ class DelayEstimate:
         return abs(self.late_s) >= self.reach_s - 1.0 / RATE_HZ
 
     @property
-    def settled(self) -> bool:
-        """Whether it fits well without a delay, so that there is no reason to try larger ones."""
-        return not self.open_ended and not self.certain and self.least_error < LIKELY_ERROR
-
-    @property
     def nearest_s(self) -> float:
         """The end of the interval that is nearer to zero, 0 if zero is inside."""
         return min((self.low_s, self.high_s), key=abs) if self.certain else 0.0
@@ -101,7 +96,8 @@ def force_delay(motion: Motion, far: bool = True) -> DelayEstimate | None:
     if len(motion) < MIN_TICKS or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
         return None
     near = _force_delay_within(motion, MAX_DELAY_S)
-    if not far or (near is not None and near.settled):
+    settled = near is not None and not near.open_ended and not near.certain and near.least_error < LIKELY_ERROR
+    if not far or settled:
         return near
     wide = _force_delay_within(motion, FAR_S)
     if wide is None or wide.open_ended or wide.least_error > LIKELY_ERROR or abs(wide.late_s) <= MAX_DELAY_S:
@@ -130,29 +126,16 @@ def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | 
         return None
     reach, late = round(MAX_DELAY_S * RATE_HZ), round(force_late_s * RATE_HZ)
     rows = _rows(motion, reach + abs(late), CURRENT_ROWS)
-    motion_part, speed_hats = _motion_features(motion)
-    currents = _currents(motion.current)
-    shifts = np.arange(-reach, reach + 1, CURRENT_STEP)
+    speeds, n = hats(motion.speed, CURRENT_KNOTS), normalize(motion.current)
+    alone = np.concatenate([speeds, lag(speeds, LAGS_S[1]), normalize(motion.position)[None]])[:, rows]
+    currents = [*(lag(n, seconds) for seconds in VALVE_LAGS_S), n**2, lag(n**2, VALVE_LAGS_S[1])]
     target = motion.force[rows + late][:, None]
-    errors = [
-        fit_errors(
-            np.concatenate([motion_part[:, rows], *(speed_hats[:, rows] * c[rows + late + shift] for c in currents)]).T,
-            target,
-        )[0]
-        for shift in shifts
-    ]
+    shifts = np.arange(-reach, reach + 1, CURRENT_STEP)
+    errors = []
+    for shift in shifts:
+        features = np.concatenate([alone, *(speeds[:, rows] * c[rows + late + shift] for c in currents)])
+        errors.append(fit_errors(features.T, target)[0])
     return _as_delay(shifts / RATE_HZ, np.array(errors), CURRENT_FACTOR, CURRENT_FLOOR)
-
-
-def _motion_features(motion: Motion) -> tuple[F, F]:
-    """Return the features of the motion alone (k, n), and the map of the speed (j, n) that currents multiply."""
-    speeds = hats(motion.speed, CURRENT_KNOTS)
-    return np.concatenate([speeds, lag(speeds, LAGS_S[1]), normalize(motion.position)[None]]), speeds
-
-
-def _currents(current: F) -> list[F]:
-    n = normalize(current)
-    return [*(lag(n, seconds) for seconds in VALVE_LAGS_S), n**2, lag(n**2, VALVE_LAGS_S[1])]
 
 
 def _rows(motion: Motion, margin: int, most: int) -> I:
@@ -234,13 +217,12 @@ def is_reversed(motion: Motion, delay: DelayEstimate | None) -> bool:
 def sign_findings(motion: Motion, delay: DelayEstimate | None = None) -> Iterator[Finding]:
     """Yield a finding if the force, moved back by its delay, drives the piston."""
     if is_reversed(motion, delay):
-        yield Finding(
-            WRONG_MODEL,
+        text = (
             "force: acts with the motion instead of against it, and no damper gives energy; position and force are "
             "positive in compression: multiply the scale of the one that is not by -1 in the signals file (if both "
-            "are, one is late by half a stroke: align their clocks)",
-            signal="force",
+            "are, one is late by half a stroke: align their clocks)"
         )
+        yield Finding(WRONG_MODEL, text, "force")
 
 
 def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Finding]:
@@ -274,23 +256,16 @@ def _current_instead(motion: Motion, force: DelayEstimate) -> DelayEstimate | No
 
 
 def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> DelayFinding:
-    severity = WRONG_MODEL if abs(delay.nearest_s) >= WRONG_DELAY_S else WARNING
     near, far = sorted(1e3 * abs(s) for s in (delay.low_s, delay.high_s))
     name, relation, key_s = _name_late(signal, other, delay.late_s)
-    if delay.beyond:
-        text = (
-            f"{name}: logged at least {near:.0f} ms {relation}, too much to estimate; compare how both are stamped, set"
-        )
-        return DelayFinding(
-            severity, f"{text} the key delay (default 0) of {name} in the signals file, and check again", signal=name
-        )
+    key = f"the key delay (default 0) of {name} in the signals file"
     interval = f"{near:.0f} ms or more" if delay.open_ended else f"{near:.0f} to {far:.0f}"
-    return DelayFinding(
-        severity,
-        f"{name}: logged {1e3 * abs(delay.late_s):.0f} ms ({interval}) {relation}; add {key_s:.3f} "
-        f"to the key delay (default 0) of {name} in the signals file",
-        signal=name,
-    )
+    text = f"{1e3 * abs(delay.late_s):.0f} ms ({interval}) {relation}; add {key_s:.3f} to {key}"
+    if delay.beyond:
+        unknown = "too much to estimate; compare how both are stamped, set"
+        text = f"at least {near:.0f} ms {relation}, {unknown} {key}, and check again"
+    severity = WRONG_MODEL if abs(delay.nearest_s) >= WRONG_DELAY_S else WARNING
+    return DelayFinding(severity, f"{name}: logged {text}", name)
 
 
 def _describe_likely(signal: str, other: str, delay: DelayEstimate) -> DelayFinding:
@@ -298,13 +273,12 @@ def _describe_likely(signal: str, other: str, delay: DelayEstimate) -> DelayFind
     low, high = sorted(np.sign(delay.late_s) * 1e3 * s for s in (delay.low_s, delay.high_s))
     name, relation, _ = _name_late(signal, other, delay.late_s)
     cause = "valve" if signal == "current" else "elasticity"
-    return DelayFinding(
-        WARNING,
+    text = (
         f"{name}: perhaps logged {1e3 * abs(delay.late_s):.0f} ms {relation}; {low:.0f} to {high:.0f} ms fit, too, as "
         f"a damper's {cause} does on these strokes: check with faster and more varied ones, or set the key delay "
-        f"(default 0) of {name} in the signals file",
-        signal=name,
+        f"(default 0) of {name} in the signals file"
     )
+    return DelayFinding(WARNING, text, name)
 
 
 def _name_late(signal: str, other: str, late_s: float) -> tuple[str, str, float]:
@@ -329,31 +303,26 @@ def find_clock_drift(recording: Recording) -> Finding | None:
 
     The middle must lie between: on a stroke that repeats, a delay is known but for a whole period.
     """
-    first, middle, last = (_delay_within(recording, *third) for third in THIRDS)
-    if first is None or middle is None or last is None or not _is_apart(first, last):
+    delays = []
+    for part in THIRDS:
+        motion = recorded_motion(recording.part(*part))
+        delay = None if motion is None else force_delay(motion, far=False)
+        if delay is None:
+            return None
+        delays.append(delay)
+    first, middle, last = delays
+    # more than what the damper's elasticity, which is in both, leaves open
+    change, width = last.late_s - first.late_s, max(delay.high_s - delay.low_s for delay in (first, last))
+    if first.beyond or last.beyond or abs(change) <= max(MIN_CHANGE_S, CLEARLY * width):
         return None
-    if abs(middle.late_s - 0.5 * (first.late_s + last.late_s)) > STEADY * abs(last.late_s - first.late_s):
+    if abs(middle.late_s - 0.5 * (first.late_s + last.late_s)) > STEADY * abs(change):
         return None
-    return Finding(
-        WRONG_MODEL,
-        f"force: logged {_describe(first)} the position in the first third and {_describe(last)} it in the last: their "
-        "clocks drift apart, which no constant delay corrects; log both with one clock, or rescale the stamps of one",
-        signal="force",
+    begin, end = (
+        f"about {1e3 * abs(delay.late_s):.0f} ms {'after' if delay.late_s >= 0.0 else 'before'}"
+        for delay in (first, last)
     )
-
-
-def _is_apart(a: DelayEstimate, b: DelayEstimate) -> bool:
-    """Return whether two delays differ by more than what the damper's elasticity, which is in both, leaves open."""
-    width = max(delay.high_s - delay.low_s for delay in (a, b))
-    return not (a.beyond or b.beyond) and abs(a.late_s - b.late_s) > max(MIN_CHANGE_S, CLEARLY * width)
-
-
-def _delay_within(recording: Recording, first: float, last: float) -> DelayEstimate | None:
-    """Return the delay of the force in a part of the recording."""
-    motion = recorded_motion(recording.part(first, last))
-    return None if motion is None else force_delay(motion, far=False)
-
-
-def _describe(delay: DelayEstimate) -> str:
-    """Return about how much later than the position the force is."""
-    return f"about {1e3 * abs(delay.late_s):.0f} ms {'after' if delay.late_s >= 0.0 else 'before'}"
+    text = (
+        f"force: logged {begin} the position in the first third and {end} it in the last: their clocks drift apart, "
+        "which no constant delay corrects; log both with one clock, or rescale the stamps of one"
+    )
+    return Finding(WRONG_MODEL, text, "force")

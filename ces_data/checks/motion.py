@@ -63,24 +63,19 @@ def join_motions(motions: Sequence[Motion]) -> Motion:
 def recorded_motion(recording: Recording) -> Motion | None:
     """Return the motion of a recording; None if it lacks position or force, or two seconds without a gap."""
     channels = [_usable(recording, name) for name in ("position", "force")]
-    if any(len(channel) < 20 for channel in channels):
-        return None
-    spans = _common_spans(channels)
+    spans = _common_spans(channels) if min(map(len, channels)) >= 20 else np.empty((0, 2), np.int64)
     if not len(spans):
         return None
     begin, end = (int(edge) for edge in spans[np.argmax(spans[:, 1] - spans[:, 0])])
-    rates = [_rate(channel, begin, end) for channel in channels]
-    if (end - begin) * 1e-9 < MIN_S or min(rates) < MIN_RATE_HZ:
+    seconds = (end - begin) * 1e-9
+    sampled_Hz = min(_count(channel, begin, end) for channel in channels) / max(seconds, 1e-9)
+    if seconds < MIN_S or sampled_Hz < MIN_RATE_HZ:
         return None
-    return _on_ticks(recording, channels, begin, end, min(rates))
-
-
-def _on_ticks(recording: Recording, channels: list[Channel], begin: int, end: int, sampled_Hz: float) -> Motion:
     finer = max(1, int(sampled_Hz // RATE_HZ))
     rate = RATE_HZ * finer
-    time = np.arange(0.0, (end - begin) * 1e-9, 1.0 / rate)
+    time = np.arange(0.0, seconds, 1.0 / rate)
     low_pass = butter(4, min(BAND_HZ, 0.4 * sampled_Hz), fs=rate, output="sos")
-    position, force = (np.asarray(sosfiltfilt(low_pass, _at(channel, begin, time))) for channel in channels)
+    position, force = (sosfiltfilt(low_pass, _at(channel, begin, time)) for channel in channels)
     speed = np.gradient(position) * rate
     current = _usable(recording, "current")
     held = _at(current, begin, time) if len(current) else np.zeros(len(time))
@@ -113,18 +108,13 @@ def _common_spans(channels: list[Channel]) -> I:
         edges += [*stamps[wide].tolist(), *stamps[wide + 1].tolist()]
     inner = np.unique(np.clip(np.array(edges, np.int64), begin, end))
     spans = np.stack([inner[:-1], inner[1:]], axis=1)
-    filled = [all(_has_samples(c, *span) for c in channels) for span in spans]
+    filled = [all(_count(c, *span) > 10 for c in channels) for span in spans]
     return np.asarray(spans[np.array(filled, bool)])
 
 
-def _has_samples(channel: Channel, begin: int, end: int) -> bool:
-    first, last = np.searchsorted(channel.stamps_ns, (begin, end))
-    return bool(last - first > 10)
-
-
-def _rate(channel: Channel, begin: int, end: int) -> float:
-    first, last = np.searchsorted(channel.stamps_ns, (begin, end))
-    return float(last - first) / max((end - begin) * 1e-9, 1e-9)
+def _count(channel: Channel, begin: int, end: int) -> int:
+    """Return the number of samples between two stamps."""
+    return int(np.ptp(np.searchsorted(channel.stamps_ns, (begin, end))))
 
 
 def _at(channel: Channel, begin: int, time_s: F) -> F:

@@ -41,18 +41,14 @@ def sensor_findings(recording: Recording) -> Iterator[Finding]:
             continue
         if np.ptp(channel.values) == 0.0:
             if name == "force":  # `findings` reports a constant position
-                text = (
-                    f"force: constant at {channel.values[0]:g} N; expected a force that changes with the stroke: check "
-                    "topic and field in the signals file, and the load cell"
-                )
-                yield Finding(WRONG_MODEL, text, signal="force")
+                text = "expected a force that changes with the stroke: check topic and field in the signals file, and"
+                value = channel.values[0]
+                yield Finding(WRONG_MODEL, f"force: constant at {value:g} N; {text} the load cell", "force")
             continue
         runs = runs_of_equal(channel.values)
         limits = [s.limit for s in find_saturations(recording, name)]
-        stuck = list(_stuck(channel, channels.get(OTHER[name]), runs, limits))
-        held = [] if stuck else list(_held(channel, runs))
-        coarse = _coarse_position(channel) if name == "position" and not (stuck or held) else None
-        yield from stuck or held or ([coarse] if coarse else _coarse(channel, runs))
+        found = list(_stuck(channel, channels.get(OTHER[name]), runs, limits)) or list(_held(channel, runs))
+        yield from found or _coarse(channel, runs)
 
 
 def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[float]) -> Iterator[Finding]:
@@ -60,16 +56,14 @@ def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[fl
 
     Those at a limit at which it saturates again and again are no fault of their own.
     """
-    lengths = runs[:, 1] - runs[:, 0]
-    long = lengths >= max(STUCK_SAMPLES, STUCK_S * mean_rate(channel))
-    rest = lengths[~long]
+    long, noisy = _long_runs(channel, runs, STUCK_S)
+    lengths = np.diff(runs, axis=1)[:, 0]
+    if other is None or noisy is None:
+        return
     for limit in limits:
         visits = channel.values[runs[:, 0]] == limit
         if lengths[visits].max() < MAX_VISIT * lengths[visits].sum():
             long &= ~visits
-    if other is None or not long.any() or not len(rest):
-        return
-    noisy = (rest - 1).sum() <= NOISY_REPEATS * rest.sum()
     suspects = runs[long] if noisy else runs[long & _jumps(channel.values, runs)]
     spans = [(int(channel.stamps_ns[a]), int(channel.stamps_ns[b - 1])) for a, b in suspects]
     moved = [span for span in spans if _change(other, *span) > STUCK_CHANGE[channel.name]]
@@ -77,12 +71,18 @@ def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[fl
         return
     total = sum(b - a for a, b in moved) / max(int(np.ptp(channel.stamps_ns)), 1)
     first = (moved[0][0] - int(channel.stamps_ns[0])) * 1e-9
-    yield Finding(
-        WRONG_MODEL if total > WRONG_STUCK else WARNING,
-        f"{channel.name}: stuck {count_times(len(moved))} {first:.2f} s, {total:.1%} of the time, while the "
-        f"{other.name} changes; check the sensor and its cable, and cut these stretches out",
-        signal=channel.name,
-    )
+    times = f"{_count_times(len(moved))} {first:.2f} s, {total:.1%} of the time"
+    severity = WRONG_MODEL if total > WRONG_STUCK else WARNING
+    yield Finding(severity, f"{channel.name}: stuck {times}, while the {other.name} changes; {REMEDY}", channel.name)
+
+
+def _long_runs(channel: Channel, runs: I, seconds: float) -> tuple[Mask, bool | None]:
+    """Return which runs of equal values are long; and whether the channel is noisy otherwise, None if unknown."""
+    lengths = np.diff(runs, axis=1)[:, 0]
+    long = lengths >= max(STUCK_SAMPLES, seconds * mean_rate(channel))
+    rest = lengths[~long]
+    known = long.any() and len(rest) > 0
+    return long, bool((rest - 1).sum() <= NOISY_REPEATS * rest.sum()) if known else None
 
 
 def _jumps(values: F, runs: I) -> Mask:
@@ -99,37 +99,33 @@ def _held(channel: Channel, runs: I) -> Iterator[Finding]:
     if len(lengths) < 50 or np.median(lengths) < HELD_SAMPLES or np.percentile(lengths, 10) < HELD_SAMPLES - 1:
         return
     if np.median(steps) >= HELD_STEPS * np.percentile(steps, 1):
-        rate = mean_rate(channel)
-        yield Finding(
-            WARNING,
-            f"{channel.name}: stamped at {rate:.0f} Hz, but each value is repeated {np.median(lengths):.0f} times: it "
-            f"is measured at {rate / np.median(lengths):.0f} Hz; log it at the rate of its sensor, 500 Hz or more",
-            signal=channel.name,
+        rate, times = mean_rate(channel), np.median(lengths)
+        text = (
+            f"{channel.name}: stamped at {rate:.0f} Hz, but each value is repeated {times:.0f} times: it is measured "
+            f"at {rate / times:.0f} Hz; log it at the rate of its sensor, 500 Hz or more"
         )
+        yield Finding(WARNING, text, channel.name)
 
 
 def _coarse(channel: Channel, runs: I) -> Iterator[Finding]:
-    repeats = 1.0 - len(runs) / len(channel)
+    """Yield a finding if a channel has too few values, or the position's quantum disturbs the speed."""
     low, high = np.percentile(channel.values, (1.0, 99.0))
     inside = channel.values[(channel.values >= low) & (channel.values <= high)]
-    levels = len(np.unique(inside))
-    if levels < MIN_LEVELS[channel.name] and repeats > COARSE_REPEATS:
-        yield Finding(
-            WARNING,
-            f"{channel.name}: only {levels} values between {low:.4g} and {high:.4g} {channel.unit}: too coarse for a "
-            f"{'speed' if channel.name == 'position' else 'model'}; record with more resolution",
-            signal=channel.name,
-        )
+    levels, repeats = len(np.unique(inside)), 1.0 - len(runs) / len(channel)
+    disturbance = ""
+    if channel.name == "position" and levels >= 2 and len(inside) >= SAMPLES_A_LEVEL * levels:
+        disturbance = _describe_disturbance(channel, float(high - low) / (levels - 1))
+    if disturbance:
+        yield Finding(WARNING, disturbance, "position")
+    elif levels < MIN_LEVELS[channel.name] and repeats > COARSE_REPEATS:
+        text = f"{channel.name}: only {levels} values between {low:.4g} and {high:.4g} {channel.unit}: too coarse for a"
+        what = "speed" if channel.name == "position" else "model"
+        yield Finding(WARNING, f"{text} {what}; record with more resolution", channel.name)
 
 
-def _coarse_position(channel: Channel) -> Finding | None:
-    """Return a finding if the position's quantum disturbs the speed: error q / sqrt(12), white up to half the rate."""
-    low, high = np.percentile(channel.values, (1.0, 99.0))
-    inside = channel.values[(channel.values >= low) & (channel.values <= high)]
-    levels = len(np.unique(inside))
-    if levels < 2 or len(inside) < SAMPLES_A_LEVEL * levels:
-        return None
-    quantum, rate = float(high - low) / (levels - 1), mean_rate(channel)
+def _describe_disturbance(channel: Channel, quantum: float) -> str:
+    """Return how far a position's quantum [m] disturbs the speed: error q / sqrt(12), white up to half the rate."""
+    rate = mean_rate(channel)
     band = min(SPEED_BAND_HZ, 0.5 * rate)
     noise = quantum / np.sqrt(12.0) * 2.0 * np.pi * np.sqrt(2.0 * band**3 / (3.0 * rate))
     step = max(1, round(SPEED_SPAN_S * rate))
@@ -137,15 +133,14 @@ def _coarse_position(channel: Channel) -> Finding | None:
     moved = np.abs(channel.values[step:] - channel.values[:-step])[time > 0.0] / time[time > 0.0]
     speed = float(np.percentile(moved, 90.0)) if len(moved) else np.nan  # the usual one, over 50 ms
     if not noise > MAX_SPEED_NOISE * speed:
-        return None
-    text = (
+        return ""
+    return (
         f"position: its steps of {1e3 * quantum:.2g} mm disturb the speed by {noise:.2g} m/s, {noise / speed:.0%} "
         f"of its usual {speed:.2g} m/s: too coarse; record with more resolution, or with faster strokes"
     )
-    return Finding(WARNING, text, signal="position")
 
 
-def count_times(count: int) -> str:
+def _count_times(count: int) -> str:
     """Return how often, before the time of the first."""
     return "once, at" if count == 1 else f"{count} times, first at"
 
@@ -221,12 +216,9 @@ def saturation_findings(recording: Recording) -> Iterator[Finding]:
     for signal, remedy in REMEDIES.items():
         limits = find_saturations(recording, signal) if signal in recording.channels else ()
         if limits:
-            share = sum(limit.share for limit in limits)
-            yield SaturationFinding(
-                WRONG_MODEL if share > WRONG_AT_LIMIT else WARNING,
-                f"{signal}: {SATURATES}: {describe_saturations(limits, recording.channel(signal).unit)}; {remedy}",
-                signal=signal,
-            )
+            severity = WRONG_MODEL if sum(limit.share for limit in limits) > WRONG_AT_LIMIT else WARNING
+            what = describe_saturations(limits, recording.channel(signal).unit)
+            yield SaturationFinding(severity, f"{signal}: {SATURATES}: {what}; {remedy}", signal)
 
 
 def describe_saturations(limits: tuple[Saturation, ...], unit: str = "N") -> str:
@@ -263,13 +255,12 @@ def _unlike_force(motion: Motion) -> Finding | None:
         inside, outside = _error(motion, np.arange(begin + round(SETTLING_S * RATE_HZ), end)), _error(motion, rest)
         if inside > max(RATIO * outside, MIN_ERROR):
             share = (end - begin) / len(motion)
-            return Finding(
-                WRONG_MODEL if share > WRONG_SHARE else WARNING,
+            text = (
                 f"current: stuck at {motion.current[begin]:.3g} A for {(end - begin) / RATE_HZ:.1f} s, {share:.0%} of "
                 f"the time, while the force changes as if it moved ({inside:.0%} of it does not follow the motion, "
-                f"{outside:.0%} elsewhere); {REMEDY}",
-                signal="current",
+                f"{outside:.0%} elsewhere); {REMEDY}"
             )
+            return Finding(WRONG_MODEL if share > WRONG_SHARE else WARNING, text, "current")
     return None
 
 
@@ -278,17 +269,13 @@ def _without_noise(channel: Channel) -> Iterator[Finding]:
     if len(channel) < MIN_SAMPLES or np.ptp(channel.values) == 0.0:
         return
     runs = runs_of_equal(channel.values)
-    lengths = runs[:, 1] - runs[:, 0]
-    long = lengths >= max(STUCK_SAMPLES, STUCK_CURRENT_S * mean_rate(channel))
-    rest = lengths[~long]
-    if long.any() and len(rest) and (rest - 1).sum() <= NOISY_REPEATS * rest.sum():
-        begin, total = int(runs[long][0, 0]), lengths[long].sum() / len(channel)
-        first = (channel.stamps_ns[begin] - channel.stamps_ns[0]) * 1e-9
+    long, noisy = _long_runs(channel, runs, STUCK_CURRENT_S)
+    if noisy:
+        first = (channel.stamps_ns[int(runs[long][0, 0])] - channel.stamps_ns[0]) * 1e-9
+        total = np.diff(runs[long], axis=1).sum() / len(channel)
+        times = f"{_count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time"
         yield Finding(
-            WARNING,
-            f"current: stuck {count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time, although noise "
-            f"changes it everywhere else; {REMEDY}",
-            signal="current",
+            WARNING, f"current: stuck {times}, although noise changes it everywhere else; {REMEDY}", "current"
         )
 
 
@@ -317,20 +304,18 @@ def rate_findings(recording: Recording) -> Iterator[Finding]:
         return
     miss = interpolation_miss(force)
     if miss > MISS:
-        yield Finding(
-            WRONG_MODEL if miss > WRONG_MISS else WARNING,
+        text = (
             f"force: changes too fast for {rate:.0f} Hz: half of its samples, interpolated from the others, miss by "
             f"{miss:.0%} of its RMS, and a model will err by a third to half of that; oil and valves change a force "
-            "within 5 to 30 ms: record at 500 Hz or more",
-            signal="force",
+            "within 5 to 30 ms: record at 500 Hz or more"
         )
+        yield Finding(WRONG_MODEL if miss > WRONG_MISS else WARNING, text, "force")
     elif rate < MIN_VALVE_HZ and current is not None and not is_constant(current.finite().values):
-        yield Finding(
-            WARNING,
+        text = (
             f"force: {rate:.0f} Hz is too low for the response of a valve, 5 to 30 ms: a model cannot learn how the "
-            "force follows the current; record at 500 Hz or more",
-            signal="force",
+            "force follows the current; record at 500 Hz or more"
         )
+        yield Finding(WARNING, text, "force")
 
 
 def interpolation_miss(channel: Channel) -> float:
@@ -343,7 +328,7 @@ def interpolation_miss(channel: Channel) -> float:
     if len(values) < MIN_RATE_SAMPLES or np.ptp(values) == 0.0:
         return np.nan
     time = (stamps - stamps[0]) * 1e-9
-    odd = np.arange(SIDE, len(time) - SIDE)[(np.arange(SIDE, len(time) - SIDE) % 2) == 1]
+    odd = np.arange(SIDE, len(time) - SIDE, 2)  # SIDE is odd
     odd = odd[time[odd + SIDE] - time[odd - SIDE] < 4.0 * SIDE * float(np.median(np.diff(time)))]
     if len(odd) < MIN_RATE_SAMPLES // 4:
         return np.nan

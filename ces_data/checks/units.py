@@ -42,70 +42,42 @@ def _position(stroke: float, motion: Motion | None, force: float) -> Iterator[Fi
     speed, rms = float(np.percentile(np.abs(moved), 99.0)), float(np.sqrt(np.mean(moved**2)))
     acceleration = float(np.percentile(np.abs(np.gradient(moved)), 99.0)) * RATE_HZ
     if stroke > MAX_STROKE_M or speed > MAX_SPEED_M_S or rms > MAX_RMS_M_S or acceleration > MAX_M_S2:
-        yield Finding(
-            WRONG_MODEL,
+        text = (
             f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper; multiply its scale "
-            "in the signals file by 0.001 if it is in mm, by 0.01 if it is in cm, by 0.0254 if it is in inches",
-            signal="position",
+            "in the signals file by 0.001 if it is in mm, by 0.01 if it is in cm, by 0.0254 if it is in inches"
         )
+        yield Finding(WRONG_MODEL, text, "position")
     elif rms > USUAL_RMS_M_S:
-        yield Finding(
-            WARNING,
-            f"position: moves at {rms:.2g} m/s on average (RMS), which few dampers do; if it is in inches, multiply "
-            "its scale in the signals file by 0.0254",
-            signal="position",
-        )
+        text = f"position: moves at {rms:.2g} m/s on average (RMS), which few dampers do; if it is in inches, multiply"
+        yield Finding(WARNING, f"{text} its scale in the signals file by 0.0254", "position")
     elif 0.0 < stroke < MIN_STROKE_M and force > STROKE_FORCE_N:
-        yield Finding(
-            WARNING,
-            f"position: spans {1e3 * stroke:.2g} mm with forces of {force:.3g} N; if it was in m already, remove "
-            "scale: 0.001 from the signals file",
-            signal="position",
-        )
+        text = f"position: spans {1e3 * stroke:.2g} mm with forces of {force:.3g} N; if it was in m already, remove"
+        yield Finding(WARNING, f"{text} scale: 0.001 from the signals file", "position")
 
 
 def _current(current: F) -> Iterator[Finding]:
     reach = float(np.percentile(np.abs(current), 99.0)) if len(current) else 0.0
     if reach > MAX_CURRENT_A:
-        yield Finding(
-            WRONG_MODEL,
-            f"current: reaches {reach:.4g} A, more than any valve; multiply its scale in the signals file by 0.001 if "
-            "it is in mA, or by the factor from raw counts to A",
-            signal="current",
-        )
+        remedy = "multiply its scale in the signals file by 0.001 if it is in mA, or by the factor from raw counts to A"
+        yield Finding(WRONG_MODEL, f"current: reaches {reach:.4g} A, more than any valve; {remedy}", "current")
     elif reach > VALVE_A:
-        yield Finding(
-            WARNING,
-            f"current: reaches {reach:.4g} A; if it is in mA, percent or raw counts, set its scale in the signals "
-            "file, and the same on the vehicle",
-            signal="current",
-        )
+        remedy = "if it is in mA, percent or raw counts, set its scale in the signals file, and the same on the vehicle"
+        yield Finding(WARNING, f"current: reaches {reach:.4g} A; {remedy}", "current")
 
 
 def _force(force: float, speed: float) -> Iterator[Finding]:
     if force > MAX_FORCE_N:
-        yield Finding(
-            WRONG_MODEL,
-            f"force: reaches {force:.3g} N, more than any damper; multiply its scale in the signals file by 0.001 if "
-            "it is in mN, by 0.00981 if it is in gf",
-            signal="force",
-        )
+        remedy = "multiply its scale in the signals file by 0.001 if it is in mN, by 0.00981 if it is in gf"
+        yield Finding(WRONG_MODEL, f"force: reaches {force:.3g} N, more than any damper; {remedy}", "force")
     if force == 0.0 or speed < MIN_SPEED_M_S:
         return
     what = f"force: {force:.3g} N at {speed:.2g} m/s ({force / speed:.2g} N s/m)"
     if force < FORCE_N and force / speed < DAMPING_N_S_M:
-        yield Finding(
-            WRONG_MODEL,
-            f"{what}, less than the friction of any damper's seals; multiply its scale in the signals file by 1000 if "
-            "it is in kN",
-            signal="force",
-        )
+        remedy = "multiply its scale in the signals file by 1000 if it is in kN"
+        yield Finding(WRONG_MODEL, f"{what}, less than the friction of any damper's seals; {remedy}", "force")
     elif force < SMALL_FORCE_N and force / speed < SMALL_DAMPING_N_S_M:
-        yield Finding(
-            WARNING,
-            f"{what} is little for a damper; if it is in kN, multiply its scale in the signals file by 1000",
-            signal="force",
-        )
+        remedy = "if it is in kN, multiply its scale in the signals file by 1000"
+        yield Finding(WARNING, f"{what} is little for a damper; {remedy}", "force")
 
 
 def half_span(values: F, without: float = 0.0) -> float:
@@ -121,13 +93,12 @@ def find_exchange(recording: Recording, motion: Motion | None) -> Finding | None
     stroke, force = (half_span(finite_values(recording, name)) for name in ("position", "force"))
     if motion is None or 2.0 * stroke < MAX_STROKE_M or force > FORCE_N or not is_reversed(motion, None):
         return None
-    return Finding(
-        WRONG_MODEL,
+    text = (
         f"position: spans {2.0 * stroke:.4g} m, while the force reaches {force:.3g} N and acts with the motion: "
         "position and force are interchanged, or both are in other units and one of them is reversed; check topics, "
-        "fields and scales in the signals file",
-        signal="position",
+        "fields and scales in the signals file"
     )
+    return Finding(WRONG_MODEL, text, "position")
 
 
 UNITS = {"kN": 1e3, "lbf": 4.4482216, "kgf": 9.80665}  # [N]
@@ -139,23 +110,18 @@ SPEEDS, CURRENTS = 12, 4  # cells, over the range that all recordings share
 def ratio_findings(recordings: Sequence[Recording]) -> Iterator[Finding]:
     """Yield a finding for each recording whose forces are in another unit than those of the first."""
     motions = [(r.name, m) for r in recordings if (m := recorded_motion(r)) is not None]
-    for name, motion in motions[1:]:
-        first, reference = motions[0]
+    for (first, reference), (name, motion) in zip(motions[:1] * len(motions), motions[1:], strict=False):
         slope = _slope(reference, motion)
-        unit = find_unit(slope)
-        if unit:
+        if unit := _find_unit(slope):
             small, large = (name, first) if slope < 1.0 else (first, name)
             known = not (is_constant(motion.current) or is_constant(reference.current))
-            yield Finding(
-                WRONG_MODEL if known else WARNING,  # without a current, the valve may have been set differently
-                f"force: {max(slope, 1.0 / slope):.3g} times as large in {large} as in {small} at equal "
-                f"speeds and currents; if {small} is in {unit}, multiply its scale in the signals file by "
-                f"{UNITS[unit]:.6g}",
-                signal="force",
-            )
+            severity = WRONG_MODEL if known else WARNING  # without a current, the valve may have been set differently
+            text = f"force: {max(slope, 1.0 / slope):.3g} times as large in {large} as in {small} at equal speeds and"
+            remedy = f"if {small} is in {unit}, multiply its scale in the signals file by {UNITS[unit]:.6g}"
+            yield Finding(severity, f"{text} currents; {remedy}", "force")
 
 
-def find_unit(slope: float) -> str | None:
+def _find_unit(slope: float) -> str | None:
     """Return the unit whose ratio to N, or N's to it, a slope is."""
     for unit, newtons in UNITS.items():
         for ratio in (newtons, 1.0 / newtons):
@@ -199,24 +165,19 @@ MIN_ERROR, CLEARLY = 0.2, 0.5  # relative error that both signs reversed must at
 
 def unit_against_model(measured: F, simulated: F) -> Iterator[Finding]:
     """Yield a finding if the measured force (n,) is the simulated one in another unit."""
-    if measured.std() == 0.0 or simulated.std() == 0.0 or _correlation(measured, simulated) < MIN_MODEL_CORRELATION:
+    if measured.std() == 0.0 or simulated.std() == 0.0:
         return
     slope = float(measured.std() / simulated.std())
-    unit = find_unit(slope)
-    if unit is not None and slope < 1.0:
-        yield Finding(
-            WRONG_MODEL,
-            f"force: {slope:.3g} times as large as the model's; if it is in {unit}, multiply its scale in the signals "
-            f"file by {UNITS[unit]:.6g}",
-            signal="force",
+    unit = _find_unit(slope)
+    if unit is None or float(np.corrcoef(measured, simulated)[0, 1]) < MIN_MODEL_CORRELATION:
+        return
+    remedy = f"if it is in {unit}, multiply its scale in the signals file by {UNITS[unit]:.6g}"
+    if slope >= 1.0:
+        remedy = (
+            f"if the model was identified in {unit}, multiply the scale of the force by {UNITS[unit]:.6g} in the "
+            "signals file it was identified with, and identify again"
         )
-    elif unit is not None:
-        yield Finding(
-            WRONG_MODEL,
-            f"force: {slope:.3g} times as large as the model's; if the model was identified in {unit}, multiply the "
-            f"scale of the force by {UNITS[unit]:.6g} in the signals file it was identified with, and identify again",
-            signal="force",
-        )
+    yield Finding(WRONG_MODEL, f"force: {slope:.3g} times as large as the model's; {remedy}", "force")
 
 
 def signs_against_model(cost: float, reversed_cost: float) -> Iterator[Finding]:
@@ -226,13 +187,9 @@ def signs_against_model(cost: float, reversed_cost: float) -> Iterator[Finding]:
     compression and rebound shows no difference, and needs none.
     """
     if cost > 100.0 * MIN_ERROR and reversed_cost < CLEARLY * cost:
-        yield Finding(
-            WRONG_MODEL,
+        text = (
             f"position and force: the model follows them better with both signs reversed (J {reversed_cost:.0f} "
             f"instead of {cost:.0f} %); both are positive in compression: multiply both scales by -1 in the signals "
-            "file of the recording, or identify the model again if its own was wrong",
+            "file of the recording, or identify the model again if its own was wrong"
         )
-
-
-def _correlation(a: F, b: F) -> float:
-    return float(np.corrcoef(a, b)[0, 1])
+        yield Finding(WRONG_MODEL, text)

@@ -16,18 +16,7 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_data.logs.csv_cells import (
-    AmbiguousDateError,
-    is_comment,
-    is_date,
-    is_grouped,
-    is_missing,
-    is_number,
-    mixes_groups,
-    parse_dates,
-    parse_number,
-)
-from ces_data.logs.csv_form import DELIMITERS, find_dialect
+from ces_data.logs import csv_form
 from ces_data.logs.log_file import LogTable
 from ces_data.logs.log_mapping import Column, DynoMapping
 from ces_data.recording import Stamps, Values
@@ -68,7 +57,7 @@ class CsvTable(LogTable):
 
     def __init__(self, path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> None:
         self.path, self.mapping, self._progress = path, mapping, progress
-        self.dialect = find_dialect(path, mapping)
+        self.dialect = csv_form.find_dialect(path, mapping)
         self.names = mapping.names or self.dialect.names
         self._lines = array("q")
         self._widths = array("l")
@@ -107,7 +96,7 @@ class CsvTable(LogTable):
             return None
         try:
             if column.unit not in EXACT_UNITS or not cells.texts[0].isdigit():
-                return parse_dates(cells.texts, column.date)
+                return csv_form.parse_dates(cells.texts, column.date)
             for row, text in enumerate(cells.texts):
                 if not text.removeprefix("-").isdecimal():
                     raise ValueError(text, row)
@@ -116,7 +105,7 @@ class CsvTable(LogTable):
             raise RecordingError(
                 f"{self.path}: column {name} has a time beyond the year 2262; check its unit"
             ) from None
-        except AmbiguousDateError as error:
+        except csv_form.AmbiguousDateError as error:
             raise RecordingError(
                 f"{self.path}: column {name}: {str(error)!r} may be month/day or day/month; set date: "
                 f"'%m/%d/%Y %H:%M:%S.%f' or '%d/%m/%Y %H:%M:%S.%f' in {self.mapping.source}"
@@ -166,7 +155,7 @@ class CsvTable(LogTable):
         for rows in self._batches():
             sample += rows[: SAMPLE - len(sample)]
             for cell in map(str.strip, [] if self._columns else rows[0]):
-                is_text = is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
+                is_text = csv_form.is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
                 self._columns.append(_Cells([] if is_text else None))
             first = len(self._widths)
             self._widths.extend(map(len, rows))
@@ -175,7 +164,7 @@ class CsvTable(LogTable):
                 self._add(column, first, cells)
         mark = self.dialect.decimal
         for column, texts in zip(self._columns, zip_longest(*sample, fillvalue=""), strict=False):
-            if self.mapping.decimal is None and column.bad is None and mixes_groups(texts, mark):
+            if self.mapping.decimal is None and column.bad is None and csv_form.mixes_groups(texts, mark):
                 column.bad = next((row, cell) for row, cell in enumerate(texts) if mark in cell)
 
     def _batches(self) -> Iterator[list[list[str]]]:
@@ -201,7 +190,7 @@ class CsvTable(LogTable):
             return True
         if not any(map(str.strip, cells)):
             return False
-        in_head, comment = self._head > 0, self._head == 0 and is_comment(cells)
+        in_head, comment = self._head > 0, self._head == 0 and csv_form.is_comment(cells)
         self._head -= in_head
         self._comments += comment
         return not in_head and not comment
@@ -221,11 +210,11 @@ class CsvTable(LogTable):
             if column.texts is not None:
                 column.texts.append((cell or "").strip())
             try:
-                column.numbers.append(parse_number(cell or "", mark))
+                column.numbers.append(csv_form.parse_number(cell or "", mark))
                 continue
             except ValueError:
                 column.numbers.append(np.nan)
-            if cell is not None and (not cell.strip() or is_missing(cell)):
+            if cell is not None and (not cell.strip() or csv_form.is_missing(cell)):
                 column.blank = cell if not len(column.blanks) else column.blank
                 column.blanks.append(at)
             elif column.bad is None:
@@ -234,7 +223,9 @@ class CsvTable(LogTable):
     def _hint(self, width: int) -> str:
         """Suggest another delimiter if the only column contains one."""
         text = self.names[0] if self.names else ""
-        others = [shown for mark, shown in DELIMITERS.items() if mark in text and mark != self.dialect.delimiter]
+        others = [
+            shown for mark, shown in csv_form.DELIMITERS.items() if mark in text and mark != self.dialect.delimiter
+        ]
         return f"; is the delimiter {others[0]}? Set it in {self.mapping.source}" if width == 1 and others else ""
 
     def _bad_cell(self, bad: tuple[int, str | None], name: str) -> RecordingError:
@@ -243,11 +234,11 @@ class CsvTable(LogTable):
         if text is None:
             return RecordingError(f"{where} is missing; the line has {self._widths[row]} cells")
         expected = "a number"
-        if is_grouped(text):
+        if csv_form.is_grouped(text):
             expected = "a number without thousands separators: export it so"
-        elif self.dialect.decimal != "." and is_number(text, "."):
+        elif self.dialect.decimal != "." and csv_form.is_number(text, "."):
             expected = f"decimals by '{self.dialect.decimal}' as elsewhere"
-        elif not text.strip() or is_missing(text):
+        elif not text.strip() or csv_form.is_missing(text):
             kind = "that" if text.strip() else "a blank"
             expected = f"a number (if {kind} is a missing sample, set blank: missing in {self.mapping.source})"
         return RecordingError(f"{where} is {text!r}; expected {expected}")

@@ -1,4 +1,8 @@
-"""The form of a text table, from its first lines: encoding, delimiter, decimal mark, names and units of the columns."""
+"""The form of a text table, from its first lines, and of its cells.
+
+A table: encoding, delimiter, decimal mark, names and units of the columns. Cells: numbers, dates and times of day, the
+spellings of a missing number, and comments.
+"""
 
 from __future__ import annotations
 
@@ -6,12 +10,16 @@ import codecs
 import csv
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime, tzinfo
+from functools import cache
 from pathlib import Path
 
-from ces_data.logs.csv_cells import COMMENT_MARKS, is_date, is_missing, is_number, is_value
+import numpy as np
+
 from ces_data.logs.log_mapping import DynoMapping
+from ces_data.recording import Stamps
 from ces_data.units import find_unit
 from ces_observer.errors import RecordingError
 
@@ -22,6 +30,35 @@ LINE_BREAK = re.compile(r"\s*[\r\n\t]\s*")  # in a quoted cell
 LAST_ROWS = 20  # which say how wide the table is
 Rows = list[tuple[int, list[str]]]  # number and cells of each line that is not blank
 Header = tuple[int, tuple[str, ...], tuple[str, ...]]  # `head`, `names` and `units` of a dialect
+DECIMALS = r"(?P<fraction>[.,]\d{1,9})"
+FRACTION = r"(?P<fraction>[.,]\d{1,9}|:\d{3})?"  # controllers of machines write 12:00:00:125
+TIME = r"(?P<hour>\d{1,2}):(?P<minute>\d\d):(?P<second>\d\d)"
+HALF = r"\s*(?P<half>[AaPp])?(?:\.?[Mm]\.?)?$"
+ISO = re.compile(
+    r"(?P<y>\d{4})-(?P<m>\d\d)-(?P<d>\d\d)[T _](?P<hour>\d\d):(?P<minute>\d\d)(?::(?P<second>\d\d))?"
+    rf"{FRACTION}\s*(?P<zone>Z|[+-]\d\d:?\d\d)?$"
+)
+GERMAN = re.compile(rf"(?P<d>\d{{1,2}})\.(?P<m>\d{{1,2}})\.(?P<y>\d{{4}})[ _T]{TIME}{FRACTION}$")
+NAMED = re.compile(rf"(?P<d>\d{{1,2}})[-. ]+(?P<m>[A-Za-zä]{{3,9}})[-. ]+(?P<y>\d{{4}})[ T]+{TIME}{FRACTION}$")
+SLASHED = re.compile(rf"(?P<first>\d{{1,4}})/(?P<next>\d{{1,2}})/(?P<last>\d{{1,4}})[ T]+{TIME}{DECIMALS}?{HALF}")
+CLOCK = re.compile(rf"(?:(?P<days>-?\d+) days? )?{TIME}{FRACTION}{HALF}")
+MINUTES = re.compile(rf"(?P<minutes>\d{{1,3}}):(?P<second>\d\d){DECIMALS}$")
+FORMS = (CLOCK, MINUTES, GERMAN, NAMED, SLASHED, ISO)
+NAMES_OF_MONTHS = "jan feb mar apr may jun jul aug sep oct nov dec"
+MONTHS = {name: number for number, name in enumerate(NAMES_OF_MONTHS.split(), start=1)}
+MONTHS |= {"mär": 3, "mrz": 3, "mai": 5, "okt": 10, "dez": 12}
+HOUR_NS = 3_600_000_000_000
+GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([.,'’ \u00a0\u202f]\d{3})+([.,]\d+)?$")  # 1.234,5 or 1'234.5
+WHOLE_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}([.,]\d{3})+$")
+MIN_MIXED = 3
+COMMENT_MARKS = ("#", "%", "//")
+MISSING = frozenset(
+    (
+        *("na", "n/a", "#n/a", "#na", "#nv", "null", "none", "nil", "missing", "nan(ind)", "-nan(ind)", "?"),
+        *("-", "--", "---", "1.#qnan", "-1.#qnan", "1.#ind", "-1.#ind", "1.#inf", "-1.#inf"),
+        *("#div/0!", "#value!", "#wert!", "#num!", "#zahl!", "#ref!", "#bezug!"),
+    )
+)
 
 
 @dataclass(frozen=True)
@@ -192,3 +229,138 @@ def _is_unit_row(cells: Sequence[str]) -> bool:
     texts = [cell.strip() for cell in _strip_mark(cells)]
     known = [text for text in texts if find_unit(text) is not None]
     return bool(known) and all(text in known or text in NO_UNIT for text in texts)
+
+
+class AmbiguousDateError(ValueError):
+    """A date such as 05/01/2024, which may be in January or in May."""
+
+
+def is_date(cell: str) -> bool:
+    """Return whether a cell is a date or a time of day in some form."""
+    return any(form.match(cell.strip()) for form in FORMS)
+
+
+def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
+    """Return the times of cells in nanoseconds since 1970, UTC if they state no zone; times of day count from midnight.
+
+    Without a `pattern` (as in `datetime.strptime`) ISO 8601, 31.12.2024 23:59:59.5, 31-Dec-2024 23:59:59.5,
+    12/31/2024 11:59:59.5 PM, 23:59:59.5, 59:59.5 (minutes and seconds) and `0 days 23:59:59.5` are read. Raises
+    ValueError for the first cell that is not a time, with its row as second argument; AmbiguousDateError if it may have
+    two meanings.
+    """
+    ends = [cell.strip() for cell in (cells[0], cells[-1])] if cells else [""]
+    form = next((form for form in FORMS if form.match(ends[0])), ISO)
+    order = _find_order([m for text in ends if (m := SLASHED.match(text))]) if form is SLASHED and not pattern else ""
+    stamps = np.empty(len(cells), dtype=np.int64)
+    for row, cell in enumerate(cells):
+        try:
+            match = None if pattern else form.match(cell.strip())
+            if pattern:
+                stamps[row] = _since_1970(datetime.strptime(cell.strip(), pattern))
+            elif match:
+                stamps[row] = _read_parts(match.groupdict(), order)
+            else:
+                raise ValueError(cell)
+        except ValueError:
+            raise ValueError(cell, row) from None
+    period = 0 if pattern else {CLOCK: 24 * HOUR_NS, MINUTES: HOUR_NS}.get(form, 0)
+    if not period:
+        return stamps
+    passed = np.cumsum(np.concatenate([[0], np.diff(stamps) < -period // 2]))  # midnights, or full hours
+    return np.asarray(stamps + passed * period)
+
+
+def _find_order(matches: Sequence[re.Match[str]]) -> str:
+    """Return the order of year, month and day, such as `mdy`; raises AmbiguousDateError if it cannot be known."""
+    if len(matches[0]["first"]) == 4:
+        return "ymd"
+    firsts, seconds = ([int(match[i]) for match in matches] for i in ("first", "next"))
+    if max(seconds) > 12 or matches[0]["half"]:  # a clock of twelve hours is American
+        return "mdy"
+    if max(firsts) > 12 or firsts == seconds:
+        return "dmy"
+    raise AmbiguousDateError(matches[0][0])
+
+
+def _read_parts(part: Mapping[str, str | None], order: str) -> int:
+    """Return the time [ns] since 1970, or since midnight without a date; raises ValueError if there is none such."""
+    hour, minute, second, days, minutes = (
+        int(part.get(key) or 0) for key in ("hour", "minute", "second", "days", "minutes")
+    )
+    if half := part.get("half"):
+        if not 1 <= hour <= 12:
+            raise ValueError(hour)
+        hour = hour % 12 + (12 if half in "Pp" else 0)
+    fraction = part.get("fraction") or ".0"
+    fraction_ns = int(fraction[1:].ljust(9, "0"))
+    day = part if not order else dict(zip(order, (part["first"], part["next"], part["last"]), strict=True))
+    if year := day.get("y"):
+        name = str(day["m"])
+        month = int(name) if name.isdigit() else MONTHS.get(name[:3].casefold(), 0)
+        zone = _read_zone(part.get("zone") or "Z")
+        return (
+            _since_1970(datetime(int(year), month, int(day["d"] or 0), hour, minute, second, tzinfo=zone)) + fraction_ns
+        )
+    if minute > 59 or second > 59:
+        raise ValueError(minute, second)
+    return (60 * (60 * (24 * days + hour) + minute + minutes) + second) * 1_000_000_000 + fraction_ns
+
+
+@cache
+def _read_zone(text: str) -> tzinfo | None:
+    return datetime.strptime(text, "%z").tzinfo
+
+
+def _since_1970(moment: datetime) -> int:
+    known = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
+    since = known - datetime(1970, 1, 1, tzinfo=UTC)
+    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1_000
+
+
+def parse_number(cell: str, decimal: str) -> float:
+    """Return the number in a cell; raises ValueError if it is none, as 1.234 with a decimal comma, or 1_000."""
+    if "_" in cell or (decimal != "." and "." in cell):
+        raise ValueError(cell)
+    return float(cell.replace(decimal, "."))
+
+
+def is_number(cell: str, decimal: str) -> bool:
+    """Return whether a cell is a number."""
+    try:
+        parse_number(cell, decimal)
+    except ValueError:
+        return False
+    return True
+
+
+def is_grouped(cell: str) -> bool:
+    """Return whether a cell is a number with thousands separators, or may be one."""
+    return GROUPED.match(cell.strip()) is not None
+
+
+def mixes_groups(cells: Sequence[str], decimal: str) -> bool:
+    """Return whether whole numbers up to 999 stand beside 1.234, with three digits behind every mark: thousands."""
+    marked = [cell.strip() for cell in cells if decimal in cell]
+    whole = [cell.strip().lstrip("+-") for cell in cells if decimal not in cell and cell.strip()]
+    return (
+        min(len(marked), len(whole)) >= MIN_MIXED
+        and all(WHOLE_GROUPS.match(cell) for cell in marked)
+        and all(cell.isdecimal() and len(cell) <= 3 for cell in whole)
+    )
+
+
+def is_value(cell: str, decimal: str) -> bool:
+    """Return whether a cell is what a row of numbers has: a number in any spelling, a date, or none that is missing."""
+    known = is_number(cell, decimal) or is_date(cell) or is_grouped(cell)
+    return known or not cell.strip() or is_missing(cell)
+
+
+def is_missing(cell: str) -> bool:
+    """Return whether a cell is one of the ways in which programs write that there is no number."""
+    return cell.strip().casefold() in MISSING
+
+
+def is_comment(cells: Sequence[str]) -> bool:
+    """Return whether a line is a comment, by the mark with which it begins."""
+    first = cells[0].lstrip() if cells else ""
+    return first.startswith(COMMENT_MARKS) and not is_missing(first)

@@ -1,101 +1,102 @@
-"""A candidate: one series of numbers in a bag or log that may be a signal, with what its numbers look like."""
+"""The candidates in bags, and in a log: its columns, or its channels with their own times, and the time of the rows."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
 
 from ces_data.bags.fields import FieldSeries, read_fields
+from ces_data.logs.log_file import LogTable, TimedLog
+from ces_data.logs.log_import import read_times
+from ces_data.logs.log_mapping import Column
+from ces_data.mapping.rating import Candidate, read_meaning, split_words
 from ces_data.recording import Stamps, Values
-from ces_data.units import Unit, split_unit
+from ces_data.units import QUANTITIES, Unit, find_unit, split_unit
 from ces_observer.errors import RecordingError
 
-STEADY_SHARE = 0.5  # of the steps between samples that are zero: a current that is held, not a motion
-ROUGH = 1.0  # ratio of the RMS step to the standard deviation; white noise has 1.41
+MIN_SAMPLES, MAX_USUAL_STEP_S = 3, 0.1
+MAX_COLUMNS = 256  # of a table without names
+EPOCHS = {"s": 1e8, "ms": 1e11, "us": 1e14, "ns": 1e17}  # smallest numbers of times since 1970, from 1973 on
+DATE_WORDS = frozenset({"date", "datum", "datetime"})
+MIN_STEP_S, MAX_ROWS_PER_TIME = 1e-6, 1.5  # of a time as logged
+MIN_APART, MAX_APART = 0.05, 100.0  # steps between two times in a row: those of two signals, or two clocks
+DIALLED_PATH = re.compile(r"(Platform\(\)://)?Model Root/")  # before each name in ControlDesk's exports
+TIME_AXES = (("s",), ("x", "value"), ("x", "axis"))  # `X_Value` is LabVIEW's, `XAxis` ControlDesk's
+BETWEEN_BAGS_NS = 10_000_000_000
+ANY = ""  # key of what may be any signal
+RATE_WORDS = frozenset({"fs", "rate", "hz", "frequency", "samplerate"})
 
 
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """One series: `stamps_ns` int64 and `values` float64, both (n,), with at least one finite value.
+CALENDARS = (  # times as numbers from low to high that count from a date: scale * number + offset is s since 1970
+    (2e4, 8e4, 86_400.0, -25_569 * 86_400.0, "days since 30 December 1899, as Excel counts"),
+    (7e5, 8e5, 86_400.0, -719_529 * 86_400.0, "days since the year 0, as MATLAB counts"),
+    (3e9, 4.5e9, 1.0, -2_082_844_800.0, "s since 1904, as LabVIEW counts"),
+)
 
-    `label` names it for people. `names` are the texts whose words say what it is, the most specific first: the field's
-    and the topic's, or the column's alone. `kind` is the message type, empty in a log. `unit` is the stated one, and
-    `stated` says where.
+
+@dataclass(frozen=True)
+class LogCandidates:
+    """The candidates by the key that a mapping uses; the time's column or the rate [Hz], both None if not needed.
+
+    `time_text` says how the time is known, or is empty if it is not; `time_doubt` is what a person should check.
+    `unread` are the columns that are no candidates although their names or units say what they are, by that signal
+    (or `time`), each with the reason; under `ANY` is one that may be any signal, such as a MATLAB object.
     """
 
-    label: str
-    names: tuple[str, ...]
-    stamps_ns: Stamps
+    candidates: tuple[Candidate, ...]
+    keys: dict[str, Column]
+    time: Column | None = None
+    rate: float | Column | None = None
+    time_text: str = ""
+    time_doubt: str = ""
+    unread: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class _TableColumn:
+    """A column of numbers: its key in a mapping, its name without the unit, and where the unit is stated."""
+
+    key: str | int
     values: Values
-    kind: str = ""
-    topic: str = ""
-    field: str = ""
-    unit: Unit | None = None
-    stated: str = ""
-
-    @cached_property
-    def finite(self) -> Values:
-        """The finite values."""
-        there = np.isfinite(self.values)
-        return self.values if there.all() else np.asarray(self.values[there])
-
-    @cached_property
-    def span(self) -> float:
-        """Distance from the 1st to the 99th percentile, which ignores outliers."""
-        low, high = np.percentile(self.finite, (1.0, 99.0))
-        return float(high - low)
-
-    @cached_property
-    def peak(self) -> float:
-        """99th percentile of the magnitude."""
-        return float(np.percentile(np.abs(self.finite), 99.0))
+    unit: Unit | None
+    name: str
+    stated: str
 
     @property
-    def low(self) -> float:
-        """Smallest finite value."""
-        return float(self.finite.min())
+    def label(self) -> str:
+        """The name for people; one that only its number distinguishes has both."""
+        number = f"column {self.key}" + (f" ({self.name})" if self.name else "")
+        return self.key if isinstance(self.key, str) else number
 
     @property
-    def high(self) -> float:
-        """Largest finite value."""
-        return float(self.finite.max())
+    def time_unit(self) -> Unit | None:
+        """The stated unit if it is one of times."""
+        return self.unit if self.unit is not None and self.unit.quantity == "time" else None
 
     @property
-    def constant(self) -> bool:
-        """True if all finite values are equal."""
-        return self.low == self.high
+    def named_time(self) -> bool:
+        """Whether the name says that it is a time."""
+        return read_meaning((self.name,)).quantity == "time"
 
     @cached_property
-    def counts_up(self) -> bool:
-        """True for a time or a counter: every step goes up by about as much."""
-        steps = np.diff(self.finite)
-        return bool(len(steps) > 2 and (steps > 0.0).all() and steps.max() < 100.0 * np.median(steps))
+    def goes_forward(self) -> bool:
+        """Whether the numbers rise, and never fall."""
+        if len(self.values) < 2 or not np.isfinite(self.values).all():
+            return False
+        return bool((np.diff(self.values) >= 0.0).all() and self.values[-1] > self.values[0])
 
-    @cached_property
-    def held(self) -> bool:
-        """True if the number changes in steps and is held between them."""
-        steps = np.diff(self.finite)
-        return bool(not self.constant and (steps == 0.0).mean() > STEADY_SHARE)
-
-    @cached_property
-    def rough(self) -> bool:
-        """True if the samples jump about like noise instead of moving like a stroke."""
-        steps = np.diff(self.finite)
-        spread = float(self.finite.std())
-        return bool(len(steps) > 0 and spread > 0.0 and np.sqrt(np.mean(steps**2)) > ROUGH * spread)
-
-    @cached_property
-    def rate_Hz(self) -> float:
-        """Mean rate; 0 if the span of the stamps is empty."""
-        span = int(self.stamps_ns.max() - self.stamps_ns.min()) if len(self.stamps_ns) else 0
-        return (len(self.stamps_ns) - 1) * 1e9 / span if span else 0.0
-
-
-BETWEEN_BAGS_NS = 10_000_000_000
+    def as_time(self) -> Column:
+        """Return the column as a time in its stated unit, or in that in which it counts from 1970 by its size."""
+        unit = self.time_unit
+        if unit is None and len(self.values):
+            fits = (text for text, low in EPOCHS.items() if low <= float(self.values[0]) < 1000.0 * low)
+            unit = find_unit(next(fits, ""))
+        return Column(self.key, unit.scale, scaled=True, unit=unit.text) if unit else Column(self.key)
 
 
 def find_bag_candidates(paths: Sequence[Path]) -> tuple[tuple[Candidate, ...], dict[str, str]]:
@@ -137,3 +138,203 @@ def _join(parts: Sequence[FieldSeries], offsets: Sequence[int]) -> Candidate:
         unit=unit or topic_unit,
         stated=where if unit or topic_unit else "",
     )
+
+
+def find_log_candidates(log: LogTable | TimedLog, rate: float | None) -> LogCandidates:
+    """Return the candidates of an open log; `rate` [Hz] replaces the time of a table."""
+    return _of_series(log) if isinstance(log, TimedLog) else _of_table(log, rate)
+
+
+def _of_series(log: TimedLog) -> LogCandidates:
+    found, keys, unread = [], {}, {}
+    for series in log.read_all():
+        if series.label in keys:
+            continue
+        key = series.key or series.label
+        if len(series.values) < MIN_SAMPLES or not np.isfinite(series.values).any():
+            reason = f"{series.label!r} has {np.isfinite(series.values).sum()} samples"
+            unread.update(dict.fromkeys(_meanings(key), reason))
+            continue
+        name, unit = split_unit(DIALLED_PATH.sub("", key))
+        stated = find_unit(series.unit)
+        where = "that the log states for it" if stated else "from its name" if unit else ""
+        found.append(
+            Candidate(series.label, (name,), series.stamps_ns, series.values, unit=stated or unit, stated=where)
+        )
+        keys[series.label] = Column(key, group=series.group)
+    return LogCandidates(tuple(found), keys, time_text="the channels' own times", unread=unread)
+
+
+def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
+    columns, unread = _read_columns(table)
+    time = None if rate else _find_time(table, columns, unread)
+    counted = None if time or rate is not None else next(filter(_holds_rate, columns), None)
+    known_rate = rate if counted is None else Column(counted.key)
+    count = max((len(column.values) for column in columns), default=0)
+    if time is None:
+        rate_Hz = rate or (1000.0 if counted is None else float(counted.values[np.isfinite(counted.values)][0]))
+        stamps = np.rint(np.arange(count) * (1e9 / rate_Hz)).astype(np.int64)
+    else:
+        stamps = read_times(table, time, count)
+    candidates, keys = [], {}
+    for c in columns:
+        there = np.isfinite(c.values)
+        if len(there) != len(stamps):
+            reason = f"{c.key!r} has {len(there)} values for {len(stamps)} rows"
+            unread.update(dict.fromkeys(_meanings(str(c.key)), reason))
+        elif time is None or c.key != time.key:
+            keys[c.label] = Column(c.key)
+            if there.sum() >= MIN_SAMPLES:
+                values = (stamps, c.values) if there.all() else (stamps[there], c.values[there])
+                candidates.append(Candidate(c.label, (c.name,), *values, unit=c.unit, stated=c.stated))
+    for name, reason in table.unread.items():
+        unread.update(dict.fromkeys((ANY, *_meanings(name)), reason))
+    doubt = "" if time is None else _doubt_time(table, time, stamps, candidates) or _doubt_pairs(columns, time)
+    text = _describe_time(table, time, known_rate)
+    return LogCandidates(tuple(candidates), keys, time, known_rate, text, doubt, unread)
+
+
+def _meanings(name: str) -> Iterator[str]:
+    """Yield the signals that a column of this name would be, by its words or its unit."""
+    plain, unit = split_unit(name)
+    yield from (signal for signal, kinds in QUANTITIES.items() if unit is not None and unit.quantity in kinds)
+    if quantity := read_meaning((plain,)).quantity:
+        yield quantity
+
+
+def _read_columns(table: LogTable) -> tuple[list[_TableColumn], dict[str, str]]:
+    """Return the columns that hold numbers, by name, or by number if the name is not unique; and why not the others."""
+    found: list[_TableColumn] = []
+    unread: dict[str, str] = {}
+    for i, name in enumerate(table.names or range(min(table.width, MAX_COLUMNS))):
+        key = i if list(table.names).count(str(name)) > 1 or not table.names or not str(name) else str(name)
+        try:
+            values = table.column(key)
+        except RecordingError as error:
+            unread.update({signal: _without_path(error, table) for signal in _meanings(str(name))})
+            continue
+        stated, (plain, unit) = find_unit(table.unit(key)), split_unit(DIALLED_PATH.sub("", str(name)))
+        where = "from the header" if stated else "from its name" if unit else ""
+        found.append(_TableColumn(key, values, stated or unit, plain, where))
+    return found, unread
+
+
+def _without_path(error: RecordingError, table: LogTable) -> str:
+    """Return an error's text without the file's name, which the import's own message begins with."""
+    text = str(error).removeprefix(f"{table.path}:").strip()
+    return f"line {text}" if text[:1].isdigit() else text
+
+
+def _find_time(table: LogTable, columns: Sequence[_TableColumn], unread: dict[str, str]) -> Column | None:
+    """Return the column of the time: dates and exact stamps first, then a time by name or unit that goes forward."""
+    if dates := _find_dates(table, columns, unread):
+        return dates
+    if "time" in unread:
+        return None
+    if counted := next(filter(None, map(_find_calendar, columns)), None):
+        return counted
+    for c in sorted((c for c in columns if c.goes_forward), key=lambda c: c.time_unit is None):
+        if c.time_unit or c.named_time or split_words(c.name) in TIME_AXES:
+            return c.as_time()
+    for c in columns:  # whose fault is reported when it is read
+        finite = c.values[np.isfinite(c.values)]
+        if "time" in split_words(c.name) and len(finite) > 1 and np.ptp(finite) > 0.0:
+            return Column(c.key)
+    return next((Column(c.key) for c in columns[:1] if not table.names and c.goes_forward), None)
+
+
+def _find_dates(table: LogTable, columns: Sequence[_TableColumn], unread: dict[str, str]) -> Column | None:
+    """Return the first column of dates or of exact stamps; notes in `unread` why one that is named so has none."""
+    for c in columns:
+        if c.named_time and table.stamps(c.as_time()) is not None:
+            return c.as_time()
+    names = list(table.names)
+    for name in names:
+        if names.count(name) > 1 or any(c.key == name for c in columns):
+            continue
+        try:
+            if table.stamps(Column(name)) is not None:
+                return Column(name)
+        except RecordingError as error:
+            if read_meaning((split_unit(name)[0],)).quantity == "time" or set(split_words(name)) & DATE_WORDS:
+                unread["time"] = _without_path(error, table)
+    return None
+
+
+def _find_calendar(column: _TableColumn) -> Column | None:
+    """Return a column whose numbers count from a date as some program does, None for any other."""
+    dated = set(split_words(column.name)) & DATE_WORDS or column.named_time
+    if not dated or not column.goes_forward or (column.unit and column.unit.text not in ("d", "s")):
+        return None
+    for low, high, scale, offset, _ in CALENDARS:
+        if low <= column.values[0] and column.values[-1] < high:
+            step_s = scale * float(np.median(np.diff(column.values)))
+            if step_s < MAX_USUAL_STEP_S and not (scale > 1.0 and np.ptp(column.values) > 31.0):
+                return Column(column.key, scale, offset, scaled=True)
+    return None
+
+
+def _holds_rate(column: _TableColumn) -> bool:
+    """Return whether a column holds the rate, by its name and a constant number above 1."""
+    finite = column.values[np.isfinite(column.values)]
+    named = set(split_words(str(column.key))) & RATE_WORDS
+    return bool(len(finite) and named and np.ptp(finite) == 0.0 and finite[0] > 1.0)
+
+
+def _describe_time(table: LogTable, time: Column | None, rate: float | Column | None) -> str:
+    if time is None:
+        return f"rate from {rate.key!r}" if isinstance(rate, Column) else f"rate {rate:g} Hz" if rate else ""
+    if time.key == "":
+        return "time from the first column"
+    form = time.unit or ("s" if table.stamps(time) is None else "date or time of day")
+    if time.offset:
+        form = next(text for *_, offset, text in CALENDARS if offset == time.offset)
+    return f"time from {time.key!r} [{form}]"
+
+
+def _doubt_time(table: LogTable, time: Column, stamps: Stamps, candidates: Sequence[Candidate]) -> str:
+    """Return why the unit of a time without one is doubtful, or why its steps are; '' if neither is."""
+    where = f"time: column {time.key!r}"
+    if not table.names:
+        return f"{where} by its numbers alone, the table has no names"
+    usual = float(np.median(np.diff(stamps))) * 1e-9 if len(stamps) > 1 else 0.0
+    counts = ((len(c.stamps_ns), 1 + int(np.count_nonzero(np.diff(c.stamps_ns)))) for c in candidates)
+    rows, different = min(counts, default=(0, 0), key=lambda count: count[0] / count[1])
+    if rows > MAX_ROWS_PER_TIME * different:
+        return (
+            f"{where} has only {different} different times in {rows} rows, too coarse to tell one row from the next "
+            "(or are rows repeated?); give --rate HZ"
+        )
+    if (
+        time.unit
+        or time.scaled
+        or table.stamps(time) is not None
+        or MIN_STEP_S <= usual < MAX_USUAL_STEP_S
+        or not usual
+    ):
+        return ""
+    other = "in hours or days" if usual < MIN_STEP_S else "in ms, or a number"
+    return f"{where} states no unit; in seconds its steps are {usual:g} s (is it {other}?)"
+
+
+def _doubt_pairs(columns: Sequence[_TableColumn], time: Column) -> str:
+    """Return that signals have times of their own, as in `t_x, x, t_F, F`, '' if one time is that of all."""
+    first = next((c for c in columns if c.key == time.key), None)
+    if first is None:
+        return ""
+    are_times = [(c.time_unit is not None or c.named_time) and c.goes_forward for c in columns]
+    times = first.values * (first.time_unit.scale if first.time_unit else 1.0)
+    for c, is_time, after_time in zip(columns, are_times, [True, *are_times], strict=False):
+        if c is first or not is_time or after_time:
+            continue
+        others = c.values * (c.time_unit.scale if c.time_unit else 1.0)
+        if others.shape == times.shape:  # the same time, or one of another clock, is no time of other samples
+            step, apart = float(np.median(np.diff(times))), np.abs(others - times)
+            if apart[0] >= MAX_APART * step or apart.max() <= MIN_APART * step:
+                continue
+        return (
+            f"time: columns {first.key!r} and {c.key!r} are both times and differ; a table has one time for all its "
+            "columns (save each signal with its own time as MAT, JSON or MDF, or one time with blank cells where a "
+            "signal has no sample)"
+        )
+    return ""

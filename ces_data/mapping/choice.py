@@ -10,9 +10,9 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ces_data.mapping.candidates import Candidate
 from ces_data.mapping.rating import (
     OUTWARD,
+    Candidate,
     Rating,
     find_side,
     find_word,

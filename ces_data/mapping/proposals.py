@@ -14,10 +14,9 @@ from ces_data.logs.csv import CsvTable
 from ces_data.logs.log_file import LogTable, TimedLog, open_log
 from ces_data.logs.log_import import to_recording
 from ces_data.logs.log_mapping import Column, DynoMapping, parse_dyno_mapping
-from ces_data.mapping.candidates import Candidate, find_bag_candidates
+from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates, find_log_candidates
 from ces_data.mapping.choice import UNCHECKED, Choice, NotFound, Selection, choose
-from ces_data.mapping.log_candidates import ANY, LogCandidates, find_log_candidates
-from ces_data.mapping.rating import Rating
+from ces_data.mapping.rating import Candidate, Rating
 from ces_data.recording import Recording
 from ces_observer.errors import RecordingError
 

@@ -1,15 +1,102 @@
-"""What speaks for a candidate as a signal: the words of its name, its unit, and the range of its numbers."""
+"""A candidate: one series of numbers in a bag or log that may be a signal, and what speaks for it as each signal.
+
+That is the words of its name, its unit, and the range of its numbers.
+"""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import compress
 
-from ces_data.mapping.candidates import Candidate
+import numpy as np
+
+from ces_data.recording import Stamps, Values
 from ces_data.units import QUANTITIES, Unit, find_unit
 from ces_observer.signals import UNITS
+
+STEADY_SHARE = 0.5  # of the steps between samples that are zero: a current that is held, not a motion
+ROUGH = 1.0  # ratio of the RMS step to the standard deviation; white noise has 1.41
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate:
+    """One series: `stamps_ns` int64 and `values` float64, both (n,), with at least one finite value.
+
+    `label` names it for people. `names` are the texts whose words say what it is, the most specific first: the field's
+    and the topic's, or the column's alone. `kind` is the message type, empty in a log. `unit` is the stated one, and
+    `stated` says where.
+    """
+
+    label: str
+    names: tuple[str, ...]
+    stamps_ns: Stamps
+    values: Values
+    kind: str = ""
+    topic: str = ""
+    field: str = ""
+    unit: Unit | None = None
+    stated: str = ""
+
+    @cached_property
+    def finite(self) -> Values:
+        """The finite values."""
+        there = np.isfinite(self.values)
+        return self.values if there.all() else np.asarray(self.values[there])
+
+    @cached_property
+    def span(self) -> float:
+        """Distance from the 1st to the 99th percentile, which ignores outliers."""
+        low, high = np.percentile(self.finite, (1.0, 99.0))
+        return float(high - low)
+
+    @cached_property
+    def peak(self) -> float:
+        """99th percentile of the magnitude."""
+        return float(np.percentile(np.abs(self.finite), 99.0))
+
+    @property
+    def low(self) -> float:
+        """Smallest finite value."""
+        return float(self.finite.min())
+
+    @property
+    def high(self) -> float:
+        """Largest finite value."""
+        return float(self.finite.max())
+
+    @property
+    def constant(self) -> bool:
+        """True if all finite values are equal."""
+        return self.low == self.high
+
+    @cached_property
+    def counts_up(self) -> bool:
+        """True for a time or a counter: every step goes up by about as much."""
+        steps = np.diff(self.finite)
+        return bool(len(steps) > 2 and (steps > 0.0).all() and steps.max() < 100.0 * np.median(steps))
+
+    @cached_property
+    def held(self) -> bool:
+        """True if the number changes in steps and is held between them."""
+        steps = np.diff(self.finite)
+        return bool(not self.constant and (steps == 0.0).mean() > STEADY_SHARE)
+
+    @cached_property
+    def rough(self) -> bool:
+        """True if the samples jump about like noise instead of moving like a stroke."""
+        steps = np.diff(self.finite)
+        spread = float(self.finite.std())
+        return bool(len(steps) > 0 and spread > 0.0 and np.sqrt(np.mean(steps**2)) > ROUGH * spread)
+
+    @cached_property
+    def rate_Hz(self) -> float:
+        """Mean rate; 0 if the span of the stamps is empty."""
+        span = int(self.stamps_ns.max() - self.stamps_ns.min()) if len(self.stamps_ns) else 0
+        return (len(self.stamps_ns) - 1) * 1e9 / span if span else 0.0
+
 
 STRONG = {
     "position": "position displacement stroke travel lvdt deflection weg hub elongation extension potentiometer "

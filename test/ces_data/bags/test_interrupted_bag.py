@@ -9,8 +9,8 @@ import yaml
 import zstandard
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from ces_data.bags.opening import list_data_files
 from ces_data.bags.reader import list_topics, read_recording
+from ces_data.bags.storage import list_data_files
 from ces_observer.errors import RecordingError
 from ces_observer.signals import Signals
 
