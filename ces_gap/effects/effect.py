@@ -20,6 +20,7 @@ from ces_gap.trace import Trace, TraceInputs
 
 # Stages, from the outside in, then outward.
 SIMULATION, SENSOR, MOTION, VALVE, FLUID, PARALLEL, CELL = range(-1, 6)
+RUN_OUT_S = 0.25  # [s] of padding that leads from the last value of a response back to the first
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,11 @@ class EffectParameter:
 
     def to_search(self, value: float) -> float:
         """Return the search variable of a value."""
-        return _TO[self.scale](value)
+        return _SCALES[self.scale][0](value)
 
     def to_value(self, searched: float) -> float:
         """Return the value of a search variable, clipped to the bounds."""
-        return float(min(max(_FROM[self.scale](searched), self.low), self.high))
+        return float(min(max(_SCALES[self.scale][1](searched), self.low), self.high))
 
     def search_bounds(self) -> tuple[float, float]:
         """Return the bounds of the search variable in ascending order."""
@@ -54,15 +55,26 @@ class EffectParameter:
         return low, high
 
 
+def magnitude(
+    name: str, low: float, high: float, starts: tuple[float, ...], what: str, neutral: float = 0.0
+) -> EffectParameter:
+    """Return a parameter that scales the whole effect, which does nothing at `neutral`."""
+    return EffectParameter(name, low, high, starts, what, magnitude=True, neutral=neutral)
+
+
+def stiffness(name: str, low: float, high: float, starts: tuple[float, ...], what: str) -> EffectParameter:
+    """Return a stiffness or a limit: a magnitude that is searched as its inverse, without effect at infinity."""
+    return EffectParameter(name, low, high, starts, what, "inverse", magnitude=True, neutral=float("inf"))
+
+
 def _inverse(value: float) -> float:
     return 1.0 / value if value > 0.0 else float("inf")
 
 
-_TO: dict[str, Callable[[float], float]] = {"linear": float, "log": lambda v: float(np.log(v)), "inverse": _inverse}
-_FROM: dict[str, Callable[[float], float]] = {
-    "linear": float,
-    "log": lambda searched: float(np.exp(min(searched, 700.0))),
-    "inverse": _inverse,
+_SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = {  # to the search variable, and back
+    "linear": (float, float),
+    "log": (lambda value: float(np.log(value)), lambda searched: float(np.exp(min(searched, 700.0)))),
+    "inverse": (_inverse, _inverse),
 }
 
 
@@ -85,6 +97,7 @@ class Effect:
     prior_share: ClassVar[float] = 0.0  # of the gap's energy, by which a flexible map must explain more than an effect
     limit: ClassVar[str] = ""  # effect to which this form tends at a bound: significance decides between the two
     needs: ClassVar[str] = ""  # what a recording must contain for the effect to be visible: "a changing current"
+    moves: ClassVar[tuple[str, ...]] = ()  # groups of a physical model's parameters that it would move: `refit.GROUPS`
     parameters: ClassVar[tuple[EffectParameter, ...]] = ()
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
@@ -128,6 +141,11 @@ class Composition:
         """The effects' names."""
         return tuple(s.name for s in self.settings)
 
+    @property
+    def reruns(self) -> bool:
+        """Whether one of the effects changes the simulation's inputs."""
+        return any(s.effect.reruns for s in self.settings)
+
     def drive(self, trace: Trace, force: F) -> TraceInputs:
         """Return the inputs of the simulation inside all effects."""
         inputs = trace.inputs
@@ -141,9 +159,6 @@ class Composition:
         for setting in sorted(self.settings, key=lambda s: s.effect.stage):
             force = setting.effect.respond(trace, inputs, force, setting.values)
         return force
-
-
-RUN_OUT_S = 0.25  # [s] of padding that leads from the last value back to the first
 
 
 def apply_response(force: F, rate_Hz: float, response: Callable[[F], NDArray[np.complex128]]) -> F:

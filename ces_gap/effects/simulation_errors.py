@@ -10,91 +10,25 @@ absorbs and the effect does not. An effect that explains about as much is prefer
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import SIMULATION, Effect, EffectParameter, apply_response
+from ces_gap.effects.effect import SIMULATION, Effect, EffectParameter, apply_response, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 MAP_SHARE = 0.15  # of the gap's energy
-CALIBRATION_SUMMARY = "the simulation's force map is off"
 KNEE_M_S = 0.05  # [m/s] speed at which the force of a damper's bleed bends
+MAX_GAIN = 3.0  # of the sharpening of a force that was smoothed: it also amplifies noise
+
+Term = tuple[EffectParameter, Callable[[F, F, F], F]]  # weight, and what it weighs: of stroke, speed, current
 
 
-def _weight(name: str, limit: float, what: str) -> EffectParameter:
-    return EffectParameter(name, -limit, limit, (0.0,), what, magnitude=True)
-
-
-OFFSET = _weight("offset_N", 3000.0, "force added everywhere")
-CURVE = (
-    _weight("per_speed_N_s_m", 2e4, "force over speed"),
-    _weight("per_square_N_s2_m2", 2e4, "force over signed speed squared"),
-    _weight("asymmetry_N_s2_m2", 2e4, "force over speed squared, the same in both directions"),
-    _weight("direction_N", 3000.0, "force in the direction of motion, rounded below 0.05 m/s"),
-)
-STROKE = (
-    _weight("per_stroke_N_m", 4e4, "force over stroke"),
-    _weight("per_stroke_square_N_m2", 1e6, "force over stroke squared"),
-    _weight("per_stroke_speed_N_s_m2", 4e5, "force over stroke times speed"),
-)
-CURRENT = (
-    _weight("per_current_N_A", 3000.0, "force over current"),
-    _weight("per_current_square_N_A2", 3000.0, "force over current squared"),
-    _weight("current_speed_N_s_m_A", 2e4, "force over current times speed"),
-    _weight("current_square_speed_N_s2_m2_A", 2e4, "force over current times signed speed squared"),
-    _weight("current_direction_N_A", 3000.0, "force over current in the direction of motion"),
-    _weight("current_stroke_N_m_A", 4e4, "force over current times stroke"),
-)
-
-
-class SpeedCurve(Effect):
-    """A curve of speed added to the simulated force."""
-
-    name, form, stage, prior_share = "calibration", "speed_curve", SIMULATION, MAP_SHARE
-    summary = CALIBRATION_SUMMARY
-    needs = "speeds at which the simulation is off"
-    parameters = (OFFSET, *CURVE)
-
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the corrected force [N] (n,)."""
-        return force + values[0] + _curve(inputs.speed, values[1:])
-
-
-class ForceMap(Effect):
-    """A map of stroke, speed and current added to the simulated force."""
-
-    name, form, stage, prior_share = "calibration", "map", SIMULATION, MAP_SHARE
-    summary = CALIBRATION_SUMMARY
-    needs = "strokes, speeds or currents at which the simulation is off"
-    parameters: ClassVar[tuple[EffectParameter, ...]] = (OFFSET, *CURVE, *STROKE)
-
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the corrected force [N] (n,)."""
-        x, v, (k, k2, kv) = inputs.position, inputs.speed, values[5:8]
-        return force + values[0] + _curve(v, values[1:5]) + k * x + k2 * x * x + kv * x * v
-
-
-class ForceMapOfCurrent(ForceMap):
-    """The same, changing with the current."""
-
-    form, needs = "map_of_current", "a changing current"
-    parameters = (OFFSET, *CURVE, *STROKE, *CURRENT)
-
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the corrected force [N] (n,)."""
-        x, v, i, (d, d2, dv, dq, ds, dx) = inputs.position, inputs.speed, inputs.current, values[8:]
-        changing = d + d2 * i + dv * v + dq * v * np.abs(v) + ds * _direction(v) + dx * x
-        return super().respond(trace, inputs, force, values[:8]) + changing * i
-
-
-def _curve(speed: F, values: Sequence[float]) -> F:
-    per_speed, per_square, asymmetry, direction = values
-    curve = per_speed * speed + (per_square * np.abs(speed) + asymmetry * speed) * speed
-    return np.asarray(curve + direction * _direction(speed))
+def _term(name: str, limit: float, what: str, of: Callable[[F, F, F], F]) -> Term:
+    return magnitude(name, -limit, limit, (0.0,), what), of
 
 
 def _direction(speed: F) -> F:
@@ -102,10 +36,78 @@ def _direction(speed: F) -> F:
     return np.asarray(speed / np.sqrt(KNEE_M_S**2 + speed * speed))
 
 
-CALIBRATION_FORMS = (SpeedCurve(), ForceMap(), ForceMapOfCurrent())
+CURVE: tuple[Term, ...] = (
+    _term("offset_N", 3000.0, "force added everywhere", lambda x, v, i: np.ones_like(v)),
+    _term("per_speed_N_s_m", 2e4, "force over speed", lambda x, v, i: v),
+    _term("per_square_N_s2_m2", 2e4, "force over signed speed squared", lambda x, v, i: v * np.abs(v)),
+    _term("asymmetry_N_s2_m2", 2e4, "force over speed squared, the same in both directions", lambda x, v, i: v * v),
+    _term(
+        "direction_N",
+        3000.0,
+        "force in the direction of motion, rounded below 0.05 m/s",
+        lambda x, v, i: _direction(v),
+    ),
+)
+STROKE: tuple[Term, ...] = (
+    _term("per_stroke_N_m", 4e4, "force over stroke", lambda x, v, i: x),
+    _term("per_stroke_square_N_m2", 1e6, "force over stroke squared", lambda x, v, i: x * x),
+    _term("per_stroke_speed_N_s_m2", 4e5, "force over stroke times speed", lambda x, v, i: x * v),
+)
+CURRENT: tuple[Term, ...] = (
+    _term("per_current_N_A", 3000.0, "force over current", lambda x, v, i: i),
+    _term("per_current_square_N_A2", 3000.0, "force over current squared", lambda x, v, i: i * i),
+    _term("current_speed_N_s_m_A", 2e4, "force over current times speed", lambda x, v, i: v * i),
+    _term(
+        "current_square_speed_N_s2_m2_A",
+        2e4,
+        "force over current times signed speed squared",
+        lambda x, v, i: v * np.abs(v) * i,
+    ),
+    _term(
+        "current_direction_N_A",
+        3000.0,
+        "force over current in the direction of motion",
+        lambda x, v, i: _direction(v) * i,
+    ),
+    _term("current_stroke_N_m_A", 4e4, "force over current times stroke", lambda x, v, i: x * i),
+)
 
 
-MAX_GAIN = 3.0  # of the sharpening of a force that was smoothed: it also amplifies noise
+class _Calibration(Effect):
+    """A map of the simulation's inputs added to its force: the weighted sum of the terms."""
+
+    name, stage, prior_share = "calibration", SIMULATION, MAP_SHARE
+    summary, moves = "the simulation's force map is off", ("flow map",)
+    terms: ClassVar[tuple[Term, ...]] = ()
+
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
+        """Return the corrected force [N] (n,)."""
+        at = inputs.position, inputs.speed, inputs.current
+        return np.asarray(force + sum(value * of(*at) for value, (_, of) in zip(values, self.terms, strict=True)))
+
+
+class SpeedCurve(_Calibration):
+    """A curve of speed added to the simulated force."""
+
+    form, needs = "speed_curve", "speeds at which the simulation is off"
+    terms = CURVE
+    parameters = tuple(weight for weight, _ in terms)
+
+
+class ForceMap(_Calibration):
+    """A map of stroke, speed and current added to the simulated force."""
+
+    form, needs = "map", "strokes, speeds or currents at which the simulation is off"
+    terms = (*CURVE, *STROKE)
+    parameters = tuple(weight for weight, _ in terms)
+
+
+class ForceMapOfCurrent(_Calibration):
+    """The same, changing with the current."""
+
+    form, needs = "map_of_current", "a changing current"
+    terms = (*CURVE, *STROKE, *CURRENT)
+    parameters = tuple(weight for weight, _ in terms)
 
 
 class SampleTiming(Effect):
@@ -119,8 +121,8 @@ class SampleTiming(Effect):
     summary = "the simulated force is a sample off, or smoothed"
     needs = "motion"
     parameters = (
-        EffectParameter("skew_samples", -1.0, 1.0, (0.0,), "delay to be added to the simulated force", magnitude=True),
-        EffectParameter("spread_samples2", -2.0, 2.0, (0.0,), "smoothing to be added to it", magnitude=True),
+        magnitude("skew_samples", -1.0, 1.0, (0.0,), "delay to be added to the simulated force"),
+        magnitude("spread_samples2", -2.0, 2.0, (0.0,), "smoothing to be added to it"),
     )
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -133,9 +135,9 @@ class SampleTiming(Effect):
         return apply_response(force, trace.rate_Hz, response)
 
 
-TIMING_FORMS = (SampleTiming(),)
+CALIBRATION_FORMS = (SpeedCurve(), ForceMap(), ForceMapOfCurrent())
 
 
 def simulation_errors() -> tuple[Effect, ...]:
     """Return every form of every error of the simulation."""
-    return (*CALIBRATION_FORMS, *TIMING_FORMS)
+    return (*CALIBRATION_FORMS, SampleTiming())

@@ -6,7 +6,7 @@ from importlib import import_module
 
 import numpy as np
 
-from ces_gap.effects.effect import Effect, EffectParameter
+from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.errors import GapError
@@ -32,16 +32,25 @@ def user_effect(spec: str) -> Effect:
         raise GapError(f"effect '{spec}': cannot be imported: {text}; expected {EXPECTED}") from None
     if effect is None:
         raise GapError(f"effect '{spec}': not an effect; expected {EXPECTED}")
-    _require_description(spec, effect)
+    if not (effect.name and effect.form and effect.parameters):
+        raise GapError(f"effect '{spec}': expected name, form and parameters as class variables")
+    for p in effect.parameters:
+        if not (p.low < p.high and p.starts and all(p.low <= start <= p.high for start in p.starts)):
+            raise GapError(
+                f"effect '{spec}': {p.name} has bounds [{p.low:g}, {p.high:g}] and starts {p.starts}; expected low < "
+                "high and at least one start between them"
+            )
+    if any((e.name, e.form) == (effect.name, effect.form) for e in library()):
+        has = f"the library already has {effect.name} ({effect.form})"
+        raise GapError(f"effect '{spec}': {has}; choose another name or form")
     return effect
 
 
 def class_of(effect: Effect) -> str | None:
     """Return `module:Class` of an effect of the user, None for one of the library."""
-    if any(type(form) is type(effect) and form.form == effect.form for form in (*library(), *simulation_errors())):
-        return None
     kind = type(effect)
-    return f"{kind.__module__}:{kind.__qualname__}"
+    known = {(type(form), form.form) for form in (*library(), *simulation_errors())}
+    return None if (kind, effect.form) in known else f"{kind.__module__}:{kind.__qualname__}"
 
 
 def library_effect(name: str, form: str) -> Effect:
@@ -57,39 +66,15 @@ def library_effect(name: str, form: str) -> Effect:
 
 def require_sound(effect: Effect, trace: Trace) -> None:
     """Raise GapError unless the effect runs on `trace` at its starts and returns finite arrays (n,)."""
-    values = [p.starts[0] for p in effect.parameters]
+    values, where = [p.starts[0] for p in effect.parameters], f"effect '{effect.name}'"
     try:
         inputs = effect.drive(trace, trace.inputs, trace.simulated, values)
         force = effect.respond(trace, inputs, trace.simulated, values)
     except Exception as error:  # the class of a user may raise anything
-        raise GapError(
-            f"effect '{effect.name}': raised {type(error).__name__}: {' '.join(str(error).split())}"
-        ) from error
+        raise GapError(f"{where}: raised {type(error).__name__}: {' '.join(str(error).split())}") from error
     results = {"position": inputs.position, "speed": inputs.speed, "current": inputs.current, "force": force}
     for name, array in results.items():
         if np.shape(array) != trace.time_s.shape:
-            raise GapError(
-                f"effect '{effect.name}': returned {name} of shape {np.shape(array)}; expected {trace.time_s.shape}"
-            )
+            raise GapError(f"{where}: returned {name} of shape {np.shape(array)}; expected {trace.time_s.shape}")
         if not np.isfinite(array).all():
-            raise GapError(f"effect '{effect.name}': returned a {name} that is not finite at its starts {values}")
-
-
-def _require_description(spec: str, effect: Effect) -> None:
-    if not (effect.name and effect.form and effect.parameters):
-        raise GapError(f"effect '{spec}': expected name, form and parameters as class variables")
-    for parameter in effect.parameters:
-        _require_bounds(spec, parameter)
-    if any(e.name == effect.name and e.form == effect.form for e in library()):
-        raise GapError(
-            f"effect '{spec}': the library already has {effect.name} ({effect.form}); choose another name or form"
-        )
-
-
-def _require_bounds(spec: str, parameter: EffectParameter) -> None:
-    inside = [parameter.low <= start <= parameter.high for start in parameter.starts]
-    if not parameter.low < parameter.high or not inside or not all(inside):
-        raise GapError(
-            f"effect '{spec}': {parameter.name} has bounds [{parameter.low:g}, {parameter.high:g}] and starts "
-            f"{parameter.starts}; expected low < high and at least one start between them"
-        )
+            raise GapError(f"{where}: returned a {name} that is not finite at its starts {values}")

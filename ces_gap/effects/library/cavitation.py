@@ -7,10 +7,10 @@ from dataclasses import replace
 from typing import ClassVar
 
 import numpy as np
+from numba import njit
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.effects.friction_and_void_kernels import void, void_length_at_limit
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 BUBBLES = EffectParameter("bubbles_m", 1e-4, 5e-3, (5e-4,), "length of void over which the force returns", "log")
@@ -30,11 +30,10 @@ class _Void(Effect):
     """A void of length z that opens in the direction `side`: on the return exp(-z/bubbles) of the force remains."""
 
     name, stage, needs = "cavitation", FLUID, "fast strokes followed by reversals"
-    summary = "a void forms in a fast stroke and must refill"
+    summary, moves = "a void forms in a fast stroke and must refill", ("refilling",)
     side: ClassVar[float] = 1.0
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) reduced by the void; the force at standstill remains."""
         share, limit, bubbles = values[0], self.limits(inputs, values), values[2]
         rest = trace.learn_map(inputs, force).rest(inputs.current)
         onward, pull = self.side * inputs.speed, self.side * (force - rest)
@@ -52,7 +51,6 @@ class _Void(Effect):
         raise NotImplementedError
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        """Return starts with limits from this trace."""
         limits = self._limit_starts(self.limited_quantity(trace)[trace.usable], QUANTILES)
         return [(1.0, limit, SOFT_M) for limit in limits]
 
@@ -77,7 +75,7 @@ class _Intake(_Void):
     """
 
     parameters: ClassVar[tuple[EffectParameter, ...]] = (
-        EffectParameter("share", 0.0, 3.0, (0.3, 1.0), "void per stroke not filled, a ratio of areas", magnitude=True),
+        magnitude("share", 0.0, 3.0, (0.3, 1.0), "void per stroke not filled, a ratio of areas"),
         EffectParameter("limit_m_s", 0.02, 3.0, (0.1, 0.3), "speed from which the intake starves", "log"),
         BUBBLES,
     )
@@ -102,14 +100,13 @@ class _Floor(_Void):
     """
 
     parameters = (
-        EffectParameter("share", 0.0, 1.0, (0.3, 1.0), "share of the flow that is limited", magnitude=True),
+        magnitude("share", 0.0, 1.0, (0.3, 1.0), "share of the flow that is limited"),
         EffectParameter("limit_N", 30.0, 1e4, (300.0, 1000.0), "force at which the pressure behind is zero", "log"),
         BUBBLES,
         EffectParameter("passing_share", 0.3, 1.5, (1.0,), "flow of the valve during a void, relative to its map"),
     )
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,), constant during a void."""
         share, limit, bubbles, passing = values
         pull, onward = self.side * force, self.side * inputs.speed
         passed = passing * self._valve_speed_at_limit(trace, inputs, force, limit)
@@ -134,7 +131,6 @@ class _Floor(_Void):
         return speed
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        """Return limits that this trace reaches, from often to rarely."""
         limits = self._limit_starts(trace.simulated[trace.usable], REACHED)
         return [(1.0, limit, SOFT_M, 1.0) for limit in limits]
 
@@ -164,7 +160,6 @@ class ReboundReservoir(_Intake):
         return np.asarray(values[1] * _reservoir_flow_factor(inputs.position, values[3]))
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        """Return starts with limits from the rebound speeds of this trace, divided by the flow factor."""
         out: list[tuple[float, ...]] = []
         for column in COLUMNS:
             speed = (-trace.inputs.speed / _reservoir_flow_factor(trace.inputs.position, column))[trace.usable]
@@ -197,4 +192,34 @@ class CompressionFloor(_Floor):
     form, side = "compression_floor", COMPRESSION
 
 
-FORMS = (ReboundIntake(), ReboundReservoir(), CompressionIntake(), ReboundFloor(), CompressionFloor())
+@njit(cache=True, nogil=True, error_model="numpy")
+def void(rate: F, step_s: float) -> F:
+    """Return the length [m] (n,), at least 0, of a void that opens at `rate` [m/s] (n,)."""
+    out = np.empty_like(rate)
+    z = 0.0
+    out[0] = z
+    for k in range(1, len(rate)):
+        z = max(z + 0.5 * (rate[k - 1] + rate[k]) * step_s, 0.0)
+        out[k] = z
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def void_length_at_limit(pull: F, onward: F, limit: float, passed: F, step_s: float) -> F:
+    """Return the length [m] (n,) of a void that opens where the force `pull` [N] (n,) exceeds `limit`.
+
+    It grows by the speed `onward` minus the flow `passed` of the valve, both [m/s] (n,), until it has closed. The
+    instant of opening is interpolated between ticks, so that the length is continuous in `limit`.
+    """
+    out = np.zeros_like(pull)
+    z = 0.0
+    for k in range(1, len(pull)):
+        if z > 0.0:
+            z = max(z + 0.5 * (onward[k - 1] + onward[k] - passed[k - 1] - passed[k]) * step_s, 0.0)
+        elif pull[k] > limit:
+            rise = pull[k] - pull[k - 1]
+            since = min(max((limit - pull[k - 1]) / rise, 0.0), 1.0) if rise > 0.0 else 1.0
+            opened = onward[k - 1] + since * (onward[k] - onward[k - 1])
+            z = max((0.5 * (onward[k] + opened) - passed[k]) * (1.0 - since) * step_s, 0.0)
+        out[k] = z
+    return out

@@ -7,22 +7,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.effects.series_kernels import pumped_stroke
-from ces_gap.effects.series_strain import Strain, high_pass_stroke, subtract_spring_stroke, subtract_stroke
+from ces_gap.effects.effect import FLUID, EffectParameter, magnitude, stiffness
+from ces_gap.effects.series import SeriesSpring, Strain, high_pass_stroke, pumped_stroke, subtract_stroke
 from ces_gap.grid import derivative
 from ces_gap.trace import Trace, TraceInputs
 
-INFINITE = float("inf")
 SLOWEST_HZ = 0.2  # [Hz] below it the compressed stroke drifts
 PUMPED_SUBSTEPS = 2
 
 
-class Compressibility(Effect):
-    """What all forms share."""
-
-    name, stage, reruns = "compressibility", FLUID, True
-    summary = "oil, hoses and bubbles are elastic"
+class Compressibility(SeriesSpring):
+    name, stage = "compressibility", FLUID
+    needs = "motion fast enough to change the force within tens of milliseconds"
+    summary, moves = "oil, hoses and bubbles are elastic", ("elasticity",)
 
 
 class SideSpecific(Compressibility):
@@ -34,25 +31,17 @@ class SideSpecific(Compressibility):
     """
 
     form = "sides"
-    needs = "motion fast enough to change the force within tens of milliseconds"
     parameters = (
-        EffectParameter(
-            "compression_N_m", 5e4, 1e9, (1e6, 1e7, 3e6), "stiffness in compression", "inverse", True, INFINITE
-        ),
-        EffectParameter("rebound_N_m", 5e4, 1e9, (3e6, 1e6), "stiffness in rebound", "inverse", True, INFINITE),
+        stiffness("compression_N_m", 5e4, 1e9, (1e6, 1e7, 3e6), "stiffness in compression"),
+        stiffness("rebound_N_m", 5e4, 1e9, (3e6, 1e6), "stiffness in rebound"),
     )
 
-    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the motion that displaces oil through the valve."""
+    def strain(self, force: F, width: float, values: Sequence[float]) -> Strain:
         mean = 0.5 * (1.0 / values[0] + 1.0 / values[1])
         lean = 0.5 * (1.0 / values[0] - 1.0 / values[1])
-
-        def law(acting: F, width: float) -> Strain:
-            ratio = acting / width
-            stroke = mean * acting + lean * width * (np.logaddexp(ratio, -ratio) - np.log(2.0))
-            return Strain(stroke, mean + lean * np.tanh(ratio))
-
-        return subtract_spring_stroke(trace, inputs, force, law)
+        ratio = force / width
+        stroke = mean * force + lean * width * (np.logaddexp(ratio, -ratio) - np.log(2.0))
+        return stroke, mean + lean * np.tanh(ratio)
 
 
 class AeratedOil(Compressibility):
@@ -63,32 +52,19 @@ class AeratedOil(Compressibility):
     """
 
     form = "aerated"
-    needs = SideSpecific.needs
     parameters = (
-        EffectParameter(
-            "compression_void_m",
-            0.0,
-            0.02,
-            (1e-3, 2e-4, 5e-3),
-            "bubbles under compression, as a stroke",
-            magnitude=True,
-        ),
-        EffectParameter("rebound_void_m", 0.0, 0.02, (1e-3,), "bubbles under rebound, as a stroke", magnitude=True),
+        magnitude("compression_void_m", 0.0, 0.02, (1e-3, 2e-4, 5e-3), "bubbles under compression, as a stroke"),
+        magnitude("rebound_void_m", 0.0, 0.02, (1e-3,), "bubbles under rebound, as a stroke"),
         EffectParameter("pressure_N", 10.0, 1000.0, (100.0, 500.0), "force that halves the bubbles", "log"),
     )
 
-    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the motion that displaces oil through the valve."""
+    def strain(self, force: F, width: float, values: Sequence[float]) -> Strain:
         mean, lean, half = 0.5 * (values[0] + values[1]), 0.5 * (values[0] - values[1]), values[2]
-
-        def law(acting: F, width: float) -> Strain:
-            side = np.tanh(acting / width)
-            void, rounded = mean + lean * side, float(np.hypot(half, width))
-            room = np.abs(acting) + rounded
-            steep = void * rounded / room**2 + lean * (1.0 - side**2) / width * acting / room
-            return Strain(void * acting / room, np.maximum(steep, 0.0))
-
-        return subtract_spring_stroke(trace, inputs, force, law)
+        side = np.tanh(force / width)
+        void, rounded = mean + lean * side, float(np.hypot(half, width))
+        room = np.abs(force) + rounded
+        steep = void * rounded / room**2 + lean * (1.0 - side**2) / width * force / room
+        return void * force / room, np.maximum(steep, 0.0)
 
 
 class CheckValveStiffness(Compressibility):
@@ -102,20 +78,15 @@ class CheckValveStiffness(Compressibility):
     """
 
     form = "pumped"
-    needs = SideSpecific.needs
     parameters = (
-        EffectParameter(
-            "pumping_N_m", 5e4, 1e9, (2e6, 1e7), "stiffness while pushed and moving in", "inverse", True, INFINITE
-        ),
-        EffectParameter("other_N_m", 5e4, 1e9, (2e7,), "stiffness otherwise", "inverse", True, INFINITE),
+        stiffness("pumping_N_m", 5e4, 1e9, (2e6, 1e7), "stiffness while pushed and moving in"),
+        stiffness("other_N_m", 5e4, 1e9, (2e7,), "stiffness otherwise"),
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the motion that displaces oil through the valve, without the slow part of the stroke."""
         return subtract_stroke(inputs, high_pass_stroke(self._stroke(trace, values), trace, SLOWEST_HZ), trace.rate_Hz)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) with the response to the slow part."""
         stroke, plant = self._stroke(trace, values), trace.pumped_map.map
         slow = derivative(stroke - high_pass_stroke(stroke, trace, SLOWEST_HZ), trace.rate_Hz)
         return force + plant.force(inputs.speed - slow, inputs.current) - plant.force(inputs.speed, inputs.current)
@@ -126,6 +97,3 @@ class CheckValveStiffness(Compressibility):
         speed, level = np.ascontiguousarray(inputs.speed), plant.map.level(inputs.current)
         options = plant.map.kernel(), plant.own, added, plant.widths, trace.step_s, PUMPED_SUBSTEPS
         return np.asarray(pumped_stroke(speed, level, plant.memory, *options))
-
-
-FORMS = (SideSpecific(), AeratedOil(), CheckValveStiffness())

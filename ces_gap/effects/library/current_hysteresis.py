@@ -3,21 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import exp
+
+import numpy as np
+from numba import njit
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import VALVE, Effect, EffectParameter
-from ces_gap.effects.effect_kernels import coleman_hodgdon, mean_of_plays
+from ces_gap.effects.effect import VALVE, Effect, EffectParameter, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 PLAYS = 8
-HYSTERESIS = EffectParameter("hysteresis_A", 0.0, 0.5, (0.02, 0.1), "half-width of the hysteresis loop", magnitude=True)
+HYSTERESIS = magnitude("hysteresis_A", 0.0, 0.5, (0.02, 0.1), "half-width of the hysteresis loop")
 
 
 class CurrentHysteresis(Effect):
-    """What all forms share."""
-
     name, stage, reruns, needs = "current_hysteresis", VALVE, True, "a current that reverses"
-    summary = "magnetic hysteresis of the valve"
+    summary, moves = "magnetic hysteresis of the valve", ("magnetic loop",)
 
 
 class Plays(CurrentHysteresis):
@@ -31,7 +32,6 @@ class Plays(CurrentHysteresis):
     parameters = (HYSTERESIS,)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the acting current."""
         return inputs.with_current(mean_of_plays(inputs.current, 2.0 * values[0], PLAYS))
 
 
@@ -49,8 +49,31 @@ class Remanence(CurrentHysteresis):
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the acting current."""
         return inputs.with_current(inputs.current + coleman_hodgdon(inputs.current, values[0], values[1]))
 
 
-FORMS = (Plays(), Remanence())
+@njit(cache=True, nogil=True, error_model="numpy")
+def mean_of_plays(u: F, widest: float, count: int) -> F:
+    """Return the mean (n,) of `count` play operators of u, half-widths evenly up to `widest`, initially centred."""
+    out = u.copy()
+    for j in range(1, count + 1):
+        radius = widest * j / count
+        z = u[0]
+        for k in range(len(u)):
+            z = min(max(z, u[k] - radius), u[k] + radius)
+            out[k] += (z - u[k]) / count
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def coleman_hodgdon(u: F, height: float, travel: float) -> F:
+    """Return h (n,) of dh/du = -(height + h)/travel for rising u, (height - h)/travel for falling; h(0) = 0."""
+    out = np.empty_like(u)
+    h = 0.0
+    out[0] = h
+    for k in range(1, len(u)):
+        step = u[k] - u[k - 1]
+        target = -height if step > 0.0 else height
+        h = target + (h - target) * exp(-abs(step) / travel)
+        out[k] = h
+    return out

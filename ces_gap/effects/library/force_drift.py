@@ -7,15 +7,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import CELL, Effect, EffectParameter
+from ces_gap.effects.effect import CELL, Effect, EffectParameter, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 
 class ForceDrift(Effect):
-    """What all forms share."""
-
     name, stage = "force_drift", CELL
-    summary = "the zero of the force drifts"
+    summary, moves = "the zero of the force drifts", ("gas force",)
 
 
 class LinearDrift(ForceDrift):
@@ -26,10 +24,9 @@ class LinearDrift(ForceDrift):
     """
 
     form, needs = "linear", "at least some tens of seconds, tared at the start"
-    parameters = (EffectParameter("drift_N_s", -20.0, 20.0, (0.5,), "drift of the zero", magnitude=True),)
+    parameters = (magnitude("drift_N_s", -20.0, 20.0, (0.5,), "drift of the zero"),)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) as the cell measures it."""
         return force + values[0] * trace.time_s
 
 
@@ -39,13 +36,9 @@ class SettlingDrift(ForceDrift):
     form = "settling"
     needs = "a recording about as long as the drift lasts, tared at the start"
     parameters = (
-        EffectParameter("settled_N", -2000.0, 2000.0, (20.0,), "drift after a long time", magnitude=True),
+        magnitude("settled_N", -2000.0, 2000.0, (20.0,), "drift after a long time"),
         EffectParameter("settling_s", 2.0, 500.0, (8.0, 60.0), "time constant of the drift", "log"),
     )
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) as the cell measures it."""
         return force - values[0] * np.expm1(-trace.time_s / values[1])
-
-
-FORMS = (LinearDrift(), SettlingDrift())

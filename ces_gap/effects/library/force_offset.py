@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import CELL, Effect, EffectParameter
+from ces_gap.effects.effect import CELL, Effect, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -16,16 +16,8 @@ class ForceOffset(Effect):
     """
 
     name, form, stage, needs = "force_offset", "constant", CELL, "a tare that agrees with the simulation"
-    summary = "the zero of the force is wrong"
-    parameters = (
-        EffectParameter(
-            "offset_N", -3000.0, 3000.0, (20.0,), "measured force when the damper force is zero", magnitude=True
-        ),
-    )
+    summary, moves = "the zero of the force is wrong", ("gas force",)
+    parameters = (magnitude("offset_N", -3000.0, 3000.0, (20.0,), "measured force when the damper force is zero"),)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) as the cell measures it."""
         return force + values[0]
-
-
-FORMS = (ForceOffset(),)

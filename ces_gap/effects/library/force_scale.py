@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import CELL, Effect, EffectParameter
+from ces_gap.effects.effect import CELL, Effect, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -16,14 +16,8 @@ class ForceScale(Effect):
     """
 
     name, form, stage, needs = "force_scale", "gain", CELL, "forces well above the noise"
-    summary = "the gain of the force is wrong"
-    parameters = (
-        EffectParameter("gain", 0.7, 1.3, (1.03,), "measured force over damper force", magnitude=True, neutral=1.0),
-    )
+    summary, moves = "the gain of the force is wrong", ("flow map",)
+    parameters = (magnitude("gain", 0.7, 1.3, (1.03,), "measured force over damper force", 1.0),)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) as the cell measures it."""
         return force * values[0]
-
-
-FORMS = (ForceScale(),)

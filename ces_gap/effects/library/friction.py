@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import exp
 
 import numpy as np
+from numba import njit
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
-from ces_gap.effects.friction_and_void_kernels import bristles
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 STRIBECK_M_S = 0.02  # [m/s] if it is not a parameter: typical strokes pass it within milliseconds
 
-COULOMB = EffectParameter("coulomb_N", 0.0, 500.0, (20.0,), "sliding friction", magnitude=True)
+COULOMB = magnitude("coulomb_N", 0.0, 500.0, (20.0,), "sliding friction")
 EXCESS = EffectParameter("static_excess", 0.0, 3.0, (0.3,), "static friction over sliding friction, minus one")
 STRIBECK = EffectParameter(
     "stribeck_m_s", 0.002, 0.5, (0.02, 0.1), "speed of the change from static to sliding friction", "log"
@@ -27,10 +28,8 @@ PRESSED = EffectParameter(
 
 
 class FrictionForce(Effect):
-    """What all forms share."""
-
     name, stage = "friction", PARALLEL
-    summary = "friction of seals and bearings"
+    summary, moves = "friction of seals and bearings", ("friction",)
 
 
 class CoulombStribeck(FrictionForce):
@@ -44,7 +43,6 @@ class CoulombStribeck(FrictionForce):
     parameters = (COULOMB, ROUNDING, EXCESS, STRIBECK)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of damper and friction."""
         coulomb, rounding, excess, stribeck = values
         return force + coulomb * np.tanh(inputs.speed / rounding) * _stribeck(inputs.speed, excess, stribeck)
 
@@ -59,7 +57,6 @@ class Presliding(FrictionForce):
     parameters = (COULOMB, PRESLIDING)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of damper and friction."""
         coulomb, presliding = values
         return force + coulomb * _bristles(inputs, np.ones_like(force), presliding)
 
@@ -75,7 +72,6 @@ class LuGre(FrictionForce):
     parameters = (COULOMB, PRESLIDING, EXCESS, VISCOUS)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of damper and friction."""
         coulomb, presliding, excess, viscous = values
         level = _stribeck(inputs.speed, excess, STRIBECK_M_S)
         return force + coulomb * (_bristles(inputs, level, presliding) + viscous * inputs.speed)
@@ -92,7 +88,6 @@ class PressureDependent(FrictionForce):
     parameters = (COULOMB, PRESLIDING, PRESSED)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of damper and friction."""
         coulomb, presliding, pressed = values
         level = 1.0 + pressed * np.abs(force)
         return force + coulomb * _bristles(inputs, level, presliding)
@@ -106,4 +101,18 @@ def _stribeck(speed: F, excess: float, stribeck: float) -> F:
     return np.asarray(1.0 + excess * np.exp(-((speed / stribeck) ** 2)))
 
 
-FORMS = (CoulombStribeck(), Presliding(), LuGre(), PressureDependent())
+@njit(cache=True, nogil=True)
+def bristles(position: F, level: F, presliding: float) -> F:
+    """Return the friction z (n,) of initially unbent bristles relative to sliding friction.
+
+    dz/dx = (1 - z sign(dx) / level) / presliding, integrated exactly over each tick with its `level` (n,): the
+    bristles tend to ±level over `presliding` * level of stroke [m] (Dahl 1968; Canudas de Wit et al. 1995).
+    """
+    out = np.zeros(len(position))
+    z = 0.0
+    for k in range(1, len(position)):
+        step = position[k] - position[k - 1]
+        limit = level[k] if step > 0.0 else -level[k]
+        z = limit + (z - limit) * exp(-abs(step) / (presliding * level[k]))
+        out[k] = z
+    return out

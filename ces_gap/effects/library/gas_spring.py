@@ -10,27 +10,21 @@ from collections.abc import Sequence
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 POLYTROPIC = 1.3  # exponent of nitrogen at stroke frequencies, between isothermal 1 and adiabatic 1.4
 MIN_COLUMN_SHARE = 0.15  # of the column: limit of compression
 
-STIFFNESS = EffectParameter(
-    "stiffness_N_m", -20000.0, 40000.0, (800.0,), "real minus simulated stiffness at zero gas force", magnitude=True
-)
+STIFFNESS = magnitude("stiffness_N_m", -20000.0, 40000.0, (800.0,), "real minus simulated stiffness at zero gas force")
 COLUMN = EffectParameter("column_m", 0.05, 3.0, (0.15, 0.5), "gas volume over rod area at zero gas force", "log")
-PRELOAD = EffectParameter(
-    "preload_N", -3000.0, 3000.0, (100.0,), "real minus simulated gas force at position zero", magnitude=True
-)
+PRELOAD = magnitude("preload_N", -3000.0, 3000.0, (100.0,), "real minus simulated gas force at position zero")
 CHARGED_COLUMN = EffectParameter("column_m", 0.05, 1.0, (0.15, 0.5), "gas volume over rod area at position zero", "log")
 
 
 class GasSpring(Effect):
-    """What all forms share."""
-
     name, stage = "gas_spring", PARALLEL
-    summary = "gas pressure pushes the rod out"
+    summary, moves = "gas pressure pushes the rod out", ("gas force",)
 
 
 class LinearGasSpring(GasSpring):
@@ -40,7 +34,6 @@ class LinearGasSpring(GasSpring):
     parameters = (STIFFNESS,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of damper and gas."""
         return force + values[0] * inputs.position
 
 
@@ -55,7 +48,6 @@ class Polytropic(GasSpring):
     parameters = (STIFFNESS, COLUMN)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of damper and gas."""
         return force + values[0] * _per_stiffness(inputs.position, values[1])
 
 
@@ -66,7 +58,6 @@ class MeanCentredSpring(GasSpring):
     parameters = (STIFFNESS, COLUMN)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of damper and gas."""
         mean = float(np.mean(trace.inputs.position))
         return force + values[0] * _per_stiffness(inputs.position - mean, values[1])
 
@@ -84,7 +75,6 @@ class ChargedSpring(GasSpring):
     parameters = (PRELOAD, CHARGED_COLUMN)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of damper and gas."""
         preload, column = values
         return force + preload * (1.0 + POLYTROPIC / column * _per_stiffness(inputs.position, column))
 
@@ -93,6 +83,3 @@ def _per_stiffness(position: F, column_m: float) -> F:
     """Return the polytropic force divided by the stiffness at zero [m] (n,)."""
     share = np.maximum(1.0 - position / column_m, MIN_COLUMN_SHARE)
     return np.asarray(column_m / POLYTROPIC * (share**-POLYTROPIC - 1.0))
-
-
-FORMS = (LinearGasSpring(), Polytropic(), MeanCentredSpring(), ChargedSpring())

@@ -8,21 +8,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, apply_response
+from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, apply_response, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 DAMPING = 0.05  # damping ratio of the mass on the cell: bolted steel has 0.01 to 0.1
 RESONANCES_HZ = (45.0, 60.0, 80.0, 105.0, 140.0, 200.0)  # at which searches begin
 MASS_KG = 2.0  # [kg] at which they begin
 
-MASS = EffectParameter("mass_kg", 0.0, 20.0, (0.5,), "moving mass between cell and piston", magnitude=True)
+MASS = magnitude("mass_kg", 0.0, 20.0, (0.5,), "moving mass between cell and piston")
 
 
 class Inertia(Effect):
-    """What all forms share."""
-
     name, stage = "inertia", PARALLEL
-    summary = "mass between sensor and piston"
+    summary, moves = "mass between sensor and piston", ("moving mass",)
 
 
 class Mass(Inertia):
@@ -36,7 +34,6 @@ class Mass(Inertia):
     parameters = (MASS,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) on the cell's side of the mass."""
         return force + values[0] * trace.acceleration
 
 
@@ -52,12 +49,10 @@ class MassOnCell(Inertia):
     parameters = (MASS, EffectParameter("cell_N_m", 5e4, 1e9, (3e6,), "stiffness of the cell and its fixture", "log"))
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) in the cell."""
         mass, stiffness = values
         return _behind_resonance(force + mass * trace.acceleration, mass / stiffness, trace.rate_Hz)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        """Return a mass on cells of several resonances: a search converges only from nearby."""
         return [(MASS_KG, MASS_KG * (2.0 * np.pi * f) ** 2) for f in RESONANCES_HZ]
 
 
@@ -71,6 +66,3 @@ def _behind_resonance(force: F, per_square: float, rate_Hz: float) -> F:
         return np.asarray(1.0 / (1.0 - ratio**2 + 2j * DAMPING * ratio))
 
     return apply_response(force, rate_Hz, response)
-
-
-FORMS = (Mass(), MassOnCell())

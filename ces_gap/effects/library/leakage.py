@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter
-from ces_gap.effects.series_kernels import leaking_force
-from ces_gap.effects.series_strain import Law, Strain, high_pass_stroke, soft_width, subtract_stroke, tabulate_law
+from ces_gap.effects.effect import FLUID, Effect, magnitude
+from ces_gap.effects.series import Strain, high_pass_stroke, leaking_force, soft_width, subtract_stroke, tabulate_law
 from ces_gap.grid import derivative
 from ces_gap.plant_map import SprungMap
 from ces_gap.trace import Trace, TraceInputs
@@ -27,20 +27,18 @@ class _Leak(Effect):
     """
 
     name, stage, reruns, needs = "leakage", FLUID, True, "motion in the direction that leaks"
-    summary = "oil bypasses the valves"
+    summary, moves = "oil bypasses the valves", ("flow map",)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the motion that displaces oil through the valve, without the slow part of the leak."""
         plant = trace.sprung_map
         acting = force - plant.rest
         width = soft_width(trace, acting)
-        tight, leaking = (tabulate_law(q, acting, width) for q in (_no_leak, self.law(values)))
+        tight, leaking = (tabulate_law(q, acting, width) for q in (_no_leak, partial(self.leak, values)))
         change = _force_with_leak(trace, plant, inputs, leaking) - _force_with_leak(trace, plant, trace.inputs, tight)
-        leak = self.law(values)(acting + change, width).stroke
+        leak = self.leak(values, acting + change, width)[0]
         return subtract_stroke(inputs, _integrate_fast_part(leak, trace), trace.rate_Hz)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) with the response to the slow part of the leak."""
         plant = trace.sprung_map
         width = soft_width(trace, force - plant.rest)
         tight = tabulate_law(_no_leak, force - plant.rest, width)
@@ -52,16 +50,16 @@ class _Leak(Effect):
 
     def _slow(self, trace: Trace, acting: F, width: float, values: Sequence[float]) -> F:
         """Return the slow part [m/s] (n,) of the leak."""
-        leak = self.law(values)(acting, width).stroke
+        leak = self.leak(values, acting, width)[0]
         return leak - derivative(_integrate_fast_part(leak, trace), trace.rate_Hz)
 
-    def law(self, values: Sequence[float]) -> Law:
-        """Return the law of the leak: speed [m/s] and its derivative over force."""
+    def leak(self, values: Sequence[float], force: F, width: float) -> Strain:
+        """Return the speed [m/s] (n,) of the leak at a force [N] (n,) and its derivative by force."""
         raise NotImplementedError
 
 
 def _no_leak(force: F, width: float) -> Strain:
-    return Strain(np.zeros_like(force), np.zeros_like(force))
+    return np.zeros_like(force), np.zeros_like(force)
 
 
 def _force_with_leak(trace: Trace, plant: SprungMap, inputs: TraceInputs, law: tuple[float, F, F]) -> F:
@@ -86,31 +84,21 @@ class ReboundLeak(_Leak):
     """
 
     form = "rebound"
-    parameters = (
-        EffectParameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "leaking speed per newton, rebound", magnitude=True),
-    )
+    parameters = (magnitude("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "leaking speed per newton, rebound"),)
 
-    def law(self, values: Sequence[float]) -> Law:
-        """Return a laminar leak in rebound only."""
-        leak = values[0]
-
-        def rebound(force: F, width: float) -> Strain:
-            root = np.sqrt(force**2 + width**2)
-            return Strain(0.5 * leak * (force - root + width), 0.5 * leak * (1.0 - force / root))
-
-        return rebound
+    def leak(self, values: Sequence[float], force: F, width: float) -> Strain:
+        root = np.sqrt(force**2 + width**2)
+        return 0.5 * values[0] * (force - root + width), 0.5 * values[0] * (1.0 - force / root)
 
 
 class TwoWayLeak(_Leak):
     """A gap that leaks equally in both directions: q = κ·F. Source and range as for rebound."""
 
     form = "both"
-    parameters = (EffectParameter("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "leaking speed per newton", magnitude=True),)
+    parameters = (magnitude("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "leaking speed per newton"),)
 
-    def law(self, values: Sequence[float]) -> Law:
-        """Return a laminar leak."""
-        leak = values[0]
-        return lambda force, width: Strain(leak * force, np.full_like(force, leak))
+    def leak(self, values: Sequence[float], force: F, width: float) -> Strain:
+        return values[0] * force, np.full_like(force, values[0])
 
 
 class Orifice(_Leak):
@@ -122,23 +110,13 @@ class Orifice(_Leak):
 
     form = "orifice"
     parameters = (
-        EffectParameter(
-            "rebound_m_s_rtN", 0.0, 0.02, (5e-4, 3e-3), "leaking speed per √newton, rebound", magnitude=True
-        ),
-        EffectParameter("compression_m_s_rtN", 0.0, 0.02, (5e-4, 0.0), "the same in compression", magnitude=True),
+        magnitude("rebound_m_s_rtN", 0.0, 0.02, (5e-4, 3e-3), "leaking speed per √newton, rebound"),
+        magnitude("compression_m_s_rtN", 0.0, 0.02, (5e-4, 0.0), "the same in compression"),
     )
 
-    def law(self, values: Sequence[float]) -> Law:
-        """Return a turbulent leak."""
+    def leak(self, values: Sequence[float], force: F, width: float) -> Strain:
         mean, lean = 0.5 * (values[1] + values[0]), 0.5 * (values[1] - values[0])
-
-        def orifice(force: F, width: float) -> Strain:
-            square, side = force**2 + width**2, np.tanh(force / width)
-            through, per_force = force / square**0.25, (0.5 * force**2 + width**2) / square**1.25
-            turning = lean * (1.0 - side**2) / width * through
-            return Strain((mean + lean * side) * through, (mean + lean * side) * per_force + turning)
-
-        return orifice
-
-
-FORMS = (ReboundLeak(), TwoWayLeak(), Orifice())
+        square, side = force**2 + width**2, np.tanh(force / width)
+        through, per_force = force / square**0.25, (0.5 * force**2 + width**2) / square**1.25
+        turning = lean * (1.0 - side**2) / width * through
+        return (mean + lean * side) * through, (mean + lean * side) * per_force + turning

@@ -7,20 +7,17 @@ from collections.abc import Sequence
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import MOTION, Effect, EffectParameter
-from ces_gap.effects.series_strain import Strain, subtract_spring_stroke
+from ces_gap.effects.effect import MOTION, EffectParameter, stiffness
+from ces_gap.effects.series import SeriesSpring, Strain, subtract_spring_stroke
 from ces_gap.trace import Trace, TraceInputs
 
-STIFFNESS = EffectParameter(
-    "stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing", "inverse", True, float("inf")
-)
+STIFFNESS = stiffness("stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing")
 
 
-class MountCompliance(Effect):
-    """What all forms share."""
-
-    name, stage, reruns = "mount_compliance", MOTION, True
-    summary = "elastic bushings"
+class MountCompliance(SeriesSpring):
+    name, stage = "mount_compliance", MOTION
+    needs = "motion fast enough to change the force within tens of milliseconds"
+    summary, moves = "elastic bushings", ("elasticity",)
 
 
 class LinearMount(MountCompliance):
@@ -31,17 +28,13 @@ class LinearMount(MountCompliance):
     """
 
     form = "linear"
-    needs = "motion fast enough to change the force within tens of milliseconds"
     parameters = (STIFFNESS, EffectParameter("damping_s", 0.0, 0.02, (0.001,), "relaxation time of the rubber, c/k"))
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the motion of the damper."""
         stiffness, damping_s = values
-
-        def law(acting: F, width: float) -> Strain:
-            return Strain(acting / stiffness, np.full_like(acting, 1.0 / stiffness))
-
-        return subtract_spring_stroke(trace, inputs, force, law, damping_s)
+        return subtract_spring_stroke(
+            trace, inputs, force, lambda f, _: (f / stiffness, np.full_like(f, 1.0 / stiffness)), damping_s
+        )
 
 
 class ProgressiveMount(MountCompliance):
@@ -52,21 +45,12 @@ class ProgressiveMount(MountCompliance):
     """
 
     form = "progressive"
-    needs = LinearMount.needs
     parameters = (
         STIFFNESS,
         EffectParameter("knee_N", 50.0, 1e4, (200.0, 1000.0), "force from which the bushing stiffens", "log"),
     )
 
-    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the motion of the damper."""
+    def strain(self, force: F, width: float, values: Sequence[float]) -> Strain:
         stiffness, knee = values
-
-        def law(acting: F, width: float) -> Strain:
-            ratio = acting / knee
-            return Strain(knee / stiffness * np.arcsinh(ratio), 1.0 / (stiffness * np.sqrt(1.0 + ratio**2)))
-
-        return subtract_spring_stroke(trace, inputs, force, law)
-
-
-FORMS = (LinearMount(), ProgressiveMount())
+        ratio = force / knee
+        return knee / stiffness * np.arcsinh(ratio), 1.0 / (stiffness * np.sqrt(1.0 + ratio**2))

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.ndimage import shift
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import SENSOR, Effect, EffectParameter
-from ces_gap.effects.series_strain import subtract_stroke
+from ces_gap.effects.effect import SENSOR, Effect, magnitude
+from ces_gap.effects.series import subtract_stroke
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -21,17 +21,9 @@ class Skew(Effect):
     """
 
     name, form, stage, reruns, needs = "position_delay", "shift", SENSOR, True, "motion"
-    summary = "position and force are not synchronous"
-    parameters = (
-        EffectParameter(
-            "delay_s", -0.02, 0.03, (0.003, -0.003), "delay of the force relative to the position", magnitude=True
-        ),
-    )
+    summary, moves = "position and force are not synchronous", ("lead of the drive",)
+    parameters = (magnitude("delay_s", -0.02, 0.03, (0.003, -0.003), "delay of the force relative to the position"),)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the motion shifted to the time of the force."""
         position = shift(inputs.position, values[0] * trace.rate_Hz, order=3, mode="nearest")
         return subtract_stroke(inputs, inputs.position - np.asarray(position, dtype=np.float64), trace.rate_Hz)
-
-
-FORMS = (Skew(),)

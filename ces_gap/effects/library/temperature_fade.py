@@ -9,27 +9,23 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 RETURN_S = 0.5  # [s] time constant with which the leaked stroke returns
 
-PER_HEAT = EffectParameter("fade_per_J", 0.0, 1e-3, (5e-6, 4e-5), "share of the force lost per joule", magnitude=True)
+PER_HEAT = magnitude("fade_per_J", 0.0, 1e-3, (5e-6, 4e-5), "share of the force lost per joule")
 COOLING = EffectParameter(
     "cooling_s", 5.0, 3000.0, (40.0,), "time constant of cooling: heat capacity over conductance", "log"
 )
-LEAKING = EffectParameter(
-    "leak_m_sN_per_J", 0.0, 1e-7, (3e-9, 1e-8), "growth per joule of the leaking speed per newton", magnitude=True
-)
+LEAKING = magnitude("leak_m_sN_per_J", 0.0, 1e-7, (3e-9, 1e-8), "growth per joule of the leaking speed per newton")
 LAMINAR = EffectParameter("laminar_m_s", 0.005, 5.0, (0.1,), "speed at which half of the force is viscous", "log")
-PER_KELVIN = EffectParameter("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lost per kelvin", magnitude=True)
+PER_KELVIN = magnitude("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lost per kelvin")
 
 
 class TemperatureFade(Effect):
-    """What all forms share."""
-
     name, stage = "temperature_fade", FLUID
-    summary = "warm oil damps less"
+    summary, moves = "warm oil damps less", ("flow map",)
 
 
 class FadeByWork(TemperatureFade):
@@ -43,7 +39,6 @@ class FadeByWork(TemperatureFade):
     parameters: ClassVar[tuple[EffectParameter, ...]] = (PER_HEAT,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of the warmer damper."""
         return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force, *values[1:])))
 
 
@@ -68,7 +63,6 @@ class Viscous(TemperatureFade):
     parameters = (PER_HEAT, LAMINAR)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of the warmer damper."""
         lost = -np.expm1(-values[0] * _heat(trace, inputs, force))
         return np.asarray(force * (1.0 - lost / (1.0 + np.abs(inputs.speed) / values[1])))
 
@@ -85,18 +79,15 @@ class ThinnerOil(TemperatureFade):
     parameters = (PER_HEAT, LEAKING)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs minus the leaked stroke."""
         leaking = values[1] * _heat(trace, inputs, force) * force
         decay = float(np.exp(-trace.step_s / RETURN_S))
         leaked = np.asarray(lfilter([trace.step_s], [1.0, -decay], leaking))
         return inputs.with_position(inputs.position - leaked, trace.rate_Hz)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of the warmer damper."""
         return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force)))
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        """Return a mixture of fade and leak, and one with hardly any leak."""
         return [(1e-5, 5e-9), (4e-5, 1e-9)]
 
 
@@ -107,7 +98,6 @@ class FadeByTemperature(TemperatureFade):
     parameters = (PER_KELVIN,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the force [N] (n,) of the warmer damper."""
         return np.asarray(force * np.exp(-values[0] * _warming(trace)))
 
 
@@ -127,6 +117,3 @@ def _warming(trace: Trace) -> F:
     seconds = (channel.stamps_ns - trace.recording.channel("position").stamps_ns[0]) * 1e-9
     temperature = np.interp(trace.time_s, seconds[known], channel.values[known])
     return np.asarray(temperature - temperature[0])
-
-
-FORMS = (FadeByWork(), FadeWithCooling(), Viscous(), ThinnerOil(), FadeByTemperature())

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import exp
 
 import numpy as np
+from numba import njit
 from scipy.ndimage import shift
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import VALVE, Effect, EffectParameter
-from ces_gap.effects.effect_kernels import rise_fall_lag
+from ces_gap.effects.effect import VALVE, Effect, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 LONGEST_S = 0.3  # [s] a slower valve is defective
-TIME_CONSTANT = EffectParameter(
-    "time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant of the valve", magnitude=True
-)
+TIME_CONSTANT = magnitude("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant of the valve")
 
 
 class ValveLag(Effect):
-    """What all forms share."""
-
     name, stage, reruns, needs = "valve_lag", VALVE, True, "a changing current"
-    summary = "the valve follows the current with a lag"
+    summary, moves = "the valve follows the current with a lag", ("valve lag",)
 
 
 class FirstOrderLag(ValveLag):
@@ -37,7 +34,6 @@ class FirstOrderLag(ValveLag):
     parameters = (TIME_CONSTANT,)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the acting current."""
         return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[0], trace.step_s))
 
 
@@ -49,12 +45,11 @@ class RiseFall(ValveLag):
 
     form = "rise_fall"
     parameters = (
-        EffectParameter("rise_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant upwards", magnitude=True),
-        EffectParameter("fall_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant downwards", magnitude=True),
+        magnitude("rise_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant upwards"),
+        magnitude("fall_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant downwards"),
     )
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the acting current."""
         return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[1], trace.step_s))
 
 
@@ -65,12 +60,31 @@ class DeadTime(ValveLag):
     """
 
     form = "delay_and_lag"
-    parameters = (EffectParameter("delay_s", 0.0, 0.05, (0.003, 0.015), "dead time", magnitude=True), TIME_CONSTANT)
+    parameters = (magnitude("delay_s", 0.0, 0.05, (0.003, 0.015), "dead time"), TIME_CONSTANT)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        """Return the inputs with the acting current."""
         late = np.asarray(shift(inputs.current, values[0] * trace.rate_Hz, order=1, mode="nearest"), dtype=np.float64)
         return inputs.with_current(rise_fall_lag(late, values[1], values[1], trace.step_s))
 
 
-FORMS = (FirstOrderLag(), RiseFall(), DeadTime())
+@njit(cache=True, nogil=True, error_model="numpy")
+def rise_fall_lag(u: F, rise_s: float, fall_s: float, step_s: float) -> F:
+    """Return u (n,) behind a first-order lag with time constant `rise_s` upward and `fall_s` downward."""
+    out = np.empty_like(u)
+    z = u[0]
+    out[0] = z
+    for k in range(1, len(u)):
+        z = _lag_step(z, u[k - 1], u[k], rise_s if u[k] > z else fall_s, step_s)
+        out[k] = z
+    return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _lag_step(z: float, before: float, now: float, time_s: float, step_s: float) -> float:
+    """Return the lag's next state, its input linear from `before` to `now` (first-order hold)."""
+    ratio = time_s / step_s
+    if ratio < 1e-9:
+        return now
+    pole = exp(-1.0 / ratio)
+    ramp = ratio * (1.0 - pole)
+    return pole * z + (ramp - pole) * before + (1.0 - ramp) * now

@@ -83,7 +83,7 @@ def test_the_library_holds_the_effects_of_the_contract_one_module_each() -> None
 
 @each
 def test_an_effect_is_described(effect: Effect) -> None:
-    assert effect.form and effect.needs
+    assert effect.form and effect.needs and effect.summary and type(effect).__doc__
     assert effect.parameters and any(p.magnitude for p in effect.parameters)
     assert len({p.name for p in effect.parameters}) == len(effect.parameters)
     assert effect.reruns == (type(effect).drive is not Effect.drive)

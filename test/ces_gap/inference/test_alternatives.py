@@ -10,7 +10,7 @@ from engine_plant import NOISE_N, traced
 from search_examples import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, EffectSearchResult, Offset, planted, run_search
 
 from ces_gap.effects.effect import EffectParameter
-from ces_gap.effects.library import current_scale, force_scale
+from ces_gap.effects.user_effects import library_effect
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.search import (
@@ -58,7 +58,7 @@ def test_alternatives_to_a_single_effect_are_single_effects() -> None:
 
 @pytest.mark.parametrize("constant_A", [0.09, None], ids=["constant", "changing"])
 def test_gains_of_current_and_force_are_alternatives_at_constant_current_only(constant_A: float | None) -> None:
-    forms = (current_scale.FORMS[0], force_scale.FORMS[0])
+    forms = (library_effect("current_scale", "gain"), library_effect("force_scale", "gain"))
     traces = [traced(seed=s, seconds=4.0, constant_A=constant_A) for s in (1, 2)]
     result = search(planted(FRICTION, traces=traces), forms, Refinement(), 1)
     worse, better = sorted((f.cost for f in result.alone), reverse=True)

@@ -26,31 +26,12 @@ from scipy.optimize import least_squares
 from ces_data.arrays import F
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition, Effect, Setting
-from ces_gap.effects.library import (
-    backlash,
-    cavitation,
-    compressibility,
-    current_hysteresis,
-    current_scale,
-    leakage,
-    mount_compliance,
-    position_delay,
-    valve_lag,
-)
+from ces_gap.effects.library import library
 from ces_gap.trace import Trace, TraceInputs
 
-MODULES = (
-    backlash,
-    cavitation,
-    compressibility,
-    current_hysteresis,
-    current_scale,
-    leakage,
-    mount_compliance,
-    position_delay,
-    valve_lag,
-)
-EFFECTS: tuple[Effect, ...] = tuple(form for module in MODULES for form in module.FORMS)
+ON_INPUTS = ("backlash", "cavitation", "compressibility", "current_hysteresis", "current_scale", "leakage",
+             "mount_compliance", "position_delay", "valve_lag")  # fmt: skip
+EFFECTS = tuple(e for e in library() if e.name in ON_INPUTS)
 FORMS = {f"{e.name}-{e.form}": e for e in EFFECTS}
 
 

@@ -12,38 +12,15 @@ from output_plants import Planted
 from scipy.optimize import least_squares
 
 from ces_gap.effects.effect import Effect
-from ces_gap.effects.friction_and_void_kernels import bristles
-from ces_gap.effects.library import (
-    blow_off,
-    bump_stop,
-    force_drift,
-    force_offset,
-    force_scale,
-    friction,
-    gas_spring,
-    inertia,
-    temperature_fade,
-)
+from ces_gap.effects.library import library
+from ces_gap.effects.library.friction import bristles
+from ces_gap.effects.library.gas_spring import POLYTROPIC
 from ces_gap.trace import Trace
 
 AREA, VOLUME, PRESSURE = 2.5e-4, 4e-5, 2e6  # of the rod [m2], of the gas [m3], its gauge pressure [Pa]
 GAS_STIFFNESS, GAS_COLUMN = 1.3 * PRESSURE * AREA**2 / VOLUME, VOLUME / AREA
 
-FORMS = {
-    (e.name, e.form): e
-    for module in (
-        blow_off,
-        bump_stop,
-        force_drift,
-        force_offset,
-        force_scale,
-        friction,
-        gas_spring,
-        inertia,
-        temperature_fade,
-    )
-    for e in module.FORMS
-}
+FORMS = {(e.name, e.form): e for e in library()}
 
 # form, what is planted, the values to find, and by how much each may be missed (as a share of it)
 CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] = [
@@ -167,7 +144,7 @@ def test_gas_about_the_mean_is_independent_of_the_sensor_zero() -> None:
 def test_a_charged_gas_spring_has_its_law_from_any_zero_of_the_position() -> None:
     trace = plants.trace(seconds=5.0)
     moved = replace(trace, inputs=replace(trace.inputs, position=trace.inputs.position - 0.05))
-    at_new_zero = 200.0 * (1.0 - 0.05 / 0.3) ** -gas_spring.POLYTROPIC
+    at_new_zero = 200.0 * (1.0 - 0.05 / 0.3) ** -POLYTROPIC
     here = respond("gas_spring", "charged", trace, (200.0, 0.3))
     assert respond("gas_spring", "charged", moved, (at_new_zero, 0.25)) == pytest.approx(here, abs=1e-6)
 
