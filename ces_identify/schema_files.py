@@ -1,4 +1,4 @@
-"""The JSON Schemas of the YAML files: what each is of, where it lies, and the line by which a file names its schema.
+"""The JSON Schemas of the YAML files and of gap.json: what each is of, where it lies, and the line by which a file names its schema.
 
 Editors with a YAML language server (VS Code, Neovim, ...) read that line, complete keys, and underline mistakes.
 """
@@ -23,6 +23,7 @@ ABOUT: Mapping[str, str] = {
     "controller": "Parameters of the node controller",
     "rig-node": "Parameters of the node rig",
     "identify-node": "Parameters of the node identify",
+    "gap": "Result of a diagnosis, gap.json (ces diagnose)",
 }
 KEYWORD = "# yaml-language-server: $schema="
 

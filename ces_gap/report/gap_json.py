@@ -1,4 +1,4 @@
-"""`gap.json`: a diagnosis for programs, with schema "ces-gap/1" (`gap.schema.json` in this folder).
+"""`gap.json`: a diagnosis for programs, schema "ces-gap/1". One table gives the file and its JSON Schema.
 
 Numbers are finite and rounded to six significant digits; unknown or infinite values are null.
 """
@@ -7,27 +7,27 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
-from dataclasses import asdict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from operator import attrgetter, itemgetter
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ces_gap.diagnosis import (
-    Diagnosis,
-    Estimate,
-    Explanation,
-    GapRegion,
-    HeldOutSeries,
-    NextExperiment,
-    calibration_cells,
-)
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, calibration_cells
 from ces_gap.errors import GapError
+from ces_gap.inference.decide import WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_TOLERANCE
+from ces_gap.report.formatting import AXES
+from ces_observer.fields import Schema
 from ces_observer.json_text import write_atomically
 
 SCHEMA = "ces-gap/1"
 DIGITS = 6  # significant digits of a number
+ABOUT = (
+    "SI units, named at the end of each key. A gap is an RMS [N] on held-out recordings with the noise subtracted. "
+    "null: unknown."
+)
 
 
 def write_gap(path: Path, diagnosis: Diagnosis) -> None:
@@ -51,112 +51,14 @@ def gap_document(diagnosis: Diagnosis) -> dict[str, Any]:
 
 def gap_content(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return what `gap.json` says, its numbers as computed."""
-    d, strongest, wrong = diagnosis, diagnosis.where.strongest, diagnosis.wrong
-    return {
-        "verdict": d.verdict,
-        "sentence": d.sentence,
-        "simulation": d.simulation,
-        "no_gap_reason": d.no_gap_reason,
-        "gap": asdict(d.gap),
-        "tolerance_N": d.tolerance_N,
-        "visible_from_N": d.visible_from_N,
-        "where": [_region(r) for r in d.where.regions],
-        "max_region": None if strongest is None else {"region": _region(strongest), "p_value": d.where.max_p_value},
-        "causes": [_cause(c) for c in d.causes],
-        "composition": _composition(d),
-        "calibration_map": [asdict(cell) for cell in calibration_cells(d)],
-        "indistinguishable": d.indistinguishable,
-        "not_separable": d.not_separable,
-        "invisible": [{"effect": effect, "reason": reason} for effect, reason in d.invisible],
-        "probabilities": {"none": d.probability_none, "unknown": d.probability_unknown},
-        "controls": {
-            "best_wrong_effect": None if wrong is None else {"effect": wrong.effects[0], **_after(wrong)},
-            "ceiling": _ceiling(d),
-        },
-        "ceiling": _ceiling(d),
-        "rest": None if d.rest is None else [_region(r) for r in d.rest.regions],
-        "witness": _refits(d),
-        "next_experiment": _experiment(d.next_experiment),
-        "surrogate": None
-        if d.surrogate_cost_J is None
-        else {"cost_J": d.surrogate_cost_J, "difference_error": d.surrogate_error},
-        "held_out": [_held_out(s) for s in d.held_out],
-        "notes": d.notes,
-    }
+    whole: dict[str, Any] = GAP.write(diagnosis)
+    return whole
 
 
-def _region(region: GapRegion) -> dict[str, Any]:
-    return {
-        "axis": region.axis,
-        "from": region.low,
-        "to": region.high,
-        "share_of_energy": region.share_of_energy,
-        "share_of_samples": region.share_of_samples,
-        "rms_N": region.rms_N,
-        "ci95_N": region.ci95_N,
-        "q_value": region.q_value,
-    }
-
-
-def _cause(cause: Explanation) -> dict[str, Any]:
-    """Return one effect alone."""
-    return {
-        "effect": cause.effects[0],
-        "form": cause.forms[0],
-        "probability": cause.probability,
-        "parameters": _parameters(cause.estimates[0]),
-        **_after(cause),
-        "gain": cause.gain,
-        "gain_error": cause.gain_error,
-    }
-
-
-def _composition(d: Diagnosis) -> dict[str, Any]:
-    """Return all effects together; `parameters` by effect."""
-    c = d.composition
-    return {
-        "effects": c.effects,
-        "forms": c.forms,
-        **_after(c),
-        "parameters": {effect: _parameters(e) for effect, e in zip(c.effects, c.estimates, strict=True)},
-        "by_region": [{"region": _region(region), "gap_after_N": after} for region, after in d.by_region],
-    }
-
-
-def _after(e: Explanation) -> dict[str, Any]:
-    return {"gap_after_N": e.gap_after_N, "shrink": e.shrink, "shrink_ci95": e.shrink_ci95}
-
-
-def _parameters(estimates: tuple[Estimate, ...]) -> dict[str, Any]:
-    return {e.name: {"value": e.value, "ci95": e.ci95, "at_bound": e.at_bound, "drifts": e.drifts} for e in estimates}
-
-
-def _ceiling(d: Diagnosis) -> dict[str, Any]:
-    shrink = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
-    return {"gap_after_N": d.ceiling_after_N, "shrink": shrink}
-
-
-def _refits(d: Diagnosis) -> dict[str, Any] | None:
-    """Return the refits of a physical model's parameters; null for other simulations."""
-    if d.refits is None:
-        return None
-    refits = [asdict(refit) for refit in d.refits.refits]
-    for refit in refits:
-        del refit["block_energy"]
-    return {"says": d.refit_finding, "note": d.refits.note, "refits": refits}
-
-
-def _experiment(experiment: NextExperiment | None) -> dict[str, Any]:
-    """Return the next experiment; purpose and recipe are empty if none is needed."""
-    if experiment is None:
-        return {"purpose": "", "recipe": {}}
-    return {key: getattr(experiment, key) for key in ("name", "purpose", "recipe", "separates", "distance_N")}
-
-
-def _held_out(series: HeldOutSeries) -> dict[str, Any]:
-    trace = series.trace
-    seconds = float(trace.usable.sum()) * trace.step_s
-    return {"name": trace.name, "sha256": trace.recording.sha256, "usable_s": seconds}
+def gap_schema() -> Schema:
+    """Return the JSON Schema of `gap.json`."""
+    properties = {"schema": {"const": SCHEMA}, **GAP.schema["properties"]}
+    return {**GAP.schema, "properties": properties, "required": list(properties), "description": ABOUT}
 
 
 def to_plain_json(item: object, where: str) -> Any:
@@ -172,3 +74,198 @@ def to_plain_json(item: object, where: str) -> Any:
     if isinstance(item, list | tuple):
         return [to_plain_json(value, where) for value in item]
     raise GapError(f"{where}: a {type(item).__name__}; expected text, numbers, lists or objects of them")
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of value in the file: its JSON Schema, and what is written of a value of the diagnosis."""
+
+    schema: Schema
+    write: Callable[[Any], Any] = lambda value: value
+
+    def __call__(self, about: str) -> Kind:
+        """Return the same with a description."""
+        return Kind({**self.schema, "description": about}, self.write)
+
+
+Read = str | Callable[[Any], Any]  # an attribute, or a function of the record
+
+
+def record(**keys: Kind | tuple[Kind, Read]) -> Kind:
+    """Return the kind of an object with these keys and no others; a key without `Read` is an attribute of its name."""
+    pairs = {key: value if isinstance(value, tuple) else (value, key) for key, value in keys.items()}
+    rows = [(key, kind, attrgetter(read) if isinstance(read, str) else read) for key, (kind, read) in pairs.items()]
+    properties = {key: kind.schema for key, kind, _ in rows}
+    schema = {"type": "object", "properties": properties, "required": list(keys), "additionalProperties": False}
+    return Kind(schema, lambda one: {key: kind.write(read(one)) for key, kind, read in rows})
+
+
+def many(kind: Kind, least: int = 0) -> Kind:
+    """Return the kind of a list."""
+    schema = {"type": "array", "items": kind.schema} | ({"minItems": least} if least else {})
+    return Kind(schema, lambda values: [kind.write(value) for value in values])
+
+
+def by_name(kind: Kind) -> Kind:
+    """Return the kind of an object with any keys, of pairs of a key and a value."""
+    schema = {"type": "object", "additionalProperties": kind.schema}
+    return Kind(schema, lambda pairs: {name: kind.write(value) for name, value in pairs})
+
+
+def or_null(kind: Kind) -> Kind:
+    """Return the kind of a value that may be None."""
+    return Kind({"anyOf": [{"type": "null"}, kind.schema]}, lambda one: None if one is None else kind.write(one))
+
+
+def number(**bounds: float) -> Kind:
+    """Return the kind of a number that may be unknown."""
+    return Kind({"type": ["number", "null"], **bounds})
+
+
+def first(name: str) -> Read:
+    """Return what finds the first of an explanation's values."""
+    return lambda explanation: getattr(explanation, name)[0]
+
+
+def itself(item: Any) -> Any:
+    """Return the record itself, of which an inner object tells more."""
+    return item
+
+
+def estimates(explanation: Any) -> list[tuple[str, list[tuple[str, Any]]]]:
+    """Return the estimates of an explanation by effect and parameter."""
+    by_effect = zip(explanation.effects, explanation.estimates, strict=True)
+    return [(effect, [(one.name, one) for one in found]) for effect, found in by_effect]
+
+
+def shrink_of_ceiling(d: Diagnosis) -> float:
+    """Return the share of the gap that a learner without physics closes."""
+    return 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
+
+
+TEXT, WORD, FLAG = Kind({"type": "string"}), Kind({"type": "string", "minLength": 1}), Kind({"type": "boolean"})
+NUMBER, POSITIVE, SHRINK, MAYBE = number(), number(minimum=0), number(maximum=1), number(minimum=0, maximum=1)
+PROBABILITY = Kind({"type": "number", "minimum": 0, "maximum": 1})
+INTERVAL = Kind({"type": "array", "items": NUMBER.schema, "minItems": 2, "maxItems": 2})
+
+PARAMETERS = by_name(record(value=NUMBER, ci95=INTERVAL, at_bound=FLAG, drifts=FLAG))
+LEFT = {"gap_after_N": POSITIVE, "shrink": SHRINK, "shrink_ci95": INTERVAL}
+LEFT_TOGETHER = {key: (kind, f"composition.{key}") for key, kind in LEFT.items()}
+REGION = record(
+    axis=Kind({"enum": list(AXES)}),
+    **{"from": (NUMBER, "low"), "to": (NUMBER, "high")},
+    share_of_energy=NUMBER("of the gap's square"),
+    share_of_samples=PROBABILITY,
+    rms_N=POSITIVE,
+    ci95_N=INTERVAL,
+    q_value=MAYBE("false-discovery rate at which it exceeds the rest of its axis"),
+)
+STRONGEST = record(region=(REGION, "strongest"), p_value=(MAYBE("of the test over all regions"), "max_p_value"))
+REGION_AFTER = record(region=(REGION, itemgetter(0)), gap_after_N=(POSITIVE, itemgetter(1)))
+GAP_SIZE = record(
+    rms_N=POSITIVE,
+    ci95_N=INTERVAL,
+    noise_floor_N=POSITIVE,
+    cost_J=POSITIVE,
+    corrected_N=POSITIVE("once the simulation's own error, learnt from references, is added"),
+    corrected_ci95_N=INTERVAL,
+    noise_source=TEXT("what showed the noise, as in 8.1 N from repeated cycles"),
+)
+CAUSE = record(
+    effect=(WORD, first("effects")),
+    form=(TEXT, first("forms")),
+    probability=PROBABILITY,
+    parameters=(PARAMETERS, lambda cause: estimates(cause)[0][1]),
+    **LEFT,
+    gain=NUMBER,
+    gain_error=NUMBER,
+)
+COMPOSITION = record(
+    effects=(many(WORD), "composition.effects"),
+    forms=(many(TEXT), "composition.forms"),
+    **LEFT_TOGETHER,
+    parameters=(by_name(PARAMETERS)("by effect"), lambda d: estimates(d.composition)),
+    by_region=many(REGION_AFTER),
+)
+CELL = record(speed_m_s=INTERVAL, current_A=INTERVAL, force_N=NUMBER)
+INVISIBLE = record(effect=(WORD, itemgetter(0)), reason=(TEXT, itemgetter(1)))
+CEILING = record(gap_after_N=(POSITIVE, "ceiling_after_N"), shrink=(SHRINK, shrink_of_ceiling))
+CONTROLS = record(
+    best_wrong_effect=(or_null(record(effect=(WORD, first("effects")), **LEFT)), "wrong"), ceiling=(CEILING, itself)
+)
+REFIT = record(
+    group=TEXT,
+    effects=many(TEXT)("that would move the group"),
+    moved_z=NUMBER("[standard errors], net of the references"),
+    control_z=NUMBER("of the references; null without any"),
+    closes=SHRINK("share of the held-out gap, RMS"),
+    energy=NUMBER("share of its energy"),
+    energy_error=POSITIVE,
+    changes=many(record(name=TEXT("with its unit"), before=NUMBER, after=NUMBER)),
+)
+REFITS = record(
+    says=(TEXT("of the composition; empty if nothing"), "refit_finding"),
+    note=(TEXT("why there are no refits"), "refits.note"),
+    refits=(many(REFIT), "refits.refits"),
+)
+RECIPE = Kind({"type": "object"})
+EXPERIMENT = record(name=TEXT, purpose=TEXT, recipe=RECIPE, separates=many(WORD), distance_N=POSITIVE)
+NO_EXPERIMENT = {"purpose": "", "recipe": {}}
+NEXT = Kind(
+    {**EXPERIMENT.schema, "required": list(NO_EXPERIMENT)},
+    lambda experiment: NO_EXPERIMENT if experiment is None else EXPERIMENT.write(experiment),
+)
+SURROGATE = record(
+    cost_J=(POSITIVE, "surrogate_cost_J"),
+    difference_error=(
+        POSITIVE("estimated RMS error of changes of the force by changed inputs, as a share of the change"),
+        "surrogate_error",
+    ),
+)
+HELD_OUT = record(
+    name=(TEXT, "trace.name"),
+    sha256=(TEXT, "trace.recording.sha256"),
+    usable_s=(POSITIVE, lambda series: float(series.trace.usable.sum()) * series.trace.step_s),
+)
+REASONS = Kind({"enum": ["", WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE]})
+GAP = record(
+    verdict=Kind({"enum": [NAMED, AMBIGUOUS, UNKNOWN, NO_GAP]}),
+    sentence=TEXT,
+    simulation=TEXT,
+    no_gap_reason=REASONS("what a gap that is none lies within"),
+    gap=GAP_SIZE,
+    tolerance_N=POSITIVE("a gap up to this counts as none"),
+    visible_from_N=POSITIVE("effects below hide behind the noise and the simulation's own error"),
+    where=(many(REGION)("regions of one axis each, most energy first"), "where.regions"),
+    max_region=(or_null(STRONGEST), lambda d: None if d.where.strongest is None else d.where),
+    causes=many(CAUSE)("each effect alone, most probable first"),
+    composition=(COMPOSITION, itself),
+    calibration_map=(
+        many(CELL)("mean force that a calibration in the composition adds to the simulation, by speed and current"),
+        calibration_cells,
+    ),
+    indistinguishable=many(many(WORD, 2))("groups of effects that are indistinguishable on these recordings"),
+    not_separable=many(WORD)("effects that a calibration of the simulation could absorb: references are needed"),
+    invisible=many(INVISIBLE)("effects that these recordings cannot show"),
+    probabilities=(
+        record(none=(PROBABILITY, "probability_none"), unknown=(PROBABILITY, "probability_unknown")),
+        itself,
+    ),
+    controls=(CONTROLS, itself),
+    ceiling=(CEILING("what a learner without physics leaves"), itself),
+    rest=(
+        or_null(many(REGION))("where the unexplained rest lies"),
+        lambda d: None if d.rest is None else d.rest.regions,
+    ),
+    witness=(
+        or_null(REFITS)("refits of a physical model's parameters to the real recordings; null for other simulations"),
+        lambda d: None if d.refits is None else d,
+    ),
+    next_experiment=NEXT,
+    surrogate=(
+        or_null(SURROGATE)("of recorded predictions; null if the simulation itself was run"),
+        lambda d: None if d.surrogate_cost_J is None else d,
+    ),
+    held_out=many(HELD_OUT),
+    notes=many(TEXT),
+)
