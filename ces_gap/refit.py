@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from itertools import islice
 from typing import Any
 
@@ -17,6 +18,8 @@ from numpy.typing import NDArray
 from ces_data.arrays import F
 from ces_gap.baseline.identified import IdentifiedBaseline
 from ces_gap.baseline.plant import Correction
+from ces_gap.effects.library import library
+from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.errors import GapError
 from ces_gap.grid import number_blocks
 from ces_gap.inference.evidence import Baseline
@@ -34,16 +37,6 @@ from ces_identify.trained.training import Training
 from ces_observer.model import Model
 from ces_observer.structures.physical import PhysicalStructure
 
-
-@dataclass(frozen=True)
-class ParameterGroup:
-    """A group by the `name` that reports give it: its `parts` in the layout, and the `effects` that would move it."""
-
-    name: str
-    parts: tuple[str, ...]
-    effects: tuple[str, ...]
-
-
 BLOCK_S = 0.5  # [s] errors within a block count as one sample in standard errors
 MAX_TICKS = 40_000  # of the fitted recordings: the first part of each
 MAX_STEPS = 4
@@ -56,169 +49,25 @@ MIN_ENERGY = 0.1  # of the held-out gap, for a refit that counts
 CLEAR_Z = 2.0  # standard errors by which a refit closes more than another
 CLEAR_ENERGY = 0.1  # of the gap, too
 
-GROUPS = (
-    ParameterGroup(
-        "elasticity",
-        ("compliance", "compression", "rebound", "mount"),
-        ("mount_compliance", "compressibility", "backlash"),
-    ),
-    ParameterGroup(
-        "friction", ("viscous_Ns_m", "stiffness", "yield", "friction", "friction_yield", "growth"), ("friction",)
-    ),
-    ParameterGroup("gas force", ("gas_N",), ("force_offset", "gas_spring", "bump_stop", "force_drift")),
-    ParameterGroup("valve lag", ("rise_s", "fall_s", "delay_ticks"), ("valve_lag",)),
-    ParameterGroup("magnetic loop", ("hysteresis_A",), ("current_hysteresis",)),
-    ParameterGroup("valve characteristic", ("setting",), ("current_scale",)),
-    ParameterGroup("lead of the drive", ("lead_s",), ("position_delay",)),
-    ParameterGroup("moving mass", ("mass_kg",), ("inertia",)),
-    ParameterGroup("refilling", ("check", "refill"), ("cavitation",)),
-    ParameterGroup(  # the valve characteristic ends at the extreme currents: a gain of the current moves the map, too
-        "flow map",
-        ("map", "leak", "ratio"),
-        ("force_scale", "leakage", "blow_off", "temperature_fade", "calibration", "current_scale"),
-    ),
-)
-
-
-@dataclass(frozen=True)
-class RefitTarget:
-    """Models on the nodes of a baseline, its parameters `theta`, weights (ticks,) and blocks (ticks,) of the data."""
-
-    models: PhysicalModels[Any]
-    theta: F
-    weights: F
-    blocks: NDArray[np.int64]
-
-    def square_errors(self, theta: F) -> F:
-        """Return the sum of the squared errors [N2] in each block (b,)."""
-        error = np.where(self.weights > 0.0, self.models.force(theta) - self.models.training.measured, 0.0)
-        return np.asarray(np.bincount(self.blocks, error**2), np.float64)
-
-    @property
-    def count(self) -> int:
-        """The number of ticks that count."""
-        return int((self.weights > 0.0).sum())
-
-
-def build_target(
-    model: Model, body: PhysicalStructure, traces: Sequence[Trace], correction: Correction | None
-) -> RefitTarget | None:
-    """Return the target on the usable ticks of the traces; None if the model was not made by these models.
-
-    Raises GapError without usable ticks.
-    """
-    series = [prepare(trace.recording, model.sampling) for trace in traces]
-    share = min(1.0, MAX_TICKS / max(1, sum(len(one) for one in series)))
-    series = [one.part(0.0, share) for one in series]
-    keep, measured = [], []
-    for one, trace in zip(series, traces, strict=True):
-        usable = np.interp(one.time_s, trace.time_s, trace.usable) > 0.99
-        keep.append(one.scored & usable)
-        added = 0.0 if correction is None else correction.force(trace, trace.inputs, trace.simulated)
-        measured.append(one.force - np.interp(one.time_s, trace.time_s, np.zeros(len(trace)) + added))
-    mask, force = np.concatenate(keep), np.concatenate(measured)
-    if not mask.any():
-        raise GapError(f"{', '.join(t.name for t in traces)}: no usable tick after the model's warm-up")
-    inputs = np.stack([np.concatenate([getattr(s, n) for s in series]) for n in ("position", "speed", "current")])
-    starts = np.cumsum([0, *(len(s) for s in series[:-1])])
-    segments = np.concatenate([s.segments + at for s, at in zip(series, starts, strict=True)])
-    owners = np.repeat(np.arange(len(series)), [len(s.segments) for s in series])
-    spread = float(force[mask].std())
-    weights: F = np.where(mask, 1.0 / (mask.sum() * spread**2), 0.0)
-    training = Training(
-        inputs=inputs,
-        measured=np.where(mask, force, 0.0),
-        segments=np.ascontiguousarray(segments, np.int64),
-        recordings=owners,
-        estimation=weights,
-        selection=np.zeros_like(weights),
-        envelope=model.envelope,
-        force_envelope=model.force_envelope_N,
-        scale_N=spread,
-    )
-    blocks = np.concatenate(number_blocks([one.time_s for one in series], BLOCK_S))
-    kind = physical_models_of(body)
-    opened = kind.reopen(body, 1.0 / model.sampling.rate_Hz, training) if kind else None
-    return None if opened is None else RefitTarget(*opened, weights, blocks)
-
-
+GROUPS: Mapping[str, tuple[str, ...]] = {  # parts of a model's layout, by the name that reports give them
+    "elasticity": ("compliance", "compression", "rebound", "mount"),
+    "friction": ("viscous_Ns_m", "stiffness", "yield", "friction", "friction_yield", "growth"),
+    "gas force": ("gas_N",),
+    "valve lag": ("rise_s", "fall_s", "delay_ticks"),
+    "magnetic loop": ("hysteresis_A",),
+    "valve characteristic": ("setting",),  # ends at the extreme currents: a gain of the current moves the map, too
+    "lead of the drive": ("lead_s",),
+    "moving mass": ("mass_kg",),
+    "refilling": ("check", "refill"),
+    "flow map": ("map", "leak", "ratio"),
+}
 Places = NDArray[np.int64]
 
 
-@dataclass(frozen=True)
-class Amplitude:
-    """The share of a change of force that recordings ask for (1: all of it), with its standard error."""
-
-    value: float
-    error: float
-
-    @property
-    def z(self) -> float:
-        """The amplitude in standard errors."""
-        return self.value / max(self.error, 1e-12)
-
-
-def places_of(target: RefitTarget, parts: Sequence[str]) -> Places:
-    """Return the places in theta of the named parts of the layout that the model has."""
-    sizes = [len(g.start) for g in target.models.layout.groups]
-    firsts = np.cumsum([0, *sizes[:-1]])
-    rows = zip(target.models.layout.groups, firsts, sizes, strict=True)
-    found = [np.arange(first, first + size) for group, first, size in rows if group.name in parts]
-    return np.concatenate([np.empty(0, np.int64), *found]).astype(np.int64)
-
-
-def refit_group(target: RefitTarget, free: Places) -> F:
-    """Return theta with the parameters at the places `free` refitted within their bounds."""
-    layout, start = target.models.layout, target.theta
-
-    def embed(values: F) -> F:
-        theta = start.copy()
-        theta[free] = values
-        return theta
-
-    def equations(values: F) -> tuple[float, F, F]:
-        error, matrix, gradient = target.models.normal_equations(embed(values), target.weights)
-        return error, matrix[np.ix_(free, free)], gradient[free]
-
-    problem = BoundedProblem(
-        lambda values: target.models.error(embed(values), target.weights),
-        equations,
-        lambda values: layout.project(embed(values))[free],
-        layout.low[free],
-        layout.high[free],
-        layout.penalty_weight(PENALTY) / layout.scale[free] ** 2,
-        start[free],
-    )
-    theta = start
-    for _, values in islice(descend_within_bounds(problem, start[free]), MAX_STEPS):
-        theta = embed(values)
-    return theta
-
-
-def predict_gain(target: RefitTarget, free: Places, matrix: F, gradient: F) -> float:
-    """Return the share of the squared error that one step of the parameters at the places `free` would gain.
-
-    `matrix` (n, n) and `gradient` (n,) are those of half the squared error by all parameters.
-    """
-    step = np.linalg.lstsq(matrix[np.ix_(free, free)], gradient[free], rcond=1e-9)[0]
-    return float(gradient[free] @ step) / max(target.models.error(target.theta, target.weights), 1e-300)
-
-
-def measure_amplitude(target: RefitTarget, theta: F) -> Amplitude:
-    """Return how much of the change of force from the baseline to `theta` the target's recordings ask for.
-
-    It is the regression of the baseline's error on the change; each block counts as one sample in its standard error
-    (White, Econometrica 50, 1982).
-    """
-    before = target.models.force(target.theta)
-    change = np.where(target.weights > 0.0, target.models.force(theta) - before, 0.0)
-    size = max(float(change @ change), 1e-300)
-    value = float(change @ (target.models.training.measured - before)) / size
-    rest = change * (target.models.training.measured - before - value * change)
-    scores = np.bincount(target.blocks, rest)
-    used = np.bincount(target.blocks, target.weights) > 0.0
-    spare = max(int(used.sum()) - 1, 1)
-    return Amplitude(value, float(np.sqrt((scores[used] ** 2).sum() * used.sum() / spare)) / size)
+@cache
+def effects_of(group: str) -> tuple[str, ...]:
+    """Return the effects that would move a group, by what they say of themselves (`Effect.moves`)."""
+    return tuple(dict.fromkeys(e.name for e in (*library(), *simulation_errors()) if group in e.moves))
 
 
 @dataclass(frozen=True)
@@ -272,7 +121,7 @@ def refit_physical_model(
     """
     if not isinstance(simulation, ModelSimulation | IdentifiedBaseline):
         return None
-    model = simulation.model
+    model, noise_N = simulation.model, baseline.evidence.noise.rms_N
     if not isinstance(model.body, PhysicalStructure):
         return None
     try:
@@ -284,75 +133,172 @@ def refit_physical_model(
             return ModelRefits(
                 note="the model's parameters cannot be refitted: its nodes are not those of this version"
             )
-        groups = [g for g in GROUPS if len(places_of(real, g.parts))]
-        targets = _Targets(model, real, held_out, control)
-        refits = _refit_groups(targets, groups, baseline.evidence.noise.rms_N, progress)
+        groups = [group for group in GROUPS if len(real.places(group))]
+        _, matrix, gradient = real.models.normal_equations(real.theta, real.weights)
+        found = []
+        for k, group in enumerate(groups):
+            progress(f"refitting the model's {group}", k / len(groups))
+            free = real.places(group)
+            free = free[np.diag(matrix)[free] > 0.0]
+            if len(free) and predict_gain(real, free, matrix, gradient) > MIN_PREDICTED_GAIN:
+                theta = refit_group(real, free)
+                found.append(evaluate_refit(group, theta, held_out, control, noise_N, find_changes(model, real, theta)))
     except FAILURES as error:
         return ModelRefits(note=f"the model's parameters could not be refitted: {type(error).__name__}: {error}")
-    return ModelRefits(tuple(refits), tuple(g.effects for g in groups))
+    refits = sorted(found, key=lambda refit: -refit.energy)
+    return ModelRefits(tuple(refits), tuple(effects_of(group) for group in groups))
 
 
 @dataclass(frozen=True)
-class _Targets:
-    """The baseline on the recordings to fit, those held out, and the references (None without any)."""
+class RefitTarget:
+    """Models on the nodes of a baseline, its parameters `theta`, weights (ticks,) and blocks (ticks,) of the data."""
 
-    model: Model
-    real: RefitTarget
-    held_out: RefitTarget
-    control: RefitTarget | None
+    models: PhysicalModels[Any]
+    theta: F
+    weights: F
+    blocks: NDArray[np.int64]
 
+    def square_errors(self, theta: F) -> F:
+        """Return the sum of the squared errors [N2] in each block (b,)."""
+        error = np.where(self.weights > 0.0, self.models.force(theta) - self.models.training.measured, 0.0)
+        return np.asarray(np.bincount(self.blocks, error**2), np.float64)
 
-def _refit_groups(
-    targets: _Targets, groups: Sequence[ParameterGroup], noise_N: float, progress: Progress
-) -> list[GroupRefit]:
-    """Return the refits of the groups that could gain anything, the one that closes most first."""
-    real = targets.real
-    _, matrix, gradient = real.models.normal_equations(real.theta, real.weights)
-    before = targets.held_out.square_errors(targets.held_out.theta)
-    found = []
-    for k, group in enumerate(groups):
-        progress(f"refitting the model's {group.name}", k / len(groups))
-        free = places_of(real, group.parts)
-        free = free[np.diag(matrix)[free] > 0.0]
-        if len(free) and predict_gain(real, free, matrix, gradient) > MIN_PREDICTED_GAIN:
-            found.append(_evaluate_refit(targets, group, refit_group(real, free), before, noise_N))
-    return sorted(found, key=lambda refit: -refit.energy)
+    def places(self, group: str) -> Places:
+        """Return the places in theta of those parts of a group that the model has."""
+        parts = self.models.layout.groups
+        owners = np.repeat([part.name for part in parts], [len(part.start) for part in parts])
+        return np.flatnonzero(np.isin(owners, GROUPS[group]))
 
 
-def _evaluate_refit(targets: _Targets, group: ParameterGroup, theta: F, before: F, noise_N: float) -> GroupRefit:
-    """Return what held-out recordings, with squared errors `before` (b,) [N2], say of a group refitted to `theta`."""
-    held_out = targets.held_out
-    asked = measure_amplitude(held_out, theta)
-    moved_z, control_z = asked.z, None
-    if targets.control is not None:
-        control = measure_amplitude(targets.control, theta)
-        moved_z = (asked.value - control.value) / max(float(np.hypot(asked.error, control.error)), 1e-12)
-        control_z = control.z
-    noise = held_out.count * noise_N**2
+def build_target(
+    model: Model, body: PhysicalStructure, traces: Sequence[Trace], correction: Correction | None
+) -> RefitTarget | None:
+    """Return the target on the usable ticks of the traces; None if the model was not made by these models.
+
+    Raises GapError without usable ticks.
+    """
+    series = [prepare(trace.recording, model.sampling) for trace in traces]
+    share = min(1.0, MAX_TICKS / max(1, sum(len(one) for one in series)))
+    series = [one.part(0.0, share) for one in series]
+    keep, measured = [], []
+    for one, trace in zip(series, traces, strict=True):
+        usable = np.interp(one.time_s, trace.time_s, trace.usable) > 0.99
+        keep.append(one.scored & usable)
+        added = 0.0 if correction is None else correction.force(trace, trace.inputs, trace.simulated)
+        measured.append(one.force - np.interp(one.time_s, trace.time_s, np.zeros(len(trace)) + added))
+    mask, force = np.concatenate(keep), np.concatenate(measured)
+    if not mask.any():
+        raise GapError(f"{', '.join(t.name for t in traces)}: no usable tick after the model's warm-up")
+    starts = np.cumsum([0, *(len(s) for s in series[:-1])])
+    segments = np.concatenate([s.segments + at for s, at in zip(series, starts, strict=True)])
+    spread = float(force[mask].std())
+    weights: F = np.where(mask, 1.0 / (mask.sum() * spread**2), 0.0)
+    training = Training(
+        inputs=np.stack([np.concatenate([getattr(s, n) for s in series]) for n in ("position", "speed", "current")]),
+        measured=np.where(mask, force, 0.0),
+        segments=np.ascontiguousarray(segments, np.int64),
+        recordings=np.repeat(np.arange(len(series)), [len(s.segments) for s in series]),
+        estimation=weights,
+        selection=np.zeros_like(weights),
+        envelope=model.envelope,
+        force_envelope=model.force_envelope_N,
+        scale_N=spread,
+    )
+    blocks = np.concatenate(number_blocks([one.time_s for one in series], BLOCK_S))
+    kind = physical_models_of(body)
+    opened = kind.reopen(body, 1.0 / model.sampling.rate_Hz, training) if kind else None
+    return None if opened is None else RefitTarget(*opened, weights, blocks)
+
+
+def predict_gain(target: RefitTarget, free: Places, matrix: F, gradient: F) -> float:
+    """Return the share of the squared error that one step of the parameters at the places `free` would gain.
+
+    `matrix` (n, n) and `gradient` (n,) are those of half the squared error by all parameters.
+    """
+    step = np.linalg.lstsq(matrix[np.ix_(free, free)], gradient[free], rcond=1e-9)[0]
+    return float(gradient[free] @ step) / max(target.models.error(target.theta, target.weights), 1e-300)
+
+
+def refit_group(target: RefitTarget, free: Places) -> F:
+    """Return theta with the parameters at the places `free` refitted within their bounds."""
+    layout, start = target.models.layout, target.theta
+
+    def embed(values: F) -> F:
+        theta = start.copy()
+        theta[free] = values
+        return theta
+
+    def equations(values: F) -> tuple[float, F, F]:
+        error, matrix, gradient = target.models.normal_equations(embed(values), target.weights)
+        return error, matrix[np.ix_(free, free)], gradient[free]
+
+    problem = BoundedProblem(
+        lambda values: target.models.error(embed(values), target.weights),
+        equations,
+        lambda values: layout.project(embed(values))[free],
+        layout.low[free],
+        layout.high[free],
+        layout.penalty_weight(PENALTY) / layout.scale[free] ** 2,
+        start[free],
+    )
+    theta = start
+    for _, values in islice(descend_within_bounds(problem, start[free]), MAX_STEPS):
+        theta = embed(values)
+    return theta
+
+
+def evaluate_refit(
+    group: str,
+    theta: F,
+    held_out: RefitTarget,
+    control: RefitTarget | None,
+    noise_N: float,
+    changes: tuple[QuantityChange, ...],
+) -> GroupRefit:
+    """Return what held-out recordings, and the references as a `control`, say of a group refitted to `theta`."""
+    asked, error = measure_amplitude(held_out, theta)
+    moved_z, control_z = asked / max(error, 1e-12), None
+    if control is not None:
+        unasked, control_error = measure_amplitude(control, theta)
+        moved_z = (asked - unasked) / max(float(np.hypot(error, control_error)), 1e-12)
+        control_z = unasked / max(control_error, 1e-12)
+    noise, before = int((held_out.weights > 0.0).sum()) * noise_N**2, held_out.square_errors(held_out.theta)
     gain = (before - held_out.square_errors(theta)) / max(float(before.sum()) - noise, MIN_GAP * noise, 1e-12)
     energy = float(gain.sum())
     return GroupRefit(
-        group=group.name,
-        effects=group.effects,
+        group=group,
+        effects=effects_of(group),
         moved_z=moved_z,
         control_z=control_z,
         closes=float(1.0 - np.sqrt(max(1.0 - energy, 0.0))),
         energy=energy,
         energy_error=float(np.sqrt(len(gain)) * gain.std()),
-        changes=_find_changes(targets, theta),
+        changes=changes,
         block_energy=tuple(gain.tolist()),
     )
 
 
-def _find_changes(targets: _Targets, theta: F) -> tuple[QuantityChange, ...]:
-    """Return the quantities that change most by a refit, relative to their size."""
+def measure_amplitude(target: RefitTarget, theta: F) -> tuple[float, float]:
+    """Return the share of the change of force from the baseline to `theta` that the recordings ask for (1: all of it).
 
-    def read(at: F) -> Mapping[str, float]:
-        models, model = targets.real.models, targets.model
-        interval_s, stroke = 1.0 / model.sampling.rate_Hz, model.envelope.position_m
-        return read_quantities(type(models), models.body(at), interval_s, stroke)
+    It is the regression of the baseline's error on the change; each block counts as one sample in its standard error,
+    which follows (White, Econometrica 50, 1982).
+    """
+    before = target.models.force(target.theta)
+    change = np.where(target.weights > 0.0, target.models.force(theta) - before, 0.0)
+    size = max(float(change @ change), 1e-300)
+    value = float(change @ (target.models.training.measured - before)) / size
+    rest = change * (target.models.training.measured - before - value * change)
+    scores = np.bincount(target.blocks, rest)
+    used = np.bincount(target.blocks, target.weights) > 0.0
+    spare = max(int(used.sum()) - 1, 1)
+    return value, float(np.sqrt((scores[used] ** 2).sum() * used.sum() / spare)) / size
 
-    old, new = read(targets.real.theta), read(theta)
+
+def find_changes(model: Model, target: RefitTarget, theta: F) -> tuple[QuantityChange, ...]:
+    """Return the quantities that change most from the baseline to `theta`, relative to their size."""
+    models, interval_s, stroke = target.models, 1.0 / model.sampling.rate_Hz, model.envelope.position_m
+    old, new = (read_quantities(type(models), models.body(at), interval_s, stroke) for at in (target.theta, theta))
     relative = {name: abs(new[name] - old[name]) / max(abs(old[name]), abs(new[name]), 1e-300) for name in old}
     largest = sorted((n for n in old if relative[n] > MIN_CHANGE), key=lambda name: -relative[name])
     return tuple(QuantityChange(name, old[name], new[name]) for name in largest[:MAX_CHANGES])

@@ -282,7 +282,7 @@ def test_an_unknown_effect_of_the_library_is_named(tmp_path):
 
 @pytest.mark.parametrize(
     ("text", "message"),
-    [("{", "not a JSON file"), ('{"schema": NaN}', "expected finite numbers"), ("[]", "expected an object")],
+    [("{", "not a JSON file"), ('{"schema": NaN}', "expected a finite number"), ("[]", "expected an object")],
 )
 def test_a_file_that_is_not_json_is_refused(tmp_path, text, message):
     path = tmp_path / "a.json"

@@ -4,17 +4,18 @@ from dataclasses import replace
 
 import pytest
 
+from ces_gap.effects.library import library
+from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.inference.verdict import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
-from ces_gap.refit import GROUPS, GroupRefit, ModelRefits, QuantityChange, weigh_refits
+from ces_gap.refit import GROUPS, GroupRefit, ModelRefits, QuantityChange, effects_of, weigh_refits
 
-EVERY_GROUP = tuple(group.effects for group in GROUPS)
+EVERY_GROUP = tuple(effects_of(group) for group in GROUPS)
 CHANGE = QuantityChange("Friction of the seals [N]", 12.0, 24.0)
 
 
 def refit(name, energy, moved_z=9.0, error=0.02, control_z=0.4):
-    effects = next(group.effects for group in GROUPS if group.name == name)
     blocks = tuple(energy / 10.0 + error / 10.0**0.5 * (1.0 if k % 2 else -1.0) for k in range(10))
-    return GroupRefit(name, effects, moved_z, control_z, 0.5 * energy, energy, error, (CHANGE,), blocks)
+    return GroupRefit(name, effects_of(name), moved_z, control_z, 0.5 * energy, energy, error, (CHANGE,), blocks)
 
 
 def weigh(*refits, verdict=NAMED, effects=("friction",), groups=EVERY_GROUP):
@@ -70,3 +71,8 @@ def test_where_nothing_is_named_the_verdict_stays_and_it_says_what_moved(verdict
 def test_of_several_effects_one_group_suffices():
     both = replace(refit("friction", 0.8), energy=0.8)
     assert weigh(both, refit("valve lag", 0.3), effects=("valve_lag", "friction"))[0] == NAMED
+
+
+def test_every_group_is_moved_by_effects_that_name_it():
+    assert all(EVERY_GROUP) and effects_of("elasticity") == ("backlash", "compressibility", "mount_compliance")
+    assert {group for e in (*library(), *simulation_errors()) for group in e.moves} == set(GROUPS)
