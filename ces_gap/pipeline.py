@@ -18,25 +18,18 @@ from ces_gap.effects.effect import Effect
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.effects.user_effects import require_sound
-from ces_gap.experiment.next_experiment import (
-    NO_AMBIGUITIES,
-    Ambiguities,
-    NextExperiment,
-    find_ambiguities,
-    propose_experiment,
-)
-from ces_gap.inference.comparison import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED
+from ces_gap.experiment.next_experiment import NO_AMBIGUITIES, find_ambiguities, propose_experiment
 from ces_gap.inference.decide import Decision, decide, name_by_simpler_rules, timing_notes
 from ces_gap.inference.evidence import Baseline, learn_baseline
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.held_out import HeldOutScores, review, score_held_out
-from ces_gap.inference.search import EffectSearchResult, search
+from ces_gap.inference.search import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED, EffectSearchResult, search
 from ces_gap.inference.verdict import calibration
 from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_notes
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
 from ces_gap.refit import ModelRefits, refit_physical_model, weigh_refits
-from ces_gap.regions.locate import NOWHERE, GapLocation, locate_gap
+from ces_gap.regions.locate import NOWHERE, locate_gap
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 
 
@@ -64,16 +57,6 @@ class _Stages:
     verdict: str
     refits: ModelRefits | None
     refit_finding: str
-
-
-@dataclass(frozen=True)
-class _Details:
-    """The results of the optional stages; `notes` say which of them failed."""
-
-    ambiguities: Ambiguities
-    location: GapLocation
-    experiment: NextExperiment | None
-    notes: tuple[str, ...]
 
 
 def diagnose(
@@ -104,45 +87,49 @@ def diagnose(
     share = MIN_GAIN_SHARE if inputs.reference else MIN_GAIN_SHARE_UNCORRECTED
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
     progress("computing the ceiling", 0.0)
-    decision = decide(baseline, result, inputs.best, calibration(_mode(simulation, inputs)), options.tolerance)
+    weights = calibration(_mode(simulation, inputs))
+    decision = decide(baseline, result, inputs.best, weights, options.tolerance)
     scores = score_held_out(inputs, baseline, result, decision, options.seed, progress)
     verdict, scores = review(decision.verdict, scores)
     refits = refit_physical_model(simulation, inputs, baseline, progress)
     verdict, finding = weigh_refits(verdict, scores.composition.effects, refits)
     stages = _Stages(inputs, invisible, baseline, result, decision, scores, verdict, refits, finding)
-    diagnosis = _assemble(spec, (*notes, *seen), stages, _add_details(stages, options, progress))
-    return replace(diagnosis, seen_notes=seen, sentence=format_verdict(diagnosis))
+    diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
+    diagnosis = replace(diagnosis, notes=(*notes, *seen, *diagnosis.notes))
+    return replace(diagnosis, sentence=format_verdict(diagnosis))
 
 
-def _add_details(stages: _Stages, options: DiagnoseOptions, progress: Progress) -> _Details:
-    """Return the ambiguities, the location of the gap and the next experiment; a note for each that fails."""
-    plant, result, optional = stages.baseline.plant, stages.result, OptionalSteps()
+def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:
+    """Return the kind of diagnosis for which probabilities are calibrated: key of `calibration.json`."""
+    if not inputs.reference:
+        return "no_references" if inputs.exact is not None else "predictions"
+    return "identified" if isinstance(simulation.innermost, ModelSimulation) else "references"
+
+
+def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Progress) -> Diagnosis:
+    """Return the diagnosis with ambiguities, location of the gap and next experiment; a note for each that fails."""
+    inputs, baseline, result, optional = stages.inputs, stages.baseline, stages.result, OptionalSteps()
+    decision, scores, alike = stages.decision, stages.scores, stages.decision.interchangeable
+    surrogate = inputs.surrogate if inputs.exact is None else None
+    outside = [c for c in scores.causes if c.effects[0] not in scores.composition.effects]
     progress("comparing indistinguishable effects", 0.0)
-    alike = stages.decision.interchangeable
     ambiguities = optional.run(
         "indistinguishable effects",
-        lambda: find_ambiguities(plant, result, alike),
+        lambda: find_ambiguities(baseline.plant, result, alike),
         replace(NO_AMBIGUITIES, indistinguishable=alike),
     )
     progress("locating the gap", 0.0)
     location = optional.run(
         "location of the gap",
-        lambda: locate_gap(result.evidence, stages.scores.series, options.seed, with_rest=stages.verdict == UNKNOWN),
+        lambda: locate_gap(result.evidence, scores.series, options.seed, with_rest=stages.verdict == UNKNOWN),
         NOWHERE,
     )
     experiment = None
     if options.experiment and result.best is not None and stages.verdict not in (NO_GAP, NAMED):
         progress("choosing the next experiment", 0.0)
         experiment = optional.run(
-            "next experiment", lambda: propose_experiment(plant, result, ambiguities, stages.inputs.exact), None
+            "next experiment", lambda: propose_experiment(baseline.plant, result, ambiguities, inputs.exact), None
         )
-    return _Details(ambiguities, location, experiment, tuple(optional.notes))
-
-
-def _assemble(spec: str, notes: Sequence[str], stages: _Stages, details: _Details) -> Diagnosis:
-    inputs, decision, scores = stages.inputs, stages.decision, stages.scores
-    surrogate = inputs.surrogate if inputs.exact is None else None
-    outside = [c for c in scores.causes if c.effects[0] not in scores.composition.effects]
     return Diagnosis(
         verdict=stages.verdict,
         no_gap_reason=decision.no_gap_reason,
@@ -151,34 +138,27 @@ def _assemble(spec: str, notes: Sequence[str], stages: _Stages, details: _Detail
         sentence="",
         simulation=spec,
         gap=scores.gap,
-        where=details.location.where,
-        by_region=details.location.by_region,
-        rest=details.location.rest,
+        where=location.where,
+        by_region=location.by_region,
+        rest=location.rest,
         causes=scores.causes,
         composition=scores.composition,
         wrong=max(outside, key=lambda c: c.shrink if math.isfinite(c.shrink) else -math.inf, default=None),
         ceiling_after_N=scores.ceiling_after_N,
-        indistinguishable=details.ambiguities.indistinguishable,
+        indistinguishable=ambiguities.indistinguishable,
         not_separable=decision.absorbed,
         invisible=stages.invisible,
         probability_none=decision.probabilities.none,
         probability_unknown=decision.probabilities.unknown,
-        next_experiment=details.experiment,
+        next_experiment=experiment,
         surrogate=surrogate,
         surrogate_cost_J=None if surrogate is None else surrogate.cost_J,
         surrogate_error=None if surrogate is None else surrogate.difference_error,
         held_out=scores.series,
-        notes=(*notes, *details.notes, *timing_notes(stages.result, decision)),
-        correction=stages.baseline.correction,
-        baselines=name_by_simpler_rules(stages.result),
+        notes=(*optional.notes, *timing_notes(result, decision)),
+        correction=baseline.correction,
+        baselines=name_by_simpler_rules(result),
         figures=decision.figures,
         refits=stages.refits,
         refit_finding=stages.refit_finding,
     )
-
-
-def _mode(simulation: Simulation, inputs: DiagnosisInput) -> str:
-    """Return the kind of diagnosis for which probabilities are calibrated: key of `calibration.json`."""
-    if not inputs.reference:
-        return "no_references" if inputs.exact is not None else "predictions"
-    return "identified" if isinstance(simulation.innermost, ModelSimulation) else "references"

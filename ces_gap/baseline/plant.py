@@ -77,7 +77,7 @@ class Plant:
         Effects on the inputs that depend on the damper's force get the force without effects and solve for the rest.
         """
         force = self.alone(trace) if alone is None else alone
-        if not any(s.effect.reruns for s in composition.settings):
+        if not composition.reruns:
             return composition.respond(trace, trace.inputs, force)
         inputs = composition.drive(trace, force)
         return composition.respond(trace, inputs, self.force(trace, inputs))
@@ -87,7 +87,7 @@ class Plant:
 
         It is zero for effects that do not run the simulation again, and where the simulation itself runs.
         """
-        if not any(s.effect.reruns for s in composition.settings):
+        if not composition.reruns:
             return np.zeros(len(trace))
         force = self.alone(trace) if alone is None else alone
         return self.simulation.error_of_change(trace, composition.drive(trace, force))
@@ -98,25 +98,20 @@ class Plant:
         return simulated + self.correction.force(trace, inputs, simulated)
 
 
-def _change_current_channel(trace: Trace, inputs: TraceInputs, constant: float | None) -> Channel:
-    """Return the logged current plus the difference of `inputs` from the recorded inputs."""
-    if constant is not None or len(trace.recording.channel("current")) < len(trace):
-        return Channel("current", "A", trace.grid_ns(), inputs.current)
-    logged = trace.recording.channel("current")
-    seconds = (logged.stamps_ns - trace.recording.channel("position").stamps_ns[0]) * 1e-9
-    added = np.interp(seconds, trace.time_s, inputs.current - trace.inputs.current)
-    return replace(logged, values=logged.values + added)
-
-
 def change_recording(trace: Trace, inputs: TraceInputs) -> Recording:
     """Return the recording with position and current changed by the difference of `inputs` from the recorded ones."""
-    recording = trace.recording
+    recording, start = trace.recording, trace.recording.channel("position").stamps_ns[0]
     channels = {n: c for n, c in recording.channels.items() if n != "sim_force"}
     constants = dict(recording.constants)
-    position = recording.channel("position")
-    seconds = (position.stamps_ns - position.stamps_ns[0]) * 1e-9
-    moved = np.interp(seconds, trace.time_s, inputs.position - trace.inputs.position)
-    channels["position"] = replace(position, values=position.values + moved)
+
+    def moved(logged: Channel, change: F) -> Channel:
+        added = np.interp((logged.stamps_ns - start) * 1e-9, trace.time_s, change)
+        return replace(logged, values=logged.values + added)
+
+    channels["position"] = moved(channels["position"], inputs.position - trace.inputs.position)
     if not inputs.current_as_logged:
-        channels["current"] = _change_current_channel(trace, inputs, constants.pop("current", None))
+        if constants.pop("current", None) is not None or len(channels["current"]) < len(trace):
+            channels["current"] = Channel("current", "A", trace.grid_ns(), inputs.current)
+        else:
+            channels["current"] = moved(channels["current"], inputs.current - trace.inputs.current)
     return replace(recording, channels=channels, constants=constants)

@@ -12,12 +12,12 @@ from ces_data.arrays import F
 from ces_gap.baseline.learner import Ceiling, learn_ceiling
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.grid import rms
-from ces_gap.inference.comparison import compute_paired_gain
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.explanation import count_stuck_parameters, measure_parameter_drift
 from ces_gap.inference.fit import EffectFit
 from ces_gap.inference.search import (
     EffectSearchResult,
+    compute_paired_gain,
     find_absorbed_effects,
     interchangeable_effects,
     min_unexplained_shares,

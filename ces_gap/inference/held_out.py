@@ -9,12 +9,11 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import Composition
-from ces_gap.inference.comparison import compute_paired_gain
 from ces_gap.inference.decide import Decision
 from ces_gap.inference.evidence import Baseline
 from ces_gap.inference.explanation import Explanation, HeldOutScorer, Interval, build_scorer, cut_into_blocks
 from ces_gap.inference.fit import EffectFit
-from ces_gap.inference.search import EffectSearchResult
+from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
 from ces_gap.inference.verdict import AMBIGUOUS, CALIBRATION, NAMED, NO_GAP, UNKNOWN
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import Progress, ignore_progress

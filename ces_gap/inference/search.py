@@ -1,8 +1,9 @@
 """Which effects explain the gap: every form is fitted alone, then compositions are searched with joint refits.
 
-Effects are added by beam search, then each is removed or replaced and the rest refitted. The data left out decide: a
-composition grows only while the paired gain exceeds twice its error and a share of the gap. Replacements that explain
-the evidence about as well are alternatives.
+Effects are added by beam search, then each is removed or replaced and the rest refitted. The data left out decide:
+explanations are compared by their residuals on units left out, paired by blocks; a composition grows only while that
+gain exceeds twice its error and a share of the gap. Replacements that explain the evidence about as well are
+alternatives.
 """
 
 from __future__ import annotations
@@ -16,22 +17,172 @@ import numpy as np
 from ces_data.arrays import F
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.simulation_errors import CALIBRATION_FORMS
-from ces_gap.inference.comparison import (
-    MIN_GAIN_SHARE,
-    MIN_GAIN_Z,
-    choose_best_fit,
-    compute_paired_gain,
-    cost_with_penalty,
-    is_worthwhile,
-    loses_to_nested_form,
-    order_nested_forms,
-    prior_cost,
-)
 from ces_gap.inference.evidence import Evidence
+from ces_gap.inference.explanation import count_stuck_parameters
 from ces_gap.inference.fit import EffectFit, Refinement, fit_alone, fit_together
 from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
 from ces_gap.inputs.checks import is_current_constant
 from ces_gap.progress import Progress, ignore_progress
+
+MIN_GAIN_SHARE = 0.05  # of the gap's energy that another effect must explain
+MIN_GAIN_SHARE_UNCORRECTED = 0.12  # the same without references: a smaller part may be the simulation's own error
+MIN_GAIN_Z = 2.0
+PARAMETER = 0.005  # share of the gap's energy that each parameter costs when effects are ranked
+CLEAR_SHARE = 0.1  # of the noise's energy
+BEAM = 2
+MAX_EFFECTS = 3
+MAX_ADDITIONS = 3  # additions refitted jointly for each composition in the beam
+MAX_SWAPS = 3  # replacements fitted for each effect
+MAX_REFINED_SWAPS = 2  # the best of these
+REFINE_SWAPS_WITHIN_SHARE = (
+    0.2  # of the gap's energy by which a replacement may leave more than the best, to be refined
+)
+MAX_REFINED_FORMS = 10
+REFINE_FORMS_WITHIN_SHARE = 0.4  # the same for the forms of single effects
+MIN_GAP_ENERGY = 0.02  # share of the noise's energy: a smaller gap counts as this large
+MIN_FORM_GAIN_SHARE = 0.02  # of the gap's energy that a form with more parameters must gain
+ALIKE_AT_CONSTANT_CURRENT = frozenset(("current_scale", "force_scale"))
+MAX_ALIKE_SHARE = 0.1  # of the gap's energy by which one of these may leave more than the other
+MIN_ABSORBED_SHARE = 0.8  # share of a signature's energy inside the map that makes the effect not separable
+
+
+@dataclass(frozen=True)
+class EffectSearchResult:
+    """`baseline_residual` (r,) is the whitened residual without effects; `alone` the best form of each effect, ranked.
+
+    `tried` are compositions of as many effects as the best, refitted with one of its effects replaced.
+    """
+
+    baseline_residual: F
+    alone: tuple[EffectFit, ...]
+    best: EffectFit | None
+    gap_energy: float  # whitened sum of squares above the noise's
+    evidence: Evidence
+    tried: tuple[EffectFit, ...] = ()
+
+
+def search(
+    evidence: Evidence,
+    effects: Sequence[Effect],
+    refinement: Refinement,
+    threads: int,
+    progress: Progress = ignore_progress,
+    min_gain_share: float = MIN_GAIN_SHARE,
+) -> EffectSearchResult:
+    """Return the best explanations of the evidence by the effects.
+
+    `refinement` repeats the most promising fits with the simulation itself where the evidence holds a surrogate. Each
+    further effect must explain `min_gain_share` of the gap's energy.
+    """
+    forms: list[EffectFit] = []
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        for fit in pool.map(lambda effect: fit_alone(evidence, effect), effects):
+            forms.append(fit)
+            progress(f"fitting {fit.names[0]}", len(forms) / len(effects))
+    residual = evidence.residual(evidence.alone)
+    energy = max(float(residual @ residual) - len(residual), MIN_GAP_ENERGY * len(residual))
+    forms.sort(key=lambda f: f.cost)
+    limit = forms[0].cost + REFINE_FORMS_WITHIN_SHARE * energy
+    for k, fit in enumerate([f for f in forms[:MAX_REFINED_FORMS] if f.cost < limit]):
+        progress(f"running the simulation with {fit.names[0]}", k / MAX_REFINED_FORMS)
+        forms[k] = refinement.refine(evidence, fit)
+    alone = order_nested_forms(evidence, best_forms(forms, energy))
+    compositions = CompositionSearch(evidence, residual, forms, energy, refinement, threads, min_gain_share)
+    best = compositions.grow(alone, progress)
+    tried: tuple[EffectFit, ...] = ()
+    if best is not None and len(best.effects) > 1:
+        progress("trying other effects in place of each", 0.0)
+        best, tried = compositions.improve(best)
+    return EffectSearchResult(residual, alone, best, energy, evidence, tried)
+
+
+def best_forms(forms: Sequence[EffectFit], energy: float) -> tuple[EffectFit, ...]:
+    """Return one form of each effect, best first: one with more parameters only if it explains clearly more."""
+    chosen: dict[str, EffectFit] = {}
+    for fit in sorted(forms, key=lambda f: len(f.searched)):
+        simpler = chosen.get(fit.names[0])
+        min_gain = MIN_FORM_GAIN_SHARE * energy if simpler and len(fit.searched) > len(simpler.searched) else 0.0
+        if simpler is None or fit.cost < simpler.cost - min_gain:
+            chosen[fit.names[0]] = fit
+    return tuple(sorted(chosen.values(), key=lambda f: cost_with_penalty(f, energy)))
+
+
+@dataclass(frozen=True)
+class PairedGain:
+    """Difference of two residuals' sums of squares (`energy`, whitened), and its standard `error`."""
+
+    energy: float
+    error: float
+
+    @property
+    def z(self) -> float:
+        """Energy over its error."""
+        return self.energy / max(self.error, 1e-12)
+
+
+def compute_paired_gain(evidence: Evidence, worse: F, better: F) -> PairedGain:
+    """Return the paired gain of whitened residual `better` (r,) over `worse` (r,); blocks are the samples."""
+    by_block = np.bincount(evidence.block_of_row, worse**2 - better**2)
+    count = len(by_block)
+    error = float(by_block.std(ddof=1) * np.sqrt(count)) if count > 1 else float("inf")
+    return PairedGain(float(by_block.sum()), error)
+
+
+def cost_with_penalty(fit: EffectFit, energy: float) -> float:
+    """Return the fit's cost plus a penalty for each parameter, by which explanations of this energy are ranked."""
+    count = sum(len(e.parameters) for e in fit.effects if e.prior_share == 0.0)
+    return fit.cost + PARAMETER * energy * count + prior_cost(fit, energy)
+
+
+def prior_cost(fit: EffectFit, energy: float) -> float:
+    """Return the energy by which flexible maps must explain more than effects."""
+    return energy * sum(e.prior_share for e in fit.effects)
+
+
+def choose_best_fit(evidence: Evidence, fits: Sequence[EffectFit], energy: float) -> EffectFit:
+    """Return the best fit of a gap of this energy; more parameters must pay their penalty or gain significantly."""
+    best, *others = sorted(fits, key=lambda f: (len(f.searched), f.cost))
+    for fit in others:
+        if cost_with_penalty(fit, energy) < cost_with_penalty(best, energy) or (
+            len(fit.searched) > len(best.searched)
+            and is_worthwhile(evidence, best.left_out, fit, prior_cost(fit, energy) - prior_cost(best, energy))
+        ):
+            best = fit
+    return best
+
+
+def is_worthwhile(evidence: Evidence, before: F, after: EffectFit, min_energy: float) -> bool:
+    """True if the fit gains more than `min_energy`, and more than twice its error or than noise could explain.
+
+    A gain confined to a few blocks, as at a bump stop, has a large error between blocks however clear it is.
+    """
+    paired = compute_paired_gain(evidence, before, after.left_out)
+    return paired.energy > min_energy and (paired.z > MIN_GAIN_Z or paired.energy > CLEAR_SHARE * len(before))
+
+
+def loses_to_nested_form(evidence: Evidence, fit: EffectFit, other: EffectFit) -> bool:
+    """True if two fits differ in an effect and its limit only, and the data decide for the `other`.
+
+    The form must gain more than twice the error of its gain over the limit. The limit wins if the form's best
+    parameters are on a bound, where the form is no longer plausible, or if it leaves less by more than twice the error.
+    """
+    pairs = ((fit, other), (other, fit))
+    mine, theirs = ([e for e in one.effects if e.name not in rest.names] for one, rest in pairs)
+    if len(mine) != 1 or len(theirs) != 1:
+        return False
+    better = compute_paired_gain(evidence, fit.left_out, other.left_out).z > MIN_GAIN_Z
+    if theirs[0].limit == mine[0].name:
+        return better
+    return mine[0].limit == theirs[0].name and (better or count_stuck_parameters(fit) > 0)
+
+
+def order_nested_forms(evidence: Evidence, ranked: Sequence[EffectFit]) -> tuple[EffectFit, ...]:
+    """Return the fits of single effects, best first, each before those that lose to it as a nested form."""
+    ordered: list[EffectFit] = []
+    for fit in ranked:
+        place = [k for k, earlier in enumerate(ordered) if loses_to_nested_form(evidence, earlier, fit)]
+        ordered.insert(place[0] if place else len(ordered), fit)
+    return tuple(ordered)
 
 
 def fit_each(jobs: Sequence[tuple[Evidence, Sequence[EffectFit]]], threads: int) -> list[EffectFit]:
@@ -67,16 +218,6 @@ def _linear_gain(fit: EffectFit, other: EffectFit, baseline_residual: F) -> floa
     gram = tangents.T @ tangents + 1e-6 * np.eye(tangents.shape[1])
     slope = tangents.T @ fit.residual
     return float(slope @ np.linalg.solve(gram, slope))
-
-
-BEAM = 2
-MAX_EFFECTS = 3
-MAX_ADDITIONS = 3  # additions refitted jointly for each composition in the beam
-MAX_SWAPS = 3  # replacements fitted for each effect
-MAX_REFINED_SWAPS = 2  # the best of these
-REFINE_SWAPS_WITHIN_SHARE = (
-    0.2  # of the gap's energy: a replacement that leaves more than the best by this is not refined
-)
 
 
 @dataclass(frozen=True)
@@ -161,77 +302,6 @@ class CompositionSearch:
         return [self.refinement.refine(self.evidence, fit) for fit in promising[:MAX_REFINED_SWAPS]]
 
 
-MAX_REFINED_FORMS = 10
-REFINE_FORMS_WITHIN_SHARE = 0.4  # of the gap's energy: a form that leaves more than the best by this is not refined
-MIN_GAP_ENERGY = 0.02  # share of the noise's energy: a smaller gap counts as this large
-MIN_FORM_GAIN_SHARE = 0.02  # of the gap's energy that a form with more parameters must gain
-
-
-@dataclass(frozen=True)
-class EffectSearchResult:
-    """`baseline_residual` (r,) is the whitened residual without effects; `alone` the best form of each effect, ranked.
-
-    `tried` are compositions of as many effects as the best, refitted with one of its effects replaced.
-    """
-
-    baseline_residual: F
-    alone: tuple[EffectFit, ...]
-    best: EffectFit | None
-    gap_energy: float  # whitened sum of squares above the noise's
-    evidence: Evidence
-    tried: tuple[EffectFit, ...] = ()
-
-
-def search(
-    evidence: Evidence,
-    effects: Sequence[Effect],
-    refinement: Refinement,
-    threads: int,
-    progress: Progress = ignore_progress,
-    min_gain_share: float = MIN_GAIN_SHARE,
-) -> EffectSearchResult:
-    """Return the best explanations of the evidence by the effects.
-
-    `refinement` repeats the most promising fits with the simulation itself where the evidence holds a surrogate. Each
-    further effect must explain `min_gain_share` of the gap's energy.
-    """
-    forms: list[EffectFit] = []
-    with ThreadPoolExecutor(max(1, threads)) as pool:
-        for fit in pool.map(lambda effect: fit_alone(evidence, effect), effects):
-            forms.append(fit)
-            progress(f"fitting {fit.names[0]}", len(forms) / len(effects))
-    residual = evidence.residual(evidence.alone)
-    energy = max(float(residual @ residual) - len(residual), MIN_GAP_ENERGY * len(residual))
-    forms.sort(key=lambda f: f.cost)
-    limit = forms[0].cost + REFINE_FORMS_WITHIN_SHARE * energy
-    for k, fit in enumerate([f for f in forms[:MAX_REFINED_FORMS] if f.cost < limit]):
-        progress(f"running the simulation with {fit.names[0]}", k / MAX_REFINED_FORMS)
-        forms[k] = refinement.refine(evidence, fit)
-    alone = order_nested_forms(evidence, best_forms(forms, energy))
-    compositions = CompositionSearch(evidence, residual, forms, energy, refinement, threads, min_gain_share)
-    best = compositions.grow(alone, progress)
-    tried: tuple[EffectFit, ...] = ()
-    if best is not None and len(best.effects) > 1:
-        progress("trying other effects in place of each", 0.0)
-        best, tried = compositions.improve(best)
-    return EffectSearchResult(residual, alone, best, energy, evidence, tried)
-
-
-def best_forms(forms: Sequence[EffectFit], energy: float) -> tuple[EffectFit, ...]:
-    """Return one form of each effect, best first: one with more parameters only if it explains clearly more."""
-    chosen: dict[str, EffectFit] = {}
-    for fit in sorted(forms, key=lambda f: len(f.searched)):
-        simpler = chosen.get(fit.names[0])
-        min_gain = MIN_FORM_GAIN_SHARE * energy if simpler and len(fit.searched) > len(simpler.searched) else 0.0
-        if simpler is None or fit.cost < simpler.cost - min_gain:
-            chosen[fit.names[0]] = fit
-    return tuple(sorted(chosen.values(), key=lambda f: cost_with_penalty(f, energy)))
-
-
-ALIKE_AT_CONSTANT_CURRENT = frozenset(("current_scale", "force_scale"))
-MAX_ALIKE_SHARE = 0.1  # of the gap's energy by which one of these may leave more than the other
-
-
 def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
     """Return the fits that differ from the best in one effect."""
     best = result.best
@@ -242,13 +312,6 @@ def find_alternatives(result: EffectSearchResult) -> list[EffectFit]:
     return [f for f in near if not loses_to_nested_form(result.evidence, f, best)]
 
 
-def _may_replace(best: EffectFit, fit: EffectFit) -> bool:
-    """True unless the fit replaces the simulation's timing, or an effect by that timing or a map of its calibration."""
-    exchanged = [e for e in (*best.effects, *fit.effects) if (e.name in best.names) != (e.name in fit.names)]
-    maps = [e for e in fit.effects if e.prior_share > 0.0 and e.name not in best.names]
-    return not maps and not any(e.nuisance for e in exchanged)
-
-
 def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     """Return the smallest share of the gap's energy that each effect leaves: alone, in the best, or as an alternative.
 
@@ -256,13 +319,14 @@ def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     loses to a nested form counts as leaving clearly more.
     """
     best, clear = result.best, MIN_GAIN_SHARE * result.gap_energy
-    costs = {fit.names[0]: _cost(result, fit) for fit in result.alone if not fit.effects[0].nuisance}
+    energy = result.gap_energy
+    costs = {fit.names[0]: fit.cost + prior_cost(fit, energy) for fit in result.alone if not fit.effects[0].nuisance}
     if best is not None and len(best.effects) == 1:
         lost = [f for f in result.alone if loses_to_nested_form(result.evidence, f, best)]
         costs.update({f.names[0]: max(f.cost, best.cost + clear) for f in lost})
     for fit in (*find_alternatives(result), *([best] if best is not None else [])):
         names = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
-        costs.update({name: min(costs[name], _cost(result, fit)) for name in names if name in costs})
+        costs.update({name: min(costs[name], fit.cost + prior_cost(fit, energy)) for name in names if name in costs})
     return {name: (cost - len(result.baseline_residual)) / result.gap_energy for name, cost in costs.items()}
 
 
@@ -271,6 +335,7 @@ def interchangeable_effects(
 ) -> tuple[tuple[str, ...], ...]:
     """Return groups: an effect of the best composition, followed by those that can replace it, best first.
 
+    The simulation's timing replaces nothing and is not replaced, and a map of its calibration replaces nothing.
     The `allowance` of a fit is the whitened energy that it may leave because of a surrogate's error.
     """
     best = result.best
@@ -280,22 +345,11 @@ def interchangeable_effects(
     for fit in sorted(find_alternatives(result), key=lambda f: f.cost):
         (member,) = set(best.names) - set(fit.names)
         (other,) = set(fit.names) - set(best.names)
-        if _may_replace(best, fit) and _is_as_good(result, best, fit, allowance(fit)):
+        exchanged = [e for e in (*best.effects, *fit.effects) if e.name in (member, other)]
+        allowed = not any(e.nuisance or (e.prior_share > 0.0 and e.name == other) for e in exchanged)
+        if allowed and _is_as_good(result, best, fit, allowance(fit)):
             groups.setdefault(member, [member]).append(other)
     return tuple(tuple(dict.fromkeys(groups[name])) for name in best.names if name in groups)
-
-
-def merge_groups(groups: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
-    """Return all groups, largest first, without those that are part of another."""
-    merged: list[tuple[str, ...]] = []
-    for group in sorted((*groups, *classes), key=len, reverse=True):
-        if not any(set(group) <= set(larger) for larger in merged):
-            merged.append(group)
-    return tuple(merged)
-
-
-def _cost(result: EffectSearchResult, fit: EffectFit) -> float:
-    return fit.cost + prior_cost(fit, result.gap_energy)
 
 
 def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit, allowance: float) -> bool:
@@ -313,18 +367,26 @@ def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit, all
     return share < NEGLIGIBLE_SHARE or (share < MIN_GAIN_SHARE and paired.z < MIN_GAIN_Z)
 
 
-MIN_ABSORBED_SHARE = 0.8  # share of a signature's energy inside the map that makes the effect not separable
+def merge_groups(groups: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
+    """Return all groups, largest first, without those that are part of another."""
+    merged: list[tuple[str, ...]] = []
+    for group in sorted((*groups, *classes), key=len, reverse=True):
+        if not any(set(group) <= set(larger) for larger in merged):
+            merged.append(group)
+    return tuple(merged)
 
 
 def find_absorbed_effects(result: EffectSearchResult) -> tuple[str, ...]:
     """Return the effects whose signatures lie mostly inside the calibration's map; none with references."""
     maps = [f for f in result.alone if f.effects[0] in CALIBRATION_FORMS]
-    return tuple(f.names[0] for f in result.alone if maps and f not in maps and _is_inside(result, f, maps[0]))
+    if not maps:
+        return ()
+    scale = np.linalg.norm(maps[0].jacobian, axis=0)
+    tangents = maps[0].jacobian[:, scale > 0.0] / scale[scale > 0.0]
 
+    def is_inside(signature: F) -> bool:
+        outside = signature - tangents @ np.linalg.lstsq(tangents, signature, rcond=None)[0]
+        return bool(outside @ outside < (1.0 - MIN_ABSORBED_SHARE) * (signature @ signature))
 
-def _is_inside(result: EffectSearchResult, fit: EffectFit, calibrated: EffectFit) -> bool:
-    signature = result.baseline_residual - fit.residual
-    scale = np.linalg.norm(calibrated.jacobian, axis=0)
-    tangents = calibrated.jacobian[:, scale > 0.0] / scale[scale > 0.0]
-    outside = signature - tangents @ np.linalg.lstsq(tangents, signature, rcond=None)[0]
-    return bool(outside @ outside < (1.0 - MIN_ABSORBED_SHARE) * (signature @ signature))
+    others = [f for f in result.alone if f not in maps]
+    return tuple(f.names[0] for f in others if is_inside(result.baseline_residual - f.residual))

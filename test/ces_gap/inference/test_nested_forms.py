@@ -7,9 +7,15 @@ from search_examples import EFFECTS, planted
 
 from ces_gap.effects.effect import Setting
 from ces_gap.effects.user_effects import library_effect
-from ces_gap.inference.comparison import loses_to_nested_form, order_nested_forms
 from ces_gap.inference.fit import Refinement, fit_alone
-from ces_gap.inference.search import EffectSearchResult, interchangeable_effects, min_unexplained_shares, search
+from ces_gap.inference.search import (
+    EffectSearchResult,
+    interchangeable_effects,
+    loses_to_nested_form,
+    min_unexplained_shares,
+    order_nested_forms,
+    search,
+)
 
 GAS, OFFSET = library_effect("gas_spring", "charged"), library_effect("force_offset", "constant")
 OTHERS = tuple(e for e in EFFECTS if e.name == "friction")

@@ -11,10 +11,9 @@ from search_examples import CLEAN, EFFECTS, FRICTION, OFFSET, PLANT, SPRING, Cub
 
 from ces_gap.baseline.learner import make_white_noise
 from ces_gap.effects.effect import Setting
-from ces_gap.inference.comparison import compute_paired_gain
 from ces_gap.inference.evidence import Evidence, gather
 from ces_gap.inference.fit import EffectFit, Refinement, fit_alone
-from ces_gap.inference.search import EffectSearchResult, best_forms, search
+from ces_gap.inference.search import EffectSearchResult, best_forms, compute_paired_gain, search
 
 
 def best_values(result: EffectSearchResult) -> dict[str, tuple[float, ...]]:
