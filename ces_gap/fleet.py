@@ -138,6 +138,7 @@ def _diagnose(job: DiagnosisJob, packed: bytes, recordings: Sequence[Recording])
 def _row(job: DiagnosisJob, recordings: Sequence[Recording], diagnosis: Diagnosis) -> Row:
     best = diagnosis.causes[0] if diagnosis.causes else None
     gap, together = diagnosis.gap, diagnosis.composition
+    of_verdict = {NO_GAP: diagnosis.probability_none, UNKNOWN: diagnosis.probability_unknown}
     row: Row = {
         **job.identity,
         "status": DONE,
@@ -145,7 +146,7 @@ def _row(job: DiagnosisJob, recordings: Sequence[Recording], diagnosis: Diagnosi
         "verdict": diagnosis.verdict,
         "effects": list(together.effects),
         "cause": best.effects[0] if best else None,
-        "probability": _probability(diagnosis),
+        "probability": of_verdict.get(diagnosis.verdict, best.probability if best else None),
         "gap_N": gap.rms_N,
         "gap_low_N": gap.ci95_N[0],
         "gap_high_N": gap.ci95_N[1],
@@ -161,10 +162,3 @@ def _row(job: DiagnosisJob, recordings: Sequence[Recording], diagnosis: Diagnosi
     }
     plain: Row = to_plain_json(row, job.name)
     return plain
-
-
-def _probability(diagnosis: Diagnosis) -> float | None:
-    """Return the probability of the verdict: of no gap, of an unknown cause, or of the most probable effect."""
-    if diagnosis.verdict in (NO_GAP, UNKNOWN):
-        return diagnosis.probability_none if diagnosis.verdict == NO_GAP else diagnosis.probability_unknown
-    return diagnosis.causes[0].probability if diagnosis.causes else None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -280,7 +280,7 @@ MAX_COLOUR = 0.1  # autocorrelation from tick to tick, above that of white noise
 
 
 def measure_noise(samples: F, resample: Callable[[F], F], signals: GridSignals) -> MeasuredNoise:
-    """Return the noise of the force on the grid.
+    """Return the noise of the force on the grid: the smallest valid upper bound, otherwise the largest lower bound.
 
     `samples` [N] (m,) are the logged forces; `resample` returns m values on the grid (n,).
     """
@@ -292,26 +292,15 @@ def measure_noise(samples: F, resample: Callable[[F], F], signals: GridSignals) 
     quantum = find_quantum_N(values)
     floor = NoiseEstimate(QUANTUM, quantum / math.sqrt(12.0) * on_grid, "a lower bound")
     repeated = [estimate_from_cycles(signals), estimate_from_standstill(signals)]
-    high = _check_colour(estimate_from_spectrum(values, quantum, on_grid), repeated, white_lag1)
-    return _combine([*repeated, high], floor, quantum, white_lag1)
-
-
-def _check_colour(high: NoiseEstimate, repeated: list[NoiseEstimate], white_lag1: float) -> NoiseEstimate:
-    """Return the estimate from high frequencies, not valid if another source shows that the noise is not white."""
+    high = estimate_from_spectrum(values, quantum, on_grid)
     coloured = next((e for e in repeated if e.valid and e.lag1 > white_lag1 + MAX_COLOUR), None)
-    if coloured is None or not high.valid:
-        return high
-    return NoiseEstimate(HIGH_FREQUENCIES, high.rms_N, f"the noise at {coloured.source} is not white")
-
-
-def _combine(
-    estimates: list[NoiseEstimate], floor: NoiseEstimate, quantum_N: float, white_lag1: float
-) -> MeasuredNoise:
-    """Return the smallest valid upper bound, or the largest lower bound if there is none; at least the `floor`."""
+    if coloured is not None and high.valid:
+        high = replace(high, problem=f"the noise at {coloured.source} is not white")
+    estimates = [*repeated, high]
     valid = [e for e in estimates if e.valid]
     best = min(valid, key=lambda e: e.rms_N) if valid else max([*estimates, floor], key=lambda e: e.rms_N)
     if best.rms_N < floor.rms_N:
         best = floor
     others = tuple(e for e in (*estimates, floor) if e is not best)
     lag1 = next((e.lag1 for e in (best, *valid) if math.isfinite(e.lag1)), math.nan)
-    return MeasuredNoise(best.rms_N, best.source, others, bool(valid), quantum_N, lag1, white_lag1)
+    return MeasuredNoise(best.rms_N, best.source, others, bool(valid), quantum, lag1, white_lag1)

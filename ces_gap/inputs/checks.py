@@ -27,88 +27,22 @@ from ces_observer.model import Model
 
 MAX_SATURATED_SHARE = 0.25  # of samples at a limit; a diagnosis needs fewer
 AROUND_S = 0.01  # [s] on both sides of a saturated sample that filters spread it over
-
-
-def saturation_notes(recording: Recording) -> Iterator[str]:
-    """Yield a note if the force saturates; raises GapError if the share exceeds `MAX_SATURATED_SHARE`."""
-    limits = find_saturations(recording)
-    if not limits:
-        return
-    text = describe_saturations(limits)
-    if sum(s.share for s in limits) > MAX_SATURATED_SHARE:
-        raise GapError(
-            f"{recording.name}: force: {SATURATES}: {text}; expected at most {MAX_SATURATED_SHARE:.0%}: "
-            "record again with a larger range"
-        )
-    yield f"{recording.name}: force: {SATURATES}: {text}; they are not used; record with a larger range"
-
-
-def exclude_saturated_ticks(trace: Trace) -> Trace:
-    """Return the trace with the ticks near saturated samples marked unusable."""
-    limits = find_saturations(trace.recording) if "force" in trace.recording.channels else ()
-    if not limits:
-        return trace
-    force = trace.recording.channel("force")
-    flat = np.isin(force.values, [s.limit for s in limits])
-    start = int(trace.recording.channel("position").stamps_ns[0])
-    seconds = np.sort((force.stamps_ns[flat] - start) * 1e-9)
-    first = np.searchsorted(seconds, trace.time_s - AROUND_S)
-    near = first < np.searchsorted(seconds, trace.time_s + AROUND_S, side="right")
-    return replace(trace, usable=trace.usable & ~near)
-
-
-MAX_OUTSIDE_SHARE = 0.5  # share of the time, above which a comparison is refused
+MAX_OUTSIDE_SHARE = 0.5  # share of the time outside the range of a model, above which a comparison is refused
 NOTED_OUTSIDE_SHARE = 0.05  # share from which there is a note
 SLACK = 0.02  # of a range: the differentiators of model and trace differ
-
-
-def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> Iterator[str]:
-    """Yield a note, with the worst input, for each recording that is often outside the range of the simulation.
-
-    Raises GapError if all together are outside for more than `MAX_OUTSIDE_SHARE` of the time.
-    """
-    model = model_inside(simulation)
-    if model is None:
-        return
-    outside = {trace.name: _outside(model, trace) for trace in traces}
-    ticks = np.array([int(t.usable.sum()) for t in traces])
-    overall = float(ticks @ [outside[t.name][0] for t in traces]) / max(int(ticks.sum()), 1)
-    if overall > MAX_OUTSIDE_SHARE:
-        worst = max(outside, key=lambda n: outside[n][0])
-        raise GapError(
-            f"{name}: outside the range it was identified on for {overall:.0%} of the time, most in {worst} "
-            f"({outside[worst][1]}); expected an overlap: identify on recordings like these, or diagnose on others"
-        )
-    for recording, (share, where) in outside.items():
-        if share > NOTED_OUTSIDE_SHARE:
-            yield (
-                f"{recording}: {share:.0%} of the time outside the range {name} was identified on ({where}); part of "
-                "the gap is extrapolation"
-            )
-
-
-def model_inside(simulation: Simulation) -> Model | None:
-    """Return the model inside a simulation, None if there is none."""
-    inside = simulation.innermost
-    return inside.model if isinstance(inside, ModelSimulation) else None
-
-
-def _outside(model: Model, trace: Trace) -> tuple[float, str]:
-    """Return the share of usable ticks with an input outside the envelope, and the ranges of those inputs."""
-    values = {name: getattr(trace.inputs, name)[trace.usable] for name in ("position", "speed", "current")}
-    outside = np.zeros(int(trace.usable.sum()), bool)
-    for name, taken in values.items():
-        low, high = model.envelope.by_signal[name]
-        slack = SLACK * max(high - low, abs(high), abs(low))
-        outside |= (taken < low - slack) | (taken > high + slack)
-    return float(outside.mean()), "; ".join(map(str, find_outside(model, values)))
-
-
 MIN_CORRELATION = 0.5  # correlation of the forces from which its sign and the scale count
 SURE = 0.9  # correlation from which a factor that is physically plausible counts as a unit
 NEAR = 0.06  # relative tolerance of such a factor
 ROUGH = 3.0  # tolerance factor of powers of a thousand
 IMPOSSIBLE = 30.0  # factor too large for a gap
+NO_CURRENT = 1e-3  # [A] below it a current counts as zero
+NO_FORCE = 0.2  # share of unusable ticks from which there is a note
+SLOW_M_S = 0.01  # [m/s] a recording of slower motion contains hardly any information
+REAL, HELD_OUT, REFERENCE = "--real", "--held-out", "--reference"
+WHY = {
+    HELD_OUT: "held-out recordings must not be fitted: without --held-out a part of --real is set aside",
+    REFERENCE: "references must be free of the effect",
+}
 
 
 @dataclass(frozen=True)
@@ -136,6 +70,81 @@ UNITS = (
 )
 
 
+def check_recordings(
+    real: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording]
+) -> tuple[str, ...]:
+    """Return notes on the recordings as logged.
+
+    Raises GapError for recordings with seconds in common, a missing force or one that saturates for more than
+    `MAX_SATURATED_SHARE`, RecordingError if units or signs differ between recordings.
+    """
+    require_distinct(real, held_out, reference)
+    everything = [*real, *held_out, *reference]
+    for recording in everything:
+        if "force" not in recording.channels:
+            raise GapError(f"{recording.name}: no measured force; a diagnosis needs one: map it in the signals file")
+    require_consistent(everything)
+    found = [f for f in check_each(everything) if not (isinstance(f, SaturationFinding) and f.signal == "force")]
+    notes = [finding.text for finding in found]
+    for recording in everything:
+        if limits := find_saturations(recording):
+            text = f"{recording.name}: force: {SATURATES}: {describe_saturations(limits)}"
+            if sum(s.share for s in limits) > MAX_SATURATED_SHARE:
+                most = f"expected at most {MAX_SATURATED_SHARE:.0%}"
+                raise GapError(f"{text}; {most}: record again with a larger range")
+            notes.append(f"{text}; they are not used; record with a larger range")
+    return tuple(notes)
+
+
+def require_distinct(real: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording]) -> None:
+    """Raise GapError for duplicate recordings: a model validated on its fitting data would seem perfect."""
+    recordings = [*((REAL, r) for r in real), *((HELD_OUT, r) for r in held_out), *((REFERENCE, r) for r in reference)]
+    for (one, first), (other, second) in combinations(recordings, 2):
+        if shared := shared_content(first, second):
+            names = first.name if first.name == second.name else f"{first.name} and {second.name}"
+            if one == other:
+                raise GapError(f"{names}: {shared}, twice under {one}; pass each recording once")
+            raise GapError(f"{names}: {shared}, under {one} and {other}; {WHY[other]}")
+
+
+def exclude_saturated_ticks(trace: Trace) -> Trace:
+    """Return the trace with the ticks near saturated samples marked unusable."""
+    limits = find_saturations(trace.recording) if "force" in trace.recording.channels else ()
+    if not limits:
+        return trace
+    force = trace.recording.channel("force")
+    flat = np.isin(force.values, [s.limit for s in limits])
+    start = int(trace.recording.channel("position").stamps_ns[0])
+    seconds = np.sort((force.stamps_ns[flat] - start) * 1e-9)
+    first = np.searchsorted(seconds, trace.time_s - AROUND_S)
+    near = first < np.searchsorted(seconds, trace.time_s + AROUND_S, side="right")
+    return replace(trace, usable=trace.usable & ~near)
+
+
+def check_traces(traces: Sequence[Trace], simulation: Simulation, name: str) -> tuple[str, ...]:
+    """Return notes on the simulation `name` compared with the measurements.
+
+    Raises GapError if it has the wrong sign or unit, or if the recordings lie outside its range.
+    """
+    agreement = compare_forces(traces)
+    require_same_sign_and_unit(agreement, name)
+    notes = list(outside_notes(traces, simulation, name))
+    if abs(agreement.correlation) < MIN_CORRELATION:
+        notes.append(
+            f"the force of {name} hardly correlates with the measured one (correlation {agreement.correlation:.2f}): "
+            "check that it simulates this damper and that the signals are mapped correctly"
+        )
+    notes += missing_force_notes(traces, name)
+    for trace in traces:
+        speed = float(np.percentile(np.abs(trace.inputs.speed[trace.usable]), 99.0))
+        if speed < SLOW_M_S:
+            notes.append(f"{trace.name}: hardly moves (99 % of the time below {speed:.2g} m/s)")
+    if is_current_constant(traces):
+        level = float(np.mean([t.inputs.current[t.usable].mean() for t in traces]))
+        notes.append(f"the current stays at {level:.3g} A: effects of the valve are not visible")
+    return tuple(notes)
+
+
 @dataclass(frozen=True)
 class ForceAgreement:
     """Agreement of the forces: correlation, gain (slope of the reduced major axis), RMS [N] of both."""
@@ -158,98 +167,91 @@ def compare_forces(traces: Sequence[Trace]) -> ForceAgreement:
     return ForceAgreement(correlation, float(np.sign(correlation)) * spread_f / spread_s, spread_f, spread_s)
 
 
-def require_same_sign_and_unit(traces: Sequence[Trace], name: str) -> None:
+def require_same_sign_and_unit(agreement: ForceAgreement, name: str) -> None:
     """Raise GapError if the simulation `name` has the wrong sign, the wrong unit, or a constant force."""
-    agreement = compare_forces(traces)
-    if agreement.measured_N == 0.0 or agreement.simulated_N == 0.0:
-        force = "the measured force" if agreement.measured_N == 0.0 else f"the force of {name}"
+    measured_N, simulated_N = agreement.measured_N, agreement.simulated_N
+    if measured_N == 0.0 or simulated_N == 0.0:
+        force = "the measured force" if measured_N == 0.0 else f"the force of {name}"
         raise GapError(f"{force} is constant; expected a force that changes with the stroke: check topic and field")
-    if mismatch := _describe_mismatch(agreement):
-        raise GapError(f"{name}: {mismatch}")
-
-
-def _describe_mismatch(agreement: ForceAgreement) -> str | None:
-    unit = _find_unit(agreement)
-    inverted = agreement.correlation <= -MIN_CORRELATION
+    unit, inverted = _find_unit(agreement), agreement.correlation <= -MIN_CORRELATION
     if unit is None and not inverted:
-        ratio = agreement.measured_N / agreement.simulated_N
-        if 1.0 / IMPOSSIBLE < ratio < IMPOSSIBLE:
-            return None
-        return (
-            f"its force changes by {agreement.simulated_N:.3g} N RMS, the measured one by {agreement.measured_N:.3g} N"
-            "; expected the same damper in the same unit: check the units of the simulation and of the signals file"
-        )
-    sign = "the simulated force has the opposite sign of the measured one" if inverted else ""
-    what = " and ".join(filter(None, [sign, unit.description if unit else ""]))
-    return (
-        f"{what} (measured over simulated is {agreement.gain:.4g}, correlation {agreement.correlation:.2f}); "
-        f"expected N, position and force positive in compression: {_describe_remedy(unit, inverted)}"
+        if not 1.0 / IMPOSSIBLE < measured_N / simulated_N < IMPOSSIBLE:
+            raise GapError(
+                f"{name}: its force changes by {simulated_N:.3g} N RMS, the measured one by {measured_N:.3g} N; expected "
+                "the same damper in the same unit: check the units of the simulation and of the signals file"
+            )
+        return
+    sign, what = (-1.0 if inverted else 1.0), "the simulated force has the opposite sign of the measured one"
+    remedy = "invert the simulation's output, or set scale: -1.0 for position or force in the signals file"
+    if unit is not None:
+        what = f"{what} and {unit.description}" if inverted else unit.description
+        remedy = f"multiply the simulation's output by {sign * unit.factor:.6g}"
+        if unit.measured:
+            remedy = f"set scale: {sign / unit.factor:.6g} for force in the signals file"
+    raise GapError(
+        f"{name}: {what} (measured over simulated is {agreement.gain:.4g}, correlation {agreement.correlation:.2f}); "
+        f"expected N, position and force positive in compression: {remedy}"
     )
 
 
 def _find_unit(agreement: ForceAgreement) -> ForceUnit | None:
-    if abs(agreement.correlation) < MIN_CORRELATION:
-        return None
-    for unit in UNITS:
+    """Return the unit that explains the gain, None if none does or the forces do not correlate."""
+    sure = abs(agreement.correlation)
+    for unit in UNITS if sure >= MIN_CORRELATION else ():
         off = abs(np.log(abs(agreement.gain) / unit.factor))
-        if off < (np.log(ROUGH) if unit.rough else NEAR) and (unit.rough or abs(agreement.correlation) >= SURE):
+        if off < (np.log(ROUGH) if unit.rough else NEAR) and (unit.rough or sure >= SURE):
             return unit
     return None
 
 
-def _describe_remedy(unit: ForceUnit | None, inverted: bool) -> str:
-    if unit is None:
-        return "invert the simulation's output, or set scale: -1.0 for position or force in the signals file"
-    if unit.measured:
-        return f"set scale: {(-1.0 if inverted else 1.0) / unit.factor:.6g} for force in the signals file"
-    return f"multiply the simulation's output by {(-1.0 if inverted else 1.0) * unit.factor:.6g}"
+def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> Iterator[str]:
+    """Yield a note, with the worst input, for each recording that is often outside the range of the simulation.
 
-
-NO_CURRENT = 1e-3  # [A] below it a current counts as zero
-NO_FORCE = 0.2  # share of unusable ticks from which there is a note
-SLOW_M_S = 0.01  # [m/s] a recording of slower motion contains hardly any information
-REAL, HELD_OUT, REFERENCE = "--real", "--held-out", "--reference"
-
-
-def require_distinct(real: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording]) -> None:
-    """Raise GapError for duplicate recordings: a model validated on its fitting data would seem perfect."""
-    recordings = [*((REAL, r) for r in real), *((HELD_OUT, r) for r in held_out), *((REFERENCE, r) for r in reference)]
-    for (one, first), (other, second) in combinations(recordings, 2):
-        if shared := shared_content(first, second):
-            raise GapError(_describe_duplicate(one, first, other, second, str(shared)))
-
-
-def check_recordings(
-    real: Sequence[Recording], held_out: Sequence[Recording], reference: Sequence[Recording]
-) -> tuple[str, ...]:
-    """Return notes on the recordings as logged.
-
-    Raises GapError for recordings with seconds in common or a missing force, RecordingError if units or signs differ
-    between recordings.
+    Raises GapError if all together are outside for more than `MAX_OUTSIDE_SHARE` of the time.
     """
-    require_distinct(real, held_out, reference)
-    everything = [*real, *held_out, *reference]
-    for recording in everything:
-        if "force" not in recording.channels:
-            raise GapError(f"{recording.name}: no measured force; a diagnosis needs one: map it in the signals file")
-    require_consistent(everything)
-    found = [f for f in check_each(everything) if not (isinstance(f, SaturationFinding) and f.signal == "force")]
-    notes = [finding.text for finding in found]
-    return (*notes, *(note for recording in everything for note in saturation_notes(recording)))
+    model = model_inside(simulation)
+    if model is None:
+        return
+    outside: dict[str, tuple[float, str]] = {}  # share of usable ticks, and the ranges of the inputs that are outside
+    for trace in traces:
+        values = {signal: getattr(trace.inputs, signal)[trace.usable] for signal in ("position", "speed", "current")}
+        beyond = np.zeros(int(trace.usable.sum()), bool)
+        for signal, taken in values.items():
+            low, high = model.envelope.by_signal[signal]
+            slack = SLACK * max(high - low, abs(high), abs(low))
+            beyond |= (taken < low - slack) | (taken > high + slack)
+        outside[trace.name] = float(beyond.mean()), "; ".join(map(str, find_outside(model, values)))
+    ticks = np.array([int(t.usable.sum()) for t in traces])
+    overall = float(ticks @ [outside[t.name][0] for t in traces]) / max(int(ticks.sum()), 1)
+    if overall > MAX_OUTSIDE_SHARE:
+        worst = max(outside, key=lambda n: outside[n][0])
+        raise GapError(
+            f"{name}: outside the range it was identified on for {overall:.0%} of the time, most in {worst} "
+            f"({outside[worst][1]}); expected an overlap: identify on recordings like these, or diagnose on others"
+        )
+    for recording, (share, where) in outside.items():
+        if share > NOTED_OUTSIDE_SHARE:
+            yield (
+                f"{recording}: {share:.0%} of the time outside the range {name} was identified on ({where}); part of "
+                "the gap is extrapolation"
+            )
 
 
-def check_traces(traces: Sequence[Trace], simulation: Simulation, name: str) -> tuple[str, ...]:
-    """Return notes on the simulation `name` compared with the measurements.
-
-    Raises GapError if it has the wrong sign or unit, or if the recordings lie outside its range.
-    """
-    require_same_sign_and_unit(traces, name)
-    notes = [*outside_notes(traces, simulation, name), *_correlation_notes(traces, name)]
-    notes += [*_missing_force_notes(traces, name), *_slow_motion_notes(traces)]
-    if is_current_constant(traces):
-        level = float(np.mean([t.inputs.current[t.usable].mean() for t in traces]))
-        notes.append(f"the current stays at {level:.3g} A: effects of the valve are not visible")
-    return tuple(notes)
+def missing_force_notes(traces: Sequence[Trace], name: str) -> Iterator[str]:
+    """Yield a note for each recording with many unusable ticks; traces of one recording count together."""
+    wholes: list[tuple[Trace, NDArray[np.bool_]]] = []
+    for trace in traces:
+        if wholes and wholes[-1][0].recording is trace.recording:
+            wholes[-1] = trace, wholes[-1][1] | trace.usable
+        else:
+            wholes.append((trace, trace.usable))
+    for trace, usable in wholes:
+        share = 1.0 - float(usable.mean())
+        if share > NO_FORCE:
+            yield (
+                f"{trace.name}: {share:.0%} of the time is not used: position, current, measured force or the force of "
+                f"{name} is missing"
+            )
 
 
 def seen_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> tuple[str, ...]:
@@ -269,6 +271,12 @@ def is_seen(recording: Recording, simulation: Simulation) -> bool:
     return model is not None and bool(find_known_recording(recording, model.provenance))
 
 
+def model_inside(simulation: Simulation) -> Model | None:
+    """Return the model inside a simulation, None if there is none."""
+    inside = simulation.innermost
+    return inside.model if isinstance(inside, ModelSimulation) else None
+
+
 def is_current_constant(traces: Sequence[Trace]) -> bool:
     """True if the current is constant within and between recordings."""
     current = usable_inputs(traces, "current")
@@ -280,66 +288,10 @@ def find_invisible_effects(effects: Sequence[Effect], traces: Sequence[Trace]) -
 
     The criterion is the current that an effect's `needs` requires: changing, reversing or other than zero.
     """
-    reasons: dict[str, str] = {}
-    visible: set[str] = set()
-    for effect in effects:
-        reason = explain_invisibility(effect, traces)
-        if reason is None:
-            visible.add(effect.name)
-        else:
-            reasons.setdefault(effect.name, reason)
-    return tuple((name, reason) for name, reason in reasons.items() if name not in visible)
-
-
-def explain_invisibility(effect: Effect, traces: Sequence[Trace]) -> str | None:
-    """Return the reason why this form of an effect is not visible in the recordings, None if it is visible."""
-    if "current" not in effect.needs or not is_current_constant(traces):
-        return None
+    if not is_current_constant(traces):
+        return ()
     level = float(np.abs(usable_inputs(traces, "current")).mean())
-    if "zero" in effect.needs and level > NO_CURRENT:
-        return None
-    return f"it needs {effect.needs}; the current stays at {level:.3g} A"
-
-
-def _describe_duplicate(one: str, first: Recording, other: str, second: Recording, shared: str) -> str:
-    names = first.name if first.name == second.name else f"{first.name} and {second.name}"
-    if one == other:
-        return f"{names}: {shared}, twice under {one}; pass each recording once"
-    why = {
-        HELD_OUT: "held-out recordings must not be fitted: without --held-out a part of --real is set aside",
-        REFERENCE: "references must be free of the effect",
-    }
-    return f"{names}: {shared}, under {one} and {other}; {why[other]}"
-
-
-def _correlation_notes(traces: Sequence[Trace], name: str) -> Iterator[str]:
-    correlation = compare_forces(traces).correlation
-    if abs(correlation) < MIN_CORRELATION:
-        yield (
-            f"the force of {name} hardly correlates with the measured one (correlation {correlation:.2f}): check "
-            "that it simulates this damper and that the signals are mapped correctly"
-        )
-
-
-def _missing_force_notes(traces: Sequence[Trace], name: str) -> Iterator[str]:
-    """Yield a note for each recording with many unusable ticks; traces of one recording count together."""
-    wholes: list[tuple[Trace, NDArray[np.bool_]]] = []
-    for trace in traces:
-        if wholes and wholes[-1][0].recording is trace.recording:
-            wholes[-1] = trace, wholes[-1][1] | trace.usable
-        else:
-            wholes.append((trace, trace.usable))
-    for trace, usable in wholes:
-        share = 1.0 - float(usable.mean())
-        if share > NO_FORCE:
-            yield (
-                f"{trace.name}: {share:.0%} of the time is not used: position, current, measured force or the force of "
-                f"{name} is missing"
-            )
-
-
-def _slow_motion_notes(traces: Sequence[Trace]) -> Iterator[str]:
-    for trace in traces:
-        speed = float(np.percentile(np.abs(trace.inputs.speed[trace.usable]), 99.0))
-        if speed < SLOW_M_S:
-            yield f"{trace.name}: hardly moves (99 % of the time below {speed:.2g} m/s)"
+    visible = {e.name for e in effects if "current" not in e.needs or ("zero" in e.needs and level > NO_CURRENT)}
+    first = {e.name: e for e in reversed(effects)}  # the first form of each
+    names = [name for name in dict.fromkeys(e.name for e in effects) if name not in visible]
+    return tuple((name, f"it needs {first[name].needs}; the current stays at {level:.3g} A") for name in names)

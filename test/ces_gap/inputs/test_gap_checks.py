@@ -16,7 +16,6 @@ from ces_gap.inputs.checks import (
     check_traces,
     compare_forces,
     exclude_saturated_ticks,
-    explain_invisibility,
     find_invisible_effects,
     find_saturations,
     is_current_constant,
@@ -295,7 +294,6 @@ def test_a_constant_current_is_a_note_and_hides_effects():
         ("lag", "it needs a changing current; the current stays at 0.6 A"),
     )
     assert find_invisible_effects([Lag(), FreeLag()], constant) == ()
-    assert explain_invisibility(Lag(), constant) is not None
 
 
 def test_at_zero_current_its_gain_is_not_visible():
