@@ -21,22 +21,9 @@ from ces_gap.regions.axes import GapMap, GapRegion, Where
 from ces_gap.trace import usable_inputs, usable_values
 
 __all__ = [
-    "AMBIGUOUS",
-    "NAMED",
-    "NO_GAP",
-    "UNKNOWN",
-    "Diagnosis",
-    "Estimate",
-    "Explanation",
-    "Gap",
-    "GapMap",
-    "GapRegion",
-    "HeldOutSeries",
-    "Interval",
-    "NextExperiment",
-    "VerdictFigures",
-    "Where",
-]
+    "AMBIGUOUS", "NAMED", "NO_GAP", "UNKNOWN", "Diagnosis", "Estimate", "Explanation", "Gap", "GapMap", "GapRegion",
+    "HeldOutSeries", "Interval", "NextExperiment", "VerdictFigures", "Where",
+]  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -120,7 +107,13 @@ def format_verdict(diagnosis: Diagnosis) -> str:
         return _describe_no_gap(diagnosis)
     gap, after_N, effects = diagnosis.gap, diagnosis.composition.gap_after_N, _causes(diagnosis)
     if diagnosis.verdict == UNKNOWN:
-        return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{_describe_closest(diagnosis)}."
+        closest = ""
+        if effects:  # the composition, or an effect alone that is less probable, whichever leaves less
+            alone = min(diagnosis.causes, key=lambda c: c.gap_after_N if np.isfinite(c.gap_after_N) else np.inf)
+            if alone.gap_after_N < after_N:
+                effects, after_N = [alone.effects[0]], alone.gap_after_N
+            closest = f"; the closest, {_join(effects, 'and')}, leaves {after_N:.0f} N"
+        return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{closest}."
     shrink = f"the gap shrinks from {gap.rms_N:.0f} N to {after_N:.0f} N RMS"
     if after_N >= gap.rms_N:
         shrink = f"the gap does not shrink ({gap.rms_N:.0f} N RMS before, {after_N:.0f} N after)"
@@ -144,10 +137,8 @@ def _describe_no_gap(diagnosis: Diagnosis) -> str:
         return f"No gap above {limit}: {left_N:.1f} N RMS between simulation and measurement."
     if reason == WITHIN_BASELINE:
         explained = f"the references explain all but {left_N:.0f} N of the {gap.rms_N:.0f} N RMS"
-        hidden = (
-            f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen behind this simulation's error"
-        )
-        return f"No gap beyond the simulation's own error: {explained}; {hidden}."
+        hidden = f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen"
+        return f"No gap beyond the simulation's own error: {explained}; {hidden} behind this simulation's error."
     if reason == WITHIN_NOISE:
         noise = f"the measurement noise of {gap.noise_floor_N:.1f} N RMS (from {gap.noise_source})"
         return f"No gap: {left_N:.1f} N RMS remain, within {noise}."
@@ -159,17 +150,6 @@ def _causes(diagnosis: Diagnosis) -> list[str]:
     alone = {c.effects[0]: c.gap_after_N for c in diagnosis.causes}
     effects = [e for e in diagnosis.composition.effects if e != TIMING]
     return sorted(effects, key=lambda e: alone.get(e, np.inf))
-
-
-def _describe_closest(diagnosis: Diagnosis) -> str:
-    """Return what leaves the least of the gap: the composition, or an effect alone that is less probable."""
-    effects, left = _causes(diagnosis), diagnosis.composition.gap_after_N
-    if not effects:
-        return ""
-    alone = min(diagnosis.causes, key=lambda c: c.gap_after_N if np.isfinite(c.gap_after_N) else np.inf)
-    if alone.gap_after_N < left:
-        effects, left = [alone.effects[0]], alone.gap_after_N
-    return f"; the closest, {_join(effects, 'and')}, leaves {left:.0f} N"
 
 
 def _describe_ambiguity(diagnosis: Diagnosis) -> str:

@@ -273,12 +273,25 @@ class LearnedCorrection:
 def learn_correction(references: Sequence[Trace]) -> tuple[LearnedCorrection, LearnerResult]:
     """Return the correction learnt from the references, and the full result of the learner.
 
-    Noise and covariance are those of errors on references that the simulation has not seen.
+    Noise and covariance are those of errors on references that neither simulation nor correction has seen, if these
+    are larger: a simulation fitted to the references is closer to them than to other recordings, and so is its
+    correction. Of a single reference, segments are left out of the simulation's fit and blocks of that of the
+    correction.
     """
     correction, learnt = _learn(references)
     if all(t.simulated_left_out is None for t in references):
         return correction, learnt
-    return correction, _count_unseen_errors(references, learnt)
+    errors = []
+    for k, trace in enumerate(references):
+        force = trace.simulated if trace.simulated_left_out is None else trace.simulated_left_out
+        others = [t for i, t in enumerate(references) if i != k]
+        added = _learn(others)[0].force(trace, trace.inputs, force) if others else learnt.crossfitted[k]
+        errors.append(trace.force - force - added)
+    noise = noise_of(errors, [t.usable for t in references])
+    if noise.rms_N <= learnt.noise.rms_N:
+        return correction, learnt
+    growth = (noise.rms_N / learnt.noise.rms_N) ** 2
+    return correction, replace(learnt, noise=noise, covariance=learnt.covariance * growth)
 
 
 def _learn(references: Sequence[Trace]) -> tuple[LearnedCorrection, LearnerResult]:
@@ -288,33 +301,6 @@ def _learn(references: Sequence[Trace]) -> tuple[LearnedCorrection, LearnerResul
         features, [t.force - t.simulated for t in references], [t.usable for t in references], references[0].rate_Hz
     )
     return LearnedCorrection(dictionary, learnt.weights), learnt
-
-
-def _count_unseen_errors(references: Sequence[Trace], learnt: LearnerResult) -> LearnerResult:
-    """Return the result with the noise of references left out of every fit, if that is stronger.
-
-    A simulation fitted to the references is closer to them than to other recordings, and so is its correction. The
-    covariance grows with the variance of the noise.
-    """
-    noise = noise_of(_leave_out(references, learnt), [t.usable for t in references])
-    if noise.rms_N <= learnt.noise.rms_N:
-        return learnt
-    growth = (noise.rms_N / learnt.noise.rms_N) ** 2
-    return replace(learnt, noise=noise, covariance=learnt.covariance * growth)
-
-
-def _leave_out(references: Sequence[Trace], learnt: LearnerResult) -> list[F]:
-    """Return the errors [N] (n,) on each reference of simulation and correction fitted without it.
-
-    Of a single reference, segments are left out of the simulation's fit and blocks of that of the correction.
-    """
-    errors = []
-    for k, trace in enumerate(references):
-        force = trace.simulated if trace.simulated_left_out is None else trace.simulated_left_out
-        others = [t for i, t in enumerate(references) if i != k]
-        added = _learn(others)[0].force(trace, trace.inputs, force) if others else learnt.crossfitted[k]
-        errors.append(trace.force - force - added)
-    return errors
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_data.arrays import F
 from ces_gap.baseline.learner import Ceiling, learn_ceiling
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.grid import rms
@@ -61,18 +60,13 @@ def measure_gap(baseline: Baseline, result: EffectSearchResult, rest_N: float) -
     forces, noise_N = [t.force for t in evidence.traces], noise_floor_N(evidence.traces)
     if not all(t.measured_noise.known for t in evidence.traces):
         noise_N = max(noise_N, rest_N)
-    timing = next((f for f in result.alone if f.effects[0].nuisance), None)
-    gaps = [_rms_gap(evidence, evidence.alone)]
-    gaps += [] if timing is None else [_rms_gap(evidence, evidence.forces(timing.composition))]
-    above = [float(np.sqrt(max(gap**2 - noise_N**2, 0.0))) for gap in gaps]
-    return GapSize(
-        above[0], min(above), noise_N, rms(usable_values(evidence.traces, forces)), baseline.correction is not None
-    )
-
-
-def _rms_gap(evidence: Evidence, forces: Sequence[F]) -> float:
-    errors = [t.force - f for t, f in zip(evidence.traces, forces, strict=True)]
-    return rms(usable_values(evidence.traces, errors))
+    timing = [f.composition for f in result.alone if f.effects[0].nuisance][:1]
+    above = []
+    for modelled in (evidence.alone, *map(evidence.forces, timing)):
+        errors = [force - f for force, f in zip(forces, modelled, strict=True)]
+        above.append(float(np.sqrt(max(rms(usable_values(evidence.traces, errors)) ** 2 - noise_N**2, 0.0))))
+    force_N = rms(usable_values(evidence.traces, forces))
+    return GapSize(above[0], min(above), noise_N, force_N, baseline.correction is not None)
 
 
 def tolerance_N(size: GapSize, share: float | None) -> float:
@@ -133,11 +127,15 @@ def decide(
     tolerance: float | None = None,
 ) -> Decision:
     """Return the decision; `simulation` reruns the best explanation, `tolerance` is the user's (share of the force)."""
-    rest = _learn_rest(baseline, result, simulation)
-    plants = [Plant(simulation, baseline.correction).prepare_for(t) for t in result.evidence.traces]
+    evidence, rest = result.evidence, baseline.ceiling
+    plants = [Plant(simulation, baseline.correction).prepare_for(t) for t in evidence.traces]
+    if result.best is not None:  # the generic learner, fitted to the rest of the best explanation
+        rows = zip(plants, evidence.traces, evidence.alone, strict=True)
+        composition = result.best.composition
+        rest = learn_ceiling(evidence.traces, [plant.with_effects(composition, t, a) for plant, t, a in rows])
 
     def allowance(fit: EffectFit) -> float:
-        return surrogate_energy(result.evidence, plants, fit)
+        return surrogate_energy(evidence, plants, fit)
 
     figures = compute_figures(result, baseline.ceiling, rest, 0.0 if result.best is None else allowance(result.best))
     names = result.best.names if result.best is not None else ()
@@ -153,7 +151,7 @@ def decide(
     if verdict == NAMED and (may_be_simulation or not is_clear_of_the_simulation(size, limit_N)):
         verdict = AMBIGUOUS
     rest_N = rest.learnt.noise.rms_N
-    return Decision(verdict, reason, figures, odds, groups, rest_N, result.evidence.noise.rms_N, limit_N, absorbed)
+    return Decision(verdict, reason, figures, odds, groups, rest_N, evidence.noise.rms_N, limit_N, absorbed)
 
 
 def surrogate_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:
@@ -179,19 +177,16 @@ def compute_figures(
         baseline = timing[0].left_out
     residual = best.left_out if best is not None else baseline
     gain = compute_paired_gain(evidence, baseline, residual)
-    ceiling = compute_paired_gain(
-        evidence, baseline, result.baseline_residual - evidence.whiten(before.learnt.crossfitted)
-    )
+    learnt = result.baseline_residual - evidence.whiten(before.learnt.crossfitted)
+    ceiling = compute_paired_gain(evidence, baseline, learnt)
     rest = compute_paired_gain(evidence, residual, residual - evidence.whiten(after.learnt.crossfitted))
     left = float(residual @ residual) - len(residual)
-    unexplained = (left - min(allowance, max(left, 0.0))) / result.gap_energy
-    learnable = rest.energy / result.gap_energy
     return VerdictFigures(
         energy=(float(baseline @ baseline) - len(baseline)) / len(baseline),
         gain_z=max(gain.z, CLEAR_Z * gain.energy / len(residual)) if best is not None else 0.0,
         ceiling_z=ceiling.z,
-        unexplained=unexplained,
-        learnable=learnable,
+        unexplained=(left - min(allowance, max(left, 0.0))) / result.gap_energy,
+        learnable=rest.energy / result.gap_energy,
         learnable_z=rest.z,
         stuck=count_stuck_parameters(best) if best is not None else 0,
         drift=measure_parameter_drift(best) if best is not None else 0.0,
@@ -205,13 +200,10 @@ def choose_verdict(
     if result.best is None or all(e.nuisance for e in result.best.effects):
         return UNKNOWN
     is_map = all(e.nuisance or e.prior_share > 0.0 for e in result.best.effects)
-    if is_map and figures.unexplained > MAX_MAP_REST:
+    is_improbable = odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known)
+    if is_improbable or (is_map and figures.unexplained > MAX_MAP_REST):
         return UNKNOWN
-    if odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known):
-        return UNKNOWN
-    if replaceable or has_alternatives(result.best.names, odds):
-        return AMBIGUOUS
-    return NAMED
+    return AMBIGUOUS if replaceable or has_alternatives(result.best.names, odds) else NAMED
 
 
 def name_by_simpler_rules(result: EffectSearchResult) -> dict[str, str]:
@@ -225,16 +217,6 @@ def name_by_simpler_rules(result: EffectSearchResult) -> dict[str, str]:
 
     similar = max(result.alone, key=lambda f: correlation(none - f.residual))
     return {"signature_correlation": similar.names[0], "bic": bic.names[0], "most_flexible": flexible.names[0]}
-
-
-def _learn_rest(baseline: Baseline, result: EffectSearchResult, simulation: TraceSimulator) -> Ceiling:
-    """Return the generic learner fitted to the rest of the best explanation, cross-fitted over blocks."""
-    if result.best is None:
-        return baseline.ceiling
-    plant, evidence = Plant(simulation, baseline.correction), result.evidence
-    rows = zip(evidence.traces, evidence.alone, strict=True)
-    forces = [plant.prepare_for(t).with_effects(result.best.composition, t, a) for t, a in rows]
-    return learn_ceiling(evidence.traces, forces)
 
 
 def timing_notes(result: EffectSearchResult, decision: Decision) -> tuple[str, ...]:

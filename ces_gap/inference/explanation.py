@@ -12,7 +12,7 @@ from ces_data.arrays import F
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.effects.effect import Composition, EffectParameter
 from ces_gap.grid import number_blocks
-from ces_gap.inference.fit import NEAR_BOUND, EffectFit, bounds, column_norms, needs_rerun
+from ces_gap.inference.fit import NEAR_BOUND, EffectFit, bounds, column_norms
 from ces_gap.trace import Trace
 
 Interval = tuple[float, float]
@@ -128,23 +128,19 @@ class HeldOutScorer:
 
     def forces(self, fit: EffectFit, exact: bool) -> tuple[F, ...]:
         """Return the force [N] with the effects of a fit on each held-out trace."""
-        plants = self.exact if exact or not needs_rerun(fit.effects) else self.quick
+        plants = self.exact if exact or not fit.composition.reruns else self.quick
         rows = zip(plants, self.blocks.traces, self.alone, strict=True)
         return tuple(plant.with_effects(fit.composition, trace, alone) for plant, trace, alone in rows)
 
-    def explain(self, fit: EffectFit, forces: Sequence[F]) -> Explanation:
-        """Return the explanation by a fit whose `forces` [N] are known."""
-        forms = tuple(e.form for e in fit.effects)
-        return Explanation(fit.names, forms, fit.composition, estimate_parameters(fit), *self._score(forces))
-
-    def nothing(self) -> Explanation:
-        """Return the explanation by no effect: the gap that the correction alone leaves."""
-        return Explanation((), (), Composition(), (), *self._score(self.alone))
-
-    def _score(self, forces: Sequence[F]) -> tuple[float, float, Interval]:
-        """Return the gap after [N], the shrink and its interval."""
-        after = self.blocks.energy(forces)
-        return self.blocks.rms(after)[0], *self.blocks.shrink(self.before, after)
+    def explain(self, fit: EffectFit | None = None, forces: Sequence[F] | None = None) -> Explanation:
+        """Return the explanation by a fit whose `forces` [N] are known; by no effect, after the correction, if None."""
+        after = self.blocks.energy(self.alone if forces is None else forces)
+        score = self.blocks.rms(after)[0], *self.blocks.shrink(self.before, after)
+        if fit is None:
+            return Explanation((), (), Composition(), (), *score)
+        return Explanation(
+            fit.names, tuple(e.form for e in fit.effects), fit.composition, estimate_parameters(fit), *score
+        )
 
 
 def build_scorer(blocks: Blocks, plant: Plant, exact: TraceSimulator) -> HeldOutScorer:

@@ -91,17 +91,16 @@ def fit_from(evidence: Evidence, effects: tuple[Effect, ...], start: F) -> Effec
 
 
 def starts(evidence: Evidence, effect: Effect) -> list[F]:
-    """Return start points (each (p,)): the effect's own for these traces, or combinations of its parameters' starts."""
-    values = effect.starts_for(_widest(evidence)) or Effect.starts_for(effect, _widest(evidence))
+    """Return start points (each (p,)): the effect's own for these traces, or combinations of its parameters' starts.
+
+    They are made for the trace with the longest stroke: if any reaches the limits, this one does.
+    """
+    widest = max(evidence.traces, key=lambda t: float(np.ptp(t.inputs.position[t.usable])))
+    values = effect.starts_for(widest) or Effect.starts_for(effect, widest)
     spaced = values[:: max(1, -(-len(values) // MAX_STARTS))]
     searched = [[p.to_search(x) for p, x in zip(effect.parameters, v, strict=True)] for v in spaced]
     low, high = bounds((effect,))
     return [np.clip(np.array(u), low, high) for u in searched]
-
-
-def _widest(evidence: Evidence) -> Trace:
-    """Return the trace with the longest stroke: if any reaches the limits, this one does."""
-    return max(evidence.traces, key=lambda t: float(np.ptp(t.inputs.position[t.usable])))
 
 
 class _Objective:
@@ -118,62 +117,46 @@ class _Objective:
             if p.magnitude and p.scale != "log"
         }
 
-    def __call__(self, searched: F) -> F:
-        residual = self.evidence.residual(self._forces(searched))
-        return residual if np.isfinite(residual).all() else np.full_like(residual, 1e6)
-
-    def _forces(self, searched: F) -> list[F]:
+    def forces(self, searched: F) -> list[F]:
+        """Return the modelled force [N] (n,) on each trace."""
         return self.evidence.forces(make_composition(self.effects, searched))
+
+    def __call__(self, searched: F) -> F:
+        residual = self.evidence.residual(self.forces(searched))
+        return residual if np.isfinite(residual).all() else np.full_like(residual, 1e6)
 
     def jacobian(self, searched: F, residual: F) -> F:
         """Return the Jacobian (r, p) of the modelled force by one-sided differences, away from the nearer bound."""
         span = self.high - self.low
         size = STEP * np.maximum(np.minimum(span, 10.0 * np.abs(searched)), 0.02 * span)
         steps = np.where(searched + size <= self.high, size, -size)
-        moved = [self._forces(searched + step * unit) for step, unit in zip(steps, np.eye(len(searched)), strict=True)]
+        moved = [self.forces(searched + step * unit) for step, unit in zip(steps, np.eye(len(searched)), strict=True)]
         out = residual[:, None] - self.evidence.residual(list(map(np.column_stack, zip(*moved, strict=True))))
         out = np.where(np.isfinite(out).all(axis=0), out, -1e6)
         return np.asarray(out / steps)
 
 
-@dataclass(frozen=True)
-class _Start:
-    """A start point (p,), the residual (r,) there, and a prediction of what it leaves once its magnitude is scaled."""
-
-    searched: F
-    residual: F
-    factor: float  # of the magnitude, that fits best if the effect is proportional to it
-    predicted: float  # whitened sum of squares
-
-    @property
-    def left(self) -> float:
-        """Whitened sum of squares."""
-        return float(self.residual @ self.residual)
-
-
 def _choose_start(objective: _Objective, points: Sequence[F]) -> tuple[F, F]:
-    """Return the start point that leaves least, and the residual there; the most promising magnitudes are scaled."""
-    plain = [_make_start(objective, point) for point in points]
-    promising = sorted((s for s in plain if s.factor != 1.0), key=lambda s: s.predicted)[:MAX_SCALED_STARTS]
-    best = min([*plain, *(_scale_start(objective, s) for s in promising)], key=lambda s: s.left)
-    return best.searched, best.residual
+    """Return the start point (p,) that leaves least, and the residual (r,) there.
 
-
-def _make_start(objective: _Objective, point: F) -> _Start:
-    baseline, residual = objective.baseline_residual, objective(point)
-    signature = baseline - residual
-    size, along = float(signature @ signature), float(signature @ baseline)
-    if size <= 0.0 or not objective.magnitudes:
-        return _Start(point, residual, 1.0, float(residual @ residual))
-    return _Start(point, residual, along / size, float(baseline @ baseline) - along**2 / size)
-
-
-def _scale_start(objective: _Objective, start: _Start) -> _Start:
-    """Return the start with its magnitude scaled by its factor, inside the bounds."""
-    scaled = start.searched.copy()
-    for k, neutral in objective.magnitudes.items():
-        scaled[k] = neutral + start.factor * (scaled[k] - neutral)
-    return _make_start(objective, np.clip(scaled, objective.low, objective.high))
+    The magnitudes of the most promising points are scaled by the factor that fits best if the effect is proportional
+    to them: what it would leave then is predicted.
+    """
+    baseline = objective.baseline_residual
+    found = [(point, objective(point)) for point in points]
+    predicted: list[tuple[float, F]] = []
+    for point, residual in found if objective.magnitudes else ():
+        signature = baseline - residual
+        size, along = float(signature @ signature), float(signature @ baseline)
+        if size > 0.0 and along != size:
+            scaled = point.copy()
+            for k, neutral in objective.magnitudes.items():
+                scaled[k] = neutral + along / size * (scaled[k] - neutral)
+            left = float(baseline @ baseline) - along**2 / size
+            predicted.append((left, np.clip(scaled, objective.low, objective.high)))
+    promising = sorted(predicted, key=lambda pair: pair[0])[:MAX_SCALED_STARTS]
+    found += [(scaled, objective(scaled)) for _, scaled in promising]
+    return min(found, key=lambda pair: float(pair[1] @ pair[1]))
 
 
 def _descend_from(goal: _Objective, searched: F, residual: F) -> EffectFit:
@@ -302,7 +285,7 @@ class Refinement:
 
     def refine(self, evidence: Evidence, fit: EffectFit) -> EffectFit:
         """Return the refined fit; each round runs the simulation once on every trace."""
-        if self.exact is None or not needs_rerun(fit.effects):
+        if self.exact is None or not fit.composition.reruns:
             return fit
         for _ in range(ROUNDS):
             before = fit.searched
@@ -313,7 +296,7 @@ class Refinement:
 
     def anchor(self, evidence: Evidence, fit: EffectFit) -> Evidence:
         """Return the evidence with surrogates that are exact at the fit."""
-        if self.exact is None or not needs_rerun(fit.effects):
+        if self.exact is None or not fit.composition.reruns:
             return evidence
         plants = []
         for plant, trace, alone in zip(evidence.plants, evidence.traces, evidence.alone, strict=True):
@@ -321,8 +304,3 @@ class Refinement:
             error = self.exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
             plants.append(replace(plant, simulation=AnchoredSurrogate(plant.simulation, _change(trace, inputs), error)))
         return replace(evidence, plants=tuple(plants))
-
-
-def needs_rerun(effects: Sequence[Effect]) -> bool:
-    """True if one of the effects changes the simulation's inputs."""
-    return any(effect.reruns for effect in effects)

@@ -64,11 +64,6 @@ class HeldOutScores:
     series: tuple[HeldOutSeries, ...]
     nothing: Explanation
 
-    def without_composition(self) -> HeldOutScores:
-        """Return the scores with no effect added to the simulation."""
-        series = tuple(replace(s, augmented=s.corrected) for s in self.series)
-        return replace(self, composition=self.nothing, series=series)
-
 
 def score_held_out(
     inputs: DiagnosisInput,
@@ -88,7 +83,8 @@ def score_held_out(
     scorer = build_scorer(blocks, baseline.plant, inputs.best)
     best = None if decision.verdict == NO_GAP else result.best
     forces = tuple(scorer.alone if best is None else scorer.forces(best, True))
-    together = scorer.nothing() if best is None else _add_gain(scorer.explain(best, forces), result, best)
+    nothing = scorer.explain()
+    together = nothing if best is None else _add_gain(scorer.explain(best, forces), result, best)
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     return HeldOutScores(
         gap=replace(_gap(scorer, bool(inputs.reference)), noise_source=_find_noise_source(blocks.traces, limits)),
@@ -96,7 +92,7 @@ def score_held_out(
         causes=_causes(scorer, result, decision, {} if best is None else {best.composition: forces}, progress),
         composition=together,
         series=tuple(HeldOutSeries(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
-        nothing=scorer.nothing(),
+        nothing=nothing,
     )
 
 
@@ -120,10 +116,7 @@ def _causes(
     """Return each effect alone, most probable first; `known` are forces [N] that have been computed already."""
     odds, best = decision.probabilities.effects, result.best.names if result.best is not None else ()
     fits = [f for f in result.alone if f.names[0] in odds]
-    imitable = (
-        *decision.absorbed,
-        CALIBRATION,
-    )  # by an error of the simulation: after other effects of the composition
+    imitable = (*decision.absorbed, CALIBRATION)  # errors of the simulation: after other effects of the composition
     ranked = sorted(fits, key=lambda f: (-odds[f.names[0]], f.names[0] not in best, f.names[0] in imitable, f.cost))
     causes = []
     for k, fit in enumerate(ranked):
@@ -166,7 +159,8 @@ def review(verdict: str, scores: HeldOutScores) -> tuple[str, HeldOutScores]:
     if verdict == NO_GAP or not composition.effects:
         return verdict, scores
     if composition.gap_after_N >= scores.gap.corrected_N:
-        return UNKNOWN, scores.without_composition()
+        series = tuple(replace(s, augmented=s.corrected) for s in scores.series)
+        return UNKNOWN, replace(scores, composition=scores.nothing, series=series)
     closed = _closed_share(scores, composition)
     learnt = 1.0 - (scores.ceiling_after_N / scores.gap.corrected_N) ** 2
     explained = max(closed, learnt, *(_closed_share(scores, cause) for cause in scores.causes))

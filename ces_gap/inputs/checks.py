@@ -177,8 +177,8 @@ def require_same_sign_and_unit(agreement: ForceAgreement, name: str) -> None:
     if unit is None and not inverted:
         if not 1.0 / IMPOSSIBLE < measured_N / simulated_N < IMPOSSIBLE:
             raise GapError(
-                f"{name}: its force changes by {simulated_N:.3g} N RMS, the measured one by {measured_N:.3g} N; expected "
-                "the same damper in the same unit: check the units of the simulation and of the signals file"
+                f"{name}: its force changes by {simulated_N:.3g} N RMS, the measured one by {measured_N:.3g} N; "
+                "expected the same damper in the same unit: check the units of the simulation and of the signals file"
             )
         return
     sign, what = (-1.0 if inverted else 1.0), "the simulated force has the opposite sign of the measured one"

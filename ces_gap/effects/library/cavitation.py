@@ -26,52 +26,28 @@ HALVINGS, MIN_SLOPE_NS_M = 8, 50.0  # bisections of the speed; [N s/m]
 REBOUND, COMPRESSION = -1.0, 1.0
 
 
-class _Void(Effect):
-    """A void of length z that opens in the direction `side`: on the return exp(-z/bubbles) of the force remains."""
+class Cavitation(Effect):
+    """A void that opens in the direction `side`, from a limit that is the second parameter."""
 
     name, stage, needs = "cavitation", FLUID, "fast strokes followed by reversals"
     summary, moves = "a void forms in a fast stroke and must refill", ("refilling",)
     side: ClassVar[float] = 1.0
 
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        share, limit, bubbles = values[0], self.limits(inputs, values), values[2]
-        rest = trace.learn_map(inputs, force).rest(inputs.current)
-        onward, pull = self.side * inputs.speed, self.side * (force - rest)
-        rate, capped = self.opening(onward, pull, share, limit)
-        length = void(rate, trace.step_s)
-        remaining = np.where(pull < 0.0, pull * np.exp(-length / bubbles), capped)
-        return np.asarray(force + self.side * (remaining - pull))
-
-    def limits(self, inputs: TraceInputs, values: Sequence[float]) -> float | F:
-        """Return the limit: one for all ticks, or one for each (n,)."""
-        return values[1]
-
-    def opening(self, onward: F, pull: F, share: float, limit: float | F) -> tuple[F, F]:
-        """Return the rate [m/s] at which the void opens, and the remaining force [N] towards `side`."""
-        raise NotImplementedError
-
-    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        limits = self._limit_starts(self.limited_quantity(trace)[trace.usable], QUANTILES)
-        return [(1.0, limit, SOFT_M) for limit in limits]
-
-    def _limit_starts(self, values: F, quantiles: Sequence[float]) -> list[float]:
+    def limit_starts(self, values: F, quantiles: Sequence[float]) -> list[float]:
         """Return quantiles of the values towards `side`, within the bounds of the limit."""
         positive, limit = self.side * values[self.side * values > 0.0], self.parameters[1]
         if not len(positive):
             return [limit.low]
         return [float(v) for v in np.clip(np.quantile(positive, quantiles), limit.low, limit.high)]
 
-    def limited_quantity(self, trace: Trace) -> F:
-        """Return the limited quantity (n,), positive in compression."""
-        raise NotImplementedError
 
-
-class _Intake(_Void):
+class _Intake(Cavitation):
     """The chamber that grows in the direction `side` fills through an intake valve passing no more than `limit_m_s`.
 
-    dz/dt = share·(v - limit) while v is in that direction, v - share·limit on the return, z >= 0. Source: base-valve
-    cavitation of twin-tube dampers (Dixon, The Shock Absorber Handbook, 2007; Duym, Vehicle System Dynamics 33, 2000).
-    Intakes starve from tenths of a metre per second; `share` is the ratio of the areas behind and before the piston.
+    dz/dt = share·(v - limit) while v is in that direction, v - share·limit on the return, z >= 0; on the return
+    exp(-z/bubbles) of the force remains, and the force at standstill. Source: base-valve cavitation of twin-tube
+    dampers (Dixon, The Shock Absorber Handbook, 2007; Duym, Vehicle System Dynamics 33, 2000). Intakes starve from
+    tenths of a metre per second; `share` is the ratio of the areas behind and before the piston.
     """
 
     parameters: ClassVar[tuple[EffectParameter, ...]] = (
@@ -80,17 +56,23 @@ class _Intake(_Void):
         BUBBLES,
     )
 
-    def opening(self, onward: F, pull: F, share: float, limit: float | F) -> tuple[F, F]:
-        """Return the rate [m/s] at which the void opens; the force of the other chamber is not limited."""
-        outward, inward = np.maximum(onward, 0.0), np.minimum(onward, 0.0)
-        return share * (outward - limit) + inward, pull
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
+        share, limit, bubbles = values[0], self.limits(inputs, values), values[2]
+        rest = trace.learn_map(inputs, force).rest(inputs.current)
+        onward, pull = self.side * inputs.speed, self.side * (force - rest)
+        length = void(share * (np.maximum(onward, 0.0) - limit) + np.minimum(onward, 0.0), trace.step_s)
+        remaining = np.where(pull < 0.0, pull * np.exp(-length / bubbles), pull)
+        return np.asarray(force + self.side * (remaining - pull))
 
-    def limited_quantity(self, trace: Trace) -> F:
-        """Return the speed."""
-        return trace.inputs.speed
+    def limits(self, inputs: TraceInputs, values: Sequence[float]) -> float | F:
+        """Return the limit: one for all ticks, or one for each (n,)."""
+        return values[1]
+
+    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
+        return [(1.0, limit, SOFT_M) for limit in self.limit_starts(trace.inputs.speed[trace.usable], QUANTILES)]
 
 
-class _Floor(_Void):
+class _Floor(Cavitation):
     """The pressure behind the piston falls from the gas charge to zero: the force cannot exceed `limit_N`.
 
     The void takes the flow that the valve does not pass, dz/dt = v - c u, z >= 0, u being the speed at which the
@@ -131,7 +113,7 @@ class _Floor(_Void):
         return speed
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        limits = self._limit_starts(trace.simulated[trace.usable], REACHED)
+        limits = self.limit_starts(trace.simulated[trace.usable], REACHED)
         return [(1.0, limit, SOFT_M, 1.0) for limit in limits]
 
 

@@ -14,7 +14,7 @@ from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.fit import Refinement, fit_alone, make_composition, needs_rerun
+from ces_gap.inference.fit import Refinement, fit_alone, make_composition
 from ces_gap.trace import Trace, TraceInputs
 
 F = NDArray[np.float64]
@@ -95,7 +95,6 @@ def test_effects_that_keep_the_inputs_need_no_run() -> None:
     counter = CountedSimulator([])
     assert Refinement(counter).refine(evidence, fit) is fit and not counter.runs
     assert Refinement(counter).anchor(evidence, fit) is evidence and not counter.runs
-    assert needs_rerun((Spring(), CurrentGain())) and not needs_rerun((Spring(),))
 
 
 def test_without_a_surrogate_nothing_is_refined() -> None:

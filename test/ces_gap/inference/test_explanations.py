@@ -128,7 +128,7 @@ def test_the_right_effect_leaves_nothing_and_no_effect_leaves_the_gap() -> None:
     assert right.gap_after_N < 0.2 * NOISE_N and right.shrink > 0.95
     assert half.gap_after_N == pytest.approx(0.5 * gap, rel=0.05) and half.shrink == pytest.approx(0.5, abs=0.05)
     assert half.shrink_ci95[0] < 0.5 < half.shrink_ci95[1] or half.shrink_ci95[1] - half.shrink_ci95[0] < 0.05
-    nothing = scorer.nothing()
+    nothing = scorer.explain()
     assert nothing.effects == () and nothing.shrink == pytest.approx(0.0, abs=1e-6)
     assert nothing.gap_after_N == pytest.approx(gap, rel=0.03)
 
