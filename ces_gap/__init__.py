@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 from ces_observer.lazy_names import import_on_use
 
 if TYPE_CHECKING:
-    from ces_gap.api import diagnose, identify_baseline, write_diagnosis
+    from ces_gap.api import diagnose, write_diagnosis
+    from ces_gap.baseline.identified import identify_baseline
     from ces_gap.diagnosis import Diagnosis
     from ces_gap.effects.effect import CELL, FLUID, MOTION, PARALLEL, SENSOR, VALVE, Effect, EffectParameter
     from ces_gap.pipeline import DiagnoseOptions
@@ -22,7 +23,8 @@ if TYPE_CHECKING:
 __getattr__ = import_on_use(
     __name__,
     {
-    "ces_gap.api": ("diagnose", "identify_baseline", "write_diagnosis"),
+    "ces_gap.api": ("diagnose", "write_diagnosis"),
+    "ces_gap.baseline.identified": ("identify_baseline",),
     "ces_gap.diagnosis": ("Diagnosis",),
     "ces_gap.effects.effect": (
         "CELL", "FLUID", "MOTION", "PARALLEL", "SENSOR", "VALVE", "Effect", "EffectParameter",
@@ -32,17 +34,6 @@ __getattr__ = import_on_use(
 )  # fmt: skip
 
 __all__ = [
-    "CELL",
-    "FLUID",
-    "MOTION",
-    "PARALLEL",
-    "SENSOR",
-    "VALVE",
-    "DiagnoseOptions",
-    "Diagnosis",
-    "Effect",
-    "EffectParameter",
-    "diagnose",
-    "identify_baseline",
-    "write_diagnosis",
-]
+    "CELL", "FLUID", "MOTION", "PARALLEL", "SENSOR", "VALVE", "DiagnoseOptions", "Diagnosis", "Effect",
+    "EffectParameter", "diagnose", "identify_baseline", "write_diagnosis",
+]  # fmt: skip

@@ -10,15 +10,12 @@ from typing import Any
 from ces_data.reading import RecordingInputs, as_recordings
 from ces_gap import pipeline
 from ces_gap.augmented import name_simulation
-from ces_gap.baseline import identified
-from ces_gap.baseline.identified import IdentifiedBaseline
 from ces_gap.diagnosis import Diagnosis
 from ces_gap.inputs.checks import check_recordings
 from ces_gap.pipeline import DiagnoseOptions
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.report.result_files import result_files
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
-from ces_identify.structures.auto import AUTO
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model
 
@@ -47,24 +44,6 @@ def diagnose(
     subject, name = _as_simulation(simulation)
     result = pipeline.diagnose(subject, name, recordings, held_out, reference, options, progress)
     return replace(result, notes=(*notes, *result.notes))
-
-
-def identify_baseline(
-    reference: RecordingInputs,
-    *,
-    structure: str = AUTO,
-    threads: int = 1,
-    progress: Progress = ignore_progress,
-) -> IdentifiedBaseline:
-    """Return the most accurate model of the `reference` recordings, to be diagnosed as the simulation.
-
-    Pass the same references to `diagnose`: it then counts with the error of models that have not seen them. Save it
-    before the results, so that `augmented.json` names its file. Raises CesError if the references hold too little.
-
-        baseline = identify_baseline([new]).save("gap/model.json")
-        write_diagnosis(diagnose(baseline, [worn], reference=[new]), "gap")
-    """
-    return identified.identify_baseline(as_recordings(reference), structure, threads, progress)
 
 
 def write_diagnosis(diagnosis: Diagnosis, folder: str | Path) -> list[Path]:

@@ -107,7 +107,8 @@ def take_simulation(
     """Return the simulation and its name: the one `given`, or a model of the references, saved in --out."""
     if given is not None:
         return given, str(options.sim)
-    baseline = identify_baseline(reference, options.structure or AUTO, threads, progress)
+    structure = options.structure or AUTO
+    baseline = identify_baseline(reference, structure=structure, threads=threads, progress=progress)
     options.out.mkdir(parents=True, exist_ok=True)
     saved = baseline.save(options.out / MODEL)
     return saved, saved.name

@@ -7,13 +7,13 @@ that were fitted without each of them give the error that the diagnosis counts w
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ces_data.arrays import F
+from ces_data.reading import RecordingInputs, as_recordings
 from ces_data.recording import Recording
 from ces_gap.errors import GapError
 from ces_gap.progress import Progress, ignore_progress
@@ -83,12 +83,22 @@ class IdentifiedBaseline(Simulation):
 
 
 def identify_baseline(
-    references: Sequence[Recording], structure: str = AUTO, threads: int = 1, progress: Progress = ignore_progress
+    reference: RecordingInputs,
+    *,
+    structure: str = AUTO,
+    threads: int = 1,
+    progress: Progress = ignore_progress,
 ) -> IdentifiedBaseline:
-    """Return the model of the references; `auto` takes the structure with the lowest cost on held-out parts of them.
+    """Return the most accurate model of the `reference` recordings, to be diagnosed as the simulation.
 
-    Raises GapError without references, CesError if they hold too little.
+    `auto` takes the structure with the lowest cost on held-out parts of them. Pass the same references to `diagnose`:
+    it then counts with the error of models that have not seen them. Save it before the results, so that
+    `augmented.json` names its file. Raises GapError without references, CesError if they hold too little.
+
+        baseline = identify_baseline([new]).save("gap/model.json")
+        write_diagnosis(diagnose(baseline, [worn], reference=[new]), "gap")
     """
+    references = as_recordings(reference, required=False)
     if not references:
         raise GapError("a baseline cannot be identified without references; pass recordings free of the effect")
     limits = Limits(time=SECONDS, starts=STARTS, threads=threads)

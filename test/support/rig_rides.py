@@ -27,4 +27,4 @@ def rig_ride(seed: int, worn: str = "", seconds: float = 8.0) -> Recording:
 @cache
 def identified(count: int = 2) -> IdentifiedBaseline:
     """A relaxation model of the first rides of the new damper."""
-    return identify_baseline([rig_ride(seed) for seed in range(1, count + 1)], "relaxation")
+    return identify_baseline([rig_ride(seed) for seed in range(1, count + 1)], structure="relaxation")

@@ -142,13 +142,9 @@ class ReboundReservoir(_Intake):
         return np.asarray(values[1] * _reservoir_flow_factor(inputs.position, values[3]))
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        out: list[tuple[float, ...]] = []
-        for column in COLUMNS:
-            speed = (-trace.inputs.speed / _reservoir_flow_factor(trace.inputs.position, column))[trace.usable]
-            speed = speed[speed > 0.0] if (speed > 0.0).any() else np.zeros(1)
-            limits = np.clip(np.quantile(speed, STARVED), self.parameters[1].low, self.parameters[1].high)
-            out += [(1.0, float(limit), RELEASED_M, column) for limit in limits]
-        return out
+        speed, position = trace.inputs.speed[trace.usable], trace.inputs.position[trace.usable]
+        limits = {c: self.limit_starts(speed / _reservoir_flow_factor(position, c), STARVED) for c in COLUMNS}
+        return [(1.0, limit, RELEASED_M, column) for column in COLUMNS for limit in limits[column]]
 
 
 def _reservoir_flow_factor(position: F, column_m: float) -> F:
