@@ -21,7 +21,7 @@ from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.plant import Correction, DirectSimulator, Plant, TraceSimulator
 from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.effects.user_effects import class_of, library_effect, user_effect
+from ces_gap.effects.library import class_of, library_effect, user_effect
 from ces_gap.errors import GapError
 from ces_gap.trace import make_trace, smooth_recording
 from ces_identify.simulations.fmu import SPEC

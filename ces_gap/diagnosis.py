@@ -12,10 +12,21 @@ from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.experiment.next_experiment import NextExperiment
 from ces_gap.grid import is_constant
-from ces_gap.inference.decide import WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TOLERANCE
-from ces_gap.inference.explanation import Estimate, Explanation, Interval
-from ces_gap.inference.held_out import CLEARLY_LESS, Gap, HeldOutSeries
-from ces_gap.inference.verdict import AMBIGUOUS, CALIBRATION, NAMED, NO_GAP, POSSIBLE, TIMING, UNKNOWN, VerdictFigures
+from ces_gap.inference.fit import Estimate, Interval
+from ces_gap.inference.held_out import CLEARLY_LESS, Explanation, Gap, HeldOutSeries
+from ces_gap.inference.verdict import (
+    AMBIGUOUS,
+    CALIBRATION,
+    NAMED,
+    NO_GAP,
+    POSSIBLE,
+    TIMING,
+    UNKNOWN,
+    WITHIN_BASELINE,
+    WITHIN_NOISE,
+    WITHIN_TOLERANCE,
+    VerdictFigures,
+)
 from ces_gap.refit import ModelRefits
 from ces_gap.regions.axes import GapMap, GapRegion, Where
 from ces_gap.trace import usable_inputs, usable_values
@@ -42,7 +53,7 @@ class Diagnosis:
     invisible: tuple[tuple[str, str], ...]  # effect, reason why these recordings cannot show it
     ceiling_after_N: float
     wrong: Explanation | None  # control: the best effect outside the composition
-    no_gap_reason: str  # of the verdict "no_gap": WITHIN_... of `inference/decide.py`, "" otherwise
+    no_gap_reason: str  # of the verdict "no_gap": WITHIN_... of `inference/verdict.py`, "" otherwise
     tolerance_N: float  # a gap up to this RMS counts as none
     visible_from_N: float  # RMS below which an effect would hide behind noise and the simulation's own error
     probability_none: float

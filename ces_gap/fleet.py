@@ -23,7 +23,7 @@ from typing import Any
 from ces_data.recording import Recording
 from ces_gap.augmented import file_of, name_simulation
 from ces_gap.diagnosis import NO_GAP, UNKNOWN, Diagnosis
-from ces_gap.effects.user_effects import class_of
+from ces_gap.effects.library import class_of
 from ces_gap.inputs.checks import check_recordings
 from ces_gap.pipeline import DiagnoseOptions
 from ces_gap.report.gap_json import to_plain_json

@@ -15,16 +15,14 @@ from dataclasses import dataclass, replace
 from ces_data.recording import Recording
 from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis, format_verdict
 from ces_gap.effects.effect import Effect
-from ces_gap.effects.library import library
+from ces_gap.effects.library import library, require_sound
 from ces_gap.effects.simulation_errors import simulation_errors
-from ces_gap.effects.user_effects import require_sound
 from ces_gap.experiment.next_experiment import NO_AMBIGUITIES, find_ambiguities, propose_experiment
-from ces_gap.inference.decide import Decision, decide, name_by_simpler_rules, timing_notes
 from ces_gap.inference.evidence import Baseline, learn_baseline
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.held_out import HeldOutScores, review, score_held_out
 from ces_gap.inference.search import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED, EffectSearchResult, search
-from ces_gap.inference.verdict import calibration
+from ces_gap.inference.verdict import Decision, calibration, decide, name_by_simpler_rules, timing_notes
 from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_notes
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
@@ -40,7 +38,7 @@ class DiagnoseOptions:
     effects: tuple[Effect, ...] = ()  # of the user, in addition to the library
     threads: int = 1  # of the fit
     seed: int = 1  # of the bootstrap
-    tolerance: float | None = None  # share of the RMS force: a smaller gap is none (default `decide.tolerance_N`)
+    tolerance: float | None = None  # share of the RMS force: a smaller gap is none (default `verdict.tolerance_N`)
     experiment: bool = True  # whether to choose the next experiment
 
 

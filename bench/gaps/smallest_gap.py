@@ -36,11 +36,10 @@ from bench.gaps.ladder_damper import (
 from bench.measurement import print_note
 from ces_data.recording import Recording
 from ces_gap.effects.library import library
-from ces_gap.inference.decide import decide
 from ces_gap.inference.evidence import learn_baseline
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.search import search
-from ces_gap.inference.verdict import calibration
+from ces_gap.inference.verdict import calibration, decide
 from ces_gap.inputs.checks import find_invisible_effects
 from ces_gap.inputs.prepare import prepare_recordings
 from ces_identify.identification import identify

@@ -20,7 +20,7 @@ from ces_data.recording import Recording
 from ces_gap.augmented import name_simulation
 from ces_gap.baseline.identified import MODEL, identify_baseline
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, GapRegion, Interval, Where
-from ces_gap.effects.user_effects import user_effect
+from ces_gap.effects.library import user_effect
 from ces_gap.inputs.checks import check_recordings
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress

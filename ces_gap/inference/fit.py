@@ -1,7 +1,8 @@
 """Fitting effects: bounded Levenberg-Marquardt on whitened residuals, with cross-validation over units.
 
 Cross-validation is linearised: one Gauss-Newton step from the fit of all units gives the fit without one unit and its
-residual on that unit (exact for effects that are linear in their parameters).
+residual on that unit (exact for effects that are linear in their parameters). The parameters' intervals follow, and
+fits that are repeated with the simulation itself where a surrogate replaces it.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_gap.baseline.plant import TraceSimulator
-from ces_gap.effects.effect import Composition, Effect, Setting
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence
 from ces_gap.trace import Trace, TraceInputs
 
@@ -23,7 +24,14 @@ MIN_GAIN = 3e-4  # share of the gap's energy: an iteration that explains less is
 MIN_EXPLAINED = 0.005  # of the gap's energy: a fit that explains less is not continued
 MAX_STARTS = 6
 MAX_SCALED_STARTS = 2  # starts whose magnitude is scaled to fit
+ROUNDS = 2
+MIN_CHANGE = 0.01  # relative change of the parameters below which another round is not worth a simulation
+DRIFT = 4.0  # standard errors: units that disagree by more make a parameter drift
+Z95 = 1.96
+MISFIT_ALIGNED = 0.25
 NEAR_BOUND = 1e-3  # of the range: a parameter closer to its bound counts as on it
+
+Interval = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -252,8 +260,63 @@ def column_norms(jacobian: F) -> F:
     return np.where(size > 0.0, size, 1.0)
 
 
-ROUNDS = 2
-MIN_CHANGE = 0.01  # relative change of the parameters below which another round is not worth a simulation
+@dataclass(frozen=True)
+class Estimate:
+    """A parameter's value with its 95 % interval (SI); `at_bound` if it is on a bound, `drifts` if folds disagree."""
+
+    name: str
+    value: float
+    ci95: Interval
+    at_bound: bool = False
+    drifts: bool = False
+
+
+def estimate_parameters(fit: EffectFit) -> tuple[tuple[Estimate, ...], ...]:
+    """Return the parameters of each effect with intervals in SI units."""
+    low, high = bounds(fit.effects)
+    errors = np.sqrt(np.maximum(np.diag(fit.covariance), 0.0) + _misfit_variance(fit))
+    rows = zip(fit.searched.tolist(), errors.tolist(), low, high, _unit_disagreement(fit), strict=True)
+    return tuple(tuple(_estimate(p, *next(rows)) for p in effect.parameters) for effect in fit.effects)
+
+
+def _misfit_variance(fit: EffectFit) -> F:
+    """Return the variance (p,) that the rest of the gap adds to the parameters.
+
+    What the effects leave beyond the noise is no noise: errors of forms and simulation are the same in every block. A
+    share of their RMS, `MISFIT_ALIGNED`, is assumed to lie along each parameter's signature, where no residual shows it
+    (Brynjarsdottir and O'Hagan 2014).
+    """
+    left = max(float(fit.residual @ fit.residual) - len(fit.residual), 0.0)
+    size = column_norms(fit.jacobian)
+    scaled = fit.jacobian / size
+    unit = np.diag(np.linalg.pinv(scaled.T @ scaled, rcond=1e-9)) / size**2
+    return np.asarray(MISFIT_ALIGNED**2 * left * np.maximum(unit, 0.0))
+
+
+def count_stuck_parameters(fit: EffectFit) -> int:
+    """Return how many parameters are on a bound other than their neutral value."""
+    return sum(e.at_bound for effect in estimate_parameters(fit) for e in effect)
+
+
+def measure_parameter_drift(fit: EffectFit) -> float:
+    """Return the largest disagreement between units on a parameter, in standard errors."""
+    spread = np.sqrt(np.maximum(np.diag(fit.covariance), 1e-30))
+    return float(np.max(_unit_disagreement(fit) / spread)) if len(spread) else 0.0
+
+
+def _unit_disagreement(fit: EffectFit) -> F:
+    return np.asarray(np.abs(fit.by_unit - fit.searched).max(axis=0) * np.sqrt(max(len(fit.by_unit) - 1, 1)))
+
+
+def _estimate(
+    parameter: EffectParameter, searched: float, error: float, low: float, high: float, disagreement: float
+) -> Estimate:
+    ends = sorted(parameter.to_value(searched + sign * Z95 * error) for sign in (-1.0, 1.0))
+    near = NEAR_BOUND * (high - low)
+    neutral = parameter.to_search(parameter.neutral) if parameter.scale != "log" else np.nan
+    at_bound = bool((searched - low < near or high - searched < near) and not abs(searched - neutral) < near)
+    drifts = bool(disagreement > DRIFT * max(error, 1e-12))
+    return Estimate(parameter.name, parameter.to_value(searched), (ends[0], ends[1]), at_bound, drifts)
 
 
 @dataclass(frozen=True)

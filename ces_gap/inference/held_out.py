@@ -1,4 +1,4 @@
-"""The scoring stage: the gap on held-out recordings, and what each explanation leaves of it."""
+"""The gap on held-out recordings, what each explanation leaves of it, and the verdict that they support."""
 
 from __future__ import annotations
 
@@ -6,21 +6,28 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ces_data.arrays import F
+from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
-from ces_gap.inference.decide import Decision
+from ces_gap.grid import number_blocks
 from ces_gap.inference.evidence import Baseline
-from ces_gap.inference.explanation import Explanation, HeldOutScorer, Interval, build_scorer, cut_into_blocks
-from ces_gap.inference.fit import EffectFit
+from ces_gap.inference.fit import EffectFit, Estimate, Interval, estimate_parameters
 from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
-from ces_gap.inference.verdict import AMBIGUOUS, CALIBRATION, NAMED, NO_GAP, UNKNOWN
+from ces_gap.inference.verdict import AMBIGUOUS, CALIBRATION, NAMED, NO_GAP, UNKNOWN, Decision
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
 from ces_gap.trace import Trace, usable_values
 
+BLOCK_S = 0.5  # [s]
+RESAMPLES = 500
+MIN_SHOWN_SHARE = 0.05  # of the gap's energy
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
+MIN_MATERIAL_SHARE = 0.5  # of the energy that anything explains: a cause that explains less is none
+MIN_NAMED_SHARE = 0.5  # of the held-out gap's energy: what leaves more than it closes is not the cause of the gap
+CLEARLY_LESS = 0.95  # of the gap that the composition leaves: another effect that leaves less may be the cause
 
 
 @dataclass(frozen=True)
@@ -144,11 +151,6 @@ def _gap(scorer: HeldOutScorer, corrected: bool) -> Gap:
     return Gap(rms, ci95, noise, cost_J, rest, rest_ci95)
 
 
-MIN_MATERIAL_SHARE = 0.5  # of the energy that anything explains: a cause that explains less is none
-MIN_NAMED_SHARE = 0.5  # of the held-out gap's energy: what leaves more than it closes is not the cause of the gap
-CLEARLY_LESS = 0.95  # of the gap that the composition leaves: another effect that leaves less may be the cause
-
-
 def review(verdict: str, scores: HeldOutScores) -> tuple[str, HeldOutScores]:
     """Return the verdict that held-out recordings support, and the scores without a composition that enlarges the gap.
 
@@ -195,3 +197,115 @@ def has_undetermined_effect(composition: Explanation) -> bool:
 def _closed_share(scores: HeldOutScores, explanation: Explanation) -> float:
     """Return the share of the held-out gap's energy that an explanation closes."""
     return 1.0 - (explanation.gap_after_N / scores.gap.corrected_N) ** 2
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """One or several effects, with gap and shrink on held-out recordings, without measurement noise."""
+
+    effects: tuple[str, ...]
+    forms: tuple[str, ...]
+    composition: Composition
+    estimates: tuple[tuple[Estimate, ...], ...]  # by effect
+    gap_after_N: float
+    shrink: float
+    shrink_ci95: Interval
+    gain: float = 0.0  # cross-fitted share of the gap's energy explained on the fitted recordings
+    gain_error: float = 0.0
+    probability: float = 0.0
+
+
+@dataclass(frozen=True)
+class Blocks:
+    """Held-out recordings in blocks: usable `ticks` (b,) and expected energy of the noise (b,) [N²] in each."""
+
+    traces: tuple[Trace, ...]
+    ticks: F
+    noise: F
+    number: tuple[NDArray[np.int64], ...]  # block of each tick, by trace
+    resamples: NDArray[np.int64]  # (RESAMPLES, b) blocks of each resample
+
+    def energy(self, forces: Sequence[F]) -> F:
+        """Return the energy [N²] of measured minus modelled force in each block (b,), less that of the noise."""
+        total = np.zeros(len(self.ticks))
+        for trace, force, number in zip(self.traces, forces, self.number, strict=True):
+            error = np.where(trace.usable, trace.force - force, 0.0)
+            total += np.bincount(number, error**2, len(total))
+        return np.asarray(total - self.noise)
+
+    def rms(self, energy: F) -> tuple[float, Interval]:
+        """Return the RMS [N] of an energy (b,) and its 95 % interval."""
+        means = energy[self.resamples].sum(1) / np.maximum(self.ticks[self.resamples].sum(1), 1.0)
+        low, high = np.percentile(_root(means), [2.5, 97.5])
+        return float(_root(energy.sum() / max(float(self.ticks.sum()), 1.0))), (float(low), float(high))
+
+    def shrink(self, before: F, after: F) -> tuple[float, Interval]:
+        """Return 1 - RMS after / RMS before of two energies (b,) and its 95 % interval; 0 without a gap before.
+
+        Resamples that happen to hold hardly any of the gap, as between rare contacts of a stop, show no shrink.
+        """
+        begun, ended = before[self.resamples].sum(1), after[self.resamples].sum(1)
+        shown = begun > MIN_SHOWN_SHARE * before.sum()
+        shrinks = _compute_shrink(begun[shown], ended[shown]) if shown.any() else np.zeros(1)
+        low, high = np.percentile(shrinks, [2.5, 97.5])
+        return float(_compute_shrink(before.sum(), after.sum())), (float(low), float(high))
+
+
+def cut_into_blocks(traces: Sequence[Trace], seed: int, max_noise_N: float = np.inf) -> Blocks:
+    """Return the blocks of held-out recordings, whose noise is limited to `max_noise_N` RMS [N].
+
+    The noise estimated from a recording's highest frequencies is only an upper bound: the damper may contribute to it.
+    """
+    number = number_blocks([t.time_s for t in traces], BLOCK_S)
+    count = int(number[-1][-1]) + 1
+    ticks = sum(np.bincount(n, t.usable.astype(np.float64), count) for t, n in zip(traces, number, strict=True))
+    noise = sum(
+        np.bincount(n, t.usable * min(t.noise_N, max_noise_N) ** 2, count) for t, n in zip(traces, number, strict=True)
+    )
+    resamples = np.random.default_rng(seed).integers(0, count, (RESAMPLES, count))
+    return Blocks(tuple(traces), np.asarray(ticks), np.asarray(noise), tuple(number), resamples)
+
+
+def _compute_shrink(before: F | np.float64, after: F | np.float64) -> F:
+    """Return 1 - sqrt(after / before), 0 without a gap before."""
+    is_gap = np.asarray(before) > 0.0
+    return np.asarray(np.where(is_gap, 1.0 - _root(after) / _root(np.where(is_gap, before, 1.0)), 0.0))
+
+
+def _root(energy: F | np.float64) -> F:
+    return np.asarray(np.sqrt(np.maximum(energy, 0.0)))
+
+
+@dataclass(frozen=True)
+class HeldOutScorer:
+    """Held-out recordings in `blocks`, with plants prepared for each: `quick` and `exact` ones."""
+
+    blocks: Blocks
+    quick: tuple[Plant, ...]
+    exact: tuple[Plant, ...]
+    alone: tuple[F, ...]  # the plant's force on each held-out trace
+    before: F  # energy in each block of the gap of the original simulation
+
+    def forces(self, fit: EffectFit, exact: bool) -> tuple[F, ...]:
+        """Return the force [N] with the effects of a fit on each held-out trace."""
+        plants = self.exact if exact or not fit.composition.reruns else self.quick
+        rows = zip(plants, self.blocks.traces, self.alone, strict=True)
+        return tuple(plant.with_effects(fit.composition, trace, alone) for plant, trace, alone in rows)
+
+    def explain(self, fit: EffectFit | None = None, forces: Sequence[F] | None = None) -> Explanation:
+        """Return the explanation by a fit whose `forces` [N] are known; by no effect, after the correction, if None."""
+        after = self.blocks.energy(self.alone if forces is None else forces)
+        score = self.blocks.rms(after)[0], *self.blocks.shrink(self.before, after)
+        if fit is None:
+            return Explanation((), (), Composition(), (), *score)
+        return Explanation(
+            fit.names, tuple(e.form for e in fit.effects), fit.composition, estimate_parameters(fit), *score
+        )
+
+
+def build_scorer(blocks: Blocks, plant: Plant, exact: TraceSimulator) -> HeldOutScorer:
+    """Return the scorer of held-out blocks for a plant; `exact` is the simulation with which effects rerun exactly."""
+    quick = tuple(plant.prepare_for(t) for t in blocks.traces)
+    best = tuple(replace(plant, simulation=exact).prepare_for(t) for t in blocks.traces)
+    alone = tuple(plant.alone(t) for t in blocks.traces)
+    return HeldOutScorer(blocks, quick, best, alone, blocks.energy([t.simulated_as_logged for t in blocks.traces]))

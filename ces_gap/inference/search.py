@@ -18,15 +18,14 @@ from ces_data.arrays import F
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.simulation_errors import CALIBRATION_FORMS
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.explanation import count_stuck_parameters
-from ces_gap.inference.fit import EffectFit, Refinement, fit_alone, fit_together
-from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
+from ces_gap.inference.fit import EffectFit, Refinement, count_stuck_parameters, fit_alone, fit_together
 from ces_gap.inputs.checks import is_current_constant
 from ces_gap.progress import Progress, ignore_progress
 
 MIN_GAIN_SHARE = 0.05  # of the gap's energy that another effect must explain
 MIN_GAIN_SHARE_UNCORRECTED = 0.12  # the same without references: a smaller part may be the simulation's own error
 MIN_GAIN_Z = 2.0
+NEGLIGIBLE_SHARE = 0.01  # of the gap's energy: smaller unexplained shares are not distinguished
 PARAMETER = 0.005  # share of the gap's energy that each parameter costs when effects are ranked
 CLEAR_SHARE = 0.1  # of the noise's energy
 BEAM = 2

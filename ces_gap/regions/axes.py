@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_gap.inference.explanation import Interval
+from ces_gap.inference.fit import Interval
 from ces_gap.trace import Trace
 
 

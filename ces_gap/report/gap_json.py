@@ -17,7 +17,7 @@ import numpy as np
 
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, calibration_cells
 from ces_gap.errors import GapError
-from ces_gap.inference.decide import WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_TOLERANCE
+from ces_gap.inference.verdict import WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_TOLERANCE
 from ces_gap.report.formatting import AXES
 from ces_observer.fields import Schema
 from ces_observer.json_text import write_atomically

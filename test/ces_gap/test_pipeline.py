@@ -15,8 +15,8 @@ from ces_gap import pipeline
 from ces_gap.diagnosis import NAMED, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect
 from ces_gap.errors import GapError
-from ces_gap.inference import decide, evidence
-from ces_gap.inference.explanation import HeldOutScorer
+from ces_gap.inference import evidence, verdict
+from ces_gap.inference.held_out import HeldOutScorer
 from ces_gap.inputs import prepare
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_identify.simulations.simulation import FunctionSimulation
@@ -50,7 +50,7 @@ def count(monkeypatch: pytest.MonkeyPatch, places: list[Any], name: str) -> list
 def test_the_ceiling_is_learnt_once_from_the_gap_and_once_from_the_rest(
     monkeypatch: pytest.MonkeyPatch, with_references: bool
 ) -> None:
-    calls = count(monkeypatch, [evidence, decide], "learn_ceiling")
+    calls = count(monkeypatch, [evidence, verdict], "learn_ceiling")
     found = run_diagnosis(with_references)
     assert found.figures is not None and len(calls) == 2
 

@@ -9,7 +9,7 @@ import numpy as np
 from engine_plant import traced
 from numpy.typing import NDArray
 
-from ces_gap.inference.explanation import Blocks, cut_into_blocks
+from ces_gap.inference.held_out import Blocks, cut_into_blocks
 from ces_gap.trace import Trace
 
 F = NDArray[np.float64]

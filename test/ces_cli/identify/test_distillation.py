@@ -12,7 +12,7 @@ from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.recording import Channel, Recording
 from ces_gap.augmented import save_augmented
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.effects.user_effects import user_effect
+from ces_gap.effects.library import user_effect
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 

@@ -10,7 +10,7 @@ from engine_plant import NOISE_N, traced
 from search_examples import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, EffectSearchResult, Offset, planted, run_search
 
 from ces_gap.effects.effect import EffectParameter
-from ces_gap.effects.user_effects import library_effect
+from ces_gap.effects.library import library_effect
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.search import (

@@ -10,8 +10,7 @@ from fit_examples import Useless, one, planted
 from shrinkage_examples import gaps, make_blocks
 
 from ces_gap.baseline.learner import learn_ceiling
-from ces_gap.inference.explanation import estimate_parameters
-from ces_gap.inference.fit import fit_alone, fit_together
+from ces_gap.inference.fit import estimate_parameters, fit_alone, fit_together
 from ces_gap.inference.verdict import VerdictFigures, calibration, probabilities
 
 

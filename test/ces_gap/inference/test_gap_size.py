@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from ces_gap.inference.decide import GapSize, find_no_gap_reason, is_clear_of_the_simulation, tolerance_N
+from ces_gap.inference.verdict import GapSize, find_no_gap_reason, is_clear_of_the_simulation, tolerance_N
 
 SMALL = GapSize(gap_N=4.0, timed_N=4.0, noise_N=8.0, force_N=300.0, corrected=False)
 

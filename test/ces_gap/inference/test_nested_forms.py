@@ -6,7 +6,7 @@ import pytest
 from search_examples import EFFECTS, planted
 
 from ces_gap.effects.effect import Setting
-from ces_gap.effects.user_effects import library_effect
+from ces_gap.effects.library import library_effect
 from ces_gap.inference.fit import Refinement, fit_alone
 from ces_gap.inference.search import (
     EffectSearchResult,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from shrinkage_examples import NOISE_N, F, gaps, make_blocks, plain
 
-from ces_gap.inference.explanation import cut_into_blocks
+from ces_gap.inference.held_out import cut_into_blocks
 
 
 def simulated() -> list[F]:

@@ -9,7 +9,7 @@ from ces_data.checks.content import recording_marks
 from ces_data.recording import Channel, Recording
 from ces_gap.augmented import AugmentedSimulation
 from ces_gap.effects.effect import Composition, Effect, EffectParameter
-from ces_gap.effects.user_effects import require_sound, user_effect
+from ces_gap.effects.library import require_sound, user_effect
 from ces_gap.errors import GapError
 from ces_gap.inputs.checks import (
     check_recordings,
