@@ -15,7 +15,6 @@ import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -121,18 +120,19 @@ def _file_digest(file: Path | None) -> str:
 
 def diagnose_unit(job: DiagnosisJob, packed: Sequence[bytes], recordings: Sequence[Recording]) -> JobResult:
     """Diagnose one unit; `packed` holds the packed request as its only item."""
-    return run_job(job, partial(_diagnose, job, packed[0], recordings))
 
+    def run() -> JobResult:
+        start = time.monotonic()
+        request: DiagnosisRequest = pickle.loads(packed[0])  # packed by this program, never read from a file
+        reference = request.reference
+        notes = check_recordings(recordings, (), reference)
+        diagnosis = request.diagnose(request.simulation, request.spec, recordings, (), reference, request.options)
+        diagnosis = replace(diagnosis, notes=(*notes, *diagnosis.notes))
+        files = request.files(diagnosis, job.sim, (("real", recordings), ("reference", reference)))
+        row = {**_row(job, recordings, diagnosis), "seconds": round(time.monotonic() - start, 3)}
+        return JobResult(row, {f"{job.output}/{name}": text for name, text in files.items()})
 
-def _diagnose(job: DiagnosisJob, packed: bytes, recordings: Sequence[Recording]) -> JobResult:
-    start = time.monotonic()
-    request: DiagnosisRequest = pickle.loads(packed)  # packed by this program, never read from a file
-    notes = check_recordings(recordings, (), request.reference)
-    diagnosis = request.diagnose(request.simulation, request.spec, recordings, (), request.reference, request.options)
-    diagnosis = replace(diagnosis, notes=(*notes, *diagnosis.notes))
-    files = request.files(diagnosis, job.sim, (("real", recordings), ("reference", request.reference)))
-    row = {**_row(job, recordings, diagnosis), "seconds": round(time.monotonic() - start, 3)}
-    return JobResult(row, {f"{job.output}/{name}": text for name, text in files.items()})
+    return run_job(job, run)
 
 
 def _row(job: DiagnosisJob, recordings: Sequence[Recording], diagnosis: Diagnosis) -> Row:

@@ -142,9 +142,9 @@ class PumpedMap:
 
 
 def remove_high_frequencies(force: F, rate_Hz: float) -> F:
-    """Return the force (n,) behind a low-pass at `CORNER_HZ` without delay."""
-    corner = min(CORNER_HZ, 0.25 * rate_Hz)
-    return np.asarray(forward_backward(np.ascontiguousarray(force), pole_of(corner, rate_Hz)))
+    """Return the force (n,) behind a low-pass without delay, which halves the power at `CORNER_HZ`."""
+    each = min(CORNER_HZ, 0.25 * rate_Hz) / sqrt(2.0**0.25 - 1.0)  # four first-order lags in all
+    return np.asarray(forward_backward(np.ascontiguousarray(force), exp(-2.0 * np.pi * each / rate_Hz)))
 
 
 def learn_sprung_map(speed: F, current: F, force: F, usable: Mask, rate_Hz: float) -> SprungMap:
@@ -152,7 +152,7 @@ def learn_sprung_map(speed: F, current: F, force: F, usable: Mask, rate_Hz: floa
 
     `speed` [m/s] and `current` [A] are the inputs of the simulation; all arrays are (n,).
     """
-    rate, used = derivative(remove_high_frequencies(force, rate_Hz), rate_Hz), _usable_or_all(usable)
+    rate, used = derivative(remove_high_frequencies(force, rate_Hz), rate_Hz), usable | ~usable.any()
     best, least, compliant = learn_map(speed, current, force, usable), np.inf, 0.0
     for compliance in COMPLIANCES:
         through = speed - compliance * rate
@@ -168,7 +168,7 @@ def learn_pumped_map(speed: F, current: F, force: F, usable: Mask, rate_Hz: floa
 
     Both start at `equal` [m/N], the compliance of `learn_sprung_map`; the other arguments are the same as there.
     """
-    smooth, used = remove_high_frequencies(force, rate_Hz), _usable_or_all(usable)
+    smooth, used = remove_high_frequencies(force, rate_Hz), usable | ~usable.any()
     widths = (SOFT * rms(smooth[used]) + 1e-3, SOFT * rms(speed[used]) + 1e-6)
     pumping = 0.25 * (1.0 + np.tanh(smooth / widths[0])) * (1.0 + np.tanh(speed / widths[1]))
     rate = derivative(smooth, rate_Hz)
@@ -185,10 +185,6 @@ def learn_pumped_map(speed: F, current: F, force: F, usable: Mask, rate_Hz: floa
         own = min(((own[0], c) for c in COMPLIANCES), key=lambda o: fit(o)[0])
     _, best, residual = fit(own)
     return PumpedMap(best, own, widths, remove_high_frequencies(residual, rate_Hz))
-
-
-def _usable_or_all(usable: Mask) -> Mask:
-    return usable if usable.any() else np.ones(len(usable), bool)
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -280,9 +276,3 @@ def forward_backward(x: F, pole: float) -> F:
             b = a + pole * (b - a)
             out[k] = b
     return out
-
-
-def pole_of(corner_Hz: float, rate_Hz: float) -> float:
-    """Return the pole for which `forward_backward` halves the power at `corner_Hz`."""
-    each = corner_Hz / sqrt(2.0**0.25 - 1.0)  # four first-order lags in all
-    return exp(-2.0 * np.pi * each / rate_Hz)

@@ -115,13 +115,13 @@ class Trace:
         ticks = self.usable if self.map_ticks is None else self.map_ticks
         return self.inputs.speed, self.inputs.current, self.simulated, ticks, self.rate_Hz
 
-    def learn_map(self, inputs: TraceInputs, force: F) -> SpeedMap:
-        """Return the map of speed and current that fits the `force` [N] (n,) under `inputs` best."""
-        return self._recent_maps.learn(inputs.speed, inputs.current, force, self.usable)
-
     @cached_property
     def _recent_maps(self) -> RecentMaps:
         return RecentMaps()
+
+    def learn_map(self, inputs: TraceInputs, force: F) -> SpeedMap:
+        """Return the map of speed and current that fits the `force` [N] (n,) under `inputs` best."""
+        return self._recent_maps.learn(inputs.speed, inputs.current, force, self.usable)
 
     @cached_property
     def base_grid(self) -> tuple[F, F, int]:

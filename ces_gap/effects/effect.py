@@ -137,11 +137,6 @@ class Composition:
     settings: tuple[Setting, ...] = ()
 
     @property
-    def names(self) -> tuple[str, ...]:
-        """The effects' names."""
-        return tuple(s.name for s in self.settings)
-
-    @property
     def reruns(self) -> bool:
         """Whether one of the effects changes the simulation's inputs."""
         return any(s.effect.reruns for s in self.settings)

@@ -47,11 +47,11 @@ class BumpStop(Effect):
         """Return contacts within the stroke, for linear stops and for foam."""
         position = trace.inputs.position
         mean, reach = float(np.mean(position)), [float(np.max(end * position)) for end in self.ends]
-        return [
-            (*kind, *(_between(end, mean, most, share) for end, most in zip(self.ends, reach, strict=True)))
-            for share in TOUCHES_AT
-            for kind in KINDS
-        ]
+        out: list[tuple[float, ...]] = []
+        for share in TOUCHES_AT:
+            contacts = [end * (end * mean + share * (m - end * mean)) for end, m in zip(self.ends, reach, strict=True)]
+            out += [(*kind, *np.clip(contacts, -0.5, 0.5).tolist()) for kind in KINDS]
+        return out
 
 
 class CompressionBumpStop(BumpStop):
@@ -73,8 +73,3 @@ class TwoSidedBumpStop(BumpStop):
 
     form, ends, needs = "both", (1.0, -1.0), "strokes that reach both stops"
     parameters = (STIFFNESS, HARDENING, COMPRESSION, REBOUND)
-
-
-def _between(end: float, mean_m: float, most_m: float, share: float) -> float:
-    """Return the position [m] at a share of the way from the mean to the largest stroke in the direction `end`."""
-    return float(np.clip(end * (end * mean_m + share * (most_m - end * mean_m)), -0.5, 0.5))

@@ -58,7 +58,7 @@ class Presliding(FrictionForce):
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         coulomb, presliding = values
-        return force + coulomb * _bristles(inputs, np.ones_like(force), presliding)
+        return np.asarray(force + coulomb * bristles(inputs.position, np.ones_like(force), presliding))
 
 
 class LuGre(FrictionForce):
@@ -74,7 +74,8 @@ class LuGre(FrictionForce):
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         coulomb, presliding, excess, viscous = values
         level = _stribeck(inputs.speed, excess, STRIBECK_M_S)
-        return force + coulomb * (_bristles(inputs, level, presliding) + viscous * inputs.speed)
+        bent = bristles(inputs.position, level, presliding)
+        return np.asarray(force + coulomb * (bent + viscous * inputs.speed))
 
 
 class PressureDependent(FrictionForce):
@@ -90,11 +91,7 @@ class PressureDependent(FrictionForce):
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         coulomb, presliding, pressed = values
         level = 1.0 + pressed * np.abs(force)
-        return force + coulomb * _bristles(inputs, level, presliding)
-
-
-def _bristles(inputs: TraceInputs, level: F, presliding_m: float) -> F:
-    return np.asarray(bristles(inputs.position, level, presliding_m))
+        return np.asarray(force + coulomb * bristles(inputs.position, level, presliding))
 
 
 def _stribeck(speed: F, excess: float, stribeck: float) -> F:
