@@ -164,4 +164,3 @@ def test_a_search_variable_converts_back_inside_the_bounds(parameter: EffectPara
 def test_settings_and_compositions_name_their_parts() -> None:
     setting = Setting(Friction(), (40.0, 0.05))
     assert setting.values_by_name() == {"coulomb_N": 40.0, "transition_m_s": 0.05}
-    assert Composition((setting, Setting(Spring(), (1.0,)))).names == ("friction", "spring")

@@ -175,7 +175,7 @@ def test_non_finite_forces_are_rejected() -> None:
 
 def test_searched_values_become_settings_inside_their_bounds() -> None:
     composition = make_composition((Friction(), Compliance()), np.array([1e9, np.log(0.05), 1.0 / 5e4]))
-    assert composition.names == ("friction", "compliance")
+    assert tuple(s.name for s in composition.settings) == ("friction", "compliance")
     assert composition.settings[0].values == pytest.approx((300.0, 0.05)) and composition.settings[
         1
     ].values == pytest.approx((5e4,))
