@@ -11,8 +11,14 @@ from example_effects import CurrentGain, Friction, Spring
 
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
-from ces_gap.inference.fit import EffectFit, count_stuck_parameters, estimate_parameters, measure_parameter_drift
-from ces_gap.inference.held_out import MISFIT_ALIGNED, Explanation, HeldOutScorer, build_scorer, cut_into_blocks
+from ces_gap.inference.fit import (
+    MISFIT_ALIGNED,
+    EffectFit,
+    count_stuck_parameters,
+    estimate_parameters,
+    measure_parameter_drift,
+)
+from ces_gap.inference.held_out import Explanation, HeldOutScorer, build_scorer, cut_into_blocks
 from ces_gap.trace import Trace, TraceInputs
 
 SIMULATOR = DirectSimulator(SIMULATION)
