@@ -1,4 +1,4 @@
-"""The JSON Schemas of the YAML files and gap.json: what each is of, where it lies, and the line by which a file names it.
+"""The JSON Schemas of the YAML files and gap.json: what each is of, where it lies, and how a file names it.
 
 Editors with a YAML language server (VS Code, Neovim, ...) read that line, complete keys, and underline mistakes.
 """
