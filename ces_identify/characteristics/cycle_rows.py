@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from ces_identify.characteristics.cycles import (
     SHARES,
     Cycles,
     CycleValues,
-    KneeFit,
+    evaluate_cycles,
     find_knee,
 )
 from ces_identify.characteristics.motion import MEASURED, Stretch, noise_rms
@@ -29,54 +29,94 @@ SAME_SIZE = 0.03  # relative difference of amplitude and of frequency within a c
 SAME_CENTRE = 0.2  # difference of the centre of the stroke within a condition, of the amplitude
 MIN_CYCLES = 3  # for a spread, a loop, work, branches and a knee
 FEW = f"fewer than {MIN_CYCLES} cycles: no spread"
+NOTHING_DISSIPATED = "the loop dissipates nothing: check the sign of force or position, or the delay between them"
+NO_RATIO = "one direction does not resist: no ratio (offset of the force?)"
+
+Condition = tuple[I, dict[str, float]]  # the cycles (indices, rising), and the columns that describe them
 
 
 @dataclass(frozen=True)
-class Condition:
-    """The cycles (indices, shape (n,)) of one current, amplitude and frequency; values are means over the cycles.
+class SourceValues:
+    """The values of the cycles of one condition by one source, beside the measured ones.
 
-    `current_width_A` is the difference between the largest and the smallest mean current of the level's cycles.
+    `key` holds the columns that all tables about cycles share.
     """
 
-    cycles: I
-    current_A: float
-    current_width_A: float
-    amplitude_m: float
-    frequency_Hz: float
+    key: dict[str, Any]
+    cycles: Cycles
+    values: CycleValues
+    measured: CycleValues
+
+    def difference(self, values: F, measured: F) -> F:
+        """Return values minus measured ones; NaN for the measurement itself."""
+        return values - measured if self.key["source"] != MEASURED else np.full_like(values, np.nan)
+
+
+def cycle_tables(cycles: Cycles, tolerance_A: float, sources: Sequence[str]) -> dict[str, tuple[Any, ...]]:
+    """Return the tables about used cycles; those that need a spread leave out conditions with too few cycles."""
+    tables: dict[str, list[Any]] = {name: [] for name in ROWS_OF}
+    for indices, columns in find_conditions(cycles, tolerance_A):
+        chosen = cycles.select(indices)
+        measured = evaluate_cycles(chosen, MEASURED)
+        for source in sources:
+            values = measured if source == MEASURED else evaluate_cycles(chosen, source)
+            count = int(np.isfinite(values.work_J).sum())
+            one = SourceValues({"source": source, "cycles": count, **columns}, chosen, values, measured)
+            for name, make_rows in ROWS_OF.items():
+                if count >= (1 if name == "peak_velocity" else MIN_CYCLES):
+                    tables[name] += make_rows(one)
+    return {name: tuple(rows) for name, rows in tables.items()}
 
 
 def current_tolerance(stretches: Sequence[Stretch]) -> float:
     """Return by how much [A] currents may differ and still count as the same."""
-    known = [s.current[np.isfinite(s.current)] for s in stretches]
-    largest = max((float(np.percentile(np.abs(c), 99.0)) for c in known if len(c)), default=0.0)
-    noise = max((noise_rms(_find_changes(c)) for c in known), default=0.0)
+    largest, noise = 0.0, 0.0
+    for current in (s.current[np.isfinite(s.current)] for s in stretches):
+        if len(current):
+            largest = max(largest, float(np.percentile(np.abs(current), 99.0)))
+        changes = current[np.diff(current, prepend=np.nan) != 0.0]  # held samples would hide the noise
+        noise = max(noise, noise_rms(changes if len(changes) > 0.1 * len(current) else current))
     return max(CURRENT_SHARE * largest, CURRENT_NOISE * noise, 1e-9)
 
 
 def group_values(values: F, tolerance: float) -> list[I]:
     """Return the indices of each group of values (n,) that are close together, in rising order.
 
-    Groups are separated by gaps of at least half the `tolerance`; one wider than twice the tolerance is cut.
+    Groups are separated by gaps of at least half the `tolerance`; one wider than twice the tolerance is cut into pieces
+    one tolerance wide.
     """
     if not len(values):
         return []
     order = np.argsort(values, kind="stable")
-    groups = np.split(order, np.flatnonzero(np.diff(values[order]) > 0.5 * tolerance) + 1)
-    return [piece for group in groups for piece in _cut(values, group, tolerance)]
+    groups: list[I] = []
+    for group in np.split(order, np.flatnonzero(np.diff(values[order]) > 0.5 * tolerance) + 1):
+        above = values[group] - values[group[0]]
+        cuts = np.flatnonzero(np.diff(np.floor(above / tolerance))) + 1
+        groups += np.split(group, cuts) if above[-1] > 2.0 * tolerance else [group]
+    return groups
 
 
 def find_conditions(cycles: Cycles, tolerance_A: float) -> list[Condition]:
-    """Return the conditions of used cycles, by current, then by peak speed."""
+    """Return the used cycles of one current, amplitude and frequency each, by current, then by peak speed.
+
+    The columns hold means over the cycles, and the difference between the largest and the smallest mean current of the
+    level's cycles.
+    """
     amplitude = 0.5 * np.ptp(cycles.position, axis=1)
     frequency = 1.0 / (cycles.time_s[:, -1] - cycles.time_s[:, 0])
     centre = 0.5 * (cycles.position.max(axis=1) + cycles.position.min(axis=1))
-    conditions = []
+    conditions: list[Condition] = []
     for level in group_values(cycles.current_A, tolerance_A):
         current = cycles.current_A[level]
         for group in _group_cycles(np.sort(level), amplitude, frequency, centre):
-            means = (float(amplitude[group].mean()), float(frequency[group].mean()))
-            conditions.append(Condition(group, float(current.mean()), float(np.ptp(current)), *means))
-    return sorted(conditions, key=lambda c: (c.current_A, c.amplitude_m * c.frequency_Hz))
+            columns = {
+                "current_A": float(current.mean()),
+                "current_width_A": float(np.ptp(current)),
+                "amplitude_m": float(amplitude[group].mean()),
+                "frequency_Hz": float(frequency[group].mean()),
+            }
+            conditions.append((group, columns))
+    return sorted(conditions, key=lambda c: (c[1]["current_A"], c[1]["amplitude_m"] * c[1]["frequency_Hz"]))
 
 
 def _group_cycles(indices: I, amplitude: F, frequency: F, centre: F) -> Iterator[I]:
@@ -96,58 +136,16 @@ def _group_cycles(indices: I, amplitude: F, frequency: F, centre: F) -> Iterator
     yield from (np.array(group, np.int64) for group in members)
 
 
-def _cut(values: F, group: I, tolerance: float) -> Iterator[I]:
-    """Yield a sorted group whole, or in pieces one tolerance wide if it is too wide."""
-    if values[group[-1]] - values[group[0]] <= 2.0 * tolerance:
-        yield group
-        return
-    piece = np.floor((values[group] - values[group[0]]) / tolerance).astype(np.int64)
-    yield from np.split(group, np.flatnonzero(np.diff(piece)) + 1)
-
-
-def _find_changes(current: F) -> F:
-    """Return the current without repetitions of held samples, which would hide its noise."""
-    keep = np.ones(len(current), np.bool_)
-    keep[1:] = np.diff(current) != 0.0
-    return current[keep] if keep.sum() > 0.1 * len(current) else current
-
-
-@dataclass(frozen=True)
-class SourceValues:
-    """The values of the cycles of one condition by one source, beside the measured ones."""
-
-    source: str
-    condition: Condition
-    cycles: Cycles
-    values: CycleValues
-    measured: CycleValues
-
-    @property
-    def key(self) -> dict[str, Any]:
-        """The columns that all tables about cycles share."""
-        c = self.condition
-        count = int(np.isfinite(self.values.work_J).sum())
-        means = {name: getattr(c, name) for name in ("current_A", "current_width_A", "amplitude_m", "frequency_Hz")}
-        return {"source": self.source, "cycles": count, **means}
-
-    def difference(self, values: F, measured: F) -> F:
-        """Return values minus measured ones; NaN for the measurement itself."""
-        return values - measured if self.source != MEASURED else np.full_like(values, np.nan)
-
-
 def peak_rows(one: SourceValues) -> Iterator[PeakForce]:
     """Yield the peak velocity pick-up in both directions."""
     for direction in DIRECTIONS:
         half, measured = one.values.halves[direction], one.measured.halves[direction]
-        difference = one.difference(half.peak_force, measured.peak_force)
         yield PeakForce(
             **one.key,
             direction=direction,
             speed_m_s=mean(half.peak_speed),
-            force_N=mean(half.peak_force),
-            force_sd_N=spread(half.peak_force),
-            difference_N=mean(difference),
-            difference_sd_N=spread(difference),
+            **_with_sd("force", "N", half.peak_force),
+            **_with_sd("difference", "N", one.difference(half.peak_force, measured.peak_force)),
             note=FEW if one.key["cycles"] < MIN_CYCLES else "",
         )
 
@@ -156,7 +154,7 @@ def continuous_rows(one: SourceValues) -> Iterator[ContinuousForce]:
     """Yield force and hysteresis at shares of the peak speed in both directions."""
     for direction in DIRECTIONS:
         half, measured = one.values.halves[direction], one.measured.halves[direction]
-        difference, width = one.difference(half.mean, measured.mean), half.width
+        difference, force, width = one.difference(half.mean, measured.mean), half.mean, half.width
         speed = mean(half.peak_speed)
         for k, share in enumerate(SHARES):
             yield ContinuousForce(
@@ -165,71 +163,58 @@ def continuous_rows(one: SourceValues) -> Iterator[ContinuousForce]:
                 speed_m_s=float(share) * speed,
                 accelerating_N=mean(half.accelerating[:, k]),
                 decelerating_N=mean(half.decelerating[:, k]),
-                force_N=mean(half.mean[:, k]),
-                force_sd_N=spread(half.mean[:, k]),
-                width_N=mean(width[:, k]),
-                width_sd_N=spread(width[:, k]),
+                **_with_sd("force", "N", force[:, k]),
+                **_with_sd("width", "N", width[:, k]),
                 difference_N=mean(difference[:, k]),
             )
 
 
 def loop_rows(one: SourceValues) -> Iterator[LoopPoint]:
     """Yield the mean loop, from full rebound over full compression back."""
-    cycles, force = one.cycles, one.cycles.forces[one.source]
     for k in range(2 * HALF + 1):
         yield LoopPoint(
             **one.key,
             phase=k / (2 * HALF),
-            position_m=mean(cycles.position[:, k]),
-            speed_m_s=mean(cycles.speed[:, k]),
-            force_N=mean(force[:, k]),
-            force_sd_N=spread(force[:, k]),
+            position_m=mean(one.cycles.position[:, k]),
+            speed_m_s=mean(one.cycles.speed[:, k]),
+            **_with_sd("force", "N", one.cycles.forces[one.key["source"]][:, k]),
         )
 
 
-def work_row(one: SourceValues) -> CycleWork:
-    """Return work, equivalent damping and the forces at zero speed."""
+def work_rows(one: SourceValues) -> Iterator[CycleWork]:
+    """Yield work, equivalent damping and the forces at zero speed."""
     values = one.values
-    difference = one.difference(values.work_J, one.measured.work_J)
-    middle, width = 0.5 * (values.top_N + values.bottom_N), values.top_N - values.bottom_N
     compression, rebound = (mean(values.halves[d].peak_force) for d in (COMPRESSION, REBOUND))
     dissipates = mean(values.work_J) > 0.0
     damped = dissipates and compression > 0.0 > rebound
-    return CycleWork(
+    yield CycleWork(
         **one.key,
-        work_J=mean(values.work_J),
-        work_sd_J=spread(values.work_J),
+        **_with_sd("work", "J", values.work_J),
         power_W=mean(values.power_W),
-        damping_Ns_m=mean(values.damping_Ns_m) if dissipates else np.nan,
-        damping_sd_Ns_m=spread(values.damping_Ns_m) if dissipates else np.nan,
-        mid_force_N=mean(middle),
-        mid_force_sd_N=spread(middle),
-        zero_width_N=mean(width),
-        zero_width_sd_N=spread(width),
+        **(_with_sd("damping", "Ns_m", values.damping_Ns_m) if dissipates else {}),
+        **_with_sd("mid_force", "N", 0.5 * (values.top_N + values.bottom_N)),
+        **_with_sd("zero_width", "N", values.top_N - values.bottom_N),
         zero_width_per_ms_N=mean(values.width_per_skew_N),
         rebound_ratio=-rebound / compression if damped else np.nan,
-        difference_J=mean(difference),
-        difference_sd_J=spread(difference),
-        note=_describe_work(dissipates, damped),
+        **_with_sd("difference", "J", one.difference(values.work_J, one.measured.work_J)),
+        note="" if damped else NO_RATIO if dissipates else NOTHING_DISSIPATED,
     )
 
 
 def knee_rows(one: SourceValues) -> Iterator[Knee]:
     """Yield the knee in both directions, or why there is none."""
     for direction in DIRECTIONS:
-        knee = find_knee(one.values.halves[direction])
-        key = {**one.key, "direction": direction}
-        if isinstance(knee, KneeFit):
-            yield Knee(
-                **key,
-                knee_speed_m_s=knee.speed_m_s,
-                knee_speed_sd_m_s=knee.speed_sd_m_s,
-                knee_force_N=knee.force_N,
-                slope_below_Ns_m=knee.slope_below_Ns_m,
-                slope_above_Ns_m=knee.slope_above_Ns_m,
-            )
-        else:
-            yield Knee(**key, note=knee)
+        knee: dict[str, Any] | str = find_knee(one.values.halves[direction])
+        yield Knee(**one.key, direction=direction, **({"note": knee} if isinstance(knee, str) else knee))
+
+
+ROWS_OF: dict[str, Callable[[SourceValues], Iterator[Any]]] = {
+    "peak_velocity": peak_rows,
+    "continuous": continuous_rows,
+    "loops": loop_rows,
+    "work": work_rows,
+    "knees": knee_rows,
+}
 
 
 def mean(values: F) -> float:
@@ -238,13 +223,8 @@ def mean(values: F) -> float:
     return float(known.mean()) if len(known) else np.nan
 
 
-def spread(values: F) -> float:
-    """Return the standard deviation of the finite values, NaN for fewer than MIN_CYCLES."""
+def _with_sd(name: str, unit: str, values: F) -> dict[str, Any]:
+    """Return the columns of a mean and its standard deviation between cycles, NaN for fewer than MIN_CYCLES."""
     known = values[np.isfinite(values)]
-    return float(known.std(ddof=1)) if len(known) >= MIN_CYCLES else np.nan
-
-
-def _describe_work(dissipates: bool, damped: bool) -> str:
-    if not dissipates:
-        return "the loop dissipates nothing: check the sign of force or position, or the delay between them"
-    return "" if damped else "one direction does not resist: no ratio (offset of the force?)"
+    sd = float(known.std(ddof=1)) if len(known) >= MIN_CYCLES else np.nan
+    return {f"{name}_{unit}": mean(values), f"{name}_sd_{unit}": sd}

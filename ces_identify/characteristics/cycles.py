@@ -50,6 +50,7 @@ CANDIDATES = np.round(np.arange(0.10, 0.81, 0.01), 2)  # shares of the peak spee
 RESOLUTION = 0.025 / np.sqrt(3.0)  # standard deviation of a knee between two neighbours of SHARES
 MAX_WIDTH = 0.3  # of the force: where the branches differ more, their mean is no curve
 MIN_CYCLES = 3
+ARRAYS = ("time_s", "position", "speed", "current_A", "reason", "recording")  # of cycles, beside the forces
 
 
 @dataclass(frozen=True)
@@ -73,12 +74,10 @@ class Cycles:
         """Which cycles are used, shape (n,)."""
         return self.reason < 0
 
-    def select(self, mask: Mask) -> Cycles:
-        """Return the cycles where `mask` (n,) is true."""
-        arrays = {
-            k: getattr(self, k)[mask] for k in ("time_s", "position", "speed", "current_A", "reason", "recording")
-        }
-        return Cycles(forces={name: force[mask] for name, force in self.forces.items()}, **arrays)
+    def select(self, which: Mask | I) -> Cycles:
+        """Return the cycles where a mask (n,) is true, or those of these indices."""
+        arrays = {name: getattr(self, name)[which] for name in ARRAYS}
+        return Cycles(forces={name: force[which] for name, force in self.forces.items()}, **arrays)
 
 
 def find_cycles(stretch: Stretch, number: int, tolerance_A: float, speed_noise: float, bandwidth_Hz: float) -> Cycles:
@@ -86,7 +85,10 @@ def find_cycles(stretch: Stretch, number: int, tolerance_A: float, speed_noise: 
     low, high = find_reversals(stretch, speed_noise / bandwidth_Hz)
     at = _resample_instants(stretch.speed, low, high)
     forces = {source: _interpolate(force, at) for source, force in stretch.forces.items()}
-    position, speed = _interpolate(stretch.position, at), _smooth(_interpolate(stretch.speed, at))
+    position, speed = _interpolate(stretch.position, at), _interpolate(stretch.speed, at)
+    if len(at):  # averaged over the phase: unlike a polynomial this never overshoots at corners
+        speed[:, :-1] = uniform_filter1d(speed[:, :-1], SMOOTH, axis=1, mode="wrap")
+        speed[:, -1] = speed[:, 0]  # the first instant of the next cycle
     first, last = at[:, 0], at[:, -1]
     period = (last - first) / stretch.rate_Hz
     failed = np.stack(
@@ -176,8 +178,6 @@ def _zero_crossings(speed: F, turns: I) -> F:
 
 def _find_repeats(position: F, period: F) -> Mask:
     """Return which cycles (n,) are in a row of MIN_REPEATS whose neighbours have the same stroke and period."""
-    if len(position) < MIN_REPEATS:
-        return np.zeros(len(position), np.bool_)
     half = 0.5 * np.ptp(position, axis=1)
     scale = np.minimum(half[1:], half[:-1])
     shape = np.sqrt(np.mean(np.diff(position, axis=0) ** 2, axis=1)) <= MAX_SHAPE_DIFFERENCE * scale
@@ -189,29 +189,19 @@ def _find_repeats(position: F, period: F) -> Mask:
     return repeats
 
 
-def _smooth(speed: F) -> F:
-    """Return the speeds (c, instants) averaged over the phase; unlike a polynomial this never overshoots at corners."""
-    if not len(speed):
-        return speed
-    smooth = uniform_filter1d(speed[:, :-1], SMOOTH, axis=1, mode="wrap")  # the last instant is the first of the next
-    return np.asarray(np.concatenate([smooth, smooth[:, :1]], axis=1))
-
-
 def _interpolate(values: F, at: F) -> F:
     return np.asarray(np.interp(at.ravel(), np.arange(len(values)), values)).reshape(at.shape)
 
 
 def _mean_between(values: F, first: F, last: F) -> F:
     total = np.concatenate([[0.0], np.cumsum(values)])
-    a, b = first.astype(int), np.ceil(last).astype(int) + 1
-    b = np.minimum(b, len(values))
+    a, b = first.astype(int), np.minimum(np.ceil(last).astype(int) + 1, len(values))
     return np.asarray((total[b] - total[a]) / np.maximum(b - a, 1))
 
 
 def join_cycles(parts: list[Cycles]) -> Cycles:
     """Return the cycles of all stretches one after the other; `parts` is not empty."""
-    names = ("time_s", "position", "speed", "current_A", "reason", "recording")
-    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in names}
+    joined = {name: np.concatenate([getattr(p, name) for p in parts]) for name in ARRAYS}
     forces = {source: np.concatenate([p.forces[source] for p in parts]) for source in parts[0].forces}
     return Cycles(forces=forces, **joined)
 
@@ -306,26 +296,14 @@ def _integrate(values: F, t: F) -> F:
     return np.asarray(np.sum(0.5 * (values[:, 1:] + values[:, :-1]) * np.diff(t, axis=1), axis=1))
 
 
-@dataclass(frozen=True)
-class KneeFit:
-    """A knee at `speed_m_s` (signed) with the standard deviation over the cycles, and the slopes [Ns/m] beside it."""
-
-    speed_m_s: float
-    speed_sd_m_s: float
-    force_N: float
-    slope_below_Ns_m: float
-    slope_above_Ns_m: float
-
-
-def find_knee(half: HalfValues) -> KneeFit | str:
-    """Return the knee of one direction, or the reason why there is none."""
+def find_knee(half: HalfValues) -> dict[str, float] | str:
+    """Return the columns of a knee's row of one direction, or the reason why there is none."""
     known = np.isfinite(half.mean).all(axis=1)
     if known.sum() < MIN_CYCLES:
         return f"{known.sum()} cycles; {MIN_CYCLES} needed"
     curve, peak = half.mean[known], half.peak_speed[known]
     mean = curve.mean(axis=0)
     one = float(np.sqrt(_errors(np.stack([np.ones_like(SHARES), SHARES], axis=1), mean[None])[0]))
-    errors = np.stack([_errors(_design(share), curve) for share in CANDIDATES])
     best = int(np.argmin(np.stack([_errors(_design(share), mean[None])[0] for share in CANDIDATES])))
     level, slope, change = np.linalg.lstsq(_design(CANDIDATES[best]), mean, rcond=None)[0]
     two = float(np.sqrt(_errors(_design(CANDIDATES[best]), mean[None])[0]))
@@ -338,11 +316,15 @@ def find_knee(half: HalfValues) -> KneeFit | str:
         return f"cannot know: at the knee the branches differ by {100.0 * width:.0f} % of the force; move slower"
     if max(abs(below), abs(above)) < MIN_SLOPE_CHANGE * min(abs(below), abs(above)):
         return f"no knee: the slope changes from {below:.0f} to {above:.0f} Ns/m only"
+    errors = np.stack([_errors(_design(share), curve) for share in CANDIDATES])
     each = CANDIDATES[np.argmin(errors, axis=0)] * peak
-    doubt = float(np.hypot(each.std(ddof=1), RESOLUTION * peak.mean()))
-    speed = float(CANDIDATES[best] * peak.mean())
-    force = float(level + slope * CANDIDATES[best])
-    return KneeFit(speed, doubt, force, below, above)
+    return {
+        "knee_speed_m_s": float(CANDIDATES[best] * peak.mean()),
+        "knee_speed_sd_m_s": float(np.hypot(each.std(ddof=1), RESOLUTION * peak.mean())),
+        "knee_force_N": float(level + slope * CANDIDATES[best]),
+        "slope_below_Ns_m": below,
+        "slope_above_Ns_m": above,
+    }
 
 
 def _design(share: float) -> F:

@@ -1,37 +1,53 @@
 """The results as files: the page with charts and tables, measured beside simulated, and a CSV file for each table.
 
-`columns.csv` gives unit and meaning of every column.
+`columns.csv` gives unit and meaning of every column. The charts follow: levels of current and sources have colours of
+their own, and loops are shown for a few test points, each an amplitude and frequency run at several currents.
 """
 
 from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Sequence
-from dataclasses import astuple
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import astuple, dataclass
+from operator import attrgetter
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 from markupsafe import Markup
 
+from ces_data.arrays import F
 from ces_identify.characteristics import tables
 from ces_identify.characteristics.cycles import DIRECTIONS
-from ces_identify.characteristics.page_charts import (
-    choose_test_points,
-    loop_charts,
-    make_palette,
-    motion_charts,
-    peak_chart,
-    response_chart,
-    work_chart,
-)
-from ces_identify.characteristics.rows import TABLES, Characteristics, columns
+from ces_identify.characteristics.motion import MEASURED
+from ces_identify.characteristics.rows import TABLES, Characteristics, ConditionRow, CycleWork, LoopPoint, columns
+from ces_identify.characteristics.steps import MIN_STEPS
 from ces_observer.json_text import write_atomically
-from ces_report.plot import Plot, draw_plot, share_points
+from ces_report.drawing import span_of
+from ces_report.figure import CURVES, PlotMark
+from ces_report.plot import (
+    Plot,
+    PlotArea,
+    PlotBand,
+    PlotDots,
+    PlotLine,
+    curve_css,
+    draw_plot,
+    series_css,
+    share_points,
+)
 from ces_report.shell import command_block, page_template, replace_unencodable
 from ces_report.typesetting import join_names
 
 PAGE, COLUMNS = "characteristics.html", "columns.csv"
 MAX_OPEN_ROWS = 20  # of a table that is not folded
+MAX_TEST_POINTS = 3  # amplitudes and frequencies whose loops are shown
+SAME_TEST = 0.06  # relative difference of amplitude and frequency within a test point
+MANY_SOURCES = 3
+BAND_POINTS = 400  # a band is drawn in columns, which should touch each other
+SPEED, FORCE = "Speed [m/s]", "Force [N]"
+SPREAD = "bounds measured"  # the style of a band of measured forces
 
 
 def write_characteristics(folder: str | Path, results: Characteristics, *, command: str = "") -> list[Path]:
@@ -50,12 +66,30 @@ def write_characteristics(folder: str | Path, results: Characteristics, *, comma
     return [folder / name for name in (PAGE, *texts)]
 
 
+def format_table(characteristics: Characteristics, table: str) -> str:
+    """Return one table as CSV; a missing value is an empty cell."""
+    rows = (astuple(row) for row in getattr(characteristics, table))
+    return _as_csv([name for name, _, _ in columns(TABLES[table])], rows)
+
+
+def _as_csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    """Return rows below a head; numbers have seven figures, NaN is an empty cell."""
+
+    def cell(value: object) -> object:
+        if not isinstance(value, float):
+            return value
+        return "" if np.isnan(value) else f"{value:.7g}"
+
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([head, *([cell(value) for value in row] for row in rows)])
+    return text.getvalue()
+
+
 def format_page(results: Characteristics, command: str = "") -> str:
     """Return the page as self-contained HTML."""
-    palette, points = make_palette(results), choose_test_points(results)
-    loops = [loop_charts(results, palette, n, point) for n, point in enumerate(points)]
-    responses = [chart for d in DIRECTIONS if (chart := response_chart(results, d, palette)) is not None]
-    motions = list(motion_charts(results))
+    palette = Palette(results.sources, tuple(sorted({row.current_A for row in results.peak_velocity})))
+    loops = [loop_charts(results, palette, n, point) for n, point in enumerate(choose_test_points(results))]
+    responses, motions = list(response_charts(results)), list(motion_charts(results))
     peaks = [peak_chart(results, palette), work_chart(results, palette)] if results.peak_velocity else []
     plots = [*peaks, *(plot for pair in loops for plot in pair), *responses, *motions]
     limit = share_points(sum(len(area.marks) for plot in plots for area in plot.areas))
@@ -64,6 +98,10 @@ def format_page(results: Characteristics, command: str = "") -> str:
         return [(draw_plot(plot, limit), plot.title) for plot in some]
 
     beside = f" beside {join_names(results.sources[1:])}" if len(results.sources) > 1 else ""
+    long_tables = (
+        tables.peak_table, tables.work_table, tables.zero_speed_table, tables.width_table, tables.knee_table,
+    )  # fmt: skip
+    short_tables = (tables.response_table, tables.recording_table, tables.omission_table)
     page = page_template("characteristics.html.j2", "ces_identify.characteristics", ("characteristics.css",)).render(
         title=f"Characteristics: {join_names([r.name for r in results.recordings])}{beside}",
         command=command_block(command) if command else "",
@@ -74,35 +112,170 @@ def format_page(results: Characteristics, command: str = "") -> str:
         loops=[draw(pair) for pair in loops],
         responses=draw(responses),
         motions=draw(motions),
-        peak_table=tables.choose_rows(tables.peak_table(results)),
-        work_table=tables.choose_rows(tables.work_table(results)),
-        zero_speed_table=tables.choose_rows(tables.zero_speed_table(results)),
-        width_table=tables.choose_rows(tables.width_table(results)),
-        knee_table=tables.choose_rows(tables.knee_table(results)),
-        response_table=tables.response_table(results),
-        recording_table=tables.recording_table(results),
-        omission_table=tables.omission_table(results),
+        **{make.__name__: tables.choose_rows(make(results)) for make in long_tables},
+        **{make.__name__: make(results) for make in short_tables},
         fold=MAX_OPEN_ROWS,
     )
     return replace_unencodable(page)
 
 
-def format_table(characteristics: Characteristics, table: str) -> str:
-    """Return one table as CSV; a missing value is an empty cell."""
-    rows = (astuple(row) for row in getattr(characteristics, table))
-    return _as_csv([name for name, _, _ in columns(TABLES[table])], rows)
+@dataclass(frozen=True)
+class Palette:
+    """Name and colour of a line by source and current."""
+
+    sources: tuple[str, ...]
+    currents: tuple[float, ...]
+
+    def style(self, source: str, current: float) -> tuple[str, str]:
+        """Return the entry of the legend and the classes of a line; more than CURVES curves take half shades, too."""
+        if len(self.sources) >= MANY_SOURCES:
+            return source, "measured" if source == MEASURED else series_css(self.sources.index(source))
+        number, count = int(np.argmin(np.abs(np.array(self.currents) - current))), len(self.currents)
+        curve = curve_css(number, count)
+        if count > CURVES:
+            step = round(number * 2 * (CURVES - 1) / (count - 1))
+            curve = f"curve c{step // 2}{' half' if step % 2 else ''}"
+        name = f"{current:.3g} A"
+        return (name, curve) if source == MEASURED else (f"{name}, {source}", f"{curve} beyond")
 
 
-def _as_csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(head)
-    writer.writerows([_format_cell(value) for value in row] for row in rows)
-    return text.getvalue()
+def choose_test_points(results: Characteristics) -> list[CycleWork]:
+    """Return a row of each point whose loops are shown: slowest, middle, fastest of those run at the most currents."""
+    points: list[tuple[CycleWork, set[float]]] = []
+    for row in results.work:
+        currents = next((currents for point, currents in points if _same_test(point, row)), None)
+        if currents is None:
+            points.append((row, currents := set()))
+        currents.add(row.current_A)
+    most = max((len(currents) for _, currents in points), default=0)
+    full = sorted((point for point, currents in points if len(currents) == most), key=_sine_speed)
+    chosen = np.unique(np.rint(np.linspace(0, len(full) - 1, min(MAX_TEST_POINTS, len(full)))).astype(int))
+    return [full[k] for k in chosen]
 
 
-def _format_cell(value: object) -> object:
-    """Return a number with seven figures, and nothing for NaN."""
-    if not isinstance(value, float):
-        return value
-    return f"{value:.7g}" if value == value else ""  # noqa: PLR0124 - NaN differs from itself
+def _same_test(one: ConditionRow, other: ConditionRow) -> bool:
+    """Return whether two rows have nearly the same amplitude and frequency."""
+    ratios = np.array([other.amplitude_m / one.amplitude_m, other.frequency_Hz / one.frequency_Hz])
+    return bool((np.abs(np.log(ratios)) <= SAME_TEST).all())
+
+
+def _sine_speed(row: ConditionRow) -> float:
+    """Return the peak speed [m/s] of a sine."""
+    return 2.0 * np.pi * row.amplitude_m * row.frequency_Hz
+
+
+def peak_chart(results: Characteristics, palette: Palette) -> Plot:
+    """Return the peak velocity pick-up: one curve for each current and source."""
+    marks: list[PlotMark] = []
+    for source, current, rows in _curves(results, results.peak_velocity):
+        name, css = palette.style(source, current)
+        for direction in DIRECTIONS:
+            side = sorted((r for r in rows if r.direction == direction), key=lambda r: abs(r.speed_m_s))
+            x, y = _values(side, "speed_m_s"), _values(side, "force_N")
+            marks.append(PlotLine(name, x, y, css))
+            if source == MEASURED:
+                marks.append(PlotDots(name, x, y, f"{css} spot"))
+    return Plot(
+        ident="peak-velocity",
+        title="Force at the peak speed of each cycle",
+        text="Mean force at the peak speed of compression (right) and rebound (left), a curve for each current.",
+        x_label="Peak speed [m/s]",
+        areas=[PlotArea(FORCE, marks, height=330, y_ticks=8)],
+        width=900.0,
+        free=True,
+    )
+
+
+def loop_charts(results: Characteristics, palette: Palette, number: int, point: ConditionRow) -> tuple[Plot, Plot]:
+    """Return force over stroke and force over speed of the mean cycle at one test point."""
+    what = f"{1e3 * point.amplitude_m:.3g} mm, {point.frequency_Hz:.3g} Hz"
+    loops: dict[tuple[int, float, float, float], list[LoopPoint]] = {}
+    for row in results.loops:
+        key = results.sources.index(row.source), row.current_A, row.amplitude_m, row.frequency_Hz
+        loops.setdefault(key, []).append(row)
+    shown = [rows for _, rows in sorted(loops.items(), key=lambda item: item[0][0]) if _same_test(point, rows[0])]
+
+    def plot(kind: str, title: str, x_label: str, x: str, scale: float) -> Plot:
+        marks = []
+        for rows in shown:
+            name, css = palette.style(rows[0].source, rows[0].current_A)
+            marks.append(PlotLine(name, scale * _values(rows, x), _values(rows, "force_N"), css))
+        text = f"{title} of the mean cycle of {what}, a loop for each current."
+        areas = [PlotArea(FORCE, marks, height=280, y_ticks=7)]
+        return Plot(f"{kind}-{number}", f"{title}, {what}", text, x_label, areas, width=550.0, free=True)
+
+    stroke = plot("stroke", "Force over stroke", "Position [mm]", "position_m", 1e3)
+    return stroke, plot("speed", "Force over speed", SPEED, "speed_m_s", 1.0)
+
+
+def work_chart(results: Characteristics, palette: Palette) -> Plot:
+    """Return the work per cycle over the peak speed of a sine; lines connect nearly equal amplitudes."""
+    marks: list[PlotMark] = []
+    for source, current, rows in _curves(results, results.work):
+        name, css = palette.style(source, current)
+        strokes: list[list[CycleWork]] = []
+        for row in sorted(rows, key=attrgetter("amplitude_m")):
+            if strokes and row.amplitude_m <= (1.0 + SAME_TEST) * strokes[-1][0].amplitude_m:
+                strokes[-1].append(row)
+            else:
+                strokes.append([row])
+        for stroke in (sorted(rows, key=_sine_speed) for rows in strokes):
+            x, y = np.array([_sine_speed(row) for row in stroke]), _values(stroke, "work_J")
+            marks.append(PlotLine(name, x, y, css))
+            marks.append(PlotDots(name, x, y, f"{css} {'spot' if source == MEASURED else 'dots'}"))
+    text = "Energy dissipated in a cycle over 2π times amplitude times frequency; lines connect equal amplitudes."
+    areas = [PlotArea("Work per cycle [J]", marks, height=230)]
+    return Plot("work-chart", "Work per cycle", text, "2π · amplitude · frequency [m/s]", areas, width=900.0, free=True)
+
+
+def response_charts(results: Characteristics) -> Iterator[Plot]:
+    """Yield the mean normalised response to steps in each direction of motion with steps."""
+    for direction in DIRECTIONS:
+        marks: list[PlotMark] = []
+        rows = [row for row in results.response_points if row.direction == direction and row.steps >= MIN_STEPS]
+        for n, key in enumerate(dict.fromkeys((round(r.from_A, 6), round(r.to_A, 6), r.source) for r in rows)):
+            points = [r for r in rows if (round(r.from_A, 6), round(r.to_A, 6), r.source) == key]
+            t, y, spread = (_values(points, name) for name in ("time_s", "share", "share_sd"))
+            if key[2] == MEASURED:
+                marks.insert(0, PlotBand("± standard deviation, measured", 1e3 * t, y - spread, y + spread, SPREAD))
+            marks.append(PlotLine(f"{key[0]:.2g} to {key[1]:.2g} A, {key[2]}", 1e3 * t, y, series_css(n)))
+        if marks:
+            text = f"Mean change of force after a step of the current in {direction}; band: standard deviation"
+            title = f"Response to steps of the current, {direction}"
+            areas = [PlotArea("Share of the change of force", marks, height=230)]
+            x_label, width = "Time since the step [ms]", 550.0
+            yield Plot(f"response-{direction}", title, f"{text} between steps.", x_label, areas, width)
+
+
+def motion_charts(results: Characteristics) -> Iterator[Plot]:
+    """Yield for each group of currents the quantiles of the force over speed, over any motion."""
+    for n, group in enumerate(dict.fromkeys((r.current_from_A, r.current_to_A) for r in results.speed_bins)):
+        rows = [r for r in results.speed_bins if (r.current_from_A, r.current_to_A) == group]
+        marks: list[PlotMark] = []
+        for k, source in enumerate(results.sources):
+            bins = [r for r in rows if r.source == source]
+            x = np.array([0.5 * (b.speed_from_m_s + b.speed_to_m_s) for b in bins])
+            low, middle, high = (_values(bins, name) for name in ("low_N", "median_N", "high_N"))
+            if source == MEASURED:
+                dense = np.linspace(x[0], x[-1], BAND_POINTS) if len(x) else x
+                ends = np.interp(dense, x, low), np.interp(dense, x, high)
+                marks.append(PlotBand(f"10 to 90 %, {source}", dense, *ends, SPREAD))
+            marks.append(PlotLine(source, x, middle, "measured" if source == MEASURED else series_css(k)))
+        currents = f"{group[0]:.3g} to {group[1]:.3g} A" if group[1] > group[0] else f"{group[0]:.3g} A"
+        text = f"Median of the force over speed at {currents}; band: from the 10 % to the 90 % quantile, measured."
+        y_range = span_of(_values(rows, "low_N"), _values(rows, "high_N"))
+        area = PlotArea(FORCE, marks, height=210, y_range=y_range)
+        yield Plot(f"motion-{n}", f"Any motion, {currents}", text, SPEED, [area], width=550.0, free=True)
+
+
+def _curves(results: Characteristics, rows: Sequence[Any]) -> Iterator[tuple[str, float, list[Any]]]:
+    """Yield the rows of each source and level of current; simulations last, on top."""
+    for source in results.sources:
+        for current in sorted({row.current_A for row in rows}):
+            own = [row for row in rows if row.source == source and row.current_A == current]
+            if own:
+                yield source, current, own
+
+
+def _values(rows: Sequence[Any], name: str) -> F:
+    return np.array([getattr(row, name) for row in rows], np.float64)

@@ -6,9 +6,12 @@ simulation's value minus the measured one over the same cycles, NaN in rows of t
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any
+
+import numpy as np
 
 from ces_identify.characteristics.cycles import REASONS, Cycles
 from ces_identify.characteristics.motion import MEASURED, RecordingMotion
@@ -260,28 +263,23 @@ TABLES: dict[str, type[Any]] = {
 
 
 def find_omissions(
-    motions: Sequence[RecordingMotion], cycles: Cycles, steps: Sequence[StepResponse]
+    motions: Sequence[RecordingMotion], cycles: Cycles, steps: Sequence[StepResponse], work: Sequence[CycleWork]
 ) -> Iterator[Omission]:
-    """Yield why cycles and steps were not used, by recording, and which tables are empty."""
+    """Yield why cycles and steps were not used, by recording, which tables are empty, and why cells of `work` are."""
+    measured = [step for step in steps if step.source == MEASURED]
     for number, motion in enumerate(motions):
-        own = cycles.reason[cycles.recording == number]
-        for index, reason in enumerate(REASONS):
-            count = int((own == index).sum())
-            if count:
-                yield Omission(subject="cycles", recording=motion.name, count=count, of=len(own), reason=reason)
-        measured = [s for s in steps if s.recording == motion.name and s.source == MEASURED]
-        for reason in dict.fromkeys(s.note for s in measured if s.note):
-            count = sum(s.note == reason for s in measured)
-            yield Omission(subject="steps", recording=motion.name, count=count, of=len(measured), reason=reason)
+        reasons = np.sort(cycles.reason[cycles.recording == number])
+        yield from _count("cycles", motion.name, ["" if k < 0 else REASONS[k] for k in reasons])
+        yield from _count("steps", motion.name, [step.note for step in measured if step.recording == motion.name])
     if not cycles.used.any():
         yield Omission(subject="force over speed, loops, work", recording=ALL, reason=NO_CYCLES)
-    if not any(s.source == MEASURED and not s.note for s in steps):
+    if all(step.note for step in measured):
         reason = NO_STEPS_READ if steps else NO_STEPS
         yield Omission(subject="response of the valve", recording=ALL, reason=reason)
+    yield from _count("rows of the work per cycle", ALL, [row.note for row in work])
 
 
-def find_empty_values(work: Sequence[CycleWork]) -> Iterator[Omission]:
-    """Yield why rows of the work per cycle have empty cells."""
-    for reason in dict.fromkeys(row.note for row in work if row.note):
-        count = sum(row.note == reason for row in work)
-        yield Omission(subject="rows of the work per cycle", recording=ALL, count=count, of=len(work), reason=reason)
+def _count(subject: str, recording: str, reasons: Sequence[str]) -> Iterator[Omission]:
+    """Yield each reason with its count; the empty one stands for what was used."""
+    for reason, count in Counter(filter(None, reasons)).items():
+        yield Omission(subject=subject, recording=recording, count=count, of=len(reasons), reason=reason)

@@ -46,32 +46,36 @@ TIMES = (*SINCE_STEP, "time_constant_s", "rise_s")
 class CurrentStep:
     """A step of the current in a stretch: sample `at` is the first with the changed current.
 
-    `time_s` is the middle of the interval of length 2 * `doubt_s` in which the change began.
+    `time_s` is the middle of the interval of length 2 * `time_doubt_s` in which the change began.
     """
 
     at: int
     time_s: float
-    doubt_s: float
+    time_doubt_s: float
     from_A: float
     to_A: float
 
 
 @dataclass(frozen=True)
-class StepTiming:
-    """The response to one step; times [s] from the beginning of the step, forces [N] before and after.
+class ReadStep:
+    """A row of the table of steps with the normalised force at TRACE_S; None if it could not be read.
 
-    `trace` is the normalised force at TRACE_S, NaN after the speed or the current has changed.
+    The trace is NaN after the speed or the current has changed.
     """
 
-    direction: str
-    speed_m_s: float
-    before_N: float
-    after_N: float
-    time_63_s: float
-    dead_time_s: float
-    time_constant_s: float
-    rise_s: float
-    trace: F
+    row: StepResponse
+    trace: F | None
+
+
+def read_steps(motion: RecordingMotion, sources: Sequence[str], tolerance_A: float) -> Iterator[ReadStep]:
+    """Yield every step of the current as each source responds to it."""
+    for stretch in motion.stretches:
+        for step in find_steps(stretch, tolerance_A):
+            key = {"recording": motion.name, **{name: value for name, value in vars(step).items() if name != "at"}}
+            for source in sources:
+                response = time_step(stretch, step, stretch.forces[source], motion.force_noise_N)
+                columns, trace = ({"note": response}, None) if isinstance(response, str) else response
+                yield ReadStep(StepResponse(source=source, **key, **columns), trace)
 
 
 def find_steps(stretch: Stretch, tolerance_A: float) -> list[CurrentStep]:
@@ -89,8 +93,8 @@ def find_steps(stretch: Stretch, tolerance_A: float) -> list[CurrentStep]:
     return steps
 
 
-def time_step(stretch: Stretch, step: CurrentStep, force: F, noise_N: float) -> StepTiming | str:
-    """Return the response of `force` (n,) to a step, or the reason why none can be read."""
+def time_step(stretch: Stretch, step: CurrentStep, force: F, noise_N: float) -> tuple[dict[str, Any], F] | str:
+    """Return the columns and the trace of the response of `force` (n,) to a step, or why none can be read."""
     rate, v = stretch.rate_Hz, stretch.speed
     a, end = step.at - round(BEFORE_S * rate), min(step.at + round(MAX_AFTER_S * rate), len(v))
     if a < 0:
@@ -109,14 +113,14 @@ def time_step(stretch: Stretch, step: CurrentStep, force: F, noise_N: float) -> 
     return _read_response(y, t, step.at - a, speed, noise_N)
 
 
-def _read_response(y: F, t: F, at: int, speed: float, noise_N: float) -> StepTiming | str:
+def _read_response(y: F, t: F, at: int, speed: float, noise_N: float) -> tuple[dict[str, Any], F] | str:
+    """Return the columns and the trace of a force y (n,) at times t [s] from the step, which is at sample `at`."""
     last = max((len(y) - at) // 3, 2)
     before, after = float(y[:at].mean()), float(y[-last:].mean())
     change = after - before
     if abs(change) < MIN_FORCE_CHANGE * noise_N:
         return f"the force changes by less than {MIN_FORCE_CHANGE:g} times its noise"
-    drift = max(abs(_drift(y[:at])), abs(_drift(y[-last:])))
-    if drift > UNSETTLED * abs(change):
+    if max(abs(_drift(y[:at])), abs(_drift(y[-last:]))) > UNSETTLED * abs(change):
         return "the force is not steady before the step, or has not settled before the speed or the current changes"
     share = (y - before) / change
     shares = median_filter(share, 3)
@@ -124,9 +128,17 @@ def _read_response(y: F, t: F, at: int, speed: float, noise_N: float) -> StepTim
     if not t63 <= MAX_T63_SHARE * t[-1]:
         return "the response is too slow for the time at a constant speed"
     constant = 1.5 * (t63 - t28)
-    trace = np.asarray(np.interp(TRACE_S, t, share, right=np.nan))
-    direction = COMPRESSION if speed > 0.0 else REBOUND
-    return StepTiming(direction, speed, before, after, t63, t63 - constant, constant, t90 - t10, trace)
+    columns = {
+        "direction": COMPRESSION if speed > 0.0 else REBOUND,
+        "speed_m_s": speed,
+        "before_N": before,
+        "after_N": after,
+        "time_63_s": t63,
+        "dead_time_s": t63 - constant,
+        "time_constant_s": constant,
+        "rise_s": t90 - t10,
+    }
+    return columns, np.asarray(np.interp(TRACE_S, t, share, right=np.nan))
 
 
 def _plateau_pairs(stretch: Stretch, tolerance_A: float) -> Iterator[tuple[tuple[int, int], tuple[int, int]]]:
@@ -173,29 +185,6 @@ def _crossing(t: F, y: F, share: float) -> float:
     return float(t[index - 1] + (share - y[index - 1]) / rise * (t[index] - t[index - 1]))
 
 
-@dataclass(frozen=True)
-class ReadStep:
-    """A row of the table of steps with the normalised force at TRACE_S; None if it could not be read."""
-
-    row: StepResponse
-    trace: F | None
-
-
-def read_steps(motion: RecordingMotion, sources: Sequence[str], tolerance_A: float) -> Iterator[ReadStep]:
-    """Yield every step of the current as each source responds to it."""
-    for stretch in motion.stretches:
-        for step in find_steps(stretch, tolerance_A):
-            at: dict[str, Any] = {"recording": motion.name, "time_s": step.time_s, "time_doubt_s": step.doubt_s}
-            at |= {"from_A": step.from_A, "to_A": step.to_A}
-            for source in sources:
-                timing = time_step(stretch, step, stretch.forces[source], motion.force_noise_N)
-                if isinstance(timing, StepTiming):
-                    values = {name: value for name, value in vars(timing).items() if name != "trace"}
-                    yield ReadStep(StepResponse(source=source, **at, **values), timing.trace)
-                else:
-                    yield ReadStep(StepResponse(source=source, **at, note=timing), None)
-
-
 def group_steps(steps: Sequence[ReadStep], tolerance_A: float) -> list[list[ReadStep]]:
     """Return the steps that were read in groups of one change, direction and source, in this order."""
     read = [step for step in steps if step.trace is not None]
@@ -207,47 +196,30 @@ def group_steps(steps: Sequence[ReadStep], tolerance_A: float) -> list[list[Read
     return [group for _, group in sorted(groups.items(), key=lambda item: item[0])]
 
 
-def response_row(group: Sequence[ReadStep]) -> ValveResponse:
-    """Return the mean response of a group."""
+def average_steps(group: Sequence[ReadStep]) -> tuple[ValveResponse, list[ResponsePoint]]:
+    """Return the mean response of a group, and its mean course as long as all its steps last."""
 
     def average(name: str) -> float:
         return float(np.mean([getattr(step.row, name) for step in group]))
 
-    doubt = average("time_doubt_s")
-    times = {name: average(name) for name in TIMES}
-    widths = {f"{n[:-2]}_ci95_s": _half_interval(group, n, doubt if n in SINCE_STEP else 0.0) for n in TIMES}
-    return ValveResponse(
-        source=group[0].row.source,
-        from_A=average("from_A"),
-        to_A=average("to_A"),
-        change="up" if average("to_A") > average("from_A") else "down",
-        direction=group[0].row.direction,
-        steps=len(group),
+    doubt, few = average("time_doubt_s"), len(group) < MIN_STEPS
+    key: dict[str, Any] = {"source": group[0].row.source, "direction": group[0].row.direction}
+    key |= {"from_A": average("from_A"), "to_A": average("to_A"), "steps": len(group)}
+    response = ValveResponse(
+        **key,
+        change="up" if key["to_A"] > key["from_A"] else "down",
         speed_m_s=average("speed_m_s"),
         force_change_N=average("after_N") - average("before_N"),
-        **times,
-        **widths,
-        note="" if len(group) >= MIN_STEPS else f"fewer than {MIN_STEPS} steps: no interval",
+        **{name: average(name) for name in TIMES},
+        **{f"{n[:-2]}_ci95_s": _half_interval(group, n, doubt if n in SINCE_STEP else 0.0) for n in TIMES},
+        note=f"fewer than {MIN_STEPS} steps: no interval" if few else "",
     )
-
-
-def response_points(group: Sequence[ReadStep]) -> Iterator[ResponsePoint]:
-    """Yield the mean course of a group, as long as all its steps last."""
-    response = response_row(group)
-    traces = np.stack([step.trace for step in group if step.trace is not None])
-    for k, time in enumerate(TRACE_S):
-        shares = traces[:, k]
+    points = []
+    for time, shares in zip(TRACE_S, np.stack([s.trace for s in group if s.trace is not None], axis=1), strict=True):
         if np.isfinite(shares).all():
-            yield ResponsePoint(
-                source=response.source,
-                from_A=response.from_A,
-                to_A=response.to_A,
-                direction=response.direction,
-                time_s=float(time),
-                steps=len(shares),
-                share=float(shares.mean()),
-                share_sd=float(shares.std(ddof=1)) if len(shares) >= MIN_STEPS else np.nan,
-            )
+            sd = np.nan if few else float(shares.std(ddof=1))
+            points.append(ResponsePoint(**key, time_s=float(time), share=float(shares.mean()), share_sd=sd))
+    return response, points
 
 
 def _half_interval(group: Sequence[ReadStep], name: str, doubt_s: float) -> float:
@@ -261,7 +233,6 @@ def _half_interval(group: Sequence[ReadStep], name: str, doubt_s: float) -> floa
 
 def _number_levels(currents: Sequence[float], tolerance_A: float) -> list[int]:
     """Return the number of the level of each current."""
-    levels = np.zeros(len(currents), np.int64)
-    for number, members in enumerate(group_values(np.array(currents), tolerance_A)):
-        levels[members] = number
-    return [int(level) for level in levels]
+    groups = group_values(np.array(currents), tolerance_A)
+    number = {index: number for number, members in enumerate(groups) for index in members.tolist()}
+    return [number[index] for index in range(len(currents))]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -28,16 +28,6 @@ from ces_report.typesetting import minus
 MAX_ROWS = 60  # of a table on the page, about; the CSV file has all
 WIDTH_SHARES = (0.25, 0.5, 0.75)  # of the peak speed, at which the page shows the hysteresis
 MISSING = "–"
-CONDITION: tuple[Column[Any], ...] = (
-    Column("Current [A]", lambda r: number(r.current_A), figure=True, short="A"),
-    Column("Amplitude [mm]", lambda r: number(1e3 * r.amplitude_m), figure=True, short="mm"),
-    Column("Frequency [Hz]", lambda r: number(r.frequency_Hz), figure=True, short="Hz"),
-    Column("Cycles", lambda r: str(r.cycles), figure=True, short="cycles"),
-)
-SOURCE: tuple[Column[Any], ...] = (
-    Column("Force", lambda r: str(r.source), page_only=True),
-    Column("Direction", lambda r: str(r.direction), page_only=True),
-)
 OneRow = TypeVar("OneRow", bound=ConditionRow)
 
 
@@ -45,16 +35,10 @@ def peak_table(results: Characteristics) -> Table[PeakForce]:
     """Return a row for each condition and direction: measured force, and each simulation's with its difference."""
     columns: list[Column[PeakForce]] = [
         *CONDITION,
-        SOURCE[1],
-        Column("Speed [m/s]", lambda r: number(r.speed_m_s), figure=True, short="m/s"),
-        Column("Force [N]", lambda r: with_spread(r.force_N, r.force_sd_N, 4), figure=True, short="force\nN"),
-        *_simulated(
-            results,
-            results.peak_velocity,
-            "N",
-            lambda r: number(r.force_N, 4),
-            lambda r: with_spread(r.difference_N, r.difference_sd_N),
-        ),
+        DIRECTION,
+        _number("Speed [m/s]", "speed_m_s", short="m/s"),
+        _spread("Force [N]", "force", "N", 4, short="force\nN"),
+        *_simulated(results, results.peak_velocity, "force", "N"),
     ]
     title = "force at the peak speed (± standard deviation between cycles)"
     return Table(columns, _measured(results.peak_velocity), title)
@@ -65,32 +49,13 @@ def work_table(results: Characteristics) -> Table[CycleWork]:
     alone = len(results.sources) == 1  # in a terminal there is room for one or the other
     columns: list[Column[CycleWork]] = [
         *CONDITION,
-        Column("Work [J]", lambda r: with_spread(r.work_J, r.work_sd_J, 4), figure=True, short="work\nJ"),
-        *_simulated(
-            results,
-            results.work,
-            "J",
-            lambda r: number(r.work_J, 4),
-            lambda r: with_spread(r.difference_J, r.difference_sd_J),
-        ),
-        Column(
-            "Equivalent damping [Ns/m]",
-            lambda r: number(r.damping_Ns_m),
-            figure=True,
-            short="damping\nNs/m",
-            page_only=not alone,
-        ),
-        Column(
-            "zero-speed\nwidth N",
-            lambda r: with_spread(r.zero_width_N, r.zero_width_sd_N),
-            figure=True,
-            terminal_only=True,
-            page_only=not alone,
-        ),
-        Column(
-            "Rebound / compression", lambda r: number(r.rebound_ratio), figure=True, short="ratio", page_only=not alone
-        ),
+        _spread("Work [J]", "work", "J", 4, short="work\nJ"),
+        *_simulated(results, results.work, "work", "J"),
+        _number("Equivalent damping [Ns/m]", "damping_Ns_m", short="damping\nNs/m" * alone),
+        _number("Rebound / compression", "rebound_ratio", short="ratio" * alone),
     ]
+    if alone:
+        columns.insert(-1, replace(_spread("zero-speed\nwidth N", "zero_width", "N", short=""), **IN_TERMINAL))
     rest = ", equivalent damping, hysteresis at zero speed, rebound over compression" if alone else ""
     return Table(columns, _measured(results.work), f"work per cycle{rest}")
 
@@ -99,19 +64,9 @@ def zero_speed_table(results: Characteristics) -> Table[CycleWork]:
     """Return a row for each condition: the measured forces at zero speed."""
     columns: list[Column[CycleWork]] = [
         *CONDITION,
-        Column(
-            "Width at zero speed [N]",
-            lambda r: with_spread(r.zero_width_N, r.zero_width_sd_N),
-            figure=True,
-            page_only=True,
-        ),
-        Column("Per 1 ms of delay [N]", lambda r: number(r.zero_width_per_ms_N), figure=True, page_only=True),
-        Column(
-            "Mid force at zero speed [N]",
-            lambda r: with_spread(r.mid_force_N, r.mid_force_sd_N),
-            figure=True,
-            page_only=True,
-        ),
+        _spread("Width at zero speed [N]", "zero_width", "N"),
+        _number("Per 1 ms of delay [N]", "zero_width_per_ms_N"),
+        _spread("Mid force at zero speed [N]", "mid_force", "N"),
     ]
     return Table(columns, _measured(results.work))
 
@@ -123,21 +78,12 @@ def width_table(results: Characteristics) -> Table[tuple[ContinuousForce, ...]]:
     """
     size, rows = len(SHARES), results.continuous
     first, middle, last = (int(abs(SHARES - share).argmin()) for share in WIDTH_SHARES)
-
-    def width(k: int) -> Callable[[tuple[ContinuousForce, ...]], str]:
-        return lambda curve: with_spread(curve[k].width_N, curve[k].width_sd_N)
-
     columns: list[Column[tuple[ContinuousForce, ...]]] = [
-        *map(_of_curve, (*CONDITION, *SOURCE)),
-        Column(Markup("Width at 25&#160;% [N]"), width(first), figure=True, page_only=True),
-        Column(Markup("at 50&#160;% [N]"), width(middle), figure=True, page_only=True),
-        Column(Markup("at 75&#160;% of the peak speed [N]"), width(last), figure=True, page_only=True),
-        Column(
-            Markup("Force at 50&#160;% [N]"),
-            lambda curve: number(curve[middle].force_N, 4),
-            figure=True,
-            page_only=True,
-        ),
+        *(_of_point(0, column) for column in (*CONDITION, SOURCE, DIRECTION)),
+        _of_point(first, _spread(Markup("Width at 25&#160;% [N]"), "width", "N")),
+        _of_point(middle, _spread(Markup("at 50&#160;% [N]"), "width", "N")),
+        _of_point(last, _spread(Markup("at 75&#160;% of the peak speed [N]"), "width", "N")),
+        _of_point(middle, _number(Markup("Force at 50&#160;% [N]"), "force_N", 4)),
     ]
     return Table(columns, [rows[k : k + size] for k in range(0, len(rows), size)])
 
@@ -146,35 +92,32 @@ def knee_table(results: Characteristics) -> Table[Knee]:
     """Return a row for each knee that was found."""
     columns: list[Column[Knee]] = [
         *CONDITION,
-        *SOURCE,
-        Column("Knee [m/s]", lambda r: with_spread(r.knee_speed_m_s, r.knee_speed_sd_m_s), figure=True, page_only=True),
-        Column("Force there [N]", lambda r: number(r.knee_force_N), figure=True, page_only=True),
-        Column("Slope below [Ns/m]", lambda r: number(r.slope_below_Ns_m), figure=True, page_only=True),
-        Column("Slope above [Ns/m]", lambda r: number(r.slope_above_Ns_m), figure=True, page_only=True),
+        SOURCE,
+        DIRECTION,
+        _spread("Knee [m/s]", "knee_speed", "m_s"),
+        _number("Force there [N]", "knee_force_N"),
+        _number("Slope below [Ns/m]", "slope_below_Ns_m"),
+        _number("Slope above [Ns/m]", "slope_above_Ns_m"),
     ]
     return Table(columns, [row for row in results.knees if not row.note])
 
 
 def response_table(results: Characteristics) -> Table[ValveResponse]:
     """Return a row for each kind of step and source, times in ms."""
-
-    def time(name: str) -> Callable[[ValveResponse], str]:
-        return lambda r: with_spread(1e3 * getattr(r, f"{name}_s"), 1e3 * getattr(r, f"{name}_ci95_s"))
-
     columns: list[Column[ValveResponse]] = [
         Column("From–to [A]", lambda r: f"{number(r.from_A)} to {number(r.to_A)}", page_only=True),
         Column("from-to\nA", lambda r: f"{number(r.from_A, 2)}-{number(r.to_A, 2)}", figure=True, terminal_only=True),
-        Column("Direction", lambda r: r.direction, page_only=True),
-        Column("Force", lambda r: r.source, page_only=True),
-        Column("force", lambda r: r.source, figure=True, terminal_only=True),
+        DIRECTION,
+        SOURCE,
+        replace(SOURCE, heading="force", figure=True, **IN_TERMINAL),
         Column("Steps", lambda r: str(r.steps), figure=True, short="steps"),
-        Column("Speed [m/s]", lambda r: number(r.speed_m_s), figure=True, page_only=True),
-        Column("m/s", lambda r: number(r.speed_m_s, 2), figure=True, terminal_only=True),
-        Column("Change [N]", lambda r: number(r.force_change_N), figure=True, page_only=True),
-        Column("Dead time [ms]", time("dead_time"), figure=True, short="dead time\nms"),
-        Column(Markup("63&#160;% after it [ms]"), time("time_constant"), figure=True, page_only=True),
-        Column(Markup("63&#160;% after the step [ms]"), time("time_63"), figure=True, short="63 % after\nstep, ms"),
-        Column(Markup("10 to 90&#160;% [ms]"), time("rise"), figure=True, short="10-90 %\nms"),
+        _number("Speed [m/s]", "speed_m_s"),
+        replace(_number("m/s", "speed_m_s", 2), **IN_TERMINAL),
+        _number("Change [N]", "force_change_N"),
+        _time("Dead time [ms]", "dead_time", short="dead time\nms"),
+        _time(Markup("63&#160;% after it [ms]"), "time_constant"),
+        _time(Markup("63&#160;% after the step [ms]"), "time_63", short="63 % after\nstep, ms"),
+        _time(Markup("10 to 90&#160;% [ms]"), "rise", short="10-90 %\nms"),
     ]
     return Table(columns, results.responses, "response of the valve (± half the 95 % interval)")
 
@@ -183,11 +126,11 @@ def recording_table(results: Characteristics) -> Table[RecordingFacts]:
     """Return a row for each recording: what the results rest on."""
     columns: list[Column[RecordingFacts]] = [
         Column("Recording", lambda r: r.name, page_only=True),
-        Column("Length [s]", lambda r: number(r.duration_s), figure=True, page_only=True),
-        Column("Rate [Hz]", lambda r: number(r.rate_Hz, 4), figure=True, page_only=True),
-        Column("Bandwidth of the speed [Hz]", lambda r: number(r.bandwidth_Hz), figure=True, page_only=True),
-        Column("Noise of the speed [mm/s]", lambda r: number(1e3 * r.speed_noise_m_s, 2), figure=True, page_only=True),
-        Column("Noise of the force [N]", lambda r: number(r.force_noise_N, 2), figure=True, page_only=True),
+        _number("Length [s]", "duration_s"),
+        _number("Rate [Hz]", "rate_Hz", 4),
+        _number("Bandwidth of the speed [Hz]", "bandwidth_Hz"),
+        _number("Noise of the speed [mm/s]", "speed_noise_m_s", 2, scale=1e3),
+        _number("Noise of the force [N]", "force_noise_N", 2),
         Column("Cycles used / found", lambda r: f"{r.cycles_used} / {r.cycles}", figure=True, page_only=True),
     ]
     return Table(columns, results.recordings)
@@ -236,41 +179,66 @@ def with_spread(value: float, spread: float, figures: int = 3) -> str:
     return minus(f"{round(value, digits):.{max(digits, 0)}f} ± {round(spread, digits):.{max(digits, 0)}f}")
 
 
-def _measured(rows: tuple[OneRow, ...]) -> list[OneRow]:
+def _figures(heading: str, text: Callable[[Any], str], short: str) -> Column[Any]:
+    """Return a column of figures, only for pages if it has no `short` heading."""
+    return Column(heading, text, figure=True, short=short, page_only=not short)
+
+
+def _number(heading: str, name: str, figures: int = 3, scale: float = 1.0, short: str = "") -> Column[Any]:
+    return _figures(heading, lambda r: number(scale * getattr(r, name), figures), short)
+
+
+def _spread(heading: str, name: str, unit: str, figures: int = 3, short: str = "") -> Column[Any]:
+    """Return a column of values with their standard deviation."""
+    value, sd = f"{name}_{unit}", f"{name}_sd_{unit}"
+    return _figures(heading, lambda r: with_spread(getattr(r, value), getattr(r, sd), figures), short)
+
+
+def _time(heading: str, name: str, short: str = "") -> Column[Any]:
+    """Return a column of times [ms] with half their interval."""
+    value, half = f"{name}_s", f"{name}_ci95_s"
+    return _figures(heading, lambda r: with_spread(1e3 * getattr(r, value), 1e3 * getattr(r, half)), short)
+
+
+def _of_point(number: int, column: Column[Any]) -> Column[Any]:
+    """Return a column of one point of a curve."""
+    return replace(column, text=lambda curve: column.text(curve[number]))
+
+
+def _measured(rows: Sequence[OneRow]) -> list[OneRow]:
     return [row for row in rows if row.source == MEASURED]
 
 
-def _simulated(
-    results: Characteristics,
-    rows: tuple[OneRow, ...],
-    unit: str,
-    value: Callable[[OneRow], str],
-    difference: Callable[[OneRow], str],
-) -> list[Column[OneRow]]:
+def _simulated(results: Characteristics, rows: Sequence[ConditionRow], name: str, unit: str) -> list[Column[Any]]:
     """Return for each simulation a column of its values and one of their differences; dashes where it has no force.
 
     A terminal shows both for one simulation, only the differences for several: they must fit in 80 columns.
     """
-    found = {(row.source, *_condition(row)): row for row in rows}
 
-    def cell(source: str, text: Callable[[OneRow], str]) -> Callable[[OneRow], str]:
-        return lambda row: text(same) if (same := found.get((source, *_condition(row)))) else MISSING
+    def condition(row: ConditionRow) -> tuple[Any, ...]:
+        return row.current_A, row.amplitude_m, row.frequency_Hz, getattr(row, "direction", "")
 
-    names, columns = results.sources[1:], []
-    for name in names:
-        short, label = (f"{name}\n{unit}", "difference\n") if len(names) == 1 else ("", f"{name}\ndifference ")
-        columns.append(
-            Column(
-                f"{name} [{unit}]", cell(name, value), figure=True, head_css="as-is", short=short, page_only=not short
-            )
+    def of_source(source: str, column: Column[Any]) -> Column[Any]:
+        same = {condition(row): row for row in rows if row.source == source}
+        return replace(column, text=lambda row: column.text(same[key]) if (key := condition(row)) in same else MISSING)
+
+    columns = []
+    for source in results.sources[1:]:
+        short, label = (
+            (f"{source}\n{unit}", "difference\n") if len(results.sources) == 2 else ("", f"{source}\ndifference ")
         )
-        columns.append(Column(f"Difference [{unit}]", cell(name, difference), figure=True, short=f"{label}{unit}"))
+        value = replace(_number(f"{source} [{unit}]", f"{name}_{unit}", 4, short=short), head_css="as-is")
+        difference = _spread(f"Difference [{unit}]", "difference", unit, short=f"{label}{unit}")
+        columns += [of_source(source, value), of_source(source, difference)]
     return columns
 
 
-def _of_curve(column: Column[Any]) -> Column[Any]:
-    return replace(column, text=lambda curve: column.text(curve[0]))
-
-
-def _condition(row: ConditionRow) -> tuple[Any, ...]:
-    return row.current_A, row.amplitude_m, row.frequency_Hz, getattr(row, "direction", "")
+IN_TERMINAL: dict[str, Any] = {"page_only": False, "terminal_only": True}
+SOURCE: Column[Any] = Column("Force", lambda r: str(r.source), page_only=True)
+DIRECTION: Column[Any] = Column("Direction", lambda r: str(r.direction), page_only=True)
+CONDITION: tuple[Column[Any], ...] = (
+    _number("Current [A]", "current_A", short="A"),
+    _number("Amplitude [mm]", "amplitude_m", scale=1e3, short="mm"),
+    _number("Frequency [Hz]", "frequency_Hz", short="Hz"),
+    Column("Cycles", lambda r: str(r.cycles), figure=True, short="cycles"),
+)
