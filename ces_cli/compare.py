@@ -66,7 +66,7 @@ def _compare_and_print(words: ComparedWords, options: argparse.Namespace, facts:
     with terminal.err.status("comparing") as status:
         comparison = compare(models, list(recordings.values()), options.part, announce=status.update)
     if options.report is not None:
-        write_comparison(options.report, comparison, facts)
+        write_comparison(options.report, comparison, facts["command"])
         for note in comparison.notes_on_charts():
             terminal.print_warning(note)
     if options.json:

@@ -143,7 +143,7 @@ def compare_files(models: list[str], bags: list[str], signals: str | None) -> st
         make_compared_model(name, ModelSimulation(load_model(path)), path)
         for name, path in zip(name_sources(models), models, strict=True)
     ]
-    return comparison_page(compare(compared, recordings, (0.0, 1.0), timing=False), facts={})
+    return comparison_page(compare(compared, recordings, (0.0, 1.0), timing=False))
 
 
 if __name__ == "__main__":

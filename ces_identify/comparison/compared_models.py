@@ -10,7 +10,7 @@ from __future__ import annotations
 import gc
 import platform
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -74,33 +74,26 @@ def make_compared_model(name: str, simulation: Simulation, source: str = "") -> 
     inside = simulation.innermost
     provenances = [getattr(simulation, "provenance", {})] if inside is not simulation else []
     provenances += [inside.model.provenance] if isinstance(inside, ModelSimulation) else [{}]
-    rows = tuple(row for provenance in provenances for row in _fitted_rows(provenance))
+    listed = [{"identification": one.get(role)} for one in provenances for role in FITTED_ROLES]
+    rows = tuple(row for one in listed for row in identification_rows(one))
     known = all(provenances) and all(row.get("sha256") or row.get("marks") for row in rows)
     return ComparedModel(name, simulation, source, rows, known)
 
 
 def name_sources(sources: Sequence[str]) -> list[str]:
     """Return a name for each path or specification: the file's stem, with its folders where stems are equal."""
-    return [_shortest(source, sources) for source in sources]
 
+    def end_of(source: str, depth: int) -> str:
+        path = Path(source)
+        last = path.stem if path.suffix in (".json", ".yaml", ".yml") else path.name
+        return "/".join([*path.parts[-depth:-1], last])
 
-def _shortest(source: str, sources: Sequence[str]) -> str:
-    others = [other for other in sources if other != source]
-    for depth in range(1, 6):
-        name = _end_of(source, depth)
-        if all(name != _end_of(other, depth) for other in others):
-            break
-    return name
-
-
-def _end_of(source: str, depth: int) -> str:
-    path = Path(source)
-    return "/".join([*path.parts[-depth:-1], path.stem if path.suffix in (".json", ".yaml", ".yml") else path.name])
-
-
-def _fitted_rows(provenance: Mapping[str, Any]) -> Iterator[TrainingRow]:
-    for role in FITTED_ROLES:
-        yield from identification_rows({"identification": provenance.get(role)})
+    names = []
+    for source in sources:
+        others = [other for other in sources if other != source]
+        depths = (n for n in range(1, 6) if all(end_of(source, n) != end_of(other, n) for other in others))
+        names.append(end_of(source, next(depths, 5)))
+    return names
 
 
 @dataclass(frozen=True)
@@ -147,18 +140,26 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
     if "force" not in recording.channels:
         raise RecordingError(f"{recording.name}: no measured force to compare with; describe it in the signals file")
     position = recording.channel("position")
-    stamps = position.stamps_ns
-    measured = force_at(recording, stamps, MAX_GAP_S)
-    runs = [_run(model, recording) for model in models]
-    forces = np.stack([force for force, _ in runs])
-    diverged = tuple(_is_endless(force, measured) if run is None else run.run.diverged >= 0 for force, run in runs)
-    forces[np.array(diverged) & np.array([run is None for _, run in runs])] = np.nan
-    time_s = (stamps - stamps[0]) * 1e-9
-    counted = np.isfinite(measured) & np.isfinite(position.values) & _past_warm_up(time_s) & _in_part(len(stamps), part)
-    for force, lost in zip(forces, diverged, strict=True):
-        counted &= np.isfinite(force) | lost
-    _require_enough(recording.name, counted, measured)
-    speed, current = _find_speed(runs, time_s, position.values), hold_current(recording, stamps, 1e6)
+    stamps, n = position.stamps_ns, len(position.stamps_ns)
+    measured, time_s = force_at(recording, stamps, MAX_GAP_S), (stamps - stamps[0]) * 1e-9
+    runs = [_run(model, recording, measured) for model in models]
+    forces, diverged = np.stack([force for force, _, _ in runs]), tuple(lost for _, _, lost in runs)
+    counted = np.isfinite(measured) & np.isfinite(position.values) & _past_warm_up(time_s)
+    counted &= (np.arange(n) >= round(part[0] * n)) & (np.arange(n) < round(part[1] * n))
+    counted &= (np.isfinite(forces) | np.array(diverged)[:, None]).all(axis=0)
+    if counted.sum() < MIN_SCORED:
+        raise RecordingError(
+            f"{recording.name}: {counted.sum()} samples at which all models and the measurement have a force past "
+            f"warm-up; expected at least {MIN_SCORED}: compare on a longer recording, or leave out the model that has "
+            "no force there"
+        )
+    if np.ptp(measured[counted]) == 0.0:
+        what = "measured force is constant; check its topic and field in the signals file"
+        raise RecordingError(f"{recording.name}: {what}")
+    speeds = (np.append(run.series.speed, np.nan)[run.newest] for _, run, _ in runs if run is not None)
+    speed = next(speeds, None)  # of the first model, for charts
+    speed = np.asarray(np.gradient(position.values, time_s)) if speed is None else speed
+    signals = {"position": position.values, "speed": speed, "current": hold_current(recording, stamps, 1e6)}
     return AlignedRecording(
         name=recording.name,
         sha256=recording.sha256,
@@ -171,25 +172,23 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
         forces=forces,
         scored=counted,
         diverged=diverged,
-        exits=tuple(_find_exits(model, run, counted) for model, (_, run) in zip(models, runs, strict=True)),
+        exits=tuple(_find_exits(model, run, counted) for model, (_, run, _) in zip(models, runs, strict=True)),
         ranges={
             name: (float(np.nanmin(values[counted])), float(np.nanmax(values[counted])))
-            for name, values in (("position", position.values), ("speed", speed), ("current", current))
+            for name, values in signals.items()
         },
     )
 
 
-def _run(model: ComparedModel, recording: Recording) -> tuple[F, SampleRun | None]:
-    if model.model is None:
-        return model.simulation.force(recording), None
-    run = sample_run(model.model, recording)
-    return run.force, run
-
-
-def _is_endless(force: F, measured: F) -> bool:
-    """Return whether a simulated force is far beyond the measured one."""
+def _run(model: ComparedModel, recording: Recording, measured: F) -> tuple[F, SampleRun | None, bool]:
+    """Return the force, the run if it is a model, and whether it diverged; others do far beyond the measured force."""
+    if model.model is not None:
+        run = sample_run(model.model, recording)
+        return run.force, run, run.run.diverged >= 0
+    force = model.simulation.force(recording)
     limit = MAX_RATIO * float(np.nanmax(np.abs(measured), initial=0.0))
-    return limit > 0.0 and bool(np.nanmax(np.abs(force), initial=0.0) > limit)
+    diverged = limit > 0.0 and bool(np.nanmax(np.abs(force), initial=0.0) > limit)
+    return np.full(len(force), np.nan) if diverged else force, None, diverged
 
 
 def _past_warm_up(time_s: F) -> Mask:
@@ -197,30 +196,6 @@ def _past_warm_up(time_s: F) -> Mask:
     starts = np.flatnonzero(np.diff(time_s, prepend=-np.inf) > MAX_GAP_S)
     began = time_s[starts[np.searchsorted(starts, np.arange(len(time_s)), side="right") - 1]]
     return np.asarray(time_s - began >= WARM_UP_S)
-
-
-def _in_part(n: int, part: tuple[float, float]) -> Mask:
-    index = np.arange(n)
-    return np.asarray((index >= round(part[0] * n)) & (index < round(part[1] * n)))
-
-
-def _require_enough(name: str, counted: Mask, measured: F) -> None:
-    count = int(counted.sum())
-    if count < MIN_SCORED:
-        raise RecordingError(
-            f"{name}: {count} samples at which all models and the measurement have a force past warm-up; expected at "
-            f"least {MIN_SCORED}: compare on a longer recording, or leave out the model that has no force there"
-        )
-    if np.ptp(measured[counted]) == 0.0:
-        raise RecordingError(f"{name}: measured force is constant; check its topic and field in the signals file")
-
-
-def _find_speed(runs: Sequence[tuple[F, SampleRun | None]], time_s: F, position: F) -> F:
-    """Return a speed [m/s] (n,) for charts: that of the first model, else the slope of the position."""
-    for _, run in runs:
-        if run is not None:
-            return np.append(run.series.speed, np.nan)[run.newest]
-    return np.asarray(np.gradient(position, time_s))
 
 
 def _find_exits(model: ComparedModel, run: SampleRun | None, counted: Mask) -> tuple[RangeUse, ...]:
@@ -250,8 +225,13 @@ def measure_tick_times(models: Sequence[Model], recording: Recording) -> list[Ti
 
 
 def describe_machine() -> str:
-    """Return the processor and the Python that the times hold for."""
-    return f"{_processor()}, Python {platform.python_version()}"
+    """Return the processor, as far as the system gives it, and the Python that the times hold for."""
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
+    except OSError:
+        lines = []
+    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
+    return f"{[*names, platform.processor() or platform.machine()][0]}, Python {platform.python_version()}"
 
 
 def _samples_at_rate(model: Model, recording: Recording) -> list[Sample]:
@@ -272,7 +252,9 @@ def _time_ticks(model: Model, samples: Sequence[Sample]) -> float:
     step = Estimator(model).step
     for sample in samples[:WARM_UP_TICKS]:
         step(*sample)
-    timed, enabled, clock = samples[WARM_UP_TICKS:], gc.isenabled(), _choose_clock()
+    timed, enabled = samples[WARM_UP_TICKS:], gc.isenabled()
+    fine = time.get_clock_info("thread_time").resolution <= MAX_RESOLUTION_S  # it is not on Windows
+    clock = time.thread_time if fine else time.perf_counter
     gc.disable()
     try:
         began = clock()
@@ -282,19 +264,3 @@ def _time_ticks(model: Model, samples: Sequence[Sample]) -> float:
     finally:
         if enabled:
             gc.enable()
-
-
-def _choose_clock() -> Callable[[], float]:
-    """Return the clock of the thread's processor time [s], or of real time where that is coarse (Windows)."""
-    fine = time.get_clock_info("thread_time").resolution <= MAX_RESOLUTION_S
-    return time.thread_time if fine else time.perf_counter
-
-
-def _processor() -> str:
-    """Return the name of the processor, as far as the system gives it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        return platform.processor() or platform.machine()
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return names[0] if names else platform.machine()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,6 +44,13 @@ MAX_NAMES = 3  # of other models in a sentence
 LOWEST = "lowest"
 MAX_DRAWN = 8  # models in charts, which have so many colours
 MAX_LINES = 84  # in the charts of all recordings together, so that the page stays below 3 MB
+HEADLINES = {
+    BETTER: "{best} is better than {others}",
+    SAME: "{best} cannot be told apart from {others}",
+    SHORT: "too short to know: whether {best} differs from {others}",
+    NO_TEST: "no test: {best} or {others} was identified on each recording",
+    DIVERGED: "no difference between {best} and {others}: a free run diverged",
+}
 
 
 @dataclass(frozen=True)
@@ -112,6 +119,11 @@ class Comparison:
         """Models, the lowest pooled cost first."""
         return sorted(range(len(self.models)), key=lambda i: self.models[i].pooled)
 
+    @property
+    def best(self) -> int:
+        """The model of the lowest pooled cost."""
+        return self.by_cost[0]
+
     def __repr__(self) -> str:
         return f"{headline(self)}\n{cost_table(self)}"
 
@@ -121,6 +133,11 @@ class Comparison:
     def pair(self, first: int, second: int) -> PairResult:
         """Return the comparison of two models, whichever comes first."""
         return next(p for p in self.pairs if {p.first, p.second} == {first, second})
+
+    def above_lowest(self, model: int) -> Difference | None:
+        """Return how much higher the pooled cost of `model` is than the lowest; None if that is not a test."""
+        difference = self.pair(self.best, model).minus(self.best) if self.test_names and model != self.best else None
+        return None if difference is None or not math.isfinite(difference.value) else difference
 
     def notes(self) -> list[str]:
         """Return what a reader must know before believing the costs, one sentence each."""
@@ -158,19 +175,6 @@ def compare(
 
     Raises CesError for fewer than two models, equal names, or recordings without a force.
     """
-    _require_comparable(models, recordings)
-    aligned = []
-    for n, recording in enumerate(recordings, 1):
-        announce(f"simulating {recording.name} with {len(models)} models ({n} of {len(recordings)} recordings)")
-        aligned.append(align(models, recording, part))
-    announce("timing and comparing")
-    uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
-    results = _model_results(models, aligned, uses, _measure(models, recordings[0]) if timing else {})
-    pairs = compare_pairs([model.name for model in models], aligned, uses)
-    return Comparison(tuple(results), tuple(aligned), tuple(pairs), part, describe_machine() if timing else "")
-
-
-def _require_comparable(models: Sequence[ComparedModel], recordings: Sequence[Recording]) -> None:
     if not 2 <= len(models) <= MAX_MODELS:
         raise CesError(f"{len(models)} models to compare; expected 2 to {MAX_MODELS}")
     names = [model.name for model in models]
@@ -179,42 +183,42 @@ def _require_comparable(models: Sequence[ComparedModel], recordings: Sequence[Re
     if not recordings:
         raise CesError("no recording to compare on")
     require_once(recordings)
+    aligned = []
+    for n, recording in enumerate(recordings, 1):
+        announce(f"simulating {recording.name} with {len(models)} models ({n} of {len(recordings)} recordings)")
+        aligned.append(align(models, recording, part))
+    announce("timing and comparing")
+    uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
+    timed = {i: model.model for i, model in enumerate(models) if timing and model.model is not None}
+    ticks = dict(zip(timed, measure_tick_times(list(timed.values()), recordings[0]), strict=True))
+    results, pairs = score_models(models, aligned, uses, ticks), compare_pairs(names, aligned, uses)
+    return Comparison(tuple(results), tuple(aligned), tuple(pairs), part, describe_machine() if timing else "")
 
 
-def _measure(models: Sequence[ComparedModel], recording: Recording) -> dict[int, TickTime]:
-    timed = {i: model.model for i, model in enumerate(models) if model.model is not None}
-    return dict(zip(timed, measure_tick_times(list(timed.values()), recording), strict=True))
-
-
-def _model_results(
+def score_models(
     models: Sequence[ComparedModel],
     aligned: Sequence[AlignedRecording],
     uses: Sequence[Sequence[str]],
     ticks: dict[int, TickTime],
 ) -> list[ModelResult]:
+    """Return the costs of each model; `uses` says what it did with each recording, `ticks` the times that are known."""
     tests = [r for i, r in enumerate(aligned) if all(use[i] != TRAINED for use in uses)] or list(aligned)
-    pooled = pooled_costs(tests)
-    return [
-        ModelResult(
-            name=model.name,
-            model=model,
-            costs=tuple(_cost(i, r, use) for r, use in zip(aligned, uses[i], strict=True)),
-            pooled=_finite_cost(pooled[i]),
-            pooled_interval=_interval(i, tests),
-            tick=ticks.get(i),
-            force_bound_N=_force_bound(model),
+    pooled, each = pooled_costs(tests), [pooled_costs([recording]) for recording in aligned]
+    results = []
+    for i, model in enumerate(models):
+        costs = tuple(
+            RecordingCost(r.name, _finite(cost[i]), float(np.sqrt(np.mean(r.errors[i] ** 2))), _interval(i, [r]), use)
+            for r, cost, use in zip(aligned, each, uses[i], strict=True)
         )
-        for i, model in enumerate(models)
-    ]
+        certificate = (model.model.certificate if model.model is not None else None) or {}
+        bound = certificate.get("force_bound_N")
+        bound_N = float(bound) if isinstance(bound, int | float) else None
+        result = ModelResult(model.name, model, costs, _finite(pooled[i]), _interval(i, tests), ticks.get(i), bound_N)
+        results.append(result)
+    return results
 
 
-def _cost(i: int, recording: AlignedRecording, use: str) -> RecordingCost:
-    cost = _finite_cost(pooled_costs([recording])[i])
-    rms = float(np.sqrt(np.mean(recording.errors[i] ** 2)))
-    return RecordingCost(recording.name, cost, rms, _interval(i, [recording]), use)
-
-
-def _finite_cost(cost: float) -> float:
+def _finite(cost: float) -> float:
     return float(cost) if np.isfinite(cost) else float("inf")
 
 
@@ -223,12 +227,6 @@ def _interval(i: int, recordings: Sequence[AlignedRecording]) -> CostInterval | 
     if any(r.diverged[i] for r in recordings):
         return None
     return interval_of_ticks([ScoredTicks(r.errors[i] ** 2, r.measured[r.scored], r.rate_Hz) for r in recordings])
-
-
-def _force_bound(model: ComparedModel) -> float | None:
-    certificate = None if model.model is None else model.model.certificate
-    bound = None if certificate is None else certificate.get("force_bound_N")
-    return float(bound) if isinstance(bound, int | float) else None
 
 
 def _training_notes(comparison: Comparison) -> list[str]:
@@ -271,19 +269,13 @@ def _exit_notes(comparison: Comparison) -> list[str]:
     ]
 
 
-def _divergence_notes(comparison: Comparison) -> list[str]:
-    return [
-        f"{model.name} {_describe_divergence(model)} on {recording.name}: it has no cost there"
-        for recording in comparison.recordings
-        for model, lost in zip(comparison.models, recording.diverged, strict=True)
-        if lost
-    ]
-
-
-def _describe_divergence(model: ModelResult) -> str:
-    if model.model.model is not None:
-        return "left its force envelope"
-    return f"diverged, to more than {MAX_RATIO:g} times the measured force,"
+def _divergence_notes(comparison: Comparison) -> Iterator[str]:
+    other = f"diverged, to more than {MAX_RATIO:g} times the measured force,"
+    for recording in comparison.recordings:
+        for model, lost in zip(comparison.models, recording.diverged, strict=True):
+            if lost:
+                how = other if model.model.model is None else "left its force envelope"
+                yield f"{model.name} {how} on {recording.name}: it has no cost there"
 
 
 def join(names: Sequence[str]) -> str:
@@ -295,42 +287,18 @@ def _was(names: Sequence[str]) -> str:
     return "was" if len(names) == 1 else "were"
 
 
-def best_model(comparison: Comparison) -> int:
-    """Return the index of the model with the lowest pooled cost."""
-    return comparison.by_cost[0]
-
-
 def headline(comparison: Comparison) -> str:
     """Return what the pooled costs say about the model with the lowest one, against every other."""
-    best = best_model(comparison)
-    groups: dict[str, list[str]] = {}
-    for i, model in enumerate(comparison.models):
-        if i != best:
-            groups.setdefault(comparison.pair(best, i).verdict, []).append(model.name)
-    name = comparison.models[best].name
-    sentence = "; ".join(
-        _describe(verdict, name, _shorten(groups[verdict], len(comparison.models) - 1))
-        for verdict in (BETTER, SAME, SHORT, NO_TEST, DIVERGED)
-        if verdict in groups
-    )
-    return f"{sentence}."
-
-
-def _describe(verdict: str, best: str, others: str) -> str:
-    """Return a verdict on the model with the lowest cost and others."""
-    return {
-        BETTER: f"{best} is better than {others}",
-        SAME: f"{best} cannot be told apart from {others}",
-        SHORT: f"too short to know: whether {best} differs from {others}",
-        NO_TEST: f"no test: {best} or {others} was identified on each recording",
-        DIVERGED: f"no difference between {best} and {others}: a free run diverged",
-    }[verdict]
-
-
-def _shorten(names: Sequence[str], others: int) -> str:
-    if len(names) <= MAX_NAMES:
-        return join(names)
-    return f"all {others} others" if len(names) == others else f"{len(names)} of the others"
+    best, count = comparison.best, len(comparison.models) - 1
+    parts = []
+    for verdict, text in HEADLINES.items():
+        others = [i for i in range(count + 1) if i != best and comparison.pair(best, i).verdict == verdict]
+        if others:
+            shown = join([comparison.models[i].name for i in others[:MAX_NAMES]])
+            if len(others) > MAX_NAMES:
+                shown = f"all {count} others" if len(others) == count else f"{len(others)} of the others"
+            parts.append(text.format(best=comparison.models[best].name, others=shown))
+    return f"{'; '.join(parts)}."
 
 
 def format_signed(value: float) -> str:
@@ -350,21 +318,12 @@ def describe_interval(one: Difference, missing: str = NONE) -> str:
     return missing if one.low is None or one.high is None else f"{format_signed(one.low)} to {format_signed(one.high)}"
 
 
-def difference_above(comparison: Comparison, model: int) -> Difference | None:
-    """Return how much higher the pooled cost of `model` is than the lowest; None if that is not a test."""
-    if not comparison.test_names:
-        return None
-    best = best_model(comparison)
-    difference = comparison.pair(best, model).minus(best)
-    return difference if math.isfinite(difference.value) else None
-
-
 def cost_table(comparison: Comparison) -> Table[int]:
     """Return a row for each model, lowest cost first: its cost, and how much more that is than the lowest."""
-    models, best, tests = comparison.models, best_model(comparison), comparison.test_names
+    models, best, tests = comparison.models, comparison.best, comparison.test_names
 
     def above(i: int) -> str:
-        one = None if i == best else difference_above(comparison, i)
+        one = comparison.above_lowest(i)
         if one is None:
             return LOWEST if i == best else NONE
         return SHORT if one.low is None else f"{format_signed(one.value)} ({describe_interval(one)})"

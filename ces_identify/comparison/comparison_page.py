@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,16 +13,14 @@ from ces_data.arrays import F
 from ces_identify.comparison.compared_models import MAX_GAP_S, TRAINED, AlignedRecording
 from ces_identify.comparison.comparison import (
     Comparison,
-    ModelResult,
-    best_model,
     describe_interval,
-    difference_above,
     format_signed,
     headline,
     join,
 )
 from ces_identify.comparison.comparison_tables import TOO_SHORT, difference_text, outside_percent, pair_table
 from ces_identify.comparison.pair_results import Difference
+from ces_identify.validation.cost_table import percent
 from ces_identify.validation.evaluate import UNITS, CostInterval
 from ces_observer.json_text import write_atomically
 from ces_report.charts import IntervalRow, draw_intervals
@@ -40,18 +36,8 @@ MAX_DETAILED_PAIRS = 3  # pairs of models up to which the differences on each re
 NAMES_IN_TITLE = 4
 
 
-@dataclass(frozen=True)
-class OverlayCharts:
-    """The charts of one recording, and the window [s] that they show first."""
-
-    over_time: Markup
-    over_speed: Markup
-    from_s: float
-    to_s: float
-
-
-def draw_overlay(comparison: Comparison, number: int) -> OverlayCharts:
-    """Return the charts of the recording `number`."""
+def draw_overlay(comparison: Comparison, number: int) -> dict[str, Any]:
+    """Return the charts of the recording `number`, and the window [s] that they show first."""
     whole = comparison.recordings[number]
     recording = replace(whole, forces=whole.forces[list(comparison.drawn)])
     names = [comparison.models[i].name for i in comparison.drawn]
@@ -59,11 +45,12 @@ def draw_overlay(comparison: Comparison, number: int) -> OverlayCharts:
     lines = len(comparison.drawn_recordings) * (LINES_OF_RECORDING + LINES_OF_MODEL * len(names))
     points = share_points(lines)
     view = (float(recording.time_s[first]), float(recording.time_s[last - 1]))
-    return OverlayCharts(
-        draw_plot(_time_plot(recording, names, number, view), points),
-        draw_plot(_loop_plot(recording, names, number, slice(first, last)), points),
-        *view,
-    )
+    return {
+        "over_time": draw_plot(_time_plot(recording, names, number, view), points),
+        "over_speed": draw_plot(_loop_plot(recording, names, number, slice(first, last)), points),
+        "from_s": view[0],
+        "to_s": view[1],
+    }
 
 
 def choose_window(recording: AlignedRecording) -> tuple[int, int]:
@@ -93,17 +80,13 @@ def _sliding(values: F, length: int) -> F:
 
 def _time_plot(recording: AlignedRecording, names: list[str], number: int, view: tuple[float, float]) -> Plot:
     t, breaks = recording.time_s, np.diff(recording.time_s, prepend=recording.time_s[0]) > MAX_GAP_S
-    measured = PlotLine("measured", t, recording.measured, "measured reference", breaks)
-    forces = [
-        PlotLine(name, t, f, series_css(i), breaks)
-        for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))
-    ]
-    errors = [
-        PlotLine(name, t, np.where(recording.scored, recording.measured - f, np.nan), series_css(i), breaks)
-        for i, (name, f) in enumerate(zip(names, recording.forces, strict=True))
-    ]
+    forces, errors = [PlotLine("measured", t, recording.measured, "measured reference", breaks)], []
+    for i, (name, force) in enumerate(zip(names, recording.forces, strict=True)):
+        error = np.where(recording.scored, recording.measured - force, np.nan)
+        forces.append(PlotLine(name, t, force, series_css(i), breaks))
+        errors.append(PlotLine(name, t, error, series_css(i), breaks))
     areas = [
-        PlotArea("Force [N]", [measured, *forces], 190),
+        PlotArea("Force [N]", forces, 190),
         PlotArea("Measured minus simulated [N]", errors, 110, around_zero=True),
         PlotArea("The same over the whole recording [N]", errors, 50, around_zero=True, whole=True),
     ]
@@ -126,57 +109,43 @@ def _loop_plot(recording: AlignedRecording, names: list[str], number: int, windo
     )
 
 
-def write_comparison(path: Path, comparison: Comparison, facts: Mapping[str, str]) -> None:
-    """Write the page to `path`, as a whole or not at all; raises CesError. `facts` may hold the `command`."""
-    write_atomically(path, comparison_page(comparison, facts))
+def write_comparison(path: Path, comparison: Comparison, command: str) -> None:
+    """Write the page to `path`, as a whole or not at all; raises CesError. The page shows the `command`."""
+    write_atomically(path, comparison_page(comparison, command))
 
 
-def comparison_page(comparison: Comparison, facts: Mapping[str, str]) -> str:
+def comparison_page(comparison: Comparison, command: str = "") -> str:
     """Return the page as HTML that is also well-formed XML."""
-    best = best_model(comparison)
-    tests = comparison.test_names
+    models, tests = comparison.models, comparison.test_names
+    all_pairs = len(comparison.pairs) <= MAX_DETAILED_PAIRS
     page = page_template("comparison.html.j2", __package__ or "", ("comparison.css",)).render(
-        title=_title(comparison),
+        title=f"{_name_some([model.name for model in models], 'models')} on "
+        f"{_name_some([r.name for r in comparison.recordings], 'recordings')}",
         headline=headline(comparison),
         warnings=comparison.notes(),
-        command=command_block(facts["command"]) if "command" in facts else "",
-        facts={key: value for key, value in facts.items() if key != "command"},
+        command=command_block(command) if command else "",
         comparison=comparison,
         pooled_over=join(tests) if tests else "",
-        rows=[_model_row(comparison, i, best) for i in comparison.by_cost],
+        rows=[_model_row(comparison, i) for i in comparison.by_cost],
         pairs=pair_table(comparison),
-        forest=draw_intervals(
-            "differences",
-            "Differences of cost between the models",
-            "J of the first minus J of the second [%]",
-            _difference_rows(comparison),
-            zero=True,
-        )
-        if len(comparison.pairs) <= MAX_DETAILED_PAIRS
-        else draw_intervals(
-            "differences",
-            f"Costs of the models above that of {comparison.models[best].name}",
-            "J above the lowest [%]",
-            _rows_above(comparison, best),
-            zero=True,
-        ),
-        all_pairs=len(comparison.pairs) <= MAX_DETAILED_PAIRS,
-        best=comparison.models[best].name,
+        forest=_draw_differences(comparison) if all_pairs else _draw_above_lowest(comparison),
+        all_pairs=all_pairs,
+        best=models[comparison.best].name,
         recordings=[
             {
                 "recording": comparison.recordings[n],
                 "charts": draw_overlay(comparison, n),
-                "costs": [m.costs[n] for m in comparison.models],
+                "costs": [m.costs[n] for m in models],
             }
             for n in comparison.drawn_recordings
         ],
         envelopes=[chart for signal in UNITS if (chart := _envelope_chart(comparison, signal))],
         fold=MAX_OPEN_ROWS,
-        swatches=[_swatch(comparison, i) for i in range(len(comparison.models))],
+        swatches=[_swatch(comparison, i) for i in range(len(models))],
         notes_on_charts=[note[0].upper() + note[1:] for note in comparison.notes_on_charts()],
         trained=TRAINED,
         interval=interval_text,
-        percent=_percent,
+        percent=percent,
     )
     return replace_unencodable(page)
 
@@ -186,46 +155,31 @@ def interval_text(interval: CostInterval | None) -> str:
     return "–" if interval is None else f"{interval.low:.2f} to {interval.high:.2f}"
 
 
-def _title(comparison: Comparison) -> str:
-    names = [model.name for model in comparison.models]
-    models = join(names) if len(names) <= NAMES_IN_TITLE else f"{len(names)} models"
-    recordings = [r.name for r in comparison.recordings]
-    on = join(recordings) if len(recordings) <= NAMES_IN_TITLE else f"{len(recordings)} recordings"
-    return f"{models} on {on}"
+def _name_some(names: list[str], kind: str) -> str:
+    return join(names) if len(names) <= NAMES_IN_TITLE else f"{len(names)} {kind}"
 
 
-def _model_row(comparison: Comparison, i: int, best: int) -> dict[str, Any]:
+def _model_row(comparison: Comparison, i: int) -> dict[str, Any]:
     result, model = comparison.models[i], comparison.models[i].model.model
-    difference = None if i == best else difference_above(comparison, i)
-    above = ("lowest" if i == best else "–") if difference is None else format_signed(difference.value)
+    difference, lowest = comparison.above_lowest(i), "lowest" if i == comparison.best else "–"
+    bound = "–" if model is None else "not proved"
     return {
         "name": result.name,
-        "source": result.model.source,
         "swatch": _swatch(comparison, i),
         "size": "not a model" if model is None else model.size,
         "rate": "–" if model is None else f"{model.sampling.rate_Hz:g}",
-        "cost": _percent(result.pooled),
+        "cost": percent(result.pooled),
         "interval": interval_text(result.pooled_interval),
-        "above": above,
+        "above": lowest if difference is None else format_signed(difference.value),
         "above_interval": "" if difference is None else describe_interval(difference, TOO_SHORT),
         "tick": "–" if result.tick is None else f"{result.tick.median_us:.1f}",
-        "bound": _bound(result),
+        "bound": bound if result.force_bound_N is None else f"{result.force_bound_N / 1000:.4g}",
         "outside": outside_percent(comparison, i, "–"),
         "costs": result.costs,
     }
 
 
-def _bound(result: ModelResult) -> str:
-    if result.force_bound_N is not None:
-        return f"{result.force_bound_N / 1000:.4g}"
-    return "–" if result.model.model is None else "not proved"
-
-
-def _percent(cost: float) -> str:
-    return f"{cost:.2f}" if math.isfinite(cost) else "diverged"
-
-
-def _difference_rows(comparison: Comparison) -> list[IntervalRow]:
+def _draw_differences(comparison: Comparison) -> Markup:
     """Return a row for each pair and, below it, one for each recording if there are several."""
     rows = []
     for pair in comparison.pairs:
@@ -234,16 +188,19 @@ def _difference_rows(comparison: Comparison) -> list[IntervalRow]:
         for n, one in enumerate(pair.each if len(comparison.recordings) > 1 else ()):
             trained = any(comparison.models[i].costs[n].use == TRAINED for i in (pair.first, pair.second))
             rows.append(_row(f"{one.recordings[0]}{' (no test)' if trained else ''}", one, "envelope", starts=False))
-    return rows
+    title, label = "Differences of cost between the models", "J of the first minus J of the second [%]"
+    return draw_intervals("differences", title, label, rows, zero=True)
 
 
-def _rows_above(comparison: Comparison, best: int) -> list[IntervalRow]:
+def _draw_above_lowest(comparison: Comparison) -> Markup:
     """Return a row for each other model: how much its cost is above the lowest."""
-    others = [i for i in comparison.by_cost if i != best]
-    return [
-        _row(comparison.models[i].name, comparison.pair(best, i).minus(best), _css(comparison, i), starts=True)
-        for i in others
+    models, best = comparison.models, comparison.best
+    rows = [
+        _row(models[i].name, comparison.pair(best, i).minus(best), _css(comparison, i), starts=True)
+        for i in comparison.by_cost[1:]
     ]
+    title = f"Costs of the models above that of {models[best].name}"
+    return draw_intervals("differences", title, "J above the lowest [%]", rows, zero=True)
 
 
 def _row(name: str, one: Difference, css: str, *, starts: bool) -> IntervalRow:
@@ -253,23 +210,22 @@ def _row(name: str, one: Difference, css: str, *, starts: bool) -> IntervalRow:
 
 
 def _envelope_chart(comparison: Comparison, signal: str) -> Markup | None:
+    """Return the envelopes of the models in one signal, and below them its ranges in the recordings."""
     unit, nan = UNITS[signal], float("nan")
-    rows = []
-    for i, result in enumerate(comparison.models):
-        if result.model.model is not None:
-            low, high = result.model.model.envelope.by_signal[signal]
-            rows.append(IntervalRow(result.name, low, high, nan, _range_text(low, high, unit), _css(comparison, i)))
+
+    def row(name: str, ends: tuple[float, float], css: str, starts: bool = False) -> IntervalRow:
+        return IntervalRow(name, *ends, nan, minus(f"{ends[0]:.3g} to {ends[1]:.3g} {unit}"), css, starts)
+
+    rows = [
+        row(result.name, result.model.model.envelope.by_signal[signal], _css(comparison, i))
+        for i, result in enumerate(comparison.models)
+        if result.model.model is not None
+    ]
     if not rows:
         return None
-    for n, recording in enumerate(comparison.recordings):
-        low, high = recording.ranges[signal]
-        rows.append(IntervalRow(recording.name, low, high, nan, _range_text(low, high, unit), "outline", n == 0))
+    rows += [row(r.name, r.ranges[signal], "outline", starts=n == 0) for n, r in enumerate(comparison.recordings)]
     title = f"{signal.capitalize()}: envelopes of the models, and what the recordings hold"
     return draw_intervals(f"envelope-{signal}", title, f"{signal.capitalize()} [{unit}]", rows)
-
-
-def _range_text(low: float, high: float, unit: str) -> str:
-    return minus(f"{low:.3g} to {high:.3g} {unit}")
 
 
 def _css(comparison: Comparison, i: int) -> str:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
-from dataclasses import asdict
+from collections.abc import Callable
+from dataclasses import asdict, replace
 from typing import Any
 
 from ces_identify.comparison.comparison import (
     Comparison,
     ModelResult,
+    RecordingCost,
     describe_interval,
     format_signed,
     join,
@@ -24,28 +26,20 @@ TOO_SHORT = "too short"
 
 def model_table(comparison: Comparison) -> Table[int]:
     """Return a row for each model with what it is."""
-    models = comparison.models
 
-    def size(i: int) -> str:
-        model = models[i].model.model
-        return NONE if model is None else model.size
-
-    def tick(i: int) -> str:
-        time = models[i].tick
-        return NONE if time is None else f"{time.median_us:.1f}"
-
-    def bound(i: int) -> str:
-        force = models[i].force_bound_N
-        return NONE if force is None else f"{force / 1000:.4g}"
+    def text(of: Callable[[ModelResult], object | None], form: str = "") -> Callable[[int], str]:
+        return lambda i: NONE if (value := of(comparison.models[i])) is None else f"{value:{form}}"
 
     columns: list[Column[int]] = [
-        Column("model", lambda i: models[i].name, terminal_only=True),
-        Column("size", size, terminal_only=True),
-        Column("µs/tick", tick, figure=True, terminal_only=True),
-        Column("bound kN", bound, figure=True, terminal_only=True),
-        Column("out %", lambda i: outside_percent(comparison, i, NONE), figure=True, terminal_only=True),
+        Column("model", text(lambda m: m.name)),
+        Column("size", text(lambda m: None if m.model.model is None else m.model.model.size)),
+        Column("µs/tick", text(lambda m: None if m.tick is None else m.tick.median_us, ".1f"), figure=True),
+        Column(
+            "bound kN", text(lambda m: None if m.force_bound_N is None else m.force_bound_N / 1000, ".4g"), figure=True
+        ),
+        Column("out %", lambda i: outside_percent(comparison, i, NONE), figure=True),
     ]
-    return Table(columns, range(len(models)), "models")
+    return Table(columns, range(len(comparison.models)), "models")
 
 
 def outside_percent(comparison: Comparison, model: int, missing: str) -> str:
@@ -63,19 +57,16 @@ def recording_table(comparison: Comparison) -> Table[tuple[int, int]]:
     def name(row: tuple[int, int]) -> str:
         return f"{recordings[row[0]].name}, {recordings[row[0]].seconds:.1f} s" if row[1] == 0 else ""
 
-    def rms(row: tuple[int, int]) -> str:
-        value = models[row[1]].costs[row[0]].rms_N
-        return f"{value:.1f}" if math.isfinite(value) else NONE
+    def of_cost(text: Callable[[RecordingCost], str]) -> Callable[[tuple[int, int]], str]:
+        return lambda row: text(models[row[1]].costs[row[0]])
 
     columns: list[Column[tuple[int, int]]] = [
-        Column("recording", name, terminal_only=True),
-        Column("model", lambda row: models[row[1]].name, terminal_only=True),
-        Column("use", lambda row: models[row[1]].costs[row[0]].use, terminal_only=True),
-        Column("J %", lambda row: percent(models[row[1]].costs[row[0]].cost), figure=True, terminal_only=True),
-        Column(
-            "95 %", lambda row: interval_text(models[row[1]].costs[row[0]].interval), figure=True, terminal_only=True
-        ),
-        Column("RMS N", rms, figure=True, terminal_only=True),
+        Column("recording", name),
+        Column("model", lambda row: models[row[1]].name),
+        Column("use", of_cost(lambda cost: cost.use)),
+        Column("J %", of_cost(lambda cost: percent(cost.cost)), figure=True),
+        Column("95 %", of_cost(lambda cost: interval_text(cost.interval)), figure=True),
+        Column("RMS N", of_cost(lambda c: f"{c.rms_N:.1f}" if math.isfinite(c.rms_N) else NONE), figure=True),
     ]
     rows = [(n, i) for n in range(len(recordings)) for i in range(len(models))]
     return Table(columns, rows, "each recording", group=lambda row: row[0])
@@ -85,47 +76,36 @@ def pair_table(comparison: Comparison) -> Table[PairResult]:
     """Return a row for each pair of models with the difference of their costs."""
     models = comparison.models
 
-    def signed(value: float) -> str:
-        return format_signed(value) if math.isfinite(value) else NONE
+    def sort_value(value: float | None) -> object:
+        return "" if value is None or math.isnan(value) else value
 
     def better(pair: PairResult) -> str:
-        if pair.better is None:
-            return pair.verdict
-        return "first better" if pair.better == pair.first else "second better"
-
-    def named(pair: PairResult) -> str:
-        return pair.verdict if pair.better is None else f"{models[pair.better].name} is better"
+        return pair.verdict if pair.better is None else f"{'first' if pair.better == pair.first else 'second'} better"
 
     pages: list[Column[PairResult]] = [
-        Column("First − second", lambda p: f"{models[p.first].name} − {models[p.second].name}", page_only=True),
-        Column("On", lambda p: join(p.pooled.recordings), page_only=True),
+        Column("First − second", lambda p: f"{models[p.first].name} − {models[p.second].name}"),
+        Column("On", lambda p: join(p.pooled.recordings)),
         Column(
             "Difference of J [%]",
             lambda p: difference_text(p.pooled),
             figure=True,
-            value=lambda p: "" if math.isnan(p.pooled.value) else p.pooled.value,
-            page_only=True,
+            value=lambda p: sort_value(p.pooled.value),
         ),
-        Column(
-            "p",
-            lambda p: p_text(p.p_value).replace("-", "–"),
-            figure=True,
-            value=lambda p: "" if p.p_value is None else p.p_value,
-            page_only=True,
-        ),
-        Column("Verdict", named, page_only=True),
+        Column("p", lambda p: p_text(p.p_value).replace("-", "–"), figure=True, value=lambda p: sort_value(p.p_value)),
+        Column("Verdict", lambda p: p.verdict if p.better is None else f"{models[p.better].name} is better"),
     ]
     if len({pair.pooled.recordings for pair in comparison.pairs}) == 1:
         del pages[1]
     terminals: list[Column[PairResult]] = [
-        Column("first", lambda p: models[p.first].name, terminal_only=True),
-        Column("second", lambda p: models[p.second].name, terminal_only=True),
-        Column("J", lambda p: signed(p.pooled.value), figure=True, terminal_only=True),
-        Column("interval", lambda p: describe_interval(p.pooled), figure=True, terminal_only=True),
-        Column("p", lambda p: p_text(p.p_value), figure=True, terminal_only=True),
-        Column("verdict", better, terminal_only=True),
+        Column("first", lambda p: models[p.first].name),
+        Column("second", lambda p: models[p.second].name),
+        Column("J", lambda p: format_signed(p.pooled.value) if math.isfinite(p.pooled.value) else NONE, figure=True),
+        Column("interval", lambda p: describe_interval(p.pooled), figure=True),
+        Column("p", lambda p: p_text(p.p_value), figure=True),
+        Column("verdict", better),
     ]
-    return Table([*pages, *terminals], comparison.pairs, "differences of J, first minus second")
+    columns = [replace(c, page_only=True) for c in pages] + [replace(c, terminal_only=True) for c in terminals]
+    return Table(columns, comparison.pairs, "differences of J, first minus second")
 
 
 def difference_text(one: Difference) -> str:

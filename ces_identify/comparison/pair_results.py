@@ -1,9 +1,12 @@
-"""Holm's correction for several tests at once (Scandinavian Journal of Statistics 6, 1979)."""
+"""Every two models compared: the difference of their costs with its error, and what it says.
+
+All pairs that can be tested are tested together, with Holm's correction (Scandinavian Journal of Statistics 6, 1979).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -96,22 +99,15 @@ def find_differences(recordings: Sequence[AlignedRecording], pairs: Sequence[Pai
     costs, seconds = pooled_costs(recordings), sum(r.seconds for r in recordings)
     influences = [influence_of_bins(r, costs, sum(map(_spread, recordings))) for r in recordings]
     enough = all(one.shape[1] >= MIN_BINS for one in influences)
-    return [
-        DifferenceErrors(
-            float(costs[first] - costs[second]),
-            add_errors(
-                [
-                    estimate_sum_error(one[first] - one[second], r.seconds)
-                    for one, r in zip(influences, recordings, strict=True)
-                ]
-            )
-            if enough
-            else None,
-            seconds,
-            ROUNDING * float(max(costs[first], costs[second])),
+    found = []
+    for first, second in pairs:
+        sums = (
+            estimate_sum_error(x[first] - x[second], r.seconds) for x, r in zip(influences, recordings, strict=True)
         )
-        for first, second in pairs
-    ]
+        error = add_errors(list(sums)) if enough else None
+        rounding = ROUNDING * float(max(costs[first], costs[second]))
+        found.append(DifferenceErrors(float(costs[first] - costs[second]), error, seconds, rounding))
+    return found
 
 
 def _spread(recording: AlignedRecording) -> float:
@@ -131,11 +127,6 @@ def influence_of_bins(recording: AlignedRecording, costs: F, spread: float) -> F
     return np.asarray(per_square[:, None] * squares - 0.5 * costs[:, None] * of_force / spread)
 
 
-def all_pairs(models: Sequence[int]) -> list[Pair]:
-    """Return every pair of models once, in order."""
-    return list(combinations(models, 2))
-
-
 @dataclass(frozen=True)
 class Difference:
     """J of the first model minus J of the second [%], on `recordings`.
@@ -147,11 +138,6 @@ class Difference:
     value: float
     low: float | None
     high: float | None
-
-    def turned(self) -> Difference:
-        """Return the same difference, second minus first."""
-        low, high = (None if end is None else -end for end in (self.high, self.low))
-        return replace(self, value=-self.value, low=low, high=high)
 
 
 @dataclass(frozen=True)
@@ -178,7 +164,8 @@ class PairResult:
         """Return the pooled difference as J of the other model minus J of `model`, one of the two."""
         if model == self.second:
             return self.pooled
-        return self.pooled.turned()
+        low, high = (None if end is None else -end for end in (self.pooled.high, self.pooled.low))
+        return Difference(self.pooled.recordings, -self.pooled.value, low, high)
 
 
 def compare_pairs(
@@ -188,7 +175,7 @@ def compare_pairs(
 
     The pairs that can be tested are tested together, by Holm's procedure.
     """
-    pairs = all_pairs(range(len(names)))
+    pairs = list(combinations(range(len(names)), 2))
     common = _find_tests(uses, range(len(names)))
     tests = {pair: common or _find_tests(uses, pair) for pair in pairs}
     used = {pair: [recordings[i] for i in tests[pair] or range(len(recordings))] for pair in pairs}
@@ -245,30 +232,16 @@ def _pair_result(
     p_value: float | None,
     is_test: bool,
 ) -> PairResult:
-    verdict = _find_verdict(pooled, is_test)
-    better = (pair[1] if pooled.value > 0.0 else pair[0]) if verdict == BETTER else None
-    text = _describe(pooled, verdict, [names[model] for model in pair])
-    return PairResult(*pair, pooled, each, p_value, verdict, better, text)
-
-
-def _find_verdict(pooled: Difference, is_test: bool) -> str:
+    first, second = (names[model] for model in pair)
+    better, worse = pair[::-1] if pooled.value > 0.0 else pair
     if np.isnan(pooled.value):
-        return DIVERGED
-    if not is_test:
-        return NO_TEST
-    if pooled.low is None or pooled.high is None:
-        return SHORT
-    return BETTER if pooled.low > 0.0 or pooled.high < 0.0 else SAME
-
-
-def _describe(pooled: Difference, verdict: str, names: Sequence[str]) -> str:
-    first, second = names
-    better, worse = (second, first) if pooled.value > 0.0 else (first, second)
-    texts = {
-        BETTER: f"{better} is better than {worse}",
-        SAME: f"{first} and {second} cannot be told apart",
-        SHORT: f"too short to know whether {first} and {second} differ",
-        NO_TEST: "not a test: one of them was identified on each recording",
-        DIVERGED: "no difference: a free run diverged",
-    }
-    return texts[verdict]
+        verdict, text = DIVERGED, "no difference: a free run diverged"
+    elif not is_test:
+        verdict, text = NO_TEST, "not a test: one of them was identified on each recording"
+    elif pooled.low is None or pooled.high is None:
+        verdict, text = SHORT, f"too short to know whether {first} and {second} differ"
+    elif pooled.low > 0.0 or pooled.high < 0.0:
+        verdict, text = BETTER, f"{names[better]} is better than {names[worse]}"
+    else:
+        verdict, text = SAME, f"{first} and {second} cannot be told apart"
+    return PairResult(*pair, pooled, each, p_value, verdict, better if verdict == BETTER else None, text)

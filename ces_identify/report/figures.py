@@ -1,4 +1,7 @@
-"""The window of a recording that the time plot shows first: where the damper works and the error is typical."""
+"""The figures of a model's evaluations: force over speed and time, correlations of the residual, and a quick plot.
+
+Force over time shows first a window where the damper works and the error is typical.
+"""
 
 from __future__ import annotations
 
@@ -7,20 +10,18 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from markupsafe import Markup
 
 from ces_data.arrays import F
 from ces_identify.validation.evaluate import VALIDATION, Evaluation
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-from markupsafe import Markup
-
-from ces_data.arrays import Mask
 from ces_identify.validation.residuals import Correlation, ResidualTests
 from ces_observer.model import Model
 from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, PlotMark, PlotShade, draw_plot, value_table
 from ces_report.typesetting import minus
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 LENGTH_S = 1.5
 BEFORE_DIVERGENCE = 0.8  # share of the window
@@ -60,16 +61,14 @@ def choose_window(evaluation: Evaluation) -> Window:
     if run.diverged >= 0:
         start = int(np.clip(run.diverged - BEFORE_DIVERGENCE * length, 0, len(series) - length))
         return Window(start, start + length, f"where the free run diverged, at {series.time_s[run.diverged]:.2f} s")
-    return _typical(evaluation, length)
-
-
-def _typical(evaluation: Evaluation, length: int) -> Window:
-    series, run = evaluation.series, evaluation.run
     scored = series.scored
-    square = np.where(scored, (np.where(scored, series.force, 0.0) - run.force) ** 2, 0.0)
+    force = np.where(scored, series.force, 0.0)
+    square = np.where(scored, (force - run.force) ** 2, 0.0)
     count = _sliding(scored.astype(float), length)
     full = np.flatnonzero(count == count.max())
-    work = _measure_work(evaluation, length)[full]
+    variation = np.where(scored, force - series.force[scored].mean(), 0.0)
+    speed_squares = _sliding(np.where(scored, series.speed, 0.0) ** 2, length)
+    work = np.sqrt(speed_squares * _sliding(variation**2, length))[full]
     best = full[work >= WORKING * np.quantile(work, MOST)]
     rms = np.sqrt(_sliding(square, length)[best] / max(count.max(), 1.0))
     local = 100.0 * rms / series.force[scored].std()
@@ -79,15 +78,8 @@ def _typical(evaluation: Evaluation, length: int) -> Window:
     return Window(start, start + length, why)
 
 
-def _measure_work(evaluation: Evaluation, length: int) -> F:
-    """Return for each window of `length` ticks the product of RMS speed and RMS variation of the measured force."""
-    series, scored = evaluation.series, evaluation.series.scored
-    speed = np.where(scored, series.speed, 0.0)
-    force = np.where(scored, series.force - series.force[scored].mean(), 0.0)
-    return np.asarray(np.sqrt(_sliding(speed**2, length) * _sliding(force**2, length)))
-
-
 def _sliding(values: F, length: int) -> F:
+    """Return the sum of each window of `length` values."""
     total = np.concatenate([[0.0], np.cumsum(values)])
     return np.asarray(np.maximum(total[length:] - total[:-length], 0.0))
 
@@ -101,8 +93,16 @@ def draw_costs(evaluations: Sequence[Evaluation]) -> Figure:
         len(shown), 2, figsize=(9.0, 2.6 * len(shown) + 0.3), width_ratios=(1, 2), squeeze=False, layout="constrained"
     )
     for (left, right), evaluation in zip(axes, shown, strict=True):
-        _speed_force(left, evaluation)
-        _time(right, evaluation)
+        series, run = evaluation.series, evaluation.run
+        some = np.random.default_rng(0).permutation(np.flatnonzero(series.scored))[:CLOUD]
+        left.plot(series.speed[some], series.force[some], ".", ms=1.5, color=MEASURED, rasterized=True)
+        left.plot(series.speed[some], run.force[some], ".", ms=1.5, color=SIMULATED, rasterized=True)
+        left.set_ylabel("force [N]")
+        _plot_time(right, evaluation)
+        for axis in (left, right):
+            axis.grid(alpha=0.25, lw=0.6)
+            axis.spines[["top", "right"]].set_visible(False)
+            axis.tick_params(labelsize=8)
     for axis, label in zip(axes[-1], ("speed [m/s], positive in compression", "time [s]"), strict=True):
         axis.set_xlabel(label)
     figure.legend(
@@ -111,17 +111,7 @@ def draw_costs(evaluations: Sequence[Evaluation]) -> Figure:
     return figure
 
 
-def _speed_force(axis: Axes, evaluation: Evaluation) -> None:
-    ticks = np.flatnonzero(evaluation.series.scored)
-    some = np.random.default_rng(0).permutation(ticks)[:CLOUD]
-    speed = evaluation.series.speed[some]
-    axis.plot(speed, evaluation.series.force[some], ".", ms=1.5, color=MEASURED, rasterized=True)
-    axis.plot(speed, evaluation.run.force[some], ".", ms=1.5, color=SIMULATED, rasterized=True)
-    axis.set_ylabel("force [N]")
-    _plain(axis)
-
-
-def _time(axis: Axes, evaluation: Evaluation) -> None:
+def _plot_time(axis: Axes, evaluation: Evaluation) -> None:
     window = choose_window(evaluation)
     ticks = slice(window.start, window.stop)
     time = evaluation.series.time_s[ticks]
@@ -132,13 +122,6 @@ def _time(axis: Axes, evaluation: Evaluation) -> None:
     bounds = f" ({interval.low:.2f}-{interval.high:.2f})" if interval else ""
     cost = f"{evaluation.cost:.2f}" if np.isfinite(evaluation.cost) else "diverged"
     axis.set_title(f"{evaluation.name}, {role}: J = {cost} %{bounds}", fontsize=9, loc="left")
-    _plain(axis)
-
-
-def _plain(axis: Axes) -> None:
-    axis.grid(alpha=0.25, lw=0.6)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.tick_params(labelsize=8)
 
 
 def speed_force(ident: str, evaluation: Evaluation, model: Model) -> Markup:
@@ -147,8 +130,10 @@ def speed_force(ident: str, evaluation: Evaluation, model: Model) -> Markup:
     ticks = np.flatnonzero(series.scored)
     order = np.random.default_rng(0).permutation(len(ticks))[:MAX_DOTS]  # random: a stride would alias with a sine
     shown = ticks[order]
+    speed, (low, high) = series.speed[ticks], model.envelope.speed_m_s
+    outside = [(a, b) for a, b in ((float(speed.min()), low), (high, float(speed.max()))) if a < b]
     marks: list[PlotMark] = [
-        *_outside_speeds(evaluation, model),
+        *(PlotShade(OUTSIDE, np.array(ends), np.ones(2, bool)) for ends in outside),
         PlotDots("measured", series.speed[shown], series.force[shown], "measured dots"),
         PlotDots("simulated", series.speed[shown], run.force[shown], "simulated dots"),
     ]
@@ -171,15 +156,17 @@ def time_plot(ident: str, evaluation: Evaluation, window: Window, max_points: in
     Each line has at most `max_points` points.
     """
     series, run = evaluation.series, evaluation.run
-    time, breaks = series.time_s, _restarts(evaluation)
+    time, breaks, half = series.time_s, np.zeros(len(series), bool), evaluation.half_width
+    breaks[series.segments[:, 0]] = True
     error = np.where(series.scored, series.force - run.force, np.nan)
     outside = [PlotShade(OUTSIDE, time, run.clamped)] if run.clamped.any() else []
+    band = [] if half is None else [PlotBand("band", time, run.force - half, run.force + half, "bounds")]
     lines = [
         PlotLine("measured", time, series.force, "measured", breaks),
         PlotLine("simulated", time, run.force, "simulated", breaks),
     ]
     areas = [
-        PlotArea("Force [N]", [*outside, *_band(evaluation), *lines], height=170.0),
+        PlotArea("Force [N]", [*outside, *band, *lines], height=170.0),
         PlotArea(
             "Error, measured \N{MINUS SIGN} simulated [N]",
             [*outside, PlotLine("error", time, error, "error", breaks)],
@@ -208,30 +195,6 @@ def time_plot(ident: str, evaluation: Evaluation, window: Window, max_points: in
 def count_lines(evaluation: Evaluation) -> int:
     """Return the number of lines with a value for each tick in the time plot of a recording."""
     return 3 if evaluation.half_width is None else 5
-
-
-def _band(evaluation: Evaluation) -> list[PlotBand]:
-    half, force = evaluation.half_width, evaluation.run.force
-    return [] if half is None else [PlotBand("band", evaluation.series.time_s, force - half, force + half, "bounds")]
-
-
-def _outside_speeds(evaluation: Evaluation, model: Model) -> list[PlotShade]:
-    """Return shades over speeds outside the model's envelope, on the sides that the recording reaches."""
-    low, high = model.envelope.speed_m_s
-    speed = evaluation.series.speed[evaluation.series.scored]
-    below, above = (float(speed.min()), low), (high, float(speed.max()))
-    return [_shade_between(a, b) for a, b in (below, above) if a < b]
-
-
-def _shade_between(low: float, high: float) -> PlotShade:
-    ends: F = np.array([low, high])
-    return PlotShade(OUTSIDE, ends, np.ones(2, bool))
-
-
-def _restarts(evaluation: Evaluation) -> Mask:
-    breaks = np.zeros(len(evaluation.series), bool)
-    breaks[evaluation.series.segments[:, 0]] = True
-    return breaks
 
 
 def correlation_figure(ident: str, tests: ResidualTests, name: str) -> Markup:

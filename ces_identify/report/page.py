@@ -10,7 +10,14 @@ from typing import Any
 
 from ces_identify.physical.quantities import ERRORS
 from ces_identify.prepare.cost import EQUAL, Weighting
-from ces_identify.report.figures import MAX_DOTS, choose_window, correlation_figure, count_lines, speed_force, time_plot
+from ces_identify.report.figures import (
+    MAX_DOTS,
+    choose_window,
+    correlation_figure,
+    count_lines,
+    speed_force,
+    time_plot,
+)
 from ces_identify.report.maps import coverage_map, error_map, make_grid
 from ces_identify.structures import model_table
 from ces_identify.structures.auto import advise
@@ -41,139 +48,6 @@ MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 WORST_CELLS = 6  # rows in the table of errors
 
 
-def select_role(evaluations: Sequence[Evaluation], role: str) -> list[Evaluation]:
-    """Return the evaluations of `role`."""
-    return [e for e in evaluations if e.role == role]
-
-
-def describe_recordings(evaluations: Sequence[Evaluation]) -> str:
-    """Return the recordings of the report in a phrase, such as `road (validation); noise, sweep (identification)`."""
-    named = ((role, join_names([e.name for e in select_role(evaluations, role)])) for role in ROLES)
-    return "; ".join(f"{names} ({role})" for role, names in named if names)
-
-
-def headline(evaluations: Sequence[Evaluation]) -> str:
-    """Return one sentence about the costs."""
-    held_out = select_role(evaluations, VALIDATION)
-    if held_out:
-        return f"Validation: {_format_range(held_out)}."
-    if not evaluations:
-        return "Not validated, and not run on any recording."
-    return f"Not validated: fit and selection used all recordings below. On these: {_format_range(evaluations)}."
-
-
-def warnings(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return warnings about runs that diverged and inputs outside the envelope, with the signals' ranges.
-
-    Of more than MAX_WARNED recordings outside, `outside_rows` has the ranges.
-    """
-    diverged = [
-        f"{e.name} ({e.role}) at {e.series.time_s[e.run.diverged]:.2f} s" for e in evaluations if e.run.diverged >= 0
-    ]
-    texts = [f"Diverged: the simulated force left the force envelope on {', '.join(diverged)}."] if diverged else []
-    outside = [e for e in evaluations if e.outside]
-    if len(outside) <= MAX_WARNED:
-        return texts + [minus(f"{e.outside_text} ({e.role}).") for e in outside]
-    most = max(e.clamped_share for e in outside)
-    many = f"{len(outside)} of {len(evaluations)} recordings are outside the model's envelope"
-    return [*texts, f"{many}, for up to {100.0 * most:.1f} % of the time: see the table after the costs."]
-
-
-def outside_rows(evaluations: Sequence[Evaluation]) -> list[tuple[str, ...]]:
-    """Return recording, signal, ranges used and known, and share of the time, if there are too many for warnings."""
-    if sum(bool(e.outside) for e in evaluations) <= MAX_WARNED:
-        return []
-    return [
-        (e.name, f"{use.signal} [{UNITS[use.signal]}]", *map(minus, use.as_texts()), f"{100.0 * use.outside_share:.1f}")
-        for e in evaluations
-        for use in e.outside
-    ]
-
-
-def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:
-    """Return the rows of the cost table with texts that are ready to show.
-
-    `bar` is the length of the row's bar [%], `whisker` the start and length of the interval on the same scale.
-    """
-    highest = [e.interval.high for e in evaluations if e.interval is not None]
-    longest = max([e.cost for e in evaluations if math.isfinite(e.cost)] + highest + [1e-9])
-    return [_row(i, e, longest, weighting) for i, e in enumerate(evaluations)]
-
-
-def missing_figures(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return why figures of the cost table are missing, a sentence for each reason."""
-    return [f"{line[0].upper()}{line[1:]}." for line in explain_missing(evaluations)]
-
-
-def pooled_row(held_out: Sequence[Evaluation]) -> dict[str, Any] | None:
-    """Return the row of all validation recordings together; None for fewer than two, or if one diverged."""
-    pooled = pool_evaluations(held_out) if all(math.isfinite(e.cost) for e in held_out) else None
-    if pooled is None:
-        return None
-    return {
-        "number": pooled.number,
-        "duration": f"{pooled.scored_s:.1f}",
-        "cost": three_figures(pooled.cost),
-        "interval": _format_interval(pooled.interval),
-    }
-
-
-def structure_rows(model: Model) -> list[tuple[str, str, str]]:
-    """Return name, cost on the selection data [%] and kind of fit for each structure that was compared, best first."""
-    selection = model.provenance.get("selection", {})
-    kinds = {selection.get("structure"): "this model"}
-    return [(n, three_figures(cost), kinds.get(n, "short fit")) for n, cost in selection.get("structures", {}).items()]
-
-
-def structure_advice(model: Model) -> str:
-    """Return a sentence on a structure that is clearly better than the model's, or nothing."""
-    selection = model.provenance.get("selection", {})
-    return advise(selection["structures"], selection["structure"]) if selection.get("structures") else ""
-
-
-def _row(number: int, e: Evaluation, longest: float, weighting: Weighting) -> dict[str, Any]:
-    finite, interval = math.isfinite(e.cost), e.interval
-    gaps = len(e.series.segments) - 1
-    reasons = {**{reason: n for reason, n in e.series.dropped.items() if n}, **({"gaps": gaps} if gaps else {})}
-    return {
-        "number": number,
-        "name": e.name,
-        "role": e.role,
-        "span": f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}",
-        "duration": f"{e.scored_s:.1f}",
-        "cost": three_figures(e.cost),
-        "bar": 100.0 * e.cost / longest if finite else 100.0,
-        "diverged": not finite or e.run.diverged >= 0,
-        "rms": three_figures(e.rms_N),
-        "outside": three_figures(100.0 * e.clamped_share) if e.clamped_share else "0",
-        "coverage": "" if e.coverage is None else three_figures(100.0 * e.coverage),
-        "dropped": f"{sum(e.series.dropped.values())} / {gaps}",
-        "reasons": ", ".join(f"{reason}: {n}" for reason, n in reasons.items()),
-        "interval": _format_interval(interval),
-        "whisker": (100.0 * interval.low / longest, 100.0 * (interval.high - interval.low) / longest)
-        if interval
-        else None,
-        "floor": "" if e.floor is None else three_figures(e.floor),
-        "weighted": three_figures(e.weighted_cost(weighting)) if weighting else "",
-    }
-
-
-def _format_interval(interval: CostInterval | None) -> str:
-    if interval is None:
-        return "\N{EN DASH}"
-    return f"{three_figures(interval.low)} to {three_figures(interval.high)}"
-
-
-def _format_range(evaluations: Sequence[Evaluation]) -> str:
-    finite = sorted((e for e in evaluations if math.isfinite(e.cost)), key=lambda e: e.cost)
-    lost = len(evaluations) - len(finite)
-    if not finite:
-        return f"the free run diverged on every recording ({lost})"
-    best, worst = (f"{three_figures(e.cost)} % ({e.name})" for e in (finite[0], finite[-1]))
-    costs = f"cost J = {best}" if len(finite) == 1 else f"cost J from {best} to {worst}, {len(finite)} recordings"
-    return costs + (f"; the free run diverged on {lost} more" if lost else "")
-
-
 def write_report(
     path: Path,
     title: str,
@@ -188,27 +62,30 @@ def write_report(
     recording. Raises CesError if `path` cannot be written; an existing file then stays unchanged.
     """
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
-    held_out = select_role(ordered, VALIDATION)
+    held_out = [e for e in ordered if e.role == VALIDATION]
     shown = held_out or ordered
-    drawn = _find_drawn(ordered)
+    drawn = sorted(sorted(range(len(ordered)), key=lambda i: -ordered[i].cost)[:MAX_DRAWN])  # the highest costs
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     table = model_table(model, shown, VALIDATION if held_out else IDENTIFICATION)
+    kind = model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
+    selection = model.provenance.get("selection", {})
+    structures, kinds = selection.get("structures") or {}, {selection.get("structure"): "this model"}
     page = page_template("report.html.j2", "ces_identify.report").render(
         title=title,
-        subject=describe_recordings(ordered),
-        headline=headline(ordered),
-        warnings=warnings(ordered),
-        facts={"Model": _describe_model(model), **facts},
+        subject=_describe_recordings(ordered),
+        headline=_format_headline(ordered, held_out),
+        warnings=_format_warnings(ordered),
+        facts={"Model": f"{kind}, {model.size}, {model.sampling.rate_Hz:g} Hz", **facts},
         model=model,
-        rows=cost_rows(ordered, weighting),
+        rows=_cost_rows(ordered, weighting),
         weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
-        missing=missing_figures(ordered),
-        outside=outside_rows(ordered),
-        pooled=pooled_row(held_out),
-        structures=structure_rows(model),
-        advice=structure_advice(model),
-        recordings=[_recording(i, ordered[i], model, points) for i in drawn],
+        missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
+        outside=_outside_rows(ordered),
+        pooled=_pooled_row(held_out),
+        structures=[(name, three_figures(cost), kinds.get(name, "short fit")) for name, cost in structures.items()],
+        advice=advise(structures, selection["structure"]) if structures else "",
+        recordings=[_draw_recording(i, ordered[i], model, points) for i in drawn],
         drawn=drawn,
         most_dots=MAX_DOTS,
         table=table,
@@ -216,7 +93,7 @@ def write_report(
             (draw_chart(f"chart{n}", chart, size), chart.caption)
             for n, (chart, size) in enumerate(zip(table.charts, SIZES, strict=False))
         ],
-        maps=_maps(ordered, model),
+        maps=_draw_maps(ordered, model),
         cells=error_cells(shown)[:WORST_CELLS],
         regions=error_regions(shown),
         coverage=coverage_regions(shown),
@@ -226,18 +103,110 @@ def write_report(
     write_atomically(path, replace_unencodable(page))
 
 
-def _find_drawn(evaluations: Sequence[Evaluation]) -> list[int]:
-    """Return the numbers of the recordings with charts: of many, those with the highest costs."""
-    worst = sorted(range(len(evaluations)), key=lambda i: -evaluations[i].cost)[:MAX_DRAWN]
-    return sorted(worst)
+def _describe_recordings(evaluations: Sequence[Evaluation]) -> str:
+    """Return the recordings of the report in a phrase, such as `road (validation); noise, sweep (identification)`."""
+    named = ((role, join_names([e.name for e in evaluations if e.role == role])) for role in ROLES)
+    return "; ".join(f"{names} ({role})" for role, names in named if names)
 
 
-def _describe_model(model: Model) -> str:
-    kind = model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
-    return f"{kind}, {model.size}, {model.sampling.rate_Hz:g} Hz"
+def _format_headline(evaluations: Sequence[Evaluation], held_out: Sequence[Evaluation]) -> str:
+    """Return one sentence about the costs of the evaluations `held_out`, else of all."""
+    finite = sorted((e for e in held_out or evaluations if math.isfinite(e.cost)), key=lambda e: e.cost)
+    lost = len(held_out or evaluations) - len(finite)
+    if finite:
+        best, worst = (f"{three_figures(e.cost)} % ({e.name})" for e in (finite[0], finite[-1]))
+        costs = f"cost J = {best}" if len(finite) == 1 else f"cost J from {best} to {worst}, {len(finite)} recordings"
+        costs += f"; the free run diverged on {lost} more" if lost else ""
+    else:
+        costs = f"the free run diverged on every recording ({lost})"
+    if held_out:
+        return f"Validation: {costs}."
+    if not evaluations:
+        return "Not validated, and not run on any recording."
+    return f"Not validated: fit and selection used all recordings below. On these: {costs}."
 
 
-def _recording(number: int, evaluation: Evaluation, model: Model, max_points: int) -> dict[str, Any]:
+def _format_warnings(evaluations: Sequence[Evaluation]) -> list[str]:
+    """Return warnings about runs that diverged and inputs outside the envelope, with the signals' ranges.
+
+    Of more than MAX_WARNED recordings outside, `_outside_rows` has the ranges.
+    """
+    diverged = [
+        f"{e.name} ({e.role}) at {e.series.time_s[e.run.diverged]:.2f} s" for e in evaluations if e.run.diverged >= 0
+    ]
+    texts = [f"Diverged: the simulated force left the force envelope on {', '.join(diverged)}."] if diverged else []
+    outside = [e for e in evaluations if e.outside]
+    if len(outside) <= MAX_WARNED:
+        return texts + [minus(f"{e.outside_text} ({e.role}).") for e in outside]
+    most = max(e.clamped_share for e in outside)
+    many = f"{len(outside)} of {len(evaluations)} recordings are outside the model's envelope"
+    return [*texts, f"{many}, for up to {100.0 * most:.1f} % of the time: see the table after the costs."]
+
+
+def _outside_rows(evaluations: Sequence[Evaluation]) -> list[tuple[str, ...]]:
+    """Return recording, signal, ranges used and known, and share of the time, if there are too many for warnings."""
+    if sum(bool(e.outside) for e in evaluations) <= MAX_WARNED:
+        return []
+    return [
+        (e.name, f"{use.signal} [{UNITS[use.signal]}]", *map(minus, use.as_texts()), f"{100.0 * use.outside_share:.1f}")
+        for e in evaluations
+        for use in e.outside
+    ]
+
+
+def _cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting) -> list[dict[str, Any]]:
+    """Return the rows of the cost table with texts that are ready to show.
+
+    `bar` is the length of the row's bar [%], `whisker` the start and length of the interval on the same scale.
+    """
+    highest = [e.interval.high for e in evaluations if e.interval is not None]
+    scale = 100.0 / max([e.cost for e in evaluations if math.isfinite(e.cost)] + highest + [1e-9])
+    return [{"number": i, **_cost_row(e, scale, weighting)} for i, e in enumerate(evaluations)]
+
+
+def _cost_row(e: Evaluation, scale: float, weighting: Weighting) -> dict[str, Any]:
+    finite, interval, gaps = math.isfinite(e.cost), e.interval, len(e.series.segments) - 1
+    reasons = {**e.series.dropped, "gaps": gaps}
+    return {
+        "name": e.name,
+        "role": e.role,
+        "span": f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}",
+        "duration": f"{e.scored_s:.1f}",
+        "cost": three_figures(e.cost),
+        "bar": scale * e.cost if finite else 100.0,
+        "diverged": not finite or e.run.diverged >= 0,
+        "rms": three_figures(e.rms_N),
+        "outside": three_figures(100.0 * e.clamped_share) if e.clamped_share else "0",
+        "coverage": "" if e.coverage is None else three_figures(100.0 * e.coverage),
+        "dropped": f"{sum(e.series.dropped.values())} / {gaps}",
+        "reasons": ", ".join(f"{reason}: {n}" for reason, n in reasons.items() if n),
+        "interval": _format_interval(interval),
+        "whisker": (scale * interval.low, scale * (interval.high - interval.low)) if interval else None,
+        "floor": "" if e.floor is None else three_figures(e.floor),
+        "weighted": three_figures(e.weighted_cost(weighting)) if weighting else "",
+    }
+
+
+def _pooled_row(held_out: Sequence[Evaluation]) -> dict[str, Any] | None:
+    """Return the row of all validation recordings together; None for fewer than two, or if one diverged."""
+    pooled = pool_evaluations(held_out) if all(math.isfinite(e.cost) for e in held_out) else None
+    if pooled is None:
+        return None
+    return {
+        "number": pooled.number,
+        "duration": f"{pooled.scored_s:.1f}",
+        "cost": three_figures(pooled.cost),
+        "interval": _format_interval(pooled.interval),
+    }
+
+
+def _format_interval(interval: CostInterval | None) -> str:
+    if interval is None:
+        return "\N{EN DASH}"
+    return f"{three_figures(interval.low)} to {three_figures(interval.high)}"
+
+
+def _draw_recording(number: int, evaluation: Evaluation, model: Model, max_points: int) -> dict[str, Any]:
     window, tests = choose_window(evaluation), residual_tests(evaluation)
     return {
         "number": number,
@@ -252,11 +221,11 @@ def _recording(number: int, evaluation: Evaluation, model: Model, max_points: in
     }
 
 
-def _maps(evaluations: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
+def _draw_maps(evaluations: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
     """Return the two maps; if identification or validation is missing, the other replaces it."""
     if not evaluations:
         return None
-    fitted, held_out = select_role(evaluations, IDENTIFICATION), select_role(evaluations, VALIDATION)
+    held_out, fitted = ([e for e in evaluations if e.role == role] for role in ROLES)
     grid = make_grid(evaluations, model.envelope)
     return {
         "one_current": grid.one_current,
@@ -269,12 +238,10 @@ def _maps(evaluations: Sequence[Evaluation], model: Model) -> dict[str, Any] | N
 
 def _settings(model: Model) -> dict[str, Any]:
     """Return the model's settings for the page's last section, with readable names."""
+    ends = {**asdict(model.envelope), "force_N": model.force_envelope_N}
     return {
         "Sampling": {format_key(key): value for key, value in asdict(model.sampling).items()},
-        "Envelope": {
-            **{format_key(key): _format_ends(value) for key, value in asdict(model.envelope).items()},
-            format_key("force_N"): _format_ends(model.force_envelope_N),
-        },
+        "Envelope": {format_key(key): minus(f"{low:.4g} to {high:.4g}") for key, (low, high) in ends.items()},
         "Origin": {
             **{k: v for k, v in model.provenance.items() if _fits_on_line(v) and k != USAGE_RULE},
             "model_file_sha256": model.digest(),
@@ -299,7 +266,3 @@ def _without_marks(entry: Any) -> Any:
 def _fits_on_line(item: object) -> bool:
     """Return whether an entry of the provenance fits on one line."""
     return not item or not isinstance(item, Mapping | list | tuple)
-
-
-def _format_ends(value: tuple[float, float]) -> str:
-    return minus(f"{value[0]:.4g} to {value[1]:.4g}")

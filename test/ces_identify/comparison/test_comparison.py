@@ -18,7 +18,7 @@ from ces_identify.comparison.compared_models import (
     measure_tick_times,
     name_sources,
 )
-from ces_identify.comparison.comparison import Comparison, _model_results, compare
+from ces_identify.comparison.comparison import Comparison, compare, score_models
 from ces_identify.comparison.pair_results import BETTER, DIVERGED, NO_TEST, SAME, SHORT, compare_pairs
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
 from ces_observer.errors import CesError
@@ -158,7 +158,7 @@ def test_more_models_and_recordings_than_charts_can_show():
     made = [aligned(errors[:, ::-1] if n else errors, n, f"r{n}") for n in range(4)]
     models = [make_compared_model(f"m{k}", ModelSimulation(MODEL)) for k in range(10)]
     uses = [[TRAINED, TEST, TEST, TEST]] * 10
-    results = _model_results(models, made, uses, {})
+    results = score_models(models, made, uses, {})
     pairs = compare_pairs([m.name for m in models], made, uses)
     found = Comparison(tuple(results), tuple(made), tuple(pairs), (0.0, 1.0), "")
     assert found.drawn == tuple(range(8)) and found.drawn_recordings == (1, 2)
