@@ -20,8 +20,7 @@ from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.band import fit_band
-from ces_identify.validation.cost_table import cost_table
-from ces_identify.validation.distillation import RULE, usage
+from ces_identify.validation.cost_table import RULE, cost_table, usage
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 from ces_observer import __version__
 from ces_observer.model import Model

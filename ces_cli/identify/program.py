@@ -51,8 +51,7 @@ from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions, StructureKit
 from ces_identify.structures.polynomial import POLYNOMIAL
-from ces_identify.validation.cost_table import NONE, percent
-from ces_identify.validation.distillation import RULE, compare_with_teacher
+from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent
 from ces_identify.validation.evaluate import VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import Model

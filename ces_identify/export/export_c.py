@@ -3,19 +3,21 @@
 A checked `Model` goes in, two texts come out. They do what `ces_observer.estimator.Estimator` does, operation by
 operation, so that forces and reasons agree; a tick that solves an equation may do so by another method, as its solution
 is unique. templates/estimator.{c,h}.j2 hold the C around the tick of a structure, which its kit describes. Only numbers
-of the model reach the texts.
+of the model reach the texts. Templates are filled by `render`, also for the FMU and the ROS 2 package.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Mapping
+from importlib import resources
 from math import ceil, exp, pi, sqrt
 from typing import Any
 
-from ces_identify.export.c_text import render
+from jinja2 import Environment, FunctionLoader, StrictUndefined
+
 from ces_identify.structures import KITS, kit_of
-from ces_identify.structures.kit import CTick
+from ces_identify.structures.kit import CTick, constructed_variable, number
 from ces_observer import __version__, estimator, tracker
 from ces_observer.adaptive_differentiator import MAX_SQUARE, MEMORY_S, NOISE_SHARE, SHARES
 from ces_observer.band import Band
@@ -144,3 +146,41 @@ def _band(band: Band | None, rate_Hz: float) -> dict[str, object] | None:
         "share": band.constant_share,
         "rest": 1.0 - band.constant_share,
     }
+
+
+def render(template: str, facts: Mapping[str, object]) -> str:
+    """Return the text of the template TEMPLATE.j2."""
+    return _make_environment().get_template(template).render(facts)
+
+
+def render_text(template: str, facts: Mapping[str, object]) -> str:
+    """Return the text that the text of a template gives."""
+    return _make_environment().from_string(template).render(facts)
+
+
+def _make_environment() -> Environment:
+    """Return the templates: those of structures lie beside their modules, all others in templates/."""
+    beside = resources.files("ces_identify.structures")
+    general = resources.files("ces_identify.export") / "templates"
+
+    def load(name: str) -> str:
+        path = beside / f"{name}.j2"
+        return (path if path.is_file() else general / f"{name}.j2").read_text(encoding="utf-8")
+
+    environment = Environment(
+        loader=FunctionLoader(load),
+        autoescape=False,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters.update(number=number, text=text_literal, variable=constructed_variable)
+    return environment
+
+
+def text_literal(text: str) -> str:
+    """Return a string literal that C, C++ and YAML read alike. Raises ModelError for what cannot be printed."""
+    if not text.isprintable():
+        raise ModelError(f"{text!r}: expected printable characters")
+    return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'

@@ -22,8 +22,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ces_identify.export.c_text import render
-from ces_identify.export.export_c import REASONS, export_c
+from ces_identify.export.export_c import REASONS, export_c, render
 from ces_observer import __version__
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Model

@@ -16,8 +16,7 @@ from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
 
-from ces_identify.export.c_text import render_text
-from ces_identify.export.export_c import REASONS, export_c, identifier
+from ces_identify.export.export_c import REASONS, export_c, identifier, render_text
 from ces_identify.export.replay_sequence import record_faults
 from ces_observer import __version__
 from ces_observer.errors import CesError, ModelError

@@ -18,8 +18,7 @@ from markupsafe import Markup
 from ces_data.arrays import F, I
 from ces_identify.numerics.levenberg import Evaluate, damped_step
 from ces_identify.prepare.series import SimulatedSeries
-from ces_identify.structures.c_tables import ConstantTable
-from ces_identify.structures.kit import CTick, StructureKit
+from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
 from ces_identify.structures.lagged import LaggedShape, lagged_facts
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
@@ -124,22 +123,21 @@ class FuzzyFit(Family):
         return lambda params, max_error: self.errors_on(measured, params, max_error)
 
     def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the squared error with regularisation, its matrix and its gradient; infinite for extreme slopes."""
+        """Return the squared error with regularisation, its matrix and its gradient; infinite for extreme slopes.
+
+        Regularisation pulls consequents towards 0, and memberships towards those of the grid.
+        """
         slopes = np.exp(self.parts(params)[1][:, 2])
         if slopes.min() < MIN_SLOPE or slopes.max() > MAX_SLOPE:
             return np.inf, np.empty(0), np.empty(0)
         error, matrix, gradient = self.normal_equations(table, params, max_error)
-        cost, offsets = self._regularisation(params)
-        matrix[np.diag_indices_from(matrix)] += cost
-        return error + float(cost @ offsets**2), matrix, gradient - cost * offsets
-
-    def _regularisation(self, params: F) -> tuple[F, F]:
-        """Return the cost of each squared offset, and the offsets: consequents from 0, memberships from the grid."""
         consequents, bells = self.parts(params)
         stiffness = np.full(bells.shape, STIFFNESS)
         stiffness[:, 0] /= np.exp(2.0 * self.grid_bells[:, 1])
         cost = np.concatenate([np.full(consequents.size, self.decay), stiffness.ravel()])
-        return cost, np.concatenate([consequents.ravel(), (bells - self.grid_bells).ravel()])
+        offsets = np.concatenate([consequents.ravel(), (bells - self.grid_bells).ravel()])
+        matrix[np.diag_indices_from(matrix)] += cost
+        return error + float(cost @ offsets**2), matrix, gradient - cost * offsets
 
     def kernel_arrays(self, params: F) -> FuzzyArrays:
         """Return the arrays of the kernels."""
@@ -222,10 +220,8 @@ def read_memberships(text: str) -> tuple[int, int] | None:
 
     As in the thesis, A is the number of the current's and B of the speed's.
     """
-    if text == NONE:
-        return None
     currents, _, speeds = text.partition("x")
-    return _check_grid(text, "AxB, such as 4x4", speeds, currents)
+    return None if text == NONE else _check_grid(text, "AxB, such as 4x4", speeds, currents)
 
 
 def _check_grid(text: str, expected: str, speeds: str, currents: str) -> tuple[int, int]:
@@ -272,22 +268,18 @@ def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], rol
         "Numbers: force [N] for a change of a regressor by one standard deviation."
     )
     heads = (Markup("Rule near"), Markup("Constant [N]"), *(signal_symbol(r.signal, r.lag) for r in fuzzy.regressors))
-    rows = [
-        (_place(fuzzy, rule), *(four_figures(fuzzy.scale_N * number) for number in (rule.constant, *rule.linear)))
-        for rule in fuzzy.rules
-    ]
+    rows = []
+    for rule in fuzzy.rules:
+        near = [
+            Markup("{} = {} {}").format(
+                signal_symbol(p.signal, p.lag), minus(f"{p.memberships[m].centre:.3g}"), UNITS[p.signal]
+            )
+            for p, m in zip(fuzzy.premises, rule.memberships, strict=True)
+        ]
+        forces = (four_figures(fuzzy.scale_N * number) for number in (rule.constant, *rule.linear))
+        rows.append((Markup(", ").join(near), *forces))
     symbols = describe_signals((r.signal for r in fuzzy.regressors), model.sampling.rate_Hz)
     return parameter_table(about, heads, tuple(rows), symbols)
-
-
-def _place(fuzzy: Fuzzy, rule: Rule) -> Markup:
-    parts = [
-        Markup("{} = {} {}").format(
-            signal_symbol(p.signal, p.lag), minus(f"{p.memberships[m].centre:.3g}"), UNITS[p.signal]
-        )
-        for p, m in zip(fuzzy.premises, rule.memberships, strict=True)
-    ]
-    return Markup(", ").join(parts)
 
 
 def tick_facts(fuzzy: Fuzzy, model: Model) -> dict[str, object]:

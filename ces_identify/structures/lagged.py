@@ -13,14 +13,12 @@ from ces_data.arrays import F
 from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.prepare.series import Series
-from ces_identify.structures.c_tables import ARGUMENTS
-from ces_identify.structures.kit import Fitted, IdentifyOptions
+from ces_identify.structures.kit import ARGUMENTS, Fitted, IdentifyOptions
 from ces_identify.trained.simulation_error import Family, train
 from ces_identify.trained.training import Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.lagged_signals import Regressor
-from ces_observer.structures.structure import Range
 
 REFIT_STEPS = 4  # trial steps of Levenberg-Marquardt
 
@@ -62,25 +60,20 @@ def _refit(family: Family, params: F, sampling: Sampling, weights: F) -> Model |
     return weighted.model(params, sampling)
 
 
-@dataclass(frozen=True)
-class LaggedInput:
-    """An input: its argument of the tick, its range in the envelope, and its ring's size, a power of two; 0: unused."""
-
-    name: str
-    argument: str
-    range: Range
-    ring: int
-
-
 def lagged_facts(regressors: Iterable[Regressor], lags: Iterable[tuple[str, int]], model: Model) -> dict[str, object]:
-    """Return the regressors and the rings that hold `lags`: signals, and how many ticks back each is read."""
-    deepest: dict[str, int] = {}
+    """Return the regressors, the rings that hold `lags` (signals, and how many ticks back each is read), and the inputs.
+
+    The size of a ring is a power of two, and 0 for an input that is not used.
+    """
+    rings: dict[str, int] = {}
     for signal, lag in lags:
-        deepest[signal] = max(lag, deepest.get(signal, 0))
-    rings = {signal: 1 << lag.bit_length() for signal, lag in deepest.items()}
+        rings[signal] = max(1 << lag.bit_length(), rings.get(signal, 0))
     ranges = model.envelope.by_signal
     return {
         "regressors": tuple(regressors),
         "rings": rings,
-        "inputs": [LaggedInput(name, ARGUMENTS[name], ranges[name], rings.get(name, 0)) for name in ARGUMENTS],
+        "inputs": [
+            {"name": name, "argument": argument, "range": ranges[name], "ring": rings.get(name, 0)}
+            for name, argument in ARGUMENTS.items()
+        ],
     }

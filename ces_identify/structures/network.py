@@ -11,8 +11,7 @@ from markupsafe import Markup
 
 from ces_data.arrays import F, I
 from ces_identify.prepare.series import SimulatedSeries
-from ces_identify.structures.c_tables import ConstantTable
-from ces_identify.structures.kit import CTick, StructureKit
+from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
 from ces_identify.structures.lagged import LaggedShape, lagged_facts
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
 from ces_identify.trained.network_kernels import NetworkArrays

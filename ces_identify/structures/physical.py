@@ -7,7 +7,7 @@ physical_tick.c.j2 hold the C.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from itertools import chain
 from math import isfinite
@@ -30,15 +30,23 @@ from ces_identify.physical.quantities import (
 )
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.prepare.series import Series, SimulatedSeries
-from ces_identify.structures.c_tables import ARGUMENTS, ConstantTable, find_slopes
-from ces_identify.structures.kit import CTick, Fitted, Fitter, IdentifyOptions, Size, StructureKit
+from ces_identify.structures.kit import (
+    ARGUMENTS,
+    ConstantTable,
+    CTick,
+    Fitted,
+    Fitter,
+    IdentifyOptions,
+    Size,
+    StructureKit,
+    find_slopes,
+)
 from ces_identify.trained.training import build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.structures.curves import FlowMap
 from ces_observer.structures.physical import PLAYS, PhysicalStructure, widen
-from ces_observer.structures.structure import Range
 from ces_report.typesetting import Chart, ChartCurve, ModelTable, TableColumn, four_figures, minus
 
 Kind = type[PhysicalModels[Any]]
@@ -134,16 +142,6 @@ def _build_model(fit: PhysicalFit, sampling: Sampling) -> Model:
     )
 
 
-@dataclass(frozen=True)
-class InputLimits:
-    """An input's range in the envelope, and that beyond which it is clamped."""
-
-    name: str
-    argument: str
-    envelope: Range
-    reach: Range
-
-
 def physical_facts(body: PhysicalStructure, model: Model) -> dict[str, object]:
     """Return the values for physical.{c,h}.j2; a structure's own come beside them.
 
@@ -154,7 +152,10 @@ def physical_facts(body: PhysicalStructure, model: Model) -> dict[str, object]:
     whole = int(valve.delay_ticks)
     inputs, wide = model.envelope.by_signal, widen(model.envelope.by_signal, body.reach)
     return {
-        "inputs": [InputLimits(name, argument, inputs[name], wide[name]) for name, argument in ARGUMENTS.items()],
+        "inputs": [
+            {"name": name, "argument": argument, "envelope": inputs[name], "reach": wide[name]}
+            for name, argument in ARGUMENTS.items()
+        ],
         "reach": body.reach,
         "springs": 0,
         "friction_factor": "",

@@ -5,8 +5,8 @@ polynomial.{c,h}.j2 hold the C around powers of the inputs, their histories, and
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import asdict, replace
 from functools import partial
 from math import pi
 
@@ -23,11 +23,10 @@ from ces_identify.polynomial.search_limits import THESIS, Listener, SearchResult
 from ces_identify.polynomial.selection import search
 from ces_identify.polynomial.term_table import term_table
 from ces_identify.prepare.series import Series
-from ces_identify.structures.c_tables import constructed_variable, number
-from ces_identify.structures.kit import CTick, Fitted, IdentifyOptions, StructureKit
+from ces_identify.structures.kit import CTick, Fitted, IdentifyOptions, StructureKit, constructed_variable, number
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
-from ces_observer.structures.constructed_inputs import ConstructedInput, Frequency, Lag, TriangularMembership
+from ces_observer.structures.constructed_inputs import Frequency, Lag, TriangularMembership
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -36,21 +35,16 @@ MAX_PRODUCT_POWER = 4.0  # multiples of 1/2 up to here become products and a squ
 Power = tuple[str, float, bool]  # signal, power, signed
 
 
-@dataclass(frozen=True)
-class Ring:
-    """A ring buffer of the last `size` (a power of two) values of the variable `name`."""
-
-    name: str
-    size: int
-
-
 def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
     """Return the inputs, powers, rings, lagged variables and products of the tick, in the order of the C."""
     factors = [factor for term in polynomial.terms for factor in term.factors]
     powers = sorted({_power(f) for f in factors if f.signal != "force"})
     constructed = polynomial.constructed
     used = {f.signal for f in factors} | {signal for one in constructed for signal in one.signals}
-    rings = {ring.name: ring for ring in _rings(factors)}
+    deepest: dict[str, int] = {}
+    for f in factors:
+        deepest[_variable(f)] = max(f.lag, deepest.get(_variable(f), 0))
+    rings = {name: {"name": name, "size": 1 << lag.bit_length()} for name, lag in sorted(deepest.items()) if lag}
     lagged = sorted({(_variable(f), f.lag) for f in factors if f.lag})
     ordered = sorted(polynomial.terms, key=_place)
     return {
@@ -61,7 +55,7 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
         ],
         "remembering": [one for one in constructed if not isinstance(one, TriangularMembership)],
         "memberships": {
-            constructed_variable(one.name): _membership(one, constructed)
+            constructed_variable(one.name): _membership(one, {other.name for other in constructed})
             for one in constructed
             if isinstance(one, TriangularMembership)
         },
@@ -71,7 +65,7 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
         },
         "values": _values(powers),
         "rings": list(rings.values()),
-        "histories": [ring for ring in rings.values() if ring.name != "force"],
+        "histories": [ring for name, ring in rings.items() if name != "force"],
         "forces": rings.get("force"),
         "reads": [{"name": f"{name}_lag{lag}", "ring": rings[name], "lag": lag} for name, lag in lagged],
         "constant": sum(t.coefficient for t in polynomial.terms if not t.factors),
@@ -79,11 +73,9 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
     }
 
 
-def _membership(membership: TriangularMembership, constructed: Iterable[ConstructedInput]) -> str:
-    """Return the expression for a membership."""
-    signal = (
-        constructed_variable(membership.of) if membership.of in {one.name for one in constructed} else membership.of
-    )
+def _membership(membership: TriangularMembership, constructed: Collection[str]) -> str:
+    """Return the expression for a membership; `constructed` are the names of all constructed inputs."""
+    signal = constructed_variable(membership.of) if membership.of in constructed else membership.of
     low, high = (
         "1.0" if end is None else f"membership({signal}, {number(membership.peak)}, {number(end)})"
         for end in (membership.low, membership.high)
@@ -121,14 +113,6 @@ def _magnitude(signal: str, power: float) -> str:
 
 def _is_product(power: float) -> bool:
     return (2.0 * power).is_integer() and power <= MAX_PRODUCT_POWER
-
-
-def _rings(factors: Iterable[Factor]) -> list[Ring]:
-    """Return a ring for each lagged variable, just long enough for its longest lag."""
-    deepest: dict[str, int] = {}
-    for f in factors:
-        deepest[_variable(f)] = max(f.lag, deepest.get(_variable(f), 0))
-    return [Ring(name, 1 << lag.bit_length()) for name, lag in sorted(deepest.items()) if lag]
 
 
 def _place(term: Term) -> int:

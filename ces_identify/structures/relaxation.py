@@ -24,8 +24,7 @@ from ces_identify.physical.layout import (
 )
 from ces_identify.physical.models import Kernel, PhysicalModels
 from ces_identify.physical.relaxation_kernels import RelaxationArrays, run_relaxation
-from ces_identify.structures.c_tables import ConstantTable
-from ces_identify.structures.kit import CTick
+from ces_identify.structures.kit import ConstantTable, CTick
 from ces_identify.structures.physical import count_option, map_tables, physical_facts, physical_kit
 from ces_identify.trained.training import Training
 from ces_observer.model import Model

@@ -1,16 +1,34 @@
-"""The table of costs of evaluations, and how its figures read."""
+"""The table of costs of evaluations; the loss to a teacher; which seconds of a recording served for what.
+
+When a model learns from a teacher's force instead of the measured one, three costs J say what is lost: model against
+teacher, teacher against measurement, and model against measurement.
+"""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
 
-from ces_identify.polynomial.problem import estimation_ticks
-from ces_identify.prepare.cost import EQUAL, Weighting
+import numpy as np
+
+from ces_data.arrays import F, Mask
+from ces_data.recording import Recording
+from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
+from ces_identify.prepare.cost import EQUAL, Weighting, cost
+from ces_identify.prepare.series import Series, prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, CostInterval, Evaluation
+from ces_observer.model import Model
 from ces_report.table import Column, Table
 
 NONE = "-"
+MIN_TICKS = 50  # with a measured force
+RULE = (
+    f"of every {PERIOD_BLOCKS * BLOCK_S:g} s of identification data, the first {ESTIMATION_BLOCKS * BLOCK_S:g} s serve "
+    f"estimation and the last {(PERIOD_BLOCKS - ESTIMATION_BLOCKS) * BLOCK_S:g} s selection; a last fit may use both; "
+    "no choice used the test seconds"
+)
 
 
 def cost_table(
@@ -23,31 +41,33 @@ def cost_table(
     the band, if the model has one. With `exact` the evaluations are those of the identification itself, whose seconds
     of estimation and selection are known.
     """
-    columns: list[Column[Evaluation]] = [
+
+    def weighted(e: Evaluation) -> str:
+        value = e.weighted_cost(weighting)
+        return NONE if math.isnan(value) else percent(value)
+
+    def coverage(e: Evaluation) -> str:
+        return NONE if e.coverage is None else f"{100 * e.coverage:.1f}"
+
+    def rms(e: Evaluation) -> str:
+        return NONE if not math.isfinite(e.rms_N) else f"{e.rms_N:.1f}" if e.rms_N < 1e4 else f"{e.rms_N:.0f}"
+
+    columns: list[Column[Evaluation] | None] = [
         Column("Recording", lambda e: e.name, short="recording"),
         Column("Used for", lambda e: _describe_use(e, exact), short="used for"),
         Column("J [%]", lambda e: percent(e.cost), figure=True, short="J %"),
         Column("95 % interval [%]", lambda e: interval_text(e.interval), figure=True, short="95 %"),
+        Column("Noise floor [%]", lambda e: NONE if e.floor is None else f"{e.floor:.2f}", figure=True, short="floor")
+        if any(e.floor is not None for e in evaluations)
+        else None,
+        Column("Weighted J [%]", weighted, figure=True, short="weighted") if weighting else None,
+        Column("RMS error [N]", rms, figure=True, short="RMS N"),
+        Column("Outside envelope [%]", lambda e: f"{100 * e.clamped_share:.1f}", figure=True, short="out %"),
+        Column("Inside band [%]", coverage, figure=True, short="band %")
+        if any(e.coverage is not None for e in evaluations)
+        else None,
     ]
-    if any(e.floor is not None for e in evaluations):
-        columns.append(Column("Noise floor [%]", lambda e: _format(e.floor, 2), figure=True, short="floor"))
-    if weighting:
-        columns.append(
-            Column("Weighted J [%]", lambda e: _format_weighted_cost(e, weighting), figure=True, short="weighted")
-        )
-    columns.append(Column("RMS error [N]", lambda e: _format_newtons(e.rms_N), figure=True, short="RMS N"))
-    columns.append(
-        Column("Outside envelope [%]", lambda e: _format(100 * e.clamped_share, 1), figure=True, short="out %")
-    )
-    if any(e.coverage is not None for e in evaluations):
-        inside = Column[Evaluation](
-            "Inside band [%]",
-            lambda e: NONE if e.coverage is None else _format(100 * e.coverage, 1),
-            figure=True,
-            short="band %",
-        )
-        columns.append(inside)
-    return Table(columns, evaluations, title)
+    return Table([column for column in columns if column is not None], evaluations, title)
 
 
 class Evaluations(list[Evaluation]):
@@ -80,15 +100,60 @@ def _describe_use(e: Evaluation, exact: bool) -> str:
     return f"estimation {estimation:.1f} s\nselection {e.scored_s - estimation:.1f} s"
 
 
-def _format(value: float | None, decimals: int) -> str:
-    return NONE if value is None else f"{value:.{decimals}f}"
+@dataclass(frozen=True)
+class DistillationCosts:
+    """Costs J [%] on one recording; NaN without a measured force."""
+
+    recording: str
+    role: str
+    model_to_teacher: float
+    teacher_to_measured: float
+    model_to_measured: float
+
+    @property
+    def loss(self) -> float:
+        """By how much [%] the model's cost against the measured force exceeds its teacher's."""
+        return self.model_to_measured - self.teacher_to_measured
 
 
-def _format_newtons(value: float) -> str:
-    """Return a force as text; a run that left its force envelope has none."""
-    return NONE if not math.isfinite(value) else f"{value:.1f}" if value < 1e4 else f"{value:.0f}"
+def compare_with_teacher(
+    model: Model, evaluations: Sequence[Evaluation], measured: Sequence[Recording]
+) -> tuple[DistillationCosts, ...]:
+    """Return the costs on evaluations with the teacher's force; `measured` are the original recordings."""
+    prepared = [prepare(recording, model.sampling) for recording in measured if "force" in recording.channels]
+    costs = []
+    for e in evaluations:
+        force, both = _find_measured_force(e.series, prepared), e.series.scored
+        both = both & np.isfinite(force)
+        truth, known = force[both], bool(both.sum() >= MIN_TICKS and np.ptp(force[both]) > 0.0)
+        teacher, own = (cost(truth, x[both]) if known else np.nan for x in (e.series.force, e.run.force))
+        costs.append(DistillationCosts(e.name, e.role, e.cost, teacher, own))
+    return tuple(costs)
 
 
-def _format_weighted_cost(e: Evaluation, weighting: Weighting) -> str:
-    value = e.weighted_cost(weighting)
-    return NONE if math.isnan(value) else percent(value)
+def _find_measured_force(series: Series, measured: Sequence[Series]) -> F:
+    """Return the measured force [N] on the ticks of `series` from the series that it is a part of, else NaN."""
+    for whole in measured:
+        first = int(np.searchsorted(whole.time_s, series.time_s[0]))
+        part = slice(first, first + len(series))
+        if whole.name == series.name and np.array_equal(whole.position[part], series.position):
+            return whole.force[part]
+    return np.full(len(series), np.nan)
+
+
+def usage(identified: Sequence[Series], held_out: Sequence[Series]) -> list[dict[str, Any]]:
+    """Return a row for each series: its start and end [s], and its scored seconds of each kind."""
+    rows = [_row(series, estimation_ticks(series)) for series in identified]
+    return rows + [_row(series, None) for series in held_out]
+
+
+def _row(series: Series, estimation: Mask | None) -> dict[str, Any]:
+    scored, none = series.scored, np.zeros(len(series), bool)
+    masks = (none, none, scored) if estimation is None else (scored & estimation, scored & ~estimation, none)
+    seconds = [round(float(mask.sum()) * (1.0 / series.rate_Hz), 1) for mask in masks]
+    return {
+        "recording": series.name,
+        "from_s": round(float(series.time_s[0]), 2),
+        "to_s": round(float(series.time_s[-1]), 2),
+        **dict(zip(("estimation_s", "selection_s", "test_s"), seconds, strict=True)),
+    }

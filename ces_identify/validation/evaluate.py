@@ -46,9 +46,16 @@ class RangeUse:
     outside_share: float
 
     def as_texts(self) -> tuple[str, str]:
-        """Return the ranges used and known as text, without their unit."""
-        used, known = (f"{low} to {high}" if low != high else low for low, high in _format_alike(self.used, self.known))
-        return used, known
+        """Return the ranges used and known as text, without their unit; all numbers have the same decimals."""
+        largest = max(map(abs, (*self.used, *self.known)))
+        power = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
+        decimals = min(max(0, FIGURES - 1 - power), 9)
+
+        def text(ends: tuple[float, float]) -> str:
+            low, high = (f"{round(end, decimals) + 0.0:.{decimals}f}" for end in ends)  # no negative zero
+            return f"{low} to {high}" if low != high else low
+
+        return text(self.used), text(self.known)
 
     def __str__(self) -> str:
         used, known = self.as_texts()
@@ -186,7 +193,10 @@ def cost_interval(evaluations: Sequence[Evaluation]) -> CostInterval | None:
 def interval_of_ticks(recordings: Sequence[ScoredTicks]) -> CostInterval | None:
     """Return the interval of J over recordings of finite forces; None if they are too short."""
     squares, spread = _sums(recordings)
-    influences = [_influence_of_bins(ticks, squares, spread) for ticks in recordings]
+    influences = [  # of each bin on the logarithm of J
+        sum_bins(0.5 * (ticks.squares / max(squares, 1e-300) - ticks.spread / spread), ticks.rate_Hz)
+        for ticks in recordings
+    ]
     if min(map(len, influences)) < MIN_BINS:
         return None
     seconds = [len(ticks.force) / ticks.rate_Hz for ticks in recordings]
@@ -210,12 +220,6 @@ def scored_ticks(evaluation: Evaluation) -> ScoredTicks:
 
 def _sums(recordings: Sequence[ScoredTicks]) -> tuple[float, float]:
     return sum(float(t.squares.sum()) for t in recordings), sum(float(t.spread.sum()) for t in recordings)
-
-
-def _influence_of_bins(ticks: ScoredTicks, squares: float, spread: float) -> F:
-    """Return the influence of each bin of BIN_S on the logarithm of J."""
-    influence = 0.5 * (ticks.squares / max(squares, 1e-300) - ticks.spread / spread)
-    return sum_bins(influence, ticks.rate_Hz)
 
 
 @dataclass(frozen=True)
@@ -279,16 +283,3 @@ def find_outside(model: Model, signals: Mapping[str, F]) -> tuple[RangeUse, ...]
 def describe_outside(name: str, share: float, uses: Sequence[RangeUse]) -> str:
     """Return as text that recording `name` is outside for a share of the time, with the ranges of its signals."""
     return f"{name} is outside the model's envelope for {100.0 * share:.1f} % of the time: {'; '.join(map(str, uses))}"
-
-
-def _format_alike(*ranges: tuple[float, float]) -> list[tuple[str, str]]:
-    """Return the numbers of all ranges with the same number of decimals."""
-    largest = max(abs(value) for pair in ranges for value in pair)
-    power = int(np.floor(np.log10(largest))) if largest > 0.0 else 0
-    decimals = min(max(0, FIGURES - 1 - power), 9)
-    return [(_plain(low, decimals), _plain(high, decimals)) for low, high in ranges]
-
-
-def _plain(value: float, decimals: int) -> str:
-    text = f"{value:.{decimals}f}"
-    return text.removeprefix("-") if float(text) == 0.0 else text

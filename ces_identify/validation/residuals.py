@@ -168,27 +168,22 @@ def bartlett(first: ScaledSequence, second: ScaledSequence) -> float:
     return max(1.0, float(1.0 + 2.0 * products[1:].sum()))
 
 
-def verdicts(tests: ResidualTests) -> tuple[str, ...]:
+def verdicts(tests: ResidualTests) -> tuple[str, str]:
     """Return one sentence part on whiteness and one on the inputs."""
-    return _describe_whiteness(tests), _describe_inputs(tests)
-
-
-def _describe_whiteness(tests: ResidualTests) -> str:
     white = tests.whiteness
-    if white.passed:
-        return f"white (Ljung-Box p = {white.p_value:.2g})"
     p_value = "< 1e-6" if white.p_value < 1e-6 else f"= {white.p_value:.2g}"
-    return f"not white: {white.values[1]:.2f} at lag 1, Ljung-Box p {p_value} (a free run's residual need not be white)"
-
-
-def _describe_inputs(tests: ResidualTests) -> str:
-    significant = sorted((c for c in tests.inputs if not c.passed), key=lambda c: -c.share)
+    about = f"white (Ljung-Box p = {white.p_value:.2g})"
+    if not white.passed:
+        how = f"{white.values[1]:.2f} at lag 1, Ljung-Box p {p_value}"
+        about = f"not white: {how} (a free run's residual need not be white)"
+    significant = [one for one in tests.inputs if not one.passed]
     if not tests.inputs:
-        return "not tested against the inputs: none changes"
+        return about, "not tested against the inputs: none changes"
     if not significant:
-        return f"no correlation left with {', '.join(n for n in INPUTS if n not in tests.still)} or their squares"
-    top = significant[0]
-    return (
+        names = ", ".join(name for name in INPUTS if name not in tests.still)
+        return about, f"no correlation left with {names} or their squares"
+    top = max(significant, key=lambda one: one.share)
+    return about, (
         f"{len(significant)} of {len(tests.inputs)} correlations with inputs are significant, the largest "
         f"{100.0 * top.share:.2g} % of {top.second}, with {top.first} {1e3 * top.lags_s[top.worst]:.0f} ms before"
     )
@@ -225,20 +220,18 @@ def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
     ticks = _collect_scored_ticks(evaluations)
     top = float(np.quantile(np.abs(ticks.speed), QUANTILE)) if len(ticks.speed) else 0.0
     speeds = np.linspace(-top, top, SPEEDS + 1)
-    currents = _current_edges(ticks.current)
+    low_A, high_A = (float(ticks.current.min()), float(ticks.current.max())) if len(ticks.current) else (0.0, 0.0)
+    constant = high_A - low_A <= SAME_CURRENT * max(abs(low_A), abs(high_A), 1e-9)
+    currents = np.linspace(low_A, high_A, 2 if constant else CURRENTS + 1)
     v, c = _cell(ticks.speed, speeds), _cell(ticks.current, currents)
     cells = []
     for a, b in product(range(SPEEDS), range(len(currents) - 1)):
-        name = f"{_round(speeds[a]):.2f} to {_round(speeds[a + 1]):.2f} m/s"
+        low, high = (round(float(speed), 2) + 0.0 for speed in speeds[a : a + 2])  # no negative zero
+        name = f"{low:.2f} to {high:.2f} m/s"
         if len(currents) > 2:
             name += f", {currents[b]:.2f} to {currents[b + 1]:.2f} A"
         cells.append(_share(ticks, "speed x current", name, (v == a) & (c == b)))
     return sorted((s for s in cells if s.ticks > 0.0), key=lambda s: -s.energy)
-
-
-def _round(speed: float) -> float:
-    """Return a speed of two decimals, without the sign of a zero."""
-    return round(float(speed), 2) + 0.0
 
 
 def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
@@ -284,9 +277,3 @@ def _share(ticks: _Scored, axis: str, region: str, mask: Mask) -> ErrorShare:
 
 def _cell(values: F, edges: F) -> I:
     return np.clip(np.searchsorted(edges, values, "right") - 1, 0, len(edges) - 2)
-
-
-def _current_edges(current: F) -> F:
-    low, high = (float(current.min()), float(current.max())) if len(current) else (0.0, 0.0)
-    constant = high - low <= SAME_CURRENT * max(abs(low), abs(high), 1e-9)
-    return np.linspace(low, high, 2 if constant else CURRENTS + 1)

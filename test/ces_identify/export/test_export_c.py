@@ -28,7 +28,7 @@ from exported_c import (
 )
 
 from ces_identify.export.export_c import LONGEST_NAME, NAME_ENDING, export_c, identifier
-from ces_identify.structures.c_tables import number
+from ces_identify.structures.kit import number
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, Sampling

@@ -9,7 +9,7 @@ from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
 from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.validation.distillation import RULE, usage
+from ces_identify.validation.cost_table import RULE, usage
 from ces_observer.structures.terms import Term
 
 RULES = parse_rules(
