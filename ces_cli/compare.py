@@ -21,8 +21,13 @@ from ces_identify.campaign.campaign_page import write_campaign_page
 from ces_identify.campaign.campaign_rows import CampaignRows, pooled_cost, read_campaign
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_model, name_sources
 from ces_identify.comparison.comparison import MAX_DRAWN, Comparison, compare, cost_table, headline, join
-from ces_identify.comparison.comparison_page import write_comparison
-from ces_identify.comparison.comparison_tables import comparison_document, model_table, pair_table, recording_table
+from ces_identify.comparison.comparison_report import (
+    comparison_document,
+    model_table,
+    pair_table,
+    recording_table,
+    write_comparison,
+)
 from ces_identify.jobs.results import Row
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions

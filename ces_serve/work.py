@@ -129,7 +129,7 @@ def compare_files(models: list[str], bags: list[str], signals: str | None) -> st
     from ces_data.signals_file import load_signals
     from ces_identify.comparison.compared_models import make_compared_model, name_sources
     from ces_identify.comparison.comparison import compare
-    from ces_identify.comparison.comparison_page import comparison_page
+    from ces_identify.comparison.comparison_report import comparison_page
     from ces_identify.simulations.simulation import ModelSimulation
     from ces_observer.model import load_model
 

@@ -67,11 +67,11 @@ def fit_band(
     if sum(int(mask.sum()) for mask in scored) < MIN_TICKS:
         return None
     band = _describe_state(series, scored)
-    ways = (
-        [_held_out_errors(refit, series, band, parts) for parts in _ways_to_hold_out(series, leave_out_recordings)]
-        if refit
-        else []
-    )
+    ways: list[_Errors] = []
+    if refit is not None:
+        for parts in _ways_to_hold_out(series, leave_out_recordings):
+            found = [_errors_without(refit, series, band, out) for out in parts]
+            ways.append(_join([errors for errors in found if errors is not None]))
     ways = [errors for errors in ways if len(errors.size) >= MIN_TICKS]
     ways = ways or [_errors_on(model, series, scored, band, band)]
     return _fit_parts(band, ways) if len(ways[0].size) >= MIN_TICKS else None
@@ -83,12 +83,6 @@ def _ways_to_hold_out(series: Sequence[Series], leave_out_recordings: bool) -> l
     by_recording = [[np.full(len(s), i % groups == group) for i, s in enumerate(series)] for group in range(groups)]
     by_stretch = [[STRETCHES * np.arange(len(s)) // len(s) == k for s in series] for k in range(STRETCHES)]
     return [by_recording, by_stretch] if leave_out_recordings and groups > 1 else [by_stretch]
-
-
-def _held_out_errors(refit: Refit, series: Sequence[Series], band: Band, parts: Sequence[Sequence[Mask]]) -> _Errors:
-    """Return the errors on each part of models fitted without it; none where that fails."""
-    found = [_errors_without(refit, series, band, out) for out in parts]
-    return _join([errors for errors in found if errors is not None])
 
 
 def _errors_without(refit: Refit, series: Sequence[Series], band: Band, out: Sequence[Mask]) -> _Errors | None:

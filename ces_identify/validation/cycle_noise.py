@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_data.arrays import F, I, Mask
+from ces_data.arrays import F, I
 from ces_identify.prepare.series import Series
 
 SETTLE_S = 1.0  # [s] skipped at each segment's start, after the warm-up
@@ -43,7 +43,9 @@ def cycle_noise(series: Series) -> CycleNoise | str:
 
     Single cycles that differ from their neighbours, such as where the rig fades in and out, are skipped.
     """
-    settled = _find_settled_runs(series)
+    skipped = series.warm_up + round(SETTLE_S * series.rate_Hz)
+    starts = np.minimum(series.segments[:, 0] + skipped, series.segments[:, 1])
+    settled = np.stack([starts, series.segments[:, 1]], axis=1)
     start, stop = settled[np.argmax(settled[:, 1] - settled[:, 0])]
     if stop - start < 2 * MIN_CYCLES:
         return "too short to settle"
@@ -59,12 +61,8 @@ def cycle_noise(series: Series) -> CycleNoise | str:
             share = 100.0 * np.median(mismatch[known])
             return f"the stroke repeats, but from cycle to cycle the {name} differs by {share:.1f} %"
     same = known & (stroke <= STROKE_MISMATCH) & (current <= CURRENT_MISMATCH)
-    return _noise(series, differences(np.where(series.scored, series.force, np.nan), settled, lag), same[cycle], period)
-
-
-def _noise(series: Series, difference: F, same: Mask, period: float) -> CycleNoise | str:
-    """Return the noise of the force from its differences in cycles that are the `same`."""
-    used = difference[same & np.isfinite(difference)]
+    force = differences(np.where(series.scored, series.force, np.nan), settled, lag)
+    used = force[same[cycle] & np.isfinite(force)]
     cycles = int(len(used) / period)
     if cycles < MIN_CYCLES:
         return f"{cycles} equal cycles with a measured force; expected at least {MIN_CYCLES}"
@@ -117,12 +115,6 @@ def _rms_by_cycle(difference: F, cycle: I) -> F:
     ticks, all_ticks = np.bincount(cycle, known), np.bincount(cycle)
     squares = np.bincount(cycle, np.where(known, difference, 0.0) ** 2)
     return np.where(2 * ticks >= all_ticks, np.sqrt(squares / np.maximum(ticks, 1)), np.nan)
-
-
-def _find_settled_runs(series: Series) -> I:
-    skipped = series.warm_up + round(SETTLE_S * series.rate_Hz)
-    starts = np.minimum(series.segments[:, 0] + skipped, series.segments[:, 1])
-    return np.stack([starts, series.segments[:, 1]], axis=1)
 
 
 def _overlap_correlation(x: F, max_lag: int) -> F:
