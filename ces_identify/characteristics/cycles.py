@@ -251,13 +251,14 @@ def evaluate_cycles(cycles: Cycles, source: str) -> CycleValues:
     """Return the values of cycles by the force of one source; NaN for a cycle without it."""
     force, x, v, t = cycles.forces[source], cycles.position, cycles.speed, cycles.time_s
     force = np.where(np.isfinite(force).all(axis=1, keepdims=True), force, np.nan)
-    work = _close_loop(force, x)
+    straight = 0.5 * (force[:, 0] + force[:, -1]) * (x[:, 0] - x[:, -1])  # closes the loop of force over position
+    work = np.sum(0.5 * (force[:, 1:] + force[:, :-1]) * np.diff(x, axis=1), axis=1) + straight
     period = t[:, -1] - t[:, 0]
     slope = np.gradient(force, axis=1) / np.gradient(t, axis=1)
     bottom_slope = 0.5 * (slope[:, 1] + slope[:, -2])
     return CycleValues(
         work_J=work,
-        damping_Ns_m=work / _integrate(v**2, t),
+        damping_Ns_m=work / np.sum(0.5 * (v[:, 1:] ** 2 + v[:, :-1] ** 2) * np.diff(t, axis=1), axis=1),
         power_W=work / period,
         top_N=force[:, HALF],
         bottom_N=0.5 * (force[:, 0] + force[:, -1]),
@@ -267,12 +268,6 @@ def evaluate_cycles(cycles: Cycles, source: str) -> CycleValues:
             REBOUND: _evaluate_half(v[:, HALF:], force[:, HALF:], -1.0),
         },
     )
-
-
-def _close_loop(force: F, x: F) -> F:
-    """Return the area (n,) [J] of the loops force over position, each closed by a straight line."""
-    inner = np.sum(0.5 * (force[:, 1:] + force[:, :-1]) * np.diff(x, axis=1), axis=1)
-    return np.asarray(inner + 0.5 * (force[:, 0] + force[:, -1]) * (x[:, 0] - x[:, -1]))
 
 
 def _evaluate_half(speed: F, force: F, sign: float) -> HalfValues:
@@ -289,11 +284,6 @@ def _evaluate_half(speed: F, force: F, sign: float) -> HalfValues:
         rising[i] = np.interp(wanted, np.maximum.accumulate(v[i, : m + 1]), force[i, : m + 1])
         falling[i] = np.interp(wanted, np.maximum.accumulate(v[i, m:][::-1]), force[i, m:][::-1])
     return HalfValues(sign * peak_speed, np.where(np.isfinite(force).all(axis=1), peak_force, np.nan), rising, falling)
-
-
-def _integrate(values: F, t: F) -> F:
-    """Return the integrals (n,) of values over t by trapezoids (NumPy 1.26 and 2 name theirs differently)."""
-    return np.asarray(np.sum(0.5 * (values[:, 1:] + values[:, :-1]) * np.diff(t, axis=1), axis=1))
 
 
 def find_knee(half: HalfValues) -> dict[str, float] | str:

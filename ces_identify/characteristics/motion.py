@@ -75,8 +75,11 @@ def prepare_motion(recording: Recording, simulated: Mapping[str, F]) -> Recordin
     grids = _make_grids(recording, rate, gap_s)
     noise_m = noise_rms(np.concatenate([position for _, position in grids])) if grids else 0.0
     bandwidth = choose_bandwidth([position for _, position in grids], rate, noise_m)
-    forced = {MEASURED: recording} | {name: _with_force(recording, force) for name, force in simulated.items()}
-    start = int(recording.channel("position").stamps_ns.min())
+    position = recording.channel("position")
+    forced = {MEASURED: recording}
+    for name, force_N in simulated.items():
+        forced[name] = Recording(recording.name, {"force": Channel("force", "N", position.stamps_ns, force_N)})
+    start = int(position.stamps_ns.min())
     stretches = [_make_stretch(forced, times, x, rate, bandwidth, gap_s, start) for times, x in grids]
     force = recording.channels.get("force")
     return RecordingMotion(
@@ -157,11 +160,6 @@ def _make_stretch(
         current_s=np.empty(0) if logged is None else _seconds(np.sort(logged.stamps_ns), start_ns),
         forces={source: interpolate_force(one, times, gap_s) for source, one in forced.items()},
     )
-
-
-def _with_force(recording: Recording, force: F) -> Recording:
-    stamps = recording.channel("position").stamps_ns
-    return Recording(recording.name, {"force": Channel("force", "N", stamps, force)})
 
 
 def _seconds(stamps_ns: I, start_ns: int) -> F:

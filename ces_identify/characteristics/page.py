@@ -57,19 +57,16 @@ def write_characteristics(folder: str | Path, results: Characteristics, *, comma
     """
     folder = Path(folder)
     folder.mkdir(parents=True, exist_ok=True)
-    texts = {f"{table}.csv": format_table(results, table) for table in TABLES}
+    texts = {
+        f"{table}.csv": _as_csv([name for name, _, _ in columns(row)], map(astuple, getattr(results, table)))
+        for table, row in TABLES.items()
+    }
     described = [(table, *column) for table, row in TABLES.items() for column in columns(row)]
     texts[COLUMNS] = _as_csv(("table", "column", "unit", "meaning"), described)
     for name, text in texts.items():
         write_atomically(folder / name, text)
     write_atomically(folder / PAGE, format_page(results, command))
     return [folder / name for name in (PAGE, *texts)]
-
-
-def format_table(characteristics: Characteristics, table: str) -> str:
-    """Return one table as CSV; a missing value is an empty cell."""
-    rows = (astuple(row) for row in getattr(characteristics, table))
-    return _as_csv([name for name, _, _ in columns(TABLES[table])], rows)
 
 
 def _as_csv(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:

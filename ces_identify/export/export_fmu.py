@@ -137,18 +137,16 @@ def _compile_library(compiler: Sequence[str], name: str, files: Mapping[str, byt
         for path, content in files.items():
             if path.startswith("sources/"):
                 (Path(folder) / Path(path).name).write_bytes(content)
-        _run([*compiler, *_arguments(name, "library")], folder)
+        command = [*compiler, *_arguments(name, "library")]
+        remedy = "name another in CC, or give --sources-only"
+        try:
+            run = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=COMPILE_S, check=False)
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise CesError(f"{command[0]}: cannot compile ({error}); {remedy}") from None
+        if run.returncode:
+            message = next((line for line in run.stderr.splitlines() if "error" in line), f"status {run.returncode}")
+            raise CesError(f"{command[0]}: {message} ({platform.machine()}); {remedy}")
         return (Path(folder) / "library").read_bytes()
-
-
-def _run(command: Sequence[str], folder: str) -> None:
-    try:
-        run = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=COMPILE_S, check=False)
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise CesError(f"{command[0]}: cannot compile ({error}); name another in CC, or give --sources-only") from None
-    if run.returncode:
-        message = next((line for line in run.stderr.splitlines() if "error" in line), f"status {run.returncode}")
-        raise CesError(f"{command[0]}: {message} ({platform.machine()}); name another in CC, or give --sources-only")
 
 
 def _zip_files(files: Mapping[str, bytes]) -> bytes:

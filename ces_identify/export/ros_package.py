@@ -38,22 +38,6 @@ RESERVED = (
 
 
 @dataclass(frozen=True)
-class MessageHeader:
-    """A message type: its name in ROS, its C++ type and the header that declares it."""
-
-    name: str
-    cpp: str
-    header: str
-
-    @classmethod
-    def from_type(cls, name: str) -> MessageHeader:
-        """Return that of `package/msg/Type`."""
-        package, _, kind = name.split("/")
-        words = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", kind))
-        return cls(name, f"{package}::msg::{kind}", f"{package}/msg/{words.lower()}.hpp")
-
-
-@dataclass(frozen=True)
 class NodeSignal:
     """A signal as the node's parameters describe it; `constant` is its value [SI] if it is not measured."""
 
@@ -119,7 +103,10 @@ def write_package(folder: Path, files: Mapping[str, str], overwrite: bool = Fals
         folder.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", dir=folder.parent))
         try:
-            _write_files(temporary, files)
+            temporary.chmod(0o755)
+            for path, text in files.items():
+                (temporary / path).parent.mkdir(parents=True, exist_ok=True)
+                (temporary / path).write_text(text, encoding="utf-8")
             temporary.replace(folder)
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
@@ -135,13 +122,6 @@ def require_package(folder: Path, overwrite: bool = False) -> None:
         raise CesError(f"{folder}: exists; name a new folder, or replace its files, your changes too, with --overwrite")
     if not (folder / "package.xml").is_file():
         raise CesError(f"{folder}: is not a ROS 2 package, so it is not replaced; name a new folder")
-
-
-def _write_files(folder: Path, files: Mapping[str, str]) -> None:
-    folder.chmod(0o755)
-    for path, text in files.items():
-        (folder / path).parent.mkdir(parents=True, exist_ok=True)
-        (folder / path).write_text(text, encoding="utf-8")
 
 
 def _list_files(folder: Traversable, prefix: str = "") -> Iterator[tuple[str, str]]:
@@ -169,9 +149,16 @@ def _find_facts(model: Model, package: str, name: str, signals: Signals, certifi
         "band": model.band,
         "signals": described,
         "max_delay_s": MAX_DELAY_S,
-        "types": [MessageHeader.from_type(one) for one in types],
+        "types": [_find_header(one) for one in types],
         "messages": sorted({*NODE_MESSAGES, *(one.partition("/")[0] for one in types)}),
     }
+
+
+def _find_header(name: str) -> dict[str, str]:
+    """Return the name of a message type `package/msg/Type`, its C++ type, and the header that declares it."""
+    package, _, kind = name.split("/")
+    words = re.sub(r"([a-z0-9])([A-Z])", r"\1_\2", re.sub(r"(.)([A-Z][a-z]+)", r"\1_\2", kind))
+    return {"name": name, "cpp": f"{package}::msg::{kind}", "header": f"{package}/msg/{words.lower()}.hpp"}
 
 
 def _describe_signals(model: Model, signals: Signals) -> dict[str, NodeSignal | None]:
