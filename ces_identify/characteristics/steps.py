@@ -205,13 +205,14 @@ def average_steps(group: Sequence[ReadStep]) -> tuple[ValveResponse, list[Respon
     doubt, few = average("time_doubt_s"), len(group) < MIN_STEPS
     key: dict[str, Any] = {"source": group[0].row.source, "direction": group[0].row.direction}
     key |= {"from_A": average("from_A"), "to_A": average("to_A"), "steps": len(group)}
+    times: dict[str, Any] = {name: average(name) for name in TIMES}
+    times |= {f"{n[:-2]}_ci95_s": _half_interval(group, n, doubt if n in SINCE_STEP else 0.0) for n in TIMES}
     response = ValveResponse(
         **key,
         change="up" if key["to_A"] > key["from_A"] else "down",
         speed_m_s=average("speed_m_s"),
         force_change_N=average("after_N") - average("before_N"),
-        **{name: average(name) for name in TIMES},
-        **{f"{n[:-2]}_ci95_s": _half_interval(group, n, doubt if n in SINCE_STEP else 0.0) for n in TIMES},
+        **times,
         note=f"fewer than {MIN_STEPS} steps: no interval" if few else "",
     )
     points = []
