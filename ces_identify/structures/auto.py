@@ -1,8 +1,8 @@
 """Which structure: short fits of several on the same data, compared by the free run on the selection data.
 
-`BestStructure` fits the best of them in full; `WithAlternatives` fits the chosen one and reports the costs of others.
-Both leave the costs in the model's provenance, under `selection: structures`: that of the full fit for the chosen
-structure, those of short fits for the others.
+`BestStructure` fits the best of them in full; the fitter of a chosen structure without physics inside reports the costs
+of those with it. Both leave the costs in the model's provenance, under `selection: structures`: that of the full fit
+for the chosen structure, those of short fits for the others.
 """
 
 from __future__ import annotations
@@ -48,25 +48,6 @@ class BestStructure:
         return _with_costs(fitted, best, {**costs, best: fitted.results[0].cost})
 
 
-@dataclass(frozen=True)
-class WithAlternatives:
-    """Fits one structure, and shortly those with the physics inside; it is a `Fitter`."""
-
-    option: str
-    fitter: Fitter
-    sizes: Mapping[str, Size]
-
-    def __call__(
-        self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
-    ) -> Fitted:
-        """Return the structure's model; raises CesError as its fitter does."""
-        fitted = self.fitter(series, sampling, options, listener)
-        if options.limits.method == THESIS:
-            return fitted
-        costs = _compare(physical_structures(), self.sizes, series, sampling, options)
-        return _with_costs(fitted, self.option, {self.option: fitted.results[0].cost, **costs})
-
-
 def physical_structures() -> list[str]:
     """Return the options of the structures with the physics inside."""
     return [name for name, kit in KITS.items() if kit.models]
@@ -82,7 +63,17 @@ def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
     if option == AUTO:
         return BestStructure(sizes)
     fitter = KITS[option].fitter(sizes)
-    return fitter if KITS[option].models else WithAlternatives(option, fitter, sizes)
+
+    def fit_beside_physical_structures(
+        series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+    ) -> Fitted:
+        fitted = fitter(series, sampling, options, listener)
+        if options.limits.method == THESIS:
+            return fitted
+        costs = _compare(physical_structures(), sizes, series, sampling, options)
+        return _with_costs(fitted, option, {option: fitted.results[0].cost, **costs})
+
+    return fitter if KITS[option].models else fit_beside_physical_structures
 
 
 def advise(costs: Mapping[str, float], chosen: str) -> str:
