@@ -69,10 +69,10 @@ class RecordingCost:
 
 @dataclass(frozen=True)
 class ModelResult:
-    """One model's costs on each recording and over `pooled_over` recordings on which no model was identified.
+    """One model's costs J [%] on each recording, and `pooled` over those on which no model was identified, else all.
 
-    If there are none, `pooled` is the cost over all recordings and `pooled_over` is empty. `tick` and `force_bound_N`
-    are None for a simulation that is not a model, and the bound where stability is not proved.
+    `tick` and `force_bound_N` are None for a simulation that is not a model, and the bound where stability is not
+    proved.
     """
 
     name: str
