@@ -35,7 +35,7 @@ from ces_identify.campaign.plan import Campaign, CampaignJob, jobs
 from ces_identify.jobs.results import DONE, ResultsFolder, Row, open_results
 from ces_identify.jobs.workers import Task
 from ces_identify.prepare.series import prepare
-from ces_identify.report import write_report
+from ces_identify.report.page import write_report
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_observer.errors import CesError
 from ces_observer.model import load_model

@@ -251,7 +251,7 @@ def with_folds(
 
 def write_report_page(result: IdentificationResult, options: argparse.Namespace, command: str) -> None:
     """Write the report to options.report; raises CesError if it cannot be written."""
-    from ces_identify.report import write_report
+    from ces_identify.report.page import write_report
 
     facts = {
         "command": command,

@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         if evaluations and options.picture is not None:
             save_cost_picture(evaluations, options.picture)
         if evaluations and options.report is not None:
-            from ces_identify.report import write_report
+            from ces_identify.report.page import write_report
 
             facts = {"command": terminal.command_line("validate", argv)}
             write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)

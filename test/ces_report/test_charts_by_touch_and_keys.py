@@ -13,7 +13,7 @@ from diagnoses import named
 from report_examples import damper, model
 
 from ces_gap.report.page import report_page
-from ces_identify.report import write_report
+from ces_identify.report.page import write_report
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 
 FIRST_FRAME = "#tp0-plot .plot-frame"

@@ -18,8 +18,8 @@ from report_examples import SAMPLING, damper, model
 
 from ces_cli.diagnose.fleet import write_page
 from ces_gap.report.page import report_page
-from ces_identify.report import write_report
 from ces_identify.report.figures import choose_window
+from ces_identify.report.page import write_report
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
 
 MAX_BYTES, MAX_DRAWING_S = 3_000_000, 1.0

@@ -5,7 +5,7 @@ import pytest
 from planted import FUZZY, NETWORK, SAMPLING, planted
 
 from ces_identify.prepare.series import prepare
-from ces_identify.report import write_report
+from ces_identify.report.page import write_report
 from ces_identify.structures import model_table
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.model import Model

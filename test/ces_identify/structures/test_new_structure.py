@@ -15,7 +15,7 @@ from ces_cli.identify.program import make_parser, select_identify_function
 from ces_cli.identify.validate import verify_certificate
 from ces_identify import structures as offline
 from ces_identify.polynomial.search_limits import SearchResult
-from ces_identify.report import write_report
+from ces_identify.report.page import write_report
 from ces_identify.simulations.simulate import sample_force
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
 from ces_observer import structures as on_vehicle
