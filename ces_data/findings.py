@@ -55,12 +55,8 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     the time. Warnings: fewer NaN or infinite samples, a pause of all signals, a short absence of the current.
     """
     start_ns = min((int(c.stamps_ns[0]) for c in recording.channels.values() if len(c)), default=0)
-    return sort_findings(
-        *(_check_channel(channel, start_ns) for channel in recording.channels.values()),
-        _check_position(recording),
-        _check_rates(recording),
-        _check_gaps(recording, start_ns),
-    )
+    single = (_check_channel(channel, start_ns) for channel in recording.channels.values())
+    return sort_findings(*single, _check_position(recording), _check_rates(recording), _check_gaps(recording, start_ns))
 
 
 def sort_findings(*groups: Iterable[Finding]) -> tuple[Finding, ...]:

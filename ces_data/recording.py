@@ -88,10 +88,8 @@ class Recording:
             return self
         stamps = self.channel("position").stamps_ns
         begin, end = (stamps[min(len(stamps) - 1, round(share * len(stamps)))] for share in (first, last))
-        return replace(
-            self,
-            channels={
-                n: c.select(((c.stamps_ns >= begin) | (first <= 0.0)) & ((c.stamps_ns < end) | (last >= 1.0)))
-                for n, c in self.channels.items()
-            },
-        )
+        channels = {
+            name: c.select(((c.stamps_ns >= begin) | (first <= 0.0)) & ((c.stamps_ns < end) | (last >= 1.0)))
+            for name, c in self.channels.items()
+        }
+        return replace(self, channels=channels)

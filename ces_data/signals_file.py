@@ -41,9 +41,8 @@ def load_signals(path: Path | None = None) -> Signals:
     own = _signals_of(damper, sections, path) if damper else {}
     if not common and not own:
         hint = _find_misspelled_section(root)
-        raise SignalsError(
-            f"{path}: describes no signal; {hint}expected at least one of {', '.join(NAMES)} with its topic"
-        )
+        expected = f"expected at least one of {', '.join(NAMES)} with its topic"
+        raise SignalsError(f"{path}: describes no signal; {hint}{expected}")
     merged = {}
     for name in {**common, **own}:
         (_, general), (line, special) = common.get(name, (0, None)), own.get(name, common.get(name, (0, None)))
@@ -63,10 +62,8 @@ def _dampers(sections: _Sections, path: Path) -> list[str]:
         if key.value == "dampers":
             names = to_python(value, path, SignalsError)
             if not isinstance(names, list) or not all(isinstance(n, str) and n.isprintable() for n in names):
-                raise SignalsError(
-                    f"{path}:{key.start_mark.line + 1}: 'dampers' is {quote(names)}; expected a list of names, "
-                    "such as [front, rear]"
-                )
+                where, expected = f"{path}:{key.start_mark.line + 1}", "a list of names, such as [front, rear]"
+                raise SignalsError(f"{where}: 'dampers' is {quote(names)}; expected {expected}")
             dampers = [name for name in names if name]
     return dampers
 

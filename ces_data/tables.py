@@ -82,10 +82,8 @@ def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: floa
     if rate_Hz is None:
         stamps = position
     elif rate_Hz > MAX_RATE_RATIO * fastest:
-        raise RecordingError(
-            f"{recording.name}: --rate {rate_Hz:g} is more than twice the {fastest:.4g} Hz of its fastest channel; "
-            "nothing was recorded between"
-        )
+        text = f"--rate {rate_Hz:g} is more than twice the {fastest:.4g} Hz of its fastest channel"
+        raise RecordingError(f"{recording.name}: {text}; nothing was recorded between")
     else:
         count = int((position[-1] - position[0]) * rate_Hz / 1e9) + 1
         stamps = position[0] + np.rint(np.arange(count) * (1e9 / rate_Hz)).astype(np.int64)
@@ -95,9 +93,9 @@ def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: floa
     ]
     for name, channel in more.items():
         rows = np.searchsorted(stamps, channel.stamps_ns)
-        as_logged = rate_Hz is None
+        there = rate_Hz is None
         columns.append(
-            DataColumn.at_rows(name, channel, rows, len(stamps)) if as_logged else _column(name, channel, stamps)
+            DataColumn.at_rows(name, channel, rows, len(stamps)) if there else _column(name, channel, stamps)
         )
     return DataTable(stamps, tuple(columns), _notes(recording))
 

@@ -37,11 +37,8 @@ CODES = {  # of the module struct
     **{"uint32": "I", "int64": "q", "uint64": "Q", "float32": "f", "float64": "d"},
 }
 DAMAGED = (SerdeError, struct.error, ValueError, IndexError, AssertionError)  # rosbags before 0.11.9 raises others
-FORMATS = {
-    "ros2msg": MessageDefinitionFormat.MSG,
-    "ros2idl": MessageDefinitionFormat.IDL,
-    "omgidl": MessageDefinitionFormat.IDL,
-}
+IDL = MessageDefinitionFormat.IDL
+FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": IDL, "omgidl": IDL}
 
 
 @dataclass(frozen=True)

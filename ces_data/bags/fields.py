@@ -7,6 +7,7 @@ signal of a damper (images, point clouds, logs, transforms) are passed over.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import islice
@@ -34,6 +35,7 @@ PASSED_OVER = (
     "nav_msgs/msg/OccupancyGrid", "sensor_msgs/msg/Image", "sensor_msgs/msg/CompressedImage",
     "sensor_msgs/msg/PointCloud", "sensor_msgs/msg/LaserScan", "sensor_msgs/msg/CameraInfo",
 )  # fmt: skip
+JOINT = re.compile(r"(?!\s*\Z)(?!\d+\Z)[^\[\].]+")  # names that a field path can hold
 NUMBERS = {"float32", "float64", *(f"{sign}int{bits}" for sign in ("", "u") for bits in (8, 16, 32, 64))}
 
 
@@ -128,7 +130,7 @@ def list_numbers(
         values, elements, of = [getattr(message, name)], [f"{before}{name}"], description
         if description[0] in (Nodetype.ARRAY, Nodetype.SEQUENCE):
             values, of = values[0], description[1][0]
-            named = len(joints) == len(values) and all(map(_is_usable, joints))
+            named = len(joints) == len(values) and all(map(JOINT.fullmatch, joints))
             keys = joints[:MAX_ELEMENTS] if named else range(min(len(values), max_elements))
             elements = [f"{before}{name}[{key}]" for key in keys]
         for value, element in zip(values, elements, strict=False):
@@ -136,11 +138,6 @@ def list_numbers(
                 yield from list_numbers(value, str(of[1]), typestore, max_elements, f"{element}.")
             elif of[1][0] in NUMBERS:
                 yield element
-
-
-def _is_usable(joint: object) -> bool:
-    """Return whether a field path can name this joint."""
-    return isinstance(joint, str) and bool(joint.strip()) and not set(joint) & set("[].") and not joint.isdigit()
 
 
 def _make_decoder(bag: Bag, topic: Topic, block: Block) -> MessageDecoder | str:

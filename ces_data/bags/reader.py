@@ -59,9 +59,8 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
         if bag.warning:
             warnings.warn(bag.warning, RecordingWarning, stacklevel=2)
         if not any(topic.count for topic in bag.topics):
-            raise RecordingError(
-                f"{path}: the bag holds no messages; expected a recording of {', '.join(need) or 'signals'}"
-            )
+            expected = f"expected a recording of {', '.join(need) or 'signals'}"
+            raise RecordingError(f"{path}: the bag holds no messages; {expected}")
         by_topic: dict[Topic, list[Signal]] = {}
         for signal in signals.list_topic_signals():
             topic = _find_topic(bag, signal, signals, signal.name in need)

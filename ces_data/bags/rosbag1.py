@@ -10,7 +10,6 @@ from pathlib import Path
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.rosbag1 import Reader
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
-from rosbags.typesys.store import Typestore
 
 from ces_data.bags.decode import Block, StoredTopic
 from ces_data.config_file import first_line
@@ -38,18 +37,13 @@ def blocks(path: Path, topics: Sequence[int]) -> Iterator[Block]:
     """Yield the messages of these topics; raises RecordingError if the bag is damaged."""
     with _reading(path) as reader:
         connections = [c for c in reader.connections if c.id in set(topics)]
-        stores = {c.id: make_typestore(_as_ros2(c.msgdef.data).data, c.msgtype) for c in connections}
+        stores = {connection.id: get_typestore(Stores.EMPTY) for connection in connections}
+        for c in connections:
+            stores[c.id].register(get_types_from_msg(_as_ros2(c.msgdef.data).data, c.msgtype))
         messages = reader.messages(connections=connections)
         while batch := list(islice(messages, BATCH)):
             payloads = [bytes(stores[c.id].ros1_to_cdr(raw, c.msgtype)) for c, _, raw in batch]
             yield Block.join(payloads, [c.id for c, _, _ in batch], [stamp_ns for _, stamp_ns, _ in batch])
-
-
-def make_typestore(definition: str, typename: str) -> Typestore:
-    """Return the types of one definition alone."""
-    store = get_typestore(Stores.EMPTY)
-    store.register(get_types_from_msg(definition, typename))
-    return store
 
 
 def _as_ros2(definition: str) -> MessageDefinition:

@@ -124,10 +124,8 @@ class Bag:
             except TypesysError as error:
                 raise RecordingError(f"{self.path}: the definition of {topic.type} in the bag: {error}") from None
         elif topic.type not in store.fielddefs:
-            raise RecordingError(
-                f"{self.path}: topic {topic.name} is {topic.type}, neither of ROS 2 Jazzy nor defined in the bag;"
-                " record it with MCAP storage, which keeps the definition"
-            )
+            unknown = f"topic {topic.name} is {topic.type}, neither of ROS 2 Jazzy nor defined in the bag"
+            raise RecordingError(f"{self.path}: {unknown}; record it with MCAP storage, which keeps the definition")
         return store
 
     def _unpack(self, block: Block) -> Block:
@@ -227,10 +225,8 @@ def _require_ros2(file: Path) -> None:
     codes = ", ".join(sorted({f"'{topic.encoding}'" for topic in others}))
     names = ", ".join(sorted({topic.name for topic in others})[:3])
     if others and len(others) < len(topics):
-        raise RecordingError(
-            f"{file}: topics ({names}) are encoded as {codes}; expected ROS 2's cdr in all: keep the others alone, "
-            "with mcap filter"
-        )
+        remedy = "expected ROS 2's cdr in all: keep the others alone, with mcap filter"
+        raise RecordingError(f"{file}: topics ({names}) are encoded as {codes}; {remedy}")
     if others:
         raise RecordingError(
             f"{file}: an MCAP file, but not of ROS 2: its messages ({names}) are encoded as {codes}, expected cdr; "

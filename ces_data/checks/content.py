@@ -68,16 +68,14 @@ def require_distinct(identification: Sequence[Recording], validation: Sequence[R
     """Raise RecordingError if a recording is given twice, or if validation recordings were given for identification."""
     for one, other in combinations(identification, 2):
         if shared := shared_content(one, other):
-            raise RecordingError(
-                f"{_names(one, other)}: {shared}, twice for identification: its seconds would count twice; give it once"
-            )
+            text = f"{shared}, twice for identification: its seconds would count twice; give it once"
+            raise RecordingError(f"{_names(one, other)}: {text}")
     for one in identification:
         for other in validation:
             if shared := shared_content(one, other):
-                raise RecordingError(
-                    f"{_names(one, other)}: {shared}, for identification and for validation: that validates nothing; "
-                    "give another recording, or leave it out of one of the two"
-                )
+                text = f"{shared}, for identification and for validation: that validates nothing"
+                remedy = "give another recording, or leave it out of one of the two"
+                raise RecordingError(f"{_names(one, other)}: {text}; {remedy}")
 
 
 def require_once(recordings: Sequence[Recording]) -> None:

@@ -40,9 +40,8 @@ class CanLog(TimedLog):
         self._can = import_reader("can", "python-can", EXTRA, path)
         self._cantools = import_reader("cantools", "cantools", EXTRA, path)
         if not mapping.dbc:
-            raise RecordingError(
-                f"{path}: a CAN log needs its database; give dbc: FILE.dbc in {mapping.source}, or --dbc"
-            )
+            remedy = f"give dbc: FILE.dbc in {mapping.source}, or --dbc"
+            raise RecordingError(f"{path}: a CAN log needs its database; {remedy}")
         self._database = self._cantools.database.Database(strict=False)
         for file in mapping.dbc:
             try:
@@ -62,17 +61,12 @@ class CanLog(TimedLog):
             name, (message, signal) = str(column.key), wanted[str(column.key)]
             buses = list(samples.get(name, ()))
             if not buses:
-                kind = "extended" if message.is_extended_frame else "standard"
-                raise RecordingError(
-                    f"{self.path}: no frame carries '{name}' (id 0x{message.frame_id:X}, {kind}); is it the right "
-                    "database?"
-                )
+                what = f"id 0x{message.frame_id:X}, {'extended' if message.is_extended_frame else 'standard'}"
+                raise RecordingError(f"{self.path}: no frame carries '{name}' ({what}); is it the right database?")
             bus = buses[0] if column.group is None else str(column.group)
             if bus not in buses or (column.group is None and len(buses) > 1):
-                raise RecordingError(
-                    f"{self.path}: '{name}' is on bus {' and '.join(buses)}; select one in {self.source}: "
-                    f"{{column: {name}, group: {buses[0]}}}"
-                )
+                remedy = f"select one in {self.source}: {{column: {name}, group: {buses[0]}}}"
+                raise RecordingError(f"{self.path}: '{name}' is on bus {' and '.join(buses)}; {remedy}")
             found.append(_to_series(name, name, samples, bus, signal.unit or ""))
         return found
 

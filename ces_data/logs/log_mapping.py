@@ -138,10 +138,8 @@ def parse_dyno_mapping(text: str, source: str) -> DynoMapping:
 
 def _make_mapping(path: Path, content: Mapping[str, Any]) -> DynoMapping:
     if "/**" in content or any(isinstance(part, Mapping) and "topic" in part for part in content.values()):
-        raise MappingError(
-            f"{path}: is a signals file (--signals); --mapping takes a mapping of columns, which "
-            "'ces import LOG --propose' writes"
-        )
+        remedy = "--mapping takes a mapping of columns, which 'ces import LOG --propose' writes"
+        raise MappingError(f"{path}: is a signals file (--signals); {remedy}")
     require_known_keys(content, (*LAYOUT_KEYS, *NAMES), str(path), MappingError)
     for name in ("position", "current", "force"):
         if name not in content:

@@ -50,9 +50,7 @@ def replace_objects(tree: Mapping[str, Any]) -> dict[str, Any]:
             continue
         cells = [cell for cell in value.ravel()[0] if isinstance(cell, bytes | str)]
         texts = [cell.decode() if isinstance(cell, bytes) else cell for cell in cells]
-        own = [
-            text for text in texts if text != SYSTEM
-        ]  # its name, which scipy gives elsewhere from 1.18 on; its class
+        own = [text for text in texts if text != SYSTEM]  # its name, which scipy 1.18 gives elsewhere; its class
         found[own[0] if len(own) > 1 else str(name)] = MatlabObject(own[-1])
     return found
 
@@ -112,7 +110,6 @@ class _Structure(Mapping[str, Any]):
             raise RecordingError(f"{self._path}: the numbers of '{name}' are in another file; save all into one")
         size = item.size * item.dtype.itemsize
         if size > MAX_BYTES:
-            raise RecordingError(
-                f"{self._path}: '{name}' states {item.size} numbers, {size / 1e9:.3g} GB; expected at most "
-                f"{MAX_BYTES / 1e9:g} GB: save the signals alone, or in parts"
-            )
+            has = f"'{name}' states {item.size} numbers, {size / 1e9:.3g} GB"
+            remedy = f"expected at most {MAX_BYTES / 1e9:g} GB: save the signals alone, or in parts"
+            raise RecordingError(f"{self._path}: {has}; {remedy}")

@@ -7,7 +7,7 @@ import logging
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -49,10 +49,8 @@ class MdfLog(TimedLog):
         with opened_mdf(self.path) as mdf:
             start = start_ns(mdf)
             if f"{BUS_FRAMES}.DataBytes" in mdf.channels_db:
-                raise RecordingError(
-                    f"{self.path}: holds CAN frames, not signals; give their database: --dbc FILE.dbc, or dbc in a "
-                    "mapping"
-                )
+                remedy = "give their database: --dbc FILE.dbc, or dbc in a mapping"
+                raise RecordingError(f"{self.path}: holds CAN frames, not signals; {remedy}")
             found, masters = [], set(mdf.masters_db.items())
             seen: set[Place] = set()  # a channel may have a second name, as `force\XCP:1` is also `force`
             for name, places in mdf.channels_db.items():
@@ -71,15 +69,15 @@ class MdfLog(TimedLog):
         if not places:
             names = [name for name, where in mdf.channels_db.items() if not set(where) <= masters]
             raise RecordingError(f"{self.path}: no channel {column.key!r}; the file has {join_names(names)}")
-        groups = {place: _group_name(mdf, place[0]) for place in places}
+        records = {place: mdf.groups[place[0]].channel_group for place in places}
+        groups = {p: str(getattr(g, "acq_name", None) or getattr(g, "comment", None) or "") for p, g in records.items()}
         if column.group is not None:
             places = [place for place in places if column.group in (place[0], groups[place])]
         if len(places) != 1:
             texts = [f"{place[0]} '{groups[place]}'" if groups[place] else str(place[0]) for place in places]
-            raise RecordingError(
-                f"{self.path}: channel {column.key!r} is in {len(places)} groups "
-                f"({', '.join(texts) or f'not {column.group!r}'}); give one as {{column: {column.key}, group: NUMBER}}"
-            )
+            has = f"is in {len(places)} groups ({', '.join(texts) or f'not {column.group!r}'})"
+            remedy = f"give one as {{column: {column.key}, group: NUMBER}}"
+            raise RecordingError(f"{self.path}: channel {column.key!r} {has}; {remedy}")
         return places[0]
 
     def _series(self, mdf: Any, place: Place, start: int, count: int | None = None) -> LogSeries:
@@ -115,47 +113,30 @@ def start_ns(mdf: Any) -> int:
     return max(0, round(start.timestamp() * 1e6) * 1_000) if start is not None else 0
 
 
-def _group_name(mdf: Any, number: int) -> str:
-    group = mdf.groups[number].channel_group
-    return str(getattr(group, "acq_name", None) or getattr(group, "comment", None) or "")
+def read_frames(path: Path) -> Iterator[Any]:
+    """Yield the frames of an MDF file as python-can's `Message`, group by group; raises RecordingError if it has none.
 
-
-@dataclass(frozen=True)
-class MdfFrame:
-    """A frame as python-can's `Message` has it; `timestamp` counts seconds from 1970."""
-
-    timestamp: float
-    arbitration_id: int
-    is_extended_id: bool
-    channel: int
-    data: bytes
-    is_error_frame: bool = False
-    is_remote_frame: bool = False
-
-
-def read_frames(path: Path) -> Iterator[MdfFrame]:
-    """Yield the frames of an MDF file, group by group; raises RecordingError if it has none."""
+    Their `timestamp` counts seconds from 1970. python-can's own reader passes in silence over groups without a source.
+    """
+    library = import_reader("can", "python-can", "can", path)
     with opened_mdf(path) as mdf:
         groups = sorted({group for group, _ in mdf.channels_db.get(f"{BUS_FRAMES}.DataBytes", ())})
         if not groups:
             raise RecordingError(f"{path}: holds no CAN frames; its channels have names of their own: leave dbc out")
+        start_s = start_ns(mdf) * 1e-9
         for group in groups:
-            yield from _read_group(mdf, group, start_ns(mdf) * 1e-9)
-
-
-def _read_group(mdf: Any, group: int, start_s: float) -> Iterator[MdfFrame]:
-    data = mdf.get(f"{BUS_FRAMES}.DataBytes", group=group)
-    lengths, ids = _numbers(mdf, group, "DataLength"), _numbers(mdf, group, "ID")
-    buses, extended = _numbers(mdf, group, "BusChannel"), _numbers(mdf, group, "IDE")
-    for at, time in enumerate(data.timestamps.tolist()):
-        length = int(lengths[at]) if lengths is not None else data.samples.shape[1]
-        yield MdfFrame(
-            start_s + time,
-            int(ids[at]) & 0x1FFFFFFF,
-            bool(extended[at]) if extended is not None else bool(int(ids[at]) >> 31),
-            int(buses[at]) if buses is not None else group,
-            data.samples[at, :length].tobytes(),
-        )
+            data = mdf.get(f"{BUS_FRAMES}.DataBytes", group=group)
+            names = ("DataLength", "ID", "BusChannel", "IDE")
+            lengths, ids, buses, extended = (_numbers(mdf, group, name) for name in names)
+            for at, time in enumerate(data.timestamps.tolist()):
+                length = int(lengths[at]) if lengths is not None else data.samples.shape[1]
+                yield library.Message(
+                    timestamp=start_s + time,
+                    arbitration_id=int(ids[at]) & 0x1FFFFFFF,
+                    is_extended_id=bool(extended[at]) if extended is not None else bool(int(ids[at]) >> 31),
+                    channel=int(buses[at]) if buses is not None else group,
+                    data=data.samples[at, :length].tobytes(),
+                )
 
 
 def _numbers(mdf: Any, group: int, name: str) -> Any:

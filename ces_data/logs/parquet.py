@@ -45,10 +45,8 @@ class ParquetTable(LogTable):
             raise RecordingError(f"{self.path}: column {name!r} is {kind}; expected numbers")
         if column.null_count and self.mapping.blank == "error":
             row = int(np.argmax(column.is_null().to_numpy()))
-            raise RecordingError(
-                f"{self.path}: row {row}: column {name!r} is null; expected a number (if a null is a missing sample, "
-                f"set blank: missing in {self.mapping.source})"
-            )
+            remedy = f"if a null is a missing sample, set blank: missing in {self.mapping.source}"
+            raise RecordingError(f"{self.path}: row {row}: column {name!r} is null; expected a number ({remedy})")
         return np.asarray(column.cast(self._arrow.float64(), safe=False).to_numpy(), dtype=np.float64)
 
     def missing(self, key: str | int) -> NDArray[np.bool_] | None:

@@ -72,12 +72,8 @@ class Selection:
     @property
     def checks(self) -> tuple[str, ...]:
         """What a person should check before the proposal is used."""
-        return tuple(
-            f"{signal}: {check}"
-            for damper in self.dampers.values()
-            for signal, choice in damper.choices.items()
-            for check in choice.checks
-        )
+        choices = [choice for damper in self.dampers.values() for choice in damper.choices.values()]
+        return tuple(f"{choice.signal}: {check}" for choice in choices for check in choice.checks)
 
     @property
     def missing(self) -> tuple[NotFound, ...]:
@@ -152,7 +148,6 @@ class MotionTable:
         return self._bins[key]
 
 
-MAIN = ("position", "current", "force")
 MIN_POINTS, MIN_MARGIN = 3.0, 1.0  # points to be chosen at all, and ahead of the next one
 MIN_DAMPING, HIGH_CORRELATION = 0.3, 0.6  # of a force with the speed, in size: counts, and counts more
 MAX_STROKES, MAX_FORCES = 12, 40  # candidates that are compared in pairs, the best by name and unit
@@ -307,16 +302,16 @@ def _pick(signal: str, ratings: Sequence[Rating], table: MotionTable) -> Choice 
 
 
 def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[str]) -> Choice:
-    guess = guess_unit(rating.candidate, rating.signal)
-    unit, usual = guess.unit, guess.unit is not None and guess.unit.text in SI
+    unit, text = guess_unit(rating.candidate, rating.signal)
+    stated, usual = rating.candidate.unit is not None, unit is not None and unit.text in SI
     doubts = [*checks, *rating.against]
-    if unit is None or not (guess.stated or usual):
-        doubts.append(guess.text)
+    if unit is None or not (stated or usual):
+        doubts.append(text)
     if not rating.named or ALONE in rating.reasons:
         doubts.append(ALONE)
     scale, offset = (unit.scale, unit.offset) if unit else (1.0, 0.0)
     reasons = [reason for reason in rating.reasons if reason != ALONE]
-    reasons += [guess.text] if usual and not guess.stated else []
+    reasons += [text] if usual and not stated else []
     return Choice(rating.signal, rating.candidate, unit, scale, offset, tuple(reasons), tuple(doubts), others)
 
 

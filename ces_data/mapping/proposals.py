@@ -53,15 +53,16 @@ def propose_signals(paths: Sequence[Path]) -> SignalsProposal:
     selection = choose(candidates)
     if not any(damper.choices for damper in selection.dampers.values()):
         labels = ", ".join(candidate.label for candidate in candidates[:20])
-        raise RecordingError(
-            f"{paths[0]}: nothing looks like position, current or force; it has {labels}; write a signals file by hand,"
-            " see docs/recordings.md"
-        )
+        text = f"nothing looks like position, current or force; it has {labels}"
+        raise RecordingError(f"{paths[0]}: {text}; write a signals file by hand, see docs/recordings.md")
     head = SIGNALS_HEAD.format(sources=", ".join(map(_one_line, paths)))
     return SignalsProposal(selection, head + "\n".join(_signals_lines(selection)) + "\n", skipped)
 
 
 def _signals_lines(selection: Selection) -> Iterator[str]:
+    def describe(c: Candidate) -> str:
+        return f"topic: {_name_yaml(c.topic)}, type: {_name_yaml(c.kind)}, field: {_quote(c.field)}"
+
     if selection.checks:
         yield from _comment(f"Lines with {CHECK} are to be confirmed before the file is used.")
     if selection.names:
@@ -84,11 +85,7 @@ def _signals_lines(selection: Selection) -> Iterator[str]:
             yield f"{indent}  scale: {_format_number(choice.scale)}" + (f"  # {remark}" if remark else "")
             yield f"{indent}  offset: {_format_number(choice.offset)}"
         for missing in damper.missing.values():
-            yield from _explain_missing(missing, _describe_topic, "; or the value that was set", indent)
-
-
-def _describe_topic(c: Candidate) -> str:
-    return f"topic: {_name_yaml(c.topic)}, type: {_name_yaml(c.kind)}, field: {_quote(c.field)}"
+            yield from _explain_missing(missing, describe, "; or the value that was set", indent)
 
 
 @dataclass(frozen=True)
@@ -114,10 +111,8 @@ class MappingProposal:
         if self.doubts and self.doubts[0] in self.faults:
             raise RecordingError(f"{path}: {self.doubts[0]}")
         if self.mapping is None or self.doubts:
-            raise RecordingError(
-                f"{path}: {self.doubts[0]}; 'ces import {path} --propose > my.yaml' writes a mapping to correct, "
-                "for --mapping my.yaml"
-            )
+            remedy = f"'ces import {path} --propose > my.yaml' writes a mapping to correct, for --mapping my.yaml"
+            raise RecordingError(f"{path}: {self.doubts[0]}; {remedy}")
         return to_recording(self.log, self.mapping)
 
 
@@ -199,6 +194,10 @@ class _MappingWriter:
 
     def lines(self) -> Iterator[str]:
         """Yield the lines of the file."""
+
+        def describe(c: Candidate) -> str:
+            return f"column: {_quote(str(self._column(c).key))}"
+
         yield from MAPPING_HEAD.format(name=_one_line(self.log.path.name)).splitlines()
         for doubt in self.doubts:
             yield from _comment(f"{CHECK}: {doubt}")
@@ -212,7 +211,7 @@ class _MappingWriter:
                 yield from _comment("current: no column; the file's name states it")
                 yield f"current: {{from_name: {NAME_PATTERN}}}"
             else:
-                yield from _explain_missing(missing, self._describe_column, ", or the current that was set")
+                yield from _explain_missing(missing, describe, ", or the current that was set")
 
     def _layout(self) -> Iterator[str]:
         if isinstance(self.log, LogTable) and self.log.rows:
@@ -259,9 +258,6 @@ class _MappingWriter:
 
     def _column(self, candidate: Candidate) -> Column:
         return self.found.keys[candidate.label]
-
-    def _describe_column(self, candidate: Candidate) -> str:
-        return f"column: {_quote(str(self._column(candidate).key))}"
 
 
 def describe_scale(choice: Choice) -> str:

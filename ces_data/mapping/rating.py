@@ -221,37 +221,28 @@ USUAL = {  # units to try where none is stated, the likeliest first
 }
 
 
-@dataclass(frozen=True)
-class UnitGuess:
-    """The unit of a candidate as a signal: None if no usual unit makes its range plausible.
+def guess_unit(candidate: Candidate, signal: str) -> tuple[Unit | None, str]:
+    """Return the unit of a candidate if it is this signal, and how it is known: stated, or the likeliest by its range.
 
-    `stated` is true if the log or a name states the unit; `text` says how it is known.
+    It is None if no usual unit makes the range plausible.
     """
-
-    unit: Unit | None
-    stated: bool
-    text: str
-
-
-def guess_unit(candidate: Candidate, signal: str) -> UnitGuess:
-    """Return the unit of a candidate if it is this signal: the stated one, or the likeliest by its range."""
     if candidate.unit is not None:
-        return UnitGuess(candidate.unit, True, f"unit {candidate.unit.text} {candidate.stated}".strip())
+        return candidate.unit, f"unit {candidate.unit.text} {candidate.stated}".strip()
     usual = USUAL[signal]
     number, what = (candidate.span, "span") if signal == "position" else (candidate.peak, "peak")
     if candidate.constant and candidate.high == 0.0:
-        return UnitGuess(find_unit(usual[0]), False, f"always 0, so any unit; taken as {usual[0]}")
+        return find_unit(usual[0]), f"always 0, so any unit; taken as {usual[0]}"
     allowed = [name for name in usual if _allows(name, signal, candidate)]
     if not allowed:
         low, high = RANGES[signal]
         text = f"its unit is not known: a {what} of {number:.4g} is implausible in {', '.join(usual)}"
-        return UnitGuess(None, False, f"{text} (expected {low:g} to {high:g} in SI units)")
+        return None, f"{text} (expected {low:g} to {high:g} in SI units)"
     chosen, *others = allowed
     text = f"taken as {chosen}, because its {what} of {number:.4g} is plausible in {chosen}"
     excluded = usual[: usual.index(chosen)]
     text += f" and not in {', '.join(excluded)}" if excluded else ""
     text += f" (or in {' or '.join(others)}, which would be plausible, too)" if others else ""
-    return UnitGuess(find_unit(chosen), False, text)
+    return find_unit(chosen), text
 
 
 def is_plausible(candidate: Candidate, signal: str) -> bool:
