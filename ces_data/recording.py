@@ -78,10 +78,6 @@ class Recording:
             raise RecordingError(f"{self.name}: no '{signal}' channel; it has {', '.join(self.channels) or 'none'}")
         return self.channels[signal]
 
-    def first_part(self, share: float) -> Recording:
-        """Return the recording up to the end of the first `share` of the position samples."""
-        return self.part(0.0, share)
-
     def part(self, first: float, last: float) -> Recording:
         """Return the recording from the share `first` to the share `last` of the position samples."""
         if first <= 0.0 and last >= 1.0:

@@ -68,7 +68,7 @@ def identify(
     """
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
-    first_parts = [recording.first_part(options.split) for recording in recordings]
+    first_parts = [recording.part(0.0, options.split) for recording in recordings]
     sampling = choose_sampling(first_parts, options.rate, options.bandwidth, differentiator=options.differentiator)
     whole = [prepare(recording, sampling) for recording in recordings]
     identified = [series.part(0.0, options.split) for series in whole]

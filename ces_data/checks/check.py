@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 
@@ -29,6 +30,11 @@ from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS
 
 LONG_S = 60.0  # clocks that differ by 100 ppm drift by 6 ms in it
+COMPARED = (  # signal, trait, the limit of any damper, verb, and the unit that it may be in instead
+    ("position", "stroke_m", MAX_STROKE_M, "spans", "mm"),
+    ("current", "current_A", MAX_CURRENT_A, "reaches", "mA"),
+    ("force", "force_N", 0.0, "spans", "kN"),
+)
 UNIT_RATIO = 100.0  # ratio of spreads beyond that of any two experiments with one damper
 MAX_SPEED_RATIO = 10.0  # largest ratio of speeds at which forces are compared
 MIN_DAMPING_CORRELATION = 0.3  # smallest correlation of force with speed whose sign counts
@@ -143,10 +149,9 @@ def find_differences(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
     They are strokes, currents or forces in different units, and opposite signs of the force.
     """
     traits = [find_traits(recording) for recording in recordings]
-    forces = list(_compare_forces(traits)) or ratio_findings(recordings)
-    stroke = _compare_units(traits, "position", "stroke_m", MAX_STROKE_M, "spans", "mm")
-    current = _compare_units(traits, "current", "current_A", MAX_CURRENT_A, "reaches", "mA")
-    return sort_findings(stroke, current, forces, _compare_signs(traits))
+    units = list(_compare_units(traits))
+    ratios = () if any(f.signal == "force" for f in units) else ratio_findings(recordings)
+    return sort_findings(units, ratios, _compare_signs(traits))
 
 
 def require_consistent(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
@@ -157,28 +162,23 @@ def require_consistent(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
     return results
 
 
-def _compare_units(
-    traits: Sequence[Traits], signal: str, trait: str, limit: float, verb: str, unit: str
-) -> Iterator[Finding]:
-    """Yield a finding if a trait is beyond the limit of any damper in one recording and far smaller in another."""
-    low, high = _find_extremes(traits, trait)
-    smallest, largest = getattr(low, trait), getattr(high, trait)
-    if largest > limit and largest > UNIT_RATIO * smallest:
+def _compare_units(traits: Sequence[Traits]) -> Iterator[Finding]:
+    """Yield a finding for each trait beyond the limit of any damper in one recording and far smaller in another.
+
+    Forces have no such limit, but they count at similar speeds only.
+    """
+    for signal, trait, limit, verb, unit in COMPARED:
+        known = sorted((t for t in traits if getattr(t, trait) > 0.0), key=attrgetter(trait)) or [traits[0]]
+        low, high = known[0], known[-1]
+        smallest, largest = getattr(low, trait), getattr(high, trait)
+        alike = signal != "force" or high.speed_m_s < MAX_SPEED_RATIO * low.speed_m_s
+        if not alike or not largest > limit or not largest > UNIT_RATIO * smallest:
+            continue
         si = UNITS[signal]
-        text = f"{verb} {largest:.4g} {si} in {high.name}, {smallest:.4g} {si} in {low.name}"
-        yield _unit_finding(signal, text, unit)
-
-
-def _compare_forces(traits: Sequence[Traits]) -> Iterator[Finding]:
-    low, high = _find_extremes(traits, "force_N")
-    if high.force_N > UNIT_RATIO * low.force_N and high.speed_m_s < MAX_SPEED_RATIO * low.speed_m_s:
-        spans = f"spans {high.force_N:.4g} N in {high.name}, {low.force_N:.4g} N in {low.name}, at speeds of "
-        yield _unit_finding("force", f"{spans}{high.speed_m_s:.2g} and {low.speed_m_s:.2g} m/s", "kN")
-
-
-def _unit_finding(signal: str, text: str, unit: str) -> Finding:
-    remedy = f"expected one unit: is one of them in {unit}? convert it, or identify on them one by one"
-    return Finding(WRONG_MODEL, f"{signal}: {text}; {remedy}", signal)
+        text = f"{signal}: {verb} {largest:.4g} {si} in {high.name}, {smallest:.4g} {si} in {low.name}"
+        text += f", at speeds of {high.speed_m_s:.2g} and {low.speed_m_s:.2g} m/s" if signal == "force" else ""
+        remedy = f"expected one unit: is one of them in {unit}? convert it, or identify on them one by one"
+        yield Finding(WRONG_MODEL, f"{text}; {remedy}", signal)
 
 
 def _compare_signs(traits: Sequence[Traits]) -> Iterator[Finding]:
@@ -195,13 +195,6 @@ def _compare_signs(traits: Sequence[Traits]) -> Iterator[Finding]:
     odd, rest = (against, along) if len(against) <= len(along) else (along, against)
     remedy = "position and force are positive in compression; set scale: -1 in the signals file of the wrong ones"
     yield Finding(WRONG_MODEL, f"force {describe(odd)}, {describe(rest)}; expected one sign: {remedy}", "force")
-
-
-def _find_extremes(traits: Sequence[Traits], trait: str) -> tuple[Traits, Traits]:
-    """Return the recordings with the smallest and the largest value, the same one twice if fewer than two have one."""
-    known = [t for t in traits if getattr(t, trait) > 0.0] or [traits[0]]
-    ordered = sorted(known, key=lambda t: float(getattr(t, trait)))
-    return ordered[0], ordered[-1]
 
 
 def _speed_and_force(recording: Recording) -> tuple[F, F]:

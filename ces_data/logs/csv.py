@@ -220,14 +220,6 @@ class CsvTable(LogTable):
             elif column.bad is None:
                 column.bad = (at, cell)
 
-    def _hint(self, width: int) -> str:
-        """Suggest another delimiter if the only column contains one."""
-        text = self.names[0] if self.names else ""
-        others = [
-            shown for mark, shown in csv_form.DELIMITERS.items() if mark in text and mark != self.dialect.delimiter
-        ]
-        return f"; is the delimiter {others[0]}? Set it in {self.mapping.source}" if width == 1 and others else ""
-
     def _bad_cell(self, bad: tuple[int, str | None], name: str) -> RecordingError:
         row, text = bad
         where = f"{self.path}:{self._lines[row]}: column {name}"

@@ -96,10 +96,7 @@ class LogTable(ABC):
         if isinstance(key, str) and key in self.names:
             return list(self.names).index(key)
         columns = join_names(self.names) or f"columns 0 to {width - 1} without names"
-        raise RecordingError(f"{self.path}: no column {key!r}; the table has {columns}{self._hint(width)}")
-
-    def _hint(self, _: int) -> str:
-        return ""
+        raise RecordingError(f"{self.path}: no column {key!r}; the table has {columns}")
 
 
 class TimedLog(ABC):

@@ -57,7 +57,7 @@ def test_part_of_a_recording_after_the_split_is_a_test(sine):
     assert model.use_of(sine, (0.0, 1.0)) == TRAINED
     assert model.use_of(sine, (0.7, 1.0)) == TEST
     copy = replace(sine, sha256="hash of a re-encoded bag")  # marks of the force show it
-    facts["identification"][0]["marks"] = " ".join(recording_marks(sine.first_part(0.7)))
+    facts["identification"][0]["marks"] = " ".join(recording_marks(sine.part(0.0, 0.7)))
     assert model.use_of(copy, (0.0, 1.0)) == TRAINED and model.use_of(copy, (0.75, 1.0)) == TEST
     assert make_compared_model("m", ModelSimulation(replace(MODEL, provenance={}))).use_of(sine, (0.7, 1.0)) == UNKNOWN
 
