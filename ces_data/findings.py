@@ -56,7 +56,7 @@ def findings(recording: Recording) -> tuple[Finding, ...]:
     """
     start_ns = min((int(c.stamps_ns[0]) for c in recording.channels.values() if len(c)), default=0)
     single = (_check_channel(channel, start_ns) for channel in recording.channels.values())
-    return sort_findings(*single, _check_position(recording), _check_rates(recording), _check_gaps(recording, start_ns))
+    return sort_findings(*single, _check_position_and_rates(recording), _check_gaps(recording, start_ns))
 
 
 def sort_findings(*groups: Iterable[Finding]) -> tuple[Finding, ...]:
@@ -126,7 +126,7 @@ def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
     return int(lengths[longest]), int(edges[2 * longest])
 
 
-def _check_position(recording: Recording) -> Iterator[Finding]:
+def _check_position_and_rates(recording: Recording) -> Iterator[Finding]:
     values = finite_values(recording, "position")
     if "position" in recording.constants:
         text = "position: is a constant in the signals file; expected a recorded stroke"
@@ -134,14 +134,11 @@ def _check_position(recording: Recording) -> Iterator[Finding]:
     elif len(values) and values.min() == values.max():
         text = f"position: constant at {values[0]:g} m; expected a stroke (is it the right field?)"
         yield Finding(ERROR, text, "position")
-
-
-def _check_rates(recording: Recording) -> Iterator[Finding]:
     rates = {name: rate for name, channel in recording.channels.items() if (rate := mean_rate(channel)) > 0.0}
     for (slow, low), (fast, high) in combinations(sorted(rates.items(), key=lambda item: item[1]), 2):
         if high >= RATE_RATIO * low and "temperature" not in (slow, fast):
-            rates_apart = f"{slow} at {low:.4g} Hz and {fast} at {high:.4g} Hz"
-            yield Finding(ERROR, f"{rates_apart}: rates more than {RATE_RATIO:g} times apart")
+            what = f"{slow} at {low:.4g} Hz and {fast} at {high:.4g} Hz"
+            yield Finding(ERROR, f"{what}: rates more than {RATE_RATIO:g} times apart")
 
 
 def _check_gaps(recording: Recording, start_ns: int) -> Iterator[Finding]:

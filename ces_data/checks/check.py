@@ -14,13 +14,7 @@ from operator import attrgetter
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_data.checks.delays import (
-    delay_findings,
-    find_clock_drift,
-    force_delay,
-    sign_findings,
-    timing_findings,
-)
+from ces_data.checks.delays import delay_findings, find_clock_drift, force_delay, sign_findings
 from ces_data.checks.motion import is_constant, join_motions, recorded_motion
 from ces_data.checks.sensors import current_findings, rate_findings, saturation_findings, sensor_findings
 from ces_data.checks.units import MAX_CURRENT_A, MAX_STROKE_M, find_exchange, half_span, ratio_findings, unit_findings
@@ -54,7 +48,8 @@ def check_recording(recording: Recording) -> tuple[Finding, ...]:
     if motion is not None and sensors:
         timing = list(sign_findings(motion))
     elif motion is not None:
-        timing = list(timing_findings(motion))
+        delay = force_delay(motion)
+        timing = list(sign_findings(motion, delay)) or list(delay_findings(motion, delay))  # of a right sign
         late = any(isinstance(f, DelayFinding) and f.signal != "current" for f in timing)
         long = np.ptp(recording.channels["position"].stamps_ns) >= 1e9 * LONG_S
         drift = find_clock_drift(recording) if late or long else None

@@ -180,12 +180,6 @@ BLOCK_TICKS = 500
 MIN_WORK, MIN_BLOCKS = 0.3, 0.8  # share of the power that is negative on balance, and of the blocks
 
 
-def timing_findings(motion: Motion) -> Iterator[Finding]:
-    """Yield findings on the sign of the force or, where it is right, on delays."""
-    delay = force_delay(motion)
-    yield from list(sign_findings(motion, delay)) or delay_findings(motion, delay)
-
-
 def dissipation(motion: Motion, late_s: float = 0.0) -> tuple[float, float]:
     """Return the dissipated over the exchanged power (-1 to 1), and the share of blocks that return energy.
 

@@ -1,7 +1,7 @@
 """Magnitudes that no damper has: position, force and current in other units than m, N and A.
 
 The limits hold from the damper of a bicycle to that of a truck. A factor that lies inside this range, such as lbf for
-N, cannot be known from one recording; `consistency` finds it between recordings.
+N, cannot be known from one recording; `ratio_findings` finds it between recordings.
 """
 
 from __future__ import annotations

@@ -190,7 +190,8 @@ class CsvTable(LogTable):
             return True
         if not any(map(str.strip, cells)):
             return False
-        in_head, comment = self._head > 0, self._head == 0 and csv_form.is_comment(cells)
+        first, in_head = cells[0].lstrip(), self._head > 0
+        comment = not in_head and first.startswith(csv_form.COMMENT_MARKS) and not csv_form.is_missing(first)
         self._head -= in_head
         self._comments += comment
         return not in_head and not comment

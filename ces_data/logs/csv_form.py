@@ -157,10 +157,15 @@ def _find_header(rows: Rows, stated: int | None, decimal: str) -> Header:
         for i, cell in enumerate([] if at in block else _strip_mark(rows[at][1])[: len(names)]):
             names[i] = names[i] or cell.strip()
     below = [rows[at][1] for at in block if at > names_at and not _is_unit_row(rows[at][1])]
+    if (
+        len(set(names)) < len(names) and below
+    ):  # several columns share the name of a group, before that in the next line
+        joined = [" ".join(pair).strip() for pair in zip(names, _strip_names(below[0]), strict=False)]
+        names = joined if len(set(joined)) == len(names) else names
     units = _strip_mark(rows[units_at][1] if units_at is not None else [])
     return (
         names_at + 1 if first is None else first,
-        _add_groups(tuple(names), below),
+        tuple(names),
         tuple(cell.strip().strip("[]()") for cell in units),
     )
 
@@ -198,14 +203,6 @@ def _name_lines(rows: Rows, width: int, decimal: str) -> list[int]:
         elif len(texts) > 1:
             break
     return found[::-1]
-
-
-def _add_groups(names: tuple[str, ...], below: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Return the names; where several columns share one, it is that of a group, before the name in the next line."""
-    if len(set(names)) == len(names) or not below:
-        return names
-    joined = tuple(" ".join(pair).strip() for pair in zip(names, _strip_names(below[0]), strict=False))
-    return joined if len(set(joined)) == len(names) else names
 
 
 def _strip_names(cells: Sequence[str]) -> tuple[str, ...]:
@@ -358,9 +355,3 @@ def is_value(cell: str, decimal: str) -> bool:
 def is_missing(cell: str) -> bool:
     """Return whether a cell is one of the ways in which programs write that there is no number."""
     return cell.strip().casefold() in MISSING
-
-
-def is_comment(cells: Sequence[str]) -> bool:
-    """Return whether a line is a comment, by the mark with which it begins."""
-    first = cells[0].lstrip() if cells else ""
-    return first.startswith(COMMENT_MARKS) and not is_missing(first)
