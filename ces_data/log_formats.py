@@ -1,6 +1,7 @@
-"""The formats of logs that `ces import` reads: a line for each, with its module in `ces_data.logs` and its suffixes.
+"""The formats of logs that `ces import` reads: a line for each, with its suffixes and what a file is by them.
 
-The module has a function `open_log(path, mapping, progress)`, which returns a table or channels with their own times.
+The module of that name in `ces_data.logs` has a function `open_log(path, mapping, progress)`, which returns a table or
+channels with their own times.
 """
 
 from __future__ import annotations
@@ -8,28 +9,18 @@ from __future__ import annotations
 import re
 import shlex
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
-
-@dataclass(frozen=True)
-class LogFormat:
-    """A format of logs: the name of its module, and what a file is by its suffix."""
-
-    module: str
-    suffixes: Mapping[str, str]
-
-
-LOG_FORMATS = {
-    "csv": LogFormat("csv", {".csv": "a CSV table", **dict.fromkeys((".txt", ".dat", ".tsv", ".lvm"), "a text table")}),
-    "json": LogFormat("tree", {".json": "a JSON file"}),
-    "mat": LogFormat("mat", {".mat": "a MATLAB file"}),
-    "mdf": LogFormat("mdf", {".mf4": "an MDF4 log", ".mdf": "an MDF log", ".mf3": "an MDF log"}),
-    "bag": LogFormat("bag", {".bag": "a ROS 1 bag"}),
-    "can": LogFormat("can", {".blf": "a CAN log", ".asc": "a CAN log", ".log": "a log", ".trc": "a CAN log"}),
-    "parquet": LogFormat("parquet", {".parquet": "a Parquet table", ".pq": "a Parquet table"}),
+LOG_FORMATS: Mapping[str, Mapping[str, str]] = {
+    "csv": {".csv": "a CSV table", **dict.fromkeys((".txt", ".dat", ".tsv", ".lvm"), "a text table")},
+    "json": {".json": "a JSON file"},
+    "mat": {".mat": "a MATLAB file"},
+    "mdf": {".mf4": "an MDF4 log", ".mdf": "an MDF log", ".mf3": "an MDF log"},
+    "bag": {".bag": "a ROS 1 bag"},
+    "can": {".blf": "a CAN log", ".asc": "a CAN log", ".log": "a log", ".trc": "a CAN log"},
+    "parquet": {".parquet": "a Parquet table", ".pq": "a Parquet table"},
 }
-KINDS = {suffix: what for name, one in LOG_FORMATS.items() if name != "bag" for suffix, what in one.suffixes.items()}
+KINDS = {suffix: what for name, suffixes in LOG_FORMATS.items() if name != "bag" for suffix, what in suffixes.items()}
 
 
 def is_foreign(path: Path) -> bool:

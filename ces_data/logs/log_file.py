@@ -153,7 +153,7 @@ def open_log(
 
 def open_format(kind: str, path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> LogTable | TimedLog:
     """Open a log of a known format."""
-    module = import_module(f"ces_data.logs.{LOG_FORMATS[kind].module}")
+    module = import_module(f"ces_data.logs.{kind}")
     try:
         log: LogTable | TimedLog = module.open_log(path, mapping, progress)
         return log
@@ -175,11 +175,11 @@ def find_format(path: Path) -> str:
     """Return the format that the suffix or the first bytes say, '' if neither does."""
     suffix = path.suffix.lower()
     head = b""
-    if suffix in (*LOG_FORMATS["csv"].suffixes, ".asc") and path.is_file():
+    if suffix in (*LOG_FORMATS["csv"], ".asc") and path.is_file():
         with path.open("rb") as file:
             head = file.read(4096)
     if head[:8] in MDF_MAGIC:
         return "mdf"  # MDF 3 files often have the suffix .dat, as text tables do
     if suffix == ".asc" and head.strip() and not CAN_ASC.search(head):
         return "csv"
-    return next((kind for kind, one in LOG_FORMATS.items() if suffix in one.suffixes), "")
+    return next((kind for kind, suffixes in LOG_FORMATS.items() if suffix in suffixes), "")

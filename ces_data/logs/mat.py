@@ -16,9 +16,9 @@ import numpy as np
 import scipy.io
 from scipy.io.matlab import MatlabOpaque, MatReadWarning, varmats_from_mat
 
+from ces_data.logs.json import MatlabObject, open_tree
 from ces_data.logs.log_file import LogTable, TimedLog, import_reader
 from ces_data.logs.log_mapping import DynoMapping
-from ces_data.logs.tree import MatlabObject, open_tree
 from ces_observer.errors import RecordingError
 
 SYSTEM = "MCOS"  # MATLAB's class system, beside the class in what scipy reads
