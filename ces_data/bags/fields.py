@@ -63,9 +63,8 @@ def read_fields(path: Path) -> BagFields:
     """Read the numbers of every topic, up to 200,000 messages of each; raises RecordingError if the bag is damaged."""
     with open_bag(path) as bag:
         topics = {topic.name: topic for topic in bag.topics}
-        skipped = {name: "no messages" for name, topic in topics.items() if not topic.count}
-        passed = (topic.name for topic in bag.topics if topic.count and topic.type.startswith(PASSED_OVER))
-        skipped |= dict.fromkeys(passed, "not a sensor's type")
+        passed = {name for name, topic in topics.items() if topic.type.startswith(PASSED_OVER) or not topic.count}
+        skipped = {n: "not a sensor's type" if t.count else "no messages" for n, t in topics.items() if n in passed}
         samples: dict[str, TopicSamples] = {}
         for name, block in bag.blocks([name for name in topics if name not in skipped]):
             if name not in samples and name not in skipped:
