@@ -64,7 +64,7 @@ def rig_case() -> RecordedCase:
 
 def make_case(recordings: Sequence[Recording], row: str) -> RecordedCase:
     """Return the first SHARE of each recording for training, the rest for tests."""
-    sampling = choose_sampling([recording.first_part(SHARE) for recording in recordings])
+    sampling = choose_sampling([recording.part(0.0, SHARE) for recording in recordings])
     whole = [prepare(recording, sampling) for recording in recordings]
     return RecordedCase(sampling, [s.part(0.0, SHARE) for s in whole], {row: [s.part(SHARE, 1.0) for s in whole]})
 
