@@ -51,7 +51,8 @@ from ces_rig.drive.sequences import KIND as SEQUENCE
 from ces_rig.drive.sequences import MAX_PARTS, TimedPart
 from ces_rig.drive.servo_actuator import ServoActuator
 from ces_rig.experiment import KEYS, ExperimentSettings
-from ces_rig.live import node_table
+from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
+from ces_rig.live.rig import OF_THE_RIG
 from ces_rig.sensors import Sensors
 
 TEXT: Schema = {"type": "string"}
@@ -360,9 +361,7 @@ def _with_sequences(
 
 def iterate_schema() -> Schema:
     """Return the schema of a plan for `ces iterate`."""
-    plan = record_schema(iterate_plan.SimpleSettings)
-    sections = {name: record_schema(cls) for name, cls in iterate_plan.SECTIONS.items()}
-    properties = {**plan["properties"], **sections, "rig": of_kinds(RIG_SETTINGS)}
+    properties = {**record_schema(iterate_plan.PlanSettings)["properties"], "rig": of_kinds(RIG_SETTINGS)}
     return mapping_of({key: properties[key] for key in iterate_plan.KEYS}, ("limits", "rig"))
 
 
@@ -441,7 +440,7 @@ BUILDERS: Mapping[str, Callable[[], Schema]] = {
     "learn-stroke": learn_stroke_schema,
     "observer": observer_schema,
     "controller": partial(node_schema, parameter_table.OF_THE_CONTROLLER),
-    "rig-node": partial(node_schema, (*node_table.OF_THE_NODE, *node_table.OF_THE_RIG), with_dots=True),
+    "rig-node": partial(node_schema, (*OF_THE_RIG_NODE, *OF_THE_RIG), with_dots=True),
     "identify-node": partial(node_schema, (*PARAMETERS, EXIT_WHEN_DONE)),
     "gap": gap_schema,
 }

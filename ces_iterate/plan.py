@@ -102,6 +102,10 @@ class ExperimentPlan:
     duration_s: float = quantity(15.0, "s", "length of an experiment", 3.0, 600.0)
     commands: str = ""
 
+    def __post_init__(self) -> None:
+        if self.commands and self.kind != REPEATED:
+            raise IterateError(f"'commands' needs kind: {REPEATED}; remove it or repeat it")
+
 
 @dataclass(frozen=True)
 class StopRules:
@@ -129,16 +133,10 @@ class IdentifyPlan:
 
 
 @dataclass(frozen=True)
-class Plan:
-    """An iteration: `rig` is the description of the rig, checked by `ces_iterate.rigs.kinds`.
+class PlanSettings:
+    """What a plan says besides its rig: `recordings` exist and are identified first, `validate` are only scored."""
 
-    `recordings` exist already and are identified first; `validate` are only scored. Paths are relative to `folder`.
-    """
-
-    source: str
-    folder: Path
     limits: RigLimits
-    rig: Mapping[str, Any]
     seed: int = quantity(1, "1", "seed of all random numbers", 0, 2**31)
     experiments: ExperimentPlan = field(default_factory=ExperimentPlan)
     stop: StopRules = field(default_factory=StopRules)
@@ -146,13 +144,24 @@ class Plan:
     recordings: tuple[str, ...] = ()
     validate: tuple[str, ...] = ()
 
+
+@dataclass(frozen=True, kw_only=True)
+class Plan(PlanSettings):
+    """An iteration: `rig` is the description of the rig, checked by `ces_iterate.rigs.kinds`.
+
+    Paths are relative to `folder`.
+    """
+
+    source: str
+    folder: Path
+    rig: Mapping[str, Any]
+
     def path(self, text: str) -> Path:
         """Return a path of the plan, relative to the plan's folder."""
         return self.folder / Path(text).expanduser()
 
 
-SECTIONS = {"limits": RigLimits, "experiments": ExperimentPlan, "stop": StopRules, "identify": IdentifyPlan}
-KEYS = ("seed", *SECTIONS, "rig", "recordings", "validate")
+KEYS = ("seed", "limits", "experiments", "stop", "identify", "rig", "recordings", "validate")
 
 
 def load_plan(path: Path) -> Plan:
@@ -167,29 +176,10 @@ def parse_plan(content: Mapping[str, Any], source: str, folder: Path) -> Plan:
     for key in ("limits", "rig"):
         if not isinstance(content.get(key), Mapping):
             raise IterateError(f"{source}: '{key}' is missing or not a mapping; ces iterate --template shows it")
-    sections: dict[str, Any] = {
-        key: read_record(section, content[key], f"{source}: {key}", IterateError)
-        for key, section in SECTIONS.items()
-        if key in content
-    }
-    given = {key: content[key] for key in SIMPLE if key in content}
-    simple = read_record(SimpleSettings, given, source, IterateError)
-    plan = Plan(source, folder, rig=content["rig"], **sections, **{key: getattr(simple, key) for key in SIMPLE})
-    if plan.experiments.commands and plan.experiments.kind != REPEATED:
-        raise IterateError(f"{source}: experiments: 'commands' needs kind: {REPEATED}; remove it or repeat it")
-    return plan
-
-
-@dataclass(frozen=True)
-class SimpleSettings:
-    """The values of a plan that are in no section."""
-
-    seed: int = quantity(1, "1", "seed of all random numbers", 0, 2**31)
-    recordings: tuple[str, ...] = ()
-    validate: tuple[str, ...] = ()
-
-
-SIMPLE = ("seed", "recordings", "validate")
+    settings = read_record(
+        PlanSettings, {key: value for key, value in content.items() if key != "rig"}, source, IterateError
+    )
+    return Plan(**vars(settings), source=source, folder=folder, rig=content["rig"])
 
 
 TEMPLATE = """\

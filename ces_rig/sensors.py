@@ -81,23 +81,20 @@ class Truth:
 def measure_signals(true: Truth, sensors: Sensors, seed: int, name: str, repeat: int = 0) -> Recording:
     """Return the recording, with this name, of the signals `true` by `sensors`; `repeat` gives other noise."""
     current = true.coil_A if sensors.current_source == "measured" else true.commanded_A
-
-    def log_channel(channel: str, unit: str, signal: F, stream: str) -> Channel:
-        sensor = getattr(sensors, channel)
-        return sensor.measure(channel, unit, true.time_s, signal, EPOCH_NS, make_rng(seed, stream, repeat))  # type: ignore[no-any-return]
-
-    channels = [
-        log_channel("position", "m", true.stroke_m, "position"),
-        log_channel("current", "A", current, "measured_current"),
-        log_channel("force", "N", true.force_N, "force"),
+    logged: list[tuple[Sensor, str, str, F, str]] = [
+        (sensors.position, "position", "m", true.stroke_m, "position"),
+        (sensors.current, "current", "A", current, "measured_current"),
+        (sensors.force, "force", "N", true.force_N, "force"),
     ]
     if sensors.log_temperature:
-        channels.append(log_channel("temperature", "degC", true.oil_degC, "temperature"))
-    if sensors.log_command and true.command_m is not None:
-        channels.append(
-            Sensor().measure("command", "m", true.time_s, true.command_m, EPOCH_NS, make_rng(seed, "stroke"))
-        )
-    return Recording(name, {c.name: c for c in channels})
+        logged.append((sensors.temperature, "temperature", "degC", true.oil_degC, "temperature"))
+    if sensors.log_command and true.command_m is not None:  # an ideal sensor draws numbers, but does not use them
+        logged.append((Sensor(), "command", "m", true.command_m, "stroke"))
+    channels = {
+        channel: sensor.measure(channel, unit, true.time_s, signal, EPOCH_NS, make_rng(seed, stream, repeat))
+        for sensor, channel, unit, signal, stream in logged
+    }
+    return Recording(name, channels)
 
 
 def make_rng(seed: int, stream: str, repeat: int = 0) -> np.random.Generator:

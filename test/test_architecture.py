@@ -20,7 +20,7 @@ MAY_IMPORT = {  # ces_gap and ces_rig never know each other
     "ces_data": "ces_observer",
     "ces_report": "ces_observer",
     "ces_identify": "ces_observer ces_data ces_report",
-    "ces_rig": "ces_observer ces_data ces_identify",
+    "ces_rig": "ces_observer ces_data",
     "ces_gap": "ces_observer ces_data ces_report ces_identify",
     "ces_iterate": "ces_observer ces_data ces_report ces_identify ces_rig",
     "ces_serve": "ces_observer ces_data ces_report ces_identify",
@@ -40,12 +40,12 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "jobs numerics schema_files prepare polynomial progress_file trained physical structures options export "
         "simulations characteristics validation comparison identification report campaign cross_fit folds api"
     ),
-    "ces_rig": ("errors drive nested_numbers sensors dampers experiment simulation withheld blind live"),
+    "ces_rig": ("errors drive sensors dampers experiment withheld blind live"),
     "ces_gap": (
         "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
         "experiment refit regions diagnosis report pipeline api fleet"
     ),
-    "ces_iterate": "errors commands plan design rigs loop stroke report",
+    "ces_iterate": "errors commands plan design rigs loop stroke page",
     "ces_serve": "folder items catalogue contents inspection work security app server",
     "ces_cli": (
         "terminal bags blind compare diagnose iterate rig serve identify schemas schema versions main completion "

@@ -19,11 +19,12 @@ import numpy as np
 from bench.markdown import markdown
 from ces_data.recording import Recording
 from ces_gap.diagnosis import NO_GAP
-from ces_rig.blind.cases import log_sensors
+from ces_rig.blind.cases import SENSORS
 from ces_rig.blind.draw import NOISE_N, EffectFreeRecording, sense_with_effects
 from ces_rig.blind.plan import RICH, draw_drive
 from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.model import DamperModel
+from ces_rig.sensors import measure_signals
 from ces_rig.withheld.plants import available_effects, draw_effect, draw_plant, rms, scale_to_gap
 
 IDENTIFY, REFERENCE, REAL, HELD_OUT = ("i1", "i2"), ("f1", "f2"), ("r1", "r2"), ("h1",)
@@ -67,7 +68,7 @@ class LadderDamper:
 
     def new(self, names: Sequence[str]) -> list[Recording]:
         """Return recordings of the damper without effects."""
-        return [log_sensors(self.free[name].true, name, self.seeds[name]) for name in names]
+        return [measure_signals(self.free[name].true, SENSORS, self.seeds[name], name) for name in names]
 
     def has(self, effect: str) -> bool:
         """Return whether this kind of damper can have the effect."""
@@ -89,7 +90,7 @@ class LadderDamper:
         """
         scaled = self._scale(effect, target_N)
         ideal = {name: sense_with_effects(self.free[name], (scaled,)) for name in (*REAL, *HELD_OUT)}
-        logged = {name: log_sensors(one.true, name, self.seeds[name]) for name, one in ideal.items()}
+        logged = {name: measure_signals(one.true, SENSORS, self.seeds[name], name) for name, one in ideal.items()}
         gap = rms(np.concatenate([ideal[name].effect_N for name in REAL]))
         return ChangedRecordings(tuple(logged[n] for n in REAL), tuple(logged[n] for n in HELD_OUT), gap)
 

@@ -42,11 +42,11 @@ from ces_rig.experiment import (
     Experiment,
     describe_experiment,
     load_experiment,
+    make_rig_force,
     measure,
     packaged_experiments,
     simulate_truth,
 )
-from ces_rig.simulation import make_rig_force
 
 F = NDArray[np.float64]
 

@@ -84,7 +84,7 @@ def _open_iterations(plan: Plan, rig: RigAdapter, out: Path, progress: IteratePr
 
 
 def _write_results(iterations: Iterations) -> None:
-    from ces_iterate.report.page import write_page
+    from ces_iterate.page import write_page
 
     if iterations.done.model is not None:
         iterations.done.model.save(iterations.out / MODEL)

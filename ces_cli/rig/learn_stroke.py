@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TextIO
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON
+from ces_cli.terminal.options import JSON, RIG_SEED
 from ces_cli.terminal.outputs import make_schemas, print_document, require_folder
 from ces_iterate.stroke.learning import LearningRun, learn_stroke, require_learnable
 from ces_iterate.stroke.page import (
@@ -72,11 +72,7 @@ def make_parser() -> terminal.Parser:
         "plan", type=Path, metavar="PLAN", help="plan (YAML): experiment, actuator, limits (docs/learn-stroke.md)"
     )
     p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder for runs and results")
-    seed_type, text = (
-        terminal.integer_between(0, 2**31),
-        "random seed of the virtual rig (default: the experiment's own)",
-    )
-    p.add_argument("--seed", type=seed_type, metavar="N", help=text)
+    terminal.add_options(p, RIG_SEED)
     p.add_argument("--overwrite", action="store_true", help="delete the runs in DIR and start anew")
     terminal.add_options(p, JSON)
     return p

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import ALL, JSON, OVERWRITE, SIGNALS, never_with
+from ces_cli.terminal.options import ALL, JSON, OVERWRITE, RIG_SEED, SIGNALS, never_with
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.recording import Recording
@@ -40,9 +40,7 @@ def make_parser() -> terminal.Parser:
     text = "experiment file (YAML) or the name of a packaged one"
     p.add_argument("experiment", nargs="?", metavar="EXPERIMENT", help=text)
     p.add_argument("--out", type=Path, metavar="BAG", help="bag folder to write")
-    seed_type, text = terminal.integer_between(0, 2**31), "random seed (default: the experiment's own)"
-    p.add_argument("--seed", type=seed_type, metavar="N", help=text)
-    terminal.add_options(p, SIGNALS, JSON, OVERWRITE)
+    terminal.add_options(p, RIG_SEED, SIGNALS, JSON, OVERWRITE)
     p.add_argument("--list", action="store_true", help="list the packaged experiments and exit")
     p.rules = (never_with(ALL, "list", "does not apply with --list", but="list json"),)
     return p

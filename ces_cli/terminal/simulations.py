@@ -54,7 +54,7 @@ def open_simulation(spec: str) -> Simulation:
         import_from_here()  # for the user's own effects
         return load_augmented(path, open_simulation)
     if path.suffix.lower() in (".yaml", ".yml"):
-        from ces_rig.simulation import load_rig
+        from ces_rig.experiment import load_rig
 
         return FunctionSimulation(str(path), load_rig(path))
     if ":" in spec:

@@ -1,4 +1,4 @@
-"""Candidates of strokes: random motions of several kinds, each scaled into a rig's limits.
+"""Candidates: random strokes of several kinds, each scaled into a rig's limits, and random currents.
 
 The kinds complement each other. Multisines with random phases and coloured amplitudes spread over stroke and speed like
 roads (Schroeder 1970; Pintelon and Schoukens, System Identification, 2012, ch. 5). Sines of wandering frequency and
@@ -55,7 +55,8 @@ def _multisine(limits: RigLimits, count: int, rng: Generator) -> F:
     amplitude = frequency ** -rng.uniform(0.5, 2.0)
     time = np.arange(count) * INTERVAL_S
     angles = 2.0 * pi * (np.minimum(frequency, limits.frequency_Hz)[:, None] * time + rng.random((SINES, 1)))
-    return _centre(amplitude @ np.sin(angles))
+    stroke = amplitude @ np.sin(angles)
+    return np.asarray(stroke - 0.5 * (stroke.max() + stroke.min()))
 
 
 def _wandering_sine(limits: RigLimits, count: int, rng: Generator) -> F:
@@ -93,10 +94,6 @@ def _smooth_walk(count: int, highest_Hz: float, rng: Generator) -> F:
     time, frequency = np.arange(count) * INTERVAL_S, rng.uniform(0.1, highest_Hz, 4)
     walk = np.sin(2.0 * pi * (frequency[:, None] * time + rng.random((4, 1)))).sum(axis=0)
     return np.asarray(walk / np.abs(walk).max())
-
-
-def _centre(stroke: F) -> F:
-    return np.asarray(stroke - 0.5 * (stroke.max() + stroke.min()))
 
 
 MOTIONS: tuple[Callable[[RigLimits, int, Generator], F], ...] = (_multisine, _wandering_sine, _constant_speeds)
@@ -137,9 +134,7 @@ def _sine(limits: RigLimits, count: int, rng: Generator) -> F:
     return np.asarray(middle + min(middle, 1.0 - middle) * np.sin(angle))
 
 
-def _single_level(limits: RigLimits, count: int, rng: Generator) -> F:
-    return np.full(count, float(rng.random()))
-
-
-CURRENTS: tuple[Callable[[RigLimits, int, Generator], F], ...] = (_held_levels, _noise, _sine, _single_level)
+CURRENTS: tuple[Callable[[RigLimits, int, Generator], F], ...] = (
+    _held_levels, _noise, _sine, lambda _limits, count, rng: np.full(count, float(rng.random())),
+)  # fmt: skip
 WEIGHTS = (0.5, 0.25, 0.15, 0.1)

@@ -95,23 +95,24 @@ def design_experiment(
         for _ in range(MAX_DRAWS * candidates):
             one = _draw_candidate(task, best, count, len(chosen) == slots - 1, rng)
             if one is not None:
-                rows = _rows(one.slot, one.current_A, limits, task.features)
+                rows = rows_of(one.slot, one.current_A, limits, task.features)
                 found.append(replace(one, gain=information.gain(rows, weighed)))
             if len(found) == candidates:
                 break
         if not found:
             raise IterateError(f"{name}: no motion keeps the limits; allow more speed, acceleration or heat")
         best = max(found, key=lambda one: one.gain)
-        information = information.add(_rows(best.slot, best.current_A, limits, task.features))
+        information = information.add(rows_of(best.slot, best.current_A, limits, task.features))
         chosen.append(best)
     stroke = np.concatenate([[limits.centre_m], *(one.slot for one in chosen)])
     current = np.concatenate([chosen[0].current_A[:1], *(one.current_A for one in chosen)])
     return limits.require_within(_settle(RigCommands(name, stroke, current, seed), limits))
 
 
-def rows_of(commands: RigCommands, limits: RigLimits, features: Features) -> F:
+def rows_of(stroke_m: F, current_A: F, limits: RigLimits, features: Features) -> F:
     """Return the features (n, COUNT) of an experiment, one row every `EVERY_S`."""
-    return _rows(commands.stroke_m, commands.current_A, limits, features)
+    speed, step = np.gradient(stroke_m, INTERVAL_S), round(EVERY_S / INTERVAL_S)
+    return features.at(scaled_state(stroke_m, speed, current_A, limits)[step::step])
 
 
 def _draw_candidate(
@@ -138,11 +139,6 @@ def _draw_candidate(
         if load.max() > limits.heat.power_W:
             return None
     return _Candidate(stroke, current, count, float(load[-1]))
-
-
-def _rows(stroke_m: F, current_A: F, limits: RigLimits, features: Features) -> F:
-    speed, step = np.gradient(stroke_m, INTERVAL_S), round(EVERY_S / INTERVAL_S)
-    return features.at(scaled_state(stroke_m, speed, current_A, limits)[step::step])
 
 
 def _settle(commands: RigCommands, limits: RigLimits) -> RigCommands:

@@ -10,7 +10,8 @@ and Recht, NIPS 2007), so that what many experiments have shown is one matrix of
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -169,12 +170,6 @@ class Knowledge:
         return FLOOR + (1.0 - FLOOR) * square / mean if mean > 0.0 else np.ones(len(square))
 
 
-def nothing_known(pool: Pool) -> Knowledge:
-    """Return the knowledge before there is a model."""
-    count = len(pool.state)
-    return Knowledge(np.ones(count), np.zeros(count))
-
-
 def compare_models(model: Model, ensemble: Sequence[Model], pool: Pool) -> Knowledge:
     """Return what `model` and the models of the `ensemble` do not know about the pool's targets."""
     series = [series_of(motion, model.sampling.rate_Hz) for motion in pool.motions]
@@ -220,39 +215,24 @@ PARTS = 6  # of each axis, with equally many targets
 HISTORY = {"change of speed": "speed against its last 20 ms", "change of current": "current against its last 20 ms"}
 
 
-@dataclass(frozen=True)
-class StateRegion:
-    """A range of one axis, in `unit`, with its unknown share of the force relative to the mean of all targets."""
+def find_least_known(pool: Pool, unknown: F, variance: F) -> list[dict[str, Any]]:
+    """Return the least known range of each axis: `low` to `high` in `unit`, as in the line of an iteration.
 
-    axis: str
-    unit: str
-    low: float
-    high: float
-    unknown: float
-    coverage: float
-
-    def to_mapping(self) -> dict[str, object]:
-        """Return the region for a file."""
-        return asdict(self)
-
-
-def find_least_known(pool: Pool, unknown: F, variance: F) -> list[StateRegion]:
-    """Return the least known range of each axis.
-
-    `unknown` (targets,) is the relative variance that the design lowers, `variance` (targets,) that of the features.
+    Its `unknown` is the share of the force relative to the mean of all targets. The given `unknown` (targets,) is the
+    relative variance that the design lowers, `variance` (targets,) that of the features.
     """
     axes = {
         "stroke": ("m", pool.stroke_m), "speed": ("m/s", pool.speed_m_s), "current": ("A", pool.current_A),
         **{name: ("of the range", pool.state[:, STATE.index(key)]) for key, name in HISTORY.items()},
     }  # fmt: skip
-    return [_find_least_known_part(name, unit, values, unknown, variance) for name, (unit, values) in axes.items()]
-
-
-def _find_least_known_part(axis: str, unit: str, values: F, unknown: F, variance: F) -> StateRegion:
-    edges = np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1))
-    part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, PARTS - 1)
-    means = np.array([unknown[part == k].mean() if (part == k).any() else 0.0 for k in range(PARTS)])
-    least = int(np.argmax(means))
-    relative = float(means[least] / max(float(unknown.mean()), 1e-300))
-    known = float(np.mean(variance[part == least] <= KNOWN_VARIANCE))
-    return StateRegion(axis, unit, float(edges[least]), float(edges[least + 1]), relative, known)
+    regions = []
+    for axis, (unit, values) in axes.items():
+        edges = np.quantile(values, np.linspace(0.0, 1.0, PARTS + 1))
+        part = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, PARTS - 1)
+        means = np.array([unknown[part == k].mean() if (part == k).any() else 0.0 for k in range(PARTS)])
+        least = int(np.argmax(means))
+        region = {"axis": axis, "unit": unit, "low": float(edges[least]), "high": float(edges[least + 1])}
+        relative = float(means[least] / max(float(unknown.mean()), 1e-300))
+        known = float(np.mean(variance[part == least] <= KNOWN_VARIANCE))
+        regions.append({**region, "unknown": relative, "coverage": known})
+    return regions

@@ -1,4 +1,7 @@
-"""Ctrl-C in a search that swallows it: alone, it ends early and keeps its best model; here the program stops."""
+"""Identifies a model from all recordings of an iteration, or improves the parameters of the one before.
+
+A search of its own ends early at Ctrl-C and keeps its best model; here the program stops.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +9,7 @@ import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 from types import FrameType
 
@@ -16,7 +19,6 @@ from ces_data.arrays import F
 from ces_data.checks.check import require_consistent
 from ces_data.recording import Recording
 from ces_identify.cross_fit import cross_fit
-from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.search_limits import Listener, SearchResult
@@ -24,11 +26,50 @@ from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import default_sizes, select_fitter
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
-from ces_identify.validation.evaluate import VALIDATION, Evaluation, cost_interval, evaluate
+from ces_identify.validation.evaluate import VALIDATION, Evaluation, cost_interval, evaluate, pooled_cost
 from ces_iterate.plan import IdentifyPlan
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
+
+REFIT_STEPS = 20
+INTERRUPTED = "interrupted"  # why a start of a search ended
+REFITTED = "parameters of the model before, improved"
+
+
+def identify_all(
+    recordings: Sequence[Recording], plan: IdentifyPlan, seed: int, listener: Listener, previous: Model | None = None
+) -> tuple[Model, tuple[Model, ...], float]:
+    """Identify a model on all recordings; with `previous`, improve its parameters only, if its structure allows that.
+
+    Returns the model, those that have not seen all recordings, and its cost J [%] on all recordings together.
+    Raises CesError if the recordings contradict each other or hold too little; Ctrl-C leaves no model.
+    """
+    require_consistent(recordings)
+    options, sizes = plan.options(seed), default_sizes()
+    # the costs of other structures, which `ces identify` adds, are left out
+    fitter = KITS[plan.structure].fitter(sizes) if plan.structure in KITS else select_fitter(plan.structure, sizes)
+    if previous is not None and isinstance(previous.body, Polynomial):
+        kept = previous.sampling
+        bandwidth = kept.bandwidth_Hz if kept.order == 3 else None
+        options, fitter = replace(options, rate=kept.rate_Hz, bandwidth=bandwidth), refitter(previous)
+    with interruptible():
+        crossed = cross_fit(recordings, options, listener, fitter)
+    if any(one.ended == INTERRUPTED for one in crossed.result.search_results):
+        raise KeyboardInterrupt  # a search with a handler of its own for Ctrl-C ends early instead
+    return crossed.result.model, crossed.models, pooled_cost(crossed.result.evaluations)
+
+
+def evaluate_fresh(model: Model, recording: Recording) -> Evaluation:
+    """Return the free run of a model on a recording that it has not seen."""
+    return evaluate(model, [prepare(recording, model.sampling)], VALIDATION)[0]
+
+
+def score_fresh(model: Model, recording: Recording) -> dict[str, float | None]:
+    """Return the cost [%] of a model on a recording that it has not seen, and the upper end of its 95 % interval."""
+    evaluation = evaluate_fresh(model, recording)
+    interval = cost_interval([evaluation])
+    return {"fresh_J": evaluation.cost, "fresh_high_J": None if interval is None else interval.high}
 
 
 @contextmanager
@@ -56,70 +97,6 @@ def interruptible() -> Iterator[None]:
         raise KeyboardInterrupt
 
 
-REFIT_STEPS = 20
-INTERRUPTED = "interrupted"  # why a start of a search ended
-REFITTED = "parameters of the model before, improved"
-
-
-@dataclass(frozen=True)
-class Identified:
-    """A model with its evaluations on the recordings, and the models that have not seen all of them."""
-
-    result: IdentificationResult
-    ensemble: tuple[Model, ...]
-
-    @property
-    def model(self) -> Model:
-        """The model of all recordings."""
-        return self.result.model
-
-    @property
-    def fit_J(self) -> float:
-        """Cost J [%] on all recordings together."""
-        return pooled_cost(self.result.evaluations)
-
-
-def identify_all(
-    recordings: Sequence[Recording], plan: IdentifyPlan, seed: int, listener: Listener, previous: Model | None = None
-) -> Identified:
-    """Identify a model on all recordings; with `previous`, improve its parameters only, if its structure allows that.
-
-    Raises CesError if the recordings contradict each other or hold too little; Ctrl-C leaves no model.
-    """
-    require_consistent(recordings)
-    options, sizes = plan.options(seed), default_sizes()
-    # the costs of other structures, which `ces identify` adds, are left out
-    fitter = KITS[plan.structure].fitter(sizes) if plan.structure in KITS else select_fitter(plan.structure, sizes)
-    if previous is not None and isinstance(previous.body, Polynomial):
-        kept = previous.sampling
-        bandwidth = kept.bandwidth_Hz if kept.order == 3 else None
-        options, fitter = replace(options, rate=kept.rate_Hz, bandwidth=bandwidth), refitter(previous)
-    with interruptible():
-        crossed = cross_fit(recordings, options, listener, fitter)
-    if any(one.ended == INTERRUPTED for one in crossed.result.search_results):
-        raise KeyboardInterrupt  # a search with a handler of its own for Ctrl-C ends early instead
-    return Identified(crossed.result, crossed.models)
-
-
-def evaluate_fresh(model: Model, recording: Recording) -> Evaluation:
-    """Return the free run of a model on a recording that it has not seen."""
-    return evaluate(model, [prepare(recording, model.sampling)], VALIDATION)[0]
-
-
-def score_fresh(model: Model, recording: Recording) -> dict[str, float | None]:
-    """Return the cost [%] of a model on a recording that it has not seen, and the upper end of its 95 % interval."""
-    evaluation = evaluate_fresh(model, recording)
-    interval = cost_interval([evaluation])
-    return {"fresh_J": evaluation.cost, "fresh_high_J": None if interval is None else interval.high}
-
-
-def pooled_cost(evaluations: Sequence[Evaluation]) -> float:
-    """Return the cost J [%] of several recordings together, each about its own mean force."""
-    error = sum(float(np.sum(e.error**2)) for e in evaluations)
-    forces = [e.series.force[e.series.scored] for e in evaluations]
-    return 100.0 * float(np.sqrt(error / sum(float(np.sum((f - f.mean()) ** 2)) for f in forces)))
-
-
 def refitter(previous: Model) -> Fitter:
     """Return a fitter that improves the coefficients of the polynomial `previous` on new data and keeps its terms."""
 
@@ -129,8 +106,9 @@ def refitter(previous: Model) -> Fitter:
         better = _improve(problem, old, np.ones(len(problem.everything)))
         model = better if better is not None and better.is_stable() else old
         coefficients = np.array([term.coefficient for term in _terms(model)])
-        cost = problem.selection_cost(np.arange(len(coefficients)), coefficients)
-        result = SearchResult(np.arange(len(coefficients)), coefficients, cost, options.limits.seed, 1, "improved")
+        terms = np.arange(len(coefficients))
+        cost = problem.selection_cost(terms, coefficients)
+        result = SearchResult(terms, coefficients, cost, options.limits.seed, 1, "improved")
         listener(result)
         certified = replace(model, certificate=model.certify().to_mapping())
         return Fitted(certified, [result], {"method": REFITTED}, partial(_improve, problem, certified))

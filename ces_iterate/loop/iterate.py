@@ -1,4 +1,4 @@
-"""What a program shows while an iteration runs."""
+"""The loop: design an experiment, have it run, score the model on it, identify anew, until a rule says stop."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.bags.reader import read_recording
+from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.checks.content import require_distinct, shared_content
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
@@ -34,11 +35,10 @@ from ces_iterate.design.information import (
     draw_features,
     draw_pool,
     find_least_known,
-    nothing_known,
 )
 from ces_iterate.errors import IterateError
-from ces_iterate.loop.identification import Identified, evaluate_fresh, identify_all, score_fresh
-from ces_iterate.loop.store import MODEL, NEED, ROWS, Iteration, Step
+from ces_iterate.loop.identification import evaluate_fresh, identify_all, score_fresh
+from ces_iterate.loop.store import MODEL, NEED, RECORDING, ROWS, Iteration, Step
 from ces_iterate.plan import REPEATED, Plan
 from ces_iterate.rigs.kinds import RigAdapter
 from ces_observer.model import Model
@@ -69,18 +69,13 @@ def find_stop(plan: Plan, history: Sequence[Iteration], next_s: float) -> str:
     tried = sum(one.number > 0 for one in history)
     if tried >= stop.max_iterations:
         return f"{tried} iterations, the most that the plan allows"
-    if plan.experiments.kind == REPEATED and has_stopped_falling(history, stop.fall):
+    costs = [one.fresh_J for one in history if one.fresh_J is not None]  # on fresh repetitions
+    if plan.experiments.kind == REPEATED and len(costs) > 1 and costs[-1] > (1.0 - stop.fall) * min(costs[:-1]):
         return f"the cost has stopped falling (by less than {100.0 * stop.fall:.2g} %)"
     spent = history[-1].total_s if history else 0.0
     if spent + next_s > stop.budget_s * (1.0 + 1e-9):
         return f"budget spent: {spent:.1f} of {stop.budget_s:g} s recorded, the next experiment takes {next_s:.1f} s"
     return ""
-
-
-def has_stopped_falling(history: Sequence[Iteration], fall: float) -> bool:
-    """Return whether the newest cost on a fresh repetition is not below the best before by the share `fall`."""
-    costs = [one.fresh_J for one in history if one.fresh_J is not None]
-    return len(costs) > 1 and costs[-1] > (1.0 - fall) * min(costs[:-1])
 
 
 @dataclass
@@ -131,65 +126,65 @@ class Iterations:
             rows = read_rows(file, self.out / ROWS, "an iteration")
             self._restore([Iteration.from_row(row, self.out / ROWS) for row in rows.values()])
             if self.given and not self.done.history:
-                append_row(file, self._identify_given().to_row())
+                self.listener.begin(0, "identifying the given recordings")
+                nothing = dict.fromkeys(("recorded_s", "total_s", "rest_s", "load_W"), 0.0)
+                append_row(file, self._identify(Step.open(self.out, 0), {"name": "given", **nothing, "fresh_J": None}))
             while True:
                 next_s = self._repeated.duration_s if self._repeated else self.plan.experiments.duration_s
                 if reason := find_stop(self.plan, self.done.history, next_s):
                     return reason
-                append_row(file, self._iterate().to_row())
+                append_row(file, self._iterate())
 
     def knowledge(self) -> Knowledge:
         """Return what the newest models do not know."""
-        done = self.done
-        return compare_models(done.model, done.ensemble, self.pool) if done.model else nothing_known(self.pool)
+        if self.done.model is None:
+            return Knowledge(np.ones(len(self.targets)), np.zeros(len(self.targets)))
+        return compare_models(self.done.model, self.done.ensemble, self.pool)
 
     def information(self) -> Information:
         """Return what all recordings say about the states within the limits."""
         information = Information.none(self.targets.shape[1])
         for recording in (*self.given, *self.done.recordings):
-            information = information.add(rows_of(recorded_commands(recording), self.plan.limits, self.features))
+            made = recorded_commands(recording)
+            information = information.add(rows_of(made.stroke_m, made.current_A, self.plan.limits, self.features))
         return information
 
-    def _iterate(self) -> Iteration:
+    def _iterate(self) -> dict[str, Any]:
         """Do what the next iteration still lacks, and return its line."""
-        done, heat = self.done, self.plan.limits.heat
+        done, plan = self.done, self.plan
         step = Step.open(self.out, done.history[-1].number + 1 if done.history else 1)
-        commands = self._find_commands(step)
-        recording = self._find_recording(step, commands)
-        fresh = {"fresh_J": None} if done.model is None else score_fresh(done.model, recording)
-        cooled = done.load_W * float(np.exp(-commands.rest_s / heat.memory_s))
-        facts = {
-            "name": commands.name,
-            "recorded_s": commands.duration_s,
-            "total_s": done.recorded_s + commands.duration_s,
-            "rest_s": commands.rest_s,
-            "load_W": float(heat.load_after(cooled, recorded_power(recording), INTERVAL_S)[-1]),
-            **fresh,
-        }
-        self.listener.begin(step.number, "identifying from all recordings")
-        done.recordings.append(recording)
-        return self._keep(step, self._identify([*self.given, *done.recordings]), facts)
-
-    def _find_commands(self, step: Step) -> RigCommands:
-        """Return the step's experiment, designed if it is new; raises IterateError if it leaves the limits."""
         commands = step.read_commands()
         if commands is None:
             self.listener.begin(step.number, "designing the experiment")
             step.write_commands(self._design(step.number))
             commands = step.read_commands()  # with the file's digits, as after an interruption
             assert commands is not None
-        if self.plan.experiments.kind == REPEATED:
+        if plan.experiments.kind == REPEATED:
             self._repeated = commands
-        return self.plan.limits.require_within(commands)
+        plan.limits.require_within(commands)
+        recording = self._record(step, commands)
+        fresh = {"fresh_J": None} if done.model is None else score_fresh(done.model, recording)
+        cooled = done.load_W * float(np.exp(-commands.rest_s / plan.limits.heat.memory_s))
+        facts = {
+            "name": commands.name,
+            "recorded_s": commands.duration_s,
+            "total_s": done.recorded_s + commands.duration_s,
+            "rest_s": commands.rest_s,
+            "load_W": float(plan.limits.heat.load_after(cooled, recorded_power(recording), INTERVAL_S)[-1]),
+            **fresh,
+        }
+        self.listener.begin(step.number, "identifying from all recordings")
+        done.recordings.append(recording)
+        return self._identify(step, facts)
 
-    def _find_recording(self, step: Step, commands: RigCommands) -> Recording:
+    def _record(self, step: Step, commands: RigCommands) -> Recording:
         """Return the step's recording, from the rig if it is new."""
-        if not step.has_recording():
+        if not (step.folder / RECORDING).exists():
             rest = f" after a rest of {commands.rest_s:.0f} s" if commands.rest_s else ""
             self.listener.begin(step.number, f"running {commands.duration_s:.1f} s on the rig{rest}")
             recording = self.rig.run(commands, step.folder)
             self._require_new(recording, step)
-            step.write_recording(recording)
+            write_bag(step.folder / RECORDING, recording_topics(recording, load_signals()))
         return step.read_recording(commands.name)
 
     def _require_new(self, recording: Recording, step: Step) -> None:
@@ -222,39 +217,31 @@ class Iterations:
         )
         return design_experiment(task, name, self.plan.experiments.duration_s, seed).repeat(name, seed, rest)
 
-    def _identify(self, recordings: Sequence[Recording]) -> Identified:
-        plan = self.plan
+    def _identify(self, step: Step, facts: dict[str, Any]) -> dict[str, Any]:
+        """Identify from all recordings, keep the models, and return the iteration's line."""
+        plan, recordings = self.plan, [*self.given, *self.done.recordings]
         previous = self.done.model if plan.experiments.kind == REPEATED else None
-        return identify_all(recordings, plan.identify, plan.seed, self.listener.listen_search, previous)
-
-    def _identify_given(self) -> Iteration:
-        """Identify the recordings that exist already, as iteration 0."""
-        self.listener.begin(0, "identifying the given recordings")
-        facts = {"name": "given", "recorded_s": 0.0, "total_s": 0.0, "rest_s": 0.0, "load_W": 0.0, "fresh_J": None}
-        return self._keep(Step.open(self.out, 0), self._identify(self.given), facts)
-
-    def _keep(self, step: Step, identified: Identified, facts: dict[str, Any]) -> Iteration:
-        """Keep the models, and return the iteration's line."""
-        step.write_models(identified.model, identified.ensemble)
-        done = self.done
+        listen, done = self.listener.listen_search, self.done
+        model, ensemble, fit_J = identify_all(recordings, plan.identify, plan.seed, listen, previous)
+        step.write_models(model, ensemble)
         done.model, done.ensemble = step.read_models()
         knowledge, information = self.knowledge(), self.information()
         variance = information.variance(self.targets)
         regions = find_least_known(self.pool, knowledge.weights() * variance, variance)
         iteration = Iteration(
             number=step.number,
-            fit_J=identified.fit_J,
+            fit_J=fit_J,
             validation_J={r.name: evaluate_fresh(done.model, r).cost for r in self.validation},
             coverage=information.coverage(self.targets),
             disagreement=float(np.sqrt(np.mean(knowledge.disagreement**2))),
             band=float(np.sqrt(np.mean(knowledge.band**2))),
-            regions=[region.to_mapping() for region in regions],
+            regions=regions,
             model=str((step.folder / MODEL).relative_to(self.out)),
             **facts,
         )
         done.history.append(iteration)
         self.listener.finish(iteration)
-        return iteration
+        return iteration.to_row()
 
     def _restore(self, history: list[Iteration]) -> None:
         """Read again what finished iterations have left."""

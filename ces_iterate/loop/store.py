@@ -14,11 +14,11 @@ import json
 import warnings
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from math import nan
 from pathlib import Path
 from typing import Any
 
 from ces_data.bags.reader import RecordingWarning, read_recording
-from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_iterate.commands import RigCommands, read_commands, write_commands
@@ -32,6 +32,7 @@ RECORDING = "recording"
 SAME = ("rig", "seed", "recordings", "experiments")  # of a plan that goes on
 MODEL, REPORT, PLAN = "model.json", "report.html", "plan.yaml"
 NEED = ("position", "current", "force")
+MAY_BE_NONE = ("fresh_J", "fresh_high_J")
 
 
 @dataclass(frozen=True)
@@ -62,15 +63,20 @@ class Iteration:
     fresh_high_J: float | None = None
 
     def to_row(self) -> dict[str, Any]:
-        """Return the line's content."""
-        return {"key": str(self.number), **asdict(self)}
+        """Return the line's content, null for numbers that are not finite, such as the cost of a diverged run."""
+        row: dict[str, Any] = json.loads(json.dumps(asdict(self)), parse_constant=lambda _: None)
+        return {"key": str(self.number), **row}
 
     @staticmethod
     def from_row(row: dict[str, Any], where: Path) -> Iteration:
         """Return the iteration of a line; raises IterateError if it is not one."""
+        known: dict[str, Any] = {
+            key: nan if value is None and key not in MAY_BE_NONE else value for key, value in row.items()
+        }
         try:
-            return Iteration(**{key: value for key, value in row.items() if key != "key"})
-        except TypeError:
+            known["validation_J"] = {k: nan if v is None else v for k, v in known["validation_J"].items()}
+            return Iteration(**{key: value for key, value in known.items() if key != "key"})
+        except (TypeError, KeyError, AttributeError):
             raise IterateError(f"{where}: a line is not from this version; start with another --out") from None
 
 
@@ -105,19 +111,11 @@ class Step:
         write_atomically(self.folder / "design.json", json.dumps(facts, indent=1) + "\n")
         write_commands(self.folder / "commands.csv", commands)
 
-    def has_recording(self) -> bool:
-        """Return whether the rig has recorded."""
-        return (self.folder / RECORDING).exists()
-
     def read_recording(self, name: str) -> Recording:
         """Return the recording under the experiment's name; raises CesError if it is damaged."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", RecordingWarning)  # of log times: this bag was written with exact ones
             return replace(read_recording(self.folder / RECORDING, load_signals(), NEED), name=name)
-
-    def write_recording(self, recording: Recording) -> None:
-        """Keep a recording, with the topics of the packaged signals file."""
-        write_bag(self.folder / RECORDING, recording_topics(recording, load_signals()))
 
     def write_models(self, model: Model, ensemble: Sequence[Model]) -> None:
         """Keep a model and its ensemble; the model last, so that with it the ensemble is complete."""

@@ -32,10 +32,6 @@ Mark = tuple[tuple[str, int, int], ...]
 """Names, sizes and times [ns] of all files of a log, to see whether it still changes."""
 
 
-def _print_note(text: str) -> None:
-    print(text, file=sys.stderr, flush=True)
-
-
 @dataclass(frozen=True)
 class FolderRig:
     """Waits for a bag, or with a `mapping` for a log of any format that `ces import` reads, every `poll_s`."""
@@ -43,7 +39,7 @@ class FolderRig:
     mapping: DynoMapping | None
     signals: Signals
     poll_s: float = 1.0
-    note: Callable[[str], None] = field(default=_print_note)
+    note: Callable[[str], None] = field(default=lambda text: print(text, file=sys.stderr, flush=True))
     sleep: Callable[[float], None] = field(default=time.sleep)
 
     def run(self, commands: RigCommands, folder: Path) -> Recording:
@@ -55,7 +51,9 @@ class FolderRig:
         seen: dict[Path, Mark] = {}
         refused: dict[Path, Mark] = {}
         while True:
-            for path in _find_logs(drop):
+            for path in sorted(drop.iterdir()):
+                if path.name.startswith(".") or path.name.endswith(TEMPORARY):
+                    continue
                 mark = _mark(path)
                 if not mark or refused.get(path) == mark:
                     continue
@@ -97,11 +95,6 @@ def instructions(commands: RigCommands, drop: Path, mapped: bool) -> str:
         f"3. Put {what} into {drop}. Copy it under a name that ends in .part and rename it when it is complete,\n"
         "   or just copy it: it is read when it no longer changes.\n"
     )
-
-
-def _find_logs(drop: Path) -> list[Path]:
-    paths = sorted(drop.iterdir())
-    return [p for p in paths if not p.name.startswith(".") and not p.name.endswith(TEMPORARY)]
 
 
 def _mark(path: Path) -> Mark:

@@ -5,7 +5,7 @@ The set points of a run behind topics, and what may go wrong in it, are here too
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
@@ -22,6 +22,7 @@ from ces_iterate.errors import IterateError
 from ces_iterate.plan import Plan
 from ces_iterate.rigs.folder import FolderRig
 from ces_observer.fields import quantity, read_record
+from ces_observer.signals import Signals
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.model import DamperModel
 from ces_rig.dampers.stepper import simulate
@@ -35,7 +36,7 @@ GRACE_S = 0.3  # after the start, until the first positions are due
 
 
 class RigAdapter(Protocol):
-    """A rig. A new kind is a module beside this file and an entry in `kinds.RIGS`."""
+    """A rig. A new kind is a module beside this file and settings in `kinds.RIG_SETTINGS` that open it."""
 
     def run(self, commands: RigCommands, folder: Path) -> Recording:
         """Run the commands and return what was recorded: at least position, current and force.
@@ -52,14 +53,6 @@ class VirtualRig:
     model: DamperModel = field(default_factory=lambda: Hydraulic(Damper()))
     sensors: Sensors = field(default_factory=Sensors)
 
-    @staticmethod
-    def load(path: Path | None) -> VirtualRig:
-        """Return the rig of a damper or experiment file (any kind), by default the packaged one. Raises RigError."""
-        if path is None:
-            return VirtualRig()
-        description = load_description(path)
-        return VirtualRig(description.model, description.sensors)
-
     def run(self, commands: RigCommands, folder: Path) -> Recording:
         """Return the recording; the sensors' noise depends on the commands' seed."""
         stroke, current = commands.at(GRID_S)
@@ -74,6 +67,19 @@ class VirtualRigSettings:
 
     damper: str = ""
 
+    def open(self, plan: Plan, where: str) -> RigAdapter:
+        """Return the rig of a damper or experiment file (any kind), by default the packaged one."""
+        rig = VirtualRig()
+        if self.damper:
+            description = load_description(plan.path(self.damper))
+            rig = VirtualRig(description.model, description.sensors)
+        low, high = rig.model.allowed_A
+        if plan.limits.low_A < low or plan.limits.high_A > high:
+            raise IterateError(f"{where}: the damper takes {low:g} to {high:g} A; set limits: low_A and high_A within")
+        if plan.limits.stroke_m + abs(plan.limits.centre_m) > rig.model.reach_m:
+            raise IterateError(f"{where}: the damper's ends are at {rig.model.reach_m:g} m; lower limits: stroke_m")
+        return rig
+
 
 @dataclass(frozen=True)
 class FolderRigSettings:
@@ -82,6 +88,11 @@ class FolderRigSettings:
     mapping: str = ""
     signals: str = ""
     poll_s: float = quantity(1.0, "s", "time between two looks into the folder", 0.01, 3600.0)
+
+    def open(self, plan: Plan, where: str) -> RigAdapter:
+        """Return the rig."""
+        mapping = load_dyno_mapping(plan.path(self.mapping)) if self.mapping else None
+        return FolderRig(mapping, _load_signals(plan, self.signals), self.poll_s)
 
 
 @dataclass(frozen=True)
@@ -97,33 +108,19 @@ class RosRigSettings:
     approach_s: float = quantity(2.0, "s", "time of the move to the first stroke", 0.1, 60.0)
     silence_s: float = quantity(0.5, "s", "time without a position at which a run is broken off", 0.01, 60.0)
 
-
-def _open_virtual(plan: Plan, settings: Any, where: str) -> RigAdapter:
-    given = read_record(VirtualRigSettings, settings, where, IterateError)
-    rig = VirtualRig.load(plan.path(given.damper) if given.damper else None)
-    low, high = rig.model.allowed_A
-    if plan.limits.low_A < low or plan.limits.high_A > high:
-        raise IterateError(f"{where}: the damper takes {low:g} to {high:g} A; set limits: low_A and high_A within")
-    if plan.limits.stroke_m + abs(plan.limits.centre_m) > rig.model.reach_m:
-        raise IterateError(f"{where}: the damper's ends are at {rig.model.reach_m:g} m; lower limits: stroke_m")
-    return rig
-
-
-def _open_folder(plan: Plan, settings: Any, where: str) -> RigAdapter:
-    given = read_record(FolderRigSettings, settings, where, IterateError)
-    mapping = load_dyno_mapping(plan.path(given.mapping)) if given.mapping else None
-    return FolderRig(mapping, load_signals(plan.path(given.signals) if given.signals else None), given.poll_s)
+    def open(self, plan: Plan, where: str) -> RigAdapter:
+        """Return the rig; raises IterateError if ROS 2 is not there."""
+        signals = _load_signals(plan, self.signals)
+        try:
+            node_module = import_module(TOPIC_RIG)
+        except ModuleNotFoundError as error:
+            raise IterateError(f"{where}: kind is ros, but {error.name} is missing; source ROS 2 first") from None
+        rig: RigAdapter = node_module.TopicRig(self, signals)
+        return rig
 
 
-def _open_ros(plan: Plan, settings: Any, where: str) -> RigAdapter:
-    given = read_record(RosRigSettings, settings, where, IterateError)
-    signals = load_signals(plan.path(given.signals) if given.signals else None)
-    try:
-        node_module = import_module(TOPIC_RIG)
-    except ModuleNotFoundError as error:
-        raise IterateError(f"{where}: kind is ros, but {error.name} is missing; source ROS 2 first") from None
-    rig: RigAdapter = node_module.TopicRig(given, signals)
-    return rig
+def _load_signals(plan: Plan, text: str) -> Signals:
+    return load_signals(plan.path(text) if text else None)
 
 
 RIG_SETTINGS: Mapping[str, type[Any]] = {
@@ -131,45 +128,22 @@ RIG_SETTINGS: Mapping[str, type[Any]] = {
     "folder": FolderRigSettings,
     "ros": RosRigSettings,
 }
-RIGS: Mapping[str, Callable[[Plan, Any, str], RigAdapter]] = {
-    "virtual": _open_virtual,
-    "folder": _open_folder,
-    "ros": _open_ros,
-}
 
 
 def open_rig(plan: Plan) -> RigAdapter:
     """Return the plan's rig; raises a CesError that names the key at fault."""
-    where = f"{plan.source}: rig"
-    kind = plan.rig.get("kind")
-    if not isinstance(kind, str) or kind not in RIGS:
-        raise IterateError(f"{where}: kind is {kind!r}; expected one of {', '.join(RIGS)}")
-    return RIGS[kind](plan, {key: value for key, value in plan.rig.items() if key != "kind"}, where)
+    where, kind = f"{plan.source}: rig", plan.rig.get("kind")
+    if not isinstance(kind, str) or kind not in RIG_SETTINGS:
+        raise IterateError(f"{where}: kind is {kind!r}; expected one of {', '.join(RIG_SETTINGS)}")
+    settings = {key: value for key, value in plan.rig.items() if key != "kind"}
+    rig: RigAdapter = read_record(RIG_SETTINGS[kind], settings, where, IterateError).open(plan, where)
+    return rig
 
 
-@dataclass(frozen=True)
-class SetPoints:
-    """Stroke [m] and current [A], each (n,), `rate_hz` a second."""
-
-    stroke_m: F
-    current_A: F
-    rate_hz: float
-
-    @staticmethod
-    def of_run(commands: RigCommands, rate_hz: float) -> SetPoints:
-        """Return the set points of an experiment."""
-        stroke, current = commands.at(1.0 / rate_hz)
-        return SetPoints(stroke, current, rate_hz)
-
-    @staticmethod
-    def of_move(from_m: float, to_m: float, duration_s: float, current_A: float, rate_hz: float) -> SetPoints:
-        """Return a smooth move that begins and ends at rest."""
-        u = np.linspace(0.0, 1.0, max(2, round(duration_s * rate_hz)))
-        stroke = from_m + (to_m - from_m) * smooth_step(u)
-        return SetPoints(stroke, np.full(len(u), current_A), rate_hz)
-
-    def __iter__(self) -> Iterator[tuple[float, float]]:
-        return iter(zip(self.stroke_m.tolist(), self.current_A.tolist(), strict=True))
+def smooth_move(from_m: float, to_m: float, duration_s: float, rate_hz: float) -> F:
+    """Return the strokes [m] (n,) of a move that begins and ends at rest, `rate_hz` a second."""
+    u = np.linspace(0.0, 1.0, max(2, round(duration_s * rate_hz)))
+    return np.asarray(from_m + (to_m - from_m) * smooth_step(u))
 
 
 class RunWatch:

@@ -9,8 +9,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import partial
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -22,11 +21,12 @@ from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64
 
+from ces_data.arrays import F
 from ces_data.findings import require_usable
 from ces_data.recording import Channel, Recording
 from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
-from ces_iterate.rigs.kinds import RosRigSettings, RunWatch, SetPoints
+from ces_iterate.rigs.kinds import RosRigSettings, RunWatch, smooth_move
 from ces_observer.nodes.inputs import header_stamp_ns, is_stamped, message_class
 from ces_observer.signals import Constant, Signal, Signals
 
@@ -72,12 +72,12 @@ class _Run:
         self._wait_for_rig()
         try:
             self._move_to(first)
-            self._hold(first, commands.rest_s + AFTER_S)
+            self._move(first, first, commands.rest_s + AFTER_S)
             self._records = True
-            self._hold(first, AFTER_S)
+            self._move(first, first, AFTER_S)
             watch = RunWatch(settings, commands.name, time.monotonic())
-            self._follow(SetPoints.of_run(commands, settings.rate_hz), watch.check)
-            self._hold(last, AFTER_S)
+            self._follow(*commands.at(1.0 / settings.rate_hz), watch.check)
+            self._move(last, last, AFTER_S)
         finally:
             self._records = False
             self._stop(last)
@@ -99,12 +99,12 @@ class _Run:
 
     def _wait_for_rig(self) -> None:
         deadline = time.monotonic() + FIND_S
-        while missing := self._missing():
+        while missing := self._find_missing():
             if time.monotonic() > deadline:
                 raise IterateError(f"rig: {missing} after {FIND_S:g} s; is it running, in this ROS_DOMAIN_ID?")
             time.sleep(0.05)
 
-    def _missing(self) -> str:
+    def _find_missing(self) -> str:
         publishers = {self._settings.stroke_topic: self._stroke, self._settings.current_topic: self._current}
         for topic, publisher in publishers.items():
             if not publisher.get_subscription_count():
@@ -116,24 +116,21 @@ class _Run:
 
     def _move_to(self, stroke_m: float) -> None:
         """Move slowly from where the piston is; if positions have stopped, from the newest set point."""
-        settings, newest, begin = self._settings, self._newest, self._last_m
-        if newest is not None and time.monotonic() - newest[0] <= settings.silence_s:
+        newest, begin = self._newest, stroke_m if self._last_m is None else self._last_m
+        if newest is not None and time.monotonic() - newest[0] <= self._settings.silence_s:
             begin = newest[1]
-        if begin is None:
-            begin = stroke_m
-        move = SetPoints.of_move(begin, stroke_m, settings.approach_s, settings.safe_current_A, settings.rate_hz)
-        self._follow(move)
+        self._move(begin, stroke_m, self._settings.approach_s)
 
-    def _hold(self, stroke_m: float, duration_s: float) -> None:
-        count = max(1, round(duration_s * self._settings.rate_hz))
-        still = np.full(count, stroke_m), np.full(count, self._settings.safe_current_A)
-        self._follow(SetPoints(*still, self._settings.rate_hz))
+    def _move(self, begin_m: float, end_m: float, duration_s: float) -> None:
+        """Move smoothly under the safe current, or hold still between equal ends."""
+        stroke_m = smooth_move(begin_m, end_m, duration_s, self._settings.rate_hz)
+        self._follow(stroke_m, np.full(len(stroke_m), self._settings.safe_current_A))
 
-    def _follow(self, points: SetPoints, check: Callable[..., None] | None = None) -> None:
-        """Publish the set points at their times; late ones follow at once."""
+    def _follow(self, stroke_m: F, current_A: F, check: Callable[..., None] | None = None) -> None:
+        """Publish the set points (n,) at their times; late ones follow at once."""
         begin, message = time.monotonic(), Float64()
-        for k, (stroke, current) in enumerate(points):
-            ahead = begin + k / points.rate_hz - time.monotonic()
+        for k, (stroke, current) in enumerate(zip(stroke_m.tolist(), current_A.tolist(), strict=True)):
+            ahead = begin + k / self._settings.rate_hz - time.monotonic()
             if ahead > 0.0:
                 time.sleep(ahead)
             if check is not None:
@@ -157,9 +154,8 @@ class _Run:
         channels = {}
         for name, samples in self._heard.items():
             if len(samples) < 2:
-                raise IterateError(
-                    f"{self._commands.name}: {len(samples)} messages on {self._topics[name]}; check the rig"
-                )
+                topic = self._topics[name]
+                raise IterateError(f"{self._commands.name}: {len(samples)} messages on {topic}; check the rig")
             stamps, values = zip(*samples, strict=True)
             unit = {"position": "m", "current": "A", "force": "N"}[name]
             channels[name] = Channel(name, unit, np.array(stamps, np.int64), np.array(values, np.float64))
@@ -179,7 +175,12 @@ def _spinning_node() -> Iterator[Node]:
     node = rclpy.create_node("ces_iterate", context=context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(node)
-    thread = threading.Thread(target=partial(_spin, executor), daemon=True)
+
+    def spin() -> None:
+        with suppress(ExternalShutdownException):
+            executor.spin()
+
+    thread = threading.Thread(target=spin, daemon=True)
     thread.start()
     try:
         yield node
@@ -188,10 +189,3 @@ def _spinning_node() -> Iterator[Node]:
         thread.join(5.0)
         node.destroy_node()
         context.try_shutdown()
-
-
-def _spin(executor: SingleThreadedExecutor) -> None:
-    try:
-        executor.spin()
-    except ExternalShutdownException:
-        return

@@ -1,9 +1,12 @@
-"""A model of an actuator: gain, dead time and a loop of third order, fitted to a measured frequency response."""
+"""Identification of an actuator: runs go in, its frequency response and a model come out.
+
+The model is a gain, a dead time and a loop of third order, fitted to the response measured in bands of frequencies.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -49,10 +52,6 @@ class ActuatorModel:
             delay_s=delay * self.delay_s,
         )
 
-    def as_dict(self) -> dict[str, float]:
-        """Return the parameters by name."""
-        return asdict(self)
-
 
 def fit_model(frequency_Hz: F, response: ComplexArray, spread: F) -> ActuatorModel:
     """Return the model nearest to a `response` (n,) whose relative standard deviations are `spread` (n,).
@@ -81,9 +80,7 @@ def fit_model(frequency_Hz: F, response: ComplexArray, spread: F) -> ActuatorMod
 
 MIN_COHERENCE = 0.9
 MIN_BANDS = 4
-MIN_POWER = (
-    1e-6  # of a band's command, over the strongest band's: below, distortions of the strong ones may pass for it
-)
+MIN_POWER = 1e-6  # of a band's command, over the strongest band's: below, distortions of these may pass for it
 MAX_RATIO = 4.0  # of a measured response to a model of which at most the tolerance may be wrong
 MIN_LINES = 4  # of a band
 RELATIVE_WIDTH = 0.06  # of a band
@@ -118,8 +115,7 @@ class MeasuredResponse:
     def ratio(self, model: ActuatorModel, frequency_Hz: F) -> ComplexArray:
         """Return measured over modelled response at the frequencies (n,), 1 where it was not measured."""
         ratio = self.response / model.response(self.frequency_Hz)
-        parts = (np.interp(frequency_Hz, self.frequency_Hz, part) for part in (ratio.real, ratio.imag))
-        real, imaginary = parts
+        real, imaginary = (np.interp(frequency_Hz, self.frequency_Hz, part) for part in (ratio.real, ratio.imag))
         return np.where(self.covers(frequency_Hz), real + 1j * imaginary, 1.0)
 
     def radius(self, frequency_Hz: F) -> F:
@@ -143,7 +139,10 @@ def identify_actuator(groups: RunGroups, to_Hz: float) -> tuple[ActuatorModel, M
 def measure_response(groups: RunGroups, to_Hz: float, model: ActuatorModel) -> MeasuredResponse:
     """Return the response measured relative to a given `model`; raises StrokeError if the runs do not show it."""
     line_Hz = max(1.0 / (len(run.command_m) * run.interval_s) for group in groups for run in group)
-    bands = _band_edges(to_Hz, line_Hz)
+    edges = [FROM_HZ]  # rising up to `to_Hz`, MIN_LINES lines and RELATIVE_WIDTH apart
+    while edges[-1] < to_Hz:
+        edges.append(edges[-1] + max((MIN_LINES + 0.5) * line_Hz, RELATIVE_WIDTH * edges[-1]))
+    bands = np.array([*edges[:-1], to_Hz])
     rows = [row for group in groups if group for row in _estimate(group, bands, model)]
     best: dict[int, BandEstimate] = {}
     for row in sorted(rows, key=lambda row: -row.spread):
@@ -197,17 +196,8 @@ def _lines(run: CommandedRun, to_Hz: float, model: ActuatorModel) -> tuple[F, Co
     """Return frequencies, modelled and measured spectrum of the position between FROM_HZ and `to_Hz`."""
     frequency: F = np.asarray(np.fft.rfftfreq(len(run.command_m), run.interval_s), dtype=np.float64)
     part = (frequency >= FROM_HZ) & (frequency <= to_Hz)
-    spectra = (np.fft.rfft(values - values[0])[part] for values in (run.command_m, run.position_m))
-    command, position = spectra
+    command, position = (np.fft.rfft(values - values[0])[part] for values in (run.command_m, run.position_m))
     return frequency[part], model.response(frequency[part]) * command, position
-
-
-def _band_edges(to_Hz: float, line_Hz: float) -> F:
-    """Return rising frequencies from FROM_HZ to `to_Hz`, MIN_LINES lines and RELATIVE_WIDTH apart."""
-    edges = [FROM_HZ]
-    while edges[-1] < to_Hz:
-        edges.append(edges[-1] + max((MIN_LINES + 0.5) * line_Hz, RELATIVE_WIDTH * edges[-1]))
-    return np.array([*edges[:-1], to_Hz])
 
 
 def _ratio(reference: ComplexArray, position: ComplexArray) -> tuple[complex, float, float]:
@@ -226,7 +216,6 @@ def _find_delay(runs: Sequence[CommandedRun]) -> float:
     """Return the lag [s] with the largest correlation between command and position, over all runs."""
     run = max(runs, key=lambda r: float(np.var(r.command_m)))
     size = 2 * len(run.command_m)
-    spectra = (np.fft.rfft(values - values.mean(), size) for values in (run.command_m, run.position_m))
-    command, position = spectra
+    command, position = (np.fft.rfft(values - values.mean(), size) for values in (run.command_m, run.position_m))
     correlation = np.fft.irfft(position * command.conj())[: len(run.command_m) // 4]
     return min(float(np.argmax(correlation)) * run.interval_s, 0.2)

@@ -1,4 +1,4 @@
-"""What is to be learned and what was: settings, the goal, the runs and the outcome."""
+"""Iterative learning of a stroke: settings and the goal go in; the rig is probed and run until its error is small."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_data.arrays import F
 from ces_iterate.errors import StrokeError
@@ -117,13 +116,8 @@ def command_peaks(learned: LearnedStroke) -> Iterator[tuple[str, float, float, f
     goal = learned.goal
     wanted = measure_peaks(goal.wanted_m, goal.interval_s)
     all_peaks = np.array([measure_peaks(run.command_m, goal.interval_s) for run in learned.runs])
-    yield from zip(
-        ("stroke [m]", "speed [m/s]", "acceleration [m/s²]"),
-        wanted,
-        map(float, all_peaks.max(axis=0)),
-        goal.limits.as_tuple(),
-        strict=True,
-    )
+    names, highest = ("stroke [m]", "speed [m/s]", "acceleration [m/s²]"), map(float, all_peaks.max(axis=0))
+    yield from zip(names, wanted, highest, goal.limits.as_tuple(), strict=True)
 
 
 FROM_HZ = 0.5
@@ -179,8 +173,12 @@ class StrokeLearner:
         size = len(goal.wanted_m) + round(PAD_S / goal.interval_s)
         self._size = size + size % 2
         self._frequency: F = np.asarray(np.fft.rfftfreq(self._size, goal.interval_s), dtype=np.float64)
-        self._edges = _smoothing_edges(self._frequency)
-        self._noise = self._noise_power(first)
+        half = np.maximum(SMOOTHING_HZ, SMOOTHING * self._frequency) / 2.0
+        self._low = np.searchsorted(self._frequency, self._frequency - half)  # lines that are smoothed together
+        self._high = np.maximum(np.searchsorted(self._frequency, self._frequency + half, side="right"), self._low + 1)
+        mean = np.mean([run.position_m for run in first], axis=0)
+        powers = sum(np.abs(self._spectrum(run.position_m - mean)) ** 2 for run in first)
+        self._noise = self._smooth(np.asarray(powers) / (len(first) - 1))  # of what differs between equal runs
         self._check_progress(first[self.best_index])
 
     @property
@@ -192,7 +190,9 @@ class StrokeLearner:
         """Return the next command (n,), inside the limits, and the share of it that they changed."""
         goal, run = self.goal, self.best
         error = self._spectrum(goal.wanted_m - run.position_m)
-        change = self.scale * self._repeating_share(error) * self.filter.learning(self._frequency) * error
+        power = self._smooth(np.abs(error) ** 2)
+        repeating = np.clip(1.0 - self._noise / np.maximum(power, 1e-300), 0.0, 1.0)  # share of the power (Wiener)
+        change = self.scale * repeating * self.filter.learning(self._frequency) * error
         learned = self._spectrum(run.command_m - goal.wanted_m) + change
         correction = np.fft.irfft(self.filter.robustness(self._frequency) * learned, self._size)
         step = goal.wanted_m + correction[: len(goal.wanted_m)] - run.command_m
@@ -204,7 +204,10 @@ class StrokeLearner:
         best = self.best
         self.runs.append(run)
         if best.kind == LEARNED:  # before, the motion and with it the damper's force changed too much
-            self._seen.append([self._find_change(best, run)])
+            # What differs from the run that it was learned from, without what repeats. The noise of that run is in both
+            # differences: where it matters the update was small, and its ratio to the position's change implausible.
+            change = run.command_m - best.command_m, run.position_m - best.position_m
+            self._seen.append([CommandedRun(*change, self.goal.interval_s)])
             self._design()
         if run.error_m > GROWTH * best.error_m + GROWTH_NOISE * self.repeatability_m:
             self.scale /= 2.0
@@ -227,54 +230,27 @@ class StrokeLearner:
             self.measured = None
         self.filter = design_filter(self.model, self.measured, goal.settings.model_tolerance, goal.probe.to_Hz)
 
-    def _find_change(self, best: LearningRun, run: LearningRun) -> CommandedRun:
-        """Return by what `run` differs from the run that it was learned from: without what repeats in the position.
-
-        The noise of that run is in both differences. Where it matters the update was small (`_repeating_share`), and
-        its ratio to the position's change implausibly large.
-        """
-        return CommandedRun(run.command_m - best.command_m, run.position_m - best.position_m, self.goal.interval_s)
-
     def _check_progress(self, best: LearningRun) -> None:
         if best.error_m <= self.goal.settings.stop_at * self.repeatability_m:
             self.stopped = CONVERGED
         elif self._idle >= PATIENCE:
             self.stopped = STALLED
 
-    def _repeating_share(self, error: ComplexArray) -> F:
-        """Return the estimated share of the error's power that is not noise, (m,), within 0 to 1 (Wiener)."""
-        power = _smooth(np.abs(error) ** 2, self._edges)
-        return np.clip(1.0 - self._noise / np.maximum(power, 1e-300), 0.0, 1.0)
-
-    def _noise_power(self, first: Sequence[LearningRun]) -> F:
-        """Return the smoothed power of what differs between runs of one command."""
-        mean = np.mean([run.position_m for run in first], axis=0)
-        powers = sum(np.abs(self._spectrum(run.position_m - mean)) ** 2 for run in first)
-        return _smooth(np.asarray(powers) / (len(first) - 1), self._edges)
-
     def _spectrum(self, signal: F) -> ComplexArray:
         return np.asarray(np.fft.rfft(signal, self._size))
 
+    def _smooth(self, power: F) -> F:
+        total = np.concatenate([[0.0], np.cumsum(power)])
+        return np.asarray((total[self._high] - total[self._low]) / (self._high - self._low))
 
-def _smoothing_edges(frequency: F) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    half = np.maximum(SMOOTHING_HZ, SMOOTHING * frequency) / 2.0
-    low = np.searchsorted(frequency, frequency - half)
-    return low, np.maximum(np.searchsorted(frequency, frequency + half, side="right"), low + 1)
-
-
-def _smooth(power: F, edges: tuple[NDArray[np.intp], NDArray[np.intp]]) -> F:
-    low, high = edges
-    total = np.concatenate([[0.0], np.cumsum(power)])
-    return np.asarray((total[high] - total[low]) / (high - low))
-
-
-OnRun = Callable[[LearningRun], None]
 
 MOVING = 0.02  # speed at the ends of a stroke over its largest one, above which it is not at rest
 SEAM = 1e-3  # distance between both ends over the largest movement of a sample, likewise
 
 
-def learn_stroke(rig: StrokeRig, goal: StrokeGoal, on_run: OnRun = lambda run: None) -> LearnedStroke:
+def learn_stroke(
+    rig: StrokeRig, goal: StrokeGoal, on_run: Callable[[LearningRun], None] = lambda run: None
+) -> LearnedStroke:
     """Return the command learned on `rig`; `on_run` is called after each run of the stroke.
 
     Raises StrokeError for a stroke that cannot be learned there.
@@ -283,9 +259,16 @@ def learn_stroke(rig: StrokeRig, goal: StrokeGoal, on_run: OnRun = lambda run: N
     numbers = iter(range(2 + goal.settings.repeats + goal.settings.max_iterations))
 
     def run(command_m: F, kind: str) -> LearningRun:
-        return _run(rig, goal, command_m, next(numbers), kind)
+        number = next(numbers)
+        goal.limits.require_allowed(command_m, goal.interval_s, f"run {number}")
+        position = position_on_grid(rig.run(command_m, number), command_m, goal.interval_s)
+        return LearningRun(command_m, position, float(np.sqrt(np.mean((goal.wanted_m - position) ** 2))), kind)
 
-    probe = _run_probe(rig, goal, numbers)
+    probe = None
+    if goal.model is None and goal.probe.duration_s > 0.0:
+        command = make_probe(goal.probe.duration_s, goal.probe.to_Hz, goal.interval_s, goal.limits, goal.wanted_m)
+        position = position_on_grid(rig.run(command, next(numbers)), command, goal.interval_s)
+        probe = CommandedRun(command, position, goal.interval_s)
     first = [run(goal.wanted_m, FIRST) for _ in range(goal.settings.repeats)]
     for one in first:
         on_run(one)
@@ -312,17 +295,3 @@ def require_learnable(goal: StrokeGoal) -> None:
             "wanted stroke: does not begin and end at rest in one place, or does not move; "
             "set its fade_s (0.5 s), or add rest to its file"
         )
-
-
-def _run_probe(rig: StrokeRig, goal: StrokeGoal, numbers: Iterator[int]) -> CommandedRun | None:
-    if goal.model is not None or goal.probe.duration_s == 0.0:
-        return None
-    command = make_probe(goal.probe.duration_s, goal.probe.to_Hz, goal.interval_s, goal.limits, goal.wanted_m)
-    recording = rig.run(command, next(numbers))
-    return CommandedRun(command, position_on_grid(recording, command, goal.interval_s), goal.interval_s)
-
-
-def _run(rig: StrokeRig, goal: StrokeGoal, command_m: F, number: int, kind: str) -> LearningRun:
-    goal.limits.require_allowed(command_m, goal.interval_s, f"run {number}")
-    position = position_on_grid(rig.run(command_m, number), command_m, goal.interval_s)
-    return LearningRun(command_m, position, float(np.sqrt(np.mean((goal.wanted_m - position) ** 2))), kind)

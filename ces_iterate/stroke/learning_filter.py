@@ -72,8 +72,7 @@ class LearningFilter:
     def learning(self, frequency_Hz: F) -> ComplexArray:
         """Return L at the frequencies (n,); 0 above the grid."""
         law = self.gain / self.plant
-        parts = (np.interp(frequency_Hz, self.frequency_Hz, part, right=0.0) for part in (law.real, law.imag))
-        real, imaginary = parts
+        real, imaginary = (np.interp(frequency_Hz, self.frequency_Hz, part, right=0.0) for part in (law.real, law.imag))
         return np.asarray(real + 1j * imaginary)
 
     def robustness(self, frequency_Hz: F) -> F:
@@ -98,7 +97,13 @@ def design_filter(
     best = np.where(kept.any(axis=0), np.argmin(np.where(kept, disk, np.inf), axis=0), np.argmin(family, axis=0))
     columns = np.arange(len(frequency))
     bounds = family[best, columns], disk[best, columns]
-    bandwidth = _find_bandwidth(frequency, np.fmax(*bounds))
+    bad = np.flatnonzero(np.fmax(*bounds) > MAX_CONTRACTION)
+    bandwidth = float(frequency[bad[0]] if len(bad) else frequency[-1])
+    if bandwidth < MIN_BANDWIDTH_HZ:
+        raise StrokeError(
+            f"convergence cannot be guaranteed above {bandwidth:.1f} Hz: the actuator is too uncertain; "
+            "record a longer or larger probe, or lower model_tolerance"
+        )
     share = 0.5 + 0.5 * np.cos(np.pi * np.clip((frequency / bandwidth - TAPER) / (1.0 - TAPER), 0.0, 1.0))
     share[frequency >= bandwidth] = 0.0
     return LearningFilter(model, tolerance, frequency, plant, GAINS[best], share, *bounds, bandwidth)
@@ -128,15 +133,3 @@ def plants_within(model: ActuatorModel, tolerance: float) -> list[ActuatorModel]
     low, high = 1.0 / (1.0 + tolerance), 1.0 / (1.0 - tolerance)
     steps = np.geomspace(low, high, POINTS)
     return [model.scale(gain, bandwidth, delay) for gain, bandwidth, delay in product((low, 1.0, high), steps, steps)]
-
-
-def _find_bandwidth(frequency: F, worst: F) -> float:
-    """Return the frequency up to which the worst contraction is at most MAX_CONTRACTION."""
-    bad = np.flatnonzero(worst > MAX_CONTRACTION)
-    bandwidth = float(frequency[bad[0]] if len(bad) else frequency[-1])
-    if bandwidth < MIN_BANDWIDTH_HZ:
-        raise StrokeError(
-            f"convergence cannot be guaranteed above {bandwidth:.1f} Hz: the actuator is too uncertain; "
-            "record a longer or larger probe, or lower model_tolerance"
-        )
-    return bandwidth

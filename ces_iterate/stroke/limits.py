@@ -65,7 +65,8 @@ def project_command(wanted_m: F, last_m: F, interval_s: float, limits: StrokeLim
     bounds = _bounds(len(last_m), interval_s, limits)
     if _inside(wanted_m, bounds):
         return wanted_m, 0.0
-    near = _split(wanted_m, _bounds(len(last_m), interval_s, _shrink(limits, 1.0 - MARGIN)))
+    shrunk = StrokeLimits(*((1.0 - MARGIN) * limit for limit in limits.as_tuple()))
+    near = _split(wanted_m, _bounds(len(last_m), interval_s, shrunk))
     command = last_m + _largest_share(last_m, near - last_m, bounds) * (near - last_m)
     moved = np.abs(command - wanted_m)
     return command, float(np.mean(moved > 0.01 * moved.max()))
@@ -78,10 +79,6 @@ def _bounds(n: int, interval_s: float, limits: StrokeLimits) -> Bounds:
     sizes = (limit * interval_s**order for order, limit in enumerate(limits.as_tuple()))
     rooms = [np.full(n - order, size) for order, size in enumerate(sizes)]
     return tuple((-room, room) for room in rooms)
-
-
-def _shrink(limits: StrokeLimits, factor: float) -> StrokeLimits:
-    return StrokeLimits(*(factor * limit for limit in limits.as_tuple()))
 
 
 def _inside(command_m: F, bounds: Bounds) -> bool:
@@ -101,70 +98,56 @@ def _largest_share(start: F, move: F, bounds: Bounds) -> float:
 
 
 def _split(wanted: F, bounds: Bounds) -> F:
-    """Return argmin |u - wanted|² within the bounds, by ADMM (Boyd et al. 2011, sections 3.4.1 and 5.2)."""
-    splitting = _Splitting(wanted, bounds)
-    for n in range(1, PASSES + 1):
-        splitting.step()
-        if n % CHECK_EVERY == 0 and splitting.rebalance():
-            break
-    return splitting.command
+    """Return argmin |u - wanted|² within the bounds, by over-relaxed ADMM (Boyd et al. 2011, sections 3.4.1 and 5.2).
 
-
-class _Splitting:
-    """The state of the ADMM: the command, its limited differences `z`, and their multipliers.
-
-    The differences are scaled to norm 1; each order has its own weight, adapted to balance both residuals.
+    The limited differences `z`, scaled to norm 1, and their multipliers are lists over the orders; each order has its
+    own weight, adapted to balance both residuals.
     """
-
-    def __init__(self, wanted: F, bounds: Bounds) -> None:
-        self._wanted = self.command = wanted
-        self._bounds = [(scale * low, scale * high) for scale, (low, high) in zip(SCALES, bounds, strict=True)]
-        self._weights = list(WEIGHTS)
-        self._z = [np.clip(row, *limits) for row, limits in zip(_rows(wanted), self._bounds, strict=True)]
-        self._last = self._z
-        self._multipliers = [np.zeros_like(part) for part in self._z]
-        self._factor = _factorise(len(wanted), SCALES, self._weights)
-
-    def step(self) -> None:
-        """Minimise for the command, project the differences, update the multipliers; over-relaxed."""
-        right = self._wanted.copy()
-        for k, weight in enumerate(self._weights):
-            right += SCALES[k] * _transpose(weight * self._z[k] - self._multipliers[k], k)
-        self.command = np.asarray(cho_solve_banded((self._factor, True), right))
-        self._last, self._z = self._z, list(self._z)
-        for k, row in enumerate(_rows(self.command)):
-            mixed = RELAXATION * row + (1.0 - RELAXATION) * self._last[k]
-            self._z[k] = np.clip(mixed + self._multipliers[k] / self._weights[k], *self._bounds[k])
-            self._multipliers[k] += self._weights[k] * (mixed - self._z[k])
-
-    def rebalance(self) -> bool:
-        """Adapt the weights; return whether both residuals of all orders are small."""
-        residuals = [self._residuals(k, row) for k, row in enumerate(_rows(self.command))]
+    rooms = [(scale * low, scale * high) for scale, (low, high) in zip(SCALES, bounds, strict=True)]
+    command, weights = wanted, list(WEIGHTS)
+    z = [np.clip(row, *room) for row, room in zip(_rows(wanted), rooms, strict=True)]
+    multipliers = [np.zeros_like(part) for part in z]
+    factor = _factorise(len(wanted), weights)
+    for n in range(1, PASSES + 1):
+        right = wanted.copy()
+        for k, weight in enumerate(weights):
+            right += SCALES[k] * _transpose(weight * z[k] - multipliers[k], k)
+        command = np.asarray(cho_solve_banded((factor, True), right))
+        rows, last, z = _rows(command), z, list(z)
+        for k, row in enumerate(rows):
+            mixed = RELAXATION * row + (1.0 - RELAXATION) * last[k]
+            z[k] = np.clip(mixed + multipliers[k] / weights[k], *rooms[k])
+            multipliers[k] += weights[k] * (mixed - z[k])
+        if n % CHECK_EVERY:
+            continue
+        residuals = [_residuals(rows[k], z[k], weights[k] * (z[k] - last[k]), multipliers[k], k) for k in range(len(z))]
         for k, (primal, dual) in enumerate(residuals):
             if primal > 0.0 and dual > 0.0:
                 change = min(max((primal / dual) ** 0.5, 0.1), 10.0)
-                self._weights[k] = max(self._weights[k] * (change if not 1 / 3 < change < 3.0 else 1.0), MIN_WEIGHT)
-        self._factor = _factorise(len(self._wanted), SCALES, self._weights)
-        return max(map(max, residuals)) < RESIDUAL
+                weights[k] = max(weights[k] * (change if not 1 / 3 < change < 3.0 else 1.0), MIN_WEIGHT)
+        factor = _factorise(len(wanted), weights)
+        if max(map(max, residuals)) < RESIDUAL:
+            break
+    return command
 
-    def _residuals(self, k: int, row: F) -> tuple[float, float]:
-        """Return by how much the order's differences miss their copies, and by how much these still move; relative."""
-        if not self._multipliers[k].any():
-            return 0.0, 0.0
-        primal = np.linalg.norm(row - self._z[k]) / np.linalg.norm(row)
-        moved = np.linalg.norm(_transpose(self._weights[k] * (self._z[k] - self._last[k]), k))
-        return float(primal), float(moved / np.linalg.norm(_transpose(self._multipliers[k], k)))
+
+def _residuals(row: F, z: F, moved: F, multiplier: F, order: int) -> tuple[float, float]:
+    """Return by how much an order's differences miss their copies `z`, and by how much these still move; relative."""
+    if not multiplier.any():
+        return 0.0, 0.0
+    dual = np.linalg.norm(_transpose(moved, order)) / np.linalg.norm(_transpose(multiplier, order))
+    return float(np.linalg.norm(row - z) / np.linalg.norm(row)), float(dual)
 
 
 def _rows(command: F) -> list[F]:
     return [scale * np.diff(command, k) for k, scale in enumerate(SCALES)]
 
 
-def _factorise(n: int, scale: Sequence[float], weights: Sequence[float]) -> F:
+def _factorise(n: int, weights: Sequence[float]) -> F:
     """Return the banded Cholesky factor of I + sum of w s² D'D, lower form (3, n)."""
     band = np.zeros((3, n))
     band[0] = 1.0
-    for k, (s, w) in enumerate(zip(scale, weights, strict=True)):
+    for k, (s, w) in enumerate(zip(SCALES, weights, strict=True)):
         stencil = np.array(([1.0], [-1.0, 1.0], [1.0, -2.0, 1.0])[k])
         for i, a in enumerate(stencil):
             for j, b in enumerate(stencil[: i + 1]):

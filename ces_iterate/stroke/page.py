@@ -1,10 +1,11 @@
-"""The figures of a learned stroke: errors over the runs, tracking before and after, robustness, actuator's response."""
+"""What a learned stroke leaves: its page with figures, `result.json`, the command, and an experiment that runs it."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Iterator, Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -36,156 +37,55 @@ WINDOW_S = 1.0
 BEST_BAND = 1.5  # of the repeatability: the band in the figure of the runs
 MANTISSAS = (1, 2, 5)
 RUN_CSS = {FIRST: "before", LEARNED: "after", REPEATED: "again"}
-
-
-def draw_runs(learned: LearnedStroke) -> Markup:
-    """Return the RMS error [µm] of every run of the stroke, on a logarithmic axis, with the repeatability."""
-    error = 1e6 * np.array([run.error_m for run in learned.runs])
-    floor = 1e6 * learned.repeatability_m
-    number = np.arange(1, len(error) + 1, dtype=np.float64)
-    low, high = math.log10(min(floor, error.min()) / 1.6), math.log10(error.max() * 1.6)
-    p = panel((0.5, len(error) + 0.5), (low, high), (52, 46, 376, 350))
-    first = sum(run.kind == FIRST for run in learned.runs)
-    learning = slice(max(first - 1, 0), len(error) - 1)
-    parts = [
-        p.rect(p.x.low, p.x.high, "repeats", low, math.log10(BEST_BAND * floor)),
-        _log_axis(p, "RMS error [µm]"),
-        *(
-            label(float(p.x.px(n)), p.y.start + 17, f"{n:.0f}", "tick mid")
-            for n in number[:: max(1, len(number) // 12)]
-        ),
-        label(p.x.stop, p.y.start + 38, "Run of the stroke", "name end"),
-        line(p, np.array([p.x.low, p.x.high]), np.full(2, math.log10(floor)), "floor"),
-        line(p, number[learning], np.log10(error[learning]), "after"),
-        *(_run_value(p, n, run) for n, run in enumerate(learned.runs, 1)),
-        legend(p.x.stop + 8, 16, (("before", "first runs"), ("after", "learned"), ("again", "repeated"))),
-        label(p.x.start + 6, float(p.y.px(math.log10(floor))) - 5, f"repeatability {floor:.0f} µm", "tick"),
-    ]
-    text = f"RMS tracking error of {len(error)} runs; line: repeatability, band: up to {BEST_BAND} times that."
-    rows = [(f"{n}", describe_kind(run), f"{1e6 * run.error_m:.0f}") for n, run in enumerate(learned.runs, 1)]
-    figure = svg("runs", RUNS_SIZE, "Error over the runs", text, parts, values=True)
-    return figure + value_table(text, ("Run", "Kind", "RMS error [µm]"), rows)
-
-
-def _run_value(p: Panel, number: int, run: LearningRun) -> str:
-    """Return the dot of a run with its values."""
-    error = 1e6 * run.error_m
-    dot = dots(p, np.array([float(number)]), np.log10([error]), f"{RUN_CSS[run.kind]} spot")
-    column = p.rect(number - 0.5, number + 0.5, "hit")
-    return with_value(f"{column}{dot}", f"run {number}, {describe_kind(run)}: {error:.0f} µm RMS")
-
-
-def draw_tracking(learned: LearnedStroke) -> Markup:
-    """Return wanted and measured positions before and after learning, at first in a window, and both errors."""
-    goal, first, last = learned.goal, learned.first, learned.confirmation
-    some = _find_largest_error(goal.wanted_m - first.position_m, goal.interval_s)
-    time = np.arange(len(goal.wanted_m), dtype=np.float64) * goal.interval_s
-    wanted, before, after = (1e3 * values for values in (goal.wanted_m, first.position_m, last.position_m))
-    positions = [
-        PlotLine("wanted", time, wanted, "wanted"),
-        PlotLine("before", time, before, "before"),
-        PlotLine("after", time, after, "after"),
-    ]
-    error, rest = wanted - before, 1e3 * (wanted - after)
-    areas = [
-        PlotArea("Position [mm]", positions, height=150.0),
-        PlotArea("Error before [mm]", [PlotLine("before", time, error, "before thin")], 56.0, around_zero=True),
-        PlotArea("Error after [µm]", [PlotLine("after", time, rest, "after thin")], 48.0, around_zero=True),
-    ]
-    text = "At first the second with the largest first error. The wanted stroke lies below the curve after learning."
-    view = float(time[some][0]), float(time[some][-1])
-    title = "Tracking before and after learning"
-    return draw_plot(Plot("tracking", title, text, "Time [s]", areas, width=660.0, x_view=view))
-
-
-def draw_robustness(learned: LearnedStroke) -> Markup:
-    """Return the bounds on |Q (1 - L G)|, its value for an exact model, and Q, over the frequency."""
-    f = learned.learning_filter
-    frequency = f.frequency_Hz
-    measured = f.share * f.bound_measured if learned.measured is not None else None
-    marks = [
-        PlotLine("limit", frequency[[0, -1]], np.ones(2), "limit"),
-        PlotLine("Q", frequency, f.share, "filter"),
-        PlotLine("exact", frequency, f.nominal, "before"),
-        *([PlotLine("measured", frequency, measured, "again")] if measured is not None else []),
-        PlotLine(f"{100.0 * f.tolerance:.0f} % wrong", frequency, f.share * f.bound_in_tolerance, "after"),
-    ]
-    text = (
-        f"|Q(1 - LG)| for all plants considered; it stays below 1, at most {f.contraction.max():.2f} "
-        f"(allowed {MAX_CONTRACTION})."
-    )
-    area = PlotArea("Factor of the error from run to run", marks, 226.0, (0.0, 1.25), y_ticks=6)
-    return draw_plot(Plot("robustness", "Condition of convergence", text, FREQUENCY, [area], 550.0, group="frequency"))
-
-
-def draw_response(learned: LearnedStroke) -> Markup:
-    """Return gain and phase of the actuator, measured in bands and modelled, over the frequency."""
-    f, measured = learned.learning_filter, learned.measured
-    frequency = f.frequency_Hz[1:]
-    model = f.model.response(frequency)
-    at = frequency[:0] if measured is None else measured.frequency_Hz
-    found = model[:0] if measured is None else measured.response
-    phase = np.degrees(np.unwrap(np.angle(model)))
-    found_phase = np.degrees(np.angle(found / f.model.response(at))) + np.interp(at, frequency, phase)
-    top = 1.1 * float(max(np.abs(model).max(), np.abs(found).max(initial=0.0)))
-    gains = _model_and_measured(frequency, np.abs(model), at, np.abs(found))
-    phases = _model_and_measured(frequency, phase, at, found_phase)
-    areas = [PlotArea("Gain", gains, 96.0, (0.0, top), y_ticks=4), PlotArea("Phase [°]", phases, 86.0, y_ticks=4)]
-    text = "Position over command: gain and phase."
-    return draw_plot(Plot("response", "Response of the actuator", text, FREQUENCY, areas, 550.0, group="frequency"))
-
-
-def _model_and_measured(x: F, model: F, at: F, found: F) -> list[PlotLine | PlotDots]:
-    dots = [PlotDots("measured", at, found, "after spot small")] if len(at) else []
-    return [PlotLine("model", x, model, "before"), *dots]
-
-
-def _find_largest_error(error: F, interval_s: float) -> slice:
-    """Return the WINDOW_S in which the error's power is largest."""
-    length = min(len(error), round(WINDOW_S / interval_s))
-    total = np.concatenate([[0.0], np.cumsum(error**2)])
-    start = int(np.argmax(total[length:] - total[:-length]))
-    return slice(start, start + length)
-
-
-def _log_axis(p: Panel, name: str) -> str:
-    """Return grid lines and labels at 1, 2 and 5 of each decade of an axis of decimal logarithms."""
-    out = [label(4, p.y.stop - 11, name, "name")]
-    for decade in range(math.floor(p.y.low), math.ceil(p.y.high) + 1):
-        for mantissa in MANTISSAS:
-            value = decade + math.log10(mantissa)
-            if p.y.low <= value <= p.y.high:
-                y = float(p.y.px(value))
-                out.append(f'<path class="grid" d="M{p.x.start:.1f},{y:.1f}H{p.x.stop:.1f}"/>')
-                out.append(label(p.x.start - 7, y + 4, f"{mantissa * 10.0**decade:g}", "tick end"))
-    return "\n".join(out)
-
-
-def describe_kind(run: LearningRun) -> str:
-    """Return what a run was, for tables."""
-    return {FIRST: "wanted stroke", LEARNED: "learned command", REPEATED: "learned command, repeated"}[run.kind]
-
-
 MATERIAL_SHARE = 0.25  # of the squared error: what lies above the learning bandwidth is then worth a warning
+SCHEMA = "ces-learned-stroke/1"
+COMMAND, EXPERIMENT, RESULT, REPORT = "command.csv", "learned.yaml", "result.json", "report.html"
 
 
-def stroke_page(learned: LearnedStroke, title: str, facts: Mapping[str, str]) -> str:
-    """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) follow the headline."""
-    page = page_template("stroke.html.j2", __package__, ("stroke.css",)).render(
-        title=title,
-        headline=summary_sentence(learned),
-        warnings=list(find_warnings(learned)),
-        facts={**facts, **_facts(learned)},
-        runs_figure=draw_runs(learned),
-        tracking_figure=draw_tracking(learned),
-        robustness_figure=draw_robustness(learned),
-        response_figure=draw_response(learned),
-        condition=describe_condition(learned),
-        response_note=_response_note(learned),
-        limits=[(name, *map(_four, row)) for name, *row in command_peaks(learned)],
-        runs=[_run_row(learned, n) for n in range(len(learned.runs))],
+def write_results(folder: Path, plan: StrokePlan, learned: LearnedStroke, facts: Mapping[str, str]) -> None:
+    """Write all four files into `folder`, or none; raises CesError if they cannot be written."""
+    interval = learned.goal.interval_s
+    rows = (f"{n * interval:.4f},{value:.9f}" for n, value in enumerate(learned.learned.command_m))
+    write_all_atomically(
+        {
+            folder / COMMAND: "\n".join(["time_s,position_m", *rows]) + "\n",
+            folder / EXPERIMENT: write_learned_experiment(plan, COMMAND),
+            folder / RESULT: json.dumps(as_json(learned), indent=1) + "\n",
+            folder / REPORT: stroke_page(learned, f"Learned stroke {plan.experiment.settings.name}", facts),
+        }
     )
-    return replace_unencodable(page)
+
+
+def as_json(learned: LearnedStroke) -> dict[str, Any]:
+    """Return the outcome as plain JSON values; lengths in metres."""
+    f = learned.learning_filter
+    return {
+        "schema": SCHEMA,
+        "stopped": learned.stopped,
+        "iterations": learned.iterations,
+        "repeatability_m": learned.repeatability_m,
+        "first_error_m": learned.first.error_m,
+        "confirmed_error_m": learned.confirmation.error_m,
+        "error_above_bandwidth_m": error_above_bandwidth(learned),
+        "best_run": learned.best + 1,
+        "runs": [
+            {"kind": run.kind, "error_m": run.error_m, "gain": run.scale, "limited": run.limited}
+            for run in learned.runs
+        ],
+        "filter": {
+            "bandwidth_Hz": f.bandwidth_Hz,
+            "model_tolerance": f.tolerance,
+            "max_contraction": float(f.contraction.max()),
+            "max_contraction_of_exact_model": float(f.nominal.max()),
+            "response_measured": learned.measured is not None,
+        },
+        "model": asdict(f.model),
+        "limits": {
+            name: {"wanted": wanted, "highest": highest, "limit": limit}
+            for name, wanted, highest, limit in command_peaks(learned)
+        },
+        "warnings": list(find_warnings(learned)),
+    }
 
 
 def summary_sentence(learned: LearnedStroke) -> str:
@@ -199,16 +99,9 @@ def summary_sentence(learned: LearnedStroke) -> str:
     )
 
 
-def describe_condition(learned: LearnedStroke) -> str:
-    """Return the condition of convergence, and for which plants it holds."""
-    f = learned.learning_filter
-    wrong = f"{100.0 * f.tolerance:.0f} % in gain, bandwidth and delay at once"
-    plants = f"for an actuator of which the model is wrong by {wrong}"
-    measured = "" if learned.measured is None else ", and within the uncertainty of the measured response"
-    return (
-        f"|Q(1 − LG)| < 1 holds at all frequencies {plants}{measured}: at most {f.contraction.max():.2f} "
-        f"(designed for {MAX_CONTRACTION}). Learning ends at {f.bandwidth_Hz:.0f} Hz."
-    )
+def describe_kind(run: LearningRun) -> str:
+    """Return what a run was, for tables."""
+    return {FIRST: "wanted stroke", LEARNED: "learned command", REPEATED: "learned command, repeated"}[run.kind]
 
 
 def find_warnings(learned: LearnedStroke) -> Iterator[str]:
@@ -238,95 +131,170 @@ def error_above_bandwidth(learned: LearnedStroke) -> float:
     return float(np.sqrt(2.0 * max(repeating, 0.0))) / len(goal.wanted_m)
 
 
-def _facts(learned: LearnedStroke) -> dict[str, str]:
-    model, f = learned.learning_filter.model, learned.learning_filter
-    return {
-        "Stopped": learned.stopped,
-        "Runs": f"{len(learned.runs) + (learned.probe is not None)}, {_seconds(learned):.0f} s on the rig",
-        "Actuator": (
-            f"gain {model.gain:.3f}, delay {1e3 * model.delay_s:.1f} ms, {model.bandwidth_Hz:.0f} Hz, "
-            f"damping {model.damping:.2f}" + (f", {1e3 * model.valve_s:.1f} ms" if model.valve_s else "")
-        ),
-        "Learning bandwidth": f"{f.bandwidth_Hz:.0f} Hz",
-    }
-
-
-def _seconds(learned: LearnedStroke) -> float:
-    stroke = len(learned.runs) * len(learned.goal.wanted_m)
-    return learned.goal.interval_s * (stroke + (0 if learned.probe is None else len(learned.probe.command_m)))
-
-
-def _response_note(learned: LearnedStroke) -> str:
-    if learned.measured is None:
-        return "The model as given in the plan; the runs did not correct it."
+def stroke_page(learned: LearnedStroke, title: str, facts: Mapping[str, str]) -> str:
+    """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) follow the headline."""
+    f, model, measured = learned.learning_filter, learned.learning_filter.model, learned.measured
+    points = len(learned.runs) * len(learned.goal.wanted_m)
+    points += 0 if learned.probe is None else len(learned.probe.command_m)
     source = "the probe and the first runs" if learned.probe is not None else "the first runs"
-    return (
-        f"Measured in bands of frequencies with {source}; where it was measured, learning uses it instead of the model."
+    actuator = (
+        f"gain {model.gain:.3f}, delay {1e3 * model.delay_s:.1f} ms, {model.bandwidth_Hz:.0f} Hz, "
+        f"damping {model.damping:.2f}" + (f", {1e3 * model.valve_s:.1f} ms" if model.valve_s else "")
     )
-
-
-def _run_row(learned: LearnedStroke, number: int) -> tuple[str, ...]:
-    run = learned.runs[number]
-    ratio = three_figures(run.error_m / learned.repeatability_m)
-    gain = f"{run.scale:g}" if run.kind == LEARNED else ""
-    limited = f"{100.0 * run.limited:.1f}" if run.limited else ""
-    return str(number + 1), describe_kind(run), three_figures(1e6 * run.error_m), ratio, gain, limited
-
-
-def _four(value: float) -> str:
-    return f"{value:.4g}"
-
-
-SCHEMA = "ces-learned-stroke/1"
-COMMAND, EXPERIMENT, RESULT, REPORT = "command.csv", "learned.yaml", "result.json", "report.html"
-
-
-def write_results(folder: Path, plan: StrokePlan, learned: LearnedStroke, facts: Mapping[str, str]) -> None:
-    """Write all four files into `folder`, or none; raises CesError if they cannot be written."""
-    write_all_atomically(
-        {
-            folder / COMMAND: format_command(learned),
-            folder / EXPERIMENT: write_learned_experiment(plan, COMMAND),
-            folder / RESULT: json.dumps(as_json(learned), indent=1) + "\n",
-            folder / REPORT: stroke_page(learned, f"Learned stroke {plan.experiment.settings.name}", facts),
-        }
+    condition = (
+        f"|Q(1 − LG)| < 1 holds at all frequencies for an actuator of which the model is wrong by "
+        f"{100.0 * f.tolerance:.0f} % in gain, bandwidth and delay at once"
+        f"{'' if measured is None else ', and within the uncertainty of the measured response'}: at most "
+        f"{f.contraction.max():.2f} (designed for {MAX_CONTRACTION}). Learning ends at {f.bandwidth_Hz:.0f} Hz."
     )
-
-
-def format_command(learned: LearnedStroke) -> str:
-    """Return the learned command as CSV, columns `time_s` and `position_m`."""
-    interval = learned.goal.interval_s
-    rows = (f"{n * interval:.4f},{value:.9f}" for n, value in enumerate(learned.learned.command_m))
-    return "\n".join(["time_s,position_m", *rows]) + "\n"
-
-
-def as_json(learned: LearnedStroke) -> dict[str, Any]:
-    """Return the outcome as plain JSON values; lengths in metres."""
-    f = learned.learning_filter
-    return {
-        "schema": SCHEMA,
-        "stopped": learned.stopped,
-        "iterations": learned.iterations,
-        "repeatability_m": learned.repeatability_m,
-        "first_error_m": learned.first.error_m,
-        "confirmed_error_m": learned.confirmation.error_m,
-        "error_above_bandwidth_m": error_above_bandwidth(learned),
-        "best_run": learned.best + 1,
-        "runs": [
-            {"kind": run.kind, "error_m": run.error_m, "gain": run.scale, "limited": run.limited}
-            for run in learned.runs
+    page = page_template("stroke.html.j2", __package__, ("stroke.css",)).render(
+        title=title,
+        headline=summary_sentence(learned),
+        warnings=list(find_warnings(learned)),
+        facts={
+            **facts,
+            "Stopped": learned.stopped,
+            "Runs": f"{len(learned.runs) + (learned.probe is not None)}, "
+            f"{learned.goal.interval_s * points:.0f} s on the rig",
+            "Actuator": actuator,
+            "Learning bandwidth": f"{f.bandwidth_Hz:.0f} Hz",
+        },
+        runs_figure=_draw_runs(learned),
+        tracking_figure=_draw_tracking(learned),
+        robustness_figure=_draw_robustness(learned),
+        response_figure=_draw_response(learned),
+        condition=condition,
+        response_note=(
+            "The model as given in the plan; the runs did not correct it."
+            if measured is None
+            else f"Measured in bands of frequencies with {source}; where it was measured, learning uses it instead of "
+            "the model."
+        ),
+        limits=[(name, *(f"{value:.4g}" for value in row)) for name, *row in command_peaks(learned)],
+        runs=[
+            (
+                str(number),
+                describe_kind(run),
+                three_figures(1e6 * run.error_m),
+                three_figures(run.error_m / learned.repeatability_m),
+                f"{run.scale:g}" if run.kind == LEARNED else "",
+                f"{100.0 * run.limited:.1f}" if run.limited else "",
+            )
+            for number, run in enumerate(learned.runs, 1)
         ],
-        "filter": {
-            "bandwidth_Hz": f.bandwidth_Hz,
-            "model_tolerance": f.tolerance,
-            "max_contraction": float(f.contraction.max()),
-            "max_contraction_of_exact_model": float(f.nominal.max()),
-            "response_measured": learned.measured is not None,
-        },
-        "model": f.model.as_dict(),
-        "limits": {
-            name: {"wanted": wanted, "highest": highest, "limit": limit}
-            for name, wanted, highest, limit in command_peaks(learned)
-        },
-        "warnings": list(find_warnings(learned)),
-    }
+    )
+    return replace_unencodable(page)
+
+
+def _draw_runs(learned: LearnedStroke) -> Markup:
+    """Return the RMS error [µm] of every run of the stroke, on a logarithmic axis, with the repeatability."""
+    error = 1e6 * np.array([run.error_m for run in learned.runs])
+    floor = 1e6 * learned.repeatability_m
+    number = np.arange(1, len(error) + 1, dtype=np.float64)
+    low, high = math.log10(min(floor, error.min()) / 1.6), math.log10(error.max() * 1.6)
+    p = panel((0.5, len(error) + 0.5), (low, high), (52, 46, 376, 350))
+    first = sum(run.kind == FIRST for run in learned.runs)
+    learning = slice(max(first - 1, 0), len(error) - 1)
+    values = []
+    for n, run in enumerate(learned.runs, 1):
+        dot = dots(p, np.array([float(n)]), np.log10([1e6 * run.error_m]), f"{RUN_CSS[run.kind]} spot")
+        text = f"run {n}, {describe_kind(run)}: {1e6 * run.error_m:.0f} µm RMS"
+        values.append(with_value(f"{p.rect(n - 0.5, n + 0.5, 'hit')}{dot}", text))
+    parts = [
+        p.rect(p.x.low, p.x.high, "repeats", low, math.log10(BEST_BAND * floor)),
+        _log_axis(p, "RMS error [µm]"),
+        *(
+            label(float(p.x.px(n)), p.y.start + 17, f"{n:.0f}", "tick mid")
+            for n in number[:: max(1, len(number) // 12)]
+        ),
+        label(p.x.stop, p.y.start + 38, "Run of the stroke", "name end"),
+        line(p, np.array([p.x.low, p.x.high]), np.full(2, math.log10(floor)), "floor"),
+        line(p, number[learning], np.log10(error[learning]), "after"),
+        *values,
+        legend(p.x.stop + 8, 16, (("before", "first runs"), ("after", "learned"), ("again", "repeated"))),
+        label(p.x.start + 6, float(p.y.px(math.log10(floor))) - 5, f"repeatability {floor:.0f} µm", "tick"),
+    ]
+    text = f"RMS tracking error of {len(error)} runs; line: repeatability, band: up to {BEST_BAND} times that."
+    rows = [(f"{n}", describe_kind(run), f"{1e6 * run.error_m:.0f}") for n, run in enumerate(learned.runs, 1)]
+    figure = svg("runs", RUNS_SIZE, "Error over the runs", text, parts, values=True)
+    return figure + value_table(text, ("Run", "Kind", "RMS error [µm]"), rows)
+
+
+def _log_axis(p: Panel, name: str) -> str:
+    """Return grid lines and labels at 1, 2 and 5 of each decade of an axis of decimal logarithms."""
+    out = [label(4, p.y.stop - 11, name, "name")]
+    for decade in range(math.floor(p.y.low), math.ceil(p.y.high) + 1):
+        for mantissa in MANTISSAS:
+            value = decade + math.log10(mantissa)
+            if p.y.low <= value <= p.y.high:
+                y = float(p.y.px(value))
+                out.append(f'<path class="grid" d="M{p.x.start:.1f},{y:.1f}H{p.x.stop:.1f}"/>')
+                out.append(label(p.x.start - 7, y + 4, f"{mantissa * 10.0**decade:g}", "tick end"))
+    return "\n".join(out)
+
+
+def _draw_tracking(learned: LearnedStroke) -> Markup:
+    """Return wanted and measured positions before and after learning, at first in a window, and both errors."""
+    goal, first, last = learned.goal, learned.first, learned.confirmation
+    total = np.concatenate([[0.0], np.cumsum((goal.wanted_m - first.position_m) ** 2)])
+    length = min(len(goal.wanted_m), round(WINDOW_S / goal.interval_s))
+    start = int(np.argmax(total[length:] - total[:-length]))  # of the window in which the error's power is largest
+    time = np.arange(len(goal.wanted_m), dtype=np.float64) * goal.interval_s
+    wanted, before, after = (1e3 * values for values in (goal.wanted_m, first.position_m, last.position_m))
+    positions = [
+        PlotLine("wanted", time, wanted, "wanted"),
+        PlotLine("before", time, before, "before"),
+        PlotLine("after", time, after, "after"),
+    ]
+    error, rest = wanted - before, 1e3 * (wanted - after)
+    areas = [
+        PlotArea("Position [mm]", positions, height=150.0),
+        PlotArea("Error before [mm]", [PlotLine("before", time, error, "before thin")], 56.0, around_zero=True),
+        PlotArea("Error after [µm]", [PlotLine("after", time, rest, "after thin")], 48.0, around_zero=True),
+    ]
+    text = "At first the second with the largest first error. The wanted stroke lies below the curve after learning."
+    view = float(time[start]), float(time[start + length - 1])
+    title = "Tracking before and after learning"
+    return draw_plot(Plot("tracking", title, text, "Time [s]", areas, width=660.0, x_view=view))
+
+
+def _draw_robustness(learned: LearnedStroke) -> Markup:
+    """Return the bounds on |Q (1 - L G)|, its value for an exact model, and Q, over the frequency."""
+    f = learned.learning_filter
+    frequency = f.frequency_Hz
+    measured = f.share * f.bound_measured if learned.measured is not None else None
+    marks = [
+        PlotLine("limit", frequency[[0, -1]], np.ones(2), "limit"),
+        PlotLine("Q", frequency, f.share, "filter"),
+        PlotLine("exact", frequency, f.nominal, "before"),
+        *([PlotLine("measured", frequency, measured, "again")] if measured is not None else []),
+        PlotLine(f"{100.0 * f.tolerance:.0f} % wrong", frequency, f.share * f.bound_in_tolerance, "after"),
+    ]
+    text = (
+        f"|Q(1 - LG)| for all plants considered; it stays below 1, at most {f.contraction.max():.2f} "
+        f"(allowed {MAX_CONTRACTION})."
+    )
+    area = PlotArea("Factor of the error from run to run", marks, 226.0, (0.0, 1.25), y_ticks=6)
+    return draw_plot(Plot("robustness", "Condition of convergence", text, FREQUENCY, [area], 550.0, group="frequency"))
+
+
+def _draw_response(learned: LearnedStroke) -> Markup:
+    """Return gain and phase of the actuator, measured in bands and modelled, over the frequency."""
+    f, measured = learned.learning_filter, learned.measured
+    frequency = f.frequency_Hz[1:]
+    model = f.model.response(frequency)
+    at = frequency[:0] if measured is None else measured.frequency_Hz
+    found = model[:0] if measured is None else measured.response
+    phase = np.degrees(np.unwrap(np.angle(model)))
+    found_phase = np.degrees(np.angle(found / f.model.response(at))) + np.interp(at, frequency, phase)
+    top = 1.1 * float(max(np.abs(model).max(), np.abs(found).max(initial=0.0)))
+    gains = _model_and_measured(frequency, np.abs(model), at, np.abs(found))
+    phases = _model_and_measured(frequency, phase, at, found_phase)
+    areas = [PlotArea("Gain", gains, 96.0, (0.0, top), y_ticks=4), PlotArea("Phase [°]", phases, 86.0, y_ticks=4)]
+    text = "Position over command: gain and phase."
+    return draw_plot(Plot("response", "Response of the actuator", text, FREQUENCY, areas, 550.0, group="frequency"))
+
+
+def _model_and_measured(x: F, model: F, at: F, found: F) -> list[PlotLine | PlotDots]:
+    dots = [PlotDots("measured", at, found, "after spot small")] if len(at) else []
+    return [PlotLine("model", x, model, "before"), *dots]

@@ -15,7 +15,7 @@ from ces_identify.schema_files import schema_line
 from ces_iterate.commands import INTERVAL_S
 from ces_iterate.errors import StrokeError
 from ces_iterate.plan import Plan, RigLimits
-from ces_iterate.rigs.kinds import RIGS, open_rig
+from ces_iterate.rigs.kinds import RIG_SETTINGS, open_rig
 from ces_iterate.stroke.actuator import ActuatorModel
 from ces_iterate.stroke.learning import LearningSettings, ProbeSettings, StrokeGoal
 from ces_iterate.stroke.limits import StrokeLimits
@@ -53,14 +53,11 @@ class StrokePlan:
         if self.rig.get("kind") == VIRTUAL:
             return VirtualStrokeRig(self.experiment)
         stroke, speed, acceleration = (limit * (1.0 + ROOM) for limit in self.goal.limits.as_tuple())
-        allowed = RigLimits(stroke, speed, acceleration, *self.current_range())
-        rig = open_rig(Plan(str(self.source), self.source.parent, allowed, self.rig))
-        return CommandedRig(rig, self.experiment, allowed, folder)
-
-    def current_range(self) -> tuple[float, float]:
-        """Return the lowest and highest current [A] that the damper of the experiment takes."""
         valve = self.experiment.damper.ces_valve
-        return valve.allowed_low_A, valve.allowed_high_A
+        allowed = RigLimits(stroke, speed, acceleration, valve.allowed_low_A, valve.allowed_high_A)
+        plan = Plan(limits=allowed, source=str(self.source), folder=self.source.parent, rig=self.rig)
+        rig = open_rig(plan)
+        return CommandedRig(rig, self.experiment, allowed, folder)
 
 
 def load_plan(path: Path, seed: int | None = None) -> StrokePlan:
@@ -68,15 +65,16 @@ def load_plan(path: Path, seed: int | None = None) -> StrokePlan:
     content = read_yaml_mapping(path, WHAT, KEYS, StrokeError)
     if not isinstance(content.get("experiment"), str):
         raise StrokeError(f"{path}: 'experiment' is {content.get('experiment')!r}; expected a packaged name or a file")
-    file = _find_experiment(content["experiment"], path.parent)
+    name, beside = content["experiment"], path.parent / content["experiment"]
+    file = beside if name not in packaged_experiments() and beside.is_file() else find_experiment(name)
     experiment = load_experiment(file)
     if "actuator" in content:
         actuator = read_record(ServoActuator, content["actuator"], f"{path}: actuator", StrokeError)
         experiment = replace(experiment, actuator=actuator)
     experiment = experiment if seed is None else with_seed(experiment, seed)
     rig = content.get("rig", {"kind": VIRTUAL})
-    if not isinstance(rig, Mapping) or rig.get("kind") not in RIGS:
-        raise StrokeError(f"{path}: rig is {rig!r}; expected a mapping with kind: one of {', '.join(RIGS)}")
+    if not isinstance(rig, Mapping) or rig.get("kind") not in RIG_SETTINGS:
+        raise StrokeError(f"{path}: rig is {rig!r}; expected a mapping with kind: one of {', '.join(RIG_SETTINGS)}")
     return StrokePlan(_read_goal(content, experiment, path), experiment, file, path, rig)
 
 
@@ -95,11 +93,6 @@ def write_learned_experiment(plan: StrokePlan, command_file: str) -> str:
     if plan.experiment.actuator is not None:
         content["actuator"] = vars(plan.experiment.actuator)
     return schema_line("experiment") + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-
-
-def _find_experiment(name: str, folder: Path) -> Path:
-    """Return the file beside the plan, or the packaged experiment, of this name."""
-    return folder / name if name not in packaged_experiments() and (folder / name).is_file() else find_experiment(name)
 
 
 def _read_goal(content: Mapping[str, Any], experiment: Experiment, path: Path) -> StrokeGoal:

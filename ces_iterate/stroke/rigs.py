@@ -1,4 +1,4 @@
-"""The position of a recording on the grid of its command: stamped samples go in, uniform ones come out.
+"""The rigs of a stroke: a command goes in, a recording comes out, and its position on the grid of the command.
 
 Time 0 is the start of the command. A channel `command` (the stroke as commanded, on the recording's clock) shows when
 that was. Without one the position itself is laid over the command: the actuator's mean delay is then taken out of every
@@ -39,12 +39,19 @@ REFINEMENTS = 5
 
 def position_on_grid(recording: Recording, command_m: F, interval_s: float) -> F:
     """Return the measured position [m] at the times of `command_m` (n,); raises StrokeError for missing samples."""
+    name = recording.name
     if POSITION not in recording.channels:
-        raise StrokeError(f"{recording.name}: no position in the recording; expected the piston's position")
+        raise StrokeError(f"{name}: no position in the recording; expected the piston's position")
     start = _find_start(recording, command_m, interval_s)
     time, values = _samples(recording.channel(POSITION), start)
     length = (len(command_m) - 1) * interval_s
-    _require_complete(recording.name, time, length)
+    if len(time) < 10 or time[0] > MAX_MISSING_S or time[-1] < length - MAX_MISSING_S:
+        span = f"{time[0]:.2f} to {time[-1]:.2f} s" if len(time) else "no samples"
+        raise StrokeError(f"{name}: positions cover {span} of the command; expected 0 to {length:.2f} s")
+    inside = (time[1:] > 0.0) & (time[:-1] < length)
+    gap = float(np.diff(time)[inside].max())
+    if gap > MAX_GAP_S:
+        raise StrokeError(f"{name}: {1e3 * gap:.0f} ms without a position; expected at most {1e3 * MAX_GAP_S:.0f} ms")
     grid = np.arange(len(command_m), dtype=np.float64) * interval_s
     return np.asarray(CubicSpline(time, values)(np.clip(grid, time[0], time[-1])))
 
@@ -58,16 +65,6 @@ def _samples(channel: Channel, start_ns: float) -> tuple[F, F]:
     return time, channel.values[good][first]
 
 
-def _require_complete(name: str, time: F, length: float) -> None:
-    if len(time) < 10 or time[0] > MAX_MISSING_S or time[-1] < length - MAX_MISSING_S:
-        span = f"{time[0]:.2f} to {time[-1]:.2f} s" if len(time) else "no samples"
-        raise StrokeError(f"{name}: positions cover {span} of the command; expected 0 to {length:.2f} s")
-    inside = (time[1:] > 0.0) & (time[:-1] < length)
-    gap = float(np.diff(time)[inside].max())
-    if gap > MAX_GAP_S:
-        raise StrokeError(f"{name}: {1e3 * gap:.0f} ms without a position; expected at most {1e3 * MAX_GAP_S:.0f} ms")
-
-
 def _find_start(recording: Recording, command_m: F, interval_s: float) -> float:
     """Return the stamp [ns] at which the command began."""
     channel = recording.channel(COMMAND if COMMAND in recording.channels else POSITION)
@@ -76,7 +73,10 @@ def _find_start(recording: Recording, command_m: F, interval_s: float) -> float:
     first = float(channel.stamps_ns[0])
     time, values = _samples(channel, first)
     grid = np.arange(time[0], time[-1], interval_s)
-    shift = _coarse_shift(np.interp(grid, time, values), command_m) * interval_s
+    logged, size = np.interp(grid, time, values), len(grid) + len(command_m)
+    spectra = np.fft.rfft(logged - logged.mean(), size), np.fft.rfft(command_m - command_m.mean(), size)
+    lag = int(np.argmax(np.fft.irfft(spectra[0] * spectra[1].conj(), size)))  # in samples, of the largest correlation
+    shift = (lag if lag < len(logged) else lag - size) * interval_s
     spline = CubicSpline(np.arange(len(command_m)) * interval_s, command_m)
     inside = (time > shift + 0.1) & (time < shift + (len(command_m) - 1) * interval_s - 0.1)
     for _ in range(REFINEMENTS):  # Gauss-Newton on the delay
@@ -85,15 +85,6 @@ def _find_start(recording: Recording, command_m: F, interval_s: float) -> float:
         power = float(slope @ slope)
         shift -= float(slope @ error) / power if power > 0.0 else 0.0
     return first + 1e9 * shift
-
-
-def _coarse_shift(logged: F, command: F) -> int:
-    """Return how many samples after the log's first one the command begins."""
-    size = len(logged) + len(command)
-    spectra = np.fft.rfft(logged - logged.mean(), size), np.fft.rfft(command - command.mean(), size)
-    correlation = np.fft.irfft(spectra[0] * spectra[1].conj(), size)
-    lag = int(np.argmax(correlation))
-    return lag if lag < len(logged) else lag - size
 
 
 MAX_CHANNELS = 20
@@ -139,19 +130,14 @@ class StoredRuns:
         key = sha256(self._plan.encode() + command_m.tobytes()).hexdigest()
         if path.exists():
             return _read_run(path, key)
-        recording = self._rig.run(command_m, number)
-        write_atomically(path, _pack(recording, key))
+        recording, file = self._rig.run(command_m, number), io.BytesIO()
+        arrays: dict[str, Any] = {"key": np.array(key), "name": np.array(recording.name)}
+        for name, channel in recording.channels.items():
+            arrays |= {f"{name}.stamps_ns": channel.stamps_ns, f"{name}.values": channel.values}
+            arrays[f"{name}.unit"] = np.array(channel.unit)
+        np.savez_compressed(file, **arrays)
+        write_atomically(path, file.getvalue())
         return recording
-
-
-def _pack(recording: Recording, key: str) -> bytes:
-    arrays: dict[str, Any] = {"key": np.array(key), "name": np.array(recording.name)}
-    for name, channel in recording.channels.items():
-        arrays |= {f"{name}.stamps_ns": channel.stamps_ns, f"{name}.values": channel.values}
-        arrays[f"{name}.unit"] = np.array(channel.unit)
-    file = io.BytesIO()
-    np.savez_compressed(file, **arrays)
-    return file.getvalue()
 
 
 def _read_run(path: Path, key: str) -> Recording:
@@ -185,11 +171,9 @@ class CommandedRig:
         """Return what the rig recorded under the command (n,) every INTERVAL_S; raises CesError."""
         folder = self._folder / f"run_{number:02d}"
         folder.mkdir(parents=True, exist_ok=True)
-        commands = self._limits.require_within(self._commands(command_m, number))
-        write_commands(folder / "commands.csv", commands)
-        return self._rig.run(commands, folder)
-
-    def _commands(self, command_m: F, number: int) -> RigCommands:
         time = np.arange(len(command_m), dtype=np.float64) * INTERVAL_S
         current = self._current.samples(time, command_m, np.random.default_rng([self._seed, STREAMS["current"]]))
-        return RigCommands(f"{self._name.replace('/', '_')}_{number:02d}", command_m, current, number)
+        asked = RigCommands(f"{self._name.replace('/', '_')}_{number:02d}", command_m, current, number)
+        commands = self._limits.require_within(asked)
+        write_commands(folder / "commands.csv", commands)
+        return self._rig.run(commands, folder)

@@ -28,13 +28,12 @@ from ces_data.arrays import F
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
-from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.json_text import write_atomically
 from ces_rig.blind.draw import HELD_OUT, NOISE_N, REAL, REFERENCE, DrawnCase, IdealRecording, draw_case
 from ces_rig.blind.plan import BlindCase
 from ces_rig.errors import RigError
-from ces_rig.sensors import EPOCH_NS, Sensor, Sensors, Truth, measure_signals
-from ces_rig.simulation import load_rig
+from ces_rig.experiment import RigForce, load_rig
+from ces_rig.sensors import EPOCH_NS, Sensor, Sensors, measure_signals
 from ces_rig.withheld.plants import physical_numbers, rms
 
 Arrays = Mapping[str, NDArray[np.float32]]
@@ -61,11 +60,11 @@ def write_case(drawn: DrawnCase, folder: Path) -> tuple[Label, Arrays]:
     """
     folder.mkdir(parents=True)
     (folder / BASELINE).write_text(yaml.safe_dump(drawn.simulated.description(), sort_keys=True), encoding="utf-8")
-    simulation = FunctionSimulation(BASELINE, load_rig(folder / BASELINE))
+    simulation = load_rig(folder / BASELINE)
     arrays: dict[str, NDArray[np.float32]] = {}
     for group, name in ((group, name) for group, names in GROUPS.items() for name in names):
-        recording = log_sensors(drawn.recordings[name].true, name, drawn.seeds[name])
-        simulated = simulation.force(recording)
+        recording = measure_signals(drawn.recordings[name].true, SENSORS, drawn.seeds[name], name)
+        simulated = _simulate(simulation, recording)
         valid = np.isfinite(simulated)
         stamps = recording.channel("position").stamps_ns[valid]
         predictions = TopicData(PREDICTIONS, "std_msgs/msg/Float64", stamps, {"data": simulated[valid]})
@@ -87,14 +86,17 @@ def write_case(drawn: DrawnCase, folder: Path) -> tuple[Label, Arrays]:
     return _make_label(drawn, arrays), arrays
 
 
-def log_sensors(true: Truth, name: str, seed: int) -> Recording:
-    """Return the recording of the true signals by the sensors of blind cases."""
-    return measure_signals(true, SENSORS, seed, name)
+def _simulate(simulation: RigForce, recording: Recording) -> F:
+    """Return the simulated force [N] at the position samples (n,), NaN before the first current."""
+    position, current = recording.channel("position"), recording.channel("current")
+    newest = np.searchsorted(current.stamps_ns, position.stamps_ns, side="right") - 1
+    known, time = newest >= 0, (position.stamps_ns - position.stamps_ns[0]) * 1e-9
+    force = np.full(len(position), np.nan)
+    force[known] = simulation(time[known], position.values[known], current.values[newest[known]])
+    return force
 
 
-def _noise_free_arrays(
-    name: str, ideal: IdealRecording, recording: Recording, simulated: F
-) -> dict[str, NDArray[np.float32]]:
+def _noise_free_arrays(name: str, ideal: IdealRecording, recording: Recording, simulated: F) -> Arrays:
     """Return the noise-free signals and the simulated force at the stamps of the position samples."""
     true = ideal.true
     at = (recording.channel("position").stamps_ns - EPOCH_NS) * 1e-9
@@ -109,13 +111,14 @@ def _noise_free_arrays(
     return {f"{name}_{key}": np.asarray(values, np.float32) for key, values in columns.items()}
 
 
-def _make_label(drawn: DrawnCase, arrays: Arrays) -> dict[str, Any]:
+def _make_label(drawn: DrawnCase, arrays: Arrays) -> Label:
     case = drawn.case
     force, effect, baseline = (
         np.concatenate([arrays[f"{name}_{key}"] for name in REAL]).astype(np.float64)
         for key in ("force_N", "effect_N", "baseline_N")
     )
     error = force - effect - baseline
+    withheld = [(w, physical_numbers(drawn.plant, w)) for w in drawn.withheld]
     return {
         "case": f"{case.number:04d}",
         "kind": case.kind,
@@ -123,10 +126,7 @@ def _make_label(drawn: DrawnCase, arrays: Arrays) -> dict[str, Any]:
         "excitation": case.excitation,
         "gap_to_noise": case.gap_to_noise,
         "baseline_ratio": case.baseline_ratio,
-        "effects": [
-            {"name": w.name, "severity": w.severity, "physical": physical_numbers(drawn.plant, w)}
-            for w in drawn.withheld
-        ],
+        "effects": [{"name": w.name, "severity": w.severity, "physical": physical} for w, physical in withheld],
         "gap_N": rms(effect),
         "noise_N": NOISE_N,
         "baseline_error_N": rms(error[np.isfinite(error)]),

@@ -13,7 +13,6 @@ from functools import cache
 from operator import itemgetter
 
 import numpy as np
-from numpy.random import Generator
 
 from ces_data.arrays import F
 from ces_rig.blind.plan import BlindCase, Commands, draw_drive
@@ -69,16 +68,19 @@ def draw_case(case: BlindCase, seconds: float, spare_effects: Sequence[tuple[str
     reason = ""
     choices = (case.effects, *spare_effects)
     for attempt in range(ATTEMPTS * len(choices)):
-        candidate = replace(case, effects=choices[attempt // ATTEMPTS])
         try:
-            return _try_draw(candidate, seconds, np.random.default_rng([case.seed, attempt]))
+            return _try_draw(replace(case, effects=choices[attempt // ATTEMPTS]), seconds, attempt)
         except RigError as error:
             reason = str(error)
     raise RigError(f"case {case.number} ({case.kind}, {case.excitation}): cannot be drawn; last attempt: {reason}")
 
 
-def _try_draw(case: BlindCase, seconds: float, rng: Generator) -> DrawnCase:
-    kind = _choose_plant_kind(case, rng)
+def _try_draw(case: BlindCase, seconds: float, attempt: int) -> DrawnCase:
+    rng = np.random.default_rng([case.seed, attempt])
+    suitable = [kind for kind in case.plants if set(case.effects) <= set(available_effects(kind))]
+    if not suitable:
+        raise RigError(f"none of the plants {', '.join(case.plants)} can have {' and '.join(case.effects)}")
+    kind = suitable[int(rng.integers(len(suitable)))]
     plant = draw_plant(kind, rng)
     drive = draw_drive(case.excitation, plant.current_A, rng)
     seeds = {role: int(rng.integers(2**31)) for role in (*REAL, *REFERENCE, *HELD_OUT)}
@@ -92,7 +94,10 @@ def _try_draw(case: BlindCase, seconds: float, rng: Generator) -> DrawnCase:
     if shapes and smallest < MIN_SHARE * target:
         raise RigError(f"the effects make only {smallest:.3g} N of {target:.3g} N in one recording")
     recordings |= {role: sense_with_effects(free[role], ()) for role in REFERENCE}
-    simulated = _perturb_by(plant, case.baseline_ratio * target, commands[REAL[0]], int(rng.integers(2**31)))
+    simulated, seed, error_N = plant, int(rng.integers(2**31)), case.baseline_ratio * target
+    if error_N > 0.0:
+        part = commands[REAL[0]].around_peak(SEARCH_S)
+        simulated, _ = perturb_to_gap(plant, error_N, seed, part.time_s, part.stroke_m, part.command_A)
     return DrawnCase(case, plant, withheld, simulated, recordings, seeds)
 
 
@@ -122,13 +127,6 @@ def sense_with_effects(free: EffectFreeRecording, effects: Sequence[WithheldEffe
     return IdealRecording(true, true.force_N - (free.force_N if same else simulate_expected(free.plant, true)))
 
 
-def _choose_plant_kind(case: BlindCase, rng: Generator) -> str:
-    suitable = [kind for kind in case.plants if set(case.effects) <= set(available_effects(kind))]
-    if not suitable:
-        raise RigError(f"none of the plants {', '.join(case.plants)} can have {' and '.join(case.effects)}")
-    return suitable[int(rng.integers(len(suitable)))]
-
-
 def _size_effects(
     plant: DamperModel, shapes: Sequence[WithheldEffect], target_N: float, free: Mapping[str, EffectFreeRecording]
 ) -> tuple[tuple[WithheldEffect, ...], dict[str, IdealRecording]]:
@@ -139,8 +137,11 @@ def _size_effects(
     """
     if not shapes:
         return (), {role: sense_with_effects(f, ()) for role, f in free.items()}
-    start = free[REAL[0]].commands.around_peak(SEARCH_S)
-    scaled = [_scale_alone(plant, shape, target_N / len(shapes) ** 0.5, start) for shape in shapes]
+    part, share_N = free[REAL[0]].commands.around_peak(SEARCH_S), target_N / len(shapes) ** 0.5
+    scaled = list(shapes)  # an effect stays as drawn if no severity makes its share in this part
+    for k, shape in enumerate(shapes):
+        with suppress(RigError):
+            scaled[k] = scale_to_gap(plant, shape, share_N, part.time_s, part.stroke_m, part.command_A)
     trials: list[tuple[float, tuple[WithheldEffect, ...], dict[str, IdealRecording]]] = []
 
     @cache  # the search begins at the factor 1 again
@@ -159,19 +160,3 @@ def _size_effects(
         names = " and ".join(shape.name for shape in shapes)
         raise RigError(f"{names}: at best {error_N:.3g} N off a gap of {target_N:.3g} N")
     return effects, recordings
-
-
-def _scale_alone(plant: DamperModel, shape: WithheldEffect, target_N: float, commands: Commands) -> WithheldEffect:
-    """Return the effect scaled to the gap, or as drawn if no severity reaches it in this part of the recording."""
-    try:
-        return scale_to_gap(plant, shape, target_N, commands.time_s, commands.stroke_m, commands.command_A)
-    except RigError:
-        return shape
-
-
-def _perturb_by(plant: DamperModel, target_N: float, commands: Commands, seed: int) -> DamperModel:
-    """Return the plant with numbers so wrong that its force is off by `target_N` [N] (RMS)."""
-    if target_N == 0.0:
-        return plant
-    start = commands.around_peak(SEARCH_S)
-    return perturb_to_gap(plant, target_N, seed, start.time_s, start.stroke_m, start.command_A)[0]

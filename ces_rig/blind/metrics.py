@@ -6,8 +6,8 @@ applies here. An end of an interval that so few cases do not bound is infinite.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
 from math import inf, nan, sqrt
 
@@ -21,16 +21,15 @@ LEVEL = 0.95
 TAIL = 0.5 * (1.0 - LEVEL)
 BINS = 10
 Interval = tuple[float, float]
-NO_INTERVAL = (nan, nan)
 
 
 @dataclass(frozen=True)
 class Statistic:
-    """A figure and its number of cases, NaN if there are none; `interval` computes the 95 % interval."""
+    """A figure, its number of cases and its 95 % interval, all NaN if there are no cases."""
 
-    value: float
-    count: int
-    interval: Callable[[], Interval]
+    value: float = nan
+    count: int = 0
+    interval: Interval = (nan, nan)
 
 
 def rate(hits: Sequence[bool], cases: int | None = None) -> Statistic:
@@ -38,9 +37,10 @@ def rate(hits: Sequence[bool], cases: int | None = None) -> Statistic:
 
     Several hits of one case are not independent: with the number of `cases`, the interval is that of so many.
     """
-    n = len(hits)
-    share = sum(hits) / n if n else nan
-    return Statistic(share, n, lambda: wilson_interval(share, n if cases is None else cases) if n else NO_INTERVAL)
+    if not hits:
+        return Statistic()
+    share = sum(hits) / len(hits)
+    return Statistic(share, len(hits), wilson_interval(share, len(hits) if cases is None else cases))
 
 
 def wilson_interval(share: float, count: int) -> Interval:
@@ -57,25 +57,22 @@ def quantile(values: Sequence[float], share: float) -> Statistic:
     The number of values below the true quantile is binomial (Conover, Practical Nonparametric Statistics, section 3.2).
     """
     ordered, n = np.sort(np.asarray(values, np.float64)), len(values)
-
-    def interval() -> Interval:
-        below = int(binom.ppf(TAIL, n, share))  # fewer than these are too few
-        above = int(binom.isf(TAIL, n, share))  # more than these are too many
-        return (float(ordered[below - 1]) if below > 0 else -inf, float(ordered[above]) if above < n else inf)
-
-    return Statistic(float(np.quantile(ordered, share)) if n else nan, n, interval if n else lambda: NO_INTERVAL)
+    if not n:
+        return Statistic()
+    below = int(binom.ppf(TAIL, n, share))  # fewer than these are too few
+    above = int(binom.isf(TAIL, n, share))  # more than these are too many
+    interval = (float(ordered[below - 1]) if below > 0 else -inf, float(ordered[above]) if above < n else inf)
+    return Statistic(float(np.quantile(ordered, share)), n, interval)
 
 
 def mean(values: Sequence[float]) -> Statistic:
     """Return the mean with Student's interval, which one case does not bound."""
     cases = np.asarray(values, np.float64)
     n = len(cases)
-
-    def interval() -> Interval:
-        half = float(t.isf(TAIL, n - 1) * cases.std(ddof=1) / sqrt(n)) if n > 1 else inf
-        return float(cases.mean()) - half, float(cases.mean()) + half
-
-    return Statistic(float(cases.mean()) if n else nan, n, interval if n else lambda: NO_INTERVAL)
+    if not n:
+        return Statistic()
+    middle, half = float(cases.mean()), float(t.isf(TAIL, n - 1) * cases.std(ddof=1) / sqrt(n)) if n > 1 else inf
+    return Statistic(middle, n, (middle - half, middle + half))
 
 
 def calibration_error(probability: F, right: F) -> Statistic:
@@ -86,36 +83,23 @@ def calibration_error(probability: F, right: F) -> Statistic:
     bins' absolute errors; these are taken as normal and independent.
     """
     n = len(probability)
-    if n == 0:
-        return Statistic(nan, 0, lambda: NO_INTERVAL)
-    differences = _sum_in_bins(probability, probability - right) / probability.size  # (cases, bins)
-    value = float(np.abs(differences.sum(axis=0)).sum())
-
-    def interval() -> Interval:
-        errors = np.maximum(_spread_of_sums(differences), _binomial_errors(probability, right))
-        half = sqrt(2.0 / np.pi) * errors.sum() + norm.isf(TAIL) * sqrt(1.0 - 2.0 / np.pi) * np.hypot.reduce(errors)
-        return max(value - float(half), 0.0), value + float(half)
-
-    return Statistic(value, n, interval)
+    if not n:
+        return Statistic()
+    parts = _sum_in_bins(probability, probability - right) / probability.size  # (cases, bins)
+    value = float(np.abs(parts.sum(axis=0)).sum())
+    of_sums = np.sqrt(n) * parts.std(axis=0, ddof=1) if n > 1 else np.abs(parts[0])  # standard errors (bins,)
+    # those of the true shares, by Laplace's rule: few equal cases vary, too
+    count, hits = (_sum_in_bins(probability, v).sum(axis=0) for v in (np.ones_like(right), right))
+    share = (hits + 1.0) / (count + 2.0)
+    errors = np.maximum(of_sums, np.sqrt(count * share * (1.0 - share)) / probability.size)
+    half = sqrt(2.0 / np.pi) * errors.sum() + norm.isf(TAIL) * sqrt(1.0 - 2.0 / np.pi) * np.hypot.reduce(errors)
+    return Statistic(value, n, (max(value - float(half), 0.0), value + float(half)))
 
 
 def _sum_in_bins(probability: F, values: F) -> F:
     """Return the sums (cases, bins) of the values of each case by the bin of their probabilities."""
     bins = np.minimum((probability * BINS).astype(int), BINS - 1)
     return np.stack([np.where(bins == b, values, 0.0).sum(axis=1) for b in range(BINS)], axis=1)
-
-
-def _spread_of_sums(parts: F) -> F:
-    """Return the standard errors (bins,) of the sums of parts (cases, bins) over independent cases."""
-    n = len(parts)
-    return np.asarray(np.sqrt(n) * parts.std(axis=0, ddof=1)) if n > 1 else np.abs(parts[0])
-
-
-def _binomial_errors(probability: F, right: F) -> F:
-    """Return the standard errors (bins,) of the true shares, by Laplace's rule: few equal cases vary, too."""
-    count, hits = (_sum_in_bins(probability, v).sum(axis=0) for v in (np.ones_like(right), right))
-    share = (hits + 1.0) / (count + 2.0)
-    return np.asarray(np.sqrt(count * share * (1.0 - share)) / probability.size)
 
 
 def brier(probability: F, right: F) -> Statistic:
@@ -133,18 +117,23 @@ TARGET_GAP = 3.0  # the targets apply from this gap-to-noise ratio on
 
 @dataclass(frozen=True)
 class Metric:
-    """A figure of a set of cases, `percent` if it is a share; `targets` are by class of mode (`mode.CLASSES`)."""
+    """A figure of a set of cases, `percent` if it is a share; `targets` are by class of mode, in the order of CLASSES.
+
+    One target holds for all classes. `short` is its heading in the tables IN_SUMMARY and IN_SLICES.
+    """
 
     name: str
     count: Count
-    percent: bool = True
+    targets: tuple[float | None, ...] = ()
     target_is_minimum: bool = True
-    targets: Mapping[str, float] = field(default_factory=dict)
+    percent: bool = True
+    shown: tuple[str, ...] = ()
+    short: str = ""
 
-
-def _targets(*values: float) -> Mapping[str, float]:
-    """Return the targets of all classes, in their order; one value holds for all."""
-    return dict(zip(CLASSES, values * len(CLASSES) if len(values) == 1 else values, strict=True))
+    def target(self, class_name: str) -> float | None:
+        """Return the target of a class of modes, if it has one."""
+        targets = self.targets if len(self.targets) > 1 else self.targets * len(CLASSES)
+        return dict(zip(CLASSES, targets, strict=False)).get(class_name)
 
 
 def cases_with_targets(cases: Cases) -> list[CaseOutcome]:
@@ -174,11 +163,6 @@ def _summarize_figure(name: str, kinds: tuple[str, ...], summary: Callable[[Sequ
     return count
 
 
-def _count_covered(cases: Cases) -> Statistic:
-    comparable = [case.covered for case in cases_of_kind(cases, *LIBRARY) if case.covered]
-    return rate([hit for covered in comparable for hit in covered], cases=len(comparable))
-
-
 def candidates(cases: Cases) -> tuple[F, F]:
     """Return probabilities and truth, each (cases, candidates), for all candidate effects, none and unknown.
 
@@ -187,72 +171,80 @@ def candidates(cases: Cases) -> tuple[F, F]:
     """
     single = [case for case in cases if case.kind != "pair"]
     names = sorted({name for case in single for name in (*case.probability, case.answer)})
-    claimed = [[_claim(case, name) for name in names] for case in single]
+    claimed = [
+        [sum(case.probability.get(one, 0.0) for one in _claims(case, name)) for name in names] for case in single
+    ]
     right = [[float(case.answer == name) for name in names] for case in single]
     return np.array(claimed).reshape(len(single), len(names)), np.array(right).reshape(len(single), len(names))
 
 
-def _claim(case: CaseOutcome, name: str) -> float:
+def _claims(case: CaseOutcome, name: str) -> Collection[str]:
+    """Return the candidates whose probabilities are claimed for one: all that are right for the answer."""
     if name == case.answer:
-        return sum(case.probability.get(accepted, 0.0) for accepted in case.accepted)
-    return 0.0 if name in case.accepted else case.probability.get(name, 0.0)
+        return case.accepted
+    return () if name in case.accepted else (name,)
 
 
-def _over_candidates(figure: Callable[[F, F], Statistic]) -> Count:
-    return lambda cases: figure(*candidates(cases))
+def _count_covered(cases: Cases) -> Statistic:
+    comparable = [case.covered for case in cases_of_kind(cases, *LIBRARY) if case.covered]
+    return rate([hit for covered in comparable for hit in covered], cases=len(comparable))
 
 
-def _top_calibration(claimed: F, right: F) -> Statistic:
+def _top_calibration(cases: Cases) -> Statistic:
+    claimed, right = candidates(cases)
     if not len(claimed):
-        return calibration_error(claimed, right)
+        return Statistic()
     rows, first = np.arange(len(claimed)), np.argmax(claimed, axis=1)
     return calibration_error(claimed[rows, first][:, None], right[rows, first][:, None])
 
 
+IN_SUMMARY, IN_SLICES = "summary", "slices"
+BOTH = (IN_SUMMARY, IN_SLICES)
 _median, _tenth, _ninetieth = (partial(quantile, share=share) for share in (0.5, 0.1, 0.9))
 METRICS: tuple[Metric, ...] = (
-    Metric("top-1", _count_hits(("effect",), lambda c: c.is_in_top(1)), targets=_targets(0.95, 0.90, 0.85, 0.90)),
+    Metric("top-1", _count_hits(("effect",), lambda c: c.is_in_top(1)), (0.95, 0.90, 0.85, 0.90), shown=BOTH),
     Metric("top-1 without `calibration`", _count_hits(("effect",), CaseOutcome.is_first_effect)),
-    Metric("top-1 by class", _count_hits(("effect",), CaseOutcome.is_first_by_class),
-    targets=_targets(0.97, 0.95, 0.92, 0.95)),
-    Metric("top-3", _count_hits(("effect",), lambda c: c.is_in_top(3)), targets=_targets(0.99, 0.97, 0.96, 0.97)),
-    Metric("verdict names exactly the effect", _count_hits(("effect",), CaseOutcome.names_exactly),
-    targets=_targets(0.85)),
+    Metric("top-1 by class", _count_hits(("effect",), CaseOutcome.is_first_by_class), (0.97, 0.95, 0.92, 0.95),
+           shown=BOTH, short="class"),
+    Metric("top-3", _count_hits(("effect",), lambda c: c.is_in_top(3)), (0.99, 0.97, 0.96, 0.97), shown=BOTH),
+    Metric("verdict names exactly the effect", _count_hits(("effect",), CaseOutcome.names_exactly), (0.85,),
+           shown=(IN_SUMMARY,), short="named exactly"),
     Metric("named, and not the cause", _count_hits(KINDS_WITH_GAP, CaseOutcome.is_named_wrongly),
-    target_is_minimum=False, targets=_targets(0.02, 0.03, 0.05, 0.03)),
+           (0.02, 0.03, 0.05, 0.03), False, shown=BOTH, short="named, not the cause"),
     Metric("verdict `no_gap` although there is a gap", _count_hits(KINDS_WITH_GAP, lambda c: c.verdict == "no_gap"),
-    target_is_minimum=False),
+           target_is_minimum=False),
     Metric("confidently wrong", _count_hits((*KINDS_WITH_GAP, NONE), CaseOutcome.is_confidently_wrong),
-    target_is_minimum=False),
-    Metric("false alarms", _count_hits((NONE,), CaseOutcome.is_false_alarm), target_is_minimum=False,
-    targets=_targets(0.02, 0.03, 0.05, 0.03)),
+           target_is_minimum=False),
+    Metric("false alarms", _count_hits((NONE,), CaseOutcome.is_false_alarm), (0.02, 0.03, 0.05, 0.03), False,
+           shown=BOTH),
     Metric("outside called `unknown`", _count_hits(("outside",), lambda c: c.verdict == UNKNOWN),
-    targets=_targets(0.85, 0.75, 0.65, 0.75)),
-    Metric("library called `unknown`", _count_hits(LIBRARY, lambda c: c.verdict == UNKNOWN), target_is_minimum=False,
-    targets={"references": 0.05}),
-    Metric("both of a pair", _count_hits(("pair",), CaseOutcome.finds_exactly),
-    targets=_targets(0.85, 0.75, 0.60, 0.75)),
+           (0.85, 0.75, 0.65, 0.75), shown=BOTH, short="outside unknown"),
+    Metric("library called `unknown`", _count_hits(LIBRARY, lambda c: c.verdict == UNKNOWN), (0.05, None, None, None),
+           False, shown=(IN_SLICES,), short="library unknown"),
+    Metric("both of a pair", _count_hits(("pair",), CaseOutcome.finds_exactly), (0.85, 0.75, 0.60, 0.75), shown=BOTH,
+           short="pairs"),
     Metric("both of a pair by class", _count_hits(("pair",), CaseOutcome.finds_by_class)),
     Metric("one of a pair first", _count_hits(("pair",), lambda c: c.is_in_top(1))),
     Metric("closure, median", _summarize_figure("closure", LIBRARY, _median)),
-    Metric("closure / oracle, median", _summarize_figure("relative", LIBRARY, _median), False,
-    targets=_targets(0.95, 0.90, 0.85, 0.85)),
-    Metric("closure / oracle, 10th percentile", _summarize_figure("relative", LIBRARY, _tenth), False,
-    targets=_targets(0.75, 0.60, 0.50, 0.50)),
+    Metric("closure / oracle, median", _summarize_figure("relative", LIBRARY, _median), (0.95, 0.90, 0.85, 0.85),
+           percent=False, shown=BOTH, short="closure / oracle"),
+    Metric("closure / oracle, 10th percentile", _summarize_figure("relative", LIBRARY, _tenth),
+           (0.75, 0.60, 0.50, 0.50), percent=False, shown=(IN_SUMMARY,), short="10th percentile"),
     Metric("closure of the oracle, median", _summarize_figure("oracle", LIBRARY, _median)),
     Metric("closure of the oracle without correction, median", _summarize_figure("plain_oracle", LIBRARY, _median)),
-    Metric("abs(claimed − true shrink), median", _summarize_figure("shrink_error", LIBRARY, _median), False, False,
-    _targets(0.05)),
+    Metric("abs(claimed − true shrink), median", _summarize_figure("shrink_error", LIBRARY, _median), (0.05,), False,
+           False, BOTH, "shrink error"),
     Metric("abs(claimed − true shrink), 90th percentile", _summarize_figure("shrink_error", LIBRARY, _ninetieth),
-    False, False, _targets(0.15)),
-    Metric("parameters within their 95 % interval", _count_covered, targets=_targets(0.90)),
-    Metric("`where`: misplaced energy over direction, mean", _summarize_figure("where_direction", KINDS_WITH_GAP,
-    mean), target_is_minimum=False),
+           (0.15,), False, False, (IN_SUMMARY,), "90th percentile"),
+    Metric("parameters within their 95 % interval", _count_covered, (0.90,), shown=(IN_SUMMARY,),
+           short="parameters covered"),
+    Metric("`where`: misplaced energy over direction, mean",
+           _summarize_figure("where_direction", KINDS_WITH_GAP, mean), target_is_minimum=False),
     Metric("`where`: misplaced energy over speed, mean", _summarize_figure("where_speed_m_s", KINDS_WITH_GAP, mean),
-    target_is_minimum=False),
-    Metric("ECE of the first candidate", _over_candidates(_top_calibration), False, False, _targets(0.05)),
-    Metric("ECE of all candidates", _over_candidates(calibration_error), False, False),
-    Metric("Brier score", _over_candidates(brier), False, False),
+           target_is_minimum=False),
+    Metric("ECE of the first candidate", _top_calibration, (0.05,), False, False, BOTH, "ECE"),
+    Metric("ECE of all candidates", lambda cases: calibration_error(*candidates(cases)), (), False, False),
+    Metric("Brier score", lambda cases: brier(*candidates(cases)), (), False, False),
 )  # fmt: skip
 BY_NAME: Mapping[str, Metric] = {metric.name: metric for metric in METRICS}
 

@@ -93,9 +93,9 @@ def list_coverage(label: Mapping[str, Any], gap: Mapping[str, Any]) -> tuple[boo
     return tuple(hits)
 
 
-def _read(true: Numbers, *paths: str) -> float | None:
+def _read(true: Numbers, *paths: str, sign: float = 1.0) -> float | None:
     """Return the number at the first of the paths that the effect has."""
-    return next((true[path] for path in paths if path in true), None)
+    return next((sign * true[path] for path in paths if path in true), None)
 
 
 def _added(true: Numbers, plant: str, *paths: str) -> float | None:
@@ -112,28 +112,22 @@ def _added_stiffness(true: Numbers, values: Numbers, plant: str) -> float | None
     return 1.0 / (1.0 / true[path] - 1.0 / KINDS[plant].design.number(path))
 
 
-def _delay(true: Numbers, _values: Numbers, _plant: str) -> float | None:
-    """Return minus the delay of the logged position; a late one is also filtered."""
-    shifted = true["delay_s"] < 0.0 or true["lag_share"] <= MAX_LAG_SHARE
-    return -true["delay_s"] if shifted else None
-
-
-def _rebound_clearance(true: Numbers, _values: Numbers, _plant: str) -> float | None:
-    clearance = _read(true, *CLEARANCE)
-    return None if clearance is None else -clearance
-
-
 CLEARANCE = ("body.bump_clearance_m", "stop_clearance_m")
 COUNTERPARTS: Mapping[tuple[str, str], Counterpart] = {
     ("force_offset", "offset_N"): lambda t, v, p: _read(t, "offset_N"),
     ("current_scale", "gain"): lambda t, v, p: 1.0 / (1.0 + t["gain"]) if "offset_A" in v else None,
     ("current_scale", "offset_A"): lambda t, v, p: -t["offset_A"] / (1.0 + t["gain"]),
-    ("position_delay", "delay_s"): _delay,
+    # minus the delay of the logged position; a late one is also filtered
+    ("position_delay", "delay_s"): lambda t, v, p: (
+        -t["delay_s"] if t["delay_s"] < 0.0 or t["lag_share"] <= MAX_LAG_SHARE else None
+    ),
     ("inertia", "mass_kg"): lambda t, v, p: _added(t, p, "body.moving_mass_kg", "mass_kg"),
     ("backlash", "gap_m"): lambda t, v, p: _added(t, p, "mount.play_m", "play_m"),
     ("mount_compliance", "stiffness_N_m"): _added_stiffness,
     ("bump_stop", "compression_m"): lambda t, v, p: _read(t, *CLEARANCE),
-    ("bump_stop", "rebound_m"): _rebound_clearance,
+    ("bump_stop", "rebound_m"): lambda t, v, p: (
+        None if _read(t, *CLEARANCE) is None else -(_read(t, *CLEARANCE) or 0.0)
+    ),
     ("bump_stop", "stiffness_N_m"): lambda t, v, p: _read(t, "body.bump_stiffness_N_m", "stop_N_m"),
     ("friction", "coulomb_N"): lambda t, v, p: _added(t, p, "seal_N"),
     ("leakage", "leak_m_sN"): lambda t, v, p: _added(t, p, "bypass_m_Ns"),
@@ -149,6 +143,7 @@ have no such number: they follow other laws than the forms."""
 
 NONE, UNKNOWN = "none", "unknown"  # candidates besides the effects
 CALIBRATION = "calibration"  # the cause "the simulation's force map is off"
+SAME = ("case", "kind", "plant", "excitation", "gap_to_noise", "baseline_ratio", "gap_N")  # in a label
 SURE_PROBABILITY = 0.9  # from here on a wrong cause counts as confidently wrong
 
 
@@ -271,13 +266,8 @@ def build_case_outcome(
     """Return the record of a case from its label, its `gap.json` and the causes that simpler methods name."""
     causes, rest = gap["causes"], gap["probabilities"]
     return CaseOutcome(
-        case=label["case"],
-        kind=label["kind"],
+        **{key: label[key] for key in SAME},
         truth=tuple(effect["name"] for effect in label["effects"]),
-        gap_to_noise=label["gap_to_noise"],
-        baseline_ratio=label["baseline_ratio"],
-        excitation=label["excitation"],
-        plant=label["plant"],
         verdict=gap["verdict"],
         ranked=tuple(cause["effect"] for cause in causes),
         probability={**{c["effect"]: c["probability"] for c in causes}, NONE: rest["none"], UNKNOWN: rest["unknown"]},
@@ -288,6 +278,5 @@ def build_case_outcome(
         baselines=baselines,
         seconds=seconds,
         mode=mode,
-        gap_N=label["gap_N"],
         covered=list_coverage(label, gap),
     )

@@ -1,4 +1,4 @@
-"""Excitations of blind cases: a kind and a seed go in, stroke and current commands come out.
+"""Plans of blind tests, and the excitations of their cases: a kind and a seed go in, stroke and current come out.
 
 `rich` covers speeds, strokes and currents; `road` is a vehicle's stroke with a controller's current; with
 `constant_current` the valve never moves.
@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations, product
 from typing import TypeVar
@@ -16,11 +16,10 @@ from numpy.random import Generator
 from scipy.signal import butter, sosfiltfilt
 
 from ces_data.arrays import F
-from ces_rig.drive.currents import Binary, ConstantLevel, Current, FilteredNoise, Prbs, StrokeFollowing
-from ces_rig.drive.strokes import FrequencyModulated, NoiseStroke, RoadStroke, Shape, fade
+from ces_rig.drive.currents import Binary, ConstantLevel, FilteredNoise, Prbs, StrokeFollowing
+from ces_rig.drive.sequences import Current, Shape
+from ces_rig.drive.strokes import FrequencyModulated, NoiseStroke, RoadStroke, fade
 from ces_rig.errors import RigError
-
-Parts = tuple[tuple[Shape, ...], Current]
 
 RICH, ROAD, CONSTANT = "rich", "road", "constant_current"
 EXCITATIONS = (RICH, ROAD, CONSTANT)
@@ -70,27 +69,23 @@ class Drive:
 
 def draw_drive(kind: str, range_A: tuple[float, float], rng: Generator) -> Drive:
     """Return a drive of this kind with drawn settings and currents inside `range_A`."""
-    shapes, current = DRIVE_KINDS[kind](*range_A, rng)
+    shapes, current = _draw_parts(kind, *range_A, rng)
     return Drive(shapes, current, rng.uniform(*REACH_M))
 
 
-def _draw_rich(low: float, high: float, rng: Generator) -> Parts:
-    kinds: tuple[Current, ...] = (
-        Binary(low, high, shortest_s=0.06, mean_s=rng.uniform(0.2, 0.5)),
-        Prbs(low, high, hold_s=rng.uniform(0.08, 0.2)),
-        FilteredNoise(low, high, cutoff_Hz=rng.uniform(2.0, 6.0)),
-    )
-    return _draw_two_noises(rng), kinds[int(rng.integers(len(kinds)))]
-
-
-def _draw_road(low: float, high: float, rng: Generator) -> Parts:
-    road = RoadStroke(road_class="CD"[int(rng.integers(2))], vehicle_m_s=rng.uniform(10.0, 22.0))
-    if rng.random() < 0.5:
-        return (road,), FilteredNoise(low, high, cutoff_Hz=rng.uniform(1.5, 5.0))
-    return (road,), StrokeFollowing(low, high, stroke_m=rng.uniform(0.006, 0.016), lag_s=rng.uniform(0.005, 0.02))
-
-
-def _draw_constant(low: float, high: float, rng: Generator) -> Parts:
+def _draw_parts(kind: str, low: float, high: float, rng: Generator) -> tuple[tuple[Shape, ...], Current]:
+    if kind == RICH:
+        kinds: tuple[Current, ...] = (
+            Binary(low, high, shortest_s=0.06, mean_s=rng.uniform(0.2, 0.5)),
+            Prbs(low, high, hold_s=rng.uniform(0.08, 0.2)),
+            FilteredNoise(low, high, cutoff_Hz=rng.uniform(2.0, 6.0)),
+        )
+        return _draw_two_noises(rng), kinds[int(rng.integers(len(kinds)))]
+    if kind == ROAD:
+        road = RoadStroke(road_class="CD"[int(rng.integers(2))], vehicle_m_s=rng.uniform(10.0, 22.0))
+        if rng.random() < 0.5:
+            return (road,), FilteredNoise(low, high, cutoff_Hz=rng.uniform(1.5, 5.0))
+        return (road,), StrokeFollowing(low, high, stroke_m=rng.uniform(0.006, 0.016), lag_s=rng.uniform(0.005, 0.02))
     level = ConstantLevel(low + (high - low) * rng.uniform(0.1, 0.8))
     if rng.random() < 0.5:
         return _draw_two_noises(rng), level
@@ -103,13 +98,6 @@ def _draw_two_noises(rng: Generator) -> tuple[Shape, ...]:
     fast = NoiseStroke(peak_to_peak_m=rng.uniform(0.030, 0.050), cutoff_Hz=rng.uniform(8.0, 15.0))
     slow = NoiseStroke(peak_to_peak_m=rng.uniform(0.030, 0.050), cutoff_Hz=rng.uniform(1.0, 2.5), order=4)
     return fast, slow
-
-
-DRIVE_KINDS: dict[str, Callable[[float, float, Generator], Parts]] = {
-    RICH: _draw_rich,
-    ROAD: _draw_road,
-    CONSTANT: _draw_constant,
-}
 
 
 T = TypeVar("T")
@@ -186,28 +174,25 @@ def is_visible(effects: Sequence[str], excitation: str) -> bool:
 
 
 def _cross_levels(levels: Levels, kind: str, rng: Generator) -> Iterator[BlindCase]:
-    choices = _list_effects(levels, kind, rng)
-    if kind == PAIR:
-        choices = choices[:GRID_PAIRS]
+    """Yield all combinations; without an effect, as many with a correct simulation as with a wrong one."""
     if kind == NONE:
-        yield from _cross_without_effect(levels)
+        wrong = [error for error in levels.errors if error > 0.0] or [0.0]
+        for _, error, gap, excitation in product(range(GRID_NONE), wrong, levels.gaps, levels.excitations):
+            for ratio in (error, 0.0):
+                yield BlindCase(NONE, (), gap, ratio, excitation, levels.plants)
         return
+    choices = _list_effects(levels, kind, rng)[: GRID_PAIRS if kind == PAIR else None]
     for effects, gap, error, excitation in product(choices, levels.gaps, levels.errors, levels.excitations):
         if is_visible(effects, excitation):
             yield BlindCase(kind, effects, gap, error, excitation, levels.plants)
 
 
-def _cross_without_effect(levels: Levels) -> Iterator[BlindCase]:
-    """Yield cases without an effect: as many with a correct simulation as with a wrong one."""
-    wrong = [error for error in levels.errors if error > 0.0] or [0.0]
-    for _, error, gap, excitation in product(range(GRID_NONE), wrong, levels.gaps, levels.excitations):
-        for ratio in (error, 0.0):
-            yield BlindCase(NONE, (), gap, ratio, excitation, levels.plants)
-
-
 def _balance_levels(levels: Levels, kind: str, count: int, rng: Generator) -> list[BlindCase]:
+    """Return `count` cases; without an effect, half of the simulations are correct."""
     effects = _cycle_values(_list_effects(levels, kind, rng), count, rng)
-    gaps, errors = _cycle_values(levels.gaps, count, rng), _cycle_values(_error_levels(levels, kind), count, rng)
+    wrong = tuple(error for error in levels.errors if error > 0.0)
+    ratios = (*wrong, *(0.0 for _ in wrong)) if kind == NONE and wrong else levels.errors
+    gaps, errors = _cycle_values(levels.gaps, count, rng), _cycle_values(ratios, count, rng)
     excitations = _cycle_values(levels.excitations, count, rng)
     cases = [BlindCase(kind, *row, levels.plants) for row in zip(effects, gaps, errors, excitations, strict=True)]
     return [_make_visible(case, levels, rng) for case in cases]
@@ -220,12 +205,6 @@ def _make_visible(case: BlindCase, levels: Levels, rng: Generator) -> BlindCase:
     if not suitable:
         raise RigError(f"blind: {', '.join(case.effects)} cannot be seen under {', '.join(levels.excitations)}")
     return replace(case, excitation=suitable[int(rng.integers(len(suitable)))])
-
-
-def _error_levels(levels: Levels, kind: str) -> tuple[float, ...]:
-    """Return the levels of the simulation's error; without an effect, half of the simulations are correct."""
-    wrong = tuple(error for error in levels.errors if error > 0.0)
-    return (*wrong, *(0.0 for _ in wrong)) if kind == NONE and wrong else levels.errors
 
 
 def _list_effects(levels: Levels, kind: str, rng: Generator) -> list[tuple[str, ...]]:

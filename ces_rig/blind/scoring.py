@@ -136,6 +136,7 @@ def where_error(
 
 
 def _distance(regions: Sequence[Mapping[str, Any]], values: F, energy: F) -> float:
+    """Return the total-variation distance between claimed and true shares of the regions, and of what is left."""
     total = max(float(energy.sum()), 1e-12)
     claimed, true = [], []
     for region in regions:

@@ -8,35 +8,20 @@ from dataclasses import dataclass
 from math import isfinite
 from typing import Any
 
-from ces_rig.blind.metrics import BY_NAME, METRICS, Cases, Metric, Statistic, baselines, cases_of_kind
+from ces_rig.blind.metrics import (
+    BY_NAME,
+    IN_SLICES,
+    IN_SUMMARY,
+    METRICS,
+    Cases,
+    Metric,
+    Statistic,
+    baselines,
+    cases_of_kind,
+)
 from ces_rig.blind.metrics import cases_with_targets as with_targets
 from ces_rig.blind.outcome import NONE, UNKNOWN, CaseOutcome
 
-SHORT = {
-    "top-1 by class": "class",
-    "verdict names exactly the effect": "named exactly",
-    "named, and not the cause": "named, not the cause",
-    "both of a pair": "pairs",
-    "closure / oracle, 10th percentile": "10th percentile",
-    "abs(claimed − true shrink), 90th percentile": "90th percentile",
-    "parameters within their 95 % interval": "parameters covered",
-    "outside called `unknown`": "outside unknown",
-    "library called `unknown`": "library unknown",
-    "closure / oracle, median": "closure / oracle",
-    "abs(claimed − true shrink), median": "shrink error",
-    "ECE of the first candidate": "ECE",
-}
-SLICE_METRICS = (
-    "top-1", "top-1 by class", "top-3", "named, and not the cause", "false alarms", "outside called `unknown`",
-    "library called `unknown`", "both of a pair", "closure / oracle, median", "abs(claimed − true shrink), median",
-    "ECE of the first candidate",
-)  # fmt: skip
-SUMMARY_METRICS = (
-    "top-1", "top-1 by class", "top-3", "verdict names exactly the effect", "named, and not the cause", "false alarms",
-    "outside called `unknown`", "both of a pair", "closure / oracle, median", "closure / oracle, 10th percentile",
-    "abs(claimed − true shrink), median", "abs(claimed − true shrink), 90th percentile",
-    "parameters within their 95 % interval", "ECE of the first candidate",
-)  # fmt: skip
 WORDS = {0.0: "0", 1.0 / 3.0: "1/3"}
 
 
@@ -50,14 +35,14 @@ class ScoreTable:
 
 def summary_table(by_mode: Mapping[str, Cases]) -> ScoreTable:
     """Return one row per mode: each main metric with its interval, the number of cases, and the target."""
-    rows = []
+    rows, metrics = [], [metric for metric in METRICS if IN_SUMMARY in metric.shown]
     for name, cases in by_mode.items():
         row = [f"`{name}`", str(len(cases))]
-        for metric in (BY_NAME[name] for name in SUMMARY_METRICS):
+        for metric in metrics:
             value, interval, count, goal = _describe(metric, metric.count(cases), cases[0].mode.class_name)
             row.append(f"{value} ({interval}; {count})" + (f"; {goal}" if goal else "") if count != "0" else "–")
         rows.append(row)
-    return ScoreTable(("mode", "cases", *(SHORT.get(name, name) for name in SUMMARY_METRICS)), rows)
+    return ScoreTable(("mode", "cases", *(metric.short or metric.name for metric in metrics)), rows)
 
 
 def headline_table(cases: Cases) -> ScoreTable:
@@ -74,41 +59,39 @@ def mode_facts(cases: Cases) -> dict[str, Any]:
 
 
 def _metric_facts(cases: Cases) -> list[dict[str, Any]]:
-    counted = [(metric, metric.count(cases)) for metric in METRICS] if cases else []
     return [
         {
             "figure": metric.name,
             "value": figure.value,
-            "ci95": figure.interval(),
+            "ci95": figure.interval,
             "cases": figure.count,
-            "target": metric.targets.get(cases[0].mode.class_name),
+            "target": metric.target(cases[0].mode.class_name),
             "target_is_minimum": metric.target_is_minimum,
         }
-        for metric, figure in counted
-        if figure.count > 0
+        for metric in METRICS
+        if (figure := metric.count(cases)).count > 0
     ]
 
 
 def slice_table(cases: Cases, title: str, key: Callable[[CaseOutcome], object]) -> ScoreTable:
     """Return the main metrics by one property of the cases."""
-    rows = []
+    rows, metrics = [], [metric for metric in METRICS if IN_SLICES in metric.shown]
     for level in sorted({key(case) for case in cases}, key=lambda level: (isinstance(level, str), level)):
         part = [case for case in cases if key(case) == level]
         text = WORDS.get(level, f"{level:g}") if isinstance(level, float) else str(level)
-        rows.append([text, str(len(part)), *_values(SLICE_METRICS, part)])
-    return ScoreTable((title, "cases", *(SHORT.get(name, name) for name in SLICE_METRICS)), rows)
+        rows.append([text, str(len(part)), *_values(metrics, part)])
+    return ScoreTable((title, "cases", *(metric.short or metric.name for metric in metrics)), rows)
 
 
 def confusion_table(cases: Cases) -> ScoreTable:
     """Return for each withheld effect its top-1 and top-3 rates, the verdicts and the effects mistaken for it."""
-    rows = []
+    rows, metrics = [], [BY_NAME[name] for name in ("top-1", "top-1 by class", "top-3")]
     effect_cases = cases_of_kind(cases, "effect")
     for effect in sorted({name for case in effect_cases for name in case.truth}):
         part = [case for case in effect_cases if effect in case.truth]
-        shares = _values(("top-1", "top-1 by class", "top-3"), part)
         mistaken = (case.ranked[0] if case.ranked else "nothing" for case in part if not case.is_in_top(1))
         counts = [_format_counts(case.verdict for case in part), _format_counts(mistaken)]
-        rows.append([f"`{effect}`", str(len(part)), *shares, *counts])
+        rows.append([f"`{effect}`", str(len(part)), *_values(metrics, part), *counts])
     return ScoreTable(("withheld", "cases", "top-1", "by class", "top-3", "verdicts", "mistaken for"), rows)
 
 
@@ -156,8 +139,8 @@ def _format_counts(words: Iterable[str]) -> str:
     return ", ".join(f"{word} {count}" for word, count in Counter(words).most_common())
 
 
-def _values(names: Sequence[str], cases: Cases) -> list[str]:
-    return [_number(BY_NAME[name].count(cases).value, BY_NAME[name].percent) for name in names]
+def _values(metrics: Sequence[Metric], cases: Cases) -> list[str]:
+    return [_number(metric.count(cases).value, metric.percent) for metric in metrics]
 
 
 def _describe(metric: Metric, figure: Statistic, target_class: str = "") -> tuple[str, str, str, str]:
@@ -165,9 +148,9 @@ def _describe(metric: Metric, figure: Statistic, target_class: str = "") -> tupl
 
     It is undecided where the interval of the figure contains the target.
     """
-    low, high = figure.interval()
+    low, high = figure.interval
     interval = f"{_number(low, metric.percent)} to {_number(high, metric.percent)}"
-    target, goal = metric.targets.get(target_class), ""
+    target, goal = metric.target(target_class), ""
     if target is not None:
         at_least = metric.target_is_minimum
         met, missed = (low >= target, high < target) if at_least else (high <= target, low > target)

@@ -1,4 +1,4 @@
 """Physical damper models, one package per kind: stroke and current in, force, coil current and temperature out.
 
-`effects` holds what withheld effects of all kinds have in common, `kinds` the list of kinds.
+`model` is what all kinds are, `effects` what withheld effects of all kinds have in common, `kinds` the list of kinds.
 """

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from functools import partial
+from functools import partial, reduce
 from math import exp, isfinite, log, sqrt
 from typing import Any
 
@@ -69,6 +69,16 @@ class WithheldEffect:
             raise RigError(f"withheld effect '{self.name}' is unknown; expected one of {', '.join(EFFECTS + OUTSIDE)}")
         if not (isfinite(self.severity) and self.severity >= 0.0):
             raise RigError(f"withheld effect {self.name}: severity {self.severity!r}; expected a number of at least 0")
+
+
+def added(**paths: str) -> Change:
+    """Return a change that adds to the numbers at `paths` the severity times a proportion, the name of the argument."""
+    return lambda d, s, p: {path: get_number(d, path) + s * p[key] for key, path in paths.items()}
+
+
+def get_number(damper: object, path: str) -> float:
+    """Return the number at a path, such as `seal.coulomb_N`, in a damper's description."""
+    return float(reduce(getattr, path.split("."), damper))  # type: ignore[arg-type]
 
 
 def interpolate_log(start: float, target: float, share: float) -> float:

@@ -1,6 +1,6 @@
 """The kinds of damper: each is a package beside this file and an entry in `KINDS`.
 
-A new kind needs parameters (a `LumpedDamper` if its description is flat), a kernel, effects and an entry here;
+A new kind needs parameters (a `LumpedDamper` if its description is flat), a kernel, its `KIND` and an entry here;
 simulations, blind cases and the live rig then support it.
 """
 

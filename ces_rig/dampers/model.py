@@ -1,33 +1,58 @@
 """What every damper of the rig is: numbers that can be changed by path, and the kind that its equations belong to.
 
-A kind is a package: the fields of its model (`parameters`), its equations (`kernel`), the changes that its effects make
-(`effects`), and in its `__init__` the `KIND` that puts them together; `kinds.py` lists it.
+A kind is a package: the fields of its model (`parameters`), its equations (`kernel`), and in its `__init__` how dampers
+vary, the changes that effects make, and the `KIND` that puts all together; `kinds.py` lists it.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, astuple, dataclass
 from types import ModuleType
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Self, TypeVar
 
 import numpy as np
-from numpy.random import Generator
 
 from ces_data.arrays import F
-from ces_rig.dampers.effects import Change, Proportions, WithheldEffect, interpolate_log, log_spread, uniform_spread
+from ces_observer.fields import read_record
+from ces_rig.dampers.effects import (
+    Change,
+    Proportions,
+    added,
+    get_number,
+    interpolate_log,
+    log_spread,
+    uniform_spread,
+)
 from ces_rig.errors import RigError
-from ces_rig.nested_numbers import get_number, replace_numbers
+
+T = TypeVar("T")
 
 REACH_M = 0.06  # [m] travel to either side for which the gas volume is designed
 MIN_GAS_SHARE = 1.05  # of the volume that the rod displaces at the end of that travel
+
+
+def replace_numbers(whole: T, numbers: Mapping[str, Any], where: str = "plant") -> T:
+    """Return the record `whole` with the `numbers` at their paths, such as `seal.coulomb_N`.
+
+    Raises RigError for one outside its declared range.
+    """
+    nested: dict[str, Any] = {}
+    for path, number in numbers.items():
+        *sections, last = path.split(".")
+        inner = nested
+        for section in sections:
+            inner = inner.setdefault(section, {})
+        inner[last] = number
+    return read_record(type(whole), nested, where, RigError, whole)
 
 
 class DamperModel(ABC):
     """A damper whose numbers can be changed by path: as a plant, a simulation or on a live rig."""
 
     kind: ClassVar[str]
+    coil_path: ClassVar[str] = "coil_s"  # of the coil's time constant
     delay_s: float = 0.0  # [s] dead time of the current, for kinds that have one
     foaming_1_J: float
     damper: Any  # the description that the effects change
@@ -49,11 +74,11 @@ class DamperModel(ABC):
 
     @abstractmethod
     def coefficients(self) -> tuple[float, ...]:
-        """Return the kernel's numbers, a named tuple."""
+        """Return the kernel's numbers, in their order."""
 
-    @abstractmethod
     def without_coil(self) -> Self:
         """Return the damper without its coil's lag, to be driven with a measured coil current."""
+        return self.with_numbers({self.coil_path: 0.0})
 
     @abstractmethod
     def with_numbers(self, numbers: Mapping[str, float]) -> Self:
@@ -82,7 +107,6 @@ class LumpedDamper(DamperModel):
     current_A: ClassVar[tuple[float, float]]
     gas_m3: float
     rod_m2: float
-    coil_s: float
 
     def __post_init__(self) -> None:
         if self.gas_m3 <= MIN_GAS_SHARE * self.rod_m2 * REACH_M:
@@ -93,9 +117,9 @@ class LumpedDamper(DamperModel):
         """The description that the effects change: this object."""
         return self
 
-    def without_coil(self) -> Self:
-        """Return the damper without its coil's lag, to be driven with a measured coil current."""
-        return replace(self, coil_s=0.0)  # type: ignore[type-var]
+    def coefficients(self) -> tuple[float, ...]:
+        """Return the kernel's numbers: all fields."""
+        return astuple(self)  # type: ignore[call-overload, no-any-return]
 
     def with_numbers(self, numbers: Mapping[str, float]) -> Self:
         """Return the damper with other numbers; raises RigError for one out of range."""
@@ -106,9 +130,9 @@ class LumpedDamper(DamperModel):
 class DamperKind:
     """A kind of damper: its effect-free design, variation, simulation errors, effects and compiled equations.
 
-    The `kernel` has `settle(c, state, stroke, speed, current) -> force` at rest, `rest_force(c)`, `run` (which steps
-    the damper by whatever moves it, see `drive/kernels.py`), STATE_SIZE, the indices COIL and TEMPERATURE of the
-    state, and STEP_S, the integrator's step.
+    The `kernel` has the named tuple `Numbers` of the coefficients c, `settle(c, state, stroke, speed, current)`,
+    which returns the force at rest, `rest_force(c)`, `run` (which steps the damper by whatever moves it, see
+    `drive/kernels.py`), STATE_SIZE, the indices COIL and TEMPERATURE of the state, and STEP_S, the integrator's step.
     """
 
     design: DamperModel
@@ -117,20 +141,6 @@ class DamperKind:
     spreads: Mapping[str, Proportions]
     changes: Mapping[str, Change]
     kernel: ModuleType
-
-    @staticmethod
-    def of(design: DamperModel, effects: ModuleType, kernel: ModuleType) -> DamperKind:
-        """Return the kind of a design from its modules."""
-        return DamperKind(design, effects.VARIED, effects.WRONG, effects.SPREADS, effects.CHANGES, kernel)
-
-    def draw_plant(self, rng: Generator) -> DamperModel:
-        """Return the design with the numbers in `varied` drawn log-normally, each with its standard deviation."""
-        factors = {path: float(np.exp(s * rng.standard_normal())) for path, s in self.varied.items()}
-        return self.design.with_numbers({path: f * self.design.number(path) for path, f in factors.items()})
-
-    def numbers(self, model: DamperModel, withheld: WithheldEffect) -> dict[str, float]:
-        """Return the physical numbers of `model` under the effect, by path."""
-        return self.changes[withheld.name](model.damper, withheld.severity, withheld.proportions)
 
 
 LUMPED_SPREADS: Mapping[str, Proportions] = {
@@ -164,22 +174,31 @@ def _friction(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
     }
 
 
+def _mount_compliance(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
+    stiffness = 1.0 / (1.0 / d.mount_N_m + s * p["compliance_m_N"])
+    share = 1.0 - stiffness / d.mount_N_m
+    relaxation = interpolate_log(d.mount_Ns_m / d.mount_N_m, p["relaxation_s"], share)
+    numbers = {"mount_N_m": stiffness, "mount_Ns_m": relaxation * stiffness}
+    return numbers | ({"mount_m": interpolate_log(d.mount_m, p["stiffening_m"], share)} if "stiffening_m" in p else {})
+
+
 LUMPED_CHANGES: Mapping[str, Change] = {
     "friction": _friction,
+    "mount_compliance": _mount_compliance,
     "compressibility": lambda d, s, p: {
         "oil_N_m": 1.0 / (1.0 / d.oil_N_m + s * p["compliance_m_N"]), "air_m": d.air_m + s * p["air_m"],
     },
     "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"], "play_edge_m": p["edge_m"]},
-    "inertia": lambda d, s, p: {"mass_kg": d.mass_kg + s * p["mass_kg"]},
+    "inertia": added(mass_kg="mass_kg"),
     "gas_spring": _gas_spring,
     "blow_off": lambda d, s, p: {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_Ns_m": p["beyond_Ns_m"]},
-    "current_hysteresis": lambda d, s, p: {"loop_A": d.loop_A + s * p["loop_A"]},
+    "current_hysteresis": added(loop_A="loop_A"),
     "groove": lambda _d, s, p: {
         "groove_m_Ns": s * p["bypass_m_Ns"], "groove_at_m": p["at_m"], "groove_m": p["half_m"],
     },
     "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_m_J"]},
     "side_load": lambda _d, s, p: {"side_load_N_m": s * p["slope_N_m"], "side_at_m": p["at_m"]},
     "sticking_check": lambda _d, s, p: {"stick_N": s * p["adhesion_N"]},
-    "late_check": lambda d, s, p: {"closing_s": d.closing_s + s * p["closing_s"]},
+    "late_check": added(closing_s="closing_s"),
 }  # fmt: skip
 """Changes of effects whose laws several kinds share; a kind replaces those that it has of its own."""

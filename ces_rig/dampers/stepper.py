@@ -44,7 +44,7 @@ class DamperStepper:
             raise RigError(f"interval {interval_s!r} s and step {step_s!r} s; expected numbers above 0")
         self.model, self.mover = model, mover
         self.interval_s, self.substeps = interval_s, max(1, round(interval_s / step_s))
-        self._coefficients = model.coefficients()
+        self._coefficients = self.kind.kernel.Numbers(*model.coefficients())
         self.numbers = np.array(self._coefficients)
         self.rest_N = float(self.kind.kernel.rest_force(self._coefficients))
         self.state, self.motion = np.zeros(self.kind.kernel.STATE_SIZE), np.zeros(MOTION_SIZE)

@@ -1,4 +1,4 @@
-"""The working range of the valve's current on the rig: the part of its allowed range that the experiments use."""
+"""The kinds of current: a description goes in, commands on a grid come out; `reg1` answers the damper's force."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import copysign, exp, pi
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -15,7 +15,7 @@ from scipy.signal import butter, lfilter, max_len_seq, sosfilt
 from ces_data.arrays import F
 from ces_observer.control.force_controller import CurveError, ForceCurve
 from ces_observer.fields import REQUIRED, quantity, read_record
-from ces_rig.drive.sequences import KIND, CurrentSequence, parse_parts
+from ces_rig.drive.sequences import KIND, Current, CurrentSequence, parse_parts
 from ces_rig.drive.strokes import take_kind
 from ces_rig.errors import RigError
 
@@ -72,13 +72,6 @@ class SpeedForceLoop:
         if wanted == self.current_A or (wanted - self.current_A) * change < 0.0:
             self._integral_A += change
         return self.current_A
-
-
-class Current(Protocol):
-    """A kind of current that is known before the damper moves."""
-
-    def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
-        """Return the commanded current [A] at the uniform times, shape (n,)."""
 
 
 def _current(default: Any, what: str) -> Any:
@@ -159,11 +152,22 @@ class Binary:
 
 
 @dataclass(frozen=True)
-class FilteredNoise:
-    """Low-pass filtered white noise, softly limited to a range."""
+class CurrentRange:
+    """The range of a current."""
 
     low_A: float = _current(LOW, "lower end")
     high_A: float = _current(HIGH, "upper end")
+
+    def at(self, share: F) -> F:
+        """Return the currents [A] (n,) for shares of half the range, -1 to 1, from its middle."""
+        middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
+        return np.asarray(middle + half * share)
+
+
+@dataclass(frozen=True)
+class FilteredNoise(CurrentRange):
+    """Low-pass filtered white noise, softly limited to a range."""
+
     cutoff_Hz: float = quantity(3.0, "Hz", "cutoff of the 4th-order Butterworth filter", 0.0, 100.0, above=True)
     spread: float = quantity(0.6, "1", "standard deviation before limiting, relative to half the range", 0.0, 10.0)
 
@@ -173,19 +177,16 @@ class FilteredNoise:
         lead = round(3.0 * rate)
         sos = butter(4, self.cutoff_Hz, fs=rate, output="sos")
         noise = sosfilt(sos, rng.standard_normal(lead + len(time_s)))[lead:]
-        middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
-        return np.asarray(middle + half * np.tanh(self.spread * noise / noise.std()))
+        return self.at(np.tanh(self.spread * noise / noise.std()))
 
 
 @dataclass(frozen=True)
-class StrokeFollowing:
+class StrokeFollowing(CurrentRange):
     """A current tied to the stroke: more when compressed, less when extended, inside a range.
 
     current = middle + half range · tanh(s), where s is the stroke over `stroke_m` after a first-order lag.
     """
 
-    low_A: float = _current(LOW, "lower end")
-    high_A: float = _current(HIGH, "upper end")
     stroke_m: float = quantity(0.012, "m", "stroke that moves the current 76 % of the way to an end", 1e-4, 1.0)
     lag_s: float = quantity(0.010, "s", "time constant of the lag", 0.0, 10.0)
 
@@ -195,22 +196,18 @@ class StrokeFollowing:
         pole = exp(-step / self.lag_s) if self.lag_s > 0.0 else 0.0
         start = np.asarray([pole * stroke_m[0]])
         followed, _ = lfilter([1.0 - pole], [1.0, -pole], stroke_m, zi=start)
-        middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
-        return np.asarray(middle + half * np.tanh(followed / self.stroke_m))
+        return self.at(np.tanh(followed / self.stroke_m))
 
 
 @dataclass(frozen=True)
-class SineCurrent:
+class SineCurrent(CurrentRange):
     """A sine inside a range."""
 
-    low_A: float = _current(LOW, "lower end")
-    high_A: float = _current(HIGH, "upper end")
     frequency_Hz: float = quantity(1.0, "Hz", "frequency", 0.0, 100.0, above=True)
 
     def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
         """Return the sine, starting in the middle."""
-        middle, half = (self.high_A + self.low_A) / 2, (self.high_A - self.low_A) / 2
-        return np.asarray(middle + half * np.sin(2 * pi * self.frequency_Hz * time_s))
+        return self.at(np.sin(2 * pi * self.frequency_Hz * time_s))
 
 
 KINDS: Mapping[str, type[Any]] = {

@@ -1,6 +1,7 @@
-"""Strokes and currents made of parts that follow one another, such as the test points of a dyno.
+"""What strokes and currents are, and those that are made of others or of samples.
 
-Each part has a duration and times of its own; after the last part the sequence begins again.
+The parts of a sequence, such as the test points of a dyno, follow one another, each with a duration and times of its
+own; after the last part the sequence begins again. A stroke file holds the samples of a stroke.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import islice
+from math import isfinite
 from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
@@ -28,18 +30,18 @@ KIND = "sequence"
 MAX_PARTS = 1000
 
 
-class StrokePart(Protocol):
-    """A stroke, with its own offset and fade."""
+class Shape(Protocol):
+    """A kind of stroke."""
 
     def samples(self, time_s: F, rng: Generator) -> F:
-        """Return the position [m] at the uniform times (n,)."""
+        """Return the position [m] at the uniform times, shape (n,), before fading and offset."""
 
 
-class CurrentPart(Protocol):
-    """A current that is known before the damper moves."""
+class Current(Protocol):
+    """A kind of current that is known before the damper moves."""
 
     def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
-        """Return the commanded current [A] at the uniform times (n,)."""
+        """Return the commanded current [A] at the uniform times, shape (n,)."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +55,7 @@ class TimedPart:
 class StrokeSequence:
     """Strokes one after the other; each fades in and out by itself."""
 
-    parts: Parts[StrokePart]
+    parts: Parts[Shape]
 
     def samples(self, time_s: F, rng: Generator) -> F:
         """Return the position [m] at the uniform times (n,)."""
@@ -68,7 +70,7 @@ class StrokeSequence:
 class CurrentSequence:
     """Currents one after the other."""
 
-    parts: Parts[CurrentPart]
+    parts: Parts[Current]
 
     def samples(self, time_s: F, stroke_m: F, rng: Generator) -> F:
         """Return the commanded current [A] at the uniform times (n,)."""
@@ -82,17 +84,17 @@ def parse_parts(
     settings: Mapping[str, Any], where: str, make: Callable[[object, str], T]
 ) -> tuple[tuple[float, T], ...]:
     """Return the parts of `{parts: [{duration_s: ..., what `make` reads}, ...]}`; raises RigError."""
-    parts = settings.get("parts")
+    parts, made = settings.get("parts"), []
     if set(settings) != {"parts"} or not isinstance(parts, list) or not 0 < len(parts) <= MAX_PARTS:
         raise RigError(f"{where}: a sequence has the key 'parts' only; expected a list of 1 to {MAX_PARTS} parts")
-    return tuple(_parse_part(part, f"{where}: part {number}", make) for number, part in enumerate(parts, 1))
-
-
-def _parse_part(part: object, where: str, make: Callable[[object, str], T]) -> tuple[float, T]:
-    if not isinstance(part, Mapping) or part.get("kind") == KIND:
-        raise RigError(f"{where} is {part!r}; expected a mapping with kind and duration_s, and no sequence in it")
-    lasting = read_record(TimedPart, {key: part[key] for key in ("duration_s",) if key in part}, where, RigError)
-    return lasting.duration_s, make({key: value for key, value in part.items() if key != "duration_s"}, where)
+    for number, part in enumerate(parts, 1):
+        here = f"{where}: part {number}"
+        if not isinstance(part, Mapping) or part.get("kind") == KIND:
+            raise RigError(f"{here} is {part!r}; expected a mapping with kind and duration_s, and no sequence in it")
+        rest = {key: value for key, value in part.items() if key != "duration_s"}
+        timed = read_record(TimedPart, {key: part[key] for key in part if key not in rest}, here, RigError)
+        made.append((timed.duration_s, make(rest, here)))
+    return tuple(made)
 
 
 def _find_spans(parts: Parts[T], time_s: F) -> Iterator[tuple[T, slice]]:
@@ -128,7 +130,7 @@ class StrokeFile:
 
     def samples(self, time_s: F, rng: Generator) -> F:
         """Return the position [m] at the times (n,)."""
-        return interpolate_stroke(*self.table, time_s)
+        return SampledStroke(*self.table).samples(time_s, rng)
 
 
 @dataclass(frozen=True)
@@ -139,47 +141,36 @@ class SampledStroke:
     positions_m: F
 
     def samples(self, time_s: F, rng: Generator) -> F:
-        """Return the position [m] at the times (n,)."""
-        return interpolate_stroke(self.times_s, self.positions_m, time_s)
-
-
-def interpolate_stroke(times_s: F, positions_m: F, at_s: F) -> F:
-    """Return the cubic spline through the samples at `at_s` (n,), at rest outside them."""
-    return np.asarray(CubicSpline(times_s, positions_m)(np.clip(at_s, times_s[0], times_s[-1])))
+        """Return the cubic spline through the samples at the times (n,), at rest outside them."""
+        inside = np.clip(time_s, self.times_s[0], self.times_s[-1])
+        return np.asarray(CubicSpline(self.times_s, self.positions_m)(inside))
 
 
 def read_stroke_file(path: Path) -> tuple[F, F]:
     """Return times [s] and positions [m] of a stroke file; raises RigError naming the line."""
     try:
         with path.open(encoding="utf-8", newline="") as file:
-            rows = np.array(list(_rows(csv.reader(file), path)))
+            lines = csv.DictReader(file)
+            lines.fieldnames = head = [name.strip() for name in lines.fieldnames or ()]
+            if any(name not in head for name in COLUMNS):
+                raise RigError(f"{path}: columns are {', '.join(head)[:200] or 'none'}; expected {', '.join(COLUMNS)}")
+            rows = np.array([_numbers(line, f"{path}:{lines.line_num}") for line in islice(lines, MAX_ROWS + 1)])
     except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise RigError(f"{path}: cannot be read as CSV: {error}; expected the columns {', '.join(COLUMNS)}") from None
-    if len(rows) < MIN_ROWS:
-        raise RigError(f"{path}: {len(rows)} samples; expected at least {MIN_ROWS}")
+    if not MIN_ROWS <= len(rows) <= MAX_ROWS:
+        raise RigError(f"{path}: {len(rows)} samples; expected at least {MIN_ROWS} and at most {MAX_ROWS}")
     late = np.flatnonzero(np.diff(rows[:, 0]) <= 0.0)
     if len(late):
         raise RigError(f"{path}:{late[0] + 3}: time_s does not rise; expected increasing times")
     return rows[:, 0], rows[:, 1]
 
 
-def _rows(lines: Iterator[list[str]], path: Path) -> Iterator[tuple[float, float]]:
-    head = [name.strip() for name in next(lines, [])]
-    if any(name not in head for name in COLUMNS):
-        raise RigError(f"{path}: columns are {', '.join(head)[:200] or 'none'}; expected {', '.join(COLUMNS)}")
-    at = [head.index(name) for name in COLUMNS]
-    for number, cells in enumerate(islice(lines, MAX_ROWS + 1), 2):
-        if number > MAX_ROWS + 1:
-            raise RigError(f"{path}: more than {MAX_ROWS} samples; expected a shorter stroke")
-        if cells:
-            yield _numbers(cells, at, f"{path}:{number}")
-
-
-def _numbers(cells: list[str], at: list[int], where: str) -> tuple[float, float]:
+def _numbers(line: Mapping[str, str], where: str) -> tuple[float, float]:
     try:
-        time, position = (float(cells[i]) for i in at)
-    except (ValueError, IndexError):
-        raise RigError(f"{where}: {','.join(cells)[:60]!r}; expected numbers in {', '.join(COLUMNS)}") from None
-    if not np.isfinite([time, position]).all():
-        raise RigError(f"{where}: {','.join(cells)[:60]!r} is not finite; expected numbers")
-    return time, position
+        time, position = (float(line[name]) for name in COLUMNS)
+        if isfinite(time) and isfinite(position):
+            return time, position
+    except (ValueError, TypeError):
+        pass
+    found = ",".join(str(line[name]) for name in COLUMNS)
+    raise RigError(f"{where}: {found[:60]!r}; expected finite numbers in {', '.join(COLUMNS)}")

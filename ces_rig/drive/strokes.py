@@ -1,6 +1,7 @@
-"""Suspension stroke of a linear quarter vehicle on an ISO 8608 random road.
+"""The kinds of stroke: a description goes in, positions on a uniform grid come out.
 
-Both are computed in the frequency domain, so the road's spectrum is exact and the vehicle in steady state.
+That on a road is the suspension stroke of a linear quarter vehicle on an ISO 8608 random road. Both are computed in the
+frequency domain, so the road's spectrum is exact and the vehicle in steady state.
 """
 
 from __future__ import annotations
@@ -8,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from math import pi
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.random import Generator
@@ -17,7 +18,7 @@ from scipy.signal import butter, sosfilt
 
 from ces_data.arrays import F
 from ces_observer.fields import REQUIRED, choice, quantity, read_record
-from ces_rig.drive.sequences import KIND, StrokeFile, StrokeSequence, parse_parts
+from ces_rig.drive.sequences import KIND, Shape, StrokeFile, StrokeSequence, parse_parts
 from ces_rig.errors import RigError
 
 Spectrum = NDArray[np.complex128]
@@ -62,13 +63,6 @@ def road_stroke(
     road = len(time_s) * np.sqrt(density * step) / 2.0 * complex_normal
     response = (vehicle or QuarterVehicle()).stroke_response(frequency)
     return np.asarray(np.fft.irfft(road * response, len(time_s)), dtype=np.float64)
-
-
-class Shape(Protocol):
-    """A kind of stroke."""
-
-    def samples(self, time_s: F, rng: Generator) -> F:
-        """Return the position [m] at the uniform times, shape (n,), before fading and offset."""
 
 
 def _amplitude(default: Any = REQUIRED) -> Any:

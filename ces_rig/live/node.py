@@ -10,8 +10,6 @@ import sys
 from collections.abc import Sequence
 from time import monotonic
 
-from rcl_interfaces.msg import SetParametersResult
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
@@ -21,8 +19,17 @@ from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_rema
 from ces_observer.nodes.parameters import TableNode, declare_table
 from ces_rig.drive import kernels as qv
 from ces_rig.errors import RigError
-from ces_rig.live.node_table import OF_THE_NODE, OF_THE_RIG, RigNodeSettings, read_settings
-from ces_rig.live.rig import LIVE, SET_POINTS, VEHICLE, LiveRig, RigSettings
+from ces_rig.live.rig import (
+    LIVE,
+    OF_THE_NODE,
+    OF_THE_RIG,
+    SET_POINTS,
+    VEHICLE,
+    LiveRig,
+    RigNodeSettings,
+    RigSettings,
+    read_settings,
+)
 from ces_rig.live.timing import Lockstep, Pace
 from ces_rig.live.topics import RigTopics
 
@@ -44,37 +51,29 @@ class Rig(TableNode):
         super().__init__("rig")
         own, settings = declare_settings(self)
         self.executor_choice = own.executor
-        self._own, self._rig = own, _build_rig(settings, self)
+        begin = monotonic()
+        LiveRig(settings).tick()  # compiles the kernels, so that compilation delays no sample
+        duration_s = monotonic() - begin
+        if duration_s > 5.0:
+            self.get_logger().info(f"compiled in {duration_s:.0f} s; the next start uses the cache")
+        self._own, self._rig = own, LiveRig(settings)
         self._free = own.publish_clock and own.real_time_factor == 0.0
         self._lockstep = Lockstep(own.answer_s, monotonic()) if self._free and own.answer_s > 0.0 else None
-        self._topics = RigTopics(
-            self,
-            own.joint,
-            self._on_command,
-            vehicle=settings.drive == VEHICLE,
-            stamped=own.stamped_current,
-            clock=own.publish_clock,
-            keep_all=self._free,
-        )
+        self._topics = RigTopics(self, own, self._on_command, settings.drive == VEHICLE, keep_all=self._free)
         self._diagnostics = DiagnosticsOutput(self)
         if settings.drive == SET_POINTS:
             self._topics.listen_to_strokes(self._rig.follower.set_stroke)
-        self.add_on_set_parameters_callback(self._check_parameters)
-        self.add_post_set_parameters_callback(self._apply_parameters)
+        self.refuse_parameters(lambda changed: self._rig.check(_live_values(changed)))
+        self.add_post_set_parameters_callback(lambda changed: self._rig.change(_live_values(changed)))
         self._blows = self._refused = self._unasked = 0
-        self._start()
-
-    def _start(self) -> None:
-        factor = self._own.real_time_factor if self._own.publish_clock else 1.0
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        factor = own.real_time_factor if own.publish_clock else 1.0
         self._begin_s = monotonic()
-        self._first_ns = CLOCK_START_NS if self._own.publish_clock else self.get_clock().now().nanoseconds
+        self._first_ns = CLOCK_START_NS if own.publish_clock else self.get_clock().now().nanoseconds
         self._pace = Pace(self._rig.period_s, self._begin_s, factor or 1.0)
-        period_s = (
-            max(self._rig.period_s / factor, MIN_PERIOD_S) if factor else IDLE_S if self._lockstep else MIN_PERIOD_S
-        )
-        self.create_timer(period_s, self._follow if self._free else self._keep_pace, clock=steady)
-        self.create_timer(1.0, self._watch, clock=steady)
+        idle_s = IDLE_S if self._lockstep else MIN_PERIOD_S
+        period_s = max(self._rig.period_s / factor, MIN_PERIOD_S) if factor else idle_s
+        self.create_steady_timer(period_s, self._follow if self._free else self._keep_pace)
+        self.create_steady_timer(1.0, self._watch)
 
     def _keep_pace(self) -> None:
         """Make the samples that are due, at most AT_ONCE before the next check for commands."""
@@ -105,12 +104,8 @@ class Rig(TableNode):
     def _watch(self) -> None:
         """Check clocks and report problems, once a second."""
         collect_garbage()
-        self.guard.call(self._look_for_commander)
-        if not self._own.publish_clock:
-            self.guard.call(self._follow_clock)
-        if not self._free:
-            self.guard.call(self._warn_of_lag)
-        self.guard.call(self._warn_of_events)
+        for check in (self._look_for_commander, self._follow_clock, self._warn_of_lag, self._warn_of_events):
+            self.guard.call(check)
         self._publish_status()
 
     def _look_for_commander(self) -> None:
@@ -127,13 +122,15 @@ class Rig(TableNode):
 
     def _follow_clock(self) -> None:
         """Keep the stamps on the system clock when it is set or drifts away from the steady clock."""
+        if self._own.publish_clock:
+            return
         off_ns = self.get_clock().now().nanoseconds - self._first_ns - int((monotonic() - self._begin_s) * SECOND_NS)
         if abs(off_ns) > DRIFT_S * SECOND_NS:
             self.get_logger().warning(f"the system clock moved by {off_ns * 1e-9:.3f} s; the stamps follow it")
             self._first_ns += off_ns
 
     def _warn_of_lag(self) -> None:
-        lag_s = self._pace.lag_s(monotonic())
+        lag_s = 0.0 if self._free else self._pace.lag_s(monotonic())
         if lag_s > LAG_S:
             self.get_logger().warning(
                 f"{lag_s:.2f} s behind: samples are late but correctly stamped; lower rate_hz or free the processor"
@@ -150,23 +147,10 @@ class Rig(TableNode):
         self._blows, self._refused = blows, refused
 
     def _publish_status(self) -> None:
-        values = (
-            ("samples", str(self._rig.ticks)),
-            ("commands refused", str(self._rig.command.refused)),
-            *self.guard.values(),
-        )
+        counts = ("samples", str(self._rig.ticks)), ("commands refused", str(self._rig.command.refused))
+        values = (*counts, *self.guard.values())
         status = add_remark(Status(LEVEL_OK, "running", values), self.guard.take_remark())
         self._diagnostics.publish([DamperReport(self._own.joint, self._own.joint, "running", status)])
-
-    def _check_parameters(self, parameters: Sequence[Parameter]) -> SetParametersResult:
-        try:
-            self._rig.check(_live_values(parameters))
-        except RigError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
-        self._rig.change(_live_values(parameters))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -184,16 +168,6 @@ def declare_settings(node: Node) -> tuple[RigNodeSettings, RigSettings]:
 
 def _live_values(parameters: Sequence[Parameter]) -> dict[str, object]:
     return {parameter.name: parameter.value for parameter in parameters if parameter.name in LIVE}
-
-
-def _build_rig(settings: RigSettings, node: Node) -> LiveRig:
-    """Return the rig at rest with compiled kernels, so that compilation delays no sample."""
-    begin = monotonic()
-    LiveRig(settings).tick()
-    duration_s = monotonic() - begin
-    if duration_s > 5.0:
-        node.get_logger().info(f"compiled in {duration_s:.0f} s; the next start uses the cache")
-    return LiveRig(settings)
 
 
 if __name__ == "__main__":

@@ -1,20 +1,28 @@
-"""A live rig: commands go in, sensor readings come out, tick by tick. Without ROS and clock: the caller keeps time."""
+"""A live rig: commands go in, sensor readings come out, tick by tick. Without ROS and clock: the caller keeps time.
+
+The parameters of its node are the fields of its settings.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import chain, count
 from math import ceil
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.random import Generator
 
 from ces_data.arrays import F
 from ces_data.config_file import parse_yaml_mapping
-from ces_observer.fields import choice, quantity, require_known_keys, setting
+from ces_observer.fields import choice, quantity, require_known_keys, setting, walk_record
+from ces_observer.nodes.parameter_table import EXECUTOR
+from ces_observer.options import Option, as_parameter
 from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.kinds import HYDRAULIC
+from ces_rig.dampers.model import replace_numbers
 from ces_rig.dampers.stepper import GIVEN_STROKE, DamperStepper, Mover
 from ces_rig.drive.kernels import BODY_SPEED, FORCE, STROKE, TYRE
 from ces_rig.drive.kernels import VEHICLE as VEHICLE_MOVER
@@ -26,12 +34,20 @@ from ces_rig.experiment import (
     load_description,
     load_experiment,
 )
-from ces_rig.live.script import Actuator, Follower, Loop, Script, make_experiment_loop, make_loop, make_rest_loop
-from ces_rig.live.sensing import Command, LiveSensors
-from ces_rig.live.vehicle import LiveRoad, Vehicle, as_kernel_numbers
-from ces_rig.nested_numbers import replace_numbers
-from ces_rig.sensors import GRID_S
-from ces_rig.withheld import plants, sensing, surroundings
+from ces_rig.live.motion import (
+    Actuator,
+    Follower,
+    LiveRoad,
+    Loop,
+    Script,
+    Vehicle,
+    as_kernel_numbers,
+    make_experiment_loop,
+    make_loop,
+)
+from ces_rig.live.timing import Command
+from ces_rig.sensors import GRID_S, Sensor, Sensors, Truth, make_rng
+from ces_rig.withheld import environment, plants
 
 SCRIPT, EXPERIMENT, VEHICLE, SET_POINTS = "script", "experiment", "vehicle", "set_points"
 ROAD_STREAM = 6  # beside ces_rig.sensors.STREAMS
@@ -62,6 +78,39 @@ class RigSettings:
     follow_hz: float = quantity(60.0, "Hz", "set points: bandwidth of the actuator", 1.0, 500.0)
     script: Script = field(default_factory=Script)
     vehicle: Vehicle = field(default_factory=Vehicle)
+
+
+@dataclass(frozen=True)
+class RigNodeSettings:
+    """The settings that the node adds to those of a live rig; with `publish_clock` it is the source of time."""
+
+    joint: str = setting("rear_damper", "joint name, and frame of all stamps")
+    stamped_current: bool = setting(False, "publish the current as JointState (effort[joint], in A) instead of Float64")
+    publish_clock: bool = setting(False, "provide simulated time and publish /clock")
+    real_time_factor: float = quantity(
+        1.0, "1", "with publish_clock: simulated over real time; 0: as fast as the readers allow", 0.0, 1e3
+    )
+    answer_s: float = quantity(
+        0.0, "s", "with real_time_factor 0: longest wait for a command after each sample; 0: none", 0.0, 10.0
+    )
+    executor: str = choice(str(EXECUTOR.default), EXECUTOR.meaning, EXECUTOR.choices)
+
+
+OF_THE_NODE, OF_THE_RIG = (
+    tuple(
+        as_parameter(Option(**vars(one) | {"name": name, "default": value}, live=name in LIVE))
+        for name, value, one in walk_record(record)
+    )
+    for record in (RigNodeSettings(), RigSettings())
+)
+"""A parameter for each field of the settings, nested ones with a dotted name."""
+
+
+def read_settings(values: Mapping[str, Any]) -> tuple[RigNodeSettings, RigSettings]:
+    """Return the settings from values by parameter name; raises RigError for a value out of range."""
+    own, rig = ({spec.name: values[spec.name] for spec in table} for table in (OF_THE_NODE, OF_THE_RIG))
+    rig["withheld"] = [text for text in rig["withheld"] if text]
+    return replace_numbers(RigNodeSettings(), own, "parameters"), replace_numbers(RigSettings(), rig, "parameters")
 
 
 class RigSample(NamedTuple):
@@ -103,7 +152,8 @@ class LiveRig:
         self._road = LiveRoad(settings.vehicle.road_class, settings.vehicle.speed_m_s, self._interval_s, rng)
         self.follower = Follower(settings.follow_hz, model.reach_m, self._interval_s)
         # An experiment fades in by itself, a script is blended in from rest.
-        loop = make_experiment_loop(experiment, self._interval_s) if experiment else make_rest_loop()
+        at_rest = Loop(np.zeros(1), np.zeros(1))
+        loop = make_experiment_loop(experiment, self._interval_s) if experiment else at_rest
         self._actuator = Actuator(loop.require_within(model.reach_m), self._interval_s)
         if settings.drive == SCRIPT:
             loop = make_loop(settings.script, self._interval_s, settings.seed)
@@ -181,6 +231,60 @@ class LiveRig:
         )
 
 
+NORMALS = 1024
+
+
+class LiveSensor:
+    """One sensor with its own stream of random numbers; `noise` scales its imperfections, 0 makes it ideal."""
+
+    def __init__(self, sensor: Sensor, rng: Generator) -> None:
+        self._sensor, self._rng = sensor, rng
+        self._normals = chain.from_iterable(rng.standard_normal(NORMALS).tolist() for _ in count())
+        self.noise, self.dropout = 1.0, sensor.dropout
+
+    def read(self, true: float) -> float | None:
+        """Return the reading, or None if it is lost."""
+        if self.dropout > 0.0 and self._rng.random() < self.dropout:
+            return None
+        if self.noise == 0.0:
+            return true
+        sensor = self._sensor
+        value = true + sensor.bias + self.noise * sensor.noise * next(self._normals)
+        return value if sensor.quantum == 0.0 else sensor.quantum * round(value / sensor.quantum)
+
+
+class LiveSensors:
+    """Position, current and force, the current at its own rate if lower; withheld effects act before the noise."""
+
+    def __init__(
+        self, sensors: Sensors, seed: int, rate_Hz: float, effects: Sequence[tuple[str, Mapping[str, float]]] = ()
+    ) -> None:
+        self.position = LiveSensor(sensors.position, make_rng(seed, "position"))
+        self.current = LiveSensor(sensors.current, make_rng(seed, "measured_current"))
+        self.force = LiveSensor(sensors.force, make_rng(seed, "force"))
+        self.commanded = sensors.current_source == "commanded"
+        self.current_every = max(1, round(rate_Hz / sensors.current.rate_Hz))
+        self._effects = tuple(effects)
+        self._pair = Truth(*(np.zeros(2) for _ in range(6)))  # at the start, for drifts, and now
+
+    def set_imperfections(self, noise: float, dropout: float) -> None:
+        """Set the scale of all imperfections and the share of lost samples."""
+        for sensor in (self.position, self.current, self.force):
+            sensor.noise, sensor.dropout = noise, dropout
+
+    def apply_effects(
+        self, time_s: float, stroke_m: float, current_A: float, force_N: float
+    ) -> tuple[float, float, float]:
+        """Return stroke, current and force of noise-free sensors with the withheld effects."""
+        if not self._effects:
+            return stroke_m, current_A, force_N
+        pair = self._pair
+        pair.time_s[1], pair.stroke_m[1], pair.coil_A[1], pair.force_N[1] = time_s, stroke_m, current_A, force_N
+        for name, numbers in self._effects:
+            pair = environment.SENSING[name](pair, numbers)
+        return float(pair.stroke_m[1]), float(pair.coil_A[1]), float(pair.force_N[1])
+
+
 class DeadTime:
     """A dead time of `intervals` (need not be whole) for commands that last `count` intervals each."""
 
@@ -205,12 +309,11 @@ def with_effects(damper: DamperDescription, effects: Iterable[str]) -> DamperDes
     Raises RigError for an unknown effect and for one that this damper or a live rig cannot have.
     """
     for effect in (parse_effect(text, damper.model.kind) for text in effects):
-        if effect.name in sensing.SENSING:
-            numbers = sensing.numbers(effect, damper.model.current_A[1])
+        numbers = plants.physical_numbers(damper.model, effect)
+        if effect.name in environment.SENSING:
             damper = replace(damper, sensor_effects=(*damper.sensor_effects, (effect.name, numbers)))
         else:
-            changed = damper.model.with_numbers(plants.physical_numbers(damper.model, effect))
-            damper = replace(damper, model=changed)
+            damper = replace(damper, model=damper.model.with_numbers(numbers))
     return damper
 
 
@@ -220,9 +323,7 @@ def parse_effect(text: str, kind: str) -> WithheldEffect:
     Raises RigError for one that does not work tick by tick: in sensors with memory or around the damper, or as foam in
     the CES damper.
     """
-    excluded = {*sensing.SENSING, *surroundings.SPREADS} - {*LIVE_SENSING} | (
-        {"foaming"} if kind == HYDRAULIC else set()
-    )
+    excluded = {*environment.SPREADS} - {*LIVE_SENSING} | ({"foaming"} if kind == HYDRAULIC else set())
     known = [name for name in plants.available_effects(kind) if name not in excluded]
     name, numbers = _parse_text(text)
     if name not in known:

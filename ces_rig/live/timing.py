@@ -1,6 +1,11 @@
-"""When a sample is due while each one waits for the command that answers it: a closed loop then needs no clock."""
+"""Commands and time of a live rig: which current is in force, and when a sample is due.
+
+While each sample waits for the command that answers it, a closed loop needs no clock.
+"""
 
 from __future__ import annotations
+
+from math import inf, isfinite
 
 QUIET = 1000  # idle periods without a command after which no answer to earlier samples can be on its way
 MAX_UNASKED = 100  # commands more than samples, after which those that still come are no answers
@@ -92,3 +97,26 @@ class Pace:
     def lag_s(self, now_s: float) -> float:
         """Return the time [s] since the next tick was due; negative if it is not due yet."""
         return now_s - self._start_s - (self._done + 1) * self._period_s / self._factor
+
+
+class Command:
+    """Holds the last command inside `limits_A`; after `timeout_s` without a command (0: never) the safe current."""
+
+    def __init__(self, limits_A: tuple[float, float], safe_A: float, timeout_s: float) -> None:
+        self._low, self._high = limits_A
+        self.safe_A, self.timeout_s = safe_A, timeout_s
+        self._value, self._since = 0.0, -inf
+        self.refused = 0
+
+    def set_current(self, current_A: float, time_s: float) -> None:
+        """Accept a command at a time of the rig; a command that is not finite is refused and counted."""
+        if isfinite(current_A):
+            self._value, self._since = current_A, time_s
+        else:
+            self.refused += 1
+
+    def at(self, time_s: float) -> float:
+        """Return the current [A] that the driver sets."""
+        age = time_s - self._since
+        is_fresh = age < inf and (self.timeout_s == 0.0 or age <= self.timeout_s)
+        return min(max(self._value if is_fresh else self.safe_A, self._low), self._high)

@@ -1,4 +1,7 @@
-"""A message with a header and one number, serialised once and patched for each sample, at a third of the usual cost."""
+"""The topics of a rig. A message with a header and one number is serialised once and patched for each sample.
+
+That costs a third of publishing it as usual.
+"""
 
 from __future__ import annotations
 
@@ -19,46 +22,28 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
-from ces_rig.live.rig import RigSample
+from ces_rig.live.rig import RigNodeSettings, RigSample
 
 STAMP, NUMBER = struct.Struct("<iI"), struct.Struct("<d")
 PROBE = (1_234_567_890, 987_654_321, 0.123456789)  # their places in the bytes are the places to patch
 
 
 class PatchedMessage:
-    """Publishes `message` with a new stamp and number each time; `set_number` writes a number into it.
-
-    If the probe is not found in the serialised bytes (another encapsulation), messages are published as usual.
-    """
+    """Publishes `message` with a new stamp and number each time; `set_number` writes a number into it."""
 
     def __init__(self, publisher: Publisher, message: Any, set_number: Callable[[float], None]) -> None:
-        self._publish, self._message, self._set_number = publisher.publish, message, set_number
-        self._fill(*PROBE)
+        self._publish = publisher.publish
+        message.header.stamp.sec, message.header.stamp.nanosec = PROBE[:2]
+        set_number(PROBE[2])
         self._bytes = bytearray(serialize_message(message))
-        self._stamp_at = _find_place(self._bytes, STAMP.pack(*PROBE[:2]))
-        self._number_at = _find_place(self._bytes, NUMBER.pack(PROBE[2]))
-        if self._stamp_at < 0 or self._number_at < 0:
-            self.publish = self._publish_whole  # type: ignore[method-assign]
+        self._stamp_at = self._bytes.index(STAMP.pack(*PROBE[:2]))
+        self._number_at = self._bytes.index(NUMBER.pack(PROBE[2]))
 
     def publish(self, sec: int, nanosec: int, number: float) -> None:
         """Publish a number with a stamp."""
         STAMP.pack_into(self._bytes, self._stamp_at, sec, nanosec)
         NUMBER.pack_into(self._bytes, self._number_at, number)
         self._publish(bytes(self._bytes))
-
-    def _publish_whole(self, sec: int, nanosec: int, number: float) -> None:
-        self._fill(sec, nanosec, number)
-        self._publish(self._message)
-
-    def _fill(self, sec: int, nanosec: int, number: float) -> None:
-        stamp = self._message.header.stamp
-        stamp.sec, stamp.nanosec = sec, nanosec
-        self._set_number(number)
-
-
-def _find_place(whole: bytearray, part: bytes) -> int:
-    """Return the index of `part` in `whole`, or -1 unless it occurs exactly once."""
-    return whole.find(part) if whole.count(part) == 1 else -1
 
 
 DEPTH = 100  # a tenth of a second at 1 kHz
@@ -70,30 +55,29 @@ class RigTopics:
     def __init__(
         self,
         node: Node,
-        joint: str,
+        settings: RigNodeSettings,
         on_command: Callable[[float], None],
-        *,
         vehicle: bool,
-        stamped: bool,
-        clock: bool,
         keep_all: bool,
     ) -> None:
-        self._node, self._joint = node, joint
+        self._node = node
+        self._joint = joint = settings.joint
         self._history = HistoryPolicy.KEEP_ALL if keep_all else HistoryPolicy.KEEP_LAST
         joints = JointState(name=[joint], position=[0.0])
         self._position = self._make_patched("joint_states", joints, partial(setitem, joints.position, 0))
         self._force = self._make_wrench("measured_force")
+        current, self._plain_current = JointState(name=[joint], effort=[0.0]), Float64()
         self._current: Callable[[int, int, float], None]
-        if stamped:
-            current = JointState(name=[joint], effort=[0.0])
+        if settings.stamped_current:
             self._current = self._make_patched("valve_current", current, partial(setitem, current.effort, 0)).publish
         else:
-            self._current = self._make_plain_current()
+            self._plain_currents = self._publisher(Float64, "valve_current")
+            self._current = self._publish_plain_current
         body = AccelStamped()
         set_body = partial(setattr, body.accel.linear, "z")
         self._body = self._make_patched("body_acceleration", body, set_body) if vehicle else None
         self._tyre = self._make_wrench("tyre_load") if vehicle else None
-        self._clocks = node.create_publisher(Clock, "/clock", 10) if clock else None
+        self._clocks = node.create_publisher(Clock, "/clock", 10) if settings.publish_clock else None
         self._clock = Clock()
         self._commands = self._subscribe("valve_command", on_command)
 
@@ -129,15 +113,10 @@ class RigTopics:
         message.header.frame_id = self._joint
         return PatchedMessage(self._publisher(type(message), topic), message, set_number)
 
-    def _make_plain_current(self) -> Callable[[int, int, float], None]:
-        """Return a function that publishes a current without its stamp."""
-        publisher, message = self._publisher(Float64, "valve_current"), Float64()
-
-        def publish(sec: int, nanosec: int, current_A: float) -> None:
-            message.data = current_A
-            publisher.publish(message)
-
-        return publish
+    def _publish_plain_current(self, sec: int, nanosec: int, current_A: float) -> None:
+        """Publish a current without its stamp."""
+        self._plain_current.data = current_A
+        self._plain_currents.publish(self._plain_current)
 
     def _publisher(self, kind: type, topic: str) -> Publisher:
         qos = QoSProfile(depth=DEPTH, history=self._history)

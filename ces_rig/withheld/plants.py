@@ -3,7 +3,7 @@
     plant = draw_plant("hydraulic", rng)
     effect = scale_to_gap(plant, draw_effect(plant.kind, "friction", rng), 40.0, time_s, stroke_m, command_A)
     true = simulate_signals(plant, [effect], time_s, stroke_m, command_A)  # then ces_rig.experiment.measure_signals
-    yaml.safe_dump(perturb(plant, 0.3, rng).description())           # a simulation: ces_rig.simulation.load_rig
+    yaml.safe_dump(perturb(plant, 0.3, rng).description())           # a simulation: ces_rig.experiment.load_rig
 
 The plant itself has no effects; its description simulates it exactly.
 """
@@ -24,14 +24,15 @@ from ces_rig.dampers.model import DamperKind, DamperModel
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S, Truth
-from ces_rig.withheld import sensing, surroundings
+from ces_rig.withheld import environment
+from ces_rig.withheld.environment import SENSING, SURROUNDINGS
 
 PLANTS = tuple(KINDS)
 
 
 def list_spreads(kind: str) -> dict[str, Proportions]:
     """Return the distributions of the proportions of every effect that this kind of plant can have, by effect."""
-    return {**_require_kind(kind).spreads, **sensing.SPREADS, **surroundings.SPREADS}
+    return {**_require_kind(kind).spreads, **environment.SPREADS}
 
 
 def available_effects(kind: str) -> tuple[str, ...]:
@@ -41,8 +42,10 @@ def available_effects(kind: str) -> tuple[str, ...]:
 
 
 def draw_plant(kind: str, rng: Generator) -> DamperModel:
-    """Return a drawn damper of the kind; raises RigError for a kind that is not in PLANTS."""
-    return _require_kind(kind).draw_plant(rng)
+    """Return a damper of the kind with log-normally drawn numbers; raises RigError for a kind not in PLANTS."""
+    one = _require_kind(kind)
+    factors = {path: float(np.exp(spread * rng.standard_normal())) for path, spread in one.varied.items()}
+    return one.design.with_numbers({path: f * one.design.number(path) for path, f in factors.items()})
 
 
 def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:
@@ -66,11 +69,9 @@ def perturb(plant: DamperModel, size: float, rng: Generator) -> DamperModel:
 
 def physical_numbers(plant: DamperModel, withheld: WithheldEffect) -> dict[str, float]:
     """Return the true physical numbers of the effect: the numbers that it gives the plant, or the sensor."""
-    if withheld.name in sensing.SENSING:
-        return sensing.numbers(withheld, plant.current_A[1])
-    if withheld.name in surroundings.SPREADS:
-        return surroundings.numbers(withheld, plant.current_A[1])
-    return KINDS[plant.kind].numbers(plant, withheld)
+    if withheld.name in environment.SPREADS:
+        return environment.numbers(withheld, plant.current_A[1])
+    return KINDS[plant.kind].changes[withheld.name](plant.damper, withheld.severity, withheld.proportions)
 
 
 def simulate_signals(
@@ -85,20 +86,20 @@ def simulate_signals(
     if len(time_s) < 10 or not np.allclose(np.diff(time_s), GRID_S, rtol=0.0, atol=1e-9):
         raise RigError(f"plant: bad times; expected at least 10 times on a grid of {GRID_S:g} s")
     acting = [effect for effect in effects if effect.severity > 0.0]
-    around = {e.name: physical_numbers(plant, e) for e in acting if e.name in surroundings.SPREADS}
+    around = {e.name: physical_numbers(plant, e) for e in acting if e.name in SURROUNDINGS}
     model = plant
     for effect in acting:
-        if effect.name not in sensing.SENSING and effect.name not in around:
-            model = model.with_numbers(KINDS[plant.kind].numbers(model, effect))
+        if effect.name not in environment.SPREADS:
+            model = model.with_numbers(physical_numbers(model, effect))
     if around:
-        force, coil, temperature = surroundings.run_surrounded(model, around, GRID_S, stroke_m, command_A)
+        force, coil, temperature = environment.run_surrounded(model, around, GRID_S, stroke_m, command_A)
     else:
         run = simulate(model, GRID_S, stroke_m, command_A)
         force, coil, temperature = run.tared_N, run.coil_A, run.temperature_degC
     true = Truth(time_s, stroke_m, command_A, coil, force, temperature)
     for effect in acting:
-        if effect.name in sensing.SENSING:
-            true = sensing.SENSING[effect.name](true, physical_numbers(plant, effect))
+        if effect.name in SENSING:
+            true = SENSING[effect.name](true, physical_numbers(plant, effect))
     return true
 
 
@@ -107,17 +108,14 @@ def simulate_expected(plant: DamperModel, true: Truth) -> F:
     return simulate(plant.without_coil(), GRID_S, true.stroke_m, true.coil_A).tared_N
 
 
-def gap_N(plant: DamperModel, effects: Sequence[WithheldEffect], time_s: F, stroke_m: F, command_A: F) -> float:
-    """Return the RMS [N] of the recorded force minus that of the plant without effects, driven with the recording."""
-    free = simulate_signals(plant, (), time_s, stroke_m, command_A)
-    return gap_from(plant, free, simulate_signals(plant, effects, time_s, stroke_m, command_A))
-
-
 def gap_from(plant: DamperModel, free: Truth, true: Truth) -> float:
-    """Return `gap_N` of the signals `true`; the signals `free` without effects often save a simulation."""
+    """Return the RMS [N] of the force in `true` minus that of the plant without effects, driven with its signals.
+
+    The signals `free`, of the same commands without effects, often save a simulation.
+    """
     unmoved = np.array_equal(true.stroke_m, free.stroke_m) and np.array_equal(true.coil_A, free.coil_A)
     without = free.force_N if unmoved else simulate_expected(plant, true)
-    return float(np.sqrt(np.mean((true.force_N - without) ** 2)))
+    return rms(true.force_N - without)
 
 
 def _require_kind(kind: str) -> DamperKind:
@@ -139,7 +137,7 @@ def scale_to_gap(
 ) -> WithheldEffect:
     """Return the effect at the severity that makes a gap of `target_N` RMS (within 3 %) under this excitation.
 
-    `plants.gap_N` defines the gap. Raises RigError if no severity in the physical range makes it, for example a valve's
+    `gap_from` defines the gap. Raises RigError if no severity in the physical range makes it, for example a valve's
     lag at constant current.
     """
     free = simulate_signals(plant, (), time_s, stroke_m, command_A)

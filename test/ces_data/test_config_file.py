@@ -14,8 +14,7 @@ from ces_identify.campaign.description import load_campaign
 from ces_identify.polynomial.regressors import load_rules
 from ces_observer.errors import CesError
 from ces_rig.dampers.hydraulic.parameters import load_damper
-from ces_rig.experiment import load_description, load_experiment
-from ces_rig.simulation import load_rig
+from ces_rig.experiment import load_description, load_experiment, load_rig
 
 READERS = (
     load_campaign,

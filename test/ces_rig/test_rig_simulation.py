@@ -7,8 +7,14 @@ from dyno_measurements import steady_force
 from bench.thesis.costs import cost, noise_floors, simulate_driven
 from ces_rig.dampers.hydraulic.parameters import Damper
 from ces_rig.errors import RigError
-from ces_rig.experiment import load_experiment, measure, packaged_experiments, parse_experiment, simulate_truth
-from ces_rig.simulation import load_rig
+from ces_rig.experiment import (
+    load_experiment,
+    load_rig,
+    measure,
+    packaged_experiments,
+    parse_experiment,
+    simulate_truth,
+)
 
 
 @pytest.mark.parametrize("name", ["sine_4hz", "road"])

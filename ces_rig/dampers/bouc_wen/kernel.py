@@ -6,6 +6,8 @@ Forces are positive in compression. The fluid's spring is bent by `e`; across it
 
 from __future__ import annotations
 
+from collections import namedtuple
+from dataclasses import fields
 from math import exp, log1p, sqrt, tanh
 from typing import Any
 
@@ -13,9 +15,10 @@ from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from ces_data.arrays import F
-from ces_rig.dampers.bouc_wen.parameters import Numbers
+from ces_rig.dampers.bouc_wen.parameters import BoucWen
 from ces_rig.drive import kernels as dk
 
+Numbers: Any = namedtuple("Numbers", [f.name for f in fields(BoucWen)])  # type: ignore[misc]
 SIZE = len(Numbers._fields)
 
 PISTON, SPEED, BEND, DASHPOT, YIELDED, BRISTLE, TEMPERATURE, COIL = 0, 1, 2, 3, 4, 5, 6, 7

@@ -6,9 +6,8 @@ by the spring of the fluid, gas, seals, stops, a mass and a bushing. `kernel.py`
 
 from __future__ import annotations
 
-from collections import namedtuple
-from dataclasses import astuple, dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 from ces_observer.fields import quantity
 from ces_rig.dampers.model import LumpedDamper
@@ -72,10 +71,3 @@ class BoucWen(LumpedDamper):
     foaming_1_J: float = quantity(0.0, "m/J", "growth of the bubbles with the absorbed energy", 0.0, 1e-3)
     side_load_N_m: float = quantity(0.0, "N/m", "growth of friction away from `side_at_m`", 0.0, 1e5)
     side_at_m: float = quantity(0.0, "m", "stroke without side load", -0.5, 0.5)
-
-    def coefficients(self) -> tuple[float, ...]:
-        """Return the kernel's numbers."""
-        return Numbers(*astuple(self))
-
-
-Numbers: Any = namedtuple("Numbers", [f.name for f in fields(BoucWen)])  # type: ignore[misc]

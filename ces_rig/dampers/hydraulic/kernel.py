@@ -66,7 +66,8 @@ The last six, for blind tests (ces_rig.withheld), have no parameter and are neut
 cylinder wall (area [m²], position and width [m]), sliding friction that grows with the distance from `side_at` [m] by
 `side_load` [N/m], and the pressure drop [Pa] that lifts the piston's sticking check plate off its seat.
 """
-SIZE = len(Coefficients._fields)
+Numbers = Coefficients
+SIZE = len(Numbers._fields)
 
 
 @njit(cache=True)

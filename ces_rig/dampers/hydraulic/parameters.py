@@ -6,7 +6,7 @@ All units are SI. The equations are in `kernel.py` and docs/rig.md. Effective ar
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import astuple, dataclass, field
 from math import pi
 from pathlib import Path
 from typing import ClassVar
@@ -17,9 +17,8 @@ from ces_data.arrays import F
 from ces_data.config_file import read_yaml_mapping
 from ces_observer.fields import quantity, read_record, walk_record
 from ces_rig.dampers.hydraulic.kernel import Coefficients
-from ces_rig.dampers.model import DamperModel
+from ces_rig.dampers.model import DamperModel, replace_numbers
 from ces_rig.errors import RigError
-from ces_rig.nested_numbers import replace_numbers
 
 
 @dataclass(frozen=True)
@@ -35,6 +34,10 @@ class Body:
     bump_clearance_m: float = quantity(0.050, "m", "stroke, either way, where the bump stop begins", 0.001, 0.5)
     bump_stiffness_N_m: float = quantity(4e5, "N/m", "bump stop stiffness", 0.0, 1e8)
     bump_progression_1_m: float = quantity(0.0, "1/m", "relative growth of stiffness with deflection", 0.0, 1e4)
+
+    def __post_init__(self) -> None:
+        if self.rod_m >= self.bore_m:
+            raise RigError(f"rod_m {self.rod_m:g} is not smaller than bore_m {self.bore_m:g}")
 
 
 @dataclass(frozen=True)
@@ -59,6 +62,10 @@ class CheckValve:
     full_open_Pa: float = quantity(6e5, "Pa", "pressure drop at which it is fully open", 1e3, 5e7)
     opening_s: float = quantity(0.6e-3, "s", "time constant of opening", 1e-4, 0.1)
     closing_s: float = quantity(1.6e-3, "s", "time constant of closing (backflow meanwhile)", 1e-4, 0.1)
+
+    def __post_init__(self) -> None:
+        if self.full_open_Pa <= self.cracking_Pa:
+            raise RigError(f"full_open_Pa {self.full_open_Pa:g} is not above cracking_Pa")
 
 
 @dataclass(frozen=True)
@@ -101,6 +108,16 @@ class CesValve:
     pilot_fall_s: float = quantity(7e-3, "s", "pilot time constant while it falls", 1e-4, 0.2)
     hysteresis_A: float = quantity(0.015, "A", "half width of the magnetic loop of the pilot stage", 0.0, 0.2)
 
+    def __post_init__(self) -> None:
+        if self.current_high_A <= self.current_low_A:
+            raise RigError("current_high_A is not above current_low_A")
+        if self.allowed_low_A > self.current_low_A or self.allowed_high_A < self.current_high_A:
+            allowed = f"the allowed range {self.allowed_low_A:g} to {self.allowed_high_A:g} A"
+            working = f"the working range {self.current_low_A:g} to {self.current_high_A:g} A"
+            raise RigError(f"{allowed} does not contain {working}; set allowed_low_A, allowed_high_A")
+        if self.cracking_high_Pa < self.cracking_low_Pa:
+            raise RigError("cracking_high_Pa is below cracking_low_Pa")
+
 
 @dataclass(frozen=True)
 class Reservoir:
@@ -123,6 +140,10 @@ class Seal:
     bristle_N_m: float = quantity(3e5, "N/m", "presliding stiffness", 1e2, 1e8)
     bristle_Ns_m: float = quantity(150.0, "N·s/m", "presliding damping", 0.0, 1e5)
     viscous_Ns_m: float = quantity(25.0, "N·s/m", "viscous friction, oil at 40 °C", 0.0, 1e4)
+
+    def __post_init__(self) -> None:
+        if self.static_N < self.coulomb_N:
+            raise RigError(f"static_N {self.static_N:g} is below coulomb_N {self.coulomb_N:g}")
 
 
 @dataclass(frozen=True)
@@ -159,35 +180,9 @@ class Damper:
     heat: Heat = field(default_factory=Heat)
 
     def __post_init__(self) -> None:
-        if self.body.rod_m >= self.body.bore_m:
-            raise RigError(f"body: rod_m {self.body.rod_m:g} is not smaller than bore_m {self.body.bore_m:g}")
-        if self.reservoir.gas_m3 <= self.rod_area_m2 * self.body.half_stroke_m:
-            raise RigError(f"reservoir: gas_m3 {self.reservoir.gas_m3:g} cannot take up the rod's volume; enlarge it")
-        if self.ces_valve.current_high_A <= self.ces_valve.current_low_A:
-            raise RigError("ces_valve: current_high_A is not above current_low_A")
-        self._check_allowed_range()
-        if self.ces_valve.cracking_high_Pa < self.ces_valve.cracking_low_Pa:
-            raise RigError("ces_valve: cracking_high_Pa is below cracking_low_Pa")
-        if self.seal.static_N < self.seal.coulomb_N:
-            raise RigError(f"seal: static_N {self.seal.static_N:g} is below coulomb_N {self.seal.coulomb_N:g}")
-        self._check_valves()
-
-    def _check_allowed_range(self) -> None:
-        v = self.ces_valve
-        if v.allowed_low_A > v.current_low_A or v.allowed_high_A < v.current_high_A:
-            allowed = f"the allowed range {v.allowed_low_A:g} to {v.allowed_high_A:g} A"
-            working = f"the working range {v.current_low_A:g} to {v.current_high_A:g} A"
-            raise RigError(f"ces_valve: {allowed} does not contain {working}; set allowed_low_A, allowed_high_A")
-
-    def _check_valves(self) -> None:
-        checks = {
-            "piston: compression": self.piston.compression,
-            "top_checks: compression": self.top_checks.compression,
-            "top_checks: rebound": self.top_checks.rebound,
-        }
-        for where, valve in checks.items():
-            if valve.full_open_Pa <= valve.cracking_Pa:
-                raise RigError(f"{where}: full_open_Pa {valve.full_open_Pa:g} is not above cracking_Pa")
+        gas_m3 = self.reservoir.gas_m3
+        if gas_m3 <= self.rod_area_m2 * self.body.half_stroke_m:
+            raise RigError(f"reservoir: gas_m3 {gas_m3:g} cannot take up the rod's volume; enlarge it")
 
     @property
     def piston_area_m2(self) -> float:
@@ -216,32 +211,22 @@ def load_damper(path: Path) -> Damper:
 
 
 def coefficients(damper: Damper) -> Coefficients:
-    """Return the kernel's coefficients of `damper`."""
-    b, oil, piston, ces, gas = damper.body, damper.oil, damper.piston, damper.ces_valve, damper.reservoir
-    seal, mount, heat = damper.seal, damper.mount, damper.heat
+    """Return the kernel's coefficients of `damper`; the fields of valves, seal and mount are in the kernel's order."""
+    b, oil, piston, gas, heat = damper.body, damper.oil, damper.piston, damper.reservoir, damper.heat
     return Coefficients(
         damper.piston_area_m2, damper.annulus_area_m2, damper.rod_area_m2,
         damper.piston_area_m2 * b.half_stroke_m + b.compression_dead_m3,
         damper.annulus_area_m2 * b.half_stroke_m + b.rebound_dead_m3,
-        b.moving_mass_kg, b.bump_clearance_m, b.bump_stiffness_N_m,
-        b.bump_progression_1_m,
+        b.moving_mass_kg, b.bump_clearance_m, b.bump_stiffness_N_m, b.bump_progression_1_m,
         oil.density_kg_m3, oil.bulk_modulus_Pa, oil.air_fraction, 1.0 / oil.air_exponent, oil.vapour_pressure_Pa,
         oil.viscosity_fall_1_K, oil.discharge_rise_1_K,
-        *_check(piston.compression), piston.bleed_area_m2, piston.leakage_m3_sPa,
+        *astuple(piston.compression), piston.bleed_area_m2, piston.leakage_m3_sPa,
         piston.blow_off_Pa, piston.blow_off_area_m2, piston.blow_off_band_Pa,
-        *_check(damper.top_checks.compression), *_check(damper.top_checks.rebound),
-        ces.area_m2, ces.band_Pa, ces.poppet_s, ces.pilot_area_m2, ces.cracking_low_Pa, ces.cracking_high_Pa,
-        ces.current_low_A, ces.current_high_A, ces.saturation_A, ces.allowed_low_A, ces.allowed_high_A,
-        ces.solenoid_s, ces.pilot_rise_s, ces.pilot_fall_s, ces.hysteresis_A,
+        *astuple(damper.top_checks.compression), *astuple(damper.top_checks.rebound), *astuple(damper.ces_valve),
         gas.pressure_Pa, gas.gas_m3, gas.gas_m3 + gas.oil_m3, 1.0 / gas.exponent,
-        seal.coulomb_N, seal.static_N, seal.pressure_1_Pa, seal.stribeck_m_s, seal.bristle_N_m, seal.bristle_Ns_m,
-        seal.viscous_Ns_m, mount.stiffness_N_m, mount.damping_Ns_m, mount.play_m,
+        *astuple(damper.seal), *astuple(damper.mount),
         heat.ambient_degC, heat.capacity_J_K, heat.loss_W_K, heat.start_degC,
     )  # fmt: skip
-
-
-def _check(valve: CheckValve) -> tuple[float, float, float, float, float]:
-    return valve.area_m2, valve.cracking_Pa, valve.full_open_Pa, valve.opening_s, valve.closing_s
 
 
 MAX_AIR_FRACTION = 0.25
@@ -255,6 +240,7 @@ class Hydraulic(DamperModel):
     """The damper, with `extras` (coefficients without a parameter) and the growth of its air content per joule."""
 
     kind: ClassVar[str] = "hydraulic"
+    coil_path: ClassVar[str] = "ces_valve.solenoid_s"
 
     damper: Damper
     extras: Mapping[str, float] = field(default_factory=dict)
@@ -278,10 +264,6 @@ class Hydraulic(DamperModel):
     def coefficients(self) -> tuple[float, ...]:
         """Return the kernel's numbers."""
         return coefficients(self.damper)._replace(**self.extras)
-
-    def without_coil(self) -> Hydraulic:
-        """Return the damper without its coil's lag, to be driven with a measured coil current."""
-        return replace(self, damper=replace_numbers(self.damper, {"ces_valve.solenoid_s": 0.0}))
 
     def with_numbers(self, numbers: Mapping[str, float]) -> Hydraulic:
         """Return the damper with other numbers: by path, `extras.name`, or `foaming_1_J`."""

@@ -6,6 +6,8 @@ rate is the piston's speed less the speed `passing_speed(F)` at which oil passes
 
 from __future__ import annotations
 
+from collections import namedtuple
+from dataclasses import fields
 from math import exp, sqrt, tanh
 from typing import Any
 
@@ -13,9 +15,10 @@ from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from ces_data.arrays import F
-from ces_rig.dampers.monotube.parameters import Numbers
+from ces_rig.dampers.monotube.parameters import Monotube
 from ces_rig.drive import kernels as dk
 
+Numbers: Any = namedtuple("Numbers", [f.name for f in fields(Monotube)])  # type: ignore[misc]
 SIZE = len(Numbers._fields)
 
 PISTON, SPEED, STRETCH, SPOOL, TEMPERATURE, COIL, FLUX = 0, 1, 2, 3, 4, 5, 6

@@ -7,9 +7,8 @@ Dampers (1977); seals follow P. R. Dahl, AIAA Journal 14 (1976). `kernel.py` hol
 
 from __future__ import annotations
 
-from collections import namedtuple
-from dataclasses import astuple, dataclass, fields
-from typing import Any, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
 from ces_observer.fields import quantity
 from ces_rig.dampers.model import LumpedDamper
@@ -81,10 +80,3 @@ class Monotube(LumpedDamper):
     side_at_m: float = quantity(0.0, "m", "stroke without side load", -0.5, 0.5)
     stick_N: float = quantity(0.0, "N", "additional force that lifts closed shims off their seats", 0.0, 1e5)
     closing_s: float = quantity(0.0, "s", "time in which an open stack closes after the force has reversed", 0.0, 10.0)
-
-    def coefficients(self) -> tuple[float, ...]:
-        """Return the kernel's numbers."""
-        return Numbers(*astuple(self))
-
-
-Numbers: Any = namedtuple("Numbers", [f.name for f in fields(Monotube)])  # type: ignore[misc]

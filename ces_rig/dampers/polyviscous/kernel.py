@@ -6,6 +6,8 @@ Forces are positive in compression. The oil's spring is bent by `e`, whose rate 
 
 from __future__ import annotations
 
+from collections import namedtuple
+from dataclasses import fields
 from math import exp, log1p, sinh, sqrt, tanh
 from typing import Any
 
@@ -13,9 +15,10 @@ from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from ces_data.arrays import F
-from ces_rig.dampers.polyviscous.parameters import Numbers
+from ces_rig.dampers.polyviscous.parameters import Polyviscous
 from ces_rig.drive import kernels as dk
 
+Numbers: Any = namedtuple("Numbers", [f.name for f in fields(Polyviscous)])  # type: ignore[misc]
 SIZE = len(Numbers._fields)
 
 PISTON, SPEED, BEND, LIFT, TEMPERATURE, COIL, FIELD_1, FIELD_2 = 0, 1, 2, 3, 4, 5, 6, 7

@@ -58,7 +58,7 @@ def test_a_designed_experiment_teaches_more_than_random_ones() -> None:
     task, _ = make_task(make_limits())
 
     def left(commands: RigCommands) -> float:
-        information = task.information.add(rows_of(commands, task.limits, task.features))
+        information = task.information.add(rows_of(commands.stroke_m, commands.current_A, task.limits, task.features))
         return float(information.variance(task.targets).mean())
 
     random = [left(design(task, seed, candidates=1)) for seed in range(1, 9)]

@@ -19,7 +19,7 @@ from ces_iterate.commands import write_commands
 from ces_iterate.loop.identification import evaluate_fresh
 from ces_iterate.loop.iterate import Iterations
 from ces_iterate.loop.store import ROWS
-from ces_iterate.report.page import write_page
+from ces_iterate.page import write_page
 from ces_iterate.rigs.folder import DROP, FolderRig
 from ces_observer.errors import CesError
 from ces_observer.model import load_model

@@ -7,30 +7,29 @@ import pytest
 from iterate_examples import sine_commands
 
 from ces_iterate.errors import IterateError
-from ces_iterate.rigs.kinds import RosRigSettings, RunWatch, SetPoints
+from ces_iterate.rigs.kinds import RosRigSettings, RunWatch, smooth_move
 
 SETTINGS = RosRigSettings(rate_hz=100.0)
 
 
 def test_a_run_has_the_strokes_of_the_experiment() -> None:
     commands = sine_commands()
-    points = SetPoints.of_run(commands, 100.0)
-    assert points.stroke_m == pytest.approx(commands.stroke_m[::10], abs=1e-12)
-    assert len(list(points)) == 301
+    stroke_m, current_A = commands.at(0.01)
+    assert stroke_m == pytest.approx(commands.stroke_m[::10], abs=1e-12)
+    assert len(current_A) == 301
 
 
 def test_a_move_begins_and_ends_at_rest() -> None:
-    move = SetPoints.of_move(-0.01, 0.02, 1.0, 0.4, 100.0)
-    steps = np.diff(move.stroke_m)
-    assert (move.stroke_m[0], move.stroke_m[-1]) == pytest.approx((-0.01, 0.02))
+    stroke_m = smooth_move(-0.01, 0.02, 1.0, 100.0)
+    steps = np.diff(stroke_m)
+    assert (stroke_m[0], stroke_m[-1]) == pytest.approx((-0.01, 0.02))
     assert steps.min() >= 0.0
     assert max(steps[0], steps[-1]) < 1e-6
-    assert set(move.current_A) == {0.4}
 
 
 def test_a_rig_that_lags_a_little_passes() -> None:
     watch, late = RunWatch(SETTINGS, "run", 0.0), 5
-    strokes = SetPoints.of_run(sine_commands(), 100.0).stroke_m
+    strokes, _ = sine_commands().at(0.01)
     for k in range(late, len(strokes)):
         watch.check(0.01 * k, float(strokes[k]), (0.01 * k, float(strokes[k - late])))
 

@@ -12,8 +12,8 @@ from ces_identify.simulations.simulation import FunctionSimulation
 from ces_rig.blind.cases import write_case
 from ces_rig.blind.draw import draw_case
 from ces_rig.blind.plan import BlindCase
+from ces_rig.experiment import load_rig
 from ces_rig.sensors import EPOCH_NS
-from ces_rig.simulation import load_rig
 
 SECONDS = 2.5
 FRICTION = BlindCase("effect", ("friction",), 3.0, 1.0 / 3.0, "rich", ("hydraulic",), number=7, seed=11)

@@ -33,21 +33,21 @@ PAIR = replace(RIGHT, kind="pair", truth=("friction", "leakage"), composition=("
 
 
 def test_wilson_interval():
-    assert rate([True] * 9 + [False]).interval() == pytest.approx((0.5958, 0.9821), abs=1e-4)
-    assert rate([False] * 20).interval() == pytest.approx((0.0, 0.1611), abs=1e-4)
+    assert rate([True] * 9 + [False]).interval == pytest.approx((0.5958, 0.9821), abs=1e-4)
+    assert rate([False] * 20).interval == pytest.approx((0.0, 0.1611), abs=1e-4)
     assert isnan(rate([]).value)
 
 
 def test_several_hits_of_one_case_count_as_one_for_the_interval():
-    assert rate([True] * 20 + [False] * 10, cases=10).interval() == pytest.approx(wilson_interval(2.0 / 3.0, 10))
-    assert np.ptp(rate([True] * 20 + [False] * 10, cases=10).interval()) > np.ptp(
-        rate([True] * 20 + [False] * 10).interval()
+    assert rate([True] * 20 + [False] * 10, cases=10).interval == pytest.approx(wilson_interval(2.0 / 3.0, 10))
+    assert np.ptp(rate([True] * 20 + [False] * 10, cases=10).interval) > np.ptp(
+        rate([True] * 20 + [False] * 10).interval
     )
 
 
 def test_interval_of_a_median_is_as_wide_as_theory_says():
     values = np.random.default_rng(1).standard_normal(400)
-    low, high = quantile(values, 0.5).interval()
+    low, high = quantile(values, 0.5).interval
     assert high - low == pytest.approx(2 * 1.96 * np.sqrt(np.pi / 2) / 20.0, rel=0.25)
 
 
@@ -56,19 +56,19 @@ def test_interval_of_a_median_is_as_wide_as_theory_says():
 def test_intervals_of_quantiles_hold_for_few_cases(share, count):
     rng = np.random.default_rng(count)
     true = -np.log(1.0 - share)
-    intervals = [quantile(rng.exponential(size=count), share).interval() for _ in range(300)]
+    intervals = [quantile(rng.exponential(size=count), share).interval for _ in range(300)]
     assert np.mean([low <= true <= high for low, high in intervals]) >= 0.94
 
 
 def test_few_cases_leave_an_end_of_an_interval_open():
-    low, high = quantile([0.7, 0.8, 0.9, 0.95], 0.1).interval()
+    low, high = quantile([0.7, 0.8, 0.9, 0.95], 0.1).interval
     assert low == -inf and high == 0.9
-    assert mean([0.5]).interval() == (-inf, inf)
+    assert mean([0.5]).interval == (-inf, inf)
 
 
 def test_intervals_of_means_hold():
     rng = np.random.default_rng(3)
-    intervals = [mean(rng.beta(8.0, 1.0, 11)).interval() for _ in range(300)]
+    intervals = [mean(rng.beta(8.0, 1.0, 11)).interval for _ in range(300)]
     assert np.mean([low <= 8.0 / 9.0 <= high for low, high in intervals]) >= 0.9
 
 
@@ -88,7 +88,7 @@ def test_intervals_of_the_calibration_error_hold(too_sure):
     inside = []
     for _ in range(300):
         claimed = rng.uniform(0.7, 0.8, (69, 1))  # one bin: the hardest, for several bins add up their errors
-        low, high = calibration_error(claimed, (rng.random((69, 1)) < claimed - too_sure).astype(float)).interval()
+        low, high = calibration_error(claimed, (rng.random((69, 1)) < claimed - too_sure).astype(float)).interval
         inside.append(low <= too_sure <= high)
     assert np.mean(inside) >= 0.92
 
@@ -97,7 +97,7 @@ def test_right_probabilities_of_few_cases_are_not_called_wrong():
     rng = np.random.default_rng(5)
     claimed = rng.beta(2.0, 1.0, (69, 1))
     error = calibration_error(claimed, (rng.random((69, 1)) < claimed).astype(float))
-    assert error.value > 0.05 > error.interval()[0]
+    assert error.value > 0.05 > error.interval[0]
 
 
 def test_outcomes():

@@ -11,12 +11,16 @@ from ces_rig.drive.currents import ConstantLevel
 from ces_rig.drive.kernels import MOTION_SIZE, STROKE, STROKE_SPEED, ServoNumbers, servo_step
 from ces_rig.drive.servo_actuator import ServoActuator
 from ces_rig.errors import RigError
-from ces_rig.experiment import drive_damper, parse_experiment, run, simulate_truth, with_repeat, with_seed
+from ces_rig.experiment import drive_damper, parse_experiment, run, simulate_truth, with_seed
 from ces_rig.sensors import GRID_S
 
 IDEAL = ServoActuator(disturbance_m=0.0, compliance_m_N=0.0)
 SINE = {"kind": "sine", "amplitude_m": 0.012, "frequency_Hz": 4.0}
 SHORT = {"duration_s": 1.5, "stroke": SINE, "current": {"kind": "constant", "current_A": 0.6}}
+
+
+def repeated(experiment, repeat):
+    return replace(experiment, settings=replace(experiment.settings, repeat=repeat))
 
 
 def actuated(**actuator):
@@ -79,19 +83,19 @@ def test_no_command_breaks_the_limits_of_the_actuator():
 
 def test_repetitions_differ_by_the_disturbance_and_seeds_by_more():
     one = parse_experiment({**SHORT, "duration_s": 6.0, "actuator": {"compliance_m_N": 0.0}}, "e")
-    first, again, other = (simulate_truth(e) for e in (one, with_repeat(one, 1), with_repeat(one, 2)))
+    first, again, other = (simulate_truth(e) for e in (one, repeated(one, 1), repeated(one, 2)))
     for difference in (again.stroke_m - first.stroke_m, other.stroke_m - again.stroke_m):
         assert np.std(difference) / 2**0.5 == pytest.approx(20e-6, rel=0.35)
-    assert np.array_equal(simulate_truth(with_repeat(one, 1)).stroke_m, again.stroke_m)
+    assert np.array_equal(simulate_truth(repeated(one, 1)).stroke_m, again.stroke_m)
 
 
 def test_a_repetition_has_other_noise_and_the_same_stroke_and_current():
     noisy = {"stroke": {"kind": "noise", "peak_to_peak_m": 0.02}, "current": {"kind": "filtered_noise"}}
     one = parse_experiment({**SHORT, **noisy}, "e")
-    truth, again = simulate_truth(one), simulate_truth(with_repeat(one, 3))
+    truth, again = simulate_truth(one), simulate_truth(repeated(one, 3))
     assert np.array_equal(truth.stroke_m, again.stroke_m)
     assert np.array_equal(truth.commanded_A, again.commanded_A)
-    assert not np.array_equal(run(one).channel("position").values, run(with_repeat(one, 3)).channel("position").values)
+    assert not np.array_equal(run(one).channel("position").values, run(repeated(one, 3)).channel("position").values)
     assert not np.array_equal(truth.stroke_m, simulate_truth(with_seed(one, 9)).stroke_m)
 
 

@@ -41,7 +41,7 @@ def test_samples_in_memory_are_the_same_spline(tmp_path):
         ("time_s,position_m\n0,0\n1,0\n", "2 samples; expected at least 4"),
         (GOOD.replace("0.2,", "0.05,", 1), r"s\.csv:4: time_s does not rise"),
         (GOOD.replace("0.1,", "x,", 1), r"s\.csv:3: 'x,"),
-        (GOOD.replace("0.1,", "nan,", 1), r"s\.csv:3: 'nan,.* is not finite"),
+        (GOOD.replace("0.1,", "nan,", 1), r"s\.csv:3: 'nan,.*expected finite numbers"),
     ],
 )
 def test_mistakes_name_the_line(tmp_path, text, says):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ces_rig.live.script import Follower
+from ces_rig.live.motion import Follower
 
 
 def test_a_step_is_followed_as_the_equation_says() -> None:

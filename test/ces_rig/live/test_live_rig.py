@@ -11,10 +11,9 @@ import yaml
 
 from ces_rig.errors import RigError
 from ces_rig.experiment import parse_experiment
+from ces_rig.live.motion import BLOCK, Actuator, Script, make_experiment_loop, make_loop
 from ces_rig.live.rig import LiveRig, RigSettings
-from ces_rig.live.script import BLOCK, Actuator, Script, make_experiment_loop, make_loop
-from ces_rig.live.sensing import Command
-from ces_rig.live.timing import Pace
+from ces_rig.live.timing import Command, Pace
 from ces_rig.sensors import GRID_S
 
 QUIET = RigSettings(noise=0.0)

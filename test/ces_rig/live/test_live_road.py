@@ -5,13 +5,13 @@ import pytest
 from scipy.signal import welch
 
 from ces_rig.drive.strokes import ROUGHNESS_M3
-from ces_rig.live.vehicle import AVERAGING, BLOCK, CLASSES, CONTACT_M, MAX_WAVE_M, LiveRoad, roughness_m3
+from ces_rig.live.motion import AVERAGING, CLASSES, CONTACT_M, MAX_WAVE_M, ROAD_BLOCK, LiveRoad, roughness_m3
 
 INTERVAL = 0.5e-3
 
 
 def heights(road: LiveRoad, count: int) -> np.ndarray:
-    return np.concatenate([road.heights(BLOCK) for _ in range(count // BLOCK)])
+    return np.concatenate([road.heights(ROAD_BLOCK) for _ in range(count // ROAD_BLOCK)])
 
 
 @pytest.mark.parametrize("road_class", CLASSES)
@@ -49,7 +49,7 @@ def test_at_standstill_the_road_stands_still():
     heights(road, 10_000)
     road.speed_m_s = 0.0
     height = heights(road, 1000)
-    assert np.ptp(height[BLOCK:]) == 0.0
+    assert np.ptp(height[ROAD_BLOCK:]) == 0.0
 
 
 def test_a_change_of_class_does_not_jump():

@@ -12,8 +12,8 @@ from ces_rig.dampers.stepper import DamperStepper, Mover
 from ces_rig.drive import kernels as qv
 from ces_rig.drive.strokes import QuarterVehicle
 from ces_rig.errors import RigError
+from ces_rig.live.motion import Vehicle, as_kernel_numbers
 from ces_rig.live.rig import LiveRig, RigSettings
-from ces_rig.live.vehicle import Vehicle, as_kernel_numbers
 
 GRID = 0.5e-3
 WEIGHT_N = (145.0 + 17.0) * 9.81

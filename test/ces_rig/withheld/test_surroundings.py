@@ -10,8 +10,8 @@ from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S
+from ces_rig.withheld.environment import hold_until_free
 from ces_rig.withheld.plants import PLANTS, draw_plant, physical_numbers, simulate_signals
-from ces_rig.withheld.surroundings import hold_until_free
 
 TIME = np.arange(1600) * GRID_S
 STROKE = 0.015 * np.clip(5 * TIME, 0, 1) ** 2 * np.sin(2 * np.pi * 4 * TIME)

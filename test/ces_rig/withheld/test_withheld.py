@@ -9,15 +9,14 @@ import yaml
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE, WithheldEffect
 from ces_rig.drive.strokes import make_stroke
 from ces_rig.errors import RigError
+from ces_rig.experiment import load_rig
 from ces_rig.sensors import GRID_S, Sensors, measure_signals
-from ces_rig.simulation import load_rig
 from ces_rig.withheld.plants import (
     PLANTS,
     available_effects,
     draw_effect,
     draw_plant,
     gap_from,
-    gap_N,
     perturb,
     perturb_to_gap,
     physical_numbers,
@@ -30,6 +29,10 @@ from ces_rig.withheld.plants import (
 SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "calibration": 1.0, "monotube": 1.0}
 CASES = [(kind, name) for kind in PLANTS for name in available_effects(kind)]
 WITHOUT = {"hydraulic": set(), "bouc_wen": {"sticking_check", "late_check"}, "calibration": set(), "monotube": set()}
+
+
+def gap_N(plant, effects, *inputs):
+    return gap_from(plant, simulate_signals(plant, (), *inputs), simulate_signals(plant, effects, *inputs))
 
 
 def drive(kind, steady=False):

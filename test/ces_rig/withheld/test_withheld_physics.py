@@ -6,20 +6,23 @@ import numpy as np
 import pytest
 
 from ces_rig.dampers.hydraulic.parameters import Hydraulic
-from ces_rig.dampers.kinds import KINDS
 from ces_rig.dampers.stepper import simulate
 from ces_rig.sensors import GRID_S
 from ces_rig.withheld.plants import (
     PLANTS,
     draw_effect,
     draw_plant,
-    gap_N,
+    gap_from,
     physical_numbers,
     scale_to_gap,
     simulate_signals,
 )
 
 FREQUENCY = 2.0
+
+
+def gap_N(plant, effects, *inputs):
+    return gap_from(plant, simulate_signals(plant, (), *inputs), simulate_signals(plant, effects, *inputs))
 
 
 def sine(amplitude=0.02, frequency=FREQUENCY, seconds=1.5, share=0.5, kind="bouc_wen"):
@@ -165,7 +168,7 @@ def test_oil_boils_before_cavitation_costs_8_newtons():
     inputs = sine(amplitude=0.03, frequency=3.0, kind="hydraulic")
     for seed in range(3):
         effect = scale_to_gap(plant, draw_effect("hydraulic", "cavitation", np.random.default_rng(seed)), 8.0, *inputs)
-        damper = plant.with_numbers(KINDS["hydraulic"].numbers(plant, effect)).damper
+        damper = plant.with_numbers(physical_numbers(plant, effect)).damper
         below = damper.oil.vapour_pressure_Pa + 2e3
         chamber = simulate(Hydraulic(damper), GRID_S, *inputs[1:]).state("p_compression_Pa")
         assert np.mean(chamber < below) > 0.005

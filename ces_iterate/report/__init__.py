@@ -1,1 +1,0 @@
-"""The report of an iteration: one HTML page with cost, coverage and every experiment."""
