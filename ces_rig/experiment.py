@@ -225,25 +225,21 @@ def make_rig_force(damper: DamperDescription) -> RigForce:
     model = damper.model.without_coil() if measured else damper.model
 
     def force(time_s: F, position_m: F, current_A: F) -> F:
-        time, position, current = _check_samples(time_s, position_m, current_A)
+        time, position, current = (np.asarray(a, dtype=np.float64) for a in (time_s, position_m, current_A))
+        if time.ndim != 1 or not time.shape == position.shape == current.shape:
+            shapes = f"times {time.shape}, positions {position.shape}, currents {current.shape}"
+            raise RigError(f"rig: {shapes}; expected equal")
+        for name, values in (("time", time), ("position", position), ("current", current)):
+            if not np.isfinite(values).all():
+                bad = int(np.argmin(np.isfinite(values)))
+                raise RigError(f"rig: {name} sample {bad} is not finite; clean it first")
+        time, first = np.unique(time, return_index=True)
+        if len(time) < 10 or time[-1] - time[0] < 0.05:
+            raise RigError(f"rig: {len(time)} samples; expected at least 10 over at least 0.05 s")
         grid = np.arange(time[0], time[-1] + GRID_S, GRID_S)
-        stroke = np.interp(grid, time, position)
+        stroke = np.interp(grid, time, position[first])
         sos, pad = butter(4, SMOOTHING_HZ, fs=1.0 / GRID_S, output="sos"), min(len(grid) - 1, round(0.2 / GRID_S))
-        run = simulate(model, GRID_S, sosfiltfilt(sos, stroke, padlen=pad), np.interp(grid, time, current))
+        run = simulate(model, GRID_S, sosfiltfilt(sos, stroke, padlen=pad), np.interp(grid, time, current[first]))
         return np.asarray(np.interp(np.asarray(time_s), grid, run.force_N if damper.rest_N else run.tared_N))
 
     return force
-
-
-def _check_samples(time_s: F, position_m: F, current_A: F) -> tuple[F, F, F]:
-    """Return the three as floats, sorted by time, without repeated times."""
-    time, position, current = (np.asarray(a, dtype=np.float64) for a in (time_s, position_m, current_A))
-    if time.ndim != 1 or not time.shape == position.shape == current.shape:
-        raise RigError(f"rig: times {time.shape}, positions {position.shape}, currents {current.shape}; expected equal")
-    for name, values in (("time", time), ("position", position), ("current", current)):
-        if not np.isfinite(values).all():
-            raise RigError(f"rig: {name} sample {int(np.argmin(np.isfinite(values)))} is not finite; clean it first")
-    time, first = np.unique(time, return_index=True)
-    if len(time) < 10 or time[-1] - time[0] < 0.05:
-        raise RigError(f"rig: {len(time)} samples; expected at least 10 over at least 0.05 s")
-    return time, position[first], current[first]

@@ -75,7 +75,18 @@ def load_plan(path: Path, seed: int | None = None) -> StrokePlan:
     rig = content.get("rig", {"kind": VIRTUAL})
     if not isinstance(rig, Mapping) or rig.get("kind") not in RIG_SETTINGS:
         raise StrokeError(f"{path}: rig is {rig!r}; expected a mapping with kind: one of {', '.join(RIG_SETTINGS)}")
-    return StrokePlan(_read_goal(content, experiment, path), experiment, file, path, rig)
+    settings = experiment.settings
+    time = np.arange(round(settings.duration_s / INTERVAL_S) + 1, dtype=np.float64) * INTERVAL_S
+    model = content.get("model")
+    goal = StrokeGoal(
+        experiment.stroke.samples(time, np.random.default_rng([settings.seed, STREAMS["stroke"]])),
+        INTERVAL_S,
+        read_record(StrokeLimits, content.get("limits", {}), f"{path}: limits", StrokeError),
+        read_record(LearningSettings, content.get("learning", {}), f"{path}: learning", StrokeError),
+        read_record(ProbeSettings, content.get("probe", {}), f"{path}: probe", StrokeError),
+        None if model is None else read_record(ActuatorModel, model, f"{path}: model", StrokeError),
+    )
+    return StrokePlan(goal, experiment, file, path, rig)
 
 
 def write_learned_experiment(plan: StrokePlan, command_file: str) -> str:
@@ -93,18 +104,3 @@ def write_learned_experiment(plan: StrokePlan, command_file: str) -> str:
     if plan.experiment.actuator is not None:
         content["actuator"] = vars(plan.experiment.actuator)
     return schema_line("experiment") + yaml.safe_dump(content, sort_keys=False, allow_unicode=True)
-
-
-def _read_goal(content: Mapping[str, Any], experiment: Experiment, path: Path) -> StrokeGoal:
-    settings = experiment.settings
-    time = np.arange(round(settings.duration_s / INTERVAL_S) + 1, dtype=np.float64) * INTERVAL_S
-    wanted = experiment.stroke.samples(time, np.random.default_rng([settings.seed, STREAMS["stroke"]]))
-    model = content.get("model")
-    return StrokeGoal(
-        wanted,
-        INTERVAL_S,
-        read_record(StrokeLimits, content.get("limits", {}), f"{path}: limits", StrokeError),
-        read_record(LearningSettings, content.get("learning", {}), f"{path}: learning", StrokeError),
-        read_record(ProbeSettings, content.get("probe", {}), f"{path}: probe", StrokeError),
-        None if model is None else read_record(ActuatorModel, model, f"{path}: model", StrokeError),
-    )

@@ -213,7 +213,7 @@ def load_damper(path: Path) -> Damper:
 def coefficients(damper: Damper) -> Coefficients:
     """Return the kernel's coefficients of `damper`; the fields of valves, seal and mount are in the kernel's order."""
     b, oil, piston, gas, heat = damper.body, damper.oil, damper.piston, damper.reservoir, damper.heat
-    return Coefficients(
+    numbers = (
         damper.piston_area_m2, damper.annulus_area_m2, damper.rod_area_m2,
         damper.piston_area_m2 * b.half_stroke_m + b.compression_dead_m3,
         damper.annulus_area_m2 * b.half_stroke_m + b.rebound_dead_m3,
@@ -227,6 +227,7 @@ def coefficients(damper: Damper) -> Coefficients:
         *astuple(damper.seal), *astuple(damper.mount),
         heat.ambient_degC, heat.capacity_J_K, heat.loss_W_K, heat.start_degC,
     )  # fmt: skip
+    return Coefficients(*numbers)
 
 
 MAX_AIR_FRACTION = 0.25
