@@ -126,16 +126,15 @@ class Actuator:
         at = np.arange(self._place + 1, self._place + BLOCK + 1)
         self._place += BLOCK
         old = _points(self._loop, at)
-        return old if self._new is None else self._blend(old, _points(self._new, at))
-
-    def _blend(self, old: F, new: F) -> F:
-        part = slice(self._blended, self._blended + BLOCK)
+        if self._new is None:
+            return old
+        new, part = _points(self._new, at), slice(self._blended, self._blended + BLOCK)
         weight, rate = self._weight[part], self._weight_rate[part]
         mixed = old + weight * (new - old)
         mixed[1] += rate * (new[0] - old[0])
         self._blended += BLOCK
         if self._blended == len(self._weight):
-            self._loop, self._new = self._new or self._loop, None
+            self._loop, self._new = self._new, None
         return mixed
 
 
