@@ -14,15 +14,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import list_actions
+from ces_cli.terminal.options import Argument, list_actions
 from ces_observer.errors import CesError
-from ces_rig.experiment import packaged_experiments
 
 if TYPE_CHECKING:
     from ces_cli.main import ProgramTable
 
 SHELLS = ("bash", "zsh", "fish")
-ANY_FILE, FOLDER, EXPERIMENT = "file", "folder", "experiment"
+ANY_FILE, FOLDER = "file", "folder"
 BAG_FILES, YAML_FILES = ("*.mcap", "*.db3"), ("*.yaml", "*.yml")
 MAX_ABOUT = 72  # characters of a description
 OPTION_RULE = '"$current_action_is_positional" = true'  # in shtab's script for bash: when a word with - is an option
@@ -39,7 +38,7 @@ KINDS: dict[str, str | tuple[str, ...]] = {  # what completes a value, by the op
     "DIR": FOLDER,
     "RESULTS": FOLDER,
     "PLAN": YAML_FILES,
-    "EXPERIMENT": EXPERIMENT,
+    "EXPERIMENT": YAML_FILES,
     "FILE.yaml": YAML_FILES,
     "MAP.yaml": YAML_FILES,
     "MODEL.json": ("*.json",),
@@ -58,15 +57,14 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    p = terminal.parser(
+    return terminal.parser(
         "completion",
         "Print a script that completes programs, options, choices and file names at the TAB key.",
         "ces completion bash > ~/.local/share/bash-completion/completions/ces\n"
         "  ces completion zsh > ~/.zfunc/_ces        (a folder of fpath)\n"
         "  ces completion fish > ~/.config/fish/completions/ces.fish",
+        Argument("shell", meaning=f"one of {', '.join(SHELLS)}", choices=SHELLS, metavar="SHELL"),
     )
-    p.add_argument("shell", choices=SHELLS, metavar="SHELL", help=f"one of {', '.join(SHELLS)}")
-    return p
 
 
 def completion_script(shell: str) -> str:
@@ -103,34 +101,18 @@ def build_whole_parser(programs: ProgramTable) -> argparse.ArgumentParser:
 def mark_action(action: argparse.Action) -> None:
     """Give an action the attribute `complete`, from which shtab takes what completes its value."""
     kind = find_kind(action)
-    if kind is None:
-        return
-    shtab = _import_shtab()
-    forms = {ANY_FILE: shtab.FILE, FOLDER: shtab.DIRECTORY, EXPERIMENT: name_or_file(shtab)}
-    action.complete = forms[kind] if isinstance(kind, str) else shtab.glob(*kind)  # type: ignore[attr-defined]
-
-
-def name_or_file(shtab: Any) -> dict[str, Any]:
-    """Return what completes an experiment: the names of the packaged ones, and YAML files."""
-    names, files = " ".join(packaged_experiments()), shtab.glob(*YAML_FILES)
-    functions = {
-        "bash": f'_ces_experiment() {{\n  compgen -W "{names}" -- "$1"\n  {files["bash"]} "$1"\n}}\n',
-        "zsh": f"_ces_experiment() {{\n  compadd - {names}\n  {files['zsh']}\n}}\n",
-        "fish": f"function _ces_experiment\n  printf '%s\\n' {names}\n  {files['fish'].strip('()')}\nend\n",
-    }
-    before = {shell: files["preamble"].get(shell, "") for shell in functions}
-    preamble = {shell: f"{before[shell]}\n{text}" for shell, text in functions.items()}
-    return {"bash": "_ces_experiment", "zsh": "_ces_experiment", "fish": "(_ces_experiment)", "preamble": preamble}
+    if kind is not None:
+        shtab = _import_shtab()
+        forms = {ANY_FILE: shtab.FILE, FOLDER: shtab.DIRECTORY}
+        action.complete = forms[kind] if isinstance(kind, str) else shtab.glob(*kind)  # type: ignore[attr-defined]
 
 
 def find_kind(action: argparse.Action) -> str | tuple[str, ...] | None:
     """Return what completes an action's value: a kind, patterns of file names, or None for choices, flags, numbers."""
     if action.choices is not None or action.nargs == 0:
         return None
-    for name in (*action.option_strings, str(action.metavar)):
-        if name in KINDS:
-            return KINDS[name]
-    return ANY_FILE if action.type is Path else None
+    names = (*action.option_strings, str(action.metavar))
+    return next((KINDS[name] for name in names if name in KINDS), ANY_FILE if action.type is Path else None)
 
 
 def _import_shtab() -> Any:

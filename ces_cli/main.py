@@ -24,10 +24,10 @@ PROGRAMS: ProgramTable = {  # module and summary by name
         "bags.characterise",
         "show force over speed, loops, work, hysteresis and valve response of a damper",
     ),
-    "rig": ("rig.program", "run an experiment on the virtual rig and record it (synthetic data)"),
-    "learn-stroke": ("rig.learn_stroke", "learn the command that makes the rig's piston follow a wanted stroke"),
+    "rig": ("rig", "run an experiment on the virtual rig and record it (synthetic data)"),
+    "learn-stroke": ("learn_stroke", "learn the command that makes the rig's piston follow a wanted stroke"),
     "identify": ("identify.program", "identify a force model from recordings"),
-    "iterate": ("iterate.program", "design experiments, run them on a rig and identify, until the model is good"),
+    "iterate": ("iterate", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
     "compare": ("compare", "compare models on the same recordings: costs, and whether they differ"),
     "serve": ("serve", "browse models, reports, results and running searches of a folder as pages"),
@@ -104,20 +104,15 @@ def _run(name: str, words: Sequence[str]) -> int:
 
 
 def _run_program(name: str, module: str, words: Sequence[str]) -> int:
-    _quit_at_ctrl_c()
+    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+    if threading.current_thread() is threading.main_thread() and not ignored:
+        signal.signal(signal.SIGINT, _quit)  # while modules are imported; `terminal.run` installs its own handler later
     for variable in BLAS_THREADS:
         os.environ.setdefault(variable, "1")  # matrices are small here; waiting threads cost ten times the time if busy
     require_folder_for_compiled_code()
     from ces_cli.terminal.terminal import run
 
     return run(name, import_module(f"ces_cli.{module}").main, words)
-
-
-def _quit_at_ctrl_c() -> None:
-    """Exit at Ctrl-C with one line while modules are imported; `terminal.run` installs its own handler later."""
-    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    if threading.current_thread() is threading.main_thread() and not ignored:
-        signal.signal(signal.SIGINT, _quit)
 
 
 def _quit(number: int, frame: FrameType | None) -> NoReturn:

@@ -7,9 +7,10 @@ from pathlib import Path
 
 from ces_cli.schemas import build_schema, write_schemas
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import ALL, JSON, never_with, only_with
+from ces_cli.terminal.options import ALL, JSON, Argument, never_with, only_with
 from ces_cli.terminal.outputs import make_schemas, print_document, require_folder
 from ces_identify.schema_files import ABOUT, KEYWORD, path_of_schema
+from ces_observer.options import Option
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -38,20 +39,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    p = terminal.parser(
+    return terminal.parser(
         "schema",
         "Print the JSON Schema (draft 7) of a kind of YAML file. An editor with a YAML language server completes and "
         f"checks a file whose first line is '{KEYWORD}PATH', where PATH is what --path prints.",
         "ces schema signals > signals.schema.json\n  ces schema --list",
+        Argument("name", None, f"one of {', '.join(ABOUT)}", choices=tuple(ABOUT), metavar="NAME", count="?"),
+        Option("path", False, "print the path of the schema's file instead"),
+        Option("list", False, "list the schemas and exit"),
+        Option("all", None, "write all schemas into a folder and exit", kind=Path, metavar="DIR"),
+        JSON,
+        rules=(
+            never_with(ALL, "list", "does not apply with --list, which lists all schemas", but="list json"),
+            never_with(ALL, "all", "does not apply with --all, which writes all schemas", but="all"),
+            only_with("json", "list", "applies to --list; a schema itself is JSON"),
+        ),
     )
-    p.add_argument("name", nargs="?", choices=tuple(ABOUT), metavar="NAME", help=f"one of {', '.join(ABOUT)}")
-    p.add_argument("--path", action="store_true", help="print the path of the schema's file instead")
-    p.add_argument("--list", action="store_true", help="list the schemas and exit")
-    p.add_argument("--all", type=Path, metavar="DIR", help="write all schemas into a folder and exit")
-    terminal.add_options(p, JSON)
-    p.rules = (
-        never_with(ALL, "list", "does not apply with --list, which lists all schemas", but="list json"),
-        never_with(ALL, "all", "does not apply with --all, which writes all schemas", but="all"),
-        only_with("json", "list", "applies to --list; a schema itself is JSON"),
-    )
-    return p

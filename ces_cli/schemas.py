@@ -91,37 +91,24 @@ def list_of(item: Schema, least: int = 0) -> Schema:
     return {"type": "array", "items": item} | ({"minItems": least} if least else {})
 
 
-def of_kinds(kinds: Mapping[str, type[Any]], more: type[Any] | None = None, default: str = "") -> Schema:
-    """Return the schema of a description that begins with its `kind`; `more` has the keys that all kinds share.
-
-    With `default`, a description without a kind is of that one.
-    """
-    return choose_by_kind(list(kinds), list_branches(kinds, more, default), default)
-
-
-def list_branches(kinds: Mapping[str, type[Any]], more: type[Any] | None = None, default: str = "") -> list[Schema]:
-    """Return the schema of each kind for `choose_by_kind`."""
+def list_branches(kinds: Mapping[str, type[Any]], more: type[Any] | None = None) -> dict[str, Schema]:
+    """Return the schema of each kind for `choose_by_kind`; `more` has the keys that all kinds share."""
     common = record_schema(more)["properties"] if more else {}
-    branches = []
+    branches = {}
     for name, cls in kinds.items():
         own = record_schema(cls)
         properties = {"kind": {"const": name}, **own["properties"], **common}
-        required = [*([] if name == default else ["kind"]), *own.get("required", ())]
-        branches.append(mapping_of(properties, required, own["description"]))
+        branches[name] = mapping_of(properties, ["kind", *own.get("required", ())], own["description"])
     return branches
 
 
-def choose_by_kind(kinds: Sequence[str], branches: Sequence[Schema], default: str = "") -> Schema:
+def choose_by_kind(branches: Mapping[str, Schema]) -> Schema:
     """Return a schema that applies the branch of a mapping's `kind`, so that an error names the key at fault."""
-    kind = {"properties": {"kind": one_of(kinds)}, "type": "object"} | ({} if default else {"required": ["kind"]})
     rules = [
-        {
-            "if": {"properties": {"kind": {"const": name}}, **({} if name == default else {"required": ["kind"]})},
-            "then": branch,
-        }
-        for name, branch in zip(kinds, branches, strict=True)
+        {"if": {"properties": {"kind": {"const": name}}, "required": ["kind"]}, "then": branch}
+        for name, branch in branches.items()
     ]
-    return {**kind, "allOf": rules}
+    return {"properties": {"kind": one_of(branches)}, "type": "object", "required": ["kind"], "allOf": rules}
 
 
 def of_parameters(table: Iterable[Option]) -> dict[str, Schema]:
@@ -334,15 +321,14 @@ def damper_schema() -> Schema:
     hydraulic["properties"] = {"kind": {"const": HYDRAULIC}, **hydraulic["properties"]}
     first = {"if": {"properties": {"kind": {"const": HYDRAULIC}}}, "then": hydraulic}
     kind = {"kind": one_of((HYDRAULIC, *LUMPED))}
-    return {"type": "object", "properties": kind, "allOf": [first, *of_kinds(LUMPED)["allOf"]]}
+    return {"type": "object", "properties": kind, "allOf": [first, *choose_by_kind(list_branches(LUMPED))["allOf"]]}
 
 
 def _with_sequences(
     kinds: Mapping[str, type[Any]], more: type[Any] | None = None, not_in_parts: Iterable[str] = ()
 ) -> Schema:
     """Return the schema of a stroke or current; the parts of a sequence are of the other kinds and have a duration."""
-    single = {name: cls for name, cls in kinds.items() if name != SEQUENCE}
-    whole = list_branches(single, more)
+    whole = list_branches({name: cls for name, cls in kinds.items() if name != SEQUENCE}, more)
     lasting = record_schema(TimedPart)
     in_parts = {
         name: {
@@ -350,18 +336,19 @@ def _with_sequences(
             "properties": {**branch["properties"], **lasting["properties"]},
             "required": [*branch["required"], *lasting["required"]],
         }
-        for name, branch in zip(single, whole, strict=True)
+        for name, branch in whole.items()
         if name not in not_in_parts
     }
-    parts = {**list_of(choose_by_kind(list(in_parts), list(in_parts.values())), 1), "maxItems": MAX_PARTS}
+    parts = {**list_of(choose_by_kind(in_parts), 1), "maxItems": MAX_PARTS}
     about = (kinds[SEQUENCE].__doc__ or "").strip()
     sequence = mapping_of({"kind": {"const": SEQUENCE}, "parts": parts}, ("kind", "parts"), about)
-    return choose_by_kind([*single, SEQUENCE], [*whole, sequence])
+    return choose_by_kind({**whole, SEQUENCE: sequence})
 
 
 def iterate_schema() -> Schema:
     """Return the schema of a plan for `ces iterate`."""
-    properties = {**record_schema(iterate_plan.PlanSettings)["properties"], "rig": of_kinds(RIG_SETTINGS)}
+    properties = dict(record_schema(iterate_plan.PlanSettings)["properties"])
+    properties["rig"] = choose_by_kind(list_branches(RIG_SETTINGS))
     return mapping_of({key: properties[key] for key in iterate_plan.KEYS}, ("limits", "rig"))
 
 
@@ -370,7 +357,7 @@ def learn_stroke_schema() -> Schema:
     properties = {
         "description": TEXT,
         "experiment": with_description(TEXT, "packaged experiment, or a file beside this one: its stroke is wanted"),
-        "rig": of_kinds(RIG_SETTINGS),
+        "rig": choose_by_kind(list_branches(RIG_SETTINGS)),
         "actuator": record_schema(ServoActuator),
         "limits": record_schema(StrokeLimits),
         "probe": record_schema(ProbeSettings),

@@ -8,18 +8,18 @@ import socket
 import sys
 import threading
 import webbrowser
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import SIGNALS
+from ces_cli.terminal.options import SIGNALS, Argument
 from ces_observer.errors import CesError
+from ces_observer.options import Option
 
 LOOPBACK = "127.0.0.1"
-PORT = 8000
 ENDS = ("SIGTERM", "SIGHUP")  # of a service, and of an ssh connection that breaks
 DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
 CHOSEN = "BROWSER"  # the person's own choice, also of editors that forward ports
@@ -39,10 +39,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not is_loopback(options.host):
         terminal.print_warning(f"--host {options.host}: everyone on that network can read {options.folder}")
     with suppress(KeyboardInterrupt):
-        _end_in_order()
+        for number in (getattr(signal, name) for name in ENDS if hasattr(signal, name)):
+            if signal.getsignal(number) == signal.SIG_DFL:  # one may be ignored, as under nohup
+                signal.signal(number, signal.default_int_handler)
         print(f"{options.folder}: {server.url}  (Ctrl-C ends it)", flush=True)
         if options.open:
-            open_browser(server.local_url)
+            _open_browser(server.local_url)
         server.run()
     print("stopped")
     return 0
@@ -50,56 +52,38 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    p = terminal.parser(
+    return terminal.parser(
         "serve",
         "Show what is in a folder and below it as pages in the browser: models, reports, campaigns, diagnoses, fleets, "
         "recordings, and searches while they run. Nothing is written. Ctrl-C ends it.",
         "ces serve . --open",
+        Argument("folder", meaning="the folder to show", kind=Path, metavar="DIR"),
+        Option("port", 8000, "port to listen on; 0 for a free one", 0, 65535, metavar="N"),
+        Option(
+            "host",
+            LOOPBACK,
+            "address to listen on; with another than that of this computer only, all of its network can read DIR",
+            metavar="ADDRESS",
+        ),
+        Option("open", False, "open the page in the browser"),
+        SIGNALS,
     )
-    p.add_argument("folder", type=Path, metavar="DIR", help="the folder to show")
-    whole = terminal.integer_between
-    text = f"port to listen on; 0 for a free one (default {PORT})"
-    p.add_argument("--port", type=whole(0, 65535), default=PORT, metavar="N", help=text)
-    text = (
-        f"address to listen on (default {LOOPBACK}: this computer only); with another, all of its network can read DIR"
-    )
-    p.add_argument("--host", default=LOOPBACK, metavar="ADDRESS", help=text)
-    p.add_argument("--open", action="store_true", help="open the page in the browser")
-    terminal.add_options(p, SIGNALS)
-    return p
 
 
-def _end_in_order() -> None:
-    """End at the other signals as at Ctrl-C, so that temporary files go; not at one that is ignored, as under nohup."""
-    for number in (getattr(signal, name) for name in ENDS if hasattr(signal, name)):
-        if signal.getsignal(number) == signal.SIG_DFL:
-            signal.signal(number, signal.default_int_handler)
+def _open_browser(url: str) -> None:
+    """Open `url` in a thread, because a browser may be waited for until its end.
 
-
-def open_browser(url: str) -> None:
-    """Open `url`, or say how to see it where there is no desktop, as over ssh.
-
-    Browsers may be waited for until their end, so this happens in a thread. Without a desktop Python would start a text
-    browser, if there is one, in the terminal of the server; the pages need more.
+    Not where there is no desktop, as over ssh: Python would start a text browser in the terminal of the server.
     """
-    if has_desktop(os.environ):
-        threading.Thread(target=_open, args=(url,), daemon=True).start()
-    else:
-        terminal.print_warning(f"--open: no desktop here; {explain_tunnel(url, socket.gethostname())}")
+    here = sys.platform in ("darwin", "win32", "cygwin") or any(map(os.environ.get, (*DISPLAYS, CHOSEN)))
+    if not here:
+        port = urlsplit(url).port
+        tunnel = f"ssh -N -L {port}:localhost:{port} {socket.gethostname()} and open http://localhost:{port}/"
+        terminal.print_warning(f"--open: no desktop here; on yours, run {tunnel}")
+        return
 
+    def show() -> None:
+        if not webbrowser.open(url):
+            terminal.print_warning("--open: no browser could be started; open the address above")
 
-def has_desktop(environment: Mapping[str, str], platform: str = sys.platform) -> bool:
-    """Return whether a browser with a window can be expected."""
-    needs_display = platform not in ("darwin", "win32", "cygwin")
-    return not needs_display or any(environment.get(name) for name in (*DISPLAYS, CHOSEN))
-
-
-def explain_tunnel(url: str, computer: str) -> str:
-    """Return how another computer can show the page at `url`, an address on `computer` itself."""
-    port = urlsplit(url).port
-    return f"on yours, run ssh -N -L {port}:localhost:{port} {computer} and open http://localhost:{port}/"
-
-
-def _open(url: str) -> None:
-    if not webbrowser.open(url):
-        terminal.print_warning("--open: no browser could be started; open the address above")
+    threading.Thread(target=show, daemon=True).start()

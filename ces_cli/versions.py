@@ -8,6 +8,7 @@ import re
 import sys
 from collections.abc import Iterator, Mapping, Sequence
 from importlib import metadata
+from typing import Any
 
 from ces_cli.terminal.outputs import print_document
 from ces_observer import __version__
@@ -26,13 +27,32 @@ def main(argv: Sequence[str] | None = None) -> int:
     if words:
         print_document("version", find_versions())
     else:
-        print(format_versions(find_versions()))
+        print("\n".join([f"{NAME} {__version__}", *_lines(find_versions())]))
     return 0
 
 
-def find_versions() -> dict[str, object]:
-    """Return the versions in use; a package that is not installed has None."""
-    required, optional = list_packages()
+def find_versions() -> dict[str, Any]:
+    """Return the versions in use, by the suite's own metadata; a package that is not installed has None.
+
+    There are no packages if the suite runs from its source folder and was never installed.
+    """
+    packages: dict[str, str | None] = {}
+    extras: dict[str, dict[str, str | None]] = {}
+    try:
+        lines = metadata.requires(NAME) or []
+    except metadata.PackageNotFoundError:
+        lines = []
+    for line in lines:
+        name = re.split(r"[^\w.-]", line)[0]
+        extra = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
+        try:
+            version = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            version = None
+        if extra is None:
+            packages[name] = version
+        elif extra[1] not in DEVELOPMENT:
+            extras.setdefault(extra[1], {})[name] = version
     return {
         "python": platform.python_version(),
         "executable": sys.executable,
@@ -41,64 +61,24 @@ def find_versions() -> dict[str, object]:
         "threads": {name: os.environ.get(name) for name in THREADS},
         "ros": os.environ.get("ROS_DISTRO"),
         "rmw": os.environ.get("RMW_IMPLEMENTATION"),
-        "packages": {name: find_version(name) for name in required},
-        "extras": {extra: {name: find_version(name) for name in names} for extra, names in optional.items()},
+        "packages": packages,
+        "extras": extras,
     }
 
 
-def format_versions(versions: Mapping[str, object]) -> str:
-    """Return the versions as lines of text, the suite's first."""
-    return "\n".join([f"{NAME} {__version__}", *_lines(versions)])
-
-
-def list_packages() -> tuple[list[str], dict[str, list[str]]]:
-    """Return the packages that the suite requires, and those of its extras by extra, by its own metadata.
-
-    Both are empty if the suite runs from its source folder and was never installed.
-    """
-    required: list[str] = []
-    optional: dict[str, list[str]] = {}
-    try:
-        lines = metadata.requires(NAME) or []
-    except metadata.PackageNotFoundError:
-        lines = []
-    for line in lines:
-        name = re.match(r"[\w.-]+", line)
-        extra = re.search(r"extra == ['\"]([\w-]+)['\"]", line)
-        if name and not extra:
-            required.append(name[0])
-        elif name and extra and extra[1] not in DEVELOPMENT:
-            optional.setdefault(extra[1], []).append(name[0])
-    return required, optional
-
-
-def find_version(name: str) -> str | None:
-    """Return the version of an installed package; None if it is absent."""
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return None
-
-
-def _lines(versions: Mapping[str, object]) -> Iterator[str]:
+def _lines(versions: Mapping[str, Any]) -> Iterator[str]:
     """Yield a line for each fact; absent packages are named as such, with their extra."""
     yield f"python        {versions['python']}  ({versions['executable']})"
     yield f"platform      {versions['platform']}, {versions['processors']} processors"
     distro, rmw = versions["ros"], versions["rmw"] or "default middleware"
     yield f"ROS 2         {f'{distro}, {rmw}' if distro else 'not sourced'}"
-    threads = _as_mapping(versions["threads"])
-    yield f"threads       {', '.join(f'{k}={v}' for k, v in threads.items() if v) or 'not limited by the environment'}"
-    packages = _as_mapping(versions["packages"])
-    if not packages:
+    threads = ", ".join(f"{name}={count}" for name, count in versions["threads"].items() if count)
+    yield f"threads       {threads or 'not limited by the environment'}"
+    if not versions["packages"]:
         yield "packages      unknown: ces_observer runs from its source folder and is not installed"
-    yield from (f"{name:<13} {version or 'absent'}" for name, version in packages.items())
-    told = set(packages)
-    for extra, names in _as_mapping(versions["extras"]).items():
-        for name, version in _as_mapping(names).items():
-            if name not in told:
-                yield f"{name:<13} {version or f'absent (optional: pip install ces_observer[{extra}])'}"
-            told.add(name)
-
-
-def _as_mapping(value: object) -> Mapping[str, object]:
-    return value if isinstance(value, Mapping) else {}
+    yield from (f"{name:<13} {version or 'absent'}" for name, version in versions["packages"].items())
+    told = set(versions["packages"])
+    for extra, names in versions["extras"].items():
+        for name in (name for name in names if name not in told):
+            yield f"{name:<13} {names[name] or f'absent (optional: pip install ces_observer[{extra}])'}"
+        told |= names.keys()

@@ -14,7 +14,8 @@ import yaml
 
 from ces_data.config_file import read_yaml_tree, to_python
 from ces_observer.errors import SignalsError
-from ces_observer.signals import NAMES, Signals, override, quote
+from ces_observer.json_text import quote
+from ces_observer.signals import NAMES, Signals, override
 
 _Sections = list[tuple[str, yaml.MappingNode]]
 PARAMETERS = "ros__parameters"

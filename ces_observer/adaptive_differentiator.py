@@ -62,7 +62,6 @@ class AdaptiveDifferentiator:
         self._combine()
 
     def _combine(self) -> None:
-        """Set the outputs to the weighted means of the filters."""
         best = max(self._scores)
         total = x = v = a = 0.0
         for score, one in zip(self._scores, self._filters, strict=True):

@@ -13,35 +13,15 @@ square over them): an error that depends linearly on the state, by unknown amoun
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, fields
+from itertools import islice
 from math import exp, sqrt
 from typing import Any
 
 from ces_observer.json_text import JsonObject
 
 STATE = ("position", "speed", "current", "change of speed", "change of current")
-PARTS = (
-    "low_current_N",
-    "high_current_N",
-    "slow_N",
-    "fast_N",
-    "force",
-    "change_of_force",
-    "reversal_N",
-)
-KEYS = (
-    "level",
-    "change_s",
-    "reversal_s",
-    "speed_m_s",
-    "current_A",
-    "parts",
-    "mean",
-    "whitening",
-    "max_distance",
-    "constant_share",
-)
+PARTS = ("low_current_N", "high_current_N", "slow_N", "fast_N", "force", "change_of_force", "reversal_N")
 LARGEST = 1e12  # of any number: far from where squares overflow
 MAX_DISTANCE = 1e6
 
@@ -70,25 +50,17 @@ class Band:
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of the key `band` of a model file."""
-        return {
-            "level": self.level,
-            "change_s": self.change_s,
-            "reversal_s": self.reversal_s,
-            "speed_m_s": self.speed_m_s,
-            "current_A": self.current_A,
-            "parts": dict(zip(PARTS, self.parts, strict=True)),
-            "mean": self.mean,
-            "whitening": [number for row in self.whitening for number in row],
-            "max_distance": self.max_distance,
-            "constant_share": self.constant_share,
-        }
+        whitening = [number for row in self.whitening for number in row]
+        return {**asdict(self), "parts": dict(zip(PARTS, self.parts, strict=True)), "whitening": whitening}
 
     @classmethod
     def from_json(cls, node: JsonObject) -> Band:
         """Check the key `band` of a model file; raises ModelError."""
-        node.require_only_keys(*KEYS)
+        node.require_only_keys(*(one.name for one in fields(cls)))
         parts = node.at("parts")
         parts.require_only_keys(*PARTS)
+        lengths = range(len(STATE), 0, -1)  # of the rows of an upper triangle, from the diagonal on
+        triangle = iter(node.numbers("whitening", sum(lengths), LARGEST))
         return cls(
             level=node.number("level", 0.01, 0.9999),
             change_s=node.number("change_s", 1e-5, 1e3),
@@ -97,19 +69,10 @@ class Band:
             current_A=node.range("current_A", LARGEST),
             parts=tuple(parts.number(name, 0.0, LARGEST) for name in PARTS),
             mean=node.numbers("mean", len(STATE), LARGEST),
-            whitening=_triangle(node.numbers("whitening", len(STATE) * (len(STATE) + 1) // 2, LARGEST)),
+            whitening=tuple(tuple(islice(triangle, length)) for length in lengths),
             max_distance=node.number("max_distance", 0.0, MAX_DISTANCE),
             constant_share=node.number("constant_share", 0.0, 1.0),
         )
-
-
-def _triangle(numbers: Sequence[float]) -> tuple[tuple[float, ...], ...]:
-    """Return the rows of an upper triangle, from the diagonal on."""
-    rows, start = [], 0
-    for length in range(len(STATE), 0, -1):
-        rows.append(tuple(numbers[start : start + length]))
-        start += length
-    return tuple(rows)
 
 
 class BandRun:

@@ -57,13 +57,12 @@ class DamperObserver:
         self.model = model
         self.current = current
         self.motions = motions or {}
-        self.motion = self._motion_for(model)
+        self.motion = self.motion_for(model)
         self.tally = Tally()
         self.reason = SILENT
         self.stamp_ns = 0
         self.age_ns = 0
-        self.position_error = ""
-        self.current_error = self.motion_error = ""
+        self._errors = dict.fromkeys(("position", "current", "motion"), "")  # of the newest messages; empty: readable
         self._estimator = Estimator(model)
         self._next: Estimator | None = None
         self._next_current, self._next_motion = current, self.motion
@@ -79,7 +78,7 @@ class DamperObserver:
 
         Raises ModelError if it needs a signal that is not there.
         """
-        self._next_motion = self._motion_for(model)
+        self._next_motion = self.motion_for(model)
         self._next = Estimator(model)
         self._next_current = self.current.with_max_age(model.sampling.max_current_age_s)
 
@@ -108,15 +107,14 @@ class DamperObserver:
 
     def take_current(self, stamp_ns: int, current_A: float) -> None:
         """Add a current sample."""
-        self.current_error = "" if isfinite(current_A) else f"the current is {current_A}"
+        self._errors["current"] = "" if isfinite(current_A) else f"the current is {current_A}"
         self.current.add(stamp_ns, current_A)
 
-    def require_signals(self, model: Model) -> None:
-        """Raise ModelError if `model` needs a signal that is not there."""
-        self._motion_for(model)
+    def motion_for(self, model: Model) -> CurrentHold:
+        """Return the hold of the signal that `model` needs beside the position; constant if it needs none.
 
-    def _motion_for(self, model: Model) -> CurrentHold:
-        """Return the hold of the signal that `model` needs beside the position; constant if it needs none."""
+        Raises ModelError if it is not there.
+        """
         name = model.sampling.motion_signal
         if not name:
             return _NO_SIGNAL
@@ -131,7 +129,7 @@ class DamperObserver:
         """Return the force [N] at `stamp_ns`, or None with `reason` set; `now_ns` is the node's clock."""
         self.tally.samples += 1
         self.stamp_ns, self.age_ns = stamp_ns, now_ns - stamp_ns
-        self.position_error = ""
+        self._errors["position"] = ""
         current = self.current.at(stamp_ns)
         motion = self.motion.at(stamp_ns)
         force = self._estimator.step(stamp_ns, position_m, current, motion)
@@ -157,20 +155,13 @@ class DamperObserver:
         """Return the half-width [N] of the band around the force that `step` has just returned, None without one."""
         return self._estimator.half_width()
 
-    def count_unreadable_position(self, error: str) -> None:
-        """Count a position message without the configured field; it explains a later silence."""
-        self.tally.unreadable += 1
-        self.position_error = error
+    def count_unreadable(self, signal: str, error: str) -> None:
+        """Count a message without the configured field, of "position", "current" or "motion".
 
-    def count_unreadable_motion(self, error: str) -> None:
-        """Count a speed or acceleration message without the configured field."""
+        It explains a later silence or lack of that signal.
+        """
         self.tally.unreadable += 1
-        self.motion_error = error
-
-    def count_unreadable_current(self, error: str) -> None:
-        """Count a current message without the configured field; it explains a later lack of current."""
-        self.tally.unreadable += 1
-        self.current_error = error
+        self._errors[signal] = error
 
     @property
     def motion_name(self) -> str:
@@ -179,7 +170,7 @@ class DamperObserver:
 
     def take_motion(self, name: str, stamp_ns: int, value: float) -> None:
         """Add a sample of "speed" [m/s] or "acceleration" [m/s2]."""
-        self.motion_error = "" if isfinite(value) else f"the {name} is {value}"
+        self._errors["motion"] = "" if isfinite(value) else f"the {name} is {value}"
         self.motions[name].add(stamp_ns, value)
 
     def report_silence(self) -> None:
@@ -189,14 +180,20 @@ class DamperObserver:
     def explain(self) -> str:
         """Return details of `reason`, empty if there are none."""
         if self.reason == SILENT:
-            return self.position_error
+            return self._errors["position"]
         if self.reason == NO_CURRENT:
-            return self.current_error or self.current.explain(self.stamp_ns)
+            return self._errors["current"] or self.current.explain(self.stamp_ns)
         if self.reason == NO_MOTION:
-            return self.motion_error or self.motion.explain(self.stamp_ns, self.motion_name)
+            return self._errors["motion"] or self.motion.explain(self.stamp_ns, self.motion_name)
         if self.reason in (OFF_CLOCK, OUT_OF_ORDER) and self.stamp_ns == 0:
             return "the header stamp is 0: the publisher does not fill it in"
-        return self._clock_difference() if self.reason == OFF_CLOCK else ""
+        if self.reason != OFF_CLOCK:
+            return ""
+        side = "behind" if self.age_ns > 0 else "ahead of"
+        return (
+            f"{abs(self.age_ns) * 1e-9:.3g} s {side} it, max_age_s allows {self._max_age_ns * 1e-9:g} s; "
+            "for a replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0"
+        )
 
     def _reason_for(self, force: float | None, position: float, current: float, motion: float) -> str:
         """Return OK for a force that may be published, else why it is withheld: the fast path of the rule below."""
@@ -219,10 +216,3 @@ class DamperObserver:
         if force is None:
             return self._estimator.reason
         return OK if isfinite(force) and isfinite(self.position) and isfinite(self.speed) else UNBOUNDED
-
-    def _clock_difference(self) -> str:
-        side = "behind" if self.age_ns > 0 else "ahead of"
-        return (
-            f"{abs(self.age_ns) * 1e-9:.3g} s {side} it, max_age_s allows {self._max_age_ns * 1e-9:g} s; "
-            "for a replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0"
-        )

@@ -65,7 +65,6 @@ class Differentiator:
         return self._product
 
     def _place_poles(self, interval: float) -> None:
-        """Set the gains for `interval`; they stay while the interval does."""
         radius = exp(self._decay * interval)
         pair = 2.0 * radius * cos(self._turn * interval)
         square = radius * radius

@@ -127,10 +127,9 @@ class Field:
             good = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
         else:
             good = isinstance(value, str | Path if self.kind is Path else str)
-        return good and (self.kind not in (int, float) or self._holds(value))
-
-    def _holds(self, value: float) -> bool:
-        return value <= self.high and (self.low < value if self.above else self.low <= value)
+        if not good or self.kind not in (int, float):
+            return good
+        return bool(value <= self.high and (self.low < value if self.above else self.low <= value))
 
     @property
     def schema(self) -> Schema:
@@ -182,24 +181,22 @@ def setting(default: Any, meaning: str) -> Any:
 
 
 def record_fields(cls: Any) -> Mapping[str, Field]:
-    """Return the fields of a dataclass by name, their kinds taken from its annotations."""
+    """Return the fields of a dataclass by name, with the kinds of its annotations; a list of numbers is not empty."""
     return _find_fields(cls)
 
 
 @cache
 def _find_fields(cls: Any) -> Mapping[str, Field]:
-    hints = get_type_hints(cls)
-    return {f.name: _complete(f.metadata.get("field", Field()), f.name, hints[f.name], f) for f in fields(cls)}
-
-
-def _complete(made: Field, name: str, hint: Any, f: Any) -> Field:
-    """Return a field with its name, kind and default; a list of numbers is not empty."""
-    many = get_origin(hint) is tuple
-    kinds = [kind for kind in get_args(hint) or (hint,) if kind not in (type(None), ...)]
-    default = f.default if f.default_factory is MISSING else f.default_factory()
-    default = REQUIRED if default is MISSING else default
-    at_least = 1 if many and kinds[0] is not str else made.min_count
-    return replace(made, name=name, default=default, kind=kinds[0], many=many, min_count=at_least)
+    hints, known = get_type_hints(cls), {}
+    for f in fields(cls):
+        made, hint = f.metadata.get("field", Field()), hints[f.name]
+        many = get_origin(hint) is tuple
+        kind = next(kind for kind in get_args(hint) or (hint,) if kind not in (type(None), ...))
+        default = f.default if f.default_factory is MISSING else f.default_factory()
+        default = REQUIRED if default is MISSING else default
+        at_least = 1 if many and kind is not str else made.min_count
+        known[f.name] = replace(made, name=f.name, default=default, kind=kind, many=many, min_count=at_least)
+    return known
 
 
 def read_record(cls: type[T], values: object, where: str, error: type[CesError], base: T | None = None) -> T:

@@ -11,7 +11,7 @@ import os
 import stat
 import tempfile
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from math import inf, isfinite, isinf
 from pathlib import Path
@@ -104,7 +104,7 @@ class JsonObject:
 
     def __init__(self, value: object, where: str) -> None:
         if not isinstance(value, Mapping):
-            raise ModelError(f"{where}: found {_shorten(value)}; expected an object")
+            raise ModelError(f"{where}: found {quote(value)}; expected an object")
         self.value = value
         self.where = where
 
@@ -112,7 +112,7 @@ class JsonObject:
         """Raise ModelError if there is a key that is not in `keys`, such as a misspelt one."""
         unknown = next((key for key in self.value if key not in keys), None)
         if unknown is not None:
-            raise ModelError(f"{self.where}: unknown key {_shorten(unknown)}; known are {', '.join(keys)}")
+            raise ModelError(f"{self.where}: unknown key {quote(unknown)}; known are {', '.join(keys)}")
 
     def at(self, key: str) -> JsonObject:
         """Return the object under `key`."""
@@ -120,81 +120,57 @@ class JsonObject:
 
     def items(self, key: str, min_count: int, max_count: int) -> Iterator[JsonObject]:
         """Yield the objects of the list under `key`."""
-        value = self._get(key)
-        if not isinstance(value, list) or not min_count <= len(value) <= max_count:
-            raise self._value_error(key, f"a list of {min_count} to {max_count} objects")
+        expected = f"a list of {min_count} to {max_count} objects"
+        value = self._get(key, lambda v: isinstance(v, list) and min_count <= len(v) <= max_count, expected)
         return (JsonObject(item, f"{self.where}: {key}[{i}]") for i, item in enumerate(value))
 
     def text(self, key: str) -> str:
         """Return the string under `key`."""
-        value = self._get(key)
-        if not isinstance(value, str):
-            raise self._value_error(key, "a string")
-        return value
+        return str(self._get(key, lambda v: isinstance(v, str), "a string"))
 
     def choice(self, key: str, among: Sequence[str]) -> str:
         """Return the string under `key`, one of `among`."""
-        value = self._get(key)
-        if not isinstance(value, str) or value not in among:
-            raise self._value_error(key, "one of " + ", ".join(among))
-        return value
+        return str(self._get(key, lambda v: isinstance(v, str) and v in among, "one of " + ", ".join(among)))
 
     def number(self, key: str, low: float = -inf, high: float = inf) -> float:
         """Return the finite number under `key`, within [low, high]."""
-        value = self._get(key)
-        if not _is_finite(value) or not low <= value <= high:
-            bounds = "" if isinf(high) else f" from {low:g} to {high:g}"
-            raise self._value_error(key, f"a finite number{bounds}")
-        return float(value)
+        bounds = "" if isinf(high) else f" from {low:g} to {high:g}"
+        return float(self._get(key, lambda v: _is_finite(v) and low <= v <= high, f"a finite number{bounds}"))
 
     def integer(self, key: str, low: int, high: int) -> int:
         """Return the whole number under `key`, within [low, high]."""
-        value = self._get(key)
-        if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
-            raise self._value_error(key, f"a whole number from {low} to {high}")
-        return value
+        expected = f"a whole number from {low} to {high}"
+        return int(self._get(key, lambda v: type(v) is int and low <= v <= high, expected))
 
     def flag(self, key: str) -> bool:
         """Return the boolean under `key`."""
-        value = self._get(key)
-        if not isinstance(value, bool):
-            raise self._value_error(key, "true or false")
-        return value
+        return bool(self._get(key, lambda v: isinstance(v, bool), "true or false"))
 
     def range(self, key: str, max_magnitude: float = inf) -> tuple[float, float]:
         """Return the pair [low, high] of finite numbers under `key`, neither larger than `max_magnitude`."""
-        value = self._get(key)
-        pair = (
-            isinstance(value, list)
-            and len(value) == 2
-            and all(_is_finite(v) and abs(v) <= max_magnitude for v in value)
-        )
-        if not pair or value[0] > value[1]:
-            raise self._value_error(key, f"[low, high], both finite and at most {max_magnitude:g}")
-        return float(value[0]), float(value[1])
+        expected = f"[low, high], both finite and at most {max_magnitude:g}"
+        low, high = self._get(key, lambda v: _are_finite(v, 2, max_magnitude) and v[0] <= v[1], expected)
+        return float(low), float(high)
 
     def numbers(self, key: str, count: int, max_magnitude: float) -> tuple[float, ...]:
         """Return the list of `count` finite numbers under `key`, none larger than `max_magnitude`."""
-        value = self._get(key)
-        good = isinstance(value, list) and all(_is_finite(v) and abs(v) <= max_magnitude for v in value)
-        if not good or len(value) != count:
-            raise self._value_error(key, f"a list of {count} finite numbers, each at most {max_magnitude:g}")
-        return tuple(map(float, value))
+        expected = f"a list of {count} finite numbers, each at most {max_magnitude:g}"
+        return tuple(map(float, self._get(key, lambda v: _are_finite(v, count, max_magnitude), expected)))
 
     def mapping_or_none(self, key: str) -> Mapping[str, Any] | None:
         """Return the object under `key`, or None if it is null."""
-        value = self._get(key)
-        if value is not None and not isinstance(value, Mapping):
-            raise self._value_error(key, "an object or null")
+        value: Mapping[str, Any] | None = self._get(
+            key, lambda v: v is None or isinstance(v, Mapping), "an object or null"
+        )
         return value
 
-    def _get(self, key: str) -> Any:
+    def _get(self, key: str, is_good: Callable[[Any], bool] = lambda value: True, expected: str = "") -> Any:
+        """Return the value under `key`; raises ModelError if it is missing or not `expected`."""
         if key not in self.value:
             raise ModelError(f"{self.where}: key '{key}' is missing")
+        if not is_good(self.value[key]):
+            raise ModelError(f"{self.where}: {key} is {quote(self.value[key])}; expected {expected}")
         return self.value[key]
-
-    def _value_error(self, key: str, expected: str) -> ModelError:
-        return ModelError(f"{self.where}: {key} is {_shorten(self.value[key])}; expected {expected}")
 
 
 def write_atomically(path: Path, content: str | bytes) -> None:
@@ -243,6 +219,15 @@ def _is_finite(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and -1.7e308 < value < 1.7e308
 
 
-def _shorten(value: object) -> str:
-    text = repr(value[:60] if isinstance(value, str) else value)
-    return text if len(text) <= 60 else text[:57] + "..."
+def _are_finite(value: object, count: int, max_magnitude: float) -> bool:
+    good = isinstance(value, list) and all(_is_finite(v) and abs(v) <= max_magnitude for v in value)
+    return good and len(value) == count  # type: ignore[arg-type]
+
+
+def quote(value: object) -> str:
+    """Return a value as errors quote it: on one line and short."""
+    try:
+        text = repr(value[:60] if isinstance(value, str) else value)
+    except ValueError:  # a whole number of thousands of digits
+        text = f"a {type(value).__name__} too large to write"
+    return text if len(text) <= 62 else text[:59] + "..."

@@ -176,7 +176,9 @@ def parse_model(text: str, source: str) -> Model:
     structure = STRUCTURES[root.choice("structure", tuple(STRUCTURES))]
     if root.value.get("units", UNITS) != UNITS:
         raise ModelError(f"{source}: units are not those of '{SCHEMA}'; expected {UNITS}")
-    envelope = _envelope(root.at("input_envelope"))
+    inputs, names = root.at("input_envelope"), [one.name for one in fields(Envelope)]
+    inputs.require_only_keys(*names)
+    envelope = Envelope(*(inputs.range(name, MAX_INPUT) for name in names))
     model = Model(
         sampling=_sampling(root.at("sampling")),
         body=structure.from_json(root, envelope.by_signal),
@@ -210,9 +212,3 @@ def _sampling(node: JsonObject) -> Sampling:
     if ticks > MAX_GAP_TICKS:
         raise ModelError(f"{node.where}: max_gap_s spans {ticks:.0f} ticks; expected at most {MAX_GAP_TICKS}")
     return sampling
-
-
-def _envelope(node: JsonObject) -> Envelope:
-    keys = tuple(one.name for one in fields(Envelope))
-    node.require_only_keys(*keys)
-    return Envelope(*(node.range(key, MAX_INPUT) for key in keys))

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from ces_observer.fields import Field
+from ces_observer.fields import REQUIRED, Field
 
 NO_WORDS = [""]  # ROS 2 has no empty list of strings; empty strings are ignored
 
@@ -20,8 +20,8 @@ NO_WORDS = [""]  # ROS 2 has no empty list of strings; empty strings are ignored
 class Option(Field):
     """A field with a name for users; `none` says what applies where it is not given, its default then being None.
 
-    On a command line, a list is given in one option with `together`, else by repeating the option; `group` heads it in
-    the help. A `live` parameter can change while the node runs.
+    One without a default must be given. On a command line, a list is given in one option with `together`, else by
+    repeating the option; `group` heads it in the help. A `live` parameter can change while the node runs.
     """
 
     metavar: str = ""
@@ -40,14 +40,12 @@ class Option(Field):
         """Its help on a command line."""
         if self.kind is bool:
             return f"do not {self.meaning}" if self.default is True else self.meaning
-        more = "; may be repeated" if self.many and not self.together else ""
-        if self.default in (None, (), []):
-            return self.described + more + (f" (default: {self.none})" if self.none else "")
-        return (
-            f"{self.described}{more} (default {self.default:g})"
-            if self.kind is float
-            else (f"{self.described}{more} (default {self.default})")
-        )
+        text = self.described + ("; may be repeated" if self.many and not self.together else "")
+        if self.default in (REQUIRED, None, (), []):
+            return text + (f" (default: {self.none})" if self.none else "")
+        defaults = self.default if self.many else [self.default]
+        words = " ".join(f"{one:g}" if self.kind is float else str(one) for one in defaults)
+        return f"{text} (default {words})"
 
     def check_parameter(self, value: Any, name: str = "") -> Any:
         """Return the value for the parameter `name` of a node (default: its own); raises CesError."""

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from ces_observer.errors import SignalsError
+from ces_observer.json_text import quote
 
 NAMES = ("position", "current", "force", "sim_force", "temperature", "speed", "acceleration")
 MOTIONS = ("speed", "acceleration")  # what may be measured beside the position, so that the speed is better known
@@ -217,12 +218,3 @@ def _check_number(value: object, where: str) -> float:
     if isinstance(value, bool) or not isinstance(value, int | float) or not -LARGEST <= value <= LARGEST:
         raise SignalsError(f"{where} is {quote(value)}; expected a finite number, at most {LARGEST:g}")
     return float(value)
-
-
-def quote(value: object) -> str:
-    """Return a value as errors quote it: on one line and short."""
-    try:
-        text = repr(value[:60] if isinstance(value, str) else value)
-    except ValueError:  # a whole number of thousands of digits
-        text = f"a {type(value).__name__} too large to write"
-    return text if len(text) <= 62 else text[:59] + "..."

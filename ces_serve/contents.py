@@ -29,7 +29,7 @@ WIDTH = 760.0
 MAX_OVER_BEST = 5.0  # of a search: the first costs, which are far higher, would leave the rest a flat line
 MAX_BESIDE = 40
 OF_FOLDER = (  # sent because of the results that stand beside them
-    *("results.csv", "results.md", "pareto.svg", "pareto.png", "fleet.csv", "plan.yaml", "augmented.json"),
+    *("results.csv", "fleet.csv", "plan.yaml", "augmented.json"),
     *("command.csv", "learned.yaml"),
 )
 

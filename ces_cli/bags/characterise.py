@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, OVERWRITE, SIGNALS
-from ces_cli.terminal.outputs import print_document, require_new_folder
+from ces_cli.terminal.options import BAGS, JSON, OVERWRITE, SIGNALS
+from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.recordings import find_bags, print_findings
 from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
 from ces_data.arrays import F
-from ces_data.recording import Recording
 from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.page import PAGE, write_characteristics
 from ces_identify.characteristics.rows import Characteristics
 from ces_identify.characteristics.tables import peak_table, response_table, work_table
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
-from ces_observer.signals import Signals
+from ces_observer.options import Option
 from ces_report.table import Table
 
 MAX_ROWS = 24  # of a table in the terminal
@@ -29,15 +28,17 @@ MAX_ROWS = 24  # of a table in the terminal
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
-    require_new_folder(options.out, options.overwrite)
+    require_outputs(options.overwrite, folders={"--out": options.out})
     signals = terminal.load_described_signals(options)
     simulations = _open_simulations(options.model)
-    paths = find_bags(options.bags)
-    recordings = [terminal.read_one(path, signals, terminal.FORCE) for path in paths]
-    found = print_findings(recordings)
-    simulated = _simulate(simulations, paths, recordings, signals)
+    recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(options.bags)}
+    found = print_findings(list(recordings.values()))
+    forces: dict[str, list[F]] = {}
+    for name, one in simulations.items():
+        with terminal.err.status(f"simulating {name}"):
+            forces[name] = [one.force(with_predictions(one, p, r, signals)) for p, r in recordings.items()]
     with terminal.err.status("characterising"):
-        results = characterise(recordings, simulations=simulated)
+        results = characterise(list(recordings.values()), simulations=forces)
     if options.out is not None:
         page, *tables = write_characteristics(options.out, results, command=terminal.command_line("characterise", argv))
         terminal.err.print(f"{page} and {len(tables)} CSV files", highlight=False, soft_wrap=True)
@@ -50,21 +51,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    p = terminal.parser(
+    return terminal.parser(
         "characterise",
         "Show what a damper dyno shows: force over speed for each current (at the peak speed and continuous), loops, "
         "work per cycle, hysteresis, knees, and how the valve responds to steps of the current; with simulations over "
         "the same recordings beside them. Sines, triangles and slow sweeps at constant currents give all of it, any "
         "other motion gives quantiles of the force over speed.",
         "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics",
+        replace(BAGS, meaning="recordings with a measured force: bags, folders, globs"),
+        Option("model", (), HELP, metavar="SIM"),
+        SIGNALS,
+        Option("out", None, f"folder for the page ({PAGE}) and a CSV file for each table", kind=Path, metavar="DIR"),
+        *(OVERWRITE, JSON),
     )
-    p.add_argument("bags", nargs="+", metavar="BAG", help="recordings with a measured force: bags, folders, globs")
-    p.add_argument("--model", action="append", default=[], metavar="SIM", help=f"may be repeated: {HELP}")
-    terminal.add_options(p, SIGNALS)
-    text = f"folder for the page ({PAGE}) and a CSV file for each table"
-    p.add_argument("--out", type=Path, metavar="DIR", help=text)
-    terminal.add_options(p, OVERWRITE, JSON)
-    return p
 
 
 def _open_simulations(specs: Sequence[str]) -> dict[str, Simulation]:
@@ -75,20 +74,6 @@ def _open_simulations(specs: Sequence[str]) -> dict[str, Simulation]:
     short = [Path(spec).stem if Path(spec).suffix in (".json", ".yaml", ".yml", ".fmu") else spec for spec in specs]
     names = [name if short.count(name) == 1 else spec for name, spec in zip(short, specs, strict=True)]
     return {name: open_simulation(spec) for name, spec in zip(names, specs, strict=True)}
-
-
-def _simulate(
-    simulations: Mapping[str, Simulation], paths: Sequence[Path], recordings: Sequence[Recording], signals: Signals
-) -> dict[str, list[F]]:
-    """Return the forces [N] of each simulation at the position samples of each recording."""
-    forces: dict[str, list[F]] = {}
-    for name, simulation in simulations.items():
-        with terminal.err.status(f"simulating {name}"):
-            forces[name] = [
-                simulation.force(with_predictions(simulation, path, recording, signals))
-                for path, recording in zip(paths, recordings, strict=True)
-            ]
-    return forces
 
 
 def _print_results(results: Characteristics) -> None:

@@ -10,13 +10,14 @@ import numpy as np
 
 from ces_cli.bags.replay import estimate_forces
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import OVERWRITE, SIGNALS
-from ces_cli.terminal.outputs import require_new_folder, require_outputs
+from ces_cli.terminal.options import BAGS, OVERWRITE, SIGNALS
+from ces_cli.terminal.outputs import require_outputs
 from ces_cli.terminal.recordings import find_bags, print_findings
 from ces_data.recording import Channel, Recording
 from ces_data.tables import FORMATS, require_writer, tabulate, tabulate_as_logged, write_table
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
+from ces_observer.options import Option
 
 SUFFIXES = {".csv": "csv", ".parquet": "parquet", ".pq": "parquet"}
 ESTIMATES = (  # column of the estimator's rows, name and unit
@@ -40,8 +41,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         if path == options.out or options.out.is_dir():
             inputs = [*bags, options.model, options.signals]
             require_outputs(options.overwrite, {"--out": path}, inputs=inputs)
-    if targets[0][0] != options.out and not options.out.is_dir():
-        require_new_folder(options.out, options.overwrite)
+        else:
+            require_outputs(options.overwrite, folders={"--out": options.out})
     signals = terminal.load_described_signals(options)
     model = load_model(options.model) if options.model else None
     for bag, (path, kind) in zip(bags, targets, strict=True):
@@ -60,7 +61,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    p = terminal.parser(
+    return terminal.parser(
         "export-data",
         "Write recordings as CSV or Parquet, in SI units, which the names of the columns state (position_m, force_N). "
         "A row is a position sample; a channel with other times is held (current_held_A) or interpolated "
@@ -68,19 +69,32 @@ def make_parser() -> terminal.Parser:
         "the first row.",
         "ces export-data bags/road --out road.csv\n"
         "  ces export-data bags/road bags/sweep --out tables --format parquet --model model.json",
+        BAGS,
+        Option(
+            "out",
+            meaning="FILE.csv, FILE.parquet, or a folder, which gets a file for each bag",
+            kind=Path,
+            metavar="FILE",
+        ),
+        Option("format", None, "of the files in a folder", choices=FORMATS, none="csv"),
+        Option(
+            "model",
+            None,
+            "add the speed and force that a model estimates, and the bounds of its band",
+            kind=Path,
+            metavar="MODEL.json",
+        ),
+        Option(
+            "rate", None, "rows at a uniform rate instead of the position's times", 0.001, 1e6, kind=float, metavar="HZ"
+        ),
+        Option(
+            "as_logged",
+            False,
+            "a row for each time of any channel, empty cells where a channel has no sample: nothing held or "
+            "interpolated",
+        ),
+        *(SIGNALS, OVERWRITE),
     )
-    p.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder, .mcap, .db3 or .bag file, or a glob")
-    text = "FILE.csv, FILE.parquet, or a folder, which gets a file for each bag"
-    p.add_argument("--out", type=Path, required=True, metavar="FILE", help=text)
-    p.add_argument("--format", choices=FORMATS, help="of the files in a folder (default: csv)")
-    text = "add the speed and force that a model estimates, and the bounds of its band"
-    p.add_argument("--model", type=Path, metavar="MODEL.json", help=text)
-    rate = terminal.number_between(0.001, 1e6)
-    p.add_argument("--rate", type=rate, metavar="HZ", help="rows at a uniform rate instead of the position's times")
-    text = "a row for each time of any channel, empty cells where a channel has no sample: nothing held or interpolated"
-    p.add_argument("--as-logged", action="store_true", help=text)
-    terminal.add_options(p, SIGNALS, OVERWRITE)
-    return p
 
 
 def _targets(bags: Sequence[Path], options: Namespace) -> list[tuple[Path, str]]:

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from rich.table import Table
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, OVERWRITE, SIGNALS
+from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, OVERWRITE, PICTURE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
-from ces_cli.terminal.recordings import add_bags, find_bags
+from ces_cli.terminal.recordings import find_bags
 from ces_cli.terminal.results import save_picture, terminal_picture
 from ces_data.bags.reader import list_topics, read_recording
 from ces_data.bags.storage import Topic
@@ -65,18 +65,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    parser = terminal.parser(
+    return terminal.parser(
         "info",
         "Inspect recordings: signals, rate, jitter, gaps, ranges in SI units, faults, and the distribution of time "
         "over speed and current. The exit status is 2 if a recording cannot be used.",
         "ces info bags/sweep bags/noise --picture coverage.png",
+        replace(BAGS, meaning=f"recordings: {BAGS_FORM}"),
+        SIGNALS,
+        replace(PICTURE, meaning="draw the coverage of all bags (.png, .svg or .pdf)"),
+        *(JSON, OVERWRITE),
     )
-    add_bags(parser, "recordings")
-    terminal.add_options(parser, SIGNALS)
-    text = "draw the coverage of all bags (.png, .svg or .pdf)"
-    parser.add_argument("--picture", type=Path, metavar="FILE", help=text)
-    terminal.add_options(parser, JSON, OVERWRITE)
-    return parser
 
 
 def _inspect_bag(path: Path, signals: Signals) -> BagReport:
@@ -130,25 +128,17 @@ def _format_value(value: float) -> str:
 def _as_json(reports: list[BagReport], covered: Coverage) -> dict[str, Any]:
     recordings = [
         {
-            "name": report.recording.name,
-            "source": report.recording.source,
-            "sha256": report.recording.sha256,
-            "topics": [asdict(topic) for topic in report.topics],
+            "name": one.recording.name,
+            "source": one.recording.source,
+            "sha256": one.recording.sha256,
+            "topics": one.topics,
             "channels": {
-                name: {"unit": report.recording.channel(name).unit, **asdict(stats)}
-                for name, stats in report.stats.items()
+                name: {"unit": one.recording.channel(name).unit, **asdict(stats)} for name, stats in one.stats.items()
             },
-            "constants": dict(report.recording.constants),
-            "findings": [asdict(finding) for finding in report.findings],
+            "constants": one.recording.constants,
+            "findings": one.findings,
         }
-        for report in reports
+        for one in reports
     ]
-    return {
-        "recordings": recordings,
-        "coverage": {
-            "speed_edges_m_s": covered.speed_edges,
-            "current_edges_A": covered.current_edges,
-            "share": covered.share,
-            "duration_s": covered.duration_s,
-        },
-    }
+    edges = {"speed_edges_m_s": covered.speed_edges, "current_edges_A": covered.current_edges}
+    return {"recordings": recordings, "coverage": {**edges, "share": covered.share, "duration_s": covered.duration_s}}

@@ -11,15 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, OVERWRITE, SIGNALS
+from ces_cli.terminal.options import JSON, MODEL, ONE_BAG, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
-from ces_cli.terminal.recordings import find_bag, require_model_first
+from ces_cli.terminal.recordings import find_bag
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.recording import Recording
 from ces_identify.prepare.series import hold_current, hold_motion
 from ces_identify.validation.evaluate import describe_outside, find_outside
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model
+from ces_observer.options import Option
 from ces_observer.signals import Signal
 
 ESTIMATE_TOPIC = "/observer/estimate"
@@ -31,7 +32,6 @@ KEYS = ("position", "velocity", "effort")
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
-    require_model_first("replay", options.model)
     path = find_bag(options.bag)
     require_outputs(options.overwrite, bags={"--out": options.out}, inputs=[options.model, path, options.signals])
     signals = terminal.load_described_signals(options)
@@ -51,38 +51,23 @@ def main(argv: Sequence[str] | None = None) -> int:
     samples = len(recording.channel("position"))
     if options.json:
         force = [float(row[3]) for row in rows]
-        print_document(
-            "replay",
-            {
-                "recording": recording.name,
-                "bag": options.out,
-                "position_samples": samples,
-                "estimates": len(rows),
-                "withheld": dict(reasons.most_common()),
-                "force_N": [min(force), max(force)] if force else None,
-            },
-        )
+        facts = {"recording": recording.name, "bag": options.out, "position_samples": samples, "estimates": len(rows)}
+        facts |= {"withheld": dict(reasons.most_common()), "force_N": [min(force), max(force)] if force else None}
+        print_document("replay", facts)
         return 0
     print(f"{len(rows)} forces estimated from {samples} position samples")
     for reason, count in reasons.most_common():
         print(f"  withheld {count}: {reason}")
-    _print_outside(model, recording, rows)
+    if len(rows):
+        _warn_outside(model, recording, rows)
     print(f"bag: {options.out}")
     return 0
 
 
-def _print_outside(model: Model, recording: Recording, rows: NDArray[np.float64]) -> None:
-    """Print a warning if the estimates used inputs outside the model's envelope."""
-    if not len(rows):
-        return
+def _warn_outside(model: Model, recording: Recording, rows: NDArray[np.float64]) -> None:
+    current = hold_current(recording, rows[:, 0].astype(np.int64), model.sampling.max_current_age_s)
     position, speed = (rows[:, column].astype(np.float64) for column in (1, 2))
-    stamps = rows[:, 0].astype(np.int64)
-    signals = {
-        "position": position,
-        "speed": speed,
-        "current": hold_current(recording, stamps, model.sampling.max_current_age_s),
-    }
-    uses = find_outside(model, signals)
+    uses = find_outside(model, {"position": position, "speed": speed, "current": current})
     if uses:
         share = max(use.outside_share for use in uses)
         terminal.print_warning(describe_outside(recording.name, share, uses))
@@ -118,16 +103,13 @@ def _joint_states(topic: str, rows: NDArray[np.float64], columns: Mapping[str, i
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    p = terminal.parser(
+    return terminal.parser(
         "replay",
         "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "
         f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort; {BAND_TOPIC}: its bounds, if "
         "the model has a band).",
         "ces replay model.json bags/road --out out/road_replayed",
+        *(MODEL, ONE_BAG, SIGNALS),
+        Option("out", meaning="bag folder to write", kind=Path, metavar="BAG2"),
+        *(JSON, OVERWRITE),
     )
-    p.add_argument("model", type=Path, metavar="MODEL.json")
-    p.add_argument("bag", metavar="BAG", help="recording: a bag, or a folder or glob that names one")
-    terminal.add_options(p, SIGNALS)
-    p.add_argument("--out", type=Path, required=True, metavar="BAG2", help="bag folder to write")
-    terminal.add_options(p, JSON, OVERWRITE)
-    return p

@@ -9,13 +9,14 @@ from typing import Any
 from rich.console import Console
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, OVERWRITE
-from ces_cli.terminal.outputs import print_document, require_new_file, schema_line
+from ces_cli.terminal.options import BAGS, JSON, OVERWRITE
+from ces_cli.terminal.outputs import print_document, require_outputs, schema_line
 from ces_cli.terminal.recordings import find_bags
 from ces_data.mapping.choice import Choice, Selection
 from ces_data.mapping.proposals import describe_scale, propose_signals
 from ces_data.mapping.rating import Rating
 from ces_observer.json_text import write_atomically
+from ces_observer.options import Option
 
 MAX_OTHERS = 3
 
@@ -23,7 +24,7 @@ MAX_OTHERS = 3
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError if nothing looks like a signal."""
     options = make_parser().parse_args(argv)
-    require_new_file(options.out, options.overwrite)
+    require_outputs(options.overwrite, {"--out": options.out})
     paths = find_bags(options.bags)
     with terminal.err.status("reading all topics"):
         proposal = propose_signals(paths)
@@ -51,17 +52,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    parser = terminal.parser(
+    return terminal.parser(
         "signals",
         "Propose a signals file from the topics that bags hold: which field is position, current and force, in which "
         "unit and with which sign, with the reason for each guess, and with what could not be known. Without --out the "
         "file goes to the standard output. Several bags have to have the same topics.",
         "ces signals bags/noise --out my_signals.yaml",
+        BAGS,
+        Option("out", None, "signals file to write (YAML)", kind=Path, metavar="FILE"),
+        *(JSON, OVERWRITE),
     )
-    parser.add_argument("bags", nargs="+", metavar="BAG", help="rosbag2 folder, .mcap, .db3 or .bag file, or a glob")
-    parser.add_argument("--out", type=Path, metavar="FILE", help="signals file to write (YAML)")
-    terminal.add_options(parser, JSON, OVERWRITE)
-    return parser
 
 
 def print_proposal(selection: Selection, console: Console, skipped: Mapping[str, str] | None = None) -> None:
@@ -85,33 +85,21 @@ def print_proposal(selection: Selection, console: Console, skipped: Mapping[str,
 
 def proposal_rows(selection: Selection) -> list[dict[str, Any]]:
     """Return the choices and what was not found as mappings for JSON."""
-    return [
-        *(_as_row(name, choice) for name, damper in selection.dampers.items() for choice in damper.choices.values()),
-        *(
-            {"damper": name, "signal": missing.signal, "found": False, "reason": missing.reason}
-            for name, damper in selection.dampers.items()
-            for missing in damper.missing.values()
-        ),
+    rows: list[dict[str, Any]] = []
+    for name, damper in selection.dampers.items():
+        for choice in damper.choices.values():
+            c = choice.candidate
+            facts = {"source": c.label, "type": c.kind, "scale": choice.scale, "offset": choice.offset}
+            facts |= {"low": c.low, "high": c.high, "rate_Hz": c.rate_Hz}
+            facts |= {"reasons": choice.reasons, "checks": choice.checks}
+            others = [{"source": r.candidate.label, "reason": r.why} for r in choice.others]
+            rows.append({"damper": name, "signal": choice.signal, "found": True, **facts, "not_chosen": others})
+    rows += [
+        {"damper": name, "signal": missing.signal, "found": False, "reason": missing.reason}
+        for name, damper in selection.dampers.items()
+        for missing in damper.missing.values()
     ]
-
-
-def _as_row(damper: str, choice: Choice) -> dict[str, Any]:
-    c = choice.candidate
-    return {
-        "damper": damper,
-        "signal": choice.signal,
-        "found": True,
-        "source": c.label,
-        "type": c.kind,
-        "scale": choice.scale,
-        "offset": choice.offset,
-        "low": c.low,
-        "high": c.high,
-        "rate_Hz": c.rate_Hz,
-        "reasons": list(choice.reasons),
-        "checks": list(choice.checks),
-        "not_chosen": [{"source": r.candidate.label, "reason": r.why} for r in choice.others],
-    }
+    return rows
 
 
 def _rows(selection: Selection) -> Iterator[tuple[str, ...]]:

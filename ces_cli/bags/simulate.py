@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, OVERWRITE, SIGNALS
+from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.recordings import find_bag
 from ces_cli.terminal.simulations import HELP, find_file, open_simulation, with_predictions
@@ -16,6 +16,7 @@ from ces_identify.simulations.simulate import sample_bounds
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
+from ces_observer.options import Option
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -40,17 +41,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     if options.json:
         force = columns["force_N"]
         known = force[np.isfinite(force)]
-        print_document(
-            "simulate",
-            {
-                "recording": recording.name,
-                "simulation": options.sim,
-                "csv": options.out,
-                "rows": len(force),
-                "rows_without_force": len(force) - len(known),
-                "force_N": [known.min(), known.max()] if len(known) else None,
-            },
-        )
+        facts = {"recording": recording.name, "simulation": options.sim, "csv": options.out, "rows": len(force)}
+        facts["rows_without_force"] = len(force) - len(known)
+        print_document("simulate", {**facts, "force_N": [known.min(), known.max()] if len(known) else None})
     else:
         print(f"{len(rows)} rows: {options.out}")
     return 0
@@ -58,17 +51,16 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    p = terminal.parser(
+    return terminal.parser(
         "simulate",
         "Run a simulation with the position and current of a recording and write time_s,force_N, one row for each "
         "position sample (nan where the simulation returns no force, such as while an estimator warms up).",
         "ces simulate --sim model.json bags/road --out road.csv",
+        ONE_BAG,
+        Option("sim", meaning=HELP, metavar="SIM"),
+        SIGNALS,
+        Option("out", kind=Path, metavar="FILE.csv"),
+        OVERWRITE,
+        Option("band", False, "add columns lower_N,upper_N: the bounds of the model's band"),
+        JSON,
     )
-    p.add_argument("bag", metavar="BAG", help="recording: a bag, or a folder or glob that names one")
-    p.add_argument("--sim", required=True, metavar="SIM", help=HELP)
-    terminal.add_options(p, SIGNALS)
-    p.add_argument("--out", type=Path, required=True, metavar="FILE.csv")
-    terminal.add_options(p, OVERWRITE)
-    p.add_argument("--band", action="store_true", help="add columns lower_N,upper_N: the bounds of the model's band")
-    terminal.add_options(p, JSON)
-    return p

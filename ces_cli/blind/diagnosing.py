@@ -11,13 +11,14 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
 import time
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,9 +42,6 @@ from ces_observer.json_text import write_atomically
 from ces_rig.blind.cases import read_seal
 from ces_rig.blind.outcome import IDENTIFIED, PREDICTIONS, Mode, combine_modes
 from ces_rig.blind.scoring import DECISION, GAP, REPLAY, ROW, SETTINGS
-
-if TYPE_CHECKING:
-    from ces_gap.diagnosis import Diagnosis
 
 AUGMENTED, MODEL = "augmented.json", "model.json"
 MAX_IDENTIFY_S = 10.0  # for each structure
@@ -91,7 +89,7 @@ def _diagnose_missing(planned: Sequence[tuple[Path, Path, Mode]], options: argpa
         if not row.is_file() or json.loads(row.read_text(encoding="utf-8"))["status"] != "done":
             missing.append((case, out, mode))
     with JobsProgress(len(planned), len(planned) - len(missing), "diagnoses") as progress:
-        for done in run_in_processes(diagnose_case, missing, options.jobs, threads=1):
+        for done in run_in_processes(diagnose_case, missing, options.jobs or os.cpu_count() or 1, threads=1):
             where, is_failed = f"{done['mode']}, case {done['case']}", done["status"] != "done"
             text = done["reason"] if is_failed else done["summary"]
             progress.count(f"{where}: {text}, {done['seconds']:.1f} s", failed=is_failed)
@@ -117,6 +115,7 @@ def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
 
 
 def _diagnose(case: Path, out: Path, mode: Mode) -> str:
+    """Diagnose the case and write its results, also the causes that simpler methods would have named; return a line."""
     from ces_gap.augmented import save_augmented
     from ces_gap.inputs.checks import require_distinct
     from ces_gap.pipeline import DiagnoseOptions, diagnose
@@ -132,9 +131,15 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     diagnosis = diagnose(simulation, spec, real, held_out, reference, options)
     write_gap(out / GAP, diagnosis)
     save_augmented(out / AUGMENTED, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
-    _save_decision(out / DECISION, diagnosis)
+    figures = None if diagnosis.figures is None else asdict(diagnosis.figures)  # behind the verdict
+    write_atomically(
+        out / DECISION, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n"
+    )
     _replay(out, simulation, held_out)
-    return _summary(json.loads((out / GAP).read_text(encoding="utf-8")))
+    gap = json.loads((out / GAP).read_text(encoding="utf-8"))
+    effects = " + ".join(gap["composition"]["effects"]) or "nothing"
+    before, after = gap["gap"]["rms_N"] or 0.0, gap["composition"]["gap_after_N"] or 0.0
+    return f"{gap['verdict']}, {effects}; gap {before:.1f} N, left {after:.1f} N"
 
 
 def _prepare_simulation(case: Path, out: Path, described: Mapping[str, Any], mode: Mode) -> str:
@@ -159,12 +164,6 @@ def _read_bags(case: Path, names: Sequence[str]) -> list[Recording]:
         return [read_recording(case / name, signals, ("position", "current", "force")) for name in names]
 
 
-def _save_decision(path: Path, diagnosis: Diagnosis) -> None:
-    """Write the figures behind the verdict, and the causes that simpler methods would have named."""
-    figures = None if diagnosis.figures is None else asdict(diagnosis.figures)
-    write_atomically(path, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n")
-
-
 def _replay(out: Path, simulation: Simulation, held_out: Sequence[Recording]) -> None:
     """Run the simulation over the held-out recordings, and the augmented one from its file with and without effects."""
     from ces_gap.augmented import load_augmented
@@ -180,12 +179,6 @@ def _replay(out: Path, simulation: Simulation, held_out: Sequence[Recording]) ->
     part = out / f".part.{REPLAY}"
     np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
     part.replace(out / REPLAY)
-
-
-def _summary(gap: dict[str, Any]) -> str:
-    effects = " + ".join(gap["composition"]["effects"]) or "nothing"
-    before, after = gap["gap"]["rms_N"], gap["composition"]["gap_after_N"]
-    return f"{gap['verdict']}, {effects}; gap {before or 0.0:.1f} N, left {after or 0.0:.1f} N"
 
 
 def identify_baseline(references: Sequence[Recording], path: Path) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -13,11 +14,12 @@ from rich.progress import track
 
 from ces_cli.blind.diagnosing import run
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, OVERWRITE, OptionRule
-from ces_cli.terminal.outputs import print_document, require_new_folder, require_outputs
+from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, Argument, OptionRule
+from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.progress import JobsProgress
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
+from ces_observer.options import Option
 from ces_rig.blind.cases import make_cases, open_seal, remove_cases
 from ces_rig.blind.metrics import TARGET_GAP, cases_with_targets
 from ces_rig.blind.outcome import MAX_REFERENCES, RUN, SIMULATIONS, CaseOutcome
@@ -60,84 +62,38 @@ def make_parser() -> terminal.Parser:
         "draws cases by seed and seals the answers, 'run' diagnoses from the recordings alone, 'score' opens the seal "
         "and compares.",
         EXAMPLE,
-    )
-    parts = p.add_subparsers(metavar="make|run|score", required=True)
-    make, run, score = (line.strip() for line in EXAMPLE.splitlines())
-    _add_make_options(_add_part(parts, "make", "draw cases, write their recordings and seal the answers", make))
-    text = "diagnose every case from its recordings; repeat to continue an interrupted run"
-    _add_run_options(_add_part(parts, "run", text, run))
-    _add_score_options(_add_part(parts, "score", "open the seal and compare", score))
-    p.rules = (
-        OptionRule(
-            "gap_to_noise",
-            lambda options: options.grid != "small",
-            "does not apply to --grid small, which has one gap-to-noise ratio; remove one of them",
+        rules=(
+            OptionRule(
+                "gap_to_noise",
+                lambda options: options.grid != "small",
+                "does not apply to --grid small, which has one gap-to-noise ratio; remove one of them",
+            ),
         ),
     )
+    parts = p.add_subparsers(metavar="make|run|score", required=True)
+    for (name, (about, program, options)), example in zip(_PARTS.items(), EXAMPLE.splitlines(), strict=True):
+        part = parts.add_parser(
+            name,
+            help=about,
+            description=f"{about.capitalize()}.",
+            epilog=f"example:\n  {example.strip()}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        terminal.add_options(part, *options)
+        part.set_defaults(program=program)
     return p
 
 
-def _add_part(
-    parts: argparse._SubParsersAction[terminal.Parser], name: str, about: str, example: str
-) -> argparse.ArgumentParser:
-    """Add a subprogram with its own description and example."""
-    form = argparse.RawDescriptionHelpFormatter
-    return parts.add_parser(
-        name, help=about, description=f"{about.capitalize()}.", epilog=f"example:\n  {example}", formatter_class=form
-    )
-
-
-def _add_make_options(p: argparse.ArgumentParser) -> None:
-    number, whole = terminal.number_between, terminal.integer_between
-    p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write, new or empty")
-    terminal.add_options(p, OVERWRITE)
-    p.add_argument("--seed", type=whole(0, 2**31), required=True, metavar="N", help="random seed")
-    p.add_argument("--grid", choices=("full", "small"), default="full", help="small: gap-to-noise 3 only")
-    p.add_argument("--cases", type=whole(1, 100_000), metavar="K", help="draw a balanced sample of K cases")
-    p.add_argument("--plants", nargs="+", metavar="KIND", help="kinds of plant (default: hydraulic bouc_wen)")
-    p.add_argument("--kind", nargs="+", metavar="KIND", help="effect, none, outside, pair (default: all)")
-    p.add_argument("--effects", nargs="+", metavar="NAME", help="library effects to draw from (default: all)")
-    p.add_argument("--gap-to-noise", nargs="+", type=number(0.1, 100.0), metavar="X", help="gap-to-noise ratios")
-    text = "length of a recording (default 10)"
-    p.add_argument("--seconds", type=number(2.0, 600.0), default=10.0, metavar="S", help=text)
-    _add_jobs(p)
-    terminal.add_options(p, JSON)
-    p.set_defaults(program=_make)
-
-
-def _add_run_options(p: argparse.ArgumentParser) -> None:
-    p.add_argument("cases", type=Path, metavar="DIR", help="output of 'make', or a copy with cases/ only")
-    p.add_argument("--out", type=Path, required=True, metavar="RESULTS", help="folder for results")
-    text = "what the diagnosis gets as simulation: one that it runs, recorded predictions, or a model identified from "
-    text += "the references (default run); every combination with --references is diagnosed into a folder of its own"
-    p.add_argument("--simulation", nargs="+", choices=SIMULATIONS, default=(RUN,), metavar="KIND", help=text)
-    counts, text = range(MAX_REFERENCES + 1), "how many reference recordings it gets (default 2)"
-    p.add_argument("--references", nargs="+", type=int, choices=counts, default=(2,), metavar="N", help=text)
-    p.add_argument("--limit", type=terminal.integer_between(1, 100_000), metavar="K", help="only the first K cases")
-    _add_jobs(p)
-    terminal.add_options(p, JSON)
-    p.set_defaults(program=run)
-
-
-def _add_score_options(p: argparse.ArgumentParser) -> None:
-    p.add_argument("cases", type=Path, metavar="DIR", help="output of 'make'")
-    text = "output of 'run', or the folder of one mode in it"
-    p.add_argument("results", type=Path, nargs="+", metavar="RESULTS", help=text)
-    p.add_argument("--out", type=Path, metavar="REPORT.md", help="also write the tables to this file")
-    p.add_argument("--rows", type=Path, metavar="CASES.csv", help="also write one line for each case")
-    terminal.add_options(p, JSON, OVERWRITE)
-    p.set_defaults(program=_score)
-
-
-def _add_jobs(p: argparse.ArgumentParser) -> None:
-    whole, text = terminal.integer_between, "processes (default: all processors)"
-    p.add_argument("--jobs", type=whole(1, 256), default=os.cpu_count() or 1, metavar="J", help=text)
-
-
 def _make(options: argparse.Namespace) -> int:
-    """Create the cases that the options describe; returns the exit status. Raises CesError."""
-    levels = _levels(options)
-    require_new_folder(options.out, options.overwrite)
+    default_plants = tuple(plant for plant in PLANTS if plant not in RESERVED)
+    levels = Levels(
+        effects=_check_names(options.effects, EFFECTS, EFFECTS, "--effects"),
+        outside=OUTSIDE,
+        plants=_check_names(options.plants, PLANTS, default_plants, "--plants"),
+        kinds=_check_names(options.kind, KINDS, KINDS, "--kind"),
+        gaps=tuple(options.gap_to_noise or (SMALL_GRID_GAPS if options.grid == "small" else GAPS)),
+    )
+    require_outputs(options.overwrite, folders={"--out": options.out})
     seed, count = options.seed, options.cases
     plan = plan_grid(levels, seed) if count is None else plan_sample(levels, seed, count)
     if options.overwrite:
@@ -147,34 +103,21 @@ def _make(options: argparse.Namespace) -> int:
             options.out,
             [(case, list_spare_effects(case, levels)) for case in plan],
             options.seconds,
-            options.jobs,
-            {"seed": options.seed, "planned": len(plan), "plants": list(levels.plants)},
+            options.jobs or os.cpu_count() or 1,
+            {"seed": seed, "planned": len(plan), "plants": list(levels.plants)},
             lambda label: progress.count(f"case {label['case']} created"),
         )
     count_of = {kind: sum(case.kind == kind for case in plan) for kind in KINDS}
     if options.json:
         print_document("blind-make", {"folder": options.out, "cases": count_of, "sha256": digest})
-        return 0
-    counts = ", ".join(f"{number} {kind}" for kind, number in count_of.items())
-    print(f"{options.out}/cases: {counts}; answers sealed, SHA-256 {digest}")
+    else:
+        counts = ", ".join(f"{number} {kind}" for kind, number in count_of.items())
+        print(f"{options.out}/cases: {counts}; answers sealed, SHA-256 {digest}")
     return 0
 
 
-def _levels(options: argparse.Namespace) -> Levels:
-    default_plants = tuple(plant for plant in PLANTS if plant not in RESERVED)
-    return Levels(
-        effects=_check_names(options.effects, EFFECTS, EFFECTS, "--effects"),
-        outside=OUTSIDE,
-        plants=_check_names(options.plants, PLANTS, default_plants, "--plants"),
-        kinds=_check_names(options.kind, KINDS, KINDS, "--kind"),
-        gaps=tuple(options.gap_to_noise or (SMALL_GRID_GAPS if options.grid == "small" else GAPS)),
-    )
-
-
-def _check_names(
-    names: Sequence[str] | None, known: Sequence[str], default: Sequence[str], option: str
-) -> tuple[str, ...]:
-    for name in names or ():
+def _check_names(names: Sequence[str], known: Sequence[str], default: Sequence[str], option: str) -> tuple[str, ...]:
+    for name in names:
         if name not in known:
             raise CesError(f"{option} '{name}': expected {', '.join(known)}")
     return tuple(dict.fromkeys(names or default))
@@ -185,7 +128,7 @@ def _score(options: argparse.Namespace) -> int:
     require_outputs(options.overwrite, {"--out": options.out, "--rows": options.rows})
     about, labels = open_seal(options.cases)
     by_mode: dict[str, list[CaseOutcome]] = {}
-    parts = []
+    parts: list[str | ScoreTable] = []
     for folder, mode in find_modes(options.results, options.cases):
         if mode.name in by_mode:
             raise CesError(f"{folder}: a second folder with results of mode {mode.name}; give one for each mode")
@@ -193,11 +136,8 @@ def _score(options: argparse.Namespace) -> int:
         outcomes, failed = score_cases(options.cases, folder, shown, mode)
         if outcomes:
             by_mode[mode.name] = outcomes
-            parts += [
-                f"## `{mode.name}`",
-                _format_opening(outcomes, failed, len(labels), about),
-                *_list_tables(outcomes),
-            ]
+            parts += [f"## `{mode.name}`", _format_opening(outcomes, failed, len(labels), about)]
+            parts += _list_tables(outcomes)
     if not by_mode:
         raise CesError(
             f"{options.results[0]}: contains no diagnosis of a case of {options.cases}; run 'ces blind run' first"
@@ -243,14 +183,61 @@ def _format_opening(
     cases: Sequence[CaseOutcome], failed: Mapping[str, str], sealed: int, about: Mapping[str, Any]
 ) -> str:
     seconds = median(case.seconds for case in cases)
-    lines = [
+    first = (
         f"Seed {about['seed']}: {len(cases)} of {sealed} sealed cases, {about['seconds']:g} s per recording, "
         f"{cases[0].mode.text}; {seconds:.1f} s per case (median, one thread)."
-    ]
-    lines += [f"Case {case} could not be diagnosed: {reason}" for case, reason in failed.items()]
-    return "  \n".join(lines)
+    )
+    return "  \n".join([first, *(f"Case {case} could not be diagnosed: {why}" for case, why in failed.items())])
 
 
 def _as_markdown(table: ScoreTable) -> str:
-    rows = [table.head, ["---"] * len(table.head), *table.rows]
-    return "\n".join("|" + "|".join(row) + "|" if row[0] == "---" else "| " + " | ".join(row) + " |" for row in rows)
+    lines = ["| " + " | ".join(row) + " |" for row in (table.head, *table.rows)]
+    return "\n".join([lines[0], "|" + "---|" * len(table.head), *lines[1:]])
+
+
+def _several(name: str, default: Any, meaning: str, metavar: str = "KIND", **how: Any) -> Option:
+    return Option(name, default, meaning, metavar=metavar, many=True, together=True, **how)
+
+
+_CASES = Argument("cases", meaning="output of 'make'", kind=Path, metavar="DIR")
+_MAKE = (
+    Option("out", meaning="folder to write, new or empty", kind=Path, metavar="DIR"),
+    OVERWRITE,
+    Option("seed", meaning="random seed", low=0, high=2**31, kind=int, metavar="N"),
+    Option("grid", "full", "small: gap-to-noise 3 only", choices=("full", "small")),
+    Option("cases", None, "draw a balanced sample of K cases", 1, 100_000, kind=int, metavar="K"),
+    _several("plants", (), "kinds of plant (default: hydraulic bouc_wen)"),
+    _several("kind", (), "effect, none, outside, pair (default: all)"),
+    _several("effects", (), "library effects to draw from (default: all)", "NAME"),
+    _several("gap_to_noise", (), "gap-to-noise ratios", "X", kind=float, low=0.1, high=100.0),
+    Option("seconds", 10.0, "length of a recording", 2.0, 600.0, metavar="S"),
+    *(JOBS, JSON),
+)
+_RUN = (
+    replace(_CASES, meaning="output of 'make', or a copy with cases/ only"),
+    Option("out", meaning="folder for results", kind=Path, metavar="RESULTS"),
+    _several(
+        "simulation",
+        (RUN,),
+        "what the diagnosis gets as simulation: one that it runs, recorded predictions, or a model identified from the "
+        "references; every combination with --references is diagnosed into a folder of its own",
+        choices=SIMULATIONS,
+    ),
+    _several("references", (2,), "how many reference recordings it gets", "N", low=0, high=MAX_REFERENCES),
+    Option("limit", None, "only the first K cases", 1, 100_000, kind=int, metavar="K"),
+    *(JOBS, JSON),
+)
+_SCORE = (
+    _CASES,
+    Argument(
+        "results", (), "output of 'run', or the folder of one mode in it", kind=Path, metavar="RESULTS", count="+"
+    ),
+    Option("out", None, "also write the tables to this file", kind=Path, metavar="REPORT.md"),
+    Option("rows", None, "also write one line for each case", kind=Path, metavar="CASES.csv"),
+    *(JSON, OVERWRITE),
+)
+_PARTS = {
+    "make": ("draw cases, write their recordings and seal the answers", _make, _MAKE),
+    "run": ("diagnose every case from its recordings; repeat to continue an interrupted run", run, _RUN),
+    "score": ("open the seal and compare", _score, _SCORE),
+}

@@ -182,7 +182,6 @@ def _where_lines(label: str, where: Where) -> list[str]:
 
 
 def _describe_region(region: GapRegion) -> str:
-    """Return a region with its share of the gap's energy and of the time."""
     energy = f"{region.share_of_energy:.0%} of the gap's energy"
     if region.axis == "frequency_hz":
         return f"{energy} at {region_name(region)}"
@@ -222,7 +221,6 @@ def _newtons(value: float) -> str:
 
 
 def _interval(bounds: Interval) -> str:
-    """Return an interval of forces [N]."""
     return f"[{bounds[0]:.1f}, {bounds[1]:.1f}]"
 
 

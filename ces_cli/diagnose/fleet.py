@@ -6,7 +6,7 @@ import argparse
 import os
 import warnings
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
 
@@ -31,7 +31,7 @@ from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of
 from ces_gap.inputs.checks import is_seen
 from ces_gap.pipeline import diagnose
 from ces_gap.report.result_files import result_files
-from ces_identify.jobs.results import DONE, FAILED, ResultsFolder, Row, open_results
+from ces_identify.jobs.results import DONE, FAILED, Row, open_results
 from ces_identify.jobs.workers import Task
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
@@ -66,7 +66,14 @@ def run_fleet(options: argparse.Namespace) -> int:
         request = DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)
         jobs, unread = _plan_jobs(units, request, signals, options.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
-        finished = not missing or _compute(results, missing, request, signals, options, len(units))
+        finished = True
+        if missing:
+            tasks = (Task(job, [REQUEST], _read(simulation, unit, signals)) for job, unit in missing.items())
+            counted = JobsProgress(len(units), len(units) - len(missing), "diagnoses")
+            shared = {REQUEST: request.pack()}
+            finished = run_jobs(
+                diagnose_unit, tasks, shared, how.threads, options, results, counted, describe_diagnosis
+            )
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
         write_csv(rows, options.out / "fleet.csv")
         write_page(rows, options.out / "fleet.html", PurePath(spec).name)
@@ -117,23 +124,7 @@ def _read(simulation: Simulation, unit: FleetUnit, signals: Signals) -> list[Rec
     return recordings
 
 
-def _compute(
-    results: ResultsFolder,
-    missing: Mapping[DiagnosisJob, FleetUnit],
-    request: DiagnosisRequest,
-    signals: Signals,
-    options: argparse.Namespace,
-    total: int,
-) -> bool:
-    """Run the diagnoses that have no result yet; returns False if Ctrl-C came before the last."""
-    tasks = (Task(job, [REQUEST], _read(request.simulation, unit, signals)) for job, unit in missing.items())
-    shared, threads = {REQUEST: request.pack()}, request.options.threads
-    progress = JobsProgress(total, total - len(missing), "diagnoses")
-    return run_jobs(diagnose_unit, tasks, shared, threads, options, results, progress, describe_diagnosis)
-
-
 def _print_fleet(rows: Sequence[Row], folder: Path) -> None:
-    """Print the table of the largest gaps, with a title that counts the diagnoses, and the files written."""
     table = fleet_table(rows)
     done = [row for row in table.rows if row["status"] == DONE]
     if done:

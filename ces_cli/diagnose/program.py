@@ -12,9 +12,13 @@ from ces_cli.terminal.outputs import name_report, require_outputs
 from ces_cli.terminal.progress import ONE_PLACE
 from ces_cli.terminal.recordings import RECORDING, VEHICLE, find_bags
 from ces_cli.terminal.simulations import HELP
-from ces_observer.options import in_group
+from ces_identify.options import SEED, THREADS
+from ces_identify.structures.auto import AUTO
+from ces_observer.fields import REQUIRED
+from ces_observer.options import Option, in_group
 from ces_observer.structures import STRUCTURES
 
+BAGS_OPTION = Option("", (), metavar="BAG", together=True)
 RULES = (
     only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
     never_with(
@@ -48,7 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    p = terminal.parser(
+    names = [one.option for one in STRUCTURES.values()]
+    return terminal.parser(
         "diagnose",
         "Find where a simulation differs from recordings of the real damper, which missing effect is the cause, and "
         "how far the gap shrinks with that effect added. Writes gap.json, augmented.json (the simulation with the "
@@ -56,35 +61,61 @@ def make_parser() -> terminal.Parser:
         "ces diagnose --sim model.json --real bags/road bags/sweep --reference bags/new_damper --out gap\n"
         "  ces diagnose --identify --reference bags/new_damper --real bags/road bags/sweep --out gap\n"
         "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference bags/new_damper --out fleet_gap",
+        Option("sim", None, HELP, metavar="SIM"),
+        Option(
+            "identify",
+            False,
+            "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json",
+        ),
+        Option(
+            "structure",
+            None,
+            "of the model that --identify fits; auto (default): the lowest cost on held-out parts of the references; "
+            f"or {', '.join(names)}",
+            choices=(AUTO, *names),
+            metavar="NAME",
+        ),
+        replace(
+            BAGS_OPTION, name="real", default=REQUIRED, meaning="recordings of the real damper: bags, folders, globs"
+        ),
+        replace(
+            BAGS_OPTION, name="held_out", meaning="recordings for evaluation only", none="a part of --real is held out"
+        ),
+        replace(
+            BAGS_OPTION,
+            name="reference",
+            meaning="recordings known to be free of the effect; the simulation's own error is learned from them first",
+        ),
+        SIGNALS,
+        Option("out", meaning="folder to write, created if necessary", kind=Path, metavar="DIR"),
+        replace(REPORT, meaning=f"copy report.html to FILE; {IN_A_FOLDER}"),
+        Option(
+            "effects",
+            (),
+            "your own effects in addition to the library's (subclasses of ces_gap.Effect)",
+            metavar="module:Class",
+            together=True,
+        ),
+        replace(THREADS, meaning="default: all processors; with --each, one for each diagnosis", none=""),
+        Option(
+            "tolerance",
+            None,
+            "share of the RMS force below which a gap counts as none",
+            0.0,
+            100.0,
+            "%",
+            kind=float,
+            none="1, but at most twice the noise",
+            metavar="PERCENT",
+        ),
+        replace(SEED, meaning="random seed"),
+        Option(
+            "each",
+            None,
+            "one diagnosis for each recording of --real, or for each folder of recordings; the same command continues "
+            "an interrupted run",
+            choices=(RECORDING, VEHICLE),
+        ),
+        *(*in_group("fleets", JOBS, DASK), JSON, OVERWRITE),
+        rules=RULES,
     )
-    whole = terminal.integer_between
-    p.add_argument("--sim", metavar="SIM", help=HELP)
-    text = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
-    p.add_argument("--identify", action="store_true", help=text)
-    text = "of the model that --identify fits; auto (default): the lowest cost on held-out parts of the references"
-    names = [one.option for one in STRUCTURES.values()]
-    p.add_argument("--structure", choices=("auto", *names), metavar="NAME", help=f"{text}; or {', '.join(names)}")
-    text = "recordings of the real damper: bags, folders, globs"
-    p.add_argument("--real", nargs="+", required=True, metavar="BAG", help=text)
-    text = "recordings for evaluation only (default: a part of --real is held out)"
-    p.add_argument("--held-out", nargs="+", default=[], metavar="BAG", help=text)
-    text = "recordings known to be free of the effect; the simulation's own error is learned from them first"
-    p.add_argument("--reference", nargs="+", default=[], metavar="BAG", help=text)
-    terminal.add_options(p, SIGNALS)
-    p.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder to write, created if necessary")
-    terminal.add_options(p, replace(REPORT, meaning=f"copy report.html to FILE; {IN_A_FOLDER}"))
-    text = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
-    p.add_argument("--effects", nargs="+", default=[], metavar="module:Class", help=text)
-    text = "default: all processors; with --each, one for each diagnosis"
-    p.add_argument("--threads", type=whole(1, 256), metavar="N", help=text)
-    text = "share of the RMS force [%%] below which a gap counts as none (default 1, but at most twice the noise)"
-    p.add_argument("--tolerance", type=terminal.number_between(0.0, 100.0), metavar="PERCENT", help=text)
-    p.add_argument("--seed", type=whole(0, 2**31), default=1, metavar="N", help="random seed (default 1)")
-    text = (
-        "one diagnosis for each recording of --real, or for each folder of recordings; the same command continues an "
-        "interrupted run"
-    )
-    p.add_argument("--each", choices=(RECORDING, VEHICLE), help=text)
-    terminal.add_options(p, *in_group("fleets", JOBS, DASK), JSON, OVERWRITE)
-    p.rules = RULES
-    return p

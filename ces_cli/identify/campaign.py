@@ -1,4 +1,4 @@
-"""`ces identify --campaign`: many identifications, with a live page, tables, a picture and the recommended reports."""
+"""`ces identify --campaign`: many identifications, with a live page, tables, and the recommended reports."""
 
 from __future__ import annotations
 
@@ -6,19 +6,11 @@ import argparse
 import shlex
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 
-from ces_cli.identify.campaign_results import (
-    BEST,
-    Summary,
-    save_pareto_picture,
-    summary_facts,
-    summary_tables,
-    write_csv,
-    write_markdown,
-)
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import ALL, never_with, only_with
 from ces_cli.terminal.outputs import print_document, require_folder, without_text
@@ -28,7 +20,7 @@ from ces_data.checks.check import check_each, require_sound
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_identify.campaign.campaign_page import PAGE, write_campaign_page
-from ces_identify.campaign.campaign_rows import CampaignRows
+from ces_identify.campaign.campaign_rows import COST_TOLERANCE, IDENTIFICATION, CampaignRows, is_proved
 from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.description import load_campaign
 from ces_identify.campaign.plan import Campaign, CampaignJob, jobs
@@ -36,16 +28,21 @@ from ces_identify.jobs.results import DONE, ResultsFolder, Row, open_results
 from ces_identify.jobs.workers import Task
 from ces_identify.prepare.series import prepare
 from ces_identify.report.page import write_report
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
+from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.errors import CesError
+from ces_observer.json_text import write_atomically
 from ces_observer.model import load_model
+from ces_report.table import Column, Table
 
 REFRESH_S = 5.0  # between two versions of the page
-REPORTS = "reports"
 MAX_ROWS_SHOWN = 40  # rows in the terminal
 RESULTS = "results.jsonl"
-
-
+FRONT, BEST = "○", "●"
+WORDS = {FRONT: "front", BEST: "recommended"}  # marks in files for other programs
+SELECTION_NOTE = (
+    "The selection cost, which the search used, decides the front and the recommendation; the validation costs beside "
+    "it decide nothing."
+)
 CAMPAIGN_RULES = (
     only_with("jobs dask", "campaign", "applies to campaigns; add --campaign FILE.yaml (for threads use --threads)"),
     never_with(
@@ -60,62 +57,53 @@ CAMPAIGN_RULES = (
 
 def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -> int:
     """Run the campaign that --campaign describes; returns the exit status."""
-    if options.out == parser.get_default("out"):
+    folder: Path = options.out
+    if folder == parser.get_default("out"):
         raise CesError("--campaign needs a folder for its results; add --out DIR")
-    require_folder(options.out)
+    require_folder(folder)
     campaign = load_campaign(options.campaign)
     signals = load_signals(campaign.signals)
-    recordings = with_distinct_names(
-        {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
-    )
+    read = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
+    recordings = with_distinct_names(read)
     found = check_each(list(recordings.values()))
     forced = require_sound(found, options.ignore_findings)
     print_warnings(found)
     todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), forced)
-    with open_results(options.out / RESULTS, "a campaign") as results:
-        page = LivePage(options.out, campaign, todo, results)
-        describe = partial(_describe_cell, Summary.from_rows(campaign, todo, {}))
+    with open_results(folder / RESULTS, "a campaign") as results:
+        page = LivePage(folder, campaign, todo, results)
         missing = [job for job in todo if not results.has(job)]
         finished = True
         if missing:
             tasks = [Task(job, job.paths) for job in missing]
             threads = max(job.limits.threads for job in missing)
             progress = JobsProgress(len(todo), len(todo) - len(missing), "cells")
+            describe = partial(describe_cell, page.rows())
             finished = run_jobs(
                 compute_cell, tasks, recordings, threads, options, results, progress, describe, page.refresh
             )
-        summary = Summary.from_rows(campaign, todo, results.rows)
-        write_recommended_reports(page.rows(), options.out, recordings, todo)
+        rows = page.rows()
+        _write_recommended_reports(rows, folder, recordings, todo)
         page.write(running=False)
+        planned = Counter(job.cell.bags for job in todo)
         with without_text(options.json):
-            _write_and_print(summary, options.out)
+            if rows.done:
+                write_csv(rows, folder / "results.csv")
+                _print_results(rows, planned, folder)
     if options.json:
-        print_document("campaign", summary_facts(summary, options.out))
-    return report_failures(summary.rows, summary.planned, finished, "cells", summary.names.full_name)
+        marks = marks_of(rows)
+        best = {name: folder / "models" / f"{row['key']}.json" for name, row in rows.recommended().items()}
+        cells = [{**row, "mark": WORDS.get(marks.get(row["key"], ""))} for row in rows.rows]
+        print_document("campaign", {"folder": folder, "planned": len(todo), "cells": cells, "recommended": best})
+    return report_failures(rows.rows, len(todo), finished, "cells", rows.full_name)
 
 
-def _describe_cell(summary: Summary, row: Row) -> str:
-    name = summary.names.full_name(row)
+def describe_cell(rows: CampaignRows, row: Row) -> str:
+    """Return the result of a cell in a few words."""
+    name = rows.full_name(row)
     if row["status"] != DONE:
         return f"{name}: {row['status']}: {row['reason']}"
     cost = "diverged" if row["selection_J"] is None else f"{row['selection_J']:.2f} %"
     return f"{name}: selection J {cost}, {row['parameters']} parameters, {row['seconds']:.1f} s"
-
-
-def _write_and_print(summary: Summary, folder: Path) -> None:
-    """Write the tables and the plot, and print the table."""
-    if not any(row["status"] == DONE for row in summary.rows):
-        return
-    write_csv(summary, folder / "results.csv")
-    write_markdown(summary, folder / "results.md")
-    for suffix in ("svg", "png"):
-        save_pareto_picture(summary, folder / f"pareto.{suffix}")
-    marks = summary.marks()
-    for table in summary_tables(summary, MAX_ROWS_SHOWN):
-        terminal.print_table(terminal.lay_out(table, lambda row: "bold" * (marks.get(row["key"]) == BEST)))
-    for line in summary.lines():
-        terminal.print_line(line)
-    print(f"results: {folder}/campaign.html, results.md, results.csv, pareto.svg, pareto.png, models/, reports/")
 
 
 class LivePage:
@@ -126,9 +114,10 @@ class LivePage:
         self._written = -REFRESH_S
 
     def rows(self) -> CampaignRows:
-        """Return the results of the planned cells so far."""
-        found = self._results.rows
+        """Return the results of the planned cells so far, by set of bags, size and cost."""
+        found, bags = self._results.rows, list(self._campaign.bags)
         rows = [{**found[j.key], "bags": j.cell.bags, **j.cell.settings} for j in self._todo if j.key in found]
+        rows.sort(key=lambda r: (bags.index(r["bags"]), r.get("parameters", 1e9), r.get("selection_J") or 1e9))
         return CampaignRows(tuple(rows), len(self._todo), self._campaign.names)
 
     def refresh(self) -> None:
@@ -147,13 +136,13 @@ class LivePage:
         self._written = time.monotonic()
 
 
-def write_recommended_reports(
+def _write_recommended_reports(
     results: CampaignRows, folder: Path, recordings: Mapping[Path, Recording], todo: Sequence[CampaignJob]
 ) -> None:
     """Write the report of the recommended model of each set of bags, unless it is there."""
     jobs = {job.key: job for job in todo}
     for row in results.recommended().values():
-        job, path = jobs[row["key"]], folder / REPORTS / f"{row['key']}.html"
+        job, path = jobs[row["key"]], folder / "reports" / f"{row['key']}.html"
         if path.exists():
             continue
         model = load_model(folder / job.output)
@@ -162,3 +151,84 @@ def write_recommended_reports(
         evaluations = evaluate(model, fitted, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
         path.parent.mkdir(exist_ok=True)
         write_report(path, f"{results.full_name(row)} of a campaign", model, evaluations, {})
+
+
+def _print_results(results: CampaignRows, planned: Mapping[str, int], folder: Path) -> None:
+    marks = marks_of(results)
+    for table in result_tables(results, planned, MAX_ROWS_SHOWN):
+        terminal.print_table(terminal.lay_out(table, lambda row: "bold" * (marks.get(row["key"]) == BEST)))
+    terminal.print_line(
+        f"{FRONT} on the front of selection cost against size, {BEST} recommended: the smallest model on the front "
+        f"within {COST_TOLERANCE:.0%} of the lowest cost"
+    )
+    terminal.print_line(SELECTION_NOTE)
+    for name, best in results.recommended().items():
+        terminal.print_line(f"{name}: models/{best['key']}.json ({results.name(best)}; {best['size']})")
+    print(f"results: {folder}/campaign.html, results.csv, models/, reports/")
+
+
+def marks_of(results: CampaignRows) -> dict[str, str]:
+    """Return by key the marks of the models on a front and of the recommended ones."""
+    best = {row["key"]: BEST for row in results.recommended().values()}
+    return dict.fromkeys(results.front_keys(), FRONT) | best
+
+
+def result_tables(results: CampaignRows, planned: Mapping[str, int], max_rows: int) -> list[Table[Row]]:
+    """Return a table for each set of bags; with more than `max_rows` rows in total, only rows on a front.
+
+    `planned` is the number of cells of each set.
+    """
+    marks = marks_of(results)
+    done = [row for row in results.rows if row["status"] == DONE]
+    shown = [row for row in done if row["key"] in marks] if len(done) > max_rows else done
+    missing = {True: "diverged", False: "–"}
+
+    def number(value: float | None, otherwise: str) -> str:
+        return otherwise if value is None else f"{value:.2f}"
+
+    def cost(name: str) -> Callable[[Row], str]:
+        return lambda row: number(_mean_cost(row, name), missing[any(one["set"] == name for one in row["costs"])])
+
+    def stability(row: Row) -> str:
+        if row["gain"] is not None:
+            return f"gain {row['gain']:.3f}"
+        return "passive" if is_proved(row) else "not proved"
+
+    columns: list[Column[Row]] = [
+        Column("", lambda row: marks.get(row["key"], "")),
+        Column("model", results.name),
+        Column("size", lambda row: str(row["parameters"]), figure=True),
+        Column("selection", lambda row: number(row["selection_J"], "–"), figure=True),
+        Column("fit", cost(IDENTIFICATION), figure=True),
+        *(Column(name, cost(name), figure=True) for name in results.sets),
+        Column("stability", stability, figure=True),
+        Column("s", lambda row: f"{row['seconds']:.1f}", figure=True),
+    ]
+    tables = []
+    for name in dict.fromkeys(row["bags"] for row in shown):
+        count = f"{sum(row['bags'] == name for row in done)} of {planned[name]} models done"
+        count += "; only those on the front" if len(shown) < len(done) else ""
+        title = f"identified on {name} ({count}); costs J in %"
+        tables.append(Table(columns, [row for row in shown if row["bags"] == name], title))
+    return tables
+
+
+def _mean_cost(row: Row, name: str) -> float | None:
+    """Return the mean J [%] of a row over the recordings of a set; None if there are none or one diverged."""
+    costs = [cost["J"] for cost in row.get("costs", ()) if cost["set"] == name]
+    return sum(costs) / len(costs) if costs and None not in costs else None
+
+
+def write_csv(results: CampaignRows, path: Path) -> None:
+    """Write a line for each cell, with one column for the cost on each recording."""
+    marks = marks_of(results)
+    lines = []
+    for row in results.rows:
+        plain = {key: value for key, value in row.items() if key not in ("costs", "pooled")}
+        costs = {f"J {cost['set']}: {cost['recording']}": cost["J"] for cost in row.get("costs", ())}
+        lines.append((plain, costs, WORDS.get(marks.get(row["key"], ""), "")))
+    first = ("key", "status", "bags", "structure")
+    settings = dict.fromkeys((*first, *(key for plain, _, _ in lines for key in plain)))
+    recordings = dict.fromkeys(key for _, costs, _ in lines for key in costs)
+    rows = ([*map(plain.get, settings), mark, *map(costs.get, recordings)] for plain, costs, mark in lines)
+    write_atomically(path, terminal.as_csv([[*settings, "mark", *recordings], *rows]))

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, OVERWRITE, SIGNALS, OptionRule, never_with, only_with
+from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, SIGNALS, OptionRule, never_with, only_with
 from ces_cli.terminal.outputs import print_document, require_outputs, without_text
 from ces_identify.export.export_c import export_c, identifier, require_exportable
 from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
@@ -21,6 +21,7 @@ from ces_identify.export.ros_package import (
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_all_atomically, write_atomically
 from ces_observer.model import Model, load_model
+from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate, summarize
 
 FORMATS = {"c": "C99, with its header beside it", "fmu": "FMI 2.0 co-simulation"}
@@ -47,9 +48,49 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
     if options.json:
         facts = {"proved_stable": certificate.holds, "bounds": certificate.bounds}
-        written = options.ros_package or options.out
-        print_document("export", {"model": options.model, "written": written, **facts})
+        print_document("export", {"model": options.model, "written": options.ros_package or options.out, **facts})
     return 0
+
+
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
+    package = "new folder for an ament_cmake package; its name is the package's name"
+    p = terminal.parser(
+        "export",
+        "Write a model as one self-contained C99 file with its header, as an FMU for co-simulation (FMI 2.0) that "
+        "contains the same C code, compiled for this machine and as source for others, or as a ROS 2 package in C++ "
+        "around it. All are the observer's estimator with its differentiator and its reasons for withholding a force; "
+        "the C needs only math.h and allocates no memory in a step. The FMU takes position [m] and current [A] and "
+        "returns force [N], speed [m/s], valid, clamped and reason. Every communication point is a sample; any spacing "
+        "works, best is the model's rate. The ROS 2 package has the observer node as a component and as a program.",
+        "ces export model.json --out rear_damper.c\n  ces export model.json --format fmu --out rear_damper.fmu\n"
+        "  ces export model.json --ros-package ~/ros2_ws/src/rear_damper_observer --signals vehicle.yaml",
+        MODEL,
+        rules=(
+            only_with("signals", "ros_package", "applies to --ros-package only; remove it"),
+            never_with("format sources_only", "ros_package", "does not apply to --ros-package; remove it"),
+            OptionRule(
+                "sources_only",
+                lambda options: (options.format or options.out.suffix.removeprefix(".")) == "fmu",
+                "applies to an FMU only; remove it for C",
+            ),
+        ),
+    )
+    terminal.add_options(
+        p.add_mutually_exclusive_group(required=True),
+        Option("out", None, "FILE.c (FILE.h beside it) or FILE.fmu", kind=Path, metavar="FILE"),
+        Option("ros_package", None, package, kind=Path, metavar="DIR"),
+    )
+    name = "prefix of every identifier (default: derived from FILE), or name of the package"
+    terminal.add_options(
+        p,
+        Option("format", None, "default: from the suffix of FILE", choices=tuple(FORMATS)),
+        Option("name", None, name, metavar="NAME"),
+        Option("sources_only", False, "write an FMU without a binary; needs no C compiler"),
+        Option("allow_uncertified", False, "export a model whose stability cannot be proved (unsafe)"),
+        *(SIGNALS, JSON, OVERWRITE),
+    )
+    return p
 
 
 def _export_file(options: argparse.Namespace) -> Certificate:
@@ -87,7 +128,6 @@ def _export_package(options: argparse.Namespace) -> Certificate:
 
 
 def _kind(options: argparse.Namespace) -> str:
-    """Return the format that --format names or the suffix of --out implies."""
     out: Path = options.out
     kind = str(options.format or out.suffix.removeprefix("."))
     if kind not in FORMATS or out.suffix != f".{kind}":
@@ -105,40 +145,3 @@ def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
             "certificate, or use --allow-uncertified"
         )
     return certificate
-
-
-def make_parser() -> terminal.Parser:
-    """Return the parser of the program's options."""
-    p = terminal.parser(
-        "export",
-        "Write a model as one self-contained C99 file with its header, as an FMU for co-simulation (FMI 2.0) that "
-        "contains the same C code, compiled for this machine and as source for others, or as a ROS 2 package in C++ "
-        "around it. All are the observer's estimator with its differentiator and its reasons for withholding a force; "
-        "the C needs only math.h and allocates no memory in a step. The FMU takes position [m] and current [A] and "
-        "returns force [N], speed [m/s], valid, clamped and reason. Every communication point is a sample; any spacing "
-        "works, best is the model's rate. The ROS 2 package has the observer node as a component and as a program.",
-        "ces export model.json --out rear_damper.c\n  ces export model.json --format fmu --out rear_damper.fmu\n"
-        "  ces export model.json --ros-package ~/ros2_ws/src/rear_damper_observer --signals vehicle.yaml",
-    )
-    p.add_argument("model", type=Path, metavar="MODEL.json")
-    target = p.add_mutually_exclusive_group(required=True)
-    target.add_argument("--out", type=Path, metavar="FILE", help="FILE.c (FILE.h beside it) or FILE.fmu")
-    text = "new folder for an ament_cmake package; its name is the package's name"
-    target.add_argument("--ros-package", type=Path, metavar="DIR", help=text)
-    p.add_argument("--format", choices=tuple(FORMATS), help="default: from the suffix of FILE")
-    text = "prefix of every identifier (default: derived from FILE), or name of the package"
-    p.add_argument("--name", metavar="NAME", help=text)
-    p.add_argument("--sources-only", action="store_true", help="write an FMU without a binary; needs no C compiler")
-    text = "export a model whose stability cannot be proved (unsafe)"
-    p.add_argument("--allow-uncertified", action="store_true", help=text)
-    terminal.add_options(p, SIGNALS, JSON, OVERWRITE)
-    p.rules = (
-        only_with("signals", "ros_package", "applies to --ros-package only; remove it"),
-        never_with("format sources_only", "ros_package", "does not apply to --ros-package; remove it"),
-        OptionRule(
-            "sources_only",
-            lambda options: (options.format or options.out.suffix.removeprefix(".")) == "fmu",
-            "applies to an FMU only; remove it for C",
-        ),
-    )
-    return p

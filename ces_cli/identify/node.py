@@ -122,7 +122,6 @@ class IdentifyNode(TableNode):
         self._state.clear_changes()
 
     def _publish_result(self, result: dict[str, Any]) -> None:
-        """Publish and log the costs and the model."""
         name = self.get_fully_qualified_name()
         message = DiagnosticArray(status=[_status(f"{name}: model", "identified", result["facts"])])
         for cost in result["costs"]:
@@ -143,7 +142,10 @@ class IdentifyNode(TableNode):
             self.get_logger().warning(f"stopped without a model: {self._state.error or 'the search had no model yet'}")
             self._finish(0)
         else:
-            self.get_logger().fatal(self._state.error or _explain_exit(status))
+            reason = f"exited with status {status}; see above"
+            if status == -signal.SIGKILL:
+                reason = "was killed, as the kernel does when memory is short; set fewer threads"
+            self.get_logger().fatal(self._state.error or f"the search process {reason}")
             self._finish(USER_ERROR)
 
     def _finish(self, status: int) -> None:
@@ -178,13 +180,6 @@ def _run(stop: StopRequests) -> int:
     finally:
         node.guard.call(node.end)
         executor.shutdown()
-
-
-def _explain_exit(status: int) -> str:
-    """Return why the search process ended before its result."""
-    if status == -signal.SIGKILL:
-        return "the search process was killed, as the kernel does when memory is short; set fewer threads"
-    return f"the search process exited with status {status}; see above"
 
 
 def _status(name: str, message: str, values: dict[str, str]) -> DiagnosticStatus:

@@ -51,31 +51,24 @@ class SearchState:
         self.changed = self.changed_stage = False
 
     def as_status(self) -> tuple[str, dict[str, str]]:
-        """Return a line and values by name: stage, its time [s], share of the search, cost [%], size, starts done."""
-        return self._line(), {"stage": self.stage, "elapsed [s]": f"{self._elapsed_s:.1f}", **self._search()}
+        """Return a line and values by name: stage, its time [s], share of the search, cost [%], size, starts done.
 
-    def _line(self) -> str:
-        if self.stage != SEARCHING or not self._best:
-            return LINES[self.stage]
-        return (
-            f"searching: selection cost J = {self._best['cost']:.2f} %, size {self._best['size']}, "
-            f"{self._best['ended']} of {self._limits['starts']} starts done, {self._elapsed_s:.0f} s"
+        If the search ends before its time limit, the share jumps to 1.
+        """
+        elapsed_s, searching, share = self._clock_s() - self._began_s, self.stage == SEARCHING, 0.0
+        if self._limits:
+            share = min(1.0, elapsed_s / self._limits["seconds"]) if searching else 1.0
+        line, values = (
+            LINES[self.stage],
+            {"stage": self.stage, "elapsed [s]": f"{elapsed_s:.1f}", "share": f"{share:.3f}"},
         )
-
-    def _search(self) -> dict[str, str]:
-        """Return the values of the search; if it ends before its time limit, the share jumps to 1."""
-        if not self._limits:
-            return {"share": "0.000"}
-        share = min(1.0, self._elapsed_s / self._limits["seconds"]) if self.stage == SEARCHING else 1.0
-        values = {"share": f"{share:.3f}"}
-        if self._best:
+        if self._limits and self._best:
             cost, size, ended = (self._best[key] for key in ("cost", "size", "ended"))
             values |= {"J [%]": f"{cost:.4f}", "size": str(size), "starts ended": str(ended)}
-        return values
-
-    @property
-    def _elapsed_s(self) -> float:
-        return self._clock_s() - self._began_s
+            if searching:
+                done = f"{ended} of {self._limits['starts']} starts done, {elapsed_s:.0f} s"
+                line = f"searching: selection cost J = {cost:.2f} %, size {size}, {done}"
+        return line, values
 
 
 WORKER = "ces_cli.identify.worker"

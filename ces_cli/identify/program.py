@@ -6,7 +6,7 @@ import argparse
 import hashlib
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
@@ -16,20 +16,18 @@ from typing import Any, Protocol
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
 from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import ALL, OptionRule, never_with
+from ces_cli.terminal.options import ALL, BAGS, BAGS_FORM, OptionRule, never_with
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import SearchProgress
-from ces_cli.terminal.recordings import add_bags, find_bags, print_warnings, with_distinct_names
+from ces_cli.terminal.recordings import find_bags, print_warnings, with_distinct_names
 from ces_cli.terminal.results import (
-    as_cost_table,
     cost_rows,
     fold_rows,
     fold_table,
     held_out_row,
     model_facts,
     print_band,
-    print_missing,
-    print_outside,
+    print_costs,
     save_cost_picture,
 )
 from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
@@ -212,7 +210,6 @@ def with_teacher(result: IdentificationResult, teacher: str, measured: Sequence[
 
 
 def _with_history(result: IdentificationResult, key: str, facts: object) -> IdentificationResult:
-    """Return `result` with facts in its model's provenance."""
     return replace(result, model=replace(result.model, provenance={**result.model.provenance, key: facts}))
 
 
@@ -237,14 +234,9 @@ def with_folds(
     if any(row.interval is None for row in folds.rows):
         print(f"{NONE}: the free run diverged, or the recording is too short for an interval")
     rows = [
-        {
-            "recording": row.recording,
-            "fold": row.fold,
-            "J_percent": _round_finite(row.cost),
-            "ci95_percent": [round(row.interval.low, 4), round(row.interval.high, 4)] if row.interval else None,
-            "model": row.model,
-        }
-        for row in folds.rows
+        {**row, "J_percent": _round_finite(row["J_percent"]), "ci95_percent": bounds and [round(b, 4) for b in bounds]}
+        for row in fold_rows(folds)["rows"]
+        for bounds in [row["ci95_percent"]]
     ]
     return _with_history(result, "cross_validation", rows), folds
 
@@ -270,9 +262,7 @@ def describe_starts(result: IdentificationResult, options: argparse.Namespace) -
 
 def _print_result(result: IdentificationResult, options: argparse.Namespace) -> None:
     evaluations, model = result.evaluations, result.model
-    terminal.print_table(as_cost_table(evaluations, model.size, _weighting(result, options)))
-    print_missing(evaluations)
-    print_outside(evaluations)
+    print_costs(evaluations, model.size, _weighting(result, options))
     _print_teacher(result)
     print(RULE)
     print(f"{describe_starts(result, options)}; stopped: {result.search_results[0].ended}")
@@ -281,7 +271,13 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
         )
     _print_certificate(model)
-    _print_structures(model.provenance["selection"])
+    selection = model.provenance["selection"]
+    if costs := selection.get("structures"):
+        chosen = selection["structure"]
+        others = ", ".join(f"{name} {cost:.2f} %" for name, cost in costs.items() if name != chosen)
+        print(f"J on the selection data: {chosen} {costs[chosen]:.2f} %; short fits: {others}")
+        if advice := advise(costs, chosen):
+            terminal.print_warning(advice)
     print_band(model, evaluations)
     print(f"model:  {options.out}")
 
@@ -291,7 +287,6 @@ def _weighting(result: IdentificationResult, options: argparse.Namespace) -> Wei
 
 
 def _print_teacher(result: IdentificationResult) -> None:
-    """Print the teacher and the distillation loss from the provenance, if there was a teacher."""
     facts = result.model.provenance.get("teacher")
     if facts is None:
         return
@@ -311,36 +306,22 @@ def _print_teacher(result: IdentificationResult) -> None:
         print(f"{NONE}: a recording without a measured force, or a free run that diverged")
 
 
-def _print_structures(selection: Mapping[str, Any]) -> None:
-    """Print the costs of short fits of other structures, and which of them is clearly better."""
-    costs = selection.get("structures")
-    if not costs:
-        return
-    chosen = selection["structure"]
-    others = ", ".join(f"{name} {cost:.2f} %" for name, cost in costs.items() if name != chosen)
-    print(f"J on the selection data: {chosen} {costs[chosen]:.2f} %; short fits: {others}")
-    if advice := advise(costs, chosen):
-        terminal.print_warning(advice)
-
-
 def _print_certificate(model: Model) -> None:
     """Print the certificate, or why there is none and what that means."""
     if model.certificate is not None:
         print(f"stable: {summarize(model.certificate)} (proved)")
         return
     doubt = model.provenance["selection"].get("not_proved")
-    refusal = "the observer will refuse this model unless allow_uncertified is true"
-    terminal.print_warning(
-        f"not proved stable: {doubt}; {refusal}"
-        if doubt
-        else f"--no-certificate: no proof of this model's stability was tried; if the observer's fails, {refusal}"
-    )
+    if doubt:
+        text = f"not proved stable: {doubt}; the"
+    else:
+        text = "--no-certificate: no proof of this model's stability was tried; if the observer's fails, the"
+    terminal.print_warning(f"{text} observer will refuse this model unless allow_uncertified is true")
 
 
 def _as_json(
     result: IdentificationResult, folds: CrossValidation | None, work: Identification, options: argparse.Namespace
 ) -> dict[str, Any]:
-    """Return what the program prints: the model, its costs, the search, and the files written."""
     best, model = result.search_results[0], result.model
     weighting = _weighting(result, options)
     teacher = None
@@ -355,7 +336,7 @@ def _as_json(
         "all_held_out": held_out_row(result.evaluations),
         "search": {"starts": len(result.search_results), "best_seed": best.seed, "stopped": best.ended},
         "structures": model.provenance["selection"].get("structures", {}),
-        "folds": fold_rows(folds),
+        "folds": None if folds is None else fold_rows(folds),
         "teacher": teacher,
         "findings": work.findings,
         "report": options.report,
@@ -365,13 +346,12 @@ def _as_json(
 
 def make_parser() -> terminal.Parser:
     """Return the argument parser."""
-    p = terminal.parser(
+    return terminal.parser(
         "identify",
         "Identify a model of the damping force from one or more recordings. The free-run cost selects the model, and "
         f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
+        replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"),
+        *(*list_shared(), *OF_THE_PROGRAM),
+        rules=(*CAMPAIGN_RULES, *STRUCTURE_RULES),
     )
-    add_bags(p, "recordings with a measured force", nargs="*")
-    terminal.add_options(p, *list_shared(), *OF_THE_PROGRAM)
-    p.rules = (*CAMPAIGN_RULES, *STRUCTURE_RULES)
-    return p

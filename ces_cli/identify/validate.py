@@ -9,24 +9,20 @@ from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, OVERWRITE, PICTURE, REPORT, SIGNALS, OptionRule
+from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, MODEL, OVERWRITE, PART, PICTURE, REPORT, SIGNALS, only_with
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, without_text
 from ces_cli.terminal.recordings import (
-    add_bags,
     find_bags,
     print_findings,
     print_warnings,
-    require_model_first,
     with_distinct_names,
 )
 from ces_cli.terminal.results import (
-    as_cost_table,
     cost_rows,
     held_out_row,
     model_facts,
     print_band,
-    print_missing,
-    print_outside,
+    print_costs,
     save_cost_picture,
 )
 from ces_data.checks.content import find_known_recording, require_once
@@ -40,6 +36,7 @@ from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluat
 from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
+from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate
 
 NOT_PROVED = 1  # exit status
@@ -50,8 +47,7 @@ WORST_CELLS = 3
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
-    options = make_parser().parse_intermixed_args(argv)  # bags may follow options
-    require_model_first("validate", options.model)
+    options = make_parser().parse_args(argv)
     paths = find_bags(options.bags)
     options.report = name_report(options.report, [options.model.stem], [path.stem for path in paths])
     outputs = {"--report": options.report, "--picture": options.picture}
@@ -60,14 +56,13 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not options.bags and not options.certificate:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
     with without_text(options.json):
-        status = verify_certificate(model, str(options.model)) if options.certificate else 0
+        proof = model.certify() if options.certificate else None
+        status = 0 if proof is None else print_proof(model, proof, str(options.model))
         evaluations, found = ([], []) if status else _evaluate_recordings(model, paths, options)
         if evaluations:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
             title = f"{options.model}: {model.size}"
-            terminal.print_table(as_cost_table(evaluations, title, weighting, exact=False))
-            print_missing(evaluations)
-            print_outside(evaluations)
+            print_costs(evaluations, title, weighting, exact=False)
             print_band(model, evaluations)
             _print_details(evaluations, weighting)
         if evaluations and options.picture is not None:
@@ -79,7 +74,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)
             print(f"report: {options.report}")
     if options.json:
-        print_document("validate", {**_as_json(model, evaluations, weighting, options), "findings": found})
+        print_document("validate", {**_as_json(model, proof, evaluations, weighting, options), "findings": found})
     return status
 
 
@@ -103,7 +98,7 @@ def _evaluate_recordings(
             )
         series = prepare(recording, model.sampling).part(*options.part)
         evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
-        if not (overlaps or any(f.severity == WRONG_MODEL and f.text.startswith(f"{recording.name}:") for f in found)):
+        if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in found)):
             found += print_against_model(model, recording, evaluations[-1], options.part)
     return evaluations, found
 
@@ -130,7 +125,6 @@ def reverse_signs(recording: Recording) -> Recording:
 
 
 def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> None:
-    """Print the weights, the residual tests of each recording, and the regions with the largest error."""
     if weighting:
         print(f"weights: {weighting}")
     for e in evaluations:
@@ -145,10 +139,12 @@ def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> N
 
 
 def _as_json(
-    model: Model, evaluations: Sequence[Evaluation], weighting: Weighting, options: argparse.Namespace
+    model: Model,
+    proof: Certificate | None,
+    evaluations: Sequence[Evaluation],
+    weighting: Weighting,
+    options: argparse.Namespace,
 ) -> dict[str, Any]:
-    """Return the document of --json."""
-    proof = model.certify() if options.certificate else None
     return {
         "model": {"path": options.model, **model_facts(model)},
         "certificate": None if proof is None else certificate_facts(model, proof),
@@ -174,18 +170,15 @@ def _residual_facts(evaluation: Evaluation) -> dict[str, Any] | None:
     return {"whiteness_p_value": tests.whiteness.p_value, "ljung_box": tests.ljung_box, "inputs": correlations}
 
 
-def verify_certificate(model: Model, name: str) -> int:
-    """Prove `model` stable, print the bounds and compare them with the file's; return the exit status.
+def print_proof(model: Model, proof: Certificate, name: str) -> int:
+    """Print the bounds that a proof of stability gives, and compare them with the file's; return the exit status.
 
     The status is 0 if the proof succeeds and the file claims no more, else NOT_PROVED, and one line gives the reason.
     """
-    proof = model.certify()
-    if not proof.holds:
-        print(f"not proved: {name}: {proof.doubt}")
-        return NOT_PROVED
-    excess = _find_overclaim(model.certificate, proof)
-    if excess:
-        print(f"not proved: {name}: the file claims {excess}; identify the model again")
+    excess = _find_overclaim(model.certificate, proof) if proof.holds else ""
+    if excess or not proof.holds:
+        reason = f"the file claims {excess}; identify the model again" if proof.holds else proof.doubt
+        print(f"not proved: {name}: {reason}")
         return NOT_PROVED
     envelope = model.envelope
     print(f"proved: {proof.claim} ({proof.effort})")
@@ -237,28 +230,29 @@ def _number(stored: Mapping[str, Any] | None, key: str) -> float | None:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    p = terminal.parser(
+    return terminal.parser(
         "validate",
         "Evaluate a model by the cost J of its free run on recordings with a measured force, with the interval of J, "
         "the noise floor where cycles repeat, tests of the residuals, and the regions with the largest error. Or prove "
         "its stability again.",
         "ces validate model.json bags/road --weight zero_crossing=3 --report validation.html\n"
         "  ces validate model.json --certificate",
-    )
-    p.add_argument("model", type=Path, metavar="MODEL.json")
-    add_bags(p, "recordings with a measured force", nargs="*")
-    terminal.add_options(p, SIGNALS)
-    terminal.add_part(p)
-    purpose = f"also show J with W times the weight for ticks in this region: {REGIONS}"
-    terminal.add_options(p, replace(WEIGHT, meaning=purpose))
-    text = "prove the model stable again and compare with the file; exit status 1 if it cannot be proved"
-    p.add_argument("--certificate", action="store_true", help=text)
-    terminal.add_options(p, REPORT, PICTURE, JSON, OVERWRITE)
-    p.rules = (
-        OptionRule(
-            "report picture part weight signals overwrite",
-            lambda options: bool(options.bags),
-            "applies to recordings; name them: ces validate MODEL.json BAG...",
+        MODEL,
+        replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"),
+        *(SIGNALS, PART),
+        replace(WEIGHT, meaning=f"also show J with W times the weight for ticks in this region: {REGIONS}"),
+        Option(
+            "certificate",
+            False,
+            "prove the model stable again and compare with the file; exit status 1 if it cannot be proved",
         ),
+        *(REPORT, PICTURE, JSON, OVERWRITE),
+        rules=(
+            only_with(
+                "report picture part weight signals overwrite",
+                "bags",
+                "applies to recordings; name them: ces validate MODEL.json BAG...",
+            ),
+        ),
+        intermixed=True,
     )
-    return p

@@ -8,7 +8,6 @@ does on the program: it stops the search with the best model so far, and any oth
 from __future__ import annotations
 
 import argparse
-import io
 import json
 import os
 import re
@@ -16,9 +15,8 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
-from contextlib import redirect_stderr
 from types import TracebackType
-from typing import Any
+from typing import Any, NoReturn
 
 from ces_cli.identify.process import READING, SEARCHING, WRITING
 from ces_cli.identify.program import make_parser, prepare_identification, write_report_page
@@ -110,13 +108,13 @@ class SearchReporter:
 
 def _options(words: list[str]) -> argparse.Namespace:
     """Return the options; raises CesError with the parser's message."""
-    message = io.StringIO()
-    try:
-        with redirect_stderr(message):
-            return make_parser().parse_args(words)
-    except SystemExit:
-        text = message.getvalue().strip().removeprefix("ces identify: error: ").partition("; see ")[0]
-        raise CesError(text.removeprefix("argument ")) from None
+    parser = make_parser()
+
+    def refuse(message: str) -> NoReturn:
+        raise CesError(message.removeprefix("argument "))
+
+    parser.error = refuse  # type: ignore[method-assign]
+    return parser.parse_args(words)
 
 
 def name_parameters(text: str) -> str:

@@ -30,7 +30,6 @@ def require_folder_for_compiled_code() -> None:
 
 
 def _usual_folders() -> Iterator[Path]:
-    """Yield the folders that Numba tries, in its order."""
     if os.environ.get(VARIABLE):
         yield Path(os.environ[VARIABLE])
     yield PACKAGE / "__pycache__"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -78,8 +79,34 @@ def list_actions(parser: argparse.ArgumentParser) -> Iterator[argparse.Action]:
             yield action
 
 
+@dataclass(frozen=True)
+class Argument(Option):
+    """A positional argument; `count` is ? for one that may be left out, + or * for several."""
+
+    together: bool = True
+    count: str = ""
+
+
+@dataclass(frozen=True)
+class PartOption(Option):
+    """A part of a recording: FROM:TO, shares from 0 to 1."""
+
+    def parse(self, text: str) -> tuple[float, float]:
+        """Return both ends of the part; raises CesError."""
+        first, _, last = text.partition(":")
+        with suppress(ValueError):
+            share = float(first or 0.0), float(last or 1.0)
+            if 0.0 <= share[0] < share[1] <= 1.0:
+                return share
+        raise CesError(f"'{text}' is not FROM:TO with 0 <= FROM < TO <= 1, such as 0.6:1")
+
+
 IN_A_FOLDER = "in a folder: under a name that says which simulation and recordings"
 BAGS_FORM = "bags, folders of bags, or globs"
+MODEL = Argument("model", kind=Path, metavar="MODEL.json")
+ONE_BAG = Argument("bag", meaning="recording: a bag, or a folder or glob that names one", metavar="BAG")
+BAGS = Argument("bags", (), "rosbag2 folder, .mcap, .db3 or .bag file, or a glob", metavar="BAG", count="+")
+PART = PartOption("part", "0:1", "part of each recording to use, from 0 to 1", metavar="FROM:TO")
 SIGNALS = Option(
     "signals",
     None,
@@ -88,13 +115,7 @@ SIGNALS = Option(
     none="the packaged file",
     metavar="FILE",
 )
-REPORT = Option(
-    "report",
-    None,
-    f"write a report page (HTML); {IN_A_FOLDER}",
-    kind=Path,
-    metavar="FILE",
-)
+REPORT = Option("report", None, f"write a report page (HTML); {IN_A_FOLDER}", kind=Path, metavar="FILE")
 PICTURE = Option("picture", None, "draw speed-force and time plots (.png, .svg, .pdf)", kind=Path, metavar="FILE")
 OVERWRITE = Option("overwrite", False, "replace outputs that exist (default: refuse)")
 JSON = Option("json", False, "print JSON for other programs instead of tables")

@@ -36,14 +36,14 @@ def name_report(path: Path | None, simulations: Sequence[str], recordings: Seque
     """Return the file of a report: `path`, or in a folder `model_on_road_and_noise.html`; a bag counts as no folder."""
     if path is None or not path.is_dir() or (path / "metadata.yaml").exists():
         return path
-    on = f"_on_{_join_names(recordings)}" if recordings else ""
-    name = re.sub(r"[^\w.+-]+", "-", f"{_join_names(simulations)}{on}")
+
+    def join(names: Sequence[str]) -> str:
+        more = len(names) - MAX_NAMED
+        return "_and_".join([*names[:MAX_NAMED], *([f"{more}_more"] if more > 0 else [])])
+
+    on = f"_on_{join(recordings)}" if recordings else ""
+    name = re.sub(r"[^\w.+-]+", "-", f"{join(simulations)}{on}")
     return path / f"{name[:MAX_LETTERS]}.html"
-
-
-def _join_names(names: Sequence[str]) -> str:
-    more = len(names) - MAX_NAMED
-    return "_and_".join([*names[:MAX_NAMED], *([f"{more}_more"] if more > 0 else [])])
 
 
 def require_outputs(
@@ -57,59 +57,44 @@ def require_outputs(
 
     `files` and `bags` (one folder each) are replaced as a whole; `folders` receive results.
     """
-    picture = (files or {}).get("--picture")
-    if picture is not None and picture.suffix.lower() not in PICTURES:
-        raise CesError(f"{picture}: cannot draw a '{picture.suffix}' picture; use one of {', '.join(PICTURES)}")
-    files, bags, folders = ({k: v for k, v in (some or {}).items() if v} for some in (files, bags, folders))
-    for option, path in files.items():
-        require_new_file(path, overwrite, option)
-    for option, path in bags.items():
-        require_new_bag(path, overwrite, option)
-    for option, path in folders.items():
-        require_new_folder(path, overwrite, option)
+    read = [path.resolve() for path in inputs if path is not None]
     seen: dict[Path, str] = {}
-    for option, path in {**files, **bags, **folders}.items():
+    kinds = {"file": files, "bag": bags, "folder": folders}
+    for kind, option, path in ((kind, *one) for kind, some in kinds.items() for one in (some or {}).items()):
+        if path is None:
+            continue
+        _require_file(path) if kind == "file" else require_folder(path)
+        full = path.is_dir() and any(path.iterdir())
+        if (full or path.is_file()) and not overwrite:
+            raise CesError(f"{path}: exists; choose another name for {option}, or replace it with --overwrite")
+        if kind == "bag" and full and not (path / "metadata.yaml").is_file():
+            raise CesError(f"{path}: is a folder but not a bag, so it is not replaced; choose another name")
         first = seen.setdefault(path.resolve(), option)
         if first != option:
             raise CesError(f"{path}: is named by {first} and {option}; choose another name for one of them")
-    _require_no_inputs({**files, **bags}, inputs)
-    if (report := files.get("--report")) is not None and report.suffix.lower() in NO_PAGES:
-        raise CesError(
-            f"{report}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
-        )
+        _require_suffix(path, option)
+        if kind != "folder":
+            _require_no_input(path, option, read)
 
 
-def require_new_file(path: Path | None, overwrite: bool, option: str = "") -> None:
-    """Raise CesError unless a file can be written to `path`; None, an output that nobody asked for, is fine."""
-    if path is None:
-        return
+def _require_file(path: Path) -> None:
     _require_short_name(path)
-    if path.is_dir():
-        raise CesError(f"{path}: is a folder; expected the name of a file to write")
     if path.exists() and not path.is_file():
-        raise CesError(f"{path}: is a device; expected the name of a file to write")
-    _require_absent(path, overwrite, option)
+        what = "folder" if path.is_dir() else "device"
+        raise CesError(f"{path}: is a {what}; expected the name of a file to write")
     if not path.parent.is_dir():
         raise CesError(f"{path}: the folder {path.parent} does not exist; make it first, or choose another")
     _require_writable(path.parent, path)
 
 
-def require_new_folder(path: Path | None, overwrite: bool, option: str = "") -> None:
-    """Raise CesError unless the folder `path` is new or empty, or its results may be replaced with --overwrite."""
-    if path is None:
-        return
-    require_folder(path)
-    if path.is_dir() and any(path.iterdir()):
-        _require_absent(path, overwrite, option)
-
-
-def require_new_bag(path: Path | None, overwrite: bool, option: str = "") -> None:
-    """Raise CesError unless a bag can be written to the folder `path`: new, empty, or a bag to replace."""
-    if path is None:
-        return
-    require_new_folder(path, overwrite, option)
-    if path.is_dir() and any(path.iterdir()) and not (path / "metadata.yaml").is_file():
-        raise CesError(f"{path}: is a folder but not a bag, so it is not replaced; choose another name")
+def _require_suffix(path: Path, option: str) -> None:
+    """Raise CesError for a picture that cannot be drawn, and for a report that no browser would open as a page."""
+    if option == "--picture" and path.suffix.lower() not in PICTURES:
+        raise CesError(f"{path}: cannot draw a '{path.suffix}' picture; use one of {', '.join(PICTURES)}")
+    if option == "--report" and path.suffix.lower() in NO_PAGES:
+        raise CesError(
+            f"{path}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
+        )
 
 
 def require_folder(path: Path) -> None:
@@ -130,26 +115,18 @@ def _require_short_name(path: Path) -> None:
         raise CesError(f"{path}: a name in it has {longest} bytes; expected at most {MAX_NAME}, choose a shorter one")
 
 
-def _require_absent(path: Path, overwrite: bool, option: str) -> None:
-    if path.exists() and not overwrite:
-        another = f"choose another name for {option}" if option else "choose another name"
-        raise CesError(f"{path}: exists; {another}, or replace it with --overwrite")
-
-
 def _require_writable(folder: Path, path: Path) -> None:
     if not os.access(folder, os.W_OK | os.X_OK):
         raise CesError(f"{path}: the folder {folder.absolute()} cannot be written; choose another")
 
 
-def _require_no_inputs(outputs: Mapping[str, Path], inputs: Iterable[Path | None]) -> None:
+def _require_no_input(path: Path, option: str, read: Sequence[Path]) -> None:
     """Raise CesError if an output would replace an input, or be a file in a bag that is read."""
-    read = [path.resolve() for path in inputs if path is not None]
-    for option, path in outputs.items():
-        if any(one.is_relative_to(path.resolve()) for one in read):
-            raise CesError(f"{path}: is an input, too; choose another name for {option}")
-        inside = next((one for one in read if path.resolve().is_relative_to(one)), None)
-        if inside is not None:
-            raise CesError(f"{path}: is inside the input {inside.name}; choose another place for {option}")
+    if any(one.is_relative_to(path.resolve()) for one in read):
+        raise CesError(f"{path}: is an input, too; choose another name for {option}")
+    inside = next((one for one in read if path.resolve().is_relative_to(one)), None)
+    if inside is not None:
+        raise CesError(f"{path}: is inside the input {inside.name}; choose another place for {option}")
 
 
 SCHEMA_VERSION = 1

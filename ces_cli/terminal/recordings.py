@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import glob
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,11 +31,6 @@ class FleetUnit:
     paths: tuple[Path, ...]
 
 
-def add_bags(to: argparse.ArgumentParser, text: str, name: str = "bags", nargs: str = "+") -> None:
-    """Add the positional argument or option `name` for recordings; `find_bags` returns what its words name."""
-    to.add_argument(name, nargs=nargs, default=[], metavar="BAG", help=f"{text}: bags, folders of bags, or globs")
-
-
 def find_bags(words: Sequence[str | Path], repeated: bool = False) -> list[Path]:
     """Return the bags that the arguments name, in order; raises CesError for an argument that names none.
 
@@ -55,12 +49,6 @@ def find_bag(word: str) -> Path:
         names = ", ".join(str(path) for path in paths[:3])
         raise CesError(f"{word}: names {len(paths)} bags ({names}{', …' if len(paths) > 3 else ''}); expected one")
     return paths[0]
-
-
-def require_model_first(program: str, path: Path) -> None:
-    """Raise CesError if a recording stands where the model is expected."""
-    if is_bag(path):
-        raise CesError(f"{path}: is a recording; the model comes first: ces {program} MODEL.json BAG")
 
 
 def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
@@ -116,20 +104,25 @@ def is_bag(path: Path) -> bool:
     if (path / "metadata.yaml").is_file():
         return True
     files = [file for file in path.iterdir() if file.name.removesuffix(".zstd").endswith(FILES)]
-    parts = [PART.fullmatch(file.name) for file in files]
-    numbers = {int(match.group(2) or 0) for match in parts if match and match.group(1) == path.name}
-    return 0 in numbers and len(numbers) == len(files)  # the numbered files of one recorder, no collection of bags
+    parts = _find_parts(files)
+    return parts is not None and parts[0] == path.name  # the numbered files of one recorder, no collection of bags
+
+
+def _find_parts(files: Sequence[Path]) -> tuple[str, Path] | None:
+    """Return the name of the recorder of which all files are the numbered ones, from 0, and the last; else None."""
+    parts = {int(match[2] or 0): (match[1], file) for file in files if (match := PART.fullmatch(file.name))}
+    if len({name for name, _ in parts.values()}) != 1 or len(parts) != len(files) or 0 not in parts:
+        return None
+    return parts[max(parts)]
 
 
 def _is_cut_short(folder: Path) -> bool:
     """Return whether all files in a folder are the numbered MCAP files of one recorder, the last without its end."""
-    files = [file for file in folder.iterdir() if file.suffix in (".mcap", ".db3", ".zstd")]
-    parts = {int(match.group(2) or 0): file for file in files if (match := PART.fullmatch(file.name))}
-    names = {match.group(1) for file in files if (match := PART.fullmatch(file.name))}
-    if len(names) != 1 or len(parts) != len(files) or 0 not in parts or parts[max(parts)].suffix != ".mcap":
+    parts = _find_parts([file for file in folder.iterdir() if file.suffix in (".mcap", ".db3", ".zstd")])
+    if parts is None or parts[1].suffix != ".mcap":
         return False
     try:
-        require_complete(parts[max(parts)])
+        require_complete(parts[1])
     except RecordingError:
         return True
     return False

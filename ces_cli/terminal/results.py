@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 from rich.text import Text
 
-from ces_cli.terminal.terminal import lay_out, make_table, print_warning
+from ces_cli.terminal.terminal import lay_out, make_table, print_table, print_warning
 from ces_data.samples import Coverage
 from ces_identify.folds import CrossValidation
 from ces_identify.prepare.cost import EQUAL, Weighting
@@ -27,14 +27,16 @@ from ces_identify.validation.evaluate import (
 from ces_observer.model import Model
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 
-def as_cost_table(
+def print_costs(
     evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL, exact: bool = True
-) -> Table:
-    """Return the table of costs for the terminal, with a row for all held-out recordings together."""
+) -> None:
+    """Print the table of costs, with a row for all held-out recordings together.
+
+    Then why figures are missing, and a warning for each recording that leaves the model's envelope.
+    """
     table = lay_out(cost_table(evaluations, title, weighting, exact))
     table.columns[0].min_width = min(14, max(len(e.name) for e in evaluations))
     table.columns[1].no_wrap = True
@@ -42,7 +44,11 @@ def as_cost_table(
         table.add_section()
         use = f"test {pooled.scored_s:.1f} s"
         table.add_row("all held out", use, percent(pooled.cost), interval_text(pooled.interval))
-    return table
+    print_table(table)
+    for line in explain_missing(evaluations, floors=any(e.floor is not None for e in evaluations)):
+        print(f"{NONE}: {line}")
+    for text in filter(None, (e.outside_text for e in evaluations)):
+        print_warning(text)
 
 
 def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:
@@ -88,10 +94,8 @@ def fold_table(result: CrossValidation) -> Table:
     return table
 
 
-def fold_rows(folds: CrossValidation | None) -> dict[str, Any] | None:
-    """Return the held-out costs of a cross-validation; None without one."""
-    if folds is None:
-        return None
+def fold_rows(folds: CrossValidation) -> dict[str, Any]:
+    """Return the held-out costs of a cross-validation."""
     rows = [
         {
             "recording": row.recording,
@@ -113,18 +117,6 @@ def model_facts(model: Model) -> dict[str, Any]:
         "proved_stable": model.certificate is not None,
         "band_level": None if model.band is None else model.band.level,
     }
-
-
-def print_missing(evaluations: Sequence[Evaluation]) -> None:
-    """Print why figures of the cost table are missing."""
-    for line in explain_missing(evaluations, floors=any(e.floor is not None for e in evaluations)):
-        print(f"{NONE}: {line}")
-
-
-def print_outside(evaluations: Sequence[Evaluation]) -> None:
-    """Print a warning for each recording that leaves the model's envelope, with the ranges of its signals."""
-    for text in filter(None, (e.outside_text for e in evaluations)):
-        print_warning(text)
 
 
 def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:
@@ -195,17 +187,10 @@ def save_picture(coverage: Coverage, title: str, path: Path) -> None:
     axes.set_title(title, loc="left", fontsize=10)
     axes.spines[["top", "right"]].set_visible(False)
     figure.colorbar(mesh, label="share of time per cell [%]", format="%g")
-    write_picture(figure, path)
+    _write_picture(figure, path)
 
 
-def style_axis(axis: Axes) -> None:
-    """Apply the common look: a light grid, no frame above and on the right, small labels."""
-    axis.grid(alpha=0.25, lw=0.6)
-    axis.spines[["top", "right"]].set_visible(False)
-    axis.tick_params(labelsize=8)
-
-
-def write_picture(figure: Figure, path: Path) -> None:
+def _write_picture(figure: Figure, path: Path) -> None:
     """Save and close a figure; the image file appears under its name only when it is complete."""
     from matplotlib import pyplot as plt
 
@@ -225,4 +210,4 @@ def save_cost_picture(evaluations: Sequence[Evaluation], path: Path) -> None:
     mpl.use("Agg")
     from ces_identify.report.figures import draw_costs
 
-    write_picture(draw_costs(evaluations), path)
+    _write_picture(draw_costs(evaluations), path)

@@ -26,13 +26,13 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from ces_cli.terminal.compiled_code import VARIABLE
-from ces_cli.terminal.options import OptionRule, find_given, require_applicable
+from ces_cli.terminal.options import Argument, OptionRule, PartOption, find_given, require_applicable
 from ces_data.bags.reader import LogTimeWarning, read_recording
 from ces_data.findings import require_usable
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
-from ces_observer.fields import Field
+from ces_observer.fields import REQUIRED, Field
 from ces_observer.options import Option
 from ces_observer.signals import Signals
 from ces_report import table as declared
@@ -51,79 +51,76 @@ err = Console(stderr=True)
 
 
 class Parser(argparse.ArgumentParser):
-    """An argument parser whose errors are one line, with `rules` on the options that apply together."""
+    """An argument parser whose errors are one line, with `rules` on the options that apply together.
 
-    rules: tuple[OptionRule, ...] = ()
-    _inside = False  # another method of this parser is parsing
+    With `intermixed`, arguments may follow options.
+    """
+
+    rules: Sequence[OptionRule] = ()
+    intermixed = False
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
-        """Return the options; raises CesError for one that does not apply."""
-        return self._parse(lambda words: (super(Parser, self).parse_args(words, namespace), []), args)[0]
-
-    def parse_known_args(  # type: ignore[override]
-        self, args: Sequence[str] | None = None, namespace: Any = None
-    ) -> tuple[argparse.Namespace, list[str]]:
-        """Return the options and the words that are none; raises CesError for an option that does not apply."""
-        if self._inside:
-            return super().parse_known_args(args, namespace)
-        return self._parse(lambda words: super(Parser, self).parse_known_args(words, namespace), args)
-
-    def parse_intermixed_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
-        """Return the options, between which arguments may be; raises CesError for an option that does not apply."""
-        return self._parse(lambda words: (super(Parser, self).parse_intermixed_args(words, namespace), []), args)[0]
+        """Return the options; raises CesError for one that does not apply. Refuses empty values, as of unset names."""
+        words = list(sys.argv[1:] if args is None else args)
+        for before, word in zip(["", *words], words, strict=False):
+            if not word or (word.startswith("--") and word.endswith("=")):
+                self.error(f"{word.rstrip('=') or before or 'the first argument'}: a value is empty")
+        parse = super().parse_intermixed_args if self.intermixed else super().parse_args
+        options: argparse.Namespace = parse(words, namespace)
+        require_applicable(find_given(self, words, options), options, self.rules)
+        return options
 
     def error(self, message: str) -> NoReturn:
         """Print `message` and where to find help, then exit with status 2."""
         text = as_one_line(f"{self.prog}: error: {message}; see '{self.prog} --help'")
         self.exit(USER_ERROR, f"{text}\n")
 
-    def _parse(
-        self, parse: Callable[[list[str]], tuple[argparse.Namespace, list[str]]], args: Sequence[str] | None
-    ) -> tuple[argparse.Namespace, list[str]]:
-        """Parse a command line without empty values, such as a variable that is not set, and apply the rules."""
-        words = list(sys.argv[1:] if args is None else args)
-        for before, word in zip(["", *words], words, strict=False):
-            if not word or (word.startswith("--") and word.endswith("=")):
-                self.error(f"{word.rstrip('=') or before or 'the first argument'}: a value is empty")
-        self._inside = True  # the methods that argparse calls from another one parse without the rules
-        try:
-            options, unknown = parse(words)
-        finally:
-            self._inside = False
-        require_applicable(find_given(self, words, options), options, self.rules)
-        return options, unknown
 
-
-def parser(name: str, description: str, example: str) -> Parser:
-    """Return the parser of the program `ces NAME`."""
-    return Parser(
+def parser(
+    name: str,
+    description: str,
+    example: str,
+    *options: Option,
+    rules: Sequence[OptionRule] = (),
+    intermixed: bool = False,
+) -> Parser:
+    """Return the parser of the program `ces NAME` with its arguments and options."""
+    made = Parser(
         prog=f"ces {name}",
         description=textwrap.fill(description, 100),
         epilog=f"example:\n  {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    made.rules, made.intermixed = rules, intermixed
+    add_options(made, *options)
+    return made
 
 
-def add_options(to: argparse.ArgumentParser, *options: Option) -> None:
-    """Add options, those with a group under its heading."""
+def add_options(to: Any, *options: Option) -> None:
+    """Add arguments and options to a parser or a group, those with a group under its heading."""
     groups: dict[str, Any] = {"": to}
     for option in options:
         if option.group not in groups:
             groups[option.group] = to.add_argument_group(option.group)
-        _add_option(groups[option.group], option)
+        name, words = _as_argument(option)
+        groups[option.group].add_argument(name, **words)
 
 
-def _add_option(to: Any, option: Option) -> None:
-    text = option.help.replace("%", "%%")
+def _as_argument(option: Option) -> tuple[str, dict[str, Any]]:
+    """Return the flag or name of an option, and what argparse has to know of it."""
+    words: dict[str, Any] = {"help": option.help.replace("%", "%%") or None}
     if option.kind is bool:
         action = "store_false" if option.default else "store_true"
-        to.add_argument(option.flag, dest=option.name, action=action, help=text)
-        return
-    words: dict[str, Any] = {"default": [] if option.many else option.default, "help": text}
-    words |= {"choices": option.choices} if option.choices else {"metavar": option.metavar or None}
+        return option.flag, {**words, "dest": option.name, "action": action}
+    plain = option.kind in (str, Path) and option.check_text is None and not isinstance(option, PartOption)
+    words["type"] = option.kind if plain else parse_as(option.one)
+    words |= {"choices": option.choices} if option.choices else {}
+    words |= {"metavar": option.metavar} if option.metavar else {}
+    default = None if option.default is REQUIRED else list(option.default) if option.many else option.default
+    if isinstance(option, Argument):
+        return option.name, {**words, "default": default, "nargs": option.count or None}
     words |= {"nargs": "+"} if option.together else {"action": "append"} if option.many else {}
-    plain = option.kind in (str, Path) and option.check_text is None
-    to.add_argument(option.flag, type=option.kind if plain else parse_as(option.one), **words)
+    return option.flag, {**words, "default": default, "required": option.default is REQUIRED}
 
 
 def parse_as(field: Field) -> Callable[[str], Any]:
@@ -136,33 +133,6 @@ def parse_as(field: Field) -> Callable[[str], Any]:
             raise argparse.ArgumentTypeError(str(error)) from None
 
     return parse
-
-
-def add_part(to: argparse.ArgumentParser) -> None:
-    """Add the option --part."""
-    text = "part of each recording to use, from 0 to 1 (default 0:1)"
-    to.add_argument("--part", type=_parse_part, default=(0.0, 1.0), metavar="FROM:TO", help=text)
-
-
-def _parse_part(text: str) -> tuple[float, float]:
-    first, _, last = text.partition(":")
-    try:
-        share = float(first or 0.0), float(last or 1.0)
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"'{text}' is not FROM:TO, such as 0.6:1") from None
-    if not 0.0 <= share[0] < share[1] <= 1.0:
-        raise argparse.ArgumentTypeError(f"'{text}': expected 0 <= FROM < TO <= 1")
-    return share
-
-
-def number_between(low: float, high: float) -> Callable[[str], float]:
-    """Return a function that parses a number in [low, high]."""
-    return parse_as(Field(kind=float, low=low, high=high))
-
-
-def integer_between(low: int, high: int) -> Callable[[str], int]:
-    """Return a function that parses a whole number in [low, high]."""
-    return parse_as(Field(kind=int, low=low, high=high))
 
 
 def read_one(path: Path, signals: Signals, need: Sequence[str] = FORCE[:2]) -> Recording:
@@ -308,7 +278,6 @@ def _print_error(name: str, text: str) -> None:
 
 
 def _describe_system_error(error: OSError) -> str:
-    """Return the system's message, with the file if it is known."""
     what = error.strerror or str(error)
     if any(frame.f_code.co_filename.endswith(CACHE_MODULE) for frame, _ in walk_tb(error.__traceback__)):
         return f"compiled code cannot be kept: {what}; free space in its folder, or name another in {VARIABLE}"

@@ -38,7 +38,12 @@ class Walk:
         self.fixed: list[Span] = []
         self.padding: dict[int, int] = {}
         self._parts = 0
-        self._read_encapsulation()
+        self.fixed.append((self._skip_bytes(ENCAPSULATION), self.at))
+        representation = int.from_bytes(raw[:2], "big")
+        if representation not in KNOWN_REPRESENTATIONS:
+            raise self._malformed_error(f"representation {representation:#06x}")
+        if representation != PLAIN_CDR_LITTLE:
+            raise CdrUnsupportedError(f"{where}: the message is in representation {representation:#06x}")
 
     def skip(self, part: Part) -> None:
         """Skip one part."""
@@ -52,7 +57,10 @@ class Walk:
         elif isinstance(part, ArrayPart):
             self.skip_elements(part.element, self.read_count(part))
         elif isinstance(part, MessagePart):
-            self._skip_message(part)
+            for field in part.fields.values():
+                self.skip(field)
+            if not part.fields:
+                self._skip_bytes(1)  # rosidl gives a structure without members one byte
         else:
             raise CdrUnsupportedError(f"{self.where}: a {part.kind} comes before it")
 
@@ -88,20 +96,6 @@ class Walk:
         """Skip an array of strings and return them."""
         count = self.read_count(part) if isinstance(part, ArrayPart) else 1
         return [self._read_text().decode(errors="replace") for _ in range(count)]
-
-    def _read_encapsulation(self) -> None:
-        self.fixed.append((self._skip_bytes(ENCAPSULATION), self.at))
-        representation = int.from_bytes(self.raw[:2], "big")
-        if representation not in KNOWN_REPRESENTATIONS:
-            raise self._malformed_error(f"representation {representation:#06x}")
-        if representation != PLAIN_CDR_LITTLE:
-            raise CdrUnsupportedError(f"{self.where}: the message is in representation {representation:#06x}")
-
-    def _skip_message(self, record: MessagePart) -> None:
-        for part in record.fields.values():
-            self.skip(part)
-        if not record.fields:
-            self._skip_bytes(1)  # rosidl gives a structure without members one byte
 
     def _skip_uniform(self, of: Part, count: int) -> None:
         """Skip `count` parts of fixed length; their padding repeats, so most of them are skipped at once."""

@@ -12,7 +12,7 @@ from struct import Struct
 from typing import Any
 
 from ces_observer.cdr.layout import ENCAPSULATION, FieldLayout, find_layout
-from ces_observer.cdr.types import CdrUnsupportedError, FieldsOf, MessagePart, find_number, parse_message_type
+from ces_observer.cdr.types import CdrUnsupportedError, FieldsOf, find_number, parse_message_type
 from ces_observer.signals import Signal
 
 Reading = tuple[int | None, float, bytes]  # header stamp [ns], value [SI], frame id as UTF-8
@@ -60,7 +60,11 @@ class RawSignal:
     def __init__(self, signal: Signal, fields_of: FieldsOf) -> None:
         self._record = parse_message_type(signal.type, fields_of)
         find_number(self._record, signal.field)
-        self.stamped = _has_stamp(self._record, signal)
+        header = self._record.fields.get("header")
+        self.stamped = header is not None and header.kind == HEADER
+        first = next(iter(self._record.fields))
+        if self.stamped and (first != "header" or signal.field.steps[0][0] == "header"):
+            raise CdrUnsupportedError(f"field '{signal.field.text}': the header of {signal.type} is not before it")
         self.read: Callable[[bytes], Reading] = self._read_stamped if self.stamped else self._read_unstamped
         self._path = signal.field
         self._scale = float(signal.scale)
@@ -85,32 +89,20 @@ class RawSignal:
         return self._read_new_layout(raw)
 
     def _read_new_layout(self, raw: bytes) -> Reading:
-        template = next((known for known in self._templates if known.fits(raw)), None) or self._learn_template(raw)
+        template = next((known for known in self._templates if known.fits(raw)), None)
+        if template is None:
+            template = _make_template(raw, find_layout(raw, self._record, self._path), self.stamped)
+            self._templates = (template, *self._templates[: MAX_TEMPLATES - 1])
         self._last = template.fast_path
         *start, _, number = template.unpack(raw)
         stamp_ns = start[1] * 1_000_000_000 + start[2] if self.stamped else None
         return stamp_ns, self._scale * number + self._offset, template.frame_id
-
-    def _learn_template(self, raw: bytes) -> Template:
-        template = _make_template(raw, find_layout(raw, self._record, self._path), self.stamped)
-        self._templates = (template, *self._templates[: MAX_TEMPLATES - 1])
-        return template
 
 
 def _parts_match(parts: tuple[tuple[slice, bytes], ...], raw: bytes) -> bool:
     for part, expected in parts:  # noqa: SIM110  # all() with a generator takes three times as long
         if raw[part] != expected:
             return False
-    return True
-
-
-def _has_stamp(record: MessagePart, signal: Signal) -> bool:
-    """Return whether messages begin with a header."""
-    header = record.fields.get("header")
-    if header is None or header.kind != HEADER:
-        return False
-    if next(iter(record.fields)) != "header" or signal.field.steps[0][0] == "header":
-        raise CdrUnsupportedError(f"field '{signal.field.text}': the header of {signal.type} is not before it")
     return True
 
 
@@ -122,6 +114,8 @@ def _make_template(raw: bytes, layout: FieldLayout, stamped: bool) -> Template:
     for span in layout.fixed:
         mask[slice(*span)] = b"\xff" * (span[1] - span[0])
     mask_number = int.from_bytes(mask, "little")
+    frame = STAMP_END + 4
+    frame_length = int.from_bytes(raw[STAMP_END:frame], "little")
     form = f"{'<IiI' if stamped else '<'}{end - start}s{layout.offset - end}x{layout.code}"
     return Template(
         length=layout.length,
@@ -129,13 +123,7 @@ def _make_template(raw: bytes, layout: FieldLayout, stamped: bool) -> Template:
         word=int.from_bytes(raw[:ENCAPSULATION], "little"),
         run=raw[start:end],
         others=tuple((slice(*span), raw[slice(*span)]) for span in others),
-        frame_id=_read_frame_id(raw) if stamped else b"",
+        frame_id=raw[frame : frame + max(frame_length - 1, 0)] if stamped else b"",
         fixed=int.from_bytes(raw, "little") & mask_number,
         mask=mask_number,
     )
-
-
-def _read_frame_id(raw: bytes) -> bytes:
-    start = STAMP_END + 4
-    length = int.from_bytes(raw[STAMP_END:start], "little")
-    return raw[start : start + max(length - 1, 0)]

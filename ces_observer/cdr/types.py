@@ -16,21 +16,8 @@ from ces_observer.signals import FieldPath
 
 FieldsOf = Callable[[str], Mapping[str, str]]  # raises LookupError for an unknown type
 JOINT_NAMES = ("name", "joint_names")  # in the order in which FieldPath looks for them
-CODES = {
-    "boolean": "?",
-    "octet": "B",
-    "char": "B",
-    "int8": "b",
-    "uint8": "B",
-    "int16": "h",
-    "uint16": "H",
-    "int32": "i",
-    "uint32": "I",
-    "int64": "q",
-    "uint64": "Q",
-    "float": "f",
-    "double": "d",
-}
+KINDS = "boolean octet char int8 uint8 int16 uint16 int32 uint32 int64 uint64 float double"
+CODES = dict(zip(KINDS.split(), "?BBbBhHiIqQfd", strict=True))  # of the module struct
 
 _SEQUENCE = re.compile(r"sequence<(.+?)(?:, (\d+))?>")
 _ARRAY = re.compile(r"(.+)\[(\d+)\]")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
@@ -38,7 +38,12 @@ def compute_inverse_map(model: Model, source: str = "model") -> InverseMap:
     currents = tuple(lowest + (highest - lowest) * k / (CURRENTS - 1) for k in range(CURRENTS))
     run = model.make_predictor()
     rows = [[steady_force(model, run, speed, current) for current in currents] for speed in speeds]
-    return InverseMap(speeds, currents, tuple(_make_rows_monotone(speeds, rows)))
+    stiffer = sum(copysign(1.0, v) * (row[-1] - row[0]) for v, row in zip(speeds, rows, strict=True))
+    monotone = []  # in the valve's overall sense: more current gives more (or less) damping
+    for speed, row in zip(speeds, rows, strict=True):
+        sense = copysign(1.0, speed * stiffer)
+        monotone.append(tuple(sense * force for force in _make_monotone([sense * force for force in row])))
+    return InverseMap(speeds, currents, tuple(monotone))
 
 
 def steady_force(model: Model, run: Predictor, speed_m_s: float, current_A: float) -> float:
@@ -92,14 +97,6 @@ def _measure_rise_s(model: Model, speed: float, start_A: float, end_A: float) ->
     if not isfinite(change) or change == 0.0:
         return 0.0
     return next(k + 1 for k, force in enumerate(forces) if (force - before) / change >= RISE) / rate
-
-
-def _make_rows_monotone(speeds: Sequence[float], rows: list[list[float]]) -> Iterator[tuple[float, ...]]:
-    """Make every row monotone in the valve's overall sense: more current gives more (or less) damping."""
-    stiffer = sum(copysign(1.0, v) * (row[-1] - row[0]) for v, row in zip(speeds, rows, strict=True))
-    for speed, row in zip(speeds, rows, strict=True):
-        sense = copysign(1.0, speed * stiffer)
-        yield tuple(sense * force for force in _make_monotone([sense * force for force in row]))
 
 
 def _make_monotone(values: Sequence[float]) -> list[float]:
@@ -165,7 +162,10 @@ class InverseMap:
 
     def force(self, speed_m_s: float, current_A: float) -> float:
         """Return the steady force [N]; a current beyond the grid is clipped to it."""
-        return _interpolate(self.currents_A, self.row(speed_m_s), current_A)
+        points, values = self.currents_A, self.row(speed_m_s)
+        right = min(max(bisect_right(points, current_A), 1), len(points) - 1)
+        share = min(max((current_A - points[right - 1]) / (points[right] - points[right - 1]), 0.0), 1.0)
+        return values[right - 1] + share * (values[right] - values[right - 1])
 
     def current(self, speed_m_s: float, force_N: float) -> float:
         """Return the current [A] of this force or the nearest possible one; of several the lowest."""
@@ -184,12 +184,6 @@ class InverseMap:
         right = min(max(bisect_right(currents, current_A), 1), len(currents) - 1)
         low, high = max(right - 2, 0), min(right + 1, len(currents) - 1)
         return (row[high] - row[low]) / (currents[high] - currents[low])
-
-
-def _interpolate(points: Sequence[float], values: Sequence[float], at: float) -> float:
-    right = min(max(bisect_right(points, at), 1), len(points) - 1)
-    share = min(max((at - points[right - 1]) / (points[right] - points[right - 1]), 0.0), 1.0)
-    return values[right - 1] + share * (values[right] - values[right - 1])
 
 
 def _is_rising(values: Sequence[float]) -> bool:

@@ -67,7 +67,6 @@ class ControllerModel:
         }
 
     def _adopt(self, verdict: Verdict) -> str:
-        """Change to a checked model and its inverse."""
         inverse = ModelInverse.from_json(verdict.inverse)
         tuning = read_live_settings(self._node, (), inverse.lag_s).tuning
         self._model, self.lag_s = verdict.model, inverse.lag_s
@@ -187,7 +186,6 @@ class Controller(TableNode):
         self._diagnostics.publish([DamperReport(damper, damper, self._reported_reason, status)])
 
     def _detail(self) -> str:
-        """Return details of the reason."""
         if self._loop.controller.reason != NO_ESTIMATE:
             return ""
         topic = self.resolve_topic_name(self._settings.values["estimate_topic"])

@@ -150,10 +150,10 @@ class DamperTopics:
                 )
             return Arrivals(stamped, inputs.losses_of(signal))
 
-        health.current = subscribe("current", self._on_current, damper.count_unreadable_current)
+        health.current = subscribe("current", self._on_current, partial(damper.count_unreadable, "current"))
         for name in damper.motions:
-            subscribe(name, partial(self._on_motion, name), damper.count_unreadable_motion)
-        health.position = subscribe("position", self._on_position, damper.count_unreadable_position)
+            subscribe(name, partial(self._on_motion, name), partial(damper.count_unreadable, "motion"))
+        health.position = subscribe("position", self._on_position, partial(damper.count_unreadable, "position"))
         if settings.values["compare_force"]:
             health.force = subscribe("force", self._node.guard.wrap(self._on_measured_force), lambda error: None)
 
@@ -209,12 +209,10 @@ class DamperTopics:
             self._report_change()
 
     def _add_position(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
-        """Add a position to health."""
         self.health.position.take(stamp_ns, now_ns)
         self.health.stillness.take(stamp_ns, position_m)
 
     def _add_estimate(self, stamp_ns: int, force_N: float) -> None:
-        """Add a published estimate to health."""
         health = self.health
         health.latency.take(self._clock.now() - stamp_ns)
         if health.cost is not None:

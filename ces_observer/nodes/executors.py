@@ -55,10 +55,8 @@ class NodeClock:
 
     def _choose_clock(self) -> None:
         self.is_simulated = bool(self._clock.ros_time_is_active)
-        self.now: Callable[[], int] = self._simulated_now if self.is_simulated else time.time_ns
-
-    def _simulated_now(self) -> int:
-        return int(self._clock.now().nanoseconds)
+        clock = self._clock
+        self.now: Callable[[], int] = (lambda: int(clock.now().nanoseconds)) if self.is_simulated else time.time_ns
 
     def _on_ros_jump(self, jump: TimeJump) -> None:
         self._choose_clock()

@@ -32,7 +32,7 @@ class Guard:
         is_ending: Callable[[], bool] = lambda: False,
     ) -> None:
         self._log, self._passing, self._is_ending = log, passing, is_ending
-        self._kinds: set[tuple[str, str]] = set()
+        self._kinds: set[tuple[str, ...]] = set()
         self.count, self.last = 0, "none"
         self._remarked = 0
 
@@ -77,9 +77,16 @@ class Guard:
     def take(self, error: Exception) -> None:
         """Count a failure, and report it if it is of a new kind. Never raises."""
         with suppress(Exception):  # such as no memory, or no logger any more
-            if not self._is_ending():
-                self.count += 1
-                self._report(error)
+            if self._is_ending():
+                return
+            self.count += 1
+            self.last = f"{type(error).__name__}: {error}"[:MAX_LENGTH]
+            frames = traceback.extract_tb(error.__traceback__)
+            kind = (type(error).__name__, *(f"{one.filename}:{one.lineno}" for one in frames[-1:]))
+            if kind not in self._kinds and len(self._kinds) < MAX_KINDS:
+                self._kinds.add(kind)
+                lines = "".join(traceback.format_exception(error, limit=-20))
+                self._log(f"unexpected error, logged once and counted in the diagnostics; the node runs on:\n{lines}")
 
     def values(self) -> tuple[tuple[str, str], ...]:
         """Return the key-value pairs for diagnostics."""
@@ -91,23 +98,6 @@ class Guard:
             return ""
         self._remarked = self.count
         return f"{self.count} unexpected errors, the last: {self.last}"
-
-    def _report(self, error: Exception) -> None:
-        self.last = f"{type(error).__name__}: {error}"[:MAX_LENGTH]
-        kind = (type(error).__name__, _find_place(error))
-        if kind in self._kinds or len(self._kinds) >= MAX_KINDS:
-            return
-        self._kinds.add(kind)
-        lines = "".join(traceback.format_exception(error, limit=-20))
-        self._log(f"unexpected error, logged once and counted in the diagnostics; the node runs on:\n{lines}")
-
-
-def _find_place(error: Exception) -> str:
-    """Return file and line where the exception was raised."""
-    last = None
-    for last, _ in traceback.walk_tb(error.__traceback__):  # noqa: B007
-        pass
-    return "" if last is None else f"{last.f_code.co_filename}:{last.f_lineno}"
 
 
 MAX_NAMES = 500  # names, prefixes or parameters in one request

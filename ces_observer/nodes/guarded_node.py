@@ -69,7 +69,6 @@ class GuardedNode(Node):  # type: ignore[misc]  # rclpy is not there where types
         super().add_post_set_parameters_callback(self.guard.wrap(callback))
 
     def _deserialise(self, msg_type: Any, topic: str, callback: Callable[[Any], None], raw: bytes) -> None:
-        """Call `callback` with the message."""
         try:
             message = deserialize_message(raw, msg_type)
         except RuntimeError as error:

@@ -49,7 +49,7 @@ class ModelUser:
     prefix: str  # of the names of service and status
     topic: str  # latched, with models as text; empty: none
     tasks: tuple[str, ...]  # of model_check, before a model is adopted
-    require: Callable[[Model], None] = lambda model: None  # raises CesError for a model that this user cannot run
+    require: Callable[[Model], object] = lambda model: None  # raises CesError for a model that this user cannot run
 
 
 class ModelRequest(NamedTuple):
@@ -128,7 +128,6 @@ class ModelChanges:
         self._reload.cancel()
 
     def _read_parameter(self) -> str:
-        """Return the present path in the parameter."""
         return str(value_of(self._node, self._user.parameter()))
 
     def _next_request(self, model: Model | None, source: str, text: str = "") -> ModelRequest:
@@ -158,7 +157,6 @@ class ModelChanges:
         return request
 
     def _check_next(self) -> None:
-        """Start the check of the waiting request."""
         request, self._waiting = self._waiting, None
         if request is None or request.model is None:
             return

@@ -136,19 +136,18 @@ class ModelReload:
 
 def _require_success(status: int | None, output: str, longest_s: float) -> None:
     """Raise ModelError with the reason, if the child did not end with status 0."""
-    if status is None:
-        raise ModelError(f"not checked within {longest_s:g} s; expected a model this computer can prove stable")
+    if status == 0:
+        return
     if status == USER_ERROR and output:
         line = output.splitlines()[0][:MAX_REASON_LENGTH]
         raise ModelError("".join(one if one.isprintable() else "?" for one in line))
-    if status == -signal.SIGXCPU:
-        raise ModelError(f"its check took more than {MAX_CPU_S} s of processor time")
-    if status == -signal.SIGKILL:
-        raise ModelError("its check was killed, as the kernel does when memory is short; free some and try again")
-    if status < 0:
-        raise ModelError(f"its check was ended by signal {-status}; check the file with `ces info`")
-    if status > 0:
-        raise ModelError(f"its check ended with status {status}; check the file with `ces info`")
+    reasons = {
+        None: f"not checked within {longest_s:g} s; expected a model this computer can prove stable",
+        -signal.SIGXCPU: f"its check took more than {MAX_CPU_S} s of processor time",
+        -signal.SIGKILL: "its check was killed, as the kernel does when memory is short; free some and try again",
+    }
+    other = f"its check ended with status {status}; check the file with `ces info`"
+    raise ModelError(reasons.get(status, other))
 
 
 def _read_answer(output: str, model: Model, tasks: Sequence[str]) -> str:
@@ -190,7 +189,6 @@ def main() -> int:
 
 
 def _check(source: str, tasks: Sequence[str]) -> str:
-    """Return the answer; raises ModelError if the model cannot be used."""
     text = sys.stdin.buffer.read(4 * MAX_BYTES).decode("utf-8")
     model = parse_model(text, source)
     if PROVE in tasks:

@@ -77,7 +77,7 @@ class Observer(TableNode):
             prefix=settings.topics,
             topic=settings.values["model_topic"],
             tasks=() if settings.values["allow_uncertified"] else (PROVE,),
-            require=topics.damper.require_signals,
+            require=topics.damper.motion_for,
         )
         changes = ModelChanges(self, user, settings.model_path)
         topics.use_model(changes.source)
@@ -140,7 +140,6 @@ class Observer(TableNode):
         topics.health.snapshots = self._snapshots
 
     def _on_time_jump(self, what: str) -> None:
-        """Restart after a time jump."""
         self._jumps, self._jump = self._jumps + 1, what
         self.get_logger().warning(f"{what}: the estimates restart")
         self._inputs.reset()

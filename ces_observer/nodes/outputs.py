@@ -61,7 +61,6 @@ class JointStateOutput:
         self._publisher.publish(self._fill(stamp_ns, frame, *numbers))
 
     def _fill_slowly(self, stamp_ns: int, frame: bytes, *numbers: float) -> bytes:
-        """Return the message as rclpy serialises it."""
         set_header(self._message.header, stamp_ns, frame)
         count = len(self._message.name)
         for k, field in enumerate(self._fields):

@@ -226,7 +226,6 @@ def check_live_values(node: Node, parameters: Sequence[Parameter]) -> None:
 
 
 def _declare_dampers(node: Node) -> tuple[str, ...]:
-    """Declare the names of the dampers and return them."""
     descriptor = ParameterDescriptor(description=DAMPERS_MEANING, read_only=True, dynamic_typing=True)
     keys = declare_anew(node, DAMPERS, None, descriptor) or []
     if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):

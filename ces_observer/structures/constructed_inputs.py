@@ -33,10 +33,21 @@ ConstructedRun = Callable[[Sequence[float]], float]
 
 
 class _Definition:
-    """What the definitions of constructed inputs, all dataclasses, have in common."""
+    """What the definitions of constructed inputs, all dataclasses, have in common; not all have each of its fields."""
 
     name: str
     kind: str
+    of: str
+    time_constant_s: float
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """The signals from which it is computed."""
+        return (self.of,)
+
+    def gain(self, rate_Hz: float) -> float:
+        """Return the weight of a new tick in an exponential window of `time_constant_s`."""
+        return 1.0 - exp(-1.0 / (self.time_constant_s * rate_Hz))
 
     def to_json(self) -> dict[str, Any]:
         """Return the definition as in a model file."""
@@ -55,11 +66,6 @@ class Hysteresis(_Definition):
     kind: str
     of: str
     half_width: float
-
-    @property
-    def signals(self) -> tuple[str, ...]:
-        """The signals from which it is computed."""
-        return (self.of,)
 
     def range(self, ranges: Ranges) -> Range:
         """Return its range, given those of the inputs."""
@@ -103,20 +109,11 @@ class Lag(_Definition):
     time_constant_s: float
     kind: str = field(default="lag", init=False)
 
-    @property
-    def signals(self) -> tuple[str, ...]:
-        """The signals from which it is computed."""
-        return (self.of,)
-
     def range(self, ranges: Ranges) -> Range:
         """Return its range: that of its signal, widened by rounding errors."""
         low, high = ranges[self.of]
         rounding = 4e-16 * max(abs(low), abs(high))  # of a difference, a product and a sum
         return down(low - rounding), up(high + rounding)
-
-    def gain(self, rate_Hz: float) -> float:
-        """Return the weight of a new tick."""
-        return 1.0 - exp(-1.0 / (self.time_constant_s * rate_Hz))
 
     def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return a new run."""
@@ -154,10 +151,6 @@ class Frequency(_Definition):
     def range(self, ranges: Ranges) -> Range:
         """Return its range."""
         return self.range_Hz
-
-    def gain(self, rate_Hz: float) -> float:
-        """Return the weight of a new tick in the exponential windows."""
-        return 1.0 - exp(-1.0 / (self.time_constant_s * rate_Hz))
 
     def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
         """Return a new run."""
@@ -327,7 +320,6 @@ def _parse_one(node: JsonObject, known: Mapping[str, ConstructedInput]) -> Const
 
 
 def _parse_frequency(node: JsonObject, name: str) -> Frequency:
-    """Check the settings of a frequency estimate; raises ModelError."""
     low, high = node.range("range_Hz", MAX_HZ)
     if not MIN_HZ <= low < high:
         raise ModelError(f"{node.where}: range_Hz is [{low:g}, {high:g}]; expected {MIN_HZ:g} <= low < high")

@@ -105,7 +105,7 @@ class Fuzzy(Structure):
         node = root.at("fuzzy")
         node.require_only_keys("regressors", "scale_N", "premises", "rules")
         regressors = parse_regressors(node)
-        premises = tuple(_parse_premise(item) for item in node.items("premises", 1, MAX_PREMISES))
+        premises = tuple(map(_parse_premise, node.items("premises", 1, MAX_PREMISES)))
         rules = tuple(_parse_rule(item, premises, len(regressors)) for item in node.items("rules", 1, MAX_RULES))
         fuzzy = cls(regressors, scale_from(node), premises, rules)
         if min_firing(fuzzy, inputs) < MIN_FIRING:
@@ -122,14 +122,14 @@ class Fuzzy(Structure):
         """Return proved bounds on the sum of the past forces' |gains|, and on |force| [N] at a past of zeros."""
         at = [r.interval(within.inputs) for r in self.regressors]
         drive = max(largest(affine(rule.constant, rule.linear, at)) for rule in self.rules)
-        return Contraction(max(map(self._gain, self.rules)), up(drive * self.scale_N), 1, CLAIM, METHOD)
-
-    def _gain(self, rule: Rule) -> float:
-        total = 0.0
-        for slope, regressor in zip(rule.linear, self.regressors, strict=True):
-            if regressor.signal == "force":
-                total = up(total + up(abs(slope) * up(self.scale_N / regressor.spread)))
-        return total
+        gains = []
+        for rule in self.rules:
+            gain = 0.0
+            for slope, regressor in zip(rule.linear, self.regressors, strict=True):
+                if regressor.signal == "force":
+                    gain = up(gain + up(abs(slope) * up(self.scale_N / regressor.spread)))
+            gains.append(gain)
+        return Contraction(max(gains), up(drive * self.scale_N), 1, CLAIM, METHOD)
 
 
 def min_firing(fuzzy: Fuzzy, inputs: Ranges) -> float:
@@ -140,14 +140,12 @@ def min_firing(fuzzy: Fuzzy, inputs: Ranges) -> float:
 
 def _parse_premise(node: JsonObject) -> Premise:
     node.require_only_keys("signal", "lag", "memberships")
-    bells = tuple(_parse_bell(item) for item in node.items("memberships", 1, MAX_MEMBERSHIPS))
-    return Premise(node.choice("signal", INPUTS), node.integer("lag", 0, MAX_LAG), bells)
-
-
-def _parse_bell(node: JsonObject) -> Bell:
-    node.require_only_keys("centre", "width", "slope")
-    width = node.number("width", MIN_WIDTH, MAX_NUMBER)
-    return Bell(parse_number(node, "centre"), width, node.number("slope", 0.1, STEEPEST))
+    bells = []
+    for item in node.items("memberships", 1, MAX_MEMBERSHIPS):
+        item.require_only_keys("centre", "width", "slope")
+        width = item.number("width", MIN_WIDTH, MAX_NUMBER)
+        bells.append(Bell(parse_number(item, "centre"), width, item.number("slope", 0.1, STEEPEST)))
+    return Premise(node.choice("signal", INPUTS), node.integer("lag", 0, MAX_LAG), tuple(bells))
 
 
 def _parse_rule(node: JsonObject, premises: Sequence[Premise], regressors: int) -> Rule:

@@ -92,7 +92,6 @@ class RelaxationRun:
         return force if low <= force <= high else inf
 
     def _start(self, position: float) -> None:
-        """Stretch the restoring springs from mid-stroke."""
         self._started = True
         stretch = position - self._middle
         self._stretched = [min(max(k * stretch, -limit), limit) for k, limit in self._restoring]

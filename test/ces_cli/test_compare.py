@@ -119,12 +119,7 @@ def test_the_front_of_a_campaign_is_compared(folder, monkeypatch, capsys):
     assert ces("sizes", SINE, "--json") == 0
     names = [model["name"] for model in json.loads(capsys.readouterr().out)["models"]]
     assert names == ["polynomial 8 terms", "polynomial 4 terms"]
-    assert ces("sizes", "--report", "sizes.html") == 0
-    assert 'href="sizes/models/ab.json"' in (folder / "sizes.html").read_text(encoding="utf-8")
-    assert ces("sizes", "--json") == 0
-    cells = json.loads(capsys.readouterr().out.partition("report: sizes.html\n")[2])["cells"]
-    assert [cell["on_front"] for cell in cells] == [True, False, True]
-    assert "--part applies to recordings" in error_line(capsys, "sizes", "--part", "0.5:1")
+    assert "no recording given" in error_line(capsys, "sizes")
 
 
 @pytest.mark.parametrize(

@@ -54,8 +54,7 @@ CASES = [  # words, the last to be completed; what is offered, and what is not
     (["blind", "run", "--simul"], {"--simulation"}, {"--seed"}),
     (["help", "le"], {"learn-stroke"}, {"rig"}),
     (["schema", "sig"], {"signals"}, {"campaign"}),
-    (["rig", ""], {"sine_4hz", "thesis/sweep", "a.yaml"}, {"model.json", "one.mcap"}),
-    (["rig", "thesis/s"], {"thesis/sweep", "thesis/sine_4hz"}, {"sweep", "thesis/noise"}),
+    (["rig", ""], {"a.yaml"}, {"model.json", "one.mcap"}),
     (["rig", "sweep", "--se"], {"--seed"}, {"--signals"}),
 ]
 

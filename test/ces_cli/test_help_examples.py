@@ -104,9 +104,7 @@ def test_every_program_and_subprogram_has_an_example_that_names_it() -> None:
 def test_examples_are_parsed(name: str, line: str) -> None:
     program, *words = shlex.split(line.partition(" > ")[0])[1:]
     parser = import_module(f"ces_cli.{PROGRAMS[program][0]}").make_parser()
-    has_parts = any(isinstance(action, argparse._SubParsersAction) for action in parser._actions)
-    options = parser.parse_args(words) if has_parts else parser.parse_intermixed_args(words)
-    assert vars(options)
+    assert vars(parser.parse_args(words))
 
 
 @pytest.mark.parametrize(("name", "line"), [(name, line) for name, line in EXAMPLES if name in RUN])

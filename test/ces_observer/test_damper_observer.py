@@ -126,10 +126,10 @@ def test_unset_header_stamp_is_named(max_age_s: float, reason: str) -> None:
 def test_messages_of_other_joints_matter_only_when_ours_are_missing() -> None:
     damper = observer()
     for k in range(300):
-        damper.count_unreadable_position("no joint 'rear'")
+        damper.count_unreadable("position", "no joint 'rear'")
         run(damper, k, k + 1)
     assert damper.reason == OK
-    damper.count_unreadable_position("no joint 'rear'")
+    damper.count_unreadable("position", "no joint 'rear'")
     damper.report_silence()
     assert (damper.reason, damper.explain()) == (SILENT, "no joint 'rear'")
     assert damper.tally.unreadable == 301

@@ -187,7 +187,7 @@ def test_a_model_that_needs_a_signal_that_is_not_there_is_refused():
     with pytest.raises(ModelError, match="needs the signal 'speed'"):
         observer(measured_model())
     damper = observer(plain_damper(), acceleration=CurrentHold(0.05))
-    for refuse in (damper.require_signals, damper.load):
+    for refuse in (damper.motion_for, damper.load):
         with pytest.raises(ModelError, match=r"set speed\.topic"):
             refuse(measured_model())
     assert damper.next_model is None

@@ -62,14 +62,6 @@ def test_a_scale_in_the_signals_file_belongs_in_the_mapping(files, capsys):
     assert f"give the log's scale in {files / 'map.yaml'}, and none here" in errors(capsys)[0]
 
 
-@pytest.mark.parametrize("word", ["--scale", "--units=mm", "--delimiter"])
-def test_an_option_that_belongs_in_the_mapping_says_so(files, capsys, word):
-    with pytest.raises(SystemExit) as caught:
-        run(files / "a.csv", "--out", files / "bag", word, "0.001")
-    assert caught.value.code == 2
-    assert "belongs in the mapping, as in 'position: {column: x, scale: 0.001}'" in errors(capsys)[0]
-
-
 def test_advice_about_a_scale_names_the_mapping(files, capsys):
     (files / "map.yaml").write_text("rate: 100\nposition: {column: x}\ncurrent: {constant: 0.2}\nforce: {column: F}\n")
     assert run(files / "a.csv", "--mapping", files / "map.yaml", "--out", files / "bag") == 0

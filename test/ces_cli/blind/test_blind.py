@@ -168,7 +168,7 @@ def test_results_of_other_cases_are_refused(cases, tmp_path, capsys):
         (["make", "--out", "x", "--seed", "1", "--kind", "odd"], "--kind 'odd': expected effect, none, outside, pair"),
         (
             ["make", "--out", ".", "--seed", "1", "--cases", "1"],
-            ".: exists; choose another name, or replace it with --overwrite",
+            ".: exists; choose another name for --out, or replace it with --overwrite",
         ),
         (["run", "x", "--out", "y", "--simulation", "identified", "--references", "0"], "add --references 1 or 2"),
         (["run", "nowhere", "--out", "y"], "nowhere: contains no cases/NNNN/case.json"),

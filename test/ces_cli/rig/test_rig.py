@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ces_cli.rig.program import main
+from ces_cli.rig import main
 from ces_cli.terminal.terminal import run as run_program
 from ces_data.bags.reader import read_recording
 from ces_data.signals_file import load_signals

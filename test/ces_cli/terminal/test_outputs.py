@@ -8,14 +8,7 @@ from pathlib import Path
 import pytest
 
 from ces_cli.main import main
-from ces_cli.terminal.outputs import (
-    MAX_NAME,
-    name_report,
-    require_folder,
-    require_new_bag,
-    require_new_file,
-    require_outputs,
-)
+from ces_cli.terminal.outputs import MAX_NAME, name_report, require_folder, require_outputs
 from ces_identify.export.ros_package import write_package
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
@@ -34,6 +27,14 @@ def here(tmp_path, monkeypatch):
     (tmp_path / "empty").mkdir()
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+def require_new_file(path, overwrite):
+    require_outputs(overwrite, {"--out": path})
+
+
+def require_new_bag(path, overwrite):
+    require_outputs(overwrite, bags={"--out": path})
 
 
 def refusal(check, *arguments):
@@ -72,10 +73,8 @@ def test_files(here):
     require_new_file(None, False)
     require_new_file(Path("new"), False)
     require_new_file(Path("taken"), True)
-    assert refusal(require_new_file, Path("taken"), False) == f"taken: exists; choose another name, {REPLACE}"
-    assert "taken: exists; choose another name for --report" in refusal(
-        require_new_file, Path("taken"), False, "--report"
-    )
+    expected = f"taken: exists; choose another name for --out, {REPLACE}"
+    assert refusal(require_new_file, Path("taken"), False) == expected
     for overwrite in (False, True):
         assert "full: is a folder" in refusal(require_new_file, Path("full"), overwrite)
         assert "the folder none does not exist; make it first" in refusal(require_new_file, Path("none/x"), overwrite)
@@ -145,8 +144,7 @@ def test_two_outputs_of_one_name_and_an_output_that_is_an_input(here):
             ["validate", MODEL, ROAD, "--report", "new.pdf"],
             "a report is an HTML page; expected a name that ends in .html",
         ),
-        (["validate", ROAD, MODEL], "road: is a recording; the model comes first: ces validate MODEL.json BAG"),
-        (["replay", ROAD, MODEL, "--out", "new"], "road: is a recording; the model comes first: ces replay MODEL.json"),
+        (["validate", ROAD, MODEL], "road: not a regular file; expected a JSON file"),
         (["replay", MODEL, ROAD, "--out", "full"], f"full: exists; choose another name for --out, {REPLACE}"),
         (["replay", MODEL, ROAD, "--out", "full", "--overwrite"], "full: is a folder but not a bag"),
         (["replay", MODEL, ROAD, "--out", ROAD, "--overwrite"], "road: is an input, too"),

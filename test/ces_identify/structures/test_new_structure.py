@@ -12,7 +12,7 @@ from markupsafe import Markup
 from planted import RATE_HZ, SAMPLING, WIDE, planted
 
 from ces_cli.identify.program import make_parser, select_identify_function
-from ces_cli.identify.validate import verify_certificate
+from ces_cli.identify.validate import print_proof
 from ces_identify import structures as offline
 from ces_identify.polynomial.search_limits import SearchResult
 from ces_identify.report.page import write_report
@@ -166,9 +166,9 @@ def test_its_own_proof_decides(capsys):
     require_stable(model(), "m.json")
     with pytest.raises(ModelError, match="it is not proved to dissipate; identify it again"):
         require_stable(model(-1.0), "m.json")
-    assert verify_certificate(model(), "m.json") == 0
+    assert print_proof(model(), model().certify(), "m.json") == 0
     assert "proved: force times speed is never negative (sign of the viscosity)" in capsys.readouterr().out
-    assert verify_certificate(model(-1.0), "m.json") == 1
+    assert print_proof(model(-1.0), model(-1.0).certify(), "m.json") == 1
     assert "it drives the motion" in capsys.readouterr().out
 
 

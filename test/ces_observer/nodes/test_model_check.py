@@ -115,7 +115,7 @@ def test_a_newer_model_takes_the_place_of_the_one_being_checked() -> None:
 CHILDREN = {  # programs in place of the check, and what is said of their models
     "import sys; sys.exit(3)": "its check ended with status 3",
     "import os; os.kill(os.getpid(), 9)": "its check was killed, as the kernel does when memory is short",
-    "import os; os.kill(os.getpid(), 11)": "its check was ended by signal 11",
+    "import os; os.kill(os.getpid(), 11)": "its check ended with status -11",
     "import os; os.kill(os.getpid(), 24)": "its check took more than 300 s of processor time",
     "print('{{{ nonsense')": "its check gave an answer that is none",
     'print(\'{"sha256": "0", "tasks": [], "inverse": 1}\')': "its check gave an answer that is none",

@@ -1,0 +1,140 @@
+"""`ces iterate`: designs experiments inside a rig's limits, has them run, and identifies a model, until it is good.
+
+It shows a bar of recorded seconds, the present step, and a line for each finished iteration.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from pathlib import Path
+
+from rich.console import Console
+from rich.progress import TextColumn, TimeElapsedColumn
+
+from ces_cli.terminal import terminal
+from ces_cli.terminal.options import ALL, JSON, Argument, never_with
+from ces_cli.terminal.outputs import print_document, require_folder, schema_line
+from ces_cli.terminal.progress import LiveBar
+from ces_identify.polynomial.search_limits import SearchResult
+from ces_identify.progress_file import SearchProgressFile
+from ces_iterate.loop.iterate import IterateListener, Iterations
+from ces_iterate.loop.store import MODEL, PLAN, REPORT, Iteration, keep_plan
+from ces_iterate.plan import TEMPLATE, load_plan
+from ces_iterate.rigs.kinds import open_rig
+from ces_observer.options import Option
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the program; returns the exit status."""
+    parser = make_parser()
+    options = parser.parse_args(argv)
+    if options.template:
+        print(schema_line("iterate") + TEMPLATE, end="")
+    elif options.plan is None:
+        parser.error("expected PLAN (or --template)")
+    else:
+        _iterate(options.plan, options.out or options.plan.with_suffix(""), options.json)
+    return 0
+
+
+def make_parser() -> terminal.Parser:
+    """Return the parser of the program's options."""
+    out = "folder of all experiments, recordings and models"
+    return terminal.parser(
+        "iterate",
+        "Design an experiment inside a rig's limits, run it, score the model on it, identify anew, and so on, until a "
+        "target or a budget is reached. Ctrl-C stops at any point; the same command goes on.",
+        "ces iterate plan.yaml --out rear_damper",
+        Argument("plan", None, "the plan (YAML)", kind=Path, metavar="PLAN", count="?"),
+        Option("out", None, out, kind=Path, none="the plan's name without .yaml", metavar="DIR"),
+        Option("template", False, "print a plan with every key explained and exit"),
+        JSON,
+        rules=(never_with(ALL, "template", "does not apply with --template", but="template"),),
+    )
+
+
+def _iterate(path: Path, out: Path, as_json: bool) -> None:
+    plan = load_plan(path)
+    require_folder(out)
+    rig = open_rig(plan)
+    with (
+        IterateProgress(plan.stop.budget_s, terminal.err if as_json else terminal.out) as progress,
+        ExitStack() as opened,
+    ):
+        with warnings.catch_warnings(record=True) as caught:  # what is to be known about the plan's recordings
+            warnings.simplefilter("always")
+            iterations = Iterations(plan, rig, out, progress)
+        for warning in caught:
+            terminal.print_warning(str(warning.message))
+        progress.after_iteration = lambda: _write_results(iterations)
+
+        def begin() -> None:
+            keep_plan(out, plan, path.read_text(encoding="utf-8"))
+            progress.file = opened.enter_context(SearchProgressFile("iterate", out, {"budget_s": plan.stop.budget_s}))
+
+        reason = iterations.run(begin)
+    _write_results(iterations)
+    files = {"model": out / MODEL, "report": out / REPORT, "plan": out / PLAN}
+    if as_json:
+        print_document("iterate", {"stopped": reason, "iterations": iterations.done.history, **files})
+        return
+    print(f"stopped: {reason}")
+    for name, file in files.items():
+        print(f"{name + ':':<7} {file}")
+
+
+def _write_results(iterations: Iterations) -> None:
+    from ces_iterate.page import write_page
+
+    if iterations.done.model is not None:
+        iterations.done.model.save(iterations.out / MODEL)
+        write_page(iterations.out / REPORT, iterations)
+
+
+class IterateProgress(LiveBar, IterateListener):
+    """Shows an iteration; `listen_search` may be called from any thread."""
+
+    def __init__(self, budget_s: float, lines_to: Console) -> None:
+        columns = (TextColumn("{task.completed:.0f} of {task.total:.0f} s recorded"), TimeElapsedColumn())
+        super().__init__("iterating", *columns, total=budget_s, text="(Ctrl-C stops; the same command goes on)")
+        self.after_iteration: Callable[[], None] = lambda: None
+        self.file: SearchProgressFile | None = None  # once the folder of the iteration is there
+        self._lines_to, self._recorded_s, self._step = lines_to, 0.0, ""
+
+    def begin(self, number: int, step: str) -> None:
+        """Show the step that begins."""
+        self._step = f"iteration {number}: {step}"
+        if self.file is not None:
+            self.file.begin_step(self._step)
+        self.show(self._recorded_s, self._step)
+        self.log(f"{self.elapsed_s:5.0f} s  {self._step}")
+
+    def listen_search(self, result: SearchResult) -> None:
+        """Show the newest cost of the search."""
+        with self._lock:
+            text = f"{self._step}: selection cost J = {result.cost:.2f} %"
+            self.show(self._recorded_s, text)
+            self.log_seldom(text)
+            if self.file is not None:
+                self.file.listen(result)
+
+    def finish(self, iteration: Iteration) -> None:
+        """Print the result of an iteration."""
+        self._recorded_s = iteration.total_s
+        self.show(self._recorded_s, self._step)
+        self._lines_to.print(format_iteration(iteration), highlight=False, soft_wrap=True)
+        self.after_iteration()
+
+
+def format_iteration(iteration: Iteration) -> str:
+    """Return the line of an iteration."""
+    fresh = "no model yet" if iteration.fresh_J is None else f"J {iteration.fresh_J:.2f} % on it before it was used"
+    least = max(iteration.regions, key=lambda region: float(region["unknown"]))
+    validation = "".join(f", {name} {cost:.2f} %" for name, cost in iteration.validation_J.items())
+    return (
+        f"{iteration.name}: {iteration.recorded_s:.1f} s recorded ({iteration.total_s:.1f} s in all); {fresh}, "
+        f"{iteration.fit_J:.2f} % after the fit{validation}; {100 * iteration.coverage:.0f} % of the states covered; "
+        f"least known: {least['axis']} {least['low']:.3g} to {least['high']:.3g} {least['unit']}"
+    )

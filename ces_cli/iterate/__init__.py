@@ -1,1 +1,0 @@
-"""`ces iterate`: experiments on the rig in the loop."""

@@ -1,1 +1,0 @@
-"""The program `rig`: runs an experiment on the virtual rig and records it."""
