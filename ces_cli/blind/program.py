@@ -85,12 +85,12 @@ def make_parser() -> terminal.Parser:
 
 
 def _make(options: argparse.Namespace) -> int:
-    default_plants = tuple(plant for plant in PLANTS if plant not in RESERVED)
+    chosen_plants = options.plants or [plant for plant in PLANTS if plant not in RESERVED]
     levels = Levels(
-        effects=_check_names(options.effects, EFFECTS, EFFECTS, "--effects"),
+        effects=tuple(dict.fromkeys(options.effects or EFFECTS)),
         outside=OUTSIDE,
-        plants=_check_names(options.plants, PLANTS, default_plants, "--plants"),
-        kinds=_check_names(options.kind, KINDS, KINDS, "--kind"),
+        plants=tuple(dict.fromkeys(chosen_plants)),
+        kinds=tuple(dict.fromkeys(options.kind or KINDS)),
         gaps=tuple(options.gap_to_noise or (SMALL_GRID_GAPS if options.grid == "small" else GAPS)),
     )
     require_outputs(options.overwrite, folders={"--out": options.out})
@@ -114,13 +114,6 @@ def _make(options: argparse.Namespace) -> int:
         counts = ", ".join(f"{number} {kind}" for kind, number in count_of.items())
         print(f"{options.out}/cases: {counts}; answers sealed, SHA-256 {digest}")
     return 0
-
-
-def _check_names(names: Sequence[str], known: Sequence[str], default: Sequence[str], option: str) -> tuple[str, ...]:
-    for name in names:
-        if name not in known:
-            raise CesError(f"{option} '{name}': expected {', '.join(known)}")
-    return tuple(dict.fromkeys(names or default))
 
 
 def _score(options: argparse.Namespace) -> int:
@@ -206,9 +199,9 @@ _MAKE = (
     Option("seed", meaning="random seed", low=0, high=2**31, kind=int, metavar="N"),
     Option("grid", "full", "small: gap-to-noise 3 only", choices=("full", "small")),
     Option("cases", None, "draw a balanced sample of K cases", 1, 100_000, kind=int, metavar="K"),
-    _several("plants", (), "kinds of plant (default: hydraulic bouc_wen)"),
-    _several("kind", (), "effect, none, outside, pair (default: all)"),
-    _several("effects", (), "library effects to draw from (default: all)", "NAME"),
+    _several("plants", (), "kinds of plant (default: hydraulic bouc_wen)", choices=tuple(PLANTS)),
+    _several("kind", (), "effect, none, outside, pair (default: all)", choices=tuple(KINDS)),
+    _several("effects", (), "library effects to draw from (default: all)", "NAME", choices=tuple(EFFECTS)),
     _several("gap_to_noise", (), "gap-to-noise ratios", "X", kind=float, low=0.1, high=100.0),
     Option("seconds", 10.0, "length of a recording", 2.0, 600.0, metavar="S"),
     *(JOBS, JSON),
