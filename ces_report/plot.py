@@ -1,4 +1,7 @@
-"""The data of a chart as compact JSON: values as 16-bit steps in base64, long lines as extremes of groups."""
+"""A chart as HTML: legend, figure, table of values, and its data as compact JSON.
+
+The data are 16-bit steps in base64; long lines keep the extremes of groups of samples.
+"""
 
 from __future__ import annotations
 

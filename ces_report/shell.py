@@ -53,7 +53,7 @@ def replace_unencodable(page: str) -> str:
 
 
 def command_block(command: str) -> Markup:
-    """Return a command in monospace, with a button to copy it where scripts run."""
+    """Return a command in monospace; a click selects all of it."""
     return Markup('<div class="command"><code>{}</code></div>').format(command)
 
 

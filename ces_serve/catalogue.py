@@ -1,4 +1,7 @@
-"""The list of what the folder holds: one walk with limits, facts kept until a file changes."""
+"""The served folder: texts from a URL go in, paths inside it come out; and the list of what it holds.
+
+The list comes from one walk with limits; facts are kept until a file changes.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,63 @@ import os
 import re
 import threading
 import time
-from collections.abc import Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass, field
-from functools import cached_property
-from pathlib import Path
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
 
 from ces_identify.progress_file import SUFFIX, RunProgress, read_progress
-from ces_serve.folder import ServedFolder
+from ces_observer.errors import CesError
 from ces_serve.items import RESULT, UNREADABLE, Item, ItemReader, find_reader, read_item, read_recording
+
+METADATA = "metadata.yaml"
+MAX_PATH = 1024  # characters of a path in a URL
+MAX_DEPTH, MAX_FILES = 12, 100_000
+FRESH_S, WALKS = 0.5, 5.0  # a list is shown again while it is younger than this, and than so many walks have taken
+SKIPPED = {"node_modules", "__pycache__", "site-packages"}
+NO_ADDRESS = re.compile(r"[\x00-\x1f\x7f\\]")  # characters that no address of a file has
+
+
+class NotServedError(CesError):
+    """A path that is not served: outside the folder, hidden, or not there."""
+
+
+class ServedFolder:
+    """The folder; raises CesError if it is not one."""
+
+    def __init__(self, path: Path) -> None:
+        if not path.is_dir():
+            what = "is not a folder" if path.exists() else "no such folder"
+            raise CesError(f"{path}: {what}; expected the folder to show")
+        self.root = path.resolve()
+
+    def find(self, relative: str) -> Path:
+        """Return the path of a file or folder below the folder; raises NotServedError.
+
+        Symbolic links are followed only to places inside the folder; hidden names are refused.
+        """
+        parts = PurePosixPath(relative).parts
+        odd = not 0 < len(relative) <= MAX_PATH or "\0" in relative or "\\" in relative
+        if odd or any(part == ".." or part.startswith((".", "/")) for part in parts):
+            raise NotServedError("not a path in this folder")
+        real = Path(os.path.realpath(self.root.joinpath(*parts)))
+        if not real.is_relative_to(self.root) or not real.exists():
+            raise NotServedError(f"{relative}: not in this folder")
+        return real
+
+    def find_file(self, relative: str) -> Path:
+        """Return the path of a regular file; raises NotServedError."""
+        path = self.find(relative)
+        if not path.is_file():
+            raise NotServedError(f"{relative}: not a file")
+        return path
+
+    def holds(self, path: Path) -> bool:
+        """Return whether a path, its links followed, is inside the folder."""
+        return Path(os.path.realpath(path)).is_relative_to(self.root)
+
+    def relative(self, path: Path) -> str:
+        """Return a path below the folder as in a URL."""
+        return path.relative_to(self.root).as_posix()
 
 
 @dataclass(frozen=True)
@@ -45,47 +96,22 @@ class Listing:
 
     def outermost(self) -> tuple[Item, ...]:
         """Return the things that are not part of a result, such as the models of a campaign are."""
-        owners = {one.folder: one for one in self.items if one.kind == RESULT and one.folder}
-        return tuple(one for one in self.items if not _is_part(one, owners))
+        owners = {one.folder for one in self.items if one.kind == RESULT and one.folder}
+
+        def is_part(one: Item) -> bool:
+            """Return whether a thing is in the folder of a result, or below it; results in one folder are not."""
+            parts = (one.folder.rpartition("/")[0] if one.kind == RESULT else one.folder).split("/")
+            return any("/".join(parts[:k]) in owners for k in range(1, len(parts) + 1))
+
+        return tuple(one for one in self.items if not is_part(one))
 
     def find(self, kind: str, path: str) -> Item | None:
         """Return the thing of a kind at a path, None if there is none."""
-        return self._by_place.get((kind, path))
+        return next((one for one in self.items if (one.kind, one.path) == (kind, path)), None)
 
-    @cached_property
-    def _by_place(self) -> dict[tuple[str, str], Item]:
-        return {(one.kind, one.path): one for one in self.items}
-
-
-def _is_part(one: Item, owners: Mapping[str, Item]) -> bool:
-    """Return whether a thing is in the folder of an owner, or below it; owners in one folder are not of each other."""
-    folder = one.folder
-    while folder:
-        if folder in owners and owners[folder] is not one and (folder != one.folder or one.kind != RESULT):
-            return True
-        folder = folder.rpartition("/")[0]
-    return False
-
-
-METADATA = "metadata.yaml"
-MAX_DEPTH = 12
-MAX_FILES = 100_000
-FRESH_S = 0.5  # a list younger than this is shown again
-SLOW_S, WALKS = 0.1, 5.0  # a walk that takes longer is slow: its list is fresh for as long as so many walks
-SKIPPED = {"node_modules", "__pycache__", "site-packages"}
-NO_ADDRESS = re.compile(r"[\x00-\x1f\x7f\\]")  # characters that no address of a file has
 
 # By path: the stamp of the main file, and the thing.
 Memory = dict[str, tuple[tuple[int, int, int], Item | None]]
-
-
-@dataclass
-class _Walk:
-    items: list[Item] = field(default_factory=list)
-    searches: list[RunningSearch] = field(default_factory=list)
-    files: int = 0
-    cut: bool = False
-    problem: str = ""
 
 
 class Catalogue:
@@ -103,86 +129,82 @@ class Catalogue:
         with self._lock:
             if anew or self._listing is None or time.monotonic() - self._listing.made_s > self._fresh_s:
                 began_s = time.monotonic()
-                self._listing = self._walk()
-                walked_s = self._listing.made_s - began_s
-                self._fresh_s = FRESH_S if walked_s < SLOW_S else WALKS * walked_s
+                walk = _Walk(self.folder, self._known)
+                walk.enter(self.folder.root)
+                items = tuple(sorted(walk.items, key=lambda one: (-one.modified_s, one.path)))
+                self._known, made_s = walk.known, time.monotonic()
+                self._listing = Listing(items, tuple(walk.searches), walk.cut, made_s, walk.problem)
+                self._fresh_s = max(FRESH_S, WALKS * (made_s - began_s))
             return self._listing
 
-    def _walk(self) -> Listing:
-        walk = _Walk()
-        before, self._known = self._known, {}
-        for folder, entries in self._folders(self.folder.root, 0, walk):
-            for entry in self._visit(folder, entries, walk, before):
-                walk.items.append(entry)
-        walk.items.sort(key=lambda one: (-one.modified_s, one.path))
-        return Listing(tuple(walk.items), tuple(walk.searches), walk.cut, time.monotonic(), walk.problem)
 
-    def _folders(self, folder: Path, depth: int, walk: _Walk) -> Iterator[tuple[Path, list[os.DirEntry[str]]]]:
-        """Yield the folders, each with its entries; links to folders are not followed, nor what is too deep."""
+class _Walk:
+    """What a walk has found so far; things whose main file has not changed are those in `before`."""
+
+    def __init__(self, folder: ServedFolder, before: Memory) -> None:
+        self.folder, self.before = folder, before
+        self.known: Memory = {}
+        self.items: list[Item] = []
+        self.searches: list[RunningSearch] = []
+        self.files, self.cut, self.problem = 0, False, ""
+
+    def enter(self, folder: Path, depth: int = 0) -> None:
+        """List a folder and those below it; links to folders are not followed, nor what is too deep."""
         try:
             with os.scandir(folder) as found:
                 entries = sorted(found, key=lambda entry: entry.name)
         except OSError as error:
-            self._explain_missing(folder, error, walk)
+            if folder == self.folder.root:
+                self.problem = f"the folder cannot be read now: {error.strerror or error}"
+            elif not isinstance(error, FileNotFoundError):  # else it has gone since its name was read
+                self._add_unreadable(folder, 0.0, f"the folder cannot be read: {error.strerror or error}")
             return
-        walk.files += len(entries)
-        if walk.files > MAX_FILES or depth > MAX_DEPTH:
-            walk.cut = True
+        self.files += len(entries)
+        if self.files > MAX_FILES or depth > MAX_DEPTH:
+            self.cut = True
             return
-        entries = [entry for entry in entries if self._has_address(folder, entry, walk)]
-        yield folder, entries
-        if any(entry.name == METADATA for entry in entries):
-            return
-        for entry in entries:
-            if not entry.name.startswith(".") and entry.name not in SKIPPED and entry.is_dir(follow_symlinks=False):
-                yield from self._folders(folder / entry.name, depth + 1, walk)
+        entries = [entry for entry in entries if self._has_address(folder, entry)]
+        if all(entry.name != METADATA for entry in entries):
+            for entry in entries:
+                self._visit(folder / entry.name, entry, depth)
+        elif folder != self.folder.root:
+            self._remember(read_recording, folder, folder / METADATA)
 
-    def _explain_missing(self, folder: Path, error: OSError, walk: _Walk) -> None:
-        """Say why a folder cannot be listed, unless it is below and has gone since its name was read."""
-        if folder == self.folder.root:
-            walk.problem = f"the folder cannot be read now: {error.strerror or error}"
-        elif not isinstance(error, FileNotFoundError):
-            problem = f"the folder cannot be read: {error.strerror or error}"
-            walk.items.append(Item(UNREADABLE, self.folder.relative(folder), 0.0, {}, problem))
-
-    def _has_address(self, folder: Path, entry: os.DirEntry[str], walk: _Walk) -> bool:
+    def _has_address(self, folder: Path, entry: os.DirEntry[str]) -> bool:
         """Return whether a name can stand in an address; folders and files of ours that have another one are listed."""
         shown = NO_ADDRESS.sub("\ufffd", os.fsencode(entry.name).decode("utf-8", "replace"))
         if shown == entry.name:
             return True
         if entry.is_dir(follow_symlinks=False) or find_reader(Path(entry.name)) is not None:
-            where, problem = self.folder.relative(folder / shown), "the name is not plain UTF-8 text; rename it"
             with suppress(OSError):  # it may be gone by now
                 changed_s = entry.stat(follow_symlinks=False).st_mtime
-                walk.items.append(Item(UNREADABLE, where, changed_s, {}, problem))
+                self._add_unreadable(folder / shown, changed_s, "the name is not plain UTF-8 text; rename it")
         return False
 
-    def _visit(self, folder: Path, entries: list[os.DirEntry[str]], walk: _Walk, before: Memory) -> Iterator[Item]:
-        if any(entry.name == METADATA for entry in entries):
-            if folder != self.folder.root:
-                yield from self._remember(read_recording, folder, folder / METADATA, before)
-            return
-        for entry in entries:
-            path = folder / entry.name
-            if entry.is_symlink() and not self.folder.holds(path):
-                continue
-            if entry.name.startswith("."):
-                if entry.name.endswith(SUFFIX) and (progress := read_progress(path)) and progress.alive:
-                    output = folder if entry.name == SUFFIX else folder / entry.name[1:].removesuffix(SUFFIX)
-                    walk.searches.append(RunningSearch(self.folder.relative(output), path, progress))
-            elif not entry.is_dir() and (read := find_reader(path)) is not None:
-                yield from self._remember(read, path, path, before)
+    def _add_unreadable(self, path: Path, changed_s: float, problem: str) -> None:
+        self.items.append(Item(UNREADABLE, self.folder.relative(path), changed_s, {}, problem))
 
-    def _remember(self, read: ItemReader, path: Path, main: Path, before: Memory) -> Iterator[Item]:
-        """Yield the thing whose main file is `main`, from memory if that has not changed."""
-        try:
-            status = main.stat()
-        except OSError:
+    def _visit(self, path: Path, entry: os.DirEntry[str], depth: int) -> None:
+        if entry.is_symlink() and not self.folder.holds(path):
             return
-        stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
-        known = before.get(str(path))
-        if known is None or known[0] != stamp:
-            known = stamp, read_item(read, path, self.folder.relative(path), status.st_mtime)
-        self._known[str(path)] = known
-        if known[1] is not None:
-            yield known[1]
+        if entry.name.startswith("."):
+            if entry.name.endswith(SUFFIX) and (progress := read_progress(path)) and progress.alive:
+                output = path.parent / entry.name.removesuffix(SUFFIX)[1:]
+                self.searches.append(RunningSearch(self.folder.relative(output), path, progress))
+        elif entry.is_dir(follow_symlinks=False):
+            if entry.name not in SKIPPED:
+                self.enter(path, depth + 1)
+        elif not entry.is_dir() and (read := find_reader(path)) is not None:
+            self._remember(read, path, path)
+
+    def _remember(self, read: ItemReader, path: Path, main: Path) -> None:
+        """Add the thing whose main file is `main`, from memory if that has not changed."""
+        with suppress(OSError):
+            status = main.stat()
+            stamp = (status.st_mtime_ns, status.st_size, status.st_ino)
+            known = self.before.get(str(path))
+            if known is None or known[0] != stamp:
+                known = stamp, read_item(read, path, self.folder.relative(path), status.st_mtime)
+            self.known[str(path)] = known
+            if known[1] is not None:
+                self.items.append(known[1])

@@ -6,24 +6,19 @@ with links to these.
 
 from __future__ import annotations
 
-import json
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypedDict
 
 import numpy as np
 from flask import url_for
-from markupsafe import Markup
 
-from ces_data.arrays import F
-from ces_identify.progress_file import RUNNING, RunProgress, read_progress
-from ces_observer.errors import CesError
+from ces_identify.progress_file import RUNNING, RunProgress
 from ces_observer.model import Model, load_model
 from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, series_css
-from ces_serve.catalogue import Catalogue, Listing, RunningSearch
-from ces_serve.folder import ServedFolder
-from ces_serve.items import MODEL, REPORT, RESULT, WRONG_CONTENT, Item, columns_of, format_number
+from ces_serve.catalogue import Listing, ServedFolder
+from ces_serve.items import MODEL, REPORT, RESULT, WRONG_CONTENT, Item, format_number, list_facts
 
 WIDTH = 760.0
 MAX_OVER_BEST = 5.0  # of a search: the first costs, which are far higher, would leave the rest a flat line
@@ -34,24 +29,26 @@ OF_FOLDER = (  # sent because of the results that stand beside them
 )
 
 
-@dataclass(frozen=True)
-class PageTable:
+class PageTable(TypedDict):
     """A table with a caption; rows of texts below the headings."""
 
     caption: str
-    headings: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    headings: Sequence[str]
+    rows: Sequence[Sequence[str]]
 
 
 @dataclass
 class PageContent:
-    """The content of a page in its order: headline, warnings, facts (name and value), links, charts, tables."""
+    """The content of a page in its order: headline, warnings, facts (name and value), links, charts, tables.
+
+    Its values are those of JSON, so that another process can send it.
+    """
 
     headline: str = ""
     warnings: list[str] = field(default_factory=list)
     facts: list[tuple[str, str]] = field(default_factory=list)
     links: list[tuple[str, str]] = field(default_factory=list)
-    charts: Sequence[str] = field(default_factory=list)
+    charts: list[str] = field(default_factory=list)
     tables: list[PageTable] = field(default_factory=list)
 
 
@@ -60,11 +57,6 @@ def item_url(one: Item) -> str:
     if one.kind == REPORT:
         return url_for("pages.send", path=one.path)
     return url_for("pages.show", kind=one.kind, path=one.path)
-
-
-def join_names(things: Iterable[Item]) -> str:
-    """Return the paths of things in one line."""
-    return ", ".join(one.path for one in things)
 
 
 def content_of(folder: ServedFolder, listing: Listing, one: Item) -> PageContent:
@@ -90,41 +82,6 @@ def content_of(folder: ServedFolder, listing: Listing, one: Item) -> PageContent
     return content
 
 
-def from_json(text: str) -> PageContent:
-    """Return the content that another process has written with `to_json`."""
-    found = json.loads(text)
-    found["charts"] = [Markup(chart) for chart in found["charts"]]  # drawn by us, in the other process
-    found["tables"] = [PageTable(**table) for table in found["tables"]]
-    return PageContent(**found)
-
-
-def to_json(content: PageContent) -> str:
-    """Return a content as JSON text."""
-    return json.dumps(asdict(content))
-
-
-def search_content(folder: ServedFolder, catalogue: Catalogue, path: str) -> tuple[bool, PageContent, str]:
-    """Return whether a program with the output `path` is running, what it has found, and its title."""
-    title = path if path != "." else folder.root.name
-    search = _find_search(catalogue, path)
-    if search is not None:
-        try:
-            return True, _running_content(path, search.progress), title
-        except (CesError, OSError, *WRONG_CONTENT) as error:
-            return True, PageContent(warnings=[f"cannot be read now: {error}"]), title
-    found = [one for one in catalogue.listing(anew=True).items if path in (one.path, one.folder)]
-    links = [(f"{one.name}, changed {one.changed}", item_url(one)) for one in found]
-    return False, PageContent("" if found else "It has left no result in this folder.", links=links), title
-
-
-def describe_search(search: RunningSearch) -> str:
-    """Return what a running program does, in one line, whatever its progress file holds."""
-    try:
-        return f"{search.path}: {_describe(search.progress)}"
-    except WRONG_CONTENT as error:
-        return f"{search.path}: its progress cannot be read: {error}"
-
-
 def suggest_recordings(models: Sequence[Item], recordings: Sequence[Item], most: int) -> set[str]:
     """Return the recordings on which all models were validated, else one that no model was identified on."""
     validated = [set(one.facts["validation"]) for one in models]
@@ -136,18 +93,11 @@ def suggest_recordings(models: Sequence[Item], recordings: Sequence[Item], most:
     return set(found[:most])
 
 
-def describe_use(recording: Item, models: Sequence[Item]) -> str:
-    """Return how many of the models were identified or validated on a recording of this name."""
-    uses = (("identified", "recordings"), ("validated", "validation"))
-    counts = [(what, sum(recording.name in one.facts[key] for one in models)) for what, key in uses]
-    return ", ".join(f"{what} {count} of {len(models)}" for what, count in counts if count)
-
-
 def _model_content(model: Model, one: Item) -> PageContent:
     """Return what a model file says, checked as the observer checks it."""
     e = model.envelope
     named = (("position", e.position_m, "m"), ("speed", e.speed_m_s, "m/s"), ("current", e.current_A, "A"))
-    facts = [(column.heading, column.text(one)) for column in columns_of(MODEL)]
+    facts = [(heading, text) for heading, text, _ in list_facts(MODEL, one)]
     facts += [
         ("rate", format_number(model.sampling.rate_Hz, "g", "Hz")),
         ("speed from", f"{model.sampling.differentiator}, {model.sampling.bandwidth_Hz:.4g} Hz"),
@@ -157,17 +107,19 @@ def _model_content(model: Model, one: Item) -> PageContent:
         ("bound of the force", "{:.4g} to {:.4g} N".format(*model.force_envelope_N)),
     ]
     costs = model.provenance.get("cost_J_percent") or []
-    rows = tuple((str(c["recording"]), str(c["role"]), format_number(c["J"], ".2f")) for c in costs)
-    tables = [PageTable("Cost of a free run", ("recording", "role", "J %"), rows)] if rows else []
-    headline = f"{one.facts['structure']}, {model.size}. {one.facts['certificate']}."
-    return PageContent(headline, facts=facts, tables=tables)
+    rows = [(str(c["recording"]), str(c["role"]), format_number(c["J"], ".2f")) for c in costs]
+    headings = ("recording", "role", "J %")
+    tables = [PageTable(caption="Cost of a free run", headings=headings, rows=rows)] if rows else []
+    return PageContent(
+        f"{one.facts['structure']}, {model.size}. {one.facts['certificate']}.", facts=facts, tables=tables
+    )
 
 
-def _running_content(path: str, progress: RunProgress) -> PageContent:
+def running_content(path: str, progress: RunProgress) -> PageContent:
     """Return what a running program has found so far."""
     head = progress.head
     elapsed_s = max(0.0, time.time() - float(head.get("began_s") or time.time()))
-    content = PageContent(f"{_describe(progress)}.")
+    content = PageContent(f"{describe(progress)}.")
     content.facts = [("program", f"ces {head.get('program')}"), ("running for", format_number(elapsed_s, ".0f", "s"))]
     if head.get("program") == "jobs":
         content.facts = [*content.facts[1:], ("failed", str(progress.rows[-1].get("failed") if progress.rows else 0))]
@@ -175,37 +127,31 @@ def _running_content(path: str, progress: RunProgress) -> PageContent:
     rows = _last_step(progress)
     newest = {row["seed"]: row for row in rows if "seed" in row}
     ended = sum(row["ended"] != RUNNING for row in newest.values())
-    known = [("structure", head.get("structure")), ("time limit", format_number(head.get("seconds"), "g", "s"))]
-    known += [("identified on", ", ".join(head.get("recordings") or ()))]
-    known += [("validated on", ", ".join(head.get("validation") or ()))]
+    known = [
+        ("structure", head.get("structure")),
+        ("time limit", format_number(head.get("seconds"), "g", "s")),
+        ("identified on", ", ".join(head.get("recordings") or ())),
+        ("validated on", ", ".join(head.get("validation") or ())),
+    ]
     content.facts += [(name, str(value)) for name, value in known if value not in ("", "–", None)]
     content.facts.append(("starts done", f"{ended} of {head['starts']}" if head.get("starts") else str(ended)))
     content.charts = _search_chart(rows, f"Search for {path}")
-    best_first = sorted(newest.values(), key=lambda row: (row["cost"] is None, row["cost"] or 0.0))
-    cells = tuple(
-        (
-            format_number(row["seed"], "d"),
-            format_number(row["cost"], ".3f"),
-            format_number(row["size"], "d"),
-            format_number(row["elapsed_s"], ".1f"),
-            str(row["ended"]),
-        )
-        for row in best_first
-    )
-    headings = ("start (seed)", "selection cost J %", "terms or parameters", "at s", "state")
-    content.tables = [PageTable("Starts, best first", headings, cells)] if cells else []
     return content
 
 
-def _describe(progress: RunProgress) -> str:
+def describe(progress: RunProgress) -> str:
+    """Return what a running program does, in one line, whatever its progress file holds."""
     head, rows = progress.head, progress.rows
-    if head.get("program") == "jobs":
-        done = rows[-1].get("done") if rows else head.get("done")
-        return f"{done} of {head.get('total')} {head.get('things')} done"
-    costs = [row["cost"] for row in _last_step(progress) if isinstance(row.get("cost"), int | float)]
-    best = f"best selection cost J = {min(costs):.2f} %" if costs else "no model yet"
-    step = next((row["step"] for row in reversed(rows) if "step" in row), "")
-    return f"{step or head.get('program')}, {best}"
+    try:
+        if head.get("program") == "jobs":
+            done = rows[-1].get("done") if rows else head.get("done")
+            return f"{done} of {head.get('total')} {head.get('things')} done"
+        costs = [row["cost"] for row in _last_step(progress) if isinstance(row.get("cost"), int | float)]
+        best = f"best selection cost J = {min(costs):.2f} %" if costs else "no model yet"
+        step = next((row["step"] for row in reversed(rows) if "step" in row), "")
+        return f"{step or head.get('program')}, {best}"
+    except WRONG_CONTENT as error:
+        return f"its progress cannot be read: {error}"
 
 
 def _last_step(progress: RunProgress) -> list[dict[str, Any]]:
@@ -215,21 +161,14 @@ def _last_step(progress: RunProgress) -> list[dict[str, Any]]:
     return rows[begins[-1] + 1 :] if begins else rows
 
 
-def _find_search(catalogue: Catalogue, path: str) -> RunningSearch | None:
-    """Return what runs with this output, as it is now: the list of the folder may be some seconds old."""
-    found = next((one for one in catalogue.listing().searches if one.path == path), None)
-    progress = read_progress(found.file) if found else None
-    return replace(found, progress=progress) if found and progress and progress.alive else None
-
-
-def _search_chart(rows: Sequence[Mapping[str, Any]], title: str) -> list[Markup]:
+def _search_chart(rows: Sequence[Mapping[str, Any]], title: str) -> list[str]:
     """Return the costs of the starts against the time, and the best so far; nothing before the first model."""
     found = [row for row in rows if isinstance(row.get("cost"), int | float)]
     if not found:
         return []
     limit = MAX_OVER_BEST * min(row["cost"] for row in found)
     shown = [row for row in found if row["cost"] <= limit]
-    time_s, cost = _array([row["elapsed_s"] for row in shown]), _array([row["cost"] for row in shown])
+    time_s, cost = (np.array([row[key] for row in shown], np.float64) for key in ("elapsed_s", "cost"))
     best = np.minimum.accumulate(cost)
     ended = np.array([row.get("ended") != RUNNING for row in shown])
     marks: list[PlotLine | PlotDots] = [
@@ -241,8 +180,3 @@ def _search_chart(rows: Sequence[Mapping[str, Any]], title: str) -> list[Markup]
     label = "Selection cost J [%]" + (f", up to {MAX_OVER_BEST:g} times the best" if len(shown) < len(found) else "")
     area, view = PlotArea(label, marks, height=240.0), (0.0, 1.03 * float(time_s[-1]))
     return [draw_plot(Plot("search", title, text, "Time [s]", [area], WIDTH, x_view=view))]
-
-
-def _array(values: Iterable[float | None]) -> F:
-    """Return numbers as an array, NaN for None."""
-    return np.array([np.nan if value is None else value for value in values], np.float64)

@@ -6,9 +6,11 @@ a file whose values are not those that our programs write.
 
 from __future__ import annotations
 
+import json
 import re
+import stat
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
 from html import unescape
@@ -19,9 +21,11 @@ from typing import Any
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_observer.proof.certificate import summarize
-from ces_serve.folder import UnreadableError, read_head, read_json, read_rows
 
-Facts = dict[str, Any]
+MAX_JSON_BYTES, MAX_ROWS_BYTES = 8_000_000, 64_000_000
+HEAD_BYTES, METADATA_BYTES = 4096, 200_000
+
+Facts = dict[str, Any]  # also a JSON object
 ItemReader = Callable[[Path], tuple[str, Facts] | None]  # None for files of other programs
 WRONG_CONTENT = (KeyError, TypeError, ValueError, AttributeError, IndexError, ArithmeticError)
 MODEL, REPORT, RESULT, RECORDING, UNREADABLE = "model", "report", "result", "recording", "unreadable"
@@ -41,28 +45,14 @@ METADATA = {
     "seconds": (re.compile(rb"duration:\s*\n\s*nanoseconds:\s*(\d+)"), 1e-9),
     "messages": (re.compile(rb"\n  message_count:\s*(\d+)"), 1),
 }
-METADATA_BYTES = 200_000
-BAG_FILES = (".mcap", ".db3")
 SCHEMA = re.compile(rb'"schema"\s*:\s*"(ces-[a-z-]+)/\d+"')
-GENERATOR, FOOTER = b'content="ces_observer', b"<footer>ces_observer"
+GENERATOR = b'content="ces_observer'  # of our pages, in their heads
 OUR_NAMES = {"model.json", "gap.json", "augmented.json"}
 MEMBER = "ensemble_"  # models by which `ces iterate` measures disagreement
 
 
-@dataclass(frozen=True)
-class ListColumn:
-    """A column of a list: the key of a fact, its heading, and the form of a number (empty: a text)."""
-
-    key: str
-    heading: str
-    form: str = ""
-
-    def text(self, one: Item) -> str:
-        """Return the text of a thing's cell, a dash if it has no such fact."""
-        found = {"what": KINDS[one.kind][1], **one.facts, "summary": one.summary}.get(self.key)
-        if self.form:
-            return format_number(found, self.form)
-        return "–" if found is None else ", ".join(map(str, found)) if isinstance(found, list) else str(found)
+class UnreadableError(CesError):
+    """A file of ours that cannot be read; the message says why, without the path."""
 
 
 @dataclass(frozen=True)
@@ -84,19 +74,19 @@ class Item:
         return self.path.rpartition("/")[0]
 
     @property
+    def home(self) -> str:
+        """Its path, or that of its folder if it is a folder of results."""
+        return self.folder if self.folder and self.kind == RESULT else self.path
+
+    @property
     def name(self) -> str:
-        """The last part of its path, or of its folder's path if it is a folder of results."""
-        return (self.folder if self.folder and self.kind == RESULT else self.path).rpartition("/")[2]
+        """The last part of that path."""
+        return self.home.rpartition("/")[2]
 
     @property
     def label(self) -> str:
         """Its name, shortened if that is a hash, as of a campaign's models."""
         return f"{self.name[:8]}…" if HASHED.fullmatch(self.name) else self.name
-
-    @property
-    def place(self) -> str:
-        """Where its name is, empty at the top."""
-        return self.folder.rpartition("/")[0] if self.folder and self.kind == RESULT else self.folder
 
     @property
     def summary(self) -> str:
@@ -105,26 +95,22 @@ class Item:
 
     @property
     def changed(self) -> str:
-        """The local time of its last change to the minute, a dash if no calendar has it."""
-        return format_time(self.modified_s)
-
-    def matches(self, words: tuple[str, ...]) -> bool:
-        """Return whether all words, in lower case, are in its path, kind or facts."""
-        text = f"{self.kind} {self.path} {self.summary} {' '.join(map(str, self.facts.values()))}".lower()
-        return all(word in text for word in words)
+        """The local time of its last change to the minute, a dash if no calendar has it (a file may carry any time)."""
+        try:
+            return f"{datetime.fromtimestamp(self.modified_s):%Y-%m-%d %H:%M}"
+        except (ValueError, OverflowError, OSError):
+            return "–"
 
 
-def columns_of(kind: str) -> tuple[ListColumn, ...]:
-    """Return the columns after the name, for a list of one kind or, empty, of all."""
-    return tuple(ListColumn(*column.strip().split(",")) for column in KINDS[kind][3].split(";"))
-
-
-def format_time(time_s: float) -> str:
-    """Return a local time to the minute, a dash if no calendar has it (a file may carry any time)."""
-    try:
-        return f"{datetime.fromtimestamp(time_s):%Y-%m-%d %H:%M}"
-    except (ValueError, OverflowError, OSError):
-        return "–"
+def list_facts(kind: str, one: Item) -> list[tuple[str, str, bool]]:
+    """Return heading, text, and whether it is a number, of a thing's facts in the list of a kind (empty: of all)."""
+    facts = {"what": KINDS[one.kind][1], **one.facts, "summary": one.summary}
+    out = []
+    for key, heading, *form in (column.strip().split(",") for column in KINDS[kind][3].split(";")):
+        found = facts.get(key)
+        text = "–" if found is None else ", ".join(map(str, found)) if isinstance(found, list) else str(found)
+        out.append((heading, format_number(found, form[0]) if form else text, bool(form)))
+    return out
 
 
 def format_number(value: object, form: str, unit: str = "") -> str:
@@ -138,12 +124,12 @@ def find_reader(path: Path) -> ItemReader | None:
     """Return what reads kind and facts of a file, by its name; None for files that are not shown."""
     suffix = path.suffix.lower()
     if path.name in ROW_FACTS:
-        return lambda path: (RESULT, ROW_FACTS[path.name](read_rows(path)))
+        return lambda path: (RESULT, ROW_FACTS[path.name](_read_rows(path)))
     if suffix == ".json" and not path.name.startswith(MEMBER):
         return _read_json
     if suffix == ".html":
-        return lambda path: (REPORT, {"summary": _read_title(path)}) if _is_our_page(path) else None
-    return read_recording if suffix in BAG_FILES else None
+        return _read_page
+    return read_recording if suffix in (".mcap", ".db3") else None
 
 
 def read_item(read: ItemReader, path: Path, where: str, modified_s: float) -> Item | None:
@@ -151,8 +137,16 @@ def read_item(read: ItemReader, path: Path, where: str, modified_s: float) -> It
     try:
         found = read(path)
         return None if found is None else Item(found[0], where, modified_s, found[1])
-    except (CesError, OSError, *WRONG_CONTENT) as error:
-        return Item(UNREADABLE, where, modified_s, {}, _explain(error))
+    except UnreadableError as error:
+        problem = str(error)
+    except OSError as error:
+        problem = f"cannot be read: {error.strerror or error}"
+    except CesError as error:
+        problem = str(error).partition(": ")[2] or str(error)  # without the path
+    except WRONG_CONTENT as error:
+        missing = isinstance(error, KeyError)
+        problem = f"no key {error}" if missing else f"not the content that our programs write: {error}"
+    return Item(UNREADABLE, where, modified_s, {}, problem)
 
 
 def read_recording(path: Path) -> tuple[str, Facts]:
@@ -160,7 +154,7 @@ def read_recording(path: Path) -> tuple[str, Facts]:
     files = [one for one in path.iterdir() if one.is_file()] if path.is_dir() else [path]
     facts: Facts = {"MB": 1e-6 * sum(one.stat().st_size for one in files)}
     if path.is_dir():
-        text = read_head(path / "metadata.yaml", METADATA_BYTES)
+        text = _read_head(path / "metadata.yaml", METADATA_BYTES)
         for key, (pattern, scale) in METADATA.items():
             found = pattern.search(text)
             facts[key] = scale * int(found[1]) if found else None
@@ -169,8 +163,15 @@ def read_recording(path: Path) -> tuple[str, Facts]:
     return RECORDING, facts
 
 
+def _read_page(path: Path) -> tuple[str, Facts] | None:
+    head = _read_head(path)
+    title = TITLE.search(head)
+    said = unescape(title[1].decode("utf-8", "replace")).strip() if title else path.name
+    return (REPORT, {"summary": said}) if GENERATOR in head else None
+
+
 def _read_json(path: Path) -> tuple[str, Facts] | None:
-    head = read_head(path)
+    head = _read_head(path)
     schema = SCHEMA.search(head)
     if schema is not None:
         known = JSON_FACTS.get(schema[1])
@@ -181,10 +182,14 @@ def _read_json(path: Path) -> tuple[str, Facts] | None:
 
 
 def _model_facts(path: Path) -> tuple[str, Facts]:
-    content = read_json(path)
+    content = _read_object(path)
     provenance = content.get("provenance") or {}
     costs = provenance.get("cost_J_percent") or []
-    validation, fit = (_mean(c["J"] for c in costs if c["role"] == role) for role in ("validation", "identification"))
+
+    def mean_J(role: str) -> float | None:
+        values = [value for c in costs if c["role"] == role and (value := number(c["J"])) is not None]
+        return sum(values) / len(values) if values else None
+
     structure, certificate = str(content["structure"]).removesuffix("_narx"), content["certificate"]
     # a polynomial's size without the proof of its bounds, which takes milliseconds
     size = f"{len(content['terms'])} terms" if structure == "polynomial" else load_model(path).size
@@ -192,8 +197,8 @@ def _model_facts(path: Path) -> tuple[str, Facts]:
         "structure": structure,
         "size": size,
         "summary": f"{structure}, {size}",
-        "cost_J": validation,
-        "fit_J": fit,
+        "cost_J": mean_J("validation"),
+        "fit_J": mean_J("identification"),
         "rate_Hz": float(content["sampling"]["rate_Hz"]),
         "recordings": [str(one["recording"]) for one in provenance.get("identification") or []],
         "validation": [str(one["recording"]) for one in provenance.get("validation") or []],
@@ -203,7 +208,7 @@ def _model_facts(path: Path) -> tuple[str, Facts]:
 
 
 def _diagnosis_facts(path: Path) -> tuple[str, Facts]:
-    content = read_json(path)
+    content = _read_object(path)
     number(content["composition"]["gap_after_N"])
     return RESULT, {
         "what": "diagnosis",
@@ -215,14 +220,14 @@ def _diagnosis_facts(path: Path) -> tuple[str, Facts]:
 
 
 def _stroke_facts(path: Path) -> tuple[str, Facts]:
-    content = read_json(path)
+    content = _read_object(path)
     first, confirmed = 1e3 * float(content["first_error_m"]), 1e3 * float(content["confirmed_error_m"])
     runs = int(content["iterations"])
     said = f"error {first:.3f} mm before, {confirmed:.3f} mm after {runs} runs; {content['stopped']}"
     return RESULT, {"what": "learned stroke", "summary": said}
 
 
-def _campaign_facts(rows: list[dict[str, Any]]) -> Facts:
+def _campaign_facts(rows: list[Facts]) -> Facts:
     done = [row for row in rows if row["status"] == DONE]
     costs = [float(row["selection_J"]) for row in done if row["selection_J"] is not None]
     counts = f"{len(done)} models" + (f", {len(rows) - len(done)} failed" if len(done) < len(rows) else "")
@@ -230,13 +235,13 @@ def _campaign_facts(rows: list[dict[str, Any]]) -> Facts:
     return {"what": "campaign", "summary": f"{counts}: {structures}", "cost_J": min(costs, default=None)}
 
 
-def _fleet_facts(rows: list[dict[str, Any]]) -> Facts:
+def _fleet_facts(rows: list[Facts]) -> Facts:
     verdicts = Counter(str(row["verdict"]).replace("_", " ") for row in rows if row["status"] == DONE)
     said = ", ".join(f"{count} {verdict}" for verdict, count in verdicts.most_common()) or "none diagnosed"
     return {"what": "fleet", "summary": f"{len(rows)} units: {said}", "units": [str(row["name"]) for row in rows]}
 
 
-def _iteration_facts(rows: list[dict[str, Any]]) -> Facts:
+def _iteration_facts(rows: list[Facts]) -> Facts:
     if not rows:
         return {"what": "iteration", "summary": "no iteration finished yet"}
     fresh = number(rows[-1]["fresh_J"])
@@ -250,7 +255,7 @@ JSON_FACTS: dict[bytes, Callable[[Path], tuple[str, Facts]]] = {
     b"ces-gap": _diagnosis_facts,
     b"ces-learned-stroke": _stroke_facts,
 }
-ROW_FACTS: dict[str, Callable[[list[dict[str, Any]]], Facts]] = {
+ROW_FACTS: dict[str, Callable[[list[Facts]], Facts]] = {
     "results.jsonl": _campaign_facts,
     "fleet.jsonl": _fleet_facts,
     "iterations.jsonl": _iteration_facts,
@@ -266,31 +271,42 @@ def number(value: object) -> float | None:
     return float(value)
 
 
-def _mean(costs: Iterable[Any]) -> float | None:
-    values = [value for value in map(number, costs) if value is not None]
-    return sum(values) / len(values) if values else None
-
-
-def _read_title(path: Path) -> str:
-    found = TITLE.search(read_head(path))
-    return unescape(found[1].decode("utf-8", "replace")).strip() if found else path.name
-
-
-def _is_our_page(path: Path) -> bool:
-    """Return whether a page was written by our programs, by its head or its last lines."""
-    if GENERATOR in read_head(path):
-        return True
+def _read_head(path: Path, count: int = HEAD_BYTES) -> bytes:
+    """Return the first bytes of a regular file; raises UnreadableError or OSError."""
+    if not stat.S_ISREG(path.stat().st_mode):  # opening a pipe would wait
+        raise UnreadableError("not a regular file")
     with path.open("rb") as file:
-        file.seek(max(0, path.stat().st_size - 2000))
-        return FOOTER in file.read(2000) or path.name == "fleet.html"
+        return file.read(count)
 
 
-def _explain(error: Exception) -> str:
-    """Return why a file cannot be read, in one line without its path."""
-    if isinstance(error, UnreadableError):
-        return str(error)
-    if isinstance(error, OSError):
-        return f"cannot be read: {error.strerror or error}"
-    if isinstance(error, CesError):
-        return str(error).partition(": ")[2] or str(error)
-    return f"no key {error}" if isinstance(error, KeyError) else f"not the content that our programs write: {error}"
+def _read_object(path: Path) -> Facts:
+    """Return the object in a JSON file; raises UnreadableError or OSError."""
+    return _parse_object(_read_whole(path, MAX_JSON_BYTES))
+
+
+def _read_rows(path: Path) -> list[Facts]:
+    """Return the rows of a file with one JSON object a line; an incomplete last line is one that is being written."""
+    rows = []
+    for number, line in enumerate(_read_whole(path, MAX_ROWS_BYTES).rpartition(b"\n")[0].splitlines(), start=1):
+        try:
+            rows.append(_parse_object(line))
+        except UnreadableError as error:
+            raise UnreadableError(f"line {number}: {error}") from None
+    return rows
+
+
+def _read_whole(path: Path, max_bytes: int) -> bytes:
+    raw = _read_head(path, max_bytes + 1)
+    if len(raw) > max_bytes:
+        raise UnreadableError(f"larger than {max_bytes // 1_000_000} MB")
+    return raw
+
+
+def _parse_object(raw: bytes) -> Facts:
+    try:
+        value = json.loads(raw)
+    except (ValueError, RecursionError) as error:
+        raise UnreadableError(f"not complete JSON: {error}") from None
+    if not isinstance(value, dict):
+        raise UnreadableError("not a JSON object")
+    return value

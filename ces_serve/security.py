@@ -7,16 +7,10 @@ import socket
 
 from flask import Flask, Response, request
 
-PAGE_POLICY = (
-    "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
-    "base-uri 'none'; form-action 'self'; frame-ancestors 'none'"
-)
-# Pages from the folder: their own scripts and styles, as in the file, in an origin of their own, and no connections.
-FILE_POLICY = (
-    "sandbox allow-scripts allow-modals; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
-    "img-src data:; font-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
+POLICY = "Content-Security-Policy"
 HEADERS = {
+    POLICY: "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self' data:; connect-src 'self'; "
+    "base-uri 'none'; form-action 'self'; frame-ancestors 'none'",
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Referrer-Policy": "no-referrer",
@@ -24,10 +18,11 @@ HEADERS = {
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cache-Control": "no-store",
 }
-POLICY = "Content-Security-Policy"
-READING = ("GET", "HEAD")
-LOOPBACK_NAMES = ("localhost",)
-OTHER_SITES = ("cross-site", "same-site")
+# Pages from the folder: their own scripts and styles, as in the file, in an origin of their own, and no connections.
+FILE_POLICY = (
+    "sandbox allow-scripts allow-modals; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; "
+    "img-src data:; font-src data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
 
 
 def protect(app: Flask, host: str) -> None:
@@ -35,25 +30,23 @@ def protect(app: Flask, host: str) -> None:
 
     @app.before_request
     def check() -> Response | None:
-        if request.method not in READING:
-            return _refuse(405, "this server only shows; it takes GET and HEAD")
-        if not is_own_name(request.host, host):
-            return _refuse(421, "unknown Host; open the address that ces serve has printed")
-        navigates = request.headers.get("Sec-Fetch-Mode") == "navigate"
-        if request.headers.get("Sec-Fetch-Site") in OTHER_SITES and not navigates:
-            return _refuse(403, "requests from other sites are refused")
-        return None
+        from_other_site = request.headers.get("Sec-Fetch-Site") in ("cross-site", "same-site")
+        if request.method not in ("GET", "HEAD"):
+            status, reason = 405, "this server only shows; it takes GET and HEAD"
+        elif not is_own_name(request.host, host):
+            status, reason = 421, "unknown Host; open the address that ces serve has printed"
+        elif from_other_site and request.headers.get("Sec-Fetch-Mode") != "navigate":
+            status, reason = 403, "requests from other sites are refused"
+        else:
+            return None
+        # without the frame of the pages, which names the folder: who asks may be another site
+        return Response(f"{reason}\n", status, mimetype="text/plain")
 
     @app.after_request
     def complete(response: Response) -> Response:
-        for name, value in {**HEADERS, POLICY: PAGE_POLICY}.items():
+        for name, value in HEADERS.items():
             response.headers.setdefault(name, value)
         return response
-
-
-def _refuse(status: int, reason: str) -> Response:
-    """Return a refusal without the frame of the pages, which names the folder: who asks may be another site."""
-    return Response(f"{reason}\n", status, mimetype="text/plain")
 
 
 def is_own_name(host_header: str, bound: str) -> bool:
@@ -63,29 +56,19 @@ def is_own_name(host_header: str, bound: str) -> bool:
     names are right, with any port, which a tunnel may change; on another address also this computer's name, and all
     addresses, which are no names.
     """
-    name, shared = _strip_port(host_header).lower(), not is_loopback(bound)
-    if name in (*LOOPBACK_NAMES, bound.lower()) or (shared and name in _own_names()):
-        return True
+    bracketed = host_header.startswith("[")
+    name = (host_header[1:].partition("]") if bracketed else host_header.partition(":"))[0].lower()
+    own, shared = socket.gethostname().lower(), not is_loopback(bound)
     address = _parse_address(name)
-    return address is not None and (address.is_loopback or shared)
+    if address is not None and (shared or address.is_loopback):
+        return True
+    return name in ("localhost", bound.lower()) or (shared and name in (own, f"{own}.local"))
 
 
 def is_loopback(host: str) -> bool:
     """Return whether `host`, a name or an address, is this computer only."""
     address = _parse_address(host)
-    return host.lower() in LOOPBACK_NAMES if address is None else address.is_loopback
-
-
-def _own_names() -> tuple[str, str]:
-    """Return the names by which a network knows this computer."""
-    name = socket.gethostname().lower()
-    return name, f"{name}.local"
-
-
-def _strip_port(host: str) -> str:
-    if host.startswith("["):
-        return host[1:].partition("]")[0]
-    return host if host.count(":") > 1 else host.partition(":")[0]
+    return host.lower() == "localhost" if address is None else address.is_loopback
 
 
 def _parse_address(text: str) -> ipaddress.IPv4Address | ipaddress.IPv6Address | None:

@@ -6,12 +6,11 @@ internet, for want of speed and hardening. Here one person looks at files of thi
 
 from __future__ import annotations
 
-import errno
 import socket
 import threading
 from pathlib import Path
 
-from werkzeug.serving import BaseWSGIServer, WSGIRequestHandler, make_server
+from werkzeug.serving import WSGIRequestHandler, make_server
 
 from ces_observer.errors import CesError
 from ces_serve.app import Site, make_app
@@ -41,11 +40,21 @@ class PageServer:
     """
 
     def __init__(self, folder: Path, host: str, port: int, signals: Path | None = None) -> None:
-        self._site = Site.open(folder, signals)
-        self._server = _listen(self._site, host, port)
-        everywhere = host in EVERYWHERE
-        self.url = _url(socket.gethostname() if everywhere else host, self._server.port)
-        self.local_url = _url("localhost", self._server.port) if everywhere else self.url
+        self._site = Site(folder, signals)
+        try:  # Werkzeug would end the program if the port is taken, and has a descriptor of its own afterwards
+            with socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET, socket.SOCK_STREAM) as listener:
+                listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+                listener.bind((host, port))
+                listener.listen()
+                app, fd = make_app(self._site, host), listener.fileno()
+                self._server = make_server(host, port, app, threaded=True, request_handler=QuietHandler, fd=fd)
+        except OSError as error:
+            reason, remedy = error.strerror or error, "choose another with --port, or 0 for a free one"
+            raise CesError(f"cannot listen on {host}, port {port}: {reason}; {remedy}") from None
+        names = (socket.gethostname(), "localhost") if host in EVERYWHERE else (host, host)
+        self.url, self.local_url = (
+            f"http://{f'[{name}]' if ':' in name else name}:{self._server.port}/" for name in names
+        )
 
     def run(self) -> None:
         """Serve until Ctrl-C or `stop`."""
@@ -59,31 +68,3 @@ class PageServer:
     def stop(self) -> None:
         """End `run`, called in another thread."""
         self._server.shutdown()
-
-
-def _url(host: str, port: int) -> str:
-    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
-
-
-def _listen(site: Site, host: str, port: int) -> BaseWSGIServer:
-    """Return the listening server. The socket is opened here: Werkzeug would end the program if that fails."""
-    family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listener = socket.socket(family, socket.SOCK_STREAM)
-    try:
-        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        listener.bind((host, port))
-        listener.listen()
-        app = make_app(site, host)
-        return make_server(host, port, app, threaded=True, request_handler=QuietHandler, fd=listener.fileno())
-    except OSError as error:
-        raise CesError(_explain(error, host, port)) from None
-    finally:
-        listener.close()  # the server has a descriptor of its own
-
-
-def _explain(error: OSError, host: str, port: int) -> str:
-    if error.errno == errno.EADDRINUSE:
-        return f"port {port} of {host} is in use; choose another with --port, or 0 for a free one"
-    if error.errno == errno.EACCES:
-        return f"port {port} needs special rights; choose one from 1024 on with --port"
-    return f"cannot listen on {host}, port {port}: {error.strerror or error}"

@@ -1,7 +1,8 @@
 """Work that takes seconds, each in a process of its own: pages ask for it again until its result is there.
 
-`Works` is the server's side; run as a program, this module is the process: a task as JSON in, a file with the result
-out. Memory, files and time of the process are limited: a small recording may unpack to any size.
+`Works` is the server's side; run as a program, this module is the process, which reads a recording or compares models:
+a task as JSON in, a file with the result out. Its memory, files and time are limited: a small recording may unpack to
+any size.
 """
 
 from __future__ import annotations
@@ -19,16 +20,42 @@ import warnings
 from collections import OrderedDict
 from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ces_data.bags.reader import list_topics, read_recording
+from ces_data.checks.check import find_all_faults
+from ces_data.findings import Finding, require_usable
+from ces_data.recording import Recording
+from ces_data.samples import channel_stats
+from ces_data.signals_file import load_signals
+from ces_identify.comparison.compared_models import make_compared_model, name_sources
+from ces_identify.comparison.comparison import compare
+from ces_identify.comparison.comparison_report import comparison_page
+from ces_identify.simulations.simulation import ModelSimulation
 from ces_observer.errors import CesError
+from ces_observer.model import load_model
+from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, series_css
+from ces_serve.contents import WIDTH, PageContent, PageTable
+from ces_serve.items import format_number
 
 MAX_RUNNING, MAX_KEPT = 2, 32
-LIMIT_S = 180
+LIMIT_S = 180  # [s] for each
 LIMITS = ((resource.RLIMIT_AS, 8 << 30), (resource.RLIMIT_FSIZE, 8 << 30), (resource.RLIMIT_CORE, 0))
 NEED = ("position", "current", "force")
+FORMS = {  # of the columns: the statistic, its heading and its form
+    "count": ("samples", "d"),
+    "duration_s": ("s", ".2f"),
+    "rate_Hz": ("Hz", ".1f"),
+    "jitter_s": ("jitter s", ".2g"),
+    "gaps": ("gaps", "d"),
+    "low": ("from", ".4g"),
+    "high": ("to", ".4g"),
+}
+MAX_POINTS = 5000  # of a line
 
 
 @dataclass(frozen=True)
@@ -60,11 +87,6 @@ class Works:
                 self._running[key] = self._start(key, task)
             return self._ended.get(key, WorkState())
 
-    def find(self, key: str) -> str | None:
-        """Return a result that is kept."""
-        with self._lock:
-            return self._ended.get(key, WorkState()).result
-
     def close(self) -> None:
         """End all processes and remove their files."""
         with self._lock:
@@ -80,10 +102,9 @@ class Works:
         folder.mkdir(parents=True, exist_ok=True)
         words = [sys.executable, "-m", "ces_serve.work", json.dumps(task), str(folder / "result")]
         with (folder / "errors").open("wb") as errors:
-            environment = {**os.environ, "TMPDIR": str(folder)}
-            return subprocess.Popen(
-                words, stdin=subprocess.DEVNULL, stdout=errors, stderr=errors, start_new_session=True, env=environment
-            )
+            own = os.environ | {"TMPDIR": str(folder)}
+            nothing = subprocess.DEVNULL
+            return subprocess.Popen(words, stdin=nothing, stdout=errors, stderr=errors, start_new_session=True, env=own)
 
     def _collect(self, key: str, status: int) -> WorkState:
         """Return what a process has left, and remove its files."""
@@ -101,9 +122,6 @@ class Works:
 
 def main(task: str, out: str) -> int:
     """Do a task and write its result to the file `out`; returns 0, or 1 with the reason on standard error."""
-    from ces_serve.contents import to_json
-    from ces_serve.inspection import inspect_recording
-
     for kind, limit in LIMITS:
         hard = resource.getrlimit(kind)[1]
         value = limit if hard == resource.RLIM_INFINITY else min(limit, hard)
@@ -114,7 +132,7 @@ def main(task: str, out: str) -> int:
         if "models" in given:
             text = compare_files(given["models"], given["bags"], given["signals"])
         else:
-            text = to_json(inspect_recording(given["path"], given["signals"]))
+            text = json.dumps(asdict(inspect_recording(given["bags"][0], given["signals"])))
         Path(out).write_text(text, encoding="utf-8")
     except (CesError, OSError, MemoryError) as error:
         print(str(error) or "not enough memory", file=sys.stderr)
@@ -124,15 +142,6 @@ def main(task: str, out: str) -> int:
 
 def compare_files(models: list[str], bags: list[str], signals: str | None) -> str:
     """Return the page that compares model files on bags; raises CesError."""
-    from ces_data.bags.reader import read_recording
-    from ces_data.findings import require_usable
-    from ces_data.signals_file import load_signals
-    from ces_identify.comparison.compared_models import make_compared_model, name_sources
-    from ces_identify.comparison.comparison import compare
-    from ces_identify.comparison.comparison_report import comparison_page
-    from ces_identify.simulations.simulation import ModelSimulation
-    from ces_observer.model import load_model
-
     described = load_signals(Path(signals) if signals else None)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of stamps; the pages of the recordings show them
@@ -144,6 +153,50 @@ def compare_files(models: list[str], bags: list[str], signals: str | None) -> st
         for name, path in zip(name_sources(models), models, strict=True)
     ]
     return comparison_page(compare(compared, recordings, (0.0, 1.0), timing=False))
+
+
+def inspect_recording(path: str, signals: str | None) -> PageContent:
+    """Return signals with statistics, findings, a chart and the other topics of a recording. Raises CesError."""
+    described = load_signals(Path(signals) if signals else None)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        recording = read_recording(Path(path), described)
+        topics = list_topics(Path(path))
+    found = (*find_all_faults(recording), *(Finding("warning", str(warning.message)) for warning in caught))
+    rows = []
+    for name, channel in recording.channels.items():
+        stats = asdict(channel_stats(channel))
+        texts = (format_number(stats[key], form).replace("nan", "–") for key, (_, form) in FORMS.items())
+        rows.append((f"{name} [{channel.unit}]", *texts))
+    rows += [(name, *["–"] * 5, *[format_number(value, ".4g")] * 2) for name, value in recording.constants.items()]
+    headings = ("signal", *(heading for heading, _ in FORMS.values()))
+    tables = [PageTable(caption="Signals", headings=headings, rows=rows)]
+    used = described.list_topic_signals()
+    others = [topic for topic in topics if not any(signal.matches(topic.name) for signal in used)]
+    if others:
+        cells = [(topic.name, topic.type, format_number(topic.count, "d")) for topic in others]
+        tables.append(PageTable(caption="Other topics", headings=("topic", "type", "messages"), rows=cells))
+    return PageContent(
+        facts=[("sha256", f"{recording.sha256[:16]}…")],
+        warnings=[f"{one.severity}: {one.text}" for one in found],
+        charts=_draw_signals(recording),
+        tables=tables,
+    )
+
+
+def _draw_signals(recording: Recording) -> list[str]:
+    """Return the signals against time, one area below the other."""
+    start_ns = min((int(c.stamps_ns.min()) for c in recording.channels.values() if len(c)), default=0)
+    areas = []
+    for k, (name, channel) in enumerate(recording.channels.items()):
+        if len(channel) < 2:
+            continue
+        order = np.argsort(channel.stamps_ns, kind="stable")
+        time_s = 1e-9 * np.asarray(channel.stamps_ns[order] - start_ns, np.float64)
+        line = PlotLine(name, time_s, np.asarray(channel.values[order], np.float64), series_css(k))
+        areas.append(PlotArea(f"{name.capitalize()} [{channel.unit}]", [line], height=110.0))
+    plot = Plot("signals", "Signals over time", "The signals as logged.", "Time [s]", areas, WIDTH, legend=False)
+    return [draw_plot(plot, MAX_POINTS)] if areas else []
 
 
 if __name__ == "__main__":

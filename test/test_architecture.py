@@ -46,7 +46,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "experiment refit regions diagnosis report pipeline api fleet"
     ),
     "ces_iterate": "errors commands plan design rigs loop stroke page",
-    "ces_serve": "folder items catalogue contents inspection work security app server",
+    "ces_serve": "items catalogue contents work security app server",
     "ces_cli": (
         "terminal bags blind compare diagnose iterate rig learn_stroke serve identify schemas schema versions main "
         "completion ros_program"

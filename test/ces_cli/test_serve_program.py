@@ -117,9 +117,8 @@ def test_a_port_in_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        assert f"port {port} of 127.0.0.1 is in use; choose another with --port" in error_line(
-            capsys, tmp_path, "--port", port
-        )
+        said = f"cannot listen on 127.0.0.1, port {port}: Address already in use; choose another with --port"
+        assert said in error_line(capsys, tmp_path, "--port", port)
 
 
 def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -14,8 +14,7 @@ from served_folders import described_model, fill_folder
 
 from ces_identify.progress_file import SearchProgressFile
 from ces_serve import items
-from ces_serve.catalogue import Catalogue, Listing
-from ces_serve.folder import ServedFolder
+from ces_serve.catalogue import Catalogue, Listing, ServedFolder
 
 
 def look(folder: Path) -> Listing:
@@ -71,7 +70,7 @@ def test_files_that_cannot_be_read_are_named_with_the_reason(tmp_path: Path) -> 
     assert found["huge.json"] == "larger than 8 MB"
     assert found["empty.json"] == "empty"
     assert found["model.json"] == found["binary.json"] == "no schema of ces_observer at its beginning"
-    assert found["null.json"] == "binary data, not JSON"
+    assert found["null.json"].startswith("not complete JSON")
     assert found["fleet.jsonl"].startswith("line 1: not complete JSON")
     assert found["iterations.jsonl"] == "line 1: not a JSON object"
     assert "no key" in found["results.jsonl"] and "no key" in found["keys.json"]
@@ -118,6 +117,7 @@ def test_links_that_leave_the_folder_are_not_followed(tmp_path: Path) -> None:
 
 def test_a_changed_file_is_read_again_and_others_are_not(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ces_serve.catalogue.FRESH_S", 0.0)
+    monkeypatch.setattr("ces_serve.catalogue.WALKS", 0.0)
     described_model(4.0).save(tmp_path / "a.json")
     described_model(4.0).save(tmp_path / "b.json")
     catalogue = Catalogue(ServedFolder(tmp_path))
@@ -132,6 +132,7 @@ def test_a_changed_file_is_read_again_and_others_are_not(tmp_path: Path, monkeyp
 
 def test_a_running_search_is_listed_until_it_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ces_serve.catalogue.FRESH_S", 0.0)
+    monkeypatch.setattr("ces_serve.catalogue.WALKS", 0.0)
     catalogue = Catalogue(ServedFolder(tmp_path))
     with SearchProgressFile("identify", tmp_path / "model.json", {}), SearchProgressFile("iterate", tmp_path, {}):
         assert sorted(search.path for search in catalogue.listing().searches) == [".", "model.json"]

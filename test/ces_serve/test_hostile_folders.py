@@ -15,7 +15,7 @@ from pathlib import Path
 from served_folders import STROKE
 
 from ces_serve.app import Site, make_app
-from ces_serve.items import format_time
+from ces_serve.items import Item
 
 HUGE = "1" + "0" * 400  # a whole number that no float holds
 START = {"seed": 1, "cost": 3.0, "size": 3, "ended": "running", "elapsed_s": 1.0}
@@ -63,7 +63,7 @@ HOSTILE: dict[str, Callable[[Path], object]] = {
 @pytest.mark.parametrize("name", HOSTILE)
 def test_every_page_of_a_hostile_folder_is_shown(name: str, tmp_path: Path) -> None:
     HOSTILE[name](tmp_path)
-    client = make_app(Site.open(tmp_path), "127.0.0.1").test_client()
+    client = make_app(Site(tmp_path), "127.0.0.1").test_client()
     overview = client.get("/")
     links = set(re.findall(r'href="(/(?:view|search|list)[^"]*)"', overview.text))
     assert {path: client.get(path).status_code for path in ("/", *links)} == dict.fromkeys(("/", *links), 200)
@@ -73,7 +73,7 @@ def test_every_page_of_a_hostile_folder_is_shown(name: str, tmp_path: Path) -> N
 def test_a_name_that_is_not_text_is_listed_with_the_remedy(tmp_path: Path) -> None:
     for name in (b"caf\xe9.mcap", b"two\nlines.mcap", b"back\\slash.mcap", b"caf\xe9.txt"):
         Path(os.fsdecode(os.fsencode(tmp_path) + b"/" + name)).write_bytes(b"")
-    page = make_app(Site.open(tmp_path), "127.0.0.1").test_client().get("/list/unreadable").text
+    page = make_app(Site(tmp_path), "127.0.0.1").test_client().get("/list/unreadable").text
     for name in ("caf\ufffd.mcap", "two\ufffdlines.mcap", "back\ufffdslash.mcap"):
         assert name in page
     assert page.count("not plain UTF-8 text; rename it") == 3 and "1970" not in page
@@ -82,4 +82,4 @@ def test_a_name_that_is_not_text_is_listed_with_the_remedy(tmp_path: Path) -> No
 
 @pytest.mark.parametrize("time_s", [1e15, -1e12, float("inf"), float("nan")])
 def test_a_time_that_no_calendar_has_is_a_dash(time_s: float) -> None:
-    assert format_time(time_s) == "–"
+    assert Item("model", "a.json", time_s).changed == "–"

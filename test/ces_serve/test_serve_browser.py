@@ -63,8 +63,7 @@ def test_two_models_are_compared_by_clicking(url: str) -> None:
         page.get_by_role("button", name="Compare").click()
         expect(page.get_by_label("recordings/sine_4hz")).to_be_checked()
         page.get_by_role("button", name="Compare").click()
-        page.wait_for_url("**/compare/page/*")
-        assert set(page.title().split()) == {"first", "and", "second", "on", "sine_4hz"}
+        expect(page).to_have_title(re.compile("(first and second|second and first) on sine_4hz"))
         costs = page.locator("table").first
         expect(costs).to_contain_text("first")
         expect(costs).to_contain_text("second")
@@ -96,7 +95,7 @@ def test_a_recording_shows_its_signals(url: str) -> None:
 
 def test_a_report_runs_its_own_script_in_an_origin_of_its_own(url: str) -> None:
     with own_page(f"{url}files/worn/report.html") as page:
-        assert page.evaluate("typeof cesPlots") == "object"
+        assert page.evaluate("typeof plots") == "object"
         assert page.evaluate("self.origin") == "null"
 
 

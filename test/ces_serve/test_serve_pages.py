@@ -35,7 +35,7 @@ def _always_new(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def open_client(folder: Path) -> FlaskClient:
-    return make_app(Site.open(folder), "127.0.0.1").test_client()
+    return make_app(Site(folder), "127.0.0.1").test_client()
 
 
 def text_of(client: FlaskClient, path: str) -> str:
@@ -176,7 +176,7 @@ def test_a_running_search_is_shown_and_followed_to_its_end(tmp_path: Path, searc
     assert "new.json: identify, best selection cost J = 30.00 %" in text_of(client, "/")
     search.write({"seed": 2, "cost": 12.5, "size": 5, "ended": "no candidates left"})
     page = text_of(client, "/search/new.json")
-    assert "12.500" in page and "1 of 4" in page and "noise" in page and 'id="search-plot"' in page
+    assert "J = 12.50 %" in page and "1 of 4" in page and "noise" in page and 'id="search-plot"' in page
     assert 'http-equiv="refresh"' in page and 'http-equiv="refresh"' in text_of(client, "/")
     described_model().save(tmp_path / "new.json")
     search.__exit__(None, None, None)
@@ -214,4 +214,3 @@ def test_what_cannot_be_compared_is_said(client: FlaskClient) -> None:
     )
     page = text_of(client, "/compare?model=first.json&model=second.json&model=../x")
     assert re.search(r'value="recordings/sine_4hz" checked', page)  # both were validated on it
-    assert client.get("/compare/page/0123").status_code == 404

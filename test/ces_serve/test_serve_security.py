@@ -31,7 +31,7 @@ def root(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def client(root: Path) -> FlaskClient:
-    return make_app(Site.open(root), "127.0.0.1").test_client()
+    return make_app(Site(root), "127.0.0.1").test_client()
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "PATCH", "OPTIONS", "TRACE"])
@@ -139,7 +139,7 @@ def test_no_page_leaves_the_folder(client: FlaskClient, page: str) -> None:
 def test_names_are_escaped(tmp_path: Path) -> None:
     described_model().save(tmp_path / "<img src=x onerror=alert(1)>.json")
     (tmp_path / "<b>.json").write_text("")
-    text = make_app(Site.open(tmp_path), "127.0.0.1").test_client().get("/").text
+    text = make_app(Site(tmp_path), "127.0.0.1").test_client().get("/").text
     assert "<img" not in text and "&lt;img src=x" in text and "&lt;b&gt;" in text
 
 

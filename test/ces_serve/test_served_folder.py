@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from ces_observer.errors import CesError
-from ces_serve.folder import NotServedError, ServedFolder
+from ces_serve.catalogue import NotServedError, ServedFolder
 
 
 @pytest.fixture

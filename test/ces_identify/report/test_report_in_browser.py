@@ -212,17 +212,6 @@ def test_charts_of_a_group_follow_each_other(pages: dict[str, Path]) -> None:
         assert ticks(page, "sf-before", 1) == ticks(page, "sf-after", 1) != first
 
 
-def test_a_command_can_be_copied(page: Any) -> None:
-    page.context.grant_permissions(["clipboard-read", "clipboard-write"])
-    button = page.locator(".command .copy")
-    button.evaluate(
-        "b => new MutationObserver(() => { b.dataset.said ??= b.textContent; }).observe(b, {childList: true})"
-    )
-    button.click()
-    wait_until(lambda: button.get_attribute("data-said") in ("Copied", "Selected"))  # it says so for two seconds only
-    assert page.evaluate("getSelection().toString() || navigator.clipboard.readText()") == COMMAND
-
-
 @pytest.mark.parametrize("which", ["report", "gap", "fleet"])
 def test_every_page_is_legible_on_screen_in_print_and_by_keys(pages: dict[str, Path], which: str) -> None:
     assert find_faults(pages[which]) == []
