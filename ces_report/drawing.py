@@ -190,9 +190,7 @@ def band(p: Panel, x: F, y: F, css: str) -> str:
 
     A column reaches to the first point of the next one, so a jump between two columns is drawn as well.
     """
-    finite = np.flatnonzero(np.isfinite(y))
-    column = np.floor(p.x.px(x[finite])).astype(int)
-    starts = np.flatnonzero(np.diff(column, prepend=column[:1] - 1))
+    finite, column, starts = _pixel_columns(p, x, y)
     if not len(starts):
         return ""
     pixels = p.y.px(y[finite])
@@ -206,14 +204,19 @@ def band(p: Panel, x: F, y: F, css: str) -> str:
 
 def corridor(p: Panel, x: F, low: F, high: F, css: str) -> str:
     """Return the area between `low` and `high` (n,), interrupted at pixel columns without a finite point."""
-    finite = np.flatnonzero(np.isfinite(low + high))
-    column = np.floor(p.x.px(x[finite])).astype(int)
-    starts = np.flatnonzero(np.diff(column, prepend=column[:1] - 1))
+    finite, column, starts = _pixel_columns(p, x, low + high)
     if not len(starts):
         return ""
     top = np.minimum.reduceat(p.y.px(np.minimum(high[finite], p.y.high)), starts)
     bottom = np.maximum.reduceat(p.y.px(np.maximum(low[finite], p.y.low)), starts)
     return _area(css, column[starts], top, bottom)
+
+
+def _pixel_columns(p: Panel, x: F, y: F) -> tuple[I, I, I]:
+    """Return the finite points, the pixel column of each, and the first point of each column among them."""
+    finite = np.flatnonzero(np.isfinite(y))
+    column = np.floor(p.x.px(x[finite])).astype(int)
+    return finite, column, np.flatnonzero(np.diff(column, prepend=column[:1] - 1))
 
 
 def ribbon(p: Panel, x: F, low: F, high: F, css: str) -> str:
@@ -233,15 +236,13 @@ def dots(p: Panel, x: F, y: F, css: str) -> str:
 
 def _area(css: str, column: I, top: F, bottom: F) -> str:
     """Return the area between two edges [px] over some pixel columns."""
-    filled = np.split(np.arange(len(column)), np.flatnonzero(np.diff(column) > 1) + 1)
-    return _path(css + " area", "".join(_loop(column[c], top[c], bottom[c]) for c in filled))
-
-
-def _loop(column: I, top: F, bottom: F) -> str:
-    x = np.concatenate([[column[0]], column + 0.5, [column[-1] + 1]])
-    there = zip(x, np.pad(top, 1, "edge"), strict=True)
-    back = zip(x[::-1], np.pad(bottom, 1, "edge")[::-1], strict=True)
-    return "M" + "L".join(f"{a:.1f},{b:.1f}" for a, b in (*there, *back)) + "Z"
+    loops = []
+    for c in np.split(np.arange(len(column)), np.flatnonzero(np.diff(column) > 1) + 1):
+        x = np.concatenate([[column[c[0]]], column[c] + 0.5, [column[c[-1]] + 1]])
+        there = zip(x, np.pad(top[c], 1, "edge"), strict=True)
+        back = zip(x[::-1], np.pad(bottom[c], 1, "edge")[::-1], strict=True)
+        loops.append("M" + "L".join(f"{a:.1f},{b:.1f}" for a, b in (*there, *back)) + "Z")
+    return _path(css + " area", "".join(loops))
 
 
 def _path(css: str, d: str) -> str:

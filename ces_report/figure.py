@@ -155,9 +155,13 @@ def draw_svg(plot: Plot, panels: Sequence[Panel]) -> Markup:
     """Return the figure of a plot in `panels`, one for each area."""
     parts = []
     for number, (area, p) in enumerate(zip(plot.areas, panels, strict=True)):
-        x_label = plot.x_label if has_x_axis(plot, number) else ""
-        parts.append(_clip(f"{plot.ident}-clip{number}", p))
-        parts.append(f'<g class="area">{_axes(area, p, x_label, plot.x_ticks, find_name_x(plot, p))}')
+        box = f'x="{p.x.start:.1f}" y="{p.y.stop - 2:.1f}" width="{p.x.stop - p.x.start:.1f}"'
+        box += f' height="{p.y.start - p.y.stop + 4:.1f}"'
+        parts.append(f'<clipPath id="{plot.ident}-clip{number}"><rect {box}/></clipPath>')
+        empty = not any(np.isfinite(values).any() for values in _values(area.marks, (-np.inf, np.inf)))
+        x_label, y_ticks = plot.x_label if has_x_axis(plot, number) else "", None if area.around_zero else area.y_ticks
+        frame = axes(p, x_label, area.y_label, plot.x_ticks, 0 if empty else y_ticks, find_name_x(plot, p))
+        parts.append(f'<g class="area">{frame}{note(p, NO_DATA) if empty else ""}')
         marks = [draw_mark(p, mark) for mark in area.marks]
         if area.whole and plot.x_view is not None:
             marks.append(p.rect(*plot.x_view, "window"))
@@ -168,15 +172,16 @@ def draw_svg(plot: Plot, panels: Sequence[Panel]) -> Markup:
 
 def lay_out(plot: Plot) -> list[Panel]:
     """Return the panel of each area as it is shown at first."""
-    full = x_range(plot)
-    margin = LEFT if plot.columns == 1 else COLUMN_LEFT
+    full, margin = x_range(plot), LEFT if plot.columns == 1 else COLUMN_LEFT
     pitch = (plot.width - RIGHT) / plot.columns
     out, top = [], TOP
     for number, area in enumerate(plot.areas):
         column = number % plot.columns
         view = full if area.whole or plot.x_view is None else plot.x_view
+        values = [*_values(area.marks, view), np.zeros(0)]
+        fitted = around_zero(np.concatenate(values)) if area.around_zero else span_of(*values)
         box = (margin + column * pitch, top, pitch - margin, area.height)
-        out.append(panel(view, _y_range(area, view), box))
+        out.append(panel(view, fitted if area.y_range is None else area.y_range, box))
         if column + 1 == plot.columns:
             labels_below = plot.columns == 1 and has_x_axis(plot, number)  # in columns nothing is below them
             top += area.height + BETWEEN + (X_AXIS - 6.0 if labels_below else 0.0)
@@ -206,17 +211,19 @@ def x_range(plot: Plot) -> tuple[float, float]:
 def draw_mark(p: Panel, mark: PlotMark) -> str:
     """Return a mark within the range of x of a panel."""
     if isinstance(mark, PlotBars):
-        css = mark.css
-        pairs = zip(mark.edges[:-1], mark.edges[1:], mark.values, strict=True)
-        return "".join(p.rect(a, b, css, min(v, 0.0), max(v, 0.0)) for a, b, v in pairs if np.isfinite(v) and v)
+        bars = zip(mark.edges[:-1], mark.edges[1:], mark.values, strict=True)
+        return "".join(p.rect(a, b, mark.css, min(v, 0.0), max(v, 0.0)) for a, b, v in bars if np.isfinite(v) and v)
     if isinstance(mark, PlotDots):
         return dots(p, mark.x, mark.y, mark.css)
-    if isinstance(mark, PlotShade):
-        return _shade(p, mark)
-    some = _visible(mark.x, p)
+    if isinstance(mark, PlotShade):  # each of its parts is at least a pixel wide
+        pixel = (p.x.high - p.x.low) / (p.x.stop - p.x.start)
+        spans = np.clip(mark.spans(pixel), p.x.low, p.x.high)
+        return "".join(p.rect(a, max(b, a + pixel), mark.css) for a, b in spans if b > a or p.x.low < a < p.x.high)
+    some = slice(None)
+    if len(mark.x) > 1 and not (np.diff(mark.x) < 0.0).any():
+        some = slice(int(np.searchsorted(mark.x, p.x.low)), int(np.searchsorted(mark.x, p.x.high, "right")))
     if isinstance(mark, PlotLine):
-        broken = None if mark.breaks is None else mark.breaks[some]
-        return line(p, mark.x[some], mark.y[some], mark.css, broken)
+        return line(p, mark.x[some], mark.y[some], mark.css, None if mark.breaks is None else mark.breaks[some])
     return _band(p, mark.x[some], mark.low[some], mark.high[some], mark.css)
 
 
@@ -230,27 +237,6 @@ def _band(p: Panel, x: F, low: F, high: F, css: str) -> str:
     return "".join(ribbon(p, x[some], low[some], high[some], f"{css} area") for some in shown)
 
 
-def _shade(p: Panel, mark: PlotShade) -> str:
-    """Return the visible parts of a shade, each at least a pixel wide."""
-    pixel = (p.x.high - p.x.low) / (p.x.stop - p.x.start)
-    spans = np.clip(mark.spans(pixel), p.x.low, p.x.high)
-    return "".join(p.rect(a, max(b, a + pixel), mark.css) for a, b in spans if b > a or p.x.low < a < p.x.high)
-
-
-def _visible(x: F, p: Panel) -> slice:
-    """Return the points in the panel's range of x, if they are in its order; all of them otherwise."""
-    if len(x) < 2 or (np.diff(x) < 0.0).any():
-        return slice(None)
-    return slice(int(np.searchsorted(x, p.x.low)), int(np.searchsorted(x, p.x.high, "right")))
-
-
-def _y_range(area: PlotArea, view: tuple[float, float]) -> tuple[float, float]:
-    if area.y_range is not None:
-        return area.y_range
-    values = [*_values(area.marks, view), np.zeros(0)]
-    return around_zero(np.concatenate(values)) if area.around_zero else span_of(*values)
-
-
 def _values(marks: Sequence[PlotMark], view: tuple[float, float]) -> Iterator[F]:
     """Yield the values of y that the range of the axis must show."""
     for mark in marks:
@@ -258,14 +244,3 @@ def _values(marks: Sequence[PlotMark], view: tuple[float, float]) -> Iterator[F]
             yield from (mark.values, np.zeros(1))
         elif isinstance(mark, PlotLine | PlotDots):
             yield mark.y[(mark.x >= view[0]) & (mark.x <= view[1])]
-
-
-def _axes(area: PlotArea, p: Panel, x_label: str, x_ticks: int, name_x: float) -> str:
-    empty = not any(np.isfinite(values).any() for values in _values(area.marks, (-np.inf, np.inf)))
-    ticks = 0 if empty else None if area.around_zero else area.y_ticks
-    return axes(p, x_label, area.y_label, x_ticks, ticks, name_x) + (note(p, NO_DATA) if empty else "")
-
-
-def _clip(ident: str, p: Panel) -> str:
-    box = f'x="{p.x.start:.1f}" y="{p.y.stop - 2:.1f}" width="{p.x.stop - p.x.start:.1f}"'
-    return f'<clipPath id="{ident}"><rect {box} height="{p.y.start - p.y.stop + 4:.1f}"/></clipPath>'

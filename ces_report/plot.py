@@ -8,7 +8,6 @@ from __future__ import annotations
 import base64
 import json
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -34,6 +33,21 @@ from ces_report.figure import (
 )
 from ces_report.typesetting import minus
 
+__all__ = [
+    "Plot",
+    "PlotArea",
+    "PlotBand",
+    "PlotBars",
+    "PlotDots",
+    "PlotLine",
+    "PlotMark",
+    "PlotShade",
+    "curve_css",
+    "draw_plot",
+    "series_css",
+    "share_points",
+]
+
 MAX_POINTS = 60_000  # of a line
 PAGE_BYTES = 2_700_000  # of a page with the data of all its charts
 FIGURE_BYTES = 200_000  # of the figures of a recording, without data
@@ -46,14 +60,6 @@ HEADS = ("Shown", "Points", "Lowest", "at", "Highest", "at", "Mean")
 SWATCHES = {"line": "M1,5h20", "dots": "M5,5h0M11,5h0M17,5h0"}
 
 
-@dataclass(frozen=True)
-class PackedPlot:
-    """The JSON text of a plot's data, and the largest number of samples that one point stands for."""
-
-    text: str
-    samples: int
-
-
 def share_points(lines: int, recordings: int = 4) -> int:
     """Return the points that each line may have on a page of `lines` lines in all, so that it stays below 3 MB.
 
@@ -63,8 +69,56 @@ def share_points(lines: int, recordings: int = 4) -> int:
     return int(min(MAX_POINTS, data / (POINT_BYTES * max(lines, 1))))
 
 
-def pack(plot: Plot, panels: Sequence[Panel], max_points: int = MAX_POINTS) -> PackedPlot:
-    """Return the data of a plot whose areas were drawn in `panels`; longer lines keep their extremes."""
+def draw_plot(plot: Plot, max_points: int = MAX_POINTS, table: Markup | None = None) -> Markup:
+    """Return a plot as HTML: legend, figure, data and a table of the values that it shows, or the given `table`.
+
+    Lines with more than `max_points` points keep the lowest and the highest value of groups of samples in the data,
+    and the plot says so; see `share_points` for pages with many lines.
+    """
+    panels = lay_out(plot)
+    data, samples = _pack(plot, panels, max_points)
+    kept = "" if samples == 1 else f"Data of this chart: lowest and highest of every {samples} samples."
+    group = Markup(' data-group="{}"').format(plot.group) if plot.group else Markup("")
+    return Markup('<div class="plot" id="{}-plot"{}>{}{}{}{}<script type="application/json">{}</script></div>').format(
+        plot.ident,
+        group,
+        _legend(plot) if plot.legend else "",
+        draw_svg(plot, panels),
+        Markup('<p class="plot-resolution">{}</p>').format(kept) if kept else "",
+        value_table(f"{plot.text} \u201cAt\u201d is {plot.x_label}.", HEADS, list(_rows(plot)))
+        if table is None
+        else table,
+        data,
+    )
+
+
+def _legend(plot: Plot) -> Markup:
+    """Return a list of the names of all marks, each with the swatch of the first mark of this name."""
+    named = [mark for area in plot.areas for mark in area.marks if mark.name]
+    first = {mark.name: next(one for one in named if one.name == mark.name) for mark in named}
+    entries = Markup("").join(
+        Markup('<li data-name="{}">{}{}</li>').format(name, _swatch(mark), name) for name, mark in first.items()
+    )
+    return Markup('<ul class="plot-legend">{}</ul>').format(entries) if entries else Markup("")
+
+
+def _swatch(mark: PlotMark) -> Markup:
+    """Return a small picture of how a mark is drawn."""
+    if isinstance(mark, PlotBars | PlotShade):
+        inner = Markup('<rect class="{}" x="1" y="0" width="20" height="10"/>').format(mark.css)
+    elif isinstance(mark, PlotBand):
+        inner = Markup('<path class="{} area" d="M1,0h20v10h-20Z"/>').format(mark.css)
+    else:
+        kind = "dots" if {"dots", "spot"} & set(mark.css.split()) else "line"
+        inner = Markup('<path class="{}" d="{}"/>').format(mark.css, SWATCHES[kind])
+    return Markup('<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true">{}</svg>').format(inner)
+
+
+def _pack(plot: Plot, panels: Sequence[Panel], max_points: int) -> tuple[Markup, int]:
+    """Return the JSON of a plot whose areas were drawn in `panels`, and how many samples two of its points stand for.
+
+    Lines that are longer keep their extremes. The JSON is the same text in HTML and in XML.
+    """
     packer = _Packer(max_points)
     areas = []
     for number, (area, p) in enumerate(zip(plot.areas, panels, strict=True)):
@@ -94,7 +148,9 @@ def pack(plot: Plot, panels: Sequence[Panel], max_points: int = MAX_POINTS) -> P
         "areas": areas,
         "arrays": packer.arrays,
     }
-    return PackedPlot(_as_text(content), packer.samples)
+    text = json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
+    safe = text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
+    return Markup(safe), packer.samples
 
 
 class _Packer:
@@ -113,32 +169,21 @@ class _Packer:
             return {**head, "kind": "bars", "x": self._add(mark.edges, wide=True), "y": self._add(mark.values)}
         if isinstance(mark, PlotDots):
             return {**head, "kind": "dots", "x": self._add(mark.x, wide=True), "y": self._add(mark.y)}
-        if isinstance(mark, PlotShade):
-            return {**head, "kind": "shade", "spans": _spans(mark)}
-        return {**head, **(self._line(mark) if isinstance(mark, PlotLine) else self._band(mark))}
-
-    def _line(self, mark: PlotLine) -> dict[str, Any]:
-        starts, size = self._groups(mark.x, mark.breaks)
-        breaks = np.zeros(0) if mark.breaks is None else np.flatnonzero(mark.breaks)
-        if size == 1:
-            x, y = mark.x, mark.y
-        else:
-            x, y = _centres(mark.x, starts), _extremes(mark.y, starts)
-            breaks = 2 * np.searchsorted(starts, breaks)
-        return {
-            "kind": "line",
-            "x": self._add(x, wide=True),
-            "y": self._add(y),
-            "breaks": [int(b) for b in breaks if b],
-        }
-
-    def _band(self, mark: PlotBand) -> dict[str, Any]:
-        starts, size = self._groups(mark.x, None)
-        x, low, high = mark.x, mark.low, mark.high
-        if size > 1:
-            x = _centres(x, starts)
-            low, high = np.repeat(np.fmin.reduceat(low, starts), 2), np.repeat(np.fmax.reduceat(high, starts), 2)
-        return {"kind": "band", "x": self._add(x, wide=True), "low": self._add(low), "high": self._add(high)}
+        if isinstance(mark, PlotShade):  # what is closer than the finest pixel is one
+            room = float(np.ptp(mark.x)) / MAX_POINTS if len(mark.x) else 0.0
+            return {**head, "kind": "shade", "spans": [[float(a), float(b)] for a, b in mark.spans(room)]}
+        breaks = mark.breaks if isinstance(mark, PlotLine) else None
+        starts, size = self._groups(mark.x, breaks)
+        x = self._add(mark.x if size == 1 else _centres(mark.x, starts), wide=True)
+        if isinstance(mark, PlotBand):
+            low, high = mark.low, mark.high
+            if size > 1:
+                low, high = np.repeat(np.fmin.reduceat(low, starts), 2), np.repeat(np.fmax.reduceat(high, starts), 2)
+            return {**head, "kind": "band", "x": x, "low": self._add(low), "high": self._add(high)}
+        y = self._add(mark.y if size == 1 else _extremes(mark.y, starts))
+        at = np.zeros(0) if breaks is None else np.flatnonzero(breaks)
+        at = at if size == 1 else 2 * np.searchsorted(starts, at)
+        return {**head, "kind": "line", "x": x, "y": y, "breaks": [int(b) for b in at if b]}
 
     def _groups(self, x: F, breaks: Mask | None) -> tuple[I, int]:
         """Return the first sample of each group that becomes two points, and the size of the groups (1: none)."""
@@ -193,140 +238,44 @@ def _encode(values: F, wide: bool) -> dict[str, Any]:
     low, high = float(values[finite].min()), float(values[finite].max())
     unit = (high - low) / steps or 1.0
     whole = np.where(finite, np.rint((np.where(finite, values, low) - low) / unit), steps + 1).astype(kind)
-    return {
-        "n": n,
-        "low": low,
-        "unit": unit,
-        "bits": 32 if wide else 16,
-        "data": base64.b64encode(whole.tobytes()).decode(),
-    }
-
-
-def _spans(mark: PlotShade) -> list[list[float]]:
-    """Return the ranges of x of a shade; what is closer than the finest pixel is one."""
-    room = float(np.ptp(mark.x)) / MAX_POINTS if len(mark.x) else 0.0
-    return [[float(a), float(b)] for a, b in mark.spans(room)]
-
-
-def _as_text(content: dict[str, Any]) -> str:
-    """Return JSON that is the same text in HTML and in XML."""
-    text = json.dumps(content, separators=(",", ":"), allow_nan=False, ensure_ascii=True)
-    return text.replace("&", "\\u0026").replace("<", "\\u003c").replace(">", "\\u003e")
-
-
-def plot_table(plot: Plot) -> Markup:
-    """Return the table of a plot: of each mark the number of its points, its extremes and its mean."""
-    return value_table(f"{plot.text} \u201cAt\u201d is {plot.x_label}.", HEADS, list(_rows(plot)))
+    data = base64.b64encode(whole.tobytes()).decode()
+    return {"n": n, "low": low, "unit": unit, "bits": 32 if wide else 16, "data": data}
 
 
 def value_table(caption: str, heads: Sequence[str], rows: Sequence[Sequence[str]]) -> Markup:
     """Return the values of a figure as a table that the reader can open; each row begins with its name."""
-    head = _join('<th scope="col">{}</th>', heads)
+
+    def join(element: str, texts: Sequence[str]) -> Markup:
+        return Markup("").join(Markup(element).format(text) for text in texts)
+
     body = Markup("").join(
-        Markup('<tr><th scope="row">{}</th>{}</tr>').format(name, _join('<td class="n">{}</td>', cells))
+        Markup('<tr><th scope="row">{}</th>{}</tr>').format(name, join('<td class="n">{}</td>', cells))
         for name, *cells in rows
     )
     return Markup(
         '<details class="plot-table"><summary>Values of this chart</summary><div class="wide"><table class="plain">'
         "<caption>{}</caption><thead><tr>{}</tr></thead><tbody>{}</tbody></table></div></details>"
-    ).format(caption, head, body)
-
-
-def _join(element: str, texts: Sequence[str]) -> Markup:
-    return Markup("").join(Markup(element).format(text) for text in texts)
+    ).format(caption, join('<th scope="col">{}</th>', heads), body)
 
 
 def _rows(plot: Plot) -> Iterator[tuple[str, ...]]:
-    """Yield a row for each mark; an area that repeats what another one shows has none."""
-    for area in (area for area in plot.areas if not area.whole):
-        for mark in area.marks:
-            same = area.y_label.lower().startswith(mark.name.lower())
-            for suffix, x, y in _values(mark):
-                name = area.y_label if same else f"{mark.name}{suffix}: {area.y_label}"
-                yield name, *_statistics(x, y)
-
-
-def _values(mark: PlotMark) -> Iterator[tuple[str, F, F]]:
-    if isinstance(mark, PlotBand):
-        yield from ((", lower end", mark.x, mark.low), (", upper end", mark.x, mark.high))
-    elif isinstance(mark, PlotBars):
-        yield "", 0.5 * (mark.edges[:-1] + mark.edges[1:]), mark.values
-    elif not isinstance(mark, PlotShade):
-        yield "", mark.x, mark.y
-
-
-def _statistics(x: F, y: F) -> tuple[str, ...]:
-    finite = np.isfinite(y)
-    if not finite.any():
-        return ("0", *["–"] * 5)
-    x, y = x[finite], y[finite]
-    low, high = int(y.argmin()), int(y.argmax())
-    numbers = (y[low], x[low], y[high], x[high], y.mean())
-    return (str(len(y)), *(minus(f"{float(v):.4g}") for v in numbers))
-
-
-__all__ = [
-    "Plot",
-    "PlotArea",
-    "PlotBand",
-    "PlotBars",
-    "PlotDots",
-    "PlotLine",
-    "PlotMark",
-    "PlotShade",
-    "curve_css",
-    "draw_plot",
-    "series_css",
-    "share_points",
-]
-
-
-def draw_plot(plot: Plot, max_points: int = MAX_POINTS, table: Markup | None = None) -> Markup:
-    """Return a plot as HTML: legend, figure, data and a table of the values that it shows, or the given `table`.
-
-    Lines with more than `max_points` points keep the lowest and the highest value of groups of samples in the data,
-    and the plot says so; see `share_points` for pages with many lines.
-    """
-    panels = lay_out(plot)
-    packed = pack(plot, panels, max_points)
-    group = Markup(' data-group="{}"').format(plot.group) if plot.group else Markup("")
-    return Markup('<div class="plot" id="{}-plot"{}>{}{}{}{}<script type="application/json">{}</script></div>').format(
-        plot.ident,
-        group,
-        _legend(plot) if plot.legend else "",
-        draw_svg(plot, panels),
-        _resolution(packed.samples),
-        plot_table(plot) if table is None else table,
-        Markup(packed.text),  # JSON with <, > and & as escape sequences
-    )
-
-
-def _legend(plot: Plot) -> Markup:
-    """Return a list of the names of all marks, each with the swatch of the first mark of this name."""
-    first: dict[str, PlotMark] = {}
-    for mark in (mark for area in plot.areas for mark in area.marks if mark.name):
-        first.setdefault(mark.name, mark)
-    entries = Markup("").join(
-        Markup('<li data-name="{}">{}{}</li>').format(name, _swatch(mark), name) for name, mark in first.items()
-    )
-    return Markup('<ul class="plot-legend">{}</ul>').format(entries) if entries else Markup("")
-
-
-def _swatch(mark: PlotMark) -> Markup:
-    """Return a small picture of how a mark is drawn."""
-    if isinstance(mark, PlotBars | PlotShade):
-        inner = Markup('<rect class="{}" x="1" y="0" width="20" height="10"/>').format(mark.css)
-    elif isinstance(mark, PlotBand):
-        inner = Markup('<path class="{} area" d="M1,0h20v10h-20Z"/>').format(mark.css)
-    else:
-        kind = "dots" if {"dots", "spot"} & set(mark.css.split()) else "line"
-        inner = Markup('<path class="{}" d="{}"/>').format(mark.css, SWATCHES[kind])
-    return Markup('<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true">{}</svg>').format(inner)
-
-
-def _resolution(samples: int) -> Markup:
-    if samples == 1:
-        return Markup("")
-    return Markup('<p class="plot-resolution">Data of this chart: lowest and highest of every {} samples.</p>').format(
-        samples
-    )
+    """Yield the number of points, the extremes and the mean of each mark; an area that repeats another one has none."""
+    for area, mark in ((one, mark) for one in plot.areas if not one.whole for mark in one.marks):
+        if isinstance(mark, PlotShade):
+            continue
+        if isinstance(mark, PlotBars):
+            x, values = 0.5 * (mark.edges[:-1] + mark.edges[1:]), {"": mark.values}
+        elif isinstance(mark, PlotBand):
+            x, values = mark.x, {", lower end": mark.low, ", upper end": mark.high}
+        else:
+            x, values = mark.x, {"": mark.y}
+        same = area.y_label.lower().startswith(mark.name.lower())
+        for suffix, y in values.items():
+            name = area.y_label if same else f"{mark.name}{suffix}: {area.y_label}"
+            some, at = y[np.isfinite(y)], x[np.isfinite(y)]
+            if not len(some):
+                yield name, "0", *["–"] * 5
+                continue
+            low, high = int(some.argmin()), int(some.argmax())
+            numbers = (some[low], at[low], some[high], at[high], some.mean())
+            yield name, str(len(some)), *(minus(f"{float(v):.4g}") for v in numbers)

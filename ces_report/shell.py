@@ -34,7 +34,9 @@ def page_template(name: str, package: str = HERE, styles: tuple[str, ...] = ()) 
     )
     css = [_resource(HERE, "report.css"), *(_resource(package, style) for style in styles)]
     environment.globals.update(css=Markup("\n".join(css)), version=__version__)  # our own style sheets: no escaping
-    environment.globals.update(script=Markup(_script()), policy=Markup(_policy()))
+    digest = base64.b64encode(hashlib.sha256(_script().encode()).digest()).decode()
+    policy = f"{POLICY}; script-src 'sha256-{digest}'"  # no network, no script but ours
+    environment.globals.update(script=Markup(_script()), policy=Markup(policy))
     environment.filters.update(readable=format_key, three_figures=three_figures, command=command_block)
     return environment.get_template(name)
 
@@ -62,12 +64,6 @@ def _script() -> str:
     """Return the script of all pages as text that HTML and XML read in the same way."""
     parts = "\n".join(_resource(HERE, name) for name in SCRIPTS)
     return f"//<![CDATA[\n{parts}\n//]]>"
-
-
-def _policy() -> str:
-    """Return the content security policy: no network, no script but ours."""
-    digest = base64.b64encode(hashlib.sha256(_script().encode()).digest()).decode()
-    return f"{POLICY}; script-src 'sha256-{digest}'"
 
 
 def _resource(package: str, name: str) -> str:
