@@ -5,7 +5,7 @@ The parameters of its node are the fields of its settings.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import chain, count
 from math import ceil
@@ -239,7 +239,7 @@ class LiveSensor:
 
     def __init__(self, sensor: Sensor, rng: Generator) -> None:
         self._sensor, self._rng = sensor, rng
-        self._normals = chain.from_iterable(rng.standard_normal(NORMALS).tolist() for _ in count())
+        self._normals: Iterator[float] = chain.from_iterable(rng.standard_normal(NORMALS).tolist() for _ in count())
         self.noise, self.dropout = 1.0, sensor.dropout
 
     def read(self, true: float) -> float | None:
