@@ -11,21 +11,50 @@ import re
 import shutil
 import tempfile
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
+from typing import Any
 
-from ces_identify.export.export_c import REASONS, export_c, identifier, render_text
+from ces_identify.export.export_c import REASONS, export_c, identifier, render_text, text_literal
 from ces_identify.export.replay_sequence import record_faults
-from ces_observer import __version__
+from ces_observer import __version__, damper_observer
 from ces_observer.errors import CesError, ModelError
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model
+from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, SIGNAL_KEYS
+from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate
 from ces_observer.signals import MAX_DELAY_S, Constant, Signal, Signals
 
 TEMPLATE = ".j2"
+WORDS = {
+    **REASONS,
+    "SILENT": damper_observer.SILENT,
+    "POSITION_NOT_FINITE": damper_observer.POSITION_NOT_FINITE,
+    "NO_CURRENT": damper_observer.NO_CURRENT,
+    "NO_MOTION": damper_observer.NO_MOTION,
+    "OFF_CLOCK": damper_observer.OFF_CLOCK,
+}  # for each reason, by its name in C++
+PYTHON_ONLY = frozenset(
+    {
+        "snapshot_service",
+        "snapshot_after_s",
+        "model",
+        "model_topic",
+        "allow_uncertified",
+        "compare_force",
+        "cost_warn_J",
+        "cost_window_s",
+    }
+)  # parameters of the Python node that the C++ node does not have
+MEANINGS = {
+    "executor": "what runs the callbacks of the program `observer`: 'events' (auto) is rclcpp's EventsExecutor, "
+    "'single' its SingleThreadedExecutor",
+    "name": "joint name in the estimate; empty: the one in position.field, else 'damper'",
+}  # of parameters that differ here from the Python node's
+MAX_FACTOR = 1e30  # scale, offset or constant: beyond any unit, and far from overflow
 NODE_MESSAGES = ("diagnostic_msgs", "sensor_msgs", "std_msgs")  # that the node needs for any model
 PACKAGE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 RESERVED = (
@@ -135,7 +164,7 @@ def _list_files(folder: Traversable, prefix: str = "") -> Iterator[tuple[str, st
 
 def _find_facts(model: Model, package: str, name: str, signals: Signals, certificate: Certificate) -> dict[str, object]:
     described = _describe_signals(model, signals)
-    types = sorted({signal.type for signal in described.values() if signal is not None and signal.type})
+    types = sorted({signal.type for signal in described.values() if signal.type})
     return {
         "package": package,
         "name": name,
@@ -145,9 +174,12 @@ def _find_facts(model: Model, package: str, name: str, signals: Signals, certifi
         "model": model,
         "certificate": certificate,
         "reasons": REASONS,
+        "words": WORDS,
         "motion": model.sampling.motion_signal,
         "band": model.band,
         "signals": described,
+        "parameters": _list_parameters(described),
+        "cpp_value": _cpp_value,
         "max_delay_s": MAX_DELAY_S,
         "types": [_find_header(one) for one in types],
         "messages": sorted({*NODE_MESSAGES, *(one.partition("/")[0] for one in types)}),
@@ -161,11 +193,32 @@ def _find_header(name: str) -> dict[str, str]:
     return {"name": name, "cpp": f"{package}::msg::{kind}", "header": f"{package}/msg/{words.lower()}.hpp"}
 
 
-def _describe_signals(model: Model, signals: Signals) -> dict[str, NodeSignal | None]:
-    """Return the signals that the node reads, by their constants in C++; None: to be set as parameters."""
+def _describe_signals(model: Model, signals: Signals) -> dict[str, NodeSignal]:
+    """Return the signals that the node reads, by name; one without a topic is to be set as parameters."""
     position = NodeSignal.from_signal(signals["position"])
     if position.constant is not None:
         raise CesError(f"{signals.source}: signal 'position' is constant; expected topic, type and field")
-    motion = signals.by_name.get(model.sampling.motion_signal)
-    measured = NodeSignal.from_signal(motion) if isinstance(motion, Signal) else None
-    return {"POSITION": position, "CURRENT": NodeSignal.from_signal(signals["current"]), "MOTION": measured}
+    described = {"position": position, "current": NodeSignal.from_signal(signals["current"])}
+    if name := model.sampling.motion_signal:
+        motion = signals.by_name.get(name)
+        described[name] = NodeSignal.from_signal(motion) if isinstance(motion, Signal) else NodeSignal(name)
+    return described
+
+
+def _list_parameters(signals: Mapping[str, NodeSignal]) -> list[Option]:
+    """Return the parameters of the Python node that the C++ node has, too, and those of its signals."""
+    common = [replace(one, meaning=MEANINGS.get(one.name, one.meaning)) for one in (*OF_THE_NODE, *OF_A_DAMPER, NAME)]
+    keys = ((name, signal, key) for name, signal in signals.items() for key in SIGNAL_KEYS)
+    return [one for one in common if one.name not in PYTHON_ONLY] + [
+        Option(f"{name}.{key}", getattr(signal, key), f"{name}: {SIGNAL_KEYS[key]}", -MAX_FACTOR, MAX_FACTOR)
+        for name, signal, key in keys
+    ]
+
+
+def _cpp_value(value: Any) -> str:
+    """Return the literal of a parameter's default."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list):
+        return f"std::vector<std::int64_t>{{{', '.join(map(str, value))}}}"
+    return text_literal(value) if isinstance(value, str) else repr(value).replace("inf", "HUGE_VAL")

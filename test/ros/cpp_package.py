@@ -19,8 +19,9 @@ FLAGS = ("-DBUILD_TESTING=ON", "-DCMAKE_CXX_FLAGS=-Werror", "-DCMAKE_C_FLAGS=-We
 def missing_tool() -> str:
     """Return what is missing to build such a package; empty: nothing."""
     prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if prefix]
-    if not any((prefix / "share" / "rclcpp_components").is_dir() for prefix in prefixes):
-        return "rclcpp_components"
+    for package in ("rclcpp_components", "diagnostic_updater"):
+        if not any((prefix / "share" / package).is_dir() for prefix in prefixes):
+            return package
     return next((tool for tool in ("colcon", "cmake", "c++") if shutil.which(tool) is None), "")
 
 

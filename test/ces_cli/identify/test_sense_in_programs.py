@@ -283,5 +283,6 @@ def test_an_exported_package_has_the_delays_of_the_signals_file():
     files = export_ros_package(model, "damper", signals, model.certify())
     parameters = yaml.safe_load(files["config/observer.yaml"])["/**"]["ros__parameters"]
     assert [parameters[name]["delay"] for name in ("position", "current")] == [0.02, -0.005]
-    assert "1.0, 0.0, 0.02, std::nullopt};" in files["src/model/signals.hpp"]
-    assert "1.0, 0.0, -0.005, std::nullopt};" in files["src/model/signals.hpp"]
+    compiled = files["src/model/parameters.hpp"]
+    assert '{"position.delay", rclcpp::ParameterValue(0.02)' in compiled
+    assert '{"current.delay", rclcpp::ParameterValue(-0.005)' in compiled

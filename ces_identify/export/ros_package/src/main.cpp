@@ -1,5 +1,8 @@
 // The program `observer`: the node with an executor of its own.
 
-#include "node/run.hpp"
+namespace ces
+{
+int run_observer(int argc, char ** argv);
+}
 
 int main(int argc, char ** argv) {return ces::run_observer(argc, argv);}

@@ -9,25 +9,19 @@
 //   e STAMP FORCE HALF_WIDTH POSITION SPEED                          the expected force, before the x of its position
 //   x CLAMPED REASON                                                 the expected count and reason after each position
 
-#include <cmath>
-#include <cstdint>
-#include <cstdio>
-#include <cstdlib>
 #include <fstream>
 #include <new>
 #include <sstream>
 #include <stdexcept>
-#include <string>
-#include <vector>
 
 #include "core/damper.hpp"
-#include "core/intake.hpp"
 
 namespace
 {
 
 constexpr double CLOSE = 1e-9;  // relative; absolute below 1
 constexpr int MAX_PRINTED = 10;
+constexpr std::size_t MAX_RELEASED = 100'000;  // positions that one event releases
 
 bool counting = false;
 std::uint64_t allocations = 0;
@@ -52,228 +46,175 @@ void operator delete[](void * memory, std::size_t) noexcept {std::free(memory);}
 namespace
 {
 
-using ces::Nanoseconds;
-
 struct Result
 {
-  Nanoseconds stamp = 0;
-  double force = 0.0, half_width = 0.0, position = 0.0, speed = 0.0;
-  bool has_force = false;
-  ces::Reason reason = ces::Reason::OK;
+  ces::Nanoseconds stamp = 0;  // 0: without a force
+  std::array<double, 4> numbers{};  // force, half-width or -1, position, speed
   std::uint64_t clamped = 0;
+  std::string reason;
 };
-
-// Keeps the results without allocating.
-class Results : public ces::EstimateSink
-{
-public:
-  explicit Results(std::size_t most) {results_.reserve(most);}
-
-  void attach(const ces::Damper & damper) {damper_ = &damper;}
-
-  void on_force(Nanoseconds stamp, const std::string &, double force_N) override
-  {
-    next_.has_force = true;
-    next_.stamp = stamp;
-    next_.force = force_N;
-    next_.half_width = damper_->half_width().value_or(-1.0);
-    next_.position = damper_->position();
-    next_.speed = damper_->speed();
-  }
-
-  void on_processed() override
-  {
-    next_.reason = damper_->reason();
-    next_.clamped = damper_->tally().clamped;
-    if (results_.size() < results_.capacity()) {results_.push_back(next_);}
-    next_ = Result();
-  }
-
-  const std::vector<Result> & all() const {return results_;}
-
-private:
-  const ces::Damper * damper_ = nullptr;
-  std::vector<Result> results_;
-  Result next_;
-};
-
-bool is_close(double one, double two)
-{
-  return std::fabs(one - two) <= CLOSE * std::fmax(1.0, std::fmax(std::fabs(one), std::fabs(two)));
-}
 
 bool is_equal(const Result & one, const Result & two)
 {
-  return one.has_force == two.has_force && one.stamp == two.stamp && one.reason == two.reason &&
-         one.clamped == two.clamped && is_close(one.force, two.force) && is_close(one.half_width, two.half_width) &&
-         is_close(one.position, two.position) && is_close(one.speed, two.speed);
-}
-
-struct Event
-{
-  char kind = ' ';
-  Nanoseconds stamp = 0, now = 0;
-  double value = 0.0;
-  std::string detail;
-};
-
-struct Sequence
-{
-  double wait_s = 0.0, max_age_s = 0.0;
-  std::vector<Event> events;
-  std::vector<Result> expected;
-};
-
-ces::Reason find_reason(const std::string & text)
-{
-  for (std::size_t k = 0; k < ces::REASON_TEXTS.size(); ++k) {
-    if (text == ces::REASON_TEXTS[k]) {return static_cast<ces::Reason>(k);}
+  for (std::size_t k = 0; k < one.numbers.size(); ++k) {
+    const double a = one.numbers[k], b = two.numbers[k];
+    if (!(std::fabs(a - b) <= CLOSE * std::max({1.0, std::fabs(a), std::fabs(b)}))) {return false;}
   }
-  throw std::runtime_error("unknown reason: " + text);
+  return one.stamp == two.stamp && one.clamped == two.clamped && one.reason == two.reason;
 }
 
-double read_number(std::istringstream & words)
+void print(const char * name, const Result & result)
+{
+  std::printf("  %s at %lld: %s,", name, static_cast<long long>(result.stamp), result.reason.c_str());
+  for (const double number : result.numbers) {std::printf(" %.17g", number);}
+  std::printf(" (N, +- N, m, m/s), %llu clamped\n", static_cast<unsigned long long>(result.clamped));
+}
+
+double read_number(std::istream & words)
 {
   std::string word;
   words >> word;
-  return std::strtod(word.c_str(), nullptr);
+  return std::strtod(word.c_str(), nullptr);  // nan and inf, too
 }
 
-void read_line(const std::string & line, Sequence & sequence, Result & next)
+std::string read_rest(std::istream & words)
 {
-  std::istringstream words(line);
-  std::string kind;
-  words >> kind;
-  if (kind == "settings") {
-    sequence.wait_s = read_number(words);
-    sequence.max_age_s = read_number(words);
-  } else if (kind == "e") {
-    words >> next.stamp;
-    next.has_force = true;
-    next.force = read_number(words);
-    next.half_width = read_number(words);
-    next.position = read_number(words);
-    next.speed = read_number(words);
-  } else if (kind == "x") {
-    words >> next.clamped;
-    std::string text;
-    std::getline(words >> std::ws, text);
-    next.reason = find_reason(text);
-    sequence.expected.push_back(next);
-    next = Result();
-  } else if (kind == "d") {
-    Event event;
-    event.kind = 'd';
-    std::getline(words >> std::ws, event.detail);
-    sequence.events.push_back(event);
-  } else {
-    Event event;
-    event.kind = kind.at(0);
-    words >> event.stamp;
-    event.value = read_number(words);
-    words >> event.now;
-    sequence.events.push_back(event);
-  }
+  std::string text;
+  std::getline(words >> std::ws, text);
+  return text;
 }
 
-Sequence read_sequence(const char * path)
+class Replay
+{
+public:
+  explicit Replay(std::istream & settings)
+  : damper_(
+      ces::SignalHold(ces::Model::MAX_CURRENT_AGE_S),
+      *ces::Model::MOTION ? ces::SignalHold(ces::Model::MAX_GAP_S) : ces::SignalHold(0.0, 0.0))
+  {
+    found_.reserve(MAX_RELEASED);
+    intake_.set_wait(read_number(settings));
+    damper_.set_max_age(read_number(settings));
+  }
+
+  // Take the line that begins with `kind`.
+  void take(char kind, std::istream & words)
+  {
+    if (kind == 'e') {
+      words >> expected_.stamp;
+      for (double & number : expected_.numbers) {number = read_number(words);}
+    } else if (kind == 'x') {
+      words >> expected_.clamped;
+      expected_.reason = read_rest(words);
+      compare();
+    } else if (kind == 'd') {
+      const auto expected = read_rest(words), detail = ces::text_of(damper_.reason()) + (": " + damper_.explain());
+      if (detail != expected && ++differing_) {
+        std::printf("detail is '%s', expected '%s'\n", detail.c_str(), expected.c_str());
+      }
+    } else {
+      finish_event();
+      ces::Nanoseconds stamp = 0, now = 0;
+      words >> stamp;
+      const auto value = read_number(words);
+      words >> now;
+      counting = std::isfinite(value);  // an error text may be allocated for other numbers
+      feed(kind, stamp, value, now);
+      counting = false;
+    }
+  }
+
+  int report()
+  {
+    finish_event();
+    if (expected_count_ == 0) {throw std::runtime_error("no results");}
+    std::printf("%d results expected, %d differ\n", expected_count_, differing_);
+    std::printf("%llu allocations with finite samples\n", static_cast<unsigned long long>(allocations));
+    return differing_ == 0 && allocations == 0 ? 0 : 1;
+  }
+
+private:
+  void feed(char kind, ces::Nanoseconds stamp, double value, ces::Nanoseconds now)
+  {
+    switch (kind) {
+      case 'c': return intake_.take_current(stamp, value, now);
+      case 'm': return intake_.take_motion(stamp, value, now);
+      case 'p': return intake_.take_position(stamp, value, "chassis", now);
+      case 'w': return intake_.release(now);
+      case 'r': return intake_.reset(now);
+      case 's': return damper_.report_silence();
+      default: throw std::runtime_error(std::string("unknown event ") + kind);
+    }
+  }
+
+  void on_estimate(ces::Nanoseconds stamp, std::optional<double> force)
+  {
+    counting = false;  // what is kept for the comparison
+    Result result;
+    if (force) {
+      result.stamp = stamp;
+      result.numbers = {*force, damper_.half_width().value_or(-1.0), damper_.position(), damper_.speed()};
+    }
+    result.clamped = damper_.tally().clamped;
+    result.reason = ces::text_of(damper_.reason());
+    found_.push_back(result);
+    counting = true;
+  }
+
+  void compare()
+  {
+    ++expected_count_;
+    if (place_ == found_.size()) {throw std::runtime_error("a result is missing");}
+    const auto & found = found_[place_++];
+    if (!is_equal(found, expected_) && ++differing_ <= MAX_PRINTED) {
+      std::printf("result %d\n", expected_count_);
+      print("found", found);
+      print("expected", expected_);
+    }
+    expected_ = Result();
+  }
+
+  // Check that all results of the last event were expected.
+  void finish_event()
+  {
+    if (place_ != found_.size()) {throw std::runtime_error("a result was not expected");}
+    found_.clear();
+    place_ = 0;
+  }
+
+  ces::Damper damper_;
+  ces::Intake intake_{damper_, [this](ces::Nanoseconds stamp, const std::string &, std::optional<double> force) {
+      on_estimate(stamp, force);
+    }};
+  std::vector<Result> found_;  // by the last event
+  std::size_t place_ = 0;  // of the next one to compare
+  Result expected_;
+  int expected_count_ = 0, differing_ = 0;
+};
+
+int replay(const std::string & path)
 {
   std::ifstream file(path);
-  if (!file) {throw std::runtime_error(std::string(path) + ": cannot be read");}
-  Sequence sequence;
-  Result next;
-  for (std::string line; std::getline(file, line); ) {
-    if (!line.empty() && line.front() != '#') {read_line(line, sequence, next);}
+  std::string word;
+  if (!(file >> word) || word != "settings") {throw std::runtime_error("cannot be read, or is no sequence");}
+  Replay replay(file);
+  std::string line;
+  while (std::getline(file >> std::ws, line)) {
+    std::istringstream words(line.substr(1));
+    replay.take(line.front(), words);
   }
-  if (sequence.expected.empty()) {throw std::runtime_error(std::string(path) + ": no results");}
-  return sequence;
-}
-
-// Feed the event; return the number of details that differ.
-int feed(const Event & event, ces::Damper & damper, ces::Intake & intake)
-{
-  counting = std::isfinite(event.value) && event.kind != 'd';  // an error text may be allocated for other numbers
-  switch (event.kind) {
-    case 'c': intake.take_current(event.stamp, event.value, event.now); break;
-    case 'm': intake.take_motion(event.stamp, event.value, event.now); break;
-    case 'p': intake.take_position(event.stamp, event.value, "chassis", event.now); break;
-    case 'w': intake.release(event.now); break;
-    case 'r': intake.reset(event.now); break;
-    case 's': damper.report_silence(); break;
-    case 'd': {
-      const auto detail = std::string(ces::text_of(damper.reason())) + ": " + damper.explain();
-      if (detail != event.detail) {
-        std::printf("detail is '%s', expected '%s'\n", detail.c_str(), event.detail.c_str());
-        return 1;
-      }
-      break;
-    }
-    default: throw std::runtime_error("unknown event");
-  }
-  counting = false;
-  return 0;
-}
-
-void print_result(const char * name, const Result & result)
-{
-  std::printf(
-    "  %s at %lld: %s, %.17g +- %.17g N, %.17g m, %.17g m/s, %llu clamped\n", name,
-    static_cast<long long>(result.stamp), ces::text_of(result.reason), result.force, result.half_width, result.position,
-    result.speed, static_cast<unsigned long long>(result.clamped));
-}
-
-void print_difference(std::size_t place, const Result & found, const Result & expected)
-{
-  std::printf("result %zu\n", place);
-  print_result("found", found);
-  print_result("expected", expected);
-}
-
-int compare(const std::vector<Result> & found, const std::vector<Result> & expected)
-{
-  int differing = found.size() == expected.size() ? 0 : 1;
-  for (std::size_t k = 0; k < found.size() && k < expected.size(); ++k) {
-    if (is_equal(found[k], expected[k])) {continue;}
-    if (++differing <= MAX_PRINTED) {print_difference(k, found[k], expected[k]);}
-  }
-  std::printf("%zu results, %zu expected, %d differ\n", found.size(), expected.size(), differing);
-  return differing;
-}
-
-ces::SignalHold make_motion()
-{
-  return *ces::Model::MOTION == '\0' ? ces::SignalHold::constant(0.0) :
-         ces::SignalHold::measured(ces::Model::MAX_GAP_S);
-}
-
-int replay(const char * path)
-{
-  const auto sequence = read_sequence(path);
-  Results results(sequence.expected.size() + 1);
-  ces::Damper damper(
-    ces::SignalHold::measured(ces::Model::MAX_CURRENT_AGE_S), make_motion(), sequence.max_age_s);
-  results.attach(damper);
-  ces::Intake intake(damper, results);
-  intake.set_wait(sequence.wait_s);
-  int differing = 0;
-  for (const auto & event : sequence.events) {differing += feed(event, damper, intake);}
-  differing += compare(results.all(), sequence.expected);
-  std::printf("%llu allocations with finite samples\n", static_cast<unsigned long long>(allocations));
-  return differing == 0 && allocations == 0 ? 0 : 1;
+  return replay.report();
 }
 
 }  // namespace
 
 int main(int argc, char ** argv)
 {
-  if (argc != 2) {
-    std::fprintf(stderr, "usage: replay FILE\n");
-    return 2;
-  }
+  const char * path = argc == 2 ? argv[1] : "test/sequence.txt";
   try {
-    return replay(argv[1]);
+    return replay(path);
   } catch (const std::exception & error) {
-    std::fprintf(stderr, "replay: %s\n", error.what());
+    std::fprintf(stderr, "replay: %s: %s\n", path, error.what());
     return 2;
   }
 }

@@ -1,17 +1,14 @@
 // The observer of one damper: samples in; a force, or the reason why it is withheld, and counts for diagnostics out.
 //
-// It does not use ROS: stamps are integers, and the node's time is an argument. After construction, `step` and the
-// `take` functions allocate nothing for finite samples.
-#ifndef CORE__DAMPER_HPP_
-#define CORE__DAMPER_HPP_
+// It does not use ROS: stamps are integers, and the node's time is an argument. `Intake` holds positions back that are
+// to wait for their current. With finite samples nothing is allocated after construction.
+#pragma once
 
-#include <cstdint>
-#include <optional>
-#include <string>
+#include <array>
+#include <cstdlib>
+#include <functional>
 
-#include "core/numbers.hpp"
-#include "core/reason.hpp"
-#include "core/signal_hold.hpp"
+#include "core/samples.hpp"
 #include "model/estimator.hpp"
 
 namespace ces
@@ -23,41 +20,89 @@ struct Tally
   std::uint64_t samples = 0, estimates = 0;
   std::uint64_t clamped = 0;  // forces from inputs outside the envelope
   std::uint64_t unreadable = 0;  // messages without the configured field
-  ByReason<std::uint64_t> withheld;
+  std::array<std::uint64_t, REASON_TEXTS.size()> withheld{};  // by reason
 
   std::uint64_t withheld_samples() const {return samples - estimates;}
 };
 
+enum Input : std::size_t {POSITION, CURRENT, MOTION};
+
 class Damper
 {
 public:
-  // `max_age_s` is the largest difference between a position's stamp and the node's clock, in either direction, at
-  // which its force is returned; 0 switches the check off. `motion` is the signal that the model needs beside the
-  // position.
-  Damper(SignalHold current, SignalHold motion, double max_age_s);
+  // `motion` is the signal that the model needs beside the position.
+  Damper(SignalHold current, SignalHold motion)
+  : current_(std::move(current)), motion_(std::move(motion)) {}
 
+  // The largest difference between a position's stamp and the node's clock, in either direction, at which its force is
+  // returned; 0 switches the check off.
   void set_max_age(double max_age_s) {max_age_ = to_ns(max_age_s);}
 
   // Forget all samples and currents, as after a time jump; keep counts.
-  void reset();
+  void reset()
+  {
+    current_.reset();
+    motion_.reset();
+    estimator_.reset();
+    if (reason_ != Reason::SILENT) {reason_ = Reason::WARMING_UP;}
+  }
 
-  void take_current(Nanoseconds stamp, double current_A);
-  void take_motion(Nanoseconds stamp, double value);
+  void take_current(Nanoseconds stamp, double current_A) {take(CURRENT, current_, stamp, current_A);}
+  void take_motion(Nanoseconds stamp, double value) {take(MOTION, motion_, stamp, value);}
 
   // The force [N] at `stamp`, or nothing with `reason` set; `now` is the node's clock.
-  std::optional<double> step(Nanoseconds stamp, double position_m, Nanoseconds now);
+  std::optional<double> step(Nanoseconds stamp, double position_m, Nanoseconds now)
+  {
+    ++tally_.samples;
+    stamp_ = stamp;
+    age_ = now - stamp;
+    errors_[POSITION].clear();
+    const double current = current_.at(stamp), motion = motion_.at(stamp);
+    const auto force = estimator_.step(stamp, position_m, current, motion);
+    reason_ = find_reason(force, position_m, current, motion);
+    if (reason_ != Reason::OK) {
+      ++tally_.withheld[reason_];
+      return std::nullopt;
+    }
+    ++tally_.estimates;
+    tally_.clamped += estimator_.is_clamped();
+    return force;
+  }
 
   // The half-width [N] of the band around the force that `step` has just returned; nothing without one.
-  std::optional<double> half_width() const;
+  std::optional<double> half_width() const
+  {
+    const double width = estimator_.half_width();
+    return std::isfinite(width) ? std::optional<double>(width) : std::nullopt;
+  }
 
-  void count_unreadable_position(const std::string & error) {count_unreadable(position_error_, error);}
-  void count_unreadable_current(const std::string & error) {count_unreadable(current_error_, error);}
-  void count_unreadable_motion(const std::string & error) {count_unreadable(motion_error_, error);}
+  // Count a message without its field; `error` explains missing samples.
+  void count_unreadable(Input input, const std::string & error)
+  {
+    ++tally_.unreadable;
+    errors_[input] = error;
+  }
 
   void report_silence() {reason_ = Reason::SILENT;}
 
   // Details of the reason, empty if there are none.
-  std::string explain() const;
+  std::string explain() const
+  {
+    switch (reason_) {
+      case Reason::SILENT:
+        return errors_[POSITION];
+      case Reason::NO_CURRENT:
+        return errors_[CURRENT].empty() ? current_.explain(stamp_, "current") : errors_[CURRENT];
+      case Reason::NO_MOTION:
+        return errors_[MOTION].empty() ? motion_.explain(stamp_, Model::MOTION) : errors_[MOTION];
+      case Reason::OFF_CLOCK:
+      case Reason::OUT_OF_ORDER:
+        if (stamp_ == 0) {return "the header stamp is 0: the publisher does not fill it in";}
+        return reason_ == Reason::OFF_CLOCK ? describe_clock_difference() : "";
+      default:
+        return "";
+    }
+  }
 
   Reason reason() const {return reason_;}
   Nanoseconds age() const {return age_;}
@@ -68,10 +113,35 @@ public:
   const SignalHold & motion() const {return motion_;}
 
 private:
-  void count_unreadable(std::string & last, const std::string & error);
-  Reason find_reason(std::optional<double> force, double position, double current, double motion) const;
-  bool is_off_clock() const;
-  std::string describe_clock_difference() const;
+  void take(Input input, SignalHold & signal, Nanoseconds stamp, double value)
+  {
+    errors_[input].clear();
+    if (!std::isfinite(value)) {
+      errors_[input] = std::string("the ") + (input == CURRENT ? "current" : Model::MOTION) + " is " +
+        (std::isnan(value) ? "nan" : format_number("%g", value));  // the sign of NaN is not shown
+    }
+    signal.add(stamp, value);
+  }
+
+  // The first of these rules that applies.
+  Reason find_reason(std::optional<double> force, double position, double current, double motion) const
+  {
+    if (!std::isfinite(position)) {return Reason::POSITION_NOT_FINITE;}
+    if (max_age_ != 0 && std::llabs(age_) > max_age_) {return Reason::OFF_CLOCK;}
+    if (!std::isfinite(current)) {return Reason::NO_CURRENT;}
+    if (!std::isfinite(motion)) {return Reason::NO_MOTION;}
+    if (!force) {return estimator_.reason();}
+    const bool finite =
+      std::isfinite(*force) && std::isfinite(estimator_.position()) && std::isfinite(estimator_.speed());
+    return finite ? Reason::OK : Reason::UNBOUNDED;
+  }
+
+  std::string describe_clock_difference() const
+  {
+    return format_number("%.3g", to_s(std::llabs(age_))) + " s " + (age_ > 0 ? "behind" : "ahead of") +
+           " it, max_age_s allows " + format_number("%g", to_s(max_age_)) +
+           " s; for a replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0";
+  }
 
   Estimator estimator_;
   SignalHold current_, motion_;
@@ -79,9 +149,123 @@ private:
   Tally tally_;
   Reason reason_ = Reason::SILENT;
   Nanoseconds stamp_ = 0, age_ = 0;
-  std::string position_error_, current_error_, motion_error_;
+  std::array<std::string, 3> errors_;  // by input
+};
+
+// Samples on their way to the estimator. A position that waits for a current stamped no earlier gives a force that
+// depends on the stamps alone, not on which of the two queues was read first.
+class Intake
+{
+public:
+  // Called after each position, in the order of their arrival, with its stamp, its frame and its force if it has one.
+  using OnEstimate = std::function<void(Nanoseconds, const std::string &, std::optional<double>)>;
+
+  Intake(Damper & damper, OnEstimate on_estimate)
+  : damper_(damper), on_estimate_(std::move(on_estimate)) {}
+
+  // Hold positions back for at most `wait_s` by the node's clock until their current is known; a constant always is.
+  void set_wait(double wait_s)
+  {
+    const bool measured = !damper_.current().is_constant() || !damper_.motion().is_constant();
+    wait_ = measured ? to_ns(wait_s) : 0;
+    if (wait_ > 0 && ring_.empty()) {
+      ring_.resize(MAX_POSITIONS + 1);
+      for (auto & position : ring_) {position.frame.reserve(FRAME_LENGTH);}
+    }
+  }
+
+  void take_current(Nanoseconds stamp, double current_A, Nanoseconds now)
+  {
+    damper_.take_current(stamp, current_A);
+    release(now);
+  }
+
+  void take_motion(Nanoseconds stamp, double value, Nanoseconds now)
+  {
+    damper_.take_motion(stamp, value);
+    release(now);
+  }
+
+  void take_position(Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now)
+  {
+    if (wait_ == 0 && count_ == 0) {
+      estimate(stamp, position_m, frame, now);
+      return;
+    }
+    auto & place = ring_[(first_ + count_++) % ring_.size()];
+    place.stamp = stamp;
+    place.metres = position_m;
+    place.frame.assign(frame);
+    place.arrival = now;
+    release(now);
+  }
+
+  // Estimate from the positions whose wait is over. A clock that was set back ends it, too. A position that arrived
+  // before simulated time began, at 0, waits from now.
+  void release(Nanoseconds now)
+  {
+    while (count_ > 0) {
+      auto & first = ring_[first_];
+      if (first.arrival == 0) {first.arrival = now;}
+      const bool waits = std::llabs(now - first.arrival) < wait_ && count_ <= MAX_POSITIONS;
+      if (waits && !is_known(first.stamp)) {return;}
+      estimate_first(now);
+    }
+  }
+
+  // Restart after a time jump; positions held back belong to the time before it.
+  void reset(Nanoseconds now)
+  {
+    while (count_ > 0) {estimate_first(now);}
+    damper_.reset();
+  }
+
+  // Begin anew after a failure, which may have left the estimator half changed.
+  void restart()
+  {
+    count_ = 0;
+    damper_.reset();
+  }
+
+private:
+  struct Position
+  {
+    Nanoseconds stamp = 0;
+    double metres = 0.0;
+    std::string frame;
+    Nanoseconds arrival = 0;
+  };
+
+  static constexpr std::size_t MAX_POSITIONS = 10'000;  // several seconds at 1 kHz; beyond it the oldest is released
+  static constexpr std::size_t FRAME_LENGTH = 64;
+
+  // Whether all measured signals that the model needs are known up to `stamp`.
+  bool is_known(Nanoseconds stamp) const
+  {
+    const auto reaches = [stamp](const SignalHold & signal) {
+        return signal.is_constant() || (signal.newest() && *signal.newest() >= stamp);
+      };
+    return reaches(damper_.current()) && reaches(damper_.motion());
+  }
+
+  void estimate_first(Nanoseconds now)
+  {
+    const auto & first = ring_[first_];
+    first_ = (first_ + 1) % ring_.size();
+    --count_;
+    estimate(first.stamp, first.metres, first.frame, now);
+  }
+
+  void estimate(Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now)
+  {
+    on_estimate_(stamp, frame, damper_.step(stamp, position_m, now));
+  }
+
+  Damper & damper_;
+  OnEstimate on_estimate_;
+  Nanoseconds wait_ = 0;
+  std::vector<Position> ring_;  // of the positions held back
+  std::size_t first_ = 0, count_ = 0;
 };
 
 }  // namespace ces
-
-#endif  // CORE__DAMPER_HPP_

@@ -1,22 +1,68 @@
-// Arrival statistics of one input topic: rate, age, jitter and lost messages.
-//
-// Stamps and arrival times go in one by one, each `roll` closes a window of figures; memory does not grow. The
-// period is learnt from the stamps and followed. An interval from 0.5 to 1.5 periods is usual and takes a few
-// additions; `take_rare` handles all others.
-#ifndef HEALTH__ARRIVALS_HPP_
-#define HEALTH__ARRIVALS_HPP_
+// Arrival statistics of an input topic: rate, age, jitter and lost messages.
+#pragma once
 
 #include <array>
-#include <cstddef>
-#include <cstdint>
-#include <limits>
-#include <optional>
+#include <cstdlib>
+#include <numeric>
 
-#include "core/numbers.hpp"
-#include "health/losses.hpp"
+#include "core/samples.hpp"
 
 namespace ces
 {
+
+// What became of samples that are missing in the stamps: paused source, lost on the way, or lost in the node's queue.
+//
+// Where the middleware numbers the messages of a publisher, their numbers tell pauses from losses. Where it does
+// not, only one cause is certain: the node's own queue was full, if the first message after the gap had waited for
+// as long as a full queue takes.
+class Losses
+{
+public:
+  // The topic's queue holds `depth` messages.
+  explicit Losses(std::size_t depth)
+  : depth_(static_cast<double>(depth)) {}
+
+  // Messages that did not reach the node's callback, by their numbers; nothing if they have no numbers.
+  std::optional<std::int64_t> lost() const {return lost_;}
+
+  // Those of them that the node's own queue dropped.
+  std::int64_t overflowed() const {return overflowed_;}
+
+  // Take the number of the next message.
+  void take_number(std::optional<std::uint64_t> number)
+  {
+    if (!number || switches_ > MAX_SWITCHES) {
+      lost_.reset();
+      return;
+    }
+    if (!last_) {
+      lost_ = 0;
+    } else if (*number > *last_) {
+      lost_ = lost_.value_or(0) + static_cast<std::int64_t>(*number - *last_) - 1;
+    } else {  // another publisher, or one that was started again
+      ++switches_;
+    }
+    last_ = number;
+  }
+
+  // Count `missing` samples as overflowed if the message after them had waited for a full queue; return this.
+  bool take_gap(std::int64_t missing, Nanoseconds waited, Nanoseconds period)
+  {
+    if (missing <= 0 || static_cast<double>(waited) < FULL_SHARE * depth_ * static_cast<double>(period)) {return false;}
+    overflowed_ += missing;
+    return true;
+  }
+
+private:
+  static constexpr double FULL_SHARE = 0.9;  // of the queue's length in time: the period is an average
+  static constexpr int MAX_SWITCHES = 20;  // more show that several publishers share the topic
+
+  double depth_;
+  std::optional<std::int64_t> lost_;
+  std::int64_t overflowed_ = 0;
+  std::optional<std::uint64_t> last_;
+  int switches_ = 0;
+};
 
 // One window of a topic. Counts named `total_` are since the start, the others in the window. `dropped` is
 // estimated from gaps in the stamps; it is unknown for messages without stamps. Of these samples `lost` are known
@@ -34,13 +80,15 @@ struct ArrivalFigures
   std::int64_t total_out_of_order = 0, total_duplicates = 0, total_interruptions = 0;
 };
 
+// Stamps and arrival times go in one by one, each `roll` closes a window of figures; memory does not grow. The
+// period is learnt from the stamps and followed. An interval from 0.5 to 1.5 periods is usual and takes a few
+// additions; `take_rare` handles all others.
 class Arrivals
 {
 public:
   // `losses` are those of the topic; without stamps in the messages, `take` gets their arrival instead.
   void set_topic(bool stamped, Losses & losses)
   {
-    stamped_ = stamped;
     figures_.has_dropped = stamped;
     losses_ = &losses;
   }
@@ -50,61 +98,165 @@ public:
   {
     const Nanoseconds age = now - stamp, step = stamp - newest_;
     age_sum_ += static_cast<double>(age);
-    if (age > max_age_) {max_age_ = age;}
-    if (short_ < step && step < long_) {
-      take_usual(stamp, step);
+    max_age_ = std::max(max_age_, age);
+    if (0.5 * period_ < static_cast<double>(step) && static_cast<double>(step) < 1.5 * period_) {
+      const auto deviation = static_cast<double>(step) - period_;
+      newest_ = stamp;
+      ++usual_;
+      deviation_ += deviation;
+      deviation2_ += deviation * deviation;
+      longest_ = std::max(longest_, step);
     } else {
       take_rare(stamp, step, now);
     }
-    if (now - now_ < close_) {
-      ++run_;
-    } else {
-      end_run();
-    }
+    run_ = static_cast<double>(now - now_) < 0.25 * period_ ? run_ + 1 : 0;
+    max_run_ = std::max(max_run_, run_);
     now_ = now;
   }
 
   // Close a window of `elapsed_s` seconds.
-  void roll(double elapsed_s);
+  void roll(double elapsed_s)
+  {
+    if (usual_ != streak_at_) {count_pending();}
+    missing_ = std::max(missing_, late_);
+    const auto count = static_cast<double>(usual_ - unmeasured_);  // usual intervals since the period was set
+    const auto mean = count > 0.0 ? deviation_ / count : 0.0;
+    const auto variance = count > 0.0 ? deviation2_ / count - mean * mean : 0.0;
+    ArrivalFigures next;
+    next.has_dropped = figures_.has_dropped;
+    next.total_samples = usual_ + rare_;
+    next.samples = next.total_samples - figures_.total_samples;
+    if (next.samples) {
+      next.mean_age_s = age_sum_ / static_cast<double>(next.samples) * 1e-9;
+      next.max_age_s = to_s(max_age_);
+      next.burst = max_run_ + 1;
+      // A window with a stall is none of usual ages.
+      const auto usual_s = figures_.samples ? std::min(figures_.mean_age_s, next.mean_age_s) : next.mean_age_s;
+      usual_age_ = static_cast<Nanoseconds>(usual_s * 1e9);
+    }
+    next.rate_Hz = elapsed_s > 0.0 ? static_cast<double>(next.samples) / elapsed_s : 0.0;
+    next.jitter_s = std::sqrt(std::max(0.0, variance)) * 1e-9;
+    next.longest_s = to_s(longest_);
+    if (next.has_dropped) {
+      next.total_dropped = missing_ - late_;
+      next.dropped = std::max(std::int64_t(0), next.total_dropped - figures_.total_dropped);
+      next.total_duplicates = duplicates_;
+    }
+    if (losses_ != nullptr) {
+      next.total_lost = losses_->lost();
+      if (next.total_lost) {next.lost = *next.total_lost - figures_.total_lost.value_or(0);}
+      next.total_overflowed = losses_->overflowed();
+      next.overflowed = next.total_overflowed - figures_.total_overflowed;
+    }
+    next.total_out_of_order = late_;
+    next.total_interruptions = interruptions_;
+    figures_ = next;
+    if (period_ != 0.0) {set_period(period_ + mean);}
+    age_sum_ = 0.0;
+    longest_ = 0;
+    run_ = max_run_ = 0;
+    max_age_ = std::numeric_limits<Nanoseconds>::min();
+  }
 
   const ArrivalFigures & figures() const {return figures_;}
 
 private:
   static constexpr std::size_t LEARN = 11;  // intervals to learn the period, and unusual ones to learn it again
+  static constexpr double BACK = 5e7, BACK_PERIODS = 20.0;  // a stamp further back than both: clock set back, not late
+  static constexpr double SILENCE = 1e9, SILENCE_PERIODS = 10.0;  // longer than both: silence, not lost messages
+  static constexpr double MAX_LOST_SHARE = 0.5;  // of messages while learning; a period that implies more is rejected
 
-  struct Spread {double mean, jitter;};
-
-  void take_usual(Nanoseconds stamp, Nanoseconds step)
+  static std::int64_t count_periods(Nanoseconds step, double period)
   {
+    return static_cast<std::int64_t>(std::nearbyint(static_cast<double>(step) / period));
+  }
+
+  // Count a message whose stamp is not about one period after the newest.
+  void take_rare(Nanoseconds stamp, Nanoseconds step, Nanoseconds now)
+  {
+    const bool is_first = usual_ + rare_++ == 0;
+    const auto waited = now - stamp - usual_age_;
+    const auto length = static_cast<double>(step);
+    if (!is_first && step == 0) {
+      ++duplicates_;
+      return;
+    }
+    if (!is_first && step < 0 && length >= -std::max(BACK, BACK_PERIODS * period_)) {
+      ++late_;
+      return;
+    }
     newest_ = stamp;
-    ++usual_;
-    const auto deviation = static_cast<double>(step - period_);
-    deviation_ += deviation;
-    deviation2_ += deviation * deviation;
-    if (step > longest_) {longest_ = step;}
+    if (is_first) {return;}
+    const auto missing = period_ != 0.0 ? count_periods(step, period_) - 1 : 0;
+    const bool overflowed = losses_ != nullptr && losses_->take_gap(missing, waited, static_cast<Nanoseconds>(period_));
+    if (overflowed || (step > 0 && length <= std::max(SILENCE, SILENCE_PERIODS * period_))) {
+      longest_ = std::max(longest_, step);
+      take_unusual(step);
+    } else {
+      ++interruptions_;
+    }
   }
 
-  void end_run()
+  // Learn from an interval, or count the messages missing in it; a short one cancels a long one.
+  void take_unusual(Nanoseconds step)
   {
-    if (run_ > max_run_) {max_run_ = run_;}
-    run_ = 0;
+    if (period_ == 0.0) {
+      learn(step);
+      return;
+    }
+    if (usual_ != streak_at_) {count_pending();}
+    pending_ += count_periods(step, period_) - 1;
+    if (++streak_ < static_cast<std::int64_t>(LEARN)) {return;}
+    if (std::llabs(pending_) > static_cast<std::int64_t>(LEARN / 2)) {  // nothing was lost: the rate has changed
+      learnt_ = 0;
+      pending_ = streak_ = 0;
+      set_period(0.0);
+    } else {
+      count_pending();
+    }
   }
 
-  void take_rare(Nanoseconds stamp, Nanoseconds step, Nanoseconds now);
-  void take_unusual(Nanoseconds step);
-  void count_pending();
-  void learn(Nanoseconds step);
-  void set_period(double period);
-  Spread find_spread() const;
+  // Count the pending messages: usual intervals have ended the row of unusual ones.
+  void count_pending()
+  {
+    missing_ += pending_;
+    pending_ = streak_ = 0;
+    streak_at_ = usual_;
+  }
 
-  bool stamped_ = true;
+  void learn(Nanoseconds step)
+  {
+    steps_[learnt_++ % LEARN] = step;
+    if (learnt_ < LEARN) {return;}
+    auto sorted = steps_;
+    std::sort(sorted.begin(), sorted.end());
+    auto period = static_cast<double>(sorted[(LEARN - 1) / 2]);
+    std::int64_t lost = 0;
+    for (const auto one : steps_) {lost += count_periods(one, period) - 1;}
+    if (static_cast<double>(lost) > MAX_LOST_SHARE * static_cast<double>(lost + static_cast<std::int64_t>(LEARN))) {
+      period = static_cast<double>(std::accumulate(steps_.begin(), steps_.end(), Nanoseconds(0))) / LEARN;
+      lost = 0;
+    }
+    missing_ += std::max(std::int64_t(0), lost);
+    set_period(period);
+  }
+
+  // Count relative to this period from now on; 0 while it is unknown.
+  void set_period(double period)
+  {
+    period_ = std::nearbyint(period);
+    deviation_ = deviation2_ = 0.0;
+    unmeasured_ = streak_at_ = usual_;
+  }
+
   Losses * losses_ = nullptr;
-  Nanoseconds newest_ = 0, now_ = 0, period_ = 0, short_ = 0, long_ = 0, close_ = 0;
+  double period_ = 0.0;  // [ns]
+  Nanoseconds newest_ = 0, now_ = 0;
   Nanoseconds usual_age_ = 0;  // until the first window is closed, as if both clocks were the same
   double age_sum_ = 0.0;
   Nanoseconds longest_ = 0, max_age_ = std::numeric_limits<Nanoseconds>::min();
   std::int64_t run_ = 0, max_run_ = 0, usual_ = 0, rare_ = 0, pending_ = 0, streak_ = 0, streak_at_ = 0;
-  std::int64_t missing_ = 0, late_ = 0, duplicates_ = 0, interruptions_ = 0, before_ = 0, unmeasured_ = 0;
+  std::int64_t missing_ = 0, late_ = 0, duplicates_ = 0, interruptions_ = 0, unmeasured_ = 0;
   std::array<Nanoseconds, LEARN> steps_{};
   std::size_t learnt_ = 0;
   double deviation_ = 0.0, deviation2_ = 0.0;
@@ -112,5 +264,3 @@ private:
 };
 
 }  // namespace ces
-
-#endif  // HEALTH__ARRIVALS_HPP_

@@ -1,108 +1,123 @@
 #include "node/observer_node.hpp"
 
-#include <algorithm>
-#include <chrono>
-#include <set>
+#include <rclcpp/experimental/executors/events_executor/events_executor.hpp>
 
 namespace ces
 {
 namespace
 {
 
+constexpr std::size_t OUTPUT_DEPTH = 1000;  // as of the inputs: a burst after a stall is published completely
 constexpr std::chrono::milliseconds WATCH_PERIOD{100};
 constexpr Nanoseconds WATCH = 100'000'000;  // minimum time between two diagnostics
 constexpr Nanoseconds DIAGNOSTICS = SECOND;
+constexpr Nanoseconds LOG = SECOND;  // minimum time between two lines, against floods by a flickering reason
 constexpr double MIN_SILENCE_S = 0.2;
-
-SignalHold make_current(const SignalSettings & signal)
-{
-  return signal.constant ? SignalHold::constant(*signal.constant) : SignalHold::measured(Model::MAX_CURRENT_AGE_S);
-}
-
-SignalHold make_motion(const SignalSettings & signal)
-{
-  return signal.is_set() ? SignalHold::measured(Model::MAX_GAP_S) : SignalHold::constant(0.0);
-}
+constexpr double NEVER_S = 1e6;
+constexpr int USER_ERROR = 2;
+constexpr std::chrono::milliseconds PAUSE{1};  // a lasting error must not take the whole processor
 
 }  // namespace
 
-ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
-: Node("observer", rclcpp::NodeOptions(options).use_clock_thread(false)),
-  settings_(declare_settings(*this)),
-  damper_(make_current(settings_.current), make_motion(settings_.motion), 0.0),
-  health_(damper_),
-  intake_(damper_, *this),
-  clock_(*this, [this](const std::string & what) {on_time_jump(what);}),
-  estimate_(*this, "~/estimate", settings_.joint),
-  band_(*this, "~/estimate_band", settings_.joint),
-  diagnostics_(*this, settings_.joint),
-  inputs_(*this, clock_, settings_.input_depth, [this](const std::string & what) {on_failure(what);}),
-  process_(settings_.real_time)
+JointStateOutput::JointStateOutput(
+  rclcpp::Node & node, const std::string & topic, const std::vector<std::string> & names)
 {
-  apply_live_settings();
+  rclcpp::PublisherOptions options;
+  options.qos_overriding_options = rclcpp::QosOverridingOptions::with_default_policies();
+  publisher_ = node.create_publisher<sensor_msgs::msg::JointState>(topic, rclcpp::QoS(OUTPUT_DEPTH), options);
+  message.name = names;
+  message.effort.resize(names.size());
+}
+
+void JointStateOutput::publish(Nanoseconds stamp, const std::string & frame)
+{
+  const auto seconds = stamp / SECOND - (stamp % SECOND < 0);
+  message.header.stamp.sec = static_cast<std::int32_t>(seconds);
+  message.header.stamp.nanosec = static_cast<std::uint32_t>(stamp - seconds * SECOND);
+  message.header.frame_id = frame;
+  publisher_->publish(message);
+}
+
+ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
+: Node(
+    "observer", rclcpp::NodeOptions(options).use_clock_thread(false).append_parameter_override(
+      "diagnostic_updater.use_fqn", true)),
+  parameters_(*this),
+  joint_(parameters_.joint()),
+  position_(parameters_.position()), current_(parameters_.current()), motion_(parameters_.motion()),
+  damper_(SignalHold(Model::MAX_CURRENT_AGE_S, current_.constant), SignalHold(Model::MAX_GAP_S, motion_.constant)),
+  health_(damper_),
+  intake_(damper_, [this](auto stamp, const auto & frame, auto force_N) {on_estimate(stamp, frame, force_N);}),
+  clock_(*this, [this](const std::string & what) {on_time_jump(what);}),
+  estimate_(*this, "~/estimate", {joint_}),
+  band_(*this, "~/estimate_band", {joint_ + "_lower", joint_ + "_upper"}),
+  updater_(this, NEVER_S),  // its timer stands still with simulated time: `watch` updates it
+  inputs_(
+    *this, clock_, static_cast<std::size_t>(parameters_.get<std::int64_t>("input_depth")),
+    [this](const std::string & what) {on_failure(what);}),
+  process_(parameters_.real_time())
+{
+  estimate_.message.position = estimate_.message.velocity = {0.0};
+  updater_.setHardwareID(joint_);
+  updater_.add(joint_, [this](auto & status) {write_status(status);});
+  apply_live_parameters();
   on_set_ = add_on_set_parameters_callback(
     [](const std::vector<rclcpp::Parameter> & parameters) {
       rcl_interfaces::msg::SetParametersResult result;
-      result.reason = find_refusal(parameters);
+      result.reason = Parameters::find_refusal(parameters);
       result.successful = result.reason.empty();
       return result;
     });
   post_set_ = add_post_set_parameters_callback(
-    [this](const std::vector<rclcpp::Parameter> &) {guard([this] {apply_live_settings();});});
+    [this](const std::vector<rclcpp::Parameter> &) {guard([this] {apply_live_parameters();});});
   watched_ = rolled_ = reported_ = read_clock(CLOCK_MONOTONIC);
   timer_ = create_wall_timer(WATCH_PERIOD, [this] {guard([this] {watch();});});
   subscribe();
-  RCLCPP_INFO(get_logger(), "%s: %s, compiled in, SHA-256 %.12s", settings_.joint.c_str(), Model::SIZE, Model::DIGEST);
+  RCLCPP_INFO(get_logger(), "%s: %s, compiled in, SHA-256 %.12s", joint_.c_str(), Model::SIZE, Model::DIGEST);
 }
 
 // Subscribe, to the position last: what else its message carries holds for it.
 void ObserverNode::subscribe()
 {
-  if (!settings_.current.constant) {
-    const bool stamped = subscribe_signal(
-      settings_.current,
-      [this](Nanoseconds stamp, double current_A, const std::string &, Nanoseconds now) {
+  const auto count_unreadable = [this](Input input) {
+      return [this, input](const std::string & error) {damper_.count_unreadable(input, error);};
+    };
+  if (!current_.constant) {
+    const auto take = [this](Nanoseconds stamp, double current_A, const std::string &, Nanoseconds now) {
         health_.current.take(stamp, now);
         intake_.take_current(stamp, current_A, now);
-      },
-      [this](const std::string & error) {damper_.count_unreadable_current(error);});
-    health_.current.set_topic(stamped, inputs_.losses_of(settings_.current));
+      };
+    inputs_.subscribe(current_, take, count_unreadable(CURRENT), &health_.current);
   }
-  if (settings_.motion.is_set()) {
-    subscribe_signal(
-      settings_.motion,
-      [this](Nanoseconds stamp, double value, const std::string &, Nanoseconds now) {
+  if (!motion_.constant) {
+    const auto take = [this](Nanoseconds stamp, double value, const std::string &, Nanoseconds now) {
         intake_.take_motion(stamp, value, now);
-      },
-      [this](const std::string & error) {damper_.count_unreadable_motion(error);});
+      };
+    inputs_.subscribe(motion_, take, count_unreadable(MOTION), nullptr);
   }
-  const bool stamped = subscribe_signal(
-    settings_.position,
-    [this](Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now) {
+  const auto take = [this](Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now) {
       health_.position.take(stamp, now);
       health_.stillness.take(stamp, position_m);
       intake_.take_position(stamp, position_m, frame, now);
-    },
-    [this](const std::string & error) {damper_.count_unreadable_position(error);});
-  health_.position.set_topic(stamped, inputs_.losses_of(settings_.position));
+    };
+  inputs_.subscribe(position_, take, count_unreadable(POSITION), &health_.position);
 }
 
-bool ObserverNode::subscribe_signal(const SignalSettings & signal, Deliver deliver, OnError on_unreadable)
+void ObserverNode::on_estimate(Nanoseconds stamp, const std::string & frame, std::optional<double> force_N)
 {
-  const bool stamped = inputs_.subscribe(signal, std::move(deliver), std::move(on_unreadable));
-  if (!stamped) {
-    RCLCPP_WARN(
-      get_logger(), "signal '%s': %s has no header; samples are stamped with their arrival", signal.name.c_str(),
-      signal.type.c_str());
+  if (force_N) {
+    estimate_.message.position[0] = damper_.position();
+    estimate_.message.velocity[0] = damper_.speed();
+    estimate_.message.effort[0] = *force_N;
+    estimate_.publish(stamp, frame);
+    health_.latency.take(clock_.now() - stamp);
+    if (const auto width = damper_.half_width()) {
+      band_.message.effort[0] = *force_N - *width;
+      band_.message.effort[1] = *force_N + *width;
+      band_.publish(stamp, frame);
+    }
   }
-  return stamped;
-}
-
-void ObserverNode::on_force(Nanoseconds stamp, const std::string & frame, double force_N)
-{
-  estimate_.publish(stamp, frame, damper_.position(), damper_.speed(), force_N);
-  health_.latency.take(clock_.now() - stamp);
-  if (const auto width = damper_.half_width()) {band_.publish(stamp, frame, force_N - *width, force_N + *width);}
+  report_change();
 }
 
 // Restart after a time jump.
@@ -139,12 +154,11 @@ void ObserverNode::on_failure(const std::string & what) noexcept
     });
 }
 
-void ObserverNode::apply_live_settings()
+void ObserverNode::apply_live_parameters()
 {
-  const auto settings = read_live_settings(*this);
-  damper_.set_max_age(settings.max_age_s);
-  intake_.set_wait(settings.wait_for_current_s);
-  health_.stillness.set_warn(settings.still_warn_s);
+  damper_.set_max_age(parameters_.number("max_age_s"));
+  intake_.set_wait(parameters_.number("wait_for_current_s"));
+  health_.stillness.set_warn(parameters_.number("still_warn_s"));
 }
 
 void ObserverNode::watch()
@@ -160,19 +174,13 @@ void ObserverNode::watch()
     report_change();
   }
   if (now - rolled_ >= DIAGNOSTICS) {
-    roll(now - rolled_);
+    if (const auto warning = process_.roll(); !warning.empty()) {RCLCPP_WARN(get_logger(), "%s", warning.c_str());}
+    health_.roll(to_s(now - rolled_));
     rolled_ = now;
     publish_status();
   } else if (is_pending_) {
     publish_status();
   }
-}
-
-void ObserverNode::roll(Nanoseconds elapsed)
-{
-  const auto warning = process_.update();
-  if (!warning.empty()) {RCLCPP_WARN(get_logger(), "%s", warning.c_str());}
-  health_.roll(to_s(elapsed), load_.measure());
 }
 
 // Report a new reason at once, or by the watch timer if the last report was just now.
@@ -189,18 +197,35 @@ void ObserverNode::publish_status()
 {
   reported_ = read_clock(CLOCK_MONOTONIC);
   is_pending_ = false;
-  auto status = health_.report(find_detail());
-  status.add_remark(process_.find_remark());
-  if (failures_ > reported_failures_) {
-    status.add_remark(std::to_string(failures_) + " unexpected errors, the last: " + failure_);
+  updater_.force_update();
+}
+
+// Write the status that the updater publishes, and log a new reason.
+void ObserverNode::write_status(diagnostic_updater::DiagnosticStatusWrapper & status)
+{
+  using diagnostic_msgs::msg::DiagnosticStatus;
+  health_.report(status, find_detail());
+  const auto failures = std::to_string(failures_) + " unexpected errors, the last: " + failure_;
+  for (const auto & remark : {process_.find_remark(), failures_ > reported_failures_ ? failures : ""}) {
+    if (remark.empty()) {continue;}
+    status.level = std::max<std::uint8_t>(status.level, DiagnosticStatus::WARN);
+    status.message += "; " + remark;
   }
-  status.values.emplace_back("model", "compiled in");
-  status.values.emplace_back("model sha256", Model::DIGEST);
-  status.values.insert(status.values.end(), process_.values().begin(), process_.values().end());
-  status.values.emplace_back("jumps of time", std::to_string(jumps_) + ", the last: " + jump_);
-  status.values.emplace_back("unexpected errors", std::to_string(failures_) + ", the last: " + failure_);
-  diagnostics_.publish(damper_.reason(), status);
   reported_failures_ = failures_;
+  status.add("model", "compiled in");
+  status.add("model sha256", Model::DIGEST);
+  process_.add_values(status);
+  status.add("jumps of time", std::to_string(jumps_) + ", the last: " + jump_);
+  status.add("unexpected errors", std::to_string(failures_) + ", the last: " + failure_);
+  const auto now = read_clock(CLOCK_MONOTONIC);
+  if (logged_ != 0 && (damper_.reason() == logged_reason_ || now - logged_ < LOG)) {return;}
+  logged_ = now;
+  logged_reason_ = damper_.reason();
+  if (status.level == DiagnosticStatus::OK) {
+    RCLCPP_INFO(get_logger(), "%s: %s", joint_.c_str(), status.message.c_str());
+  } else {
+    RCLCPP_WARN(get_logger(), "%s: %s", joint_.c_str(), status.message.c_str());
+  }
 }
 
 // Details of the damper's reason, including the state of a silent topic.
@@ -209,9 +234,9 @@ std::string ObserverNode::find_detail()
   const auto detail = damper_.explain();
   if (!detail.empty()) {return detail;}
   switch (damper_.reason()) {
-    case Reason::SILENT: return describe_topic(settings_.position);
-    case Reason::NO_CURRENT: return settings_.current.constant ? "" : describe_topic(settings_.current);
-    case Reason::NO_MOTION: return describe_topic(settings_.motion);
+    case Reason::SILENT: return describe_topic(position_);
+    case Reason::NO_CURRENT: return current_.constant ? "" : describe_topic(current_);
+    case Reason::NO_MOTION: return describe_topic(motion_);
     default: return "";
   }
 }
@@ -223,9 +248,39 @@ std::string ObserverNode::describe_topic(const SignalSettings & signal)
   for (const auto & publisher : get_publishers_info_by_topic(topic)) {types.insert(publisher.topic_type());}
   if (types.empty()) {return "nothing publishes " + topic;}
   if (types.count(signal.type)) {return topic + " has a publisher that is silent";}
-  std::string names;
-  for (const auto & type : types) {names += (names.empty() ? "" : ", ") + type;}
-  return topic + " carries " + names + "; " + signal.name + ".type is " + signal.type;
+  return topic + " carries " + join(types, ", ") + "; " + signal.name + ".type is " + signal.type;
+}
+
+int run_observer(int argc, char ** argv)
+{
+  int status = 0;
+  try {
+    rclcpp::init(argc, argv);
+    const auto node = std::make_shared<ObserverNode>(rclcpp::NodeOptions());
+    std::unique_ptr<rclcpp::Executor> executor;
+    if (node->get_parameter("executor").as_string() == "single") {
+      executor = std::make_unique<rclcpp::executors::SingleThreadedExecutor>();
+    } else {
+      executor = std::make_unique<rclcpp::experimental::executors::EventsExecutor>();
+    }
+    executor->add_node(node);
+    for (bool is_over = false; rclcpp::ok() && !is_over; ) {
+      try {
+        executor->spin();
+        is_over = true;
+      } catch (const std::exception & error) {  // in rclcpp itself
+        RCLCPP_ERROR(rclcpp::get_logger("observer"), "unexpected error; the node runs on: %s", error.what());
+        std::this_thread::sleep_for(PAUSE);
+      }
+    }
+    executor->remove_node(node);
+  } catch (const std::exception & error) {
+    const std::string text = error.what();
+    RCLCPP_FATAL(rclcpp::get_logger("observer"), "%s", text.substr(0, text.find('\n')).c_str());
+    status = USER_ERROR;
+  }
+  if (rclcpp::ok()) {rclcpp::shutdown();}
+  return status;
 }
 
 }  // namespace ces

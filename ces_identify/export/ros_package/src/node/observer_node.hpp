@@ -1,48 +1,49 @@
 // The observer node: piston position and valve current in, estimated damping force out on ~/estimate.
 //
-// The position samples drive it. A timer checks for silence and publishes /diagnostics, which name the reason for
-// each withheld force. The node resumes by itself. All its callbacks are in one mutually exclusive group, /clock
-// included.
-#ifndef NODE__OBSERVER_NODE_HPP_
-#define NODE__OBSERVER_NODE_HPP_
+// The position samples drive it. A timer checks for silence and updates the status on /diagnostics, which names the
+// reason for each withheld force. The node resumes by itself. All its callbacks are in one mutually exclusive group,
+// /clock included.
+#pragma once
 
-#include <string>
-#include <vector>
-
-#include <rclcpp/node.hpp>
+#include <diagnostic_updater/diagnostic_updater.hpp>
+#include <sensor_msgs/msg/joint_state.hpp>
 
 #include "core/damper.hpp"
-#include "core/intake.hpp"
 #include "health/health.hpp"
-#include "node/diagnostics_output.hpp"
-#include "node/estimate_output.hpp"
-#include "node/input_subscriptions.hpp"
-#include "node/node_clock.hpp"
+#include "node/inputs.hpp"
 #include "node/parameters.hpp"
-#include "process/process_watch.hpp"
 
 namespace ces
 {
 
-class ObserverNode : public rclcpp::Node, private EstimateSink
+// Publishes joint states; reliable unless overridden. One message is filled again and again, so that nothing is
+// allocated here. With intra-process communication rclcpp hands each subscriber in the process a copy of its own.
+class JointStateOutput
+{
+public:
+  JointStateOutput(rclcpp::Node & node, const std::string & topic, const std::vector<std::string> & names);
+
+  // Publish `message`, which has an effort for each name.
+  void publish(Nanoseconds stamp, const std::string & frame);
+
+  sensor_msgs::msg::JointState message;
+
+private:
+  rclcpp::Publisher<sensor_msgs::msg::JointState>::SharedPtr publisher_;
+};
+
+class ObserverNode : public rclcpp::Node
 {
 public:
   // Raises UserError for a wrong parameter.
   explicit ObserverNode(const rclcpp::NodeOptions & options);
 
-  // What is to run the callbacks of a node on its own: "auto", "single" or "events".
-  const std::string & executor_choice() const {return settings_.executor;}
-
 private:
   void subscribe();
-  bool subscribe_signal(const SignalSettings & signal, Deliver deliver, OnError on_unreadable);
-
-  void on_force(Nanoseconds stamp, const std::string & frame, double force_N) override;
-  void on_processed() override {report_change();}
+  void on_estimate(Nanoseconds stamp, const std::string & frame, std::optional<double> force_N);
   void on_time_jump(const std::string & what);
   void on_error(const std::string & what) noexcept;
   void on_failure(const std::string & what) noexcept;
-  void roll(Nanoseconds elapsed);
 
   // Run a step; count its failure.
   template<typename Step>
@@ -55,27 +56,28 @@ private:
     }
   }
 
-  void apply_live_settings();
+  void apply_live_parameters();
   void watch();
   void report_change();
   void publish_status();
+  void write_status(diagnostic_updater::DiagnosticStatusWrapper & status);
   std::string find_detail();
   std::string describe_topic(const SignalSettings & signal);
 
-  Settings settings_;
+  Parameters parameters_;
+  std::string joint_;
+  SignalSettings position_, current_, motion_;
   Damper damper_;
   Health health_;
   Intake intake_;
   NodeClock clock_;
-  EstimateOutput estimate_;
-  BandOutput band_;
-  DiagnosticsOutput diagnostics_;
-  InputSubscriptions inputs_;
-  ProcessWatch process_;
-  LoadMeter load_;
-  Reason reported_reason_ = Reason::SILENT;
+  JointStateOutput estimate_, band_;
+  diagnostic_updater::Updater updater_;
+  Inputs inputs_;
+  Process process_;
+  Reason reported_reason_ = Reason::SILENT, logged_reason_ = Reason::SILENT;
   std::uint64_t watched_samples_ = 0;
-  Nanoseconds quiet_ = 0, watched_ = 0, rolled_ = 0, reported_ = 0;
+  Nanoseconds quiet_ = 0, watched_ = 0, rolled_ = 0, reported_ = 0, logged_ = 0;  // by the steady clock; 0: not yet
   bool is_pending_ = false;
   std::uint64_t jumps_ = 0, failures_ = 0, reported_failures_ = 0;
   std::string jump_ = "none", failure_ = "none";
@@ -84,6 +86,7 @@ private:
   rclcpp::TimerBase::SharedPtr timer_;
 };
 
-}  // namespace ces
+// Build the node and run it; returns the exit status: 0 after a signal, 2 with one FATAL line if it cannot be built.
+int run_observer(int argc, char ** argv);
 
-#endif  // NODE__OBSERVER_NODE_HPP_
+}  // namespace ces

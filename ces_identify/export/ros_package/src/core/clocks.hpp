@@ -1,3 +1,20 @@
+// Readings of clocks, and the stamps of messages that have none.
+#pragma once
+
+#include <ctime>
+
+#include "core/samples.hpp"
+
+namespace ces
+{
+
+inline Nanoseconds read_clock(clockid_t clock)
+{
+  timespec time{};
+  clock_gettime(clock, &time);
+  return time.tv_sec * SECOND + time.tv_nsec;
+}
+
 // Stamps messages that have no stamp: time of sending and of arrival in, the arrival without the node's own delay
 // out.
 //
@@ -5,22 +22,9 @@
 // comes from the publisher's clock, which may differ from the node's, so the least delay of the recent messages is
 // taken as the difference of the clocks with the delay of transport. A message's stamp is its time of sending plus
 // this least delay.
-#ifndef CORE__ARRIVAL_CLOCK_HPP_
-#define CORE__ARRIVAL_CLOCK_HPP_
-
-#include <algorithm>
-
-#include "core/numbers.hpp"
-
-namespace ces
-{
-
 class ArrivalClock
 {
 public:
-  // Forget all delays, as after one of the clocks was set.
-  void reset() {*this = ArrivalClock();}
-
   // The stamp of a message sent at `sent` and read at `now`; 0 or less: sending unknown.
   Nanoseconds stamp(Nanoseconds sent, Nanoseconds now)
   {
@@ -51,5 +55,3 @@ private:
 };
 
 }  // namespace ces
-
-#endif  // CORE__ARRIVAL_CLOCK_HPP_
