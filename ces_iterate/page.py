@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F
-from ces_identify.report.maps import coverage_map, error_map, make_grid
+from ces_identify.report.figures import coverage_map, error_map, make_grid
 from ces_iterate.commands import RigCommands
 from ces_iterate.loop.identification import evaluate_fresh
 from ces_iterate.loop.iterate import Iterations

@@ -15,10 +15,12 @@ from ces_identify.report.figures import (
     choose_window,
     correlation_figure,
     count_lines,
+    coverage_map,
+    error_map,
+    make_grid,
     speed_force,
     time_plot,
 )
-from ces_identify.report.maps import coverage_map, error_map, make_grid
 from ces_identify.structures import model_table
 from ces_identify.structures.auto import advise
 from ces_identify.validation.band import coverage_regions

@@ -15,8 +15,7 @@ from report_examples import TERMS, WIDE, damper, model
 from ces_identify.polynomial.problem import compute_envelope
 from ces_identify.polynomial.term_table import coefficient_unit, contributions, format_term, term_forces
 from ces_identify.prepare.cost import parse_weighting, weighted_cost
-from ces_identify.report.figures import choose_window
-from ces_identify.report.maps import make_grid
+from ces_identify.report.figures import choose_window, make_grid
 from ces_identify.report.page import write_report
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate, pooled_cost
 from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
