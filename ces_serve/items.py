@@ -1,4 +1,4 @@
-"""One thing that the folder holds: its kind, place and facts, by its file's name and first bytes.
+"""One thing that the folder holds: its kind, place and facts, by its file's name and first bytes, read bounded.
 
 Costs are in percent, forces in N, lengths in m. A function of facts raises UnreadableError, or one of WRONG_CONTENT for
 a file whose values are not those that our programs write.

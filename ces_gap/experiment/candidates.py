@@ -17,6 +17,7 @@ from ces_data.arrays import F
 from ces_gap.trace import Trace, usable_inputs, usable_values
 
 Recipe = dict[str, Any]
+Rng = np.random.Generator
 
 TRAVEL, SPEED, ACCELERATION = 1.05, 1.1, 1.5  # limits of an experiment over the range of the recordings
 MIN_AMPLITUDE_M, MIN_SPEED_M_S, MIN_ACCELERATION_M_S2 = 1e-3, 0.01, 1.0
@@ -24,6 +25,10 @@ SAME_CURRENT = 0.05  # relative spread below which a current counts as constant
 CURRENT = 0.25  # relative change, up and down, that experiments then command
 TOP_HZ = 16.0
 SEED = 1
+FINE_S = 0.5e-3  # [s] the rig's grid
+DECIMATION = 2  # to 1 kHz
+FADE_S = 0.5  # [s] default of strokes
+CORNER_S = 0.02  # [s] default of triangles
 
 
 @dataclass(frozen=True)
@@ -55,14 +60,14 @@ def reach_of(traces: Sequence[Trace]) -> Reach:
     x, v, i = (usable_inputs(traces, name) for name in ("position", "speed", "current"))
     a = usable_values(traces, [t.acceleration for t in traces])
     low, high = np.quantile(x, (0.001, 0.999))
-    currents = _currents(i, any("current" in t.recording.constants for t in traces))
+    low_A, high_A = _currents(i, any("current" in t.recording.constants for t in traces))
     return Reach(
         centre_m=float(low + high) / 2.0,
         amplitude_m=max(TRAVEL * float(high - low) / 2.0, MIN_AMPLITUDE_M),
         speed_m_s=max(SPEED * float(np.quantile(np.abs(v), 0.999)), MIN_SPEED_M_S),
         acceleration_m_s2=max(ACCELERATION * float(np.quantile(np.abs(a), 0.999)), MIN_ACCELERATION_M_S2),
-        low_A=currents[0],
-        high_A=currents[1],
+        low_A=low_A,
+        high_A=high_A,
     )
 
 
@@ -77,11 +82,14 @@ def list_candidate_experiments(reach: Reach) -> list[Recipe]:
 
 def _constant_current_experiments(r: Reach) -> list[Recipe]:
     """Return the experiments at constant current."""
-    soft, middle, hard = (_constant(level) for level in (r.low_A, r.middle_A, r.high_A))
+    soft, middle, hard = ({"kind": "constant", "current_A": level} for level in (r.low_A, r.middle_A, r.high_A))
     slow_Hz, fast_Hz = _sine_Hz(r, 0.6, 0.4), r.top_Hz(0.5)
     fast_m = _amplitude(r, 0.35, 0.5, fast_Hz)
     beat_Hz = _sine_Hz(r, 1.0, 0.8)
     beats_Hz = (beat_Hz, beat_Hz - min(0.16, 0.2 * beat_Hz))
+    low_Hz = min(0.5, _sine_Hz(r, 0.9, 0.5))
+    limits = {"amplitude_m": _round(0.9 * r.amplitude_m), "speed_m_s": _round(0.8 * r.speed_m_s)}
+    sweep = _about(r, kind="sweep", from_Hz=_round(low_Hz), to_Hz=_round(max(r.top_Hz(0.8), 2.0 * low_Hz)), **limits)
     return [
         _recipe("slow_triangle", "slow motion to and fro: friction, gas and end stops without the valve", 40.0,
                 _triangle(r, 1.0, 0.04), soft),
@@ -94,7 +102,7 @@ def _constant_current_experiments(r: Reach) -> list[Recipe]:
                 _sines(r, (0.65 * r.amplitude_m, 0.3 * r.amplitude_m), (1.0 / 15.0, _sine_Hz(r, 0.3, 0.7))), middle),
         _recipe("amplitude_sweep", "two close frequencies: the amplitude rises and falls", 25.0,
                 _sines(r, (0.5 * r.amplitude_m, 0.5 * r.amplitude_m), beats_Hz), middle),
-        _recipe("frequency_sweep", "sine sweep at constant current", 30.0, _sweep(r), middle),
+        _recipe("frequency_sweep", "sine sweep at constant current", 30.0, sweep, middle),
         _recipe("hard_sine", "the largest speed at the highest current", 15.0, _sine(r, 0.9, 1.0), hard),
     ]  # fmt: skip
 
@@ -102,15 +110,16 @@ def _constant_current_experiments(r: Reach) -> list[Recipe]:
 def _changing_current_experiments(r: Reach) -> list[Recipe]:
     """Return the experiments with a changing current."""
     steps = [r.low_A, r.high_A, r.middle_A, r.high_A, r.low_A, r.middle_A]
+    levels = {"low_A": r.low_A, "high_A": r.high_A}
     return [
         _recipe("current_steps", "constant speed with steps of current", 20.0,
                 _triangle(r, 0.9, 0.35), {"kind": "steps", "levels_A": steps, "hold_s": 0.37}),
         _recipe("current_prbs", "constant speed with a random binary current", 20.0,
-                _triangle(r, 0.9, 0.35), {"kind": "prbs", "low_A": r.low_A, "high_A": r.high_A, "hold_s": 0.05}),
+                _triangle(r, 0.9, 0.35), {"kind": "prbs", **levels, "hold_s": 0.05}),
         _recipe("slow_current", "constant speed, current slowly up and down: hysteresis without lag", 40.0,
-                _triangle(r, 0.9, 0.35), _sine_current(r, 0.05)),
+                _triangle(r, 0.9, 0.35), {"kind": "sine", **levels, "frequency_Hz": 0.05}),
         _recipe("fast_current", "constant speed, current quickly up and down: lag and hysteresis", 15.0,
-                _triangle(r, 0.9, 0.35), _sine_current(r, 5.0)),
+                _triangle(r, 0.9, 0.35), {"kind": "sine", **levels, "frequency_Hz": 5.0}),
         _recipe("standstill_steps", "no motion, steps of current", 10.0,
                 {"kind": "rest", "offset_m": _round(r.centre_m)}, {"kind": "steps", "levels_A": steps, "hold_s": 0.5}),
         _recipe("heat_soak", "hard and soft for 8 s each at high speed: separates heat from elapsed time", 40.0,
@@ -143,26 +152,6 @@ def _sines(r: Reach, amplitudes_m: tuple[float, ...], frequencies_Hz: tuple[floa
     return _about(r, kind="sum_of_sines", amplitudes_m=amplitudes, frequencies_Hz=frequencies)
 
 
-def _sweep(r: Reach) -> Recipe:
-    low, high = min(0.5, _sine_Hz(r, 0.9, 0.5)), r.top_Hz(0.8)
-    return _about(
-        r,
-        kind="sweep",
-        from_Hz=_round(low),
-        to_Hz=_round(max(high, 2.0 * low)),
-        amplitude_m=_round(0.9 * r.amplitude_m),
-        speed_m_s=_round(0.8 * r.speed_m_s),
-    )
-
-
-def _sine_current(r: Reach, frequency_Hz: float) -> Recipe:
-    return {"kind": "sine", "low_A": r.low_A, "high_A": r.high_A, "frequency_Hz": frequency_Hz}
-
-
-def _constant(current_A: float) -> Recipe:
-    return {"kind": "constant", "current_A": current_A}
-
-
 def _about(r: Reach, **stroke: Any) -> Recipe:
     return {**stroke, "offset_m": _round(r.centre_m)}
 
@@ -193,14 +182,6 @@ def _round(value: float) -> float:
     return float(f"{value:.3g}")
 
 
-Rng = np.random.Generator
-
-FINE_S = 0.5e-3  # [s] the rig's grid
-DECIMATION = 2  # to 1 kHz
-FADE_S = 0.5  # [s] default of strokes
-CORNER_S = 0.02  # [s] default of triangles
-
-
 def generate_waveforms(recipe: Mapping[str, Any]) -> tuple[F, F, F]:
     """Return `time_s`, `position_m` and `current_A` (n,) at 1 kHz; raises KeyError for unknown kinds."""
     time = np.arange(round(recipe["duration_s"] / FINE_S) + 1) * FINE_S
@@ -209,14 +190,6 @@ def generate_waveforms(recipe: Mapping[str, Any]) -> tuple[F, F, F]:
     position = stroke.get("offset_m", 0.0) + shape * _fade(time, stroke.get("fade_s", FADE_S))
     level = CURRENTS[current["kind"]](current, time, np.random.default_rng([recipe["seed"], 1]))
     return time[::DECIMATION], position[::DECIMATION], level[::DECIMATION]
-
-
-def _rest_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
-    return np.zeros_like(time)
-
-
-def _sine_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
-    return np.asarray(recipe["amplitude_m"] * np.sin(2.0 * np.pi * recipe["frequency_Hz"] * time))
 
 
 def _sum_of_sines_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
@@ -244,13 +217,14 @@ def _triangle_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
     return np.convolve(sharp, window / window.sum(), mode="valid")
 
 
-def _constant_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
-    return np.full_like(time, recipe["current_A"])
-
-
 def _steps_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
     held = np.floor(time / recipe["hold_s"] + 1e-9).astype(int)
     return np.asarray(np.asarray(recipe["levels_A"], dtype=np.float64)[held % len(recipe["levels_A"])])
+
+
+def _sine_current_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
+    middle, half = (recipe["high_A"] + recipe["low_A"]) / 2.0, (recipe["high_A"] - recipe["low_A"]) / 2.0
+    return np.asarray(middle + half * np.sin(2.0 * np.pi * recipe["frequency_Hz"] * time))
 
 
 def _prbs_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
@@ -258,11 +232,6 @@ def _prbs_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
     bits = max_len_seq(15)[0].astype(bool)
     held = np.floor(time / recipe["hold_s"] + 1e-9).astype(int) + int(rng.integers(len(bits)))
     return np.asarray(np.where(bits[held % len(bits)], recipe["high_A"], recipe["low_A"]), dtype=np.float64)
-
-
-def _current_sine_wave(recipe: Mapping[str, Any], time: F, rng: Rng) -> F:
-    middle, half = (recipe["high_A"] + recipe["low_A"]) / 2.0, (recipe["high_A"] - recipe["low_A"]) / 2.0
-    return np.asarray(middle + half * np.sin(2.0 * np.pi * recipe["frequency_Hz"] * time))
 
 
 def _fade(time: F, fade_s: float) -> F:
@@ -273,16 +242,17 @@ def _fade(time: F, fade_s: float) -> F:
     return np.asarray(u**3 * (10.0 + u * (6.0 * u - 15.0)))
 
 
-STROKES: Mapping[str, Callable[[Mapping[str, Any], F, Rng], F]] = {
-    "rest": _rest_wave,
-    "sine": _sine_wave,
+Wave = Callable[[Mapping[str, Any], F, Rng], F]
+STROKES: Mapping[str, Wave] = {
+    "rest": lambda recipe, time, rng: np.zeros_like(time),
+    "sine": lambda recipe, time, rng: recipe["amplitude_m"] * np.sin(2.0 * np.pi * recipe["frequency_Hz"] * time),
     "sum_of_sines": _sum_of_sines_wave,
     "sweep": _sweep_wave,
     "triangle": _triangle_wave,
 }
-CURRENTS: Mapping[str, Callable[[Mapping[str, Any], F, Rng], F]] = {
-    "constant": _constant_wave,
+CURRENTS: Mapping[str, Wave] = {
+    "constant": lambda recipe, time, rng: np.full_like(time, recipe["current_A"]),
     "steps": _steps_wave,
     "prbs": _prbs_wave,
-    "sine": _current_sine_wave,
+    "sine": _sine_current_wave,
 }

@@ -28,6 +28,14 @@ Whiten = Callable[[int, F], F]  # index of a trace, force [N] (n,) on it -> (m,)
 STEP = 1e-3  # of a parameter's range: forward differences
 FAN, RERUN_FAN = 2, 1  # points of a fan besides the fitted one; of effects that rerun the simulation
 NONE = Composition()
+TRUST = 0.25  # of a parameter's range: how far shape parameters may move on a tangent
+STEPS = 5  # of Gauss-Newton
+GAIN = 0.995  # stop after a step that leaves more than this share of the distance
+FORM = 0.15  # of a signature's size: the error of a form compared with real physics
+EVIDENCE = 3.0  # minimum expected log-likelihood ratio: odds of 20 to 1; the wrong effect fits better 1 time in 9
+LIMIT = np.sqrt(2.0 * EVIDENCE)  # the same as a distance
+NEAR, ALIKE = 5.0, 0.3  # times the limit, times the smaller effect: linear distances above both are not refined
+MAX_REFINED_PAIRS = 8  # the nearest pairs
 
 
 @dataclass(frozen=True)
@@ -96,9 +104,8 @@ class Probe:
         """Return the tangent at `setting`."""
         signature = self.compute_signature(setting)
         force = _whiten_forces(signature.forces, self.whiten)
-        columns = [
-            _whiten_forces([c[:, j] for c in signature.columns], self.whiten) for j in range(len(setting.values))
-        ]
+        shares = range(len(setting.values))
+        columns = [_whiten_forces([c[:, j] for c in signature.columns], self.whiten) for j in shares]
         q, r = np.linalg.qr(np.array(columns).T.reshape(len(force), -1))
         return Tangent(signature, force, q, r)
 
@@ -150,25 +157,16 @@ def _width(parameter: EffectParameter) -> float:
 
 def _scale_setting(setting: Setting, factor: float) -> Setting:
     """Return the setting with the distances of its magnitudes from neutral scaled by `factor`, inside the bounds."""
-    pairs = zip(setting.effect.parameters, setting.values, strict=True)
-    return Setting(setting.effect, tuple(_scale_magnitude(p, v, factor) if p.magnitude else v for p, v in pairs))
-
-
-def _scale_magnitude(parameter: EffectParameter, value: float, factor: float) -> float:
-    if parameter.scale == "inverse":
-        value /= max(factor, 1e-12)
-    else:
-        value = parameter.neutral + factor * (value - parameter.neutral)
-    return float(min(max(value, parameter.low), parameter.high))
+    values = []
+    for p, value in zip(setting.effect.parameters, setting.values, strict=True):
+        inverse = p.scale == "inverse"
+        scaled = value / max(factor, 1e-12) if inverse else p.neutral + factor * (value - p.neutral)
+        values.append(float(min(max(scaled, p.low), p.high)) if p.magnitude else value)
+    return Setting(setting.effect, tuple(values))
 
 
 def _whiten_forces(forces: Sequence[F], whiten: Whiten) -> F:
     return np.concatenate([whiten(k, f) for k, f in enumerate(forces)])
-
-
-TRUST = 0.25  # of a parameter's range: how far shape parameters may move on a tangent
-STEPS = 5  # of Gauss-Newton
-GAIN = 0.995  # stop after a step that leaves more than this share of the distance
 
 
 @dataclass(frozen=True)
@@ -221,17 +219,12 @@ def _match_on_tangent(a: Tangent, b: Tangent, trust: float, free: bool = True) -
 
     With `free`, magnitudes may move over their whole range.
     """
-    goal = b.q.T @ (a.force - b.force)
-    move = _solve_bounded_step(b.r, goal, *_box(b.setting, trust, free))
-    index = float(np.linalg.norm(a.force - b.force - b.q @ (b.r @ move)))
-    return Match(from_unit(b.setting.effect, to_unit(b.setting) + move), index, _rms(a.signature, b.signature, move))
-
-
-def _box(setting: Setting, trust: float, free: bool) -> tuple[F, F]:
-    """Return how far each share (p,) may move down and up."""
-    point = to_unit(setting)
-    reach = np.array([1.0 if free and p.magnitude else trust for p in setting.effect.parameters])
-    return np.maximum(-point, -reach), np.minimum(1.0 - point, reach)
+    point, apart = to_unit(b.setting), a.force - b.force
+    reach = np.array([1.0 if free and p.magnitude else trust for p in b.setting.effect.parameters])
+    low, high = np.maximum(-point, -reach), np.minimum(1.0 - point, reach)
+    move = _solve_bounded_step(b.r, b.q.T @ apart, low, high)
+    index = float(np.linalg.norm(apart - b.q @ (b.r @ move)))
+    return Match(from_unit(b.setting.effect, point + move), index, _rms(a.signature, b.signature, move))
 
 
 def _solve_bounded_step(r: F, goal: F, low: F, high: F) -> F:
@@ -257,14 +250,6 @@ def _rms(a: Signature, b: Signature, move: F | None = None) -> float:
         rest = f - g if move is None else f - g - columns @ move
         energy += float(rest @ rest)
     return float(np.sqrt(energy / max(a.ticks, 1)))
-
-
-FORM = 0.15  # of a signature's size: the error of a form compared with real physics
-EVIDENCE = 3.0  # minimum expected log-likelihood ratio: odds of 20 to 1; the wrong effect fits better 1 time in 9
-NEAR, ALIKE = 5.0, 0.3  # times the limit, times the smaller effect: linear distances above both are not refined
-MAX_REFINED_PAIRS = 8  # the nearest pairs
-
-LIMIT = np.sqrt(2.0 * EVIDENCE)  # the same as a distance
 
 
 @dataclass(frozen=True)
@@ -300,7 +285,11 @@ def find_indistinguishable_effects(
     accurate. `around` are further effects that are present, none of them in `fitted`.
     """
     probe = Probe(plant, traces, whiten, around)
-    fans = _tangents_by_effect(probe, fitted)
+    tangents = [probe.tangent(setting) for setting in fitted]
+    size = max((tangent.size for tangent in tangents), default=0.0)
+    fans: dict[str, list[Tangent]] = {}
+    for tangent in tangents:
+        fans.setdefault(tangent.setting.name, []).extend(sample_tangents(probe, tangent, size))
     silent = tuple(name for name, fan in fans.items() if fan[0].size ** 2 / 2.0 < EVIDENCE)
     visible = [name for name in fans if name not in silent]
     matches = {(a, b): find_nearest(fans[a][0], fans[b]) for a, b in permutations(visible, 2)}
@@ -338,15 +327,6 @@ def group_effects(names: Sequence[str], index: Mapping[tuple[str, str], float]) 
     order = {name: k for k, name in enumerate(names)}
     large = [tuple(sorted(g, key=order.__getitem__)) for g in groups if len(g) > 1]
     return tuple(sorted(large, key=lambda g: order[g[0]]))
-
-
-def _tangents_by_effect(probe: Probe, fitted: Sequence[Setting]) -> dict[str, list[Tangent]]:
-    tangents = [probe.tangent(setting) for setting in fitted]
-    size = max((tangent.size for tangent in tangents), default=0.0)
-    fans: dict[str, list[Tangent]] = {}
-    for tangent in tangents:
-        fans.setdefault(tangent.setting.name, []).extend(sample_tangents(probe, tangent, size))
-    return fans
 
 
 def _pairs_to_refine(size: Mapping[str, float], matches: Mapping[tuple[str, str], Match]) -> list[tuple[str, str]]:

@@ -1,4 +1,4 @@
-"""The next experiment and the files that describe it: one for `ces rig`, one for a real rig."""
+"""What the recordings leave open, the next experiment that settles it, and its files for `ces rig` and a real rig."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ from ces_gap.experiment.candidates import Recipe, generate_waveforms, list_candi
 from ces_gap.experiment.indistinguishable import (
     Match,
     Probe,
-    Tangent,
     find_indistinguishable_effects,
     find_nearest,
     make_evidence_whitening,
@@ -69,6 +68,7 @@ Pair = tuple[Setting, Setting]
 
 FINALISTS = 3  # experiments on which effects are evaluated again instead of along tangents
 BUDGET_S = 20.0  # [s] computing time after which no further experiment is simulated
+MAX_COMPARED_EFFECTS = 6
 
 
 @dataclass(frozen=True)
@@ -115,23 +115,17 @@ def choose_next_experiment(
     best = max(_evaluate_again(plant, compared, pairs, whiten), key=lambda t: t.rate, default=None)
     if best is None:
         raise GapError(f"the simulation refuses all {len(recipes)} candidate experiments")
+    first, second = (setting.name for setting in best.nearest)
+    pair, distance_N = f"{first} from {second}".replace("_", " "), best.distance * noise_N
+    size = f"{distance_N:.2g} N RMS ({best.distance:.2g} × the noise)"
     if best.distance < 1.0:
         raise GapError(
             f"none of the {len(compared)} candidate experiments that were simulated would distinguish "
-            f"{_name_pair(best)}: the largest expected difference is {_size(best, noise_N)}"
+            f"{pair}: the largest expected difference is {size}"
         )
-    seconds, position, current = generate_waveforms(best.recipe)
-    duration_s = float(best.recipe["duration_s"])
-    return NextExperiment(
-        name=str(best.recipe["name"]),
-        purpose=f"distinguishes {_name_pair(best)}: expected difference {_size(best, noise_N)} over {duration_s:.0f} s",
-        recipe=best.recipe,
-        time_s=seconds,
-        position_m=position,
-        current_A=current,
-        separates=(best.nearest[0].name, best.nearest[1].name),
-        distance_N=best.distance * noise_N,
-    )
+    purpose = f"distinguishes {pair}: expected difference {size} over {float(best.recipe['duration_s']):.0f} s"
+    waveforms = generate_waveforms(best.recipe)
+    return NextExperiment(str(best.recipe["name"]), purpose, best.recipe, *waveforms, (first, second), distance_N)
 
 
 def make_white_noise_whitening(noise_N: float) -> TraceWhitening:
@@ -200,35 +194,19 @@ def _evaluate_again(
 def _compare_effects(
     plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], whitening: TraceWhitening, rerun: bool
 ) -> _Candidate:
+    """Return the match of the nearest pair, each in the direction in which its effects are nearer."""
     whiten = whitening(trace)
     probe = Probe(plant, [trace], lambda _, force: whiten(force))
     at = {s: probe.tangent(s) for pair in pairs for s in pair}
-    matches = {pair: _match_pair(probe, at, pair, rerun) for pair in pairs}
-    nearest = min(pairs, key=lambda pair: matches[pair].index)
-    return _Candidate(recipe, trace, nearest, matches[nearest])
-
-
-def _match_pair(probe: Probe, at: dict[Setting, Tangent], pair: Pair, rerun: bool) -> Match:
-    """Return the match of a pair in the direction in which they are nearer."""
 
     def match(a: Setting, b: Setting) -> Match:
         if not rerun:
             return find_nearest(at[a], [at[b]])
         return refine_match(at[a], sample_tangents(probe, at[b], at[a].size), probe.tangent)
 
-    return min((match(*pair), match(*pair[::-1])), key=lambda m: m.index)
-
-
-def _name_pair(best: _Candidate) -> str:
-    first, second = (setting.name.replace("_", " ") for setting in best.nearest)
-    return f"{first} from {second}"
-
-
-def _size(best: _Candidate, noise_N: float) -> str:
-    return f"{best.distance * noise_N:.2g} N RMS ({best.distance:.2g} × the noise)"
-
-
-MAX_COMPARED_EFFECTS = 6
+    matches = {pair: min((match(*pair), match(*pair[::-1])), key=lambda m: m.index) for pair in pairs}
+    nearest = min(pairs, key=lambda pair: matches[pair].index)
+    return _Candidate(recipe, trace, nearest, matches[nearest])
 
 
 @dataclass(frozen=True)
@@ -247,7 +225,7 @@ def find_ambiguities(
 ) -> Ambiguities:
     """Return what the recordings leave open; `interchangeable` are the groups of alternatives from the search."""
     classes: tuple[tuple[str, ...], ...] = ()
-    nearest: tuple[tuple[str, ...], ...] = ()
+    nearest: Sequence[tuple[str, ...]] = ()
     if result.best is not None:
         fitted = [f.composition.settings[0] for f in result.alone[:MAX_COMPARED_EFFECTS]]
         names = {s.name for s in fitted}

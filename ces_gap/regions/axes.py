@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,6 +62,9 @@ REVERSAL_EDGES = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.
 FEW_LEVELS = 12  # as many distinct values get a region each
 FINEST = 500.0  # edges are rounded to no less than the axis' range over this
 CONSTANT = 0.02  # range over magnitude below which a quantity is constant
+MAPS = ((SPEED, STROKE), (SPEED, CURRENT), (SPEED, REVERSAL))
+FIELDS = {SPEED: 16, STROKE: 12, CURRENT: 8}  # approximate number along an axis
+MIN_FIELD_TICKS = 25  # a field with fewer is left empty
 
 
 def axis_values(trace: Trace) -> dict[str, F]:
@@ -105,8 +108,11 @@ def axis_edges(axis: str, values: F) -> F:
     """Return the edges (m+1,) of an axis' regions from its values (n,) on the usable ticks of all recordings."""
     if axis == DIRECTION:
         edges = np.array([-1.0, 0.0, 1.0])
-    elif is_constant(values):
-        return whole_range(values)
+    elif is_constant(values):  # a single region
+        low, high = float(values.min()), float(values.max())
+        step = round_to_one_two_five(max(abs(low), abs(high), 1e-3) * CONSTANT, up=True)
+        first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
+        return _decimal(np.array([first, max(last, first + 1.0)]), step)
     elif axis == REVERSAL:
         inner = [e for e in REVERSAL_EDGES if e < float(values.max())]
         edges = np.array([*inner, round_to_one_two_five(float(values.max()), up=True)])
@@ -139,14 +145,6 @@ def even_edges(values: F, count: int) -> F:
 def is_constant(values: F) -> bool:
     """Return whether an axis varies too little to be divided."""
     return float(np.ptp(values)) <= CONSTANT * max(float(np.abs(values).max()), 1e-9)
-
-
-def whole_range(values: F) -> F:
-    """Return the two edges of an axis with a single region."""
-    low, high = float(values.min()), float(values.max())
-    step = round_to_one_two_five(max(abs(low), abs(high), 1e-3) * CONSTANT, up=True)
-    first, last = np.floor(low / step + 1e-6), np.ceil(high / step - 1e-6)
-    return _decimal(np.array([first, max(last, first + 1.0)]), step)
 
 
 def round_to_one_two_five(value: float, up: bool) -> float:
@@ -189,27 +187,14 @@ def _merge_sparse_regions(edges: F, values: F) -> F:
         small = int(np.argmin(counts))
         if counts[small] >= min_ticks:
             break
-        edges = np.delete(edges, _smaller_side(counts, small))
+        before, _, after = np.pad(counts.astype(np.float64), 1, constant_values=np.inf)[small : small + 3]
+        edges = np.delete(edges, small if before <= after else small + 1)
     return edges
-
-
-def _smaller_side(counts: Sequence[int] | I, small: int) -> int:
-    """Return the edge between a region and its smaller neighbour."""
-    if small == 0:
-        return 1
-    if small == len(counts) - 1:
-        return small
-    return small if counts[small - 1] <= counts[small + 1] else small + 1
 
 
 def _decimal(multiples: F, step: float) -> F:
     """Return multiples of a step without binary rounding errors."""
     return np.round(multiples * step, max(0, 2 - int(np.floor(np.log10(step))))) + 0.0  # no negative zero
-
-
-MAPS = ((SPEED, STROKE), (SPEED, CURRENT), (SPEED, REVERSAL))
-FIELDS = {SPEED: 16, STROKE: 12, CURRENT: 8}  # approximate number along an axis
-MIN_FIELD_TICKS = 25  # a field with fewer is left empty
 
 
 def compute_gap_maps(values: Mapping[str, F], energy: F) -> tuple[GapMap, ...]:
@@ -218,20 +203,16 @@ def compute_gap_maps(values: Mapping[str, F], energy: F) -> tuple[GapMap, ...]:
 
 
 def _map(axes: tuple[str, str], values: Mapping[str, F], energy: F) -> GapMap:
-    edges = _edges(axes[0], values[axes[0]]), _edges(axes[1], values[axes[1]])
+    def edges_of(axis: str) -> F:
+        if axis == REVERSAL or is_constant(values[axis]):
+            return axis_edges(axis, values[axis])
+        return even_edges(values[axis], FIELDS[axis])
+
+    edges = edges_of(axes[0]), edges_of(axes[1])
     a, b = (region_indices(e, values[name]) for e, name in zip(edges, axes, strict=True))
     shape = len(edges[1]) - 1, len(edges[0]) - 1
     field = b * shape[1] + a
-    samples = np.bincount(field, minlength=shape[0] * shape[1]).astype(np.float64)
-    total = np.bincount(field, energy, minlength=shape[0] * shape[1])
-    shown = samples >= MIN_FIELD_TICKS
+    samples, total = (np.bincount(field, w, minlength=shape[0] * shape[1]) for w in (np.ones(len(field)), energy))
     rms = np.sqrt(np.maximum(total, 0.0) / np.maximum(samples, 1.0))
-    return GapMap(axes, edges, np.where(shown, rms, np.nan).reshape(shape), samples.reshape(shape))
-
-
-def _edges(axis: str, values: F) -> F:
-    if is_constant(values):
-        return whole_range(values)
-    if axis == REVERSAL:
-        return axis_edges(axis, values)
-    return even_edges(values, FIELDS[axis])
+    shown = np.where(samples >= MIN_FIELD_TICKS, rms, np.nan)
+    return GapMap(axes, edges, shown.reshape(shape), samples.reshape(shape))

@@ -16,6 +16,8 @@ from ces_gap.trace import Trace, require_usable
 OCTAVES_HZ = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 MIN_LINES = 8  # spectral lines of the shortest recording in a band
 
+NoiseSpec = NoiseModel | float | Sequence[float] | None  # autocorrelated; RMS [N], of all or each trace; unknown
+
 
 @dataclass(frozen=True)
 class Spectra:
@@ -79,9 +81,6 @@ def estimate_noise_variance(whole: Spectra, rest: Spectra, noise_energy: float) 
     return np.minimum(density, level[reached[0]]) if len(reached) else density
 
 
-NoiseSpec = NoiseModel | float | Sequence[float] | None  # autocorrelated; RMS [N], of all or each trace; unknown
-
-
 @dataclass(frozen=True)
 class Energy:
     """The energy of a gap [N²] on the usable ticks of all recordings, concatenated; means may be negative.
@@ -113,12 +112,18 @@ def gap_energy(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, edge
     else:
         predicted = cross_fit_gap(traces, gap)
         rests = [y - p[t.usable] for t, y, p in zip(traces, series, predicted, strict=True)]
-        rms = _noise_rms_N(noise, series, rests)
+        if noise is None:  # the RMS of the learner's residual
+            rms = np.full(len(series), np.sqrt(min(float((np.concatenate(y) ** 2).mean()) for y in (rests, series))))
+        else:
+            rms = np.array(np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(series),)))
         noise_energy = float(np.repeat(rms**2, lengths).sum())
         shape = estimate_noise_variance(spectra, spectra_of(rests, rates, edges), noise_energy)[spectra.band]
-    floor = _scale_to_rms(shape, rms, lengths)
+    mean = np.add.reduceat(shape, np.cumsum([0, *lengths[:-1]])) / np.asarray(lengths)
+    floor = shape * np.repeat(rms**2 / np.maximum(mean, 1e-300), lengths)  # of this shape, with each trace's noise
     parts = [split_into_bands(y, r, edges) ** 2 for y, r in zip(series, rates, strict=True)]
     owner = np.repeat(np.arange(len(series)), lengths)
+    measured = spectra_of([t.force[t.usable] for t in traces], rates, edges)
+    force = measured.sums(measured.line**2)
     floors = np.stack([spectra.sums(floor * (owner == k)) / n for k, n in enumerate(lengths)])
     return Energy(
         step_s=np.repeat([t.step_s for t in traces], lengths),
@@ -127,7 +132,7 @@ def gap_energy(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, edge
         edges_Hz=edges,
         noise_error=np.sqrt(np.maximum(spectra.sums(4.0 * floor * spectra.line**2 - 2.0 * floor**2), 0.0)) / len(owner),
         lines=spectra.sums(np.ones_like(floor)),
-        force=_force_share(traces, edges),
+        force=force / max(float(force.sum()), 1e-300),
     )
 
 
@@ -146,24 +151,3 @@ def _usable(trace: Trace, gap: F) -> F:
             f"{trace.time_s.shape} and finite at usable ticks; check what the simulation returns"
         )
     return gap[trace.usable]
-
-
-def _noise_rms_N(noise: float | Sequence[float] | None, series: Sequence[F], rests: Sequence[F]) -> F:
-    """Return the RMS [N] of each trace's noise; if it is unknown, that of the learner's residual."""
-    if noise is not None:
-        return np.array(np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(series),)))
-    return np.full(len(series), np.sqrt(min(float((np.concatenate(y) ** 2).mean()) for y in (rests, series))))
-
-
-def _scale_to_rms(shape: F, rms_N: F, lengths: Sequence[int]) -> F:
-    """Return a spectrum (n,) [N² per line] of this shape, scaled to the RMS of each trace's noise."""
-    starts = np.cumsum([0, *lengths[:-1]])
-    mean = np.add.reduceat(shape, starts) / np.asarray(lengths)
-    scaled: F = shape * np.repeat(rms_N**2 / np.maximum(mean, 1e-300), lengths)
-    return scaled
-
-
-def _force_share(traces: Sequence[Trace], edges_Hz: F) -> F:
-    spectra = spectra_of([t.force[t.usable] for t in traces], [t.rate_Hz for t in traces], edges_Hz)
-    energy = spectra.sums(spectra.line**2)
-    return energy / max(float(energy.sum()), 1e-300)

@@ -39,6 +39,9 @@ BLOCK_S = (0.25, 1.0)
 BLOCK_LAGS = 6.0  # length of a block over that of the autocorrelation
 QUIET_S = 0.05  # [s] for which the autocorrelation must stay insignificant
 CHUNK = 2_000_000  # numbers drawn at once
+RESAMPLES = 400
+RESOLVED = 1e-9  # of the mean energy: a smaller excess is a rounding error
+CELLS = 12_000  # approximate number of cells into which ticks are merged for resampling
 
 
 def block_s(series: F, step_s: float) -> float:
@@ -136,11 +139,6 @@ def _starts(n: int, length: int, resamples: int, rng: np.random.Generator) -> I:
     return rng.integers(0, n, (resamples, -(-n // length)))
 
 
-RESAMPLES = 400
-RESOLVED = 1e-9  # of the mean energy: a smaller excess is a rounding error
-CELLS = 12_000  # approximate number of cells into which ticks are merged for resampling
-
-
 @dataclass(frozen=True)
 class _Axis:
     """The regions of one operating axis: `edges` (m+1,), and the region `code` (n,) of each tick."""
@@ -170,16 +168,24 @@ def locate(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, seed: in
     values = _values(traces)
     axes = [_Axis(n, e, region_indices(e, values[n])) for n, e in ((n, axis_edges(n, values[n])) for n in OPERATING)]
     cells = _cells(energy, axes)
-    length = _block(cells)
+    cell_s = float(cells.seconds.sum()) / len(OPERATING) / len(cells.energy)
+    length = max(1, round(block_s(cells.energy, cell_s) / cell_s))  # of a block, in cells
     rng = np.random.default_rng(seed)
     scores, draws = _operating_scores(cells, axes, length, rng)
     band_scores, band_errors, errors = _bootstrap_errors(cells, energy, length, rng)
     alone = np.concatenate([[len(a.edges) == 2] * (len(a.edges) - 1) for a in axes] + [[False] * len(band_scores)])
     q = np.where(alone, 1.0, q_values(np.concatenate([scores, band_scores])))
-    regions = [
-        *_operating_regions(energy, axes, errors, effective_blocks(cells.seconds, length), q),
-        *_band_regions(energy, band_errors, len(cells.energy) / length, q[len(scores) :]),
-    ]
+    regions: list[GapRegion] = []
+    blocks = effective_blocks(cells.seconds, length)
+    for axis in axes:
+        part = slice(len(regions), len(regions) + len(axis.edges) - 1)
+        weights = (energy.step_s, energy.tick * energy.step_s)
+        seconds, sums = (np.bincount(axis.code, w, minlength=len(axis.edges) - 1).astype(np.float64) for w in weights)
+        ends = t_interval(sums / seconds, errors[part], blocks[part])
+        regions += _regions(axis.name, axis.edges, sums, seconds, (sums / seconds, *ends), q[part])
+    means = np.average(energy.band, axis=0, weights=energy.step_s)
+    ends = t_interval(means, band_errors, np.full(len(means), len(cells.energy) / length))
+    regions += _regions(FREQUENCY, energy.edges_Hz, means, energy.force, (means, *ends), q[len(scores) :])
     return Where(
         tuple(sorted(regions, key=lambda r: -r.share_of_energy)),
         regions[int(np.argmax(scores))] if scores.max() > 0.0 else None,
@@ -196,16 +202,16 @@ def rms_within_regions(
     bands = [r for r in regions if r.axis == FREQUENCY]
     edges = np.unique([0.0, max(t.rate_Hz for t in traces) / 2.0, *(e for r in bands for e in (r.low, r.high))])
     energy = gap_energy(traces, gap, noise, edges)
-    return tuple(_root(_mean_within(r, energy, values)) for r in regions)
 
+    def mean_within(region: GapRegion) -> float:
+        if region.axis == FREQUENCY:
+            inside = (edges[:-1] >= region.low) & (edges[1:] <= region.high)
+            return float(np.average(energy.band[:, inside].sum(axis=1), weights=energy.step_s))
+        along = values[region.axis]
+        weight = energy.step_s * ((along >= region.low) & (along <= region.high))
+        return float(energy.tick @ weight) / max(float(weight.sum()), 1e-300)
 
-def _mean_within(region: GapRegion, energy: Energy, values: dict[str, F]) -> float:
-    if region.axis == FREQUENCY:
-        inside = (energy.edges_Hz[:-1] >= region.low) & (energy.edges_Hz[1:] <= region.high)
-        return float(np.average(energy.band[:, inside].sum(axis=1), weights=energy.step_s))
-    along = values[region.axis]
-    weight = energy.step_s * ((along >= region.low) & (along <= region.high))
-    return float(energy.tick @ weight) / max(float(weight.sum()), 1e-300)
+    return tuple(_root(mean_within(r)) for r in regions)
 
 
 def _values(traces: Sequence[Trace]) -> dict[str, F]:
@@ -224,12 +230,6 @@ def _cells(energy: Energy, axes: Sequence[_Axis]) -> _Cells:
         np.add.reduceat(member * energy.step_s[:, None], starts, axis=0),
         np.add.reduceat(energy.band * energy.step_s[:, None], starts, axis=0),
     )
-
-
-def _block(cells: _Cells) -> int:
-    """Return the number of cells in a block."""
-    cell_s = float(cells.seconds.sum()) / len(OPERATING) / len(cells.energy)
-    return max(1, round(block_s(cells.energy, cell_s) / cell_s))
 
 
 def _operating_scores(cells: _Cells, axes: Sequence[_Axis], length: int, rng: np.random.Generator) -> tuple[F, F]:
@@ -267,27 +267,6 @@ def _bootstrap_errors(cells: _Cells, energy: Energy, length: int, rng: np.random
     errors, draws = sums[:, : r + m].std(axis=0), sums[:, r + m :]
     scores = normal_scores(excess, draws, energy.noise_error, np.sqrt(8.0 / energy.lines))[0]
     return scores, np.maximum(errors[r:], energy.noise_error), errors[:r]
-
-
-def _operating_regions(energy: Energy, axes: Sequence[_Axis], errors: F, blocks: F, q: F) -> list[GapRegion]:
-    regions: list[GapRegion] = []
-    for axis in axes:
-        part = slice(len(regions), len(regions) + len(axis.edges) - 1)
-        seconds = _sums(axis, energy.step_s)
-        sums = _sums(axis, energy.tick * energy.step_s)
-        ends = t_interval(sums / seconds, errors[part], blocks[part])
-        regions += _regions(axis.name, axis.edges, sums, seconds, (sums / seconds, *ends), q[part])
-    return regions
-
-
-def _sums(axis: _Axis, weight: F) -> F:
-    return np.bincount(axis.code, weight, minlength=len(axis.edges) - 1).astype(np.float64)
-
-
-def _band_regions(energy: Energy, errors: F, blocks: float, q: F) -> list[GapRegion]:
-    means = np.average(energy.band, axis=0, weights=energy.step_s)
-    ends = t_interval(means, errors, np.full(len(means), blocks))
-    return _regions(FREQUENCY, energy.edges_Hz, means, energy.force, (means, *ends), q)
 
 
 def _regions(axis: str, edges: F, sums: F, amount: F, means: tuple[F, F, F], q: F) -> list[GapRegion]:
@@ -329,10 +308,8 @@ def locate_gap(evidence: Evidence, held_out: Sequence[HeldOutSeries], seed: int,
     """Return where the gap of all recordings lies, and what the effects leave of it on held-out recordings."""
     held_out_traces, noise = [s.trace for s in held_out], evidence.noise
     traces, corrected = [*evidence.traces, *held_out_traces], [*evidence.alone, *(s.corrected for s in held_out)]
-    gap, after = (
-        [t.force - f for t, f in zip(traces, corrected, strict=True)],
-        [s.trace.force - s.augmented for s in held_out],
-    )
+    gap = [t.force - f for t, f in zip(traces, corrected, strict=True)]
+    after = [s.trace.force - s.augmented for s in held_out]
     where = locate(traces, gap, noise, seed)
     within = rms_within_regions(where.regions, held_out_traces, after, noise)
     rest = locate(held_out_traces, after, noise, seed) if with_rest else None

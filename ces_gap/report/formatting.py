@@ -19,39 +19,14 @@ AXES = {
     "heat_J": ("dissipated heat", "kJ", 1e-3),
 }  # name, displayed unit, factor from SI to it
 SIDES = ("rebound", "compression")
-UNITS = {
-    "_N_s2_m2_A": "N·s²/(m²·A)",
-    "_N_s_m_A": "N·s/(m·A)",
-    "_N_s2_m2": "N·s²/m²",
-    "_N_s_m2": "N·s/m²",
-    "_N_m_A": "N/(m·A)",
-    "_N_A2": "N/A²",
-    "_N_A": "N/A",
-    "_samples2": "samples²",
-    "_samples": "samples",
-    "_m_s_rtN": "m/(s·√N)",
-    "_m_sN": "m/(s·N)",
-    "_per_N": "1/N",
-    "_per_K": "1/K",
-    "_per_J": "1/J",
-    "_N_s_m": "N·s/m",
-    "_N_m2": "N/m²",
-    "_N_m3": "N/m³",
-    "_N_m": "N/m",
-    "_N_s": "N/s",
-    "_N_K": "N/K",
-    "_m_s": "m/s",
-    "_s_m": "s/m",
-    "_kg": "kg",
-    "_Hz": "Hz",
-    "_Pa": "Pa",
-    "_N": "N",
-    "_m": "m",
-    "_s": "s",
-    "_A": "A",
-    "_K": "K",
-    "_J": "J",
-}  # by the suffix of a parameter's name, longer suffixes first
+UNITS = {  # by the suffix of a parameter's name, longer suffixes first
+    "_N_s2_m2_A": "N·s²/(m²·A)", "_N_s_m_A": "N·s/(m·A)", "_N_s2_m2": "N·s²/m²", "_N_s_m2": "N·s/m²",
+    "_N_m_A": "N/(m·A)", "_N_A2": "N/A²", "_N_A": "N/A", "_samples2": "samples²", "_samples": "samples",
+    "_m_s_rtN": "m/(s·√N)", "_m_sN": "m/(s·N)", "_per_N": "1/N", "_per_K": "1/K", "_per_J": "1/J",
+    "_N_s_m": "N·s/m", "_N_m2": "N/m²", "_N_m3": "N/m³", "_N_m": "N/m", "_N_s": "N/s", "_N_K": "N/K",
+    "_m_s": "m/s", "_s_m": "s/m", "_kg": "kg", "_Hz": "Hz", "_Pa": "Pa", "_N": "N", "_m": "m", "_s": "s",
+    "_A": "A", "_K": "K", "_J": "J",
+}  # fmt: skip
 DISPLAY_UNITS = {
     "m": ("mm", 1e3, 0.0, 0.1),
     "s": ("ms", 1e3, 0.0, 0.1),
@@ -59,6 +34,7 @@ DISPLAY_UNITS = {
     "N/m": ("N/mm", 1e-3, 1e4, math.inf),
 }  # displayed unit, its factor, and the range of the largest number in SI for which it is used
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre"}
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def effect_name(effect: str) -> str:
@@ -123,7 +99,7 @@ def format_number(value: float) -> str:
     if "e" not in digits:
         return minus(digits)
     mantissa, power = digits.split("e")
-    return minus(f"{mantissa}·10") + "".join(_RAISED[c] for c in str(int(power)))
+    return minus(f"{mantissa}·10") + str(int(power)).translate(RAISED)
 
 
 def percent(share: float) -> str:
@@ -138,6 +114,3 @@ def percents(interval: Interval) -> str:
     if not all(map(math.isfinite, interval)):
         return "\N{EN DASH}"
     return f"{percent(interval[0])} to {percent(interval[1])}\N{NO-BREAK SPACE}%"
-
-
-_RAISED = dict(zip("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹", strict=True))

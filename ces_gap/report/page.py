@@ -41,6 +41,32 @@ EXPERIMENT_FILES = {
 }
 
 
+@dataclass(frozen=True)
+class Bar:
+    """A bar: label, remark, figures as text, and its length and whisker (start, length) in percent."""
+
+    css: str
+    label: str
+    remark: str
+    value: str
+    interval: str
+    length: float
+    whisker: tuple[float, float] | None
+
+
+@dataclass(frozen=True)
+class GapSteps:
+    """The steps from the original to the augmented simulation, the controls, and the noise [%] on their scale.
+
+    `cut` says that a bar is longer than shown.
+    """
+
+    steps: tuple[Bar, ...]
+    controls: tuple[Bar, ...]
+    noise: float
+    cut: bool
+
+
 def report_page(
     diagnosis: Diagnosis, title: str = "Simulation and reality", facts: Mapping[str, str] | None = None
 ) -> str:
@@ -75,77 +101,114 @@ def report_page(
     return replace_unencodable(page)
 
 
+def build_gap_steps(d: Diagnosis) -> GapSteps:
+    """Return the bars of a diagnosis: RMS [N] on held-out recordings, without noise except in the noise's own bar."""
+    gap, c, ceiling = d.gap, d.composition, d.ceiling_after_N
+    ends = [gap.rms_N, gap.ci95_N[1], gap.corrected_N, gap.corrected_ci95_N[1], gap.noise_floor_N]
+    longest = max([v for v in ends if math.isfinite(v)] + [1e-9])
+    others = [
+        v for v in (c.gap_after_N, ceiling, math.nan if d.wrong is None else d.wrong.gap_after_N) if math.isfinite(v)
+    ]
+    scale = STEP_ROOM * min(max([longest, *others]), MAX_CONTROL * longest)
+    steps = [_bar(scale, "before", "Original simulation", "", gap.rms_N, gap.ci95_N)]
+    if has_correction(d):
+        remark = "learned from the reference recordings"
+        steps.append(_bar(scale, "corrected", "Baseline error removed", remark, gap.corrected_N, gap.corrected_ci95_N))
+    if c.effects:
+        remark = "the best of the known effects" if d.verdict == UNKNOWN else ""
+        text = f"With {join_effect_names(c.effects)}"
+        steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(c)))
+    remark = f"from {gap.noise_source}; subtracted from all other bars"
+    steps.append(_bar(scale, "noise", "Measurement noise", remark, gap.noise_floor_N, None))
+    controls = []
+    if d.wrong is not None:
+        text, remark = (
+            f"Best other effect: {effect_name(d.wrong.effects[0])}",
+            "any flexible effect reduces any gap a little",
+        )
+        controls.append(_bar(scale, "wrong", text, remark, d.wrong.gap_after_N, after_ci95_N(d.wrong)))
+    if math.isfinite(ceiling):
+        remark = "without physics: any smooth function with a memory"
+        controls.append(_bar(scale, "ceiling", "Generic learner", remark, ceiling, None))
+    is_cut = any(bar.css.endswith(" cut") for bar in (*steps, *controls))
+    return GapSteps(tuple(steps), tuple(controls), steps[-1].length, is_cut)
+
+
+def has_correction(d: Diagnosis) -> bool:
+    """Return whether the references changed the gap."""
+    return abs(d.gap.corrected_N - d.gap.rms_N) > SAME * d.gap.rms_N
+
+
+def after_ci95_N(explanation: Explanation) -> Interval | None:
+    """Return the interval [N] of the gap after, from that of the shrink; None if it is unknown."""
+    left = 1.0 - explanation.shrink
+    if not all(map(math.isfinite, (explanation.shrink, *explanation.shrink_ci95))) or left <= 0.0:
+        return None
+    before = explanation.gap_after_N / left
+    low, high = (before * max(1.0 - s, 0.0) for s in explanation.shrink_ci95[::-1])
+    return low, high
+
+
 def _key_figure(d: Diagnosis) -> dict[str, str]:
     """Return the most important figure with its unit and an explanation."""
     c = d.composition
     if d.verdict == UNKNOWN:
-        left = percent(1.0 - c.shrink if c.effects else 1.0)
+        figure, unit = percent(1.0 - c.shrink if c.effects else 1.0), "%"
         share = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
         learnt = "nothing of it" if share <= 0.0 else f"{percent(share)}\N{NO-BREAK SPACE}%"
-        text = "of the gap on held-out recordings remains unexplained by known effects; a generic learner explains"
+        left = "on held-out recordings remains unexplained by known effects"
         if c.effects and c.shrink < 0.0:
-            text = "of the gap is there on held-out recordings with what was fitted, so the fit does not carry over; a "
-            text += "generic learner explains"
-        return {"figure": left, "unit": "%", "text": f"{text} {learnt}."}
-    if d.verdict == NO_GAP or not c.effects:
-        text = f"between simulation and measurement; the measurement noise is {three_figures(d.gap.noise_floor_N)} N."
-        return {"figure": three_figures(d.gap.rms_N), "unit": "N", "text": text}
-    names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
-    interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
-    text = f"of the gap on held-out recordings closed by {names}; {interval}."
-    return {"figure": percent(c.shrink), "unit": "%", "text": text}
+            left = "is there on held-out recordings with what was fitted, so the fit does not carry over"
+        text = f"of the gap {left}; a generic learner explains {learnt}."
+    elif d.verdict == NO_GAP or not c.effects:
+        figure, unit, noise = three_figures(d.gap.rms_N), "N", three_figures(d.gap.noise_floor_N)
+        text = f"between simulation and measurement; the measurement noise is {noise} N."
+    else:
+        figure, unit = percent(c.shrink), "%"
+        names = join_effect_names(c.effects) + (" (best fit)" if d.verdict == AMBIGUOUS else "")
+        interval = f"95\N{NO-BREAK SPACE}% interval {percents(c.shrink_ci95)}"
+        text = f"of the gap on held-out recordings closed by {names}; {interval}."
+    return {"figure": figure, "unit": unit, "text": text}
 
 
 def _warnings(d: Diagnosis) -> list[str]:
     """Return what a reader must know before the result; the other notes are at the end of the page."""
-    seen = [f"{sentence_case(note)}." for note in d.seen_notes]
-    if d.surrogate_cost_J is None:
-        return seen
-    return [
-        *seen,
-        "The simulation is available only as recorded predictions. Effects on position and current were evaluated with "
-        f"a surrogate learned from these predictions; its cost J is {three_figures(d.surrogate_cost_J)} %."
-        + (
-            ""
-            if d.surrogate_error is None
-            else f" Its error where inputs change is about {percent(d.surrogate_error)} % of the change."
-        ),
-    ]
+    texts = [f"{sentence_case(note)}." for note in d.seen_notes]
+    if d.surrogate_cost_J is not None:
+        cost = three_figures(d.surrogate_cost_J)
+        text = "The simulation is available only as recorded predictions. Effects on position and current were "
+        text += f"evaluated with a surrogate learned from these predictions; its cost J is {cost} %."
+        if d.surrogate_error is not None:
+            text += f" Its error where inputs change is about {percent(d.surrogate_error)} % of the change."
+        texts.append(text)
+    return texts
 
 
 def _open_questions(d: Diagnosis) -> list[tuple[str, list[str]]]:
     """Return headings and sentences about what these recordings leave open."""
     same = "give the same force on these recordings, within the noise."
     absorbed = "a recalibration of the simulation would have the same effect. Record references to separate the two."
-    alike = [f"{sentence_case(join_effect_names(group))} {same}" for group in d.indistinguishable]
-    static = [f"{sentence_case(join_effect_names(d.not_separable))}: {absorbed}"] * bool(d.not_separable)
-    invisible = [f"{sentence_case(effect_name(e))}: {reason.rstrip('.')}." for e, reason in d.invisible]
-    questions = (
-        ("Indistinguishable effects", alike),
-        ("Not separable from calibration", static),
-        ("Not visible in these recordings", invisible),
-    )
-    return [(heading, sentences) for heading, sentences in questions if sentences]
+    separable = [f"{sentence_case(join_effect_names(d.not_separable))}: {absorbed}"] if d.not_separable else []
+    questions = {
+        "Indistinguishable effects": [f"{sentence_case(join_effect_names(g))} {same}" for g in d.indistinguishable],
+        "Not separable from calibration": separable,
+        "Not visible in these recordings": [
+            f"{sentence_case(effect_name(e))}: {reason.rstrip('.')}." for e, reason in d.invisible
+        ],
+    }
+    return [(heading, sentences) for heading, sentences in questions.items() if sentences]
 
 
 def _where(ident: str, what: str, where: Where) -> dict[str, Any]:
     """Return the sentence and the figures that locate `what`."""
-    return {
-        "sentence": _describe_strongest_region(what, where),
-        "share_charts": draw_share_charts(ident, where.regions),
-        "maps": draw_gap_maps(f"{ident}-map", where.maps),
-    }
-
-
-def _describe_strongest_region(what: str, where: Where) -> str:
     r, p = where.strongest, where.max_p_value
-    if r is None or not p <= SIGNIFICANT:
-        return f"No region stands out: the {what} is spread over the whole operating range."
-    energy, samples = percent(r.share_of_energy), percent(r.share_of_samples)
-    return (
-        f"The {what} is most concentrated at {region_name(r)}: {energy} % of its energy in {samples} % of the time "
-        f"(p = {p:.2g} over all regions)."
-    )
+    sentence = f"No region stands out: the {what} is spread over the whole operating range."
+    if r is not None and p <= SIGNIFICANT:
+        energy, samples = percent(r.share_of_energy), percent(r.share_of_samples)
+        sentence = f"The {what} is most concentrated at {region_name(r)}: {energy} % of its energy in {samples} % of "
+        sentence += f"the time (p = {p:.2g} over all regions)."
+    charts, maps = draw_share_charts(ident, where.regions), draw_gap_maps(f"{ident}-map", where.maps)
+    return {"sentence": sentence, "share_charts": charts, "maps": maps}
 
 
 def _plots(d: Diagnosis, effects: str) -> dict[str, Any] | None:
@@ -176,90 +239,12 @@ def _experiment(experiment: NextExperiment | None) -> dict[str, Any] | None:
     }
 
 
-@dataclass(frozen=True)
-class Bar:
-    """A bar: label, remark, figures as text, and its length and whisker (start, length) in percent."""
-
-    css: str
-    label: str
-    remark: str
-    value: str
-    interval: str
-    length: float
-    whisker: tuple[float, float] | None
-
-
-@dataclass(frozen=True)
-class GapSteps:
-    """The steps from the original to the augmented simulation, the controls, and the noise [%] on their scale."""
-
-    steps: tuple[Bar, ...]
-    controls: tuple[Bar, ...]
-    noise: float
-
-    @property
-    def cut(self) -> bool:
-        """Whether a bar is longer than shown."""
-        return any(bar.css.endswith(" cut") for bar in (*self.steps, *self.controls))
-
-
-def build_gap_steps(d: Diagnosis) -> GapSteps:
-    """Return the bars of a diagnosis: RMS [N] on held-out recordings, without noise except in the noise's own bar."""
-    ends = [d.gap.rms_N, d.gap.ci95_N[1], d.gap.corrected_N, d.gap.corrected_ci95_N[1], d.gap.noise_floor_N]
-    longest = max([v for v in ends if math.isfinite(v)] + [1e-9])
-    controls = [d.composition.gap_after_N, d.ceiling_after_N, *([d.wrong.gap_after_N] if d.wrong is not None else [])]
-    scale = STEP_ROOM * min(max([longest, *filter(math.isfinite, controls)]), MAX_CONTROL * longest)
-    steps = [_bar(scale, "before", "Original simulation", "", d.gap.rms_N, d.gap.ci95_N)]
-    if has_correction(d):
-        remark, gap = "learned from the reference recordings", d.gap
-        steps.append(_bar(scale, "corrected", "Baseline error removed", remark, gap.corrected_N, gap.corrected_ci95_N))
-    if d.composition.effects:
-        remark = "the best of the known effects" if d.verdict == UNKNOWN else ""
-        label = f"With {join_effect_names(d.composition.effects)}"
-        steps.append(_after(scale, "after", label, remark, d.composition))
-    remark = f"from {d.gap.noise_source}; subtracted from all other bars"
-    noise = _bar(scale, "noise", "Measurement noise", remark, d.gap.noise_floor_N, None)
-    return GapSteps((*steps, noise), tuple(_controls(d, scale)), noise.length)
-
-
-def has_correction(d: Diagnosis) -> bool:
-    """Return whether the references changed the gap."""
-    return abs(d.gap.corrected_N - d.gap.rms_N) > SAME * d.gap.rms_N
-
-
-def after_ci95_N(explanation: Explanation) -> Interval | None:
-    """Return the interval [N] of the gap after, from that of the shrink; None if it is unknown."""
-    left = 1.0 - explanation.shrink
-    if not all(map(math.isfinite, (explanation.shrink, *explanation.shrink_ci95))) or left <= 0.0:
-        return None
-    before = explanation.gap_after_N / left
-    low, high = (before * max(1.0 - s, 0.0) for s in explanation.shrink_ci95[::-1])
-    return low, high
-
-
-def _controls(d: Diagnosis, scale: float) -> list[Bar]:
-    out = []
-    if d.wrong is not None:
-        remark = "any flexible effect reduces any gap a little"
-        out.append(_after(scale, "wrong", f"Best other effect: {effect_name(d.wrong.effects[0])}", remark, d.wrong))
-    if math.isfinite(d.ceiling_after_N):
-        remark = "without physics: any smooth function with a memory"
-        out.append(_bar(scale, "ceiling", "Generic learner", remark, d.ceiling_after_N, None))
-    return out
-
-
-def _after(scale: float, css: str, label: str, remark: str, explanation: Explanation) -> Bar:
-    return _bar(scale, css, label, remark, explanation.gap_after_N, after_ci95_N(explanation))
-
-
 def _bar(scale: float, css: str, label: str, remark: str, value: float, ci95: Interval | None) -> Bar:
-    css = f"{css} cut" if value > scale else css
-    if ci95 is None or not all(map(math.isfinite, ci95)):
-        return Bar(css, label, remark, three_figures(value), "", _percent(value, scale), None)
-    low, high = (_percent(v, scale) for v in ci95)
-    interval = f"{three_figures(ci95[0])} to {three_figures(ci95[1])}"
-    return Bar(css, label, remark, three_figures(value), interval, _percent(value, scale), (low, high - low))
+    def percent_of_scale(value: float) -> float:
+        return min(100.0 * value / scale, 100.0) if math.isfinite(value) else 0.0
 
-
-def _percent(value: float, scale: float) -> float:
-    return min(100.0 * value / scale, 100.0) if math.isfinite(value) else 0.0
+    css, interval, whisker = f"{css} cut" if value > scale else css, "", None
+    if ci95 is not None and all(map(math.isfinite, ci95)):
+        low, high = map(percent_of_scale, ci95)
+        interval, whisker = " to ".join(map(three_figures, ci95)), (low, high - low)
+    return Bar(css, label, remark, three_figures(value), interval, percent_of_scale(value), whisker)

@@ -30,27 +30,18 @@ def result_files(
     `sources` are the recordings of each role ("real", "held_out", "reference") for the provenance; `facts` are shown in
     the report. If the report or the next experiment cannot be written, a note in `gap.json` says why.
     """
-    optional = OptionalSteps()
+    optional, proposed = OptionalSteps(), diagnosis.next_experiment
     nothing: dict[str, str] = {}
     page = optional.run(REPORT, lambda: {REPORT: report_page(diagnosis, _title(diagnosis, sources), facts)}, nothing)
-    proposed = diagnosis.next_experiment
-    experiment = (
-        nothing if proposed is None else optional.run("next experiment", lambda: experiment_files(proposed), nothing)
-    )
+    experiment = optional.run("next experiment", lambda: experiment_files(proposed) if proposed else nothing, nothing)
     document = gap_document(replace(diagnosis, notes=(*diagnosis.notes, *optional.notes)))
     provenance = {role: [{"recording": r.name, "sha256": r.sha256} for r in recordings] for role, recordings in sources}
-    return {
-        GAP: format_document(document),
-        AUGMENTED: augmented_text(
-            sim,
-            diagnosis.composition.composition,
-            diagnosis.correction,
-            diagnosis.surrogate,
-            {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance},
-        ),
-        **page,
-        **experiment,
-    }
+    found, said = (
+        diagnosis.composition.composition,
+        {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance},
+    )
+    augmented = augmented_text(sim, found, diagnosis.correction, diagnosis.surrogate, said)
+    return {GAP: format_document(document), AUGMENTED: augmented, **page, **experiment}
 
 
 def _title(diagnosis: Diagnosis, sources: Sequence[tuple[str, Sequence[Recording]]]) -> str:

@@ -82,20 +82,9 @@ def parameter_list(parameters: Sequence[ParameterText]) -> Markup:
     return Markup('<ul class="parameters">{}</ul>').format(Markup("").join(p.to_html() for p in parameters))
 
 
-def _effect_html(row: CauseRow) -> Markup:
-    return Markup("{}<small>{}</small>").format(row.effect, " · ".join(filter(None, (row.what, row.form))))
-
-
 def _probability_html(row: CauseRow) -> Markup:
-    bar = Markup('<span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
-    text = Markup('<span class="figure">{}</span>').format(percent(row.probability))
-    return text + bar.format(100.0 * row.probability)
-
-
-def _shrink_html(row: CauseRow) -> Markup:
-    if row.cause is None:
-        return Markup("")
-    return Markup("{}<small>{}</small>").format(percent(row.cause.shrink), percents(row.cause.shrink_ci95))
+    bar = '<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>'
+    return Markup(bar).format(percent(row.probability), 100.0 * row.probability)
 
 
 def _of_cause(text: Callable[[Explanation], str]) -> Callable[[CauseRow], str]:
@@ -103,8 +92,17 @@ def _of_cause(text: Callable[[Explanation], str]) -> Callable[[CauseRow], str]:
     return lambda row: "" if row.cause is None else text(row.cause)
 
 
+def _with_small(text: str, small: str) -> Markup:
+    return Markup("{}<small>{}</small>").format(text, small)
+
+
 CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
-    Column("Single effect", lambda r: f"{r.effect} ({r.form})" if r.form else r.effect, html=_effect_html, css="cause"),
+    Column(
+        "Single effect",
+        lambda r: f"{r.effect} ({r.form})" if r.form else r.effect,
+        html=lambda r: _with_small(r.effect, " · ".join(filter(None, (r.what, r.form)))),
+        css="cause",
+    ),
     Column("Probability [%]", lambda r: percent(r.probability), html=_probability_html, css="chance-of"),
     Column(
         "Parameters (95\N{NO-BREAK SPACE}% interval)",
@@ -117,7 +115,7 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
         "Shrink [%]",
         _of_cause(lambda c: f"{percent(c.shrink)} ({percents(c.shrink_ci95)})"),
         figure=True,
-        html=_shrink_html,
+        html=lambda r: _with_small(percent(c.shrink), percents(c.shrink_ci95)) if (c := r.cause) else Markup(""),
         css="shrunk",
     ),
 )
@@ -183,7 +181,7 @@ def composition_table(d: Diagnosis) -> Table[Part] | None:
     parts = zip(c.effects, c.forms, c.estimates, c.composition.settings, strict=True)
     rows = [(effect_name(e), effect_name(f), describe_parameters(estimates, s)) for e, f, estimates, s in parts]
     columns: tuple[Column[Part], ...] = (
-        Column("", lambda part: part[0], html=lambda p: Markup("{}<small>{}</small>").format(p[0], p[1]), css="cause"),
+        Column("", lambda part: part[0], html=lambda p: _with_small(p[0], p[1]), css="cause"),
         Column("", lambda part: ", ".join(map(str, part[2])), html=lambda part: parameter_list(part[2])),
     )
     return Table(columns, rows)
