@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime, tzinfo
+from datetime import UTC, date, datetime
 from functools import cache
 from pathlib import Path
 
@@ -281,31 +281,30 @@ def _find_order(matches: Sequence[re.Match[str]]) -> str:
 
 def _read_parts(part: Mapping[str, str | None], order: str) -> int:
     """Return the time [ns] since 1970, or since midnight without a date; raises ValueError if there is none such."""
-    hour, minute, second, days, minutes = (
-        int(part.get(key) or 0) for key in ("hour", "minute", "second", "days", "minutes")
-    )
+    hour, minute, second = (int(part.get(key) or 0) for key in ("hour", "minute", "second"))
     if half := part.get("half"):
         if not 1 <= hour <= 12:
             raise ValueError(hour)
         hour = hour % 12 + (12 if half in "Pp" else 0)
-    fraction = part.get("fraction") or ".0"
-    fraction_ns = int(fraction[1:].ljust(9, "0"))
+    days = int(part.get("days") or 0)
     day = part if not order else dict(zip(order, (part["first"], part["next"], part["last"]), strict=True))
     if year := day.get("y"):
         name = str(day["m"])
         month = int(name) if name.isdigit() else MONTHS.get(name[:3].casefold(), 0)
-        zone = _read_zone(part.get("zone") or "Z")
-        return (
-            _since_1970(datetime(int(year), month, int(day["d"] or 0), hour, minute, second, tzinfo=zone)) + fraction_ns
-        )
-    if minute > 59 or second > 59:
-        raise ValueError(minute, second)
-    return (60 * (60 * (24 * days + hour) + minute + minutes) + second) * 1_000_000_000 + fraction_ns
+        days = date(int(year), month, int(day["d"] or 0)).toordinal() - date(1970, 1, 1).toordinal()
+    if minute > 59 or second > 59 or (year and hour > 23):
+        raise ValueError(hour, minute, second)
+    minutes = 60 * (24 * days + hour) + minute + int(part.get("minutes") or 0)
+    fraction = part.get("fraction") or ".0"
+    seconds = 60 * minutes + second - _offset_s(part.get("zone") or "Z")
+    return seconds * 1_000_000_000 + int(fraction[1:].ljust(9, "0"))
 
 
 @cache
-def _read_zone(text: str) -> tzinfo | None:
-    return datetime.strptime(text, "%z").tzinfo
+def _offset_s(zone: str) -> int:
+    """Return by how much a zone such as `+01:00` is ahead of UTC [s]."""
+    known = datetime.strptime(zone, "%z")
+    return round((known.replace(tzinfo=UTC) - known).total_seconds())
 
 
 def _since_1970(moment: datetime) -> int:
