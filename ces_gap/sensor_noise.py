@@ -13,11 +13,10 @@ from functools import cache
 
 import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 from scipy.linalg import toeplitz
 from scipy.signal import spectrogram
 
-from ces_data.arrays import F, Mask
+from ces_data.arrays import F, I, Mask
 from ces_gap.grid import rms
 from ces_identify.validation.cycle_noise import differences, find_period, whole_ticks
 
@@ -102,18 +101,13 @@ def find_quantum_N(values: F) -> float:
     steps = np.unique(np.round(differences[differences > largest / MAX_STEPS] / max(largest, 1e-300), 9)) * largest
     if not len(steps) or len(steps) > len(values) / 2:
         return 0.0
-    step = _refine_step(differences, float(steps[0]))
-    off = np.abs(differences / step - np.round(differences / step))
-    return step if float(np.quantile(off, 0.9)) < 0.05 else 0.0
-
-
-def _refine_step(differences: F, step: float) -> float:
-    """Return the step near `step` that fits ever larger differences; the file's numbers may be rounded."""
-    for reach in (5.0, 20.0, 100.0, 1000.0):
+    step = float(steps[0])
+    for reach in (5.0, 20.0, 100.0, 1000.0):  # fits ever larger differences: the file's numbers may be rounded
         near = differences[differences < reach * step]
         counts = np.round(near / step)
         step = float(counts @ near / max(float(counts @ counts), 1e-300)) or step
-    return step
+    off = np.abs(differences / step - np.round(differences / step))
+    return step if float(np.quantile(off, 0.9)) < 0.05 else 0.0
 
 
 def estimate_from_spectrum(values: F, quantum_N: float, on_grid: float) -> NoiseEstimate:
@@ -157,14 +151,17 @@ def estimate_from_cycles(signals: GridSignals) -> NoiseEstimate:
     period = find_period(signals.position, MIN_PERIOD_S * signals.rate_Hz)
     if period is None:
         return NoiseEstimate(CYCLES, 0.0, "the position does not repeat")
-    moving = _find_moving_ticks(signals, round(period))
+    cycle = np.arange(len(signals.force)) // round(period)
+    ticks = np.bincount(cycle)
+    mean = np.bincount(cycle, signals.position) / ticks
+    energy = np.bincount(cycle, (signals.position - mean[cycle]) ** 2) / ticks
+    moving = signals.usable & (np.sqrt(energy) >= MIN_MOTION * signals.position.std())[cycle]
     spare = (moving.sum() / period - MIN_CYCLES) / 2.0
     lag = whole_ticks(period, int(np.clip(spare, 1, MAX_PERIODS)))
-    used = _find_equal_ticks(signals, moving, lag, round(period))
+    used = _find_equal_ticks(signals, moving, lag, cycle)
     if used.sum() < MIN_CYCLES * period:
         return NoiseEstimate(CYCLES, 0.0, f"{int(used.sum() / period)} equal cycles; expected at least {MIN_CYCLES}")
-    target = differences(signals.force, _whole(signals), lag)[used]
-    rows = _motion_differences(signals, lag)[used]
+    target, rows = _differences(signals.force, lag)[used], _motion_differences(signals, lag)[used]
     left = target - rows @ np.linalg.lstsq(rows, target, rcond=1e-9)[0]
     rms_N = float(np.sqrt(left @ left / max(len(left) - rows.shape[1], 1)))
     return NoiseEstimate(CYCLES, rms_N, lag1=correlate_neighbours(left, used))
@@ -179,25 +176,15 @@ def correlate_neighbours(values: F, used: Mask) -> float:
     return float((on_grid[:-1] * on_grid[1:])[pairs].sum()) / max(energy, 1e-300)
 
 
-def _find_moving_ticks(signals: GridSignals, period: int) -> Mask:
-    """Return the usable ticks (n,) in cycles with motion."""
-    cycle = np.arange(len(signals.force)) // period
-    ticks = np.bincount(cycle)
-    mean = np.bincount(cycle, signals.position) / ticks
-    energy = np.bincount(cycle, (signals.position - mean[cycle]) ** 2) / ticks
-    return np.asarray(signals.usable & (np.sqrt(energy) >= MIN_MOTION * signals.position.std())[cycle])
-
-
-def _find_equal_ticks(signals: GridSignals, moving: Mask, lag: int, period: int) -> Mask:
-    """Return the ticks (n,) in cycles that equal those `lag` ticks before and after, all three `moving`."""
+def _find_equal_ticks(signals: GridSignals, moving: Mask, lag: int, cycle: I) -> Mask:
+    """Return the ticks (n,) in a `cycle` that equals those `lag` ticks before and after, all three `moving`."""
     n = len(signals.force)
     used = np.zeros(n, bool)
     if 2 * lag >= n:
         return used
     used[lag : n - lag] = moving[lag : n - lag] & moving[: n - 2 * lag] & moving[2 * lag :]
-    cycle = np.arange(n) // period
     for values, spread in ((signals.position, signals.position.std()), (signals.current, rms(signals.current))):
-        difference = np.nan_to_num(differences(values, _whole(signals), lag))
+        difference = np.nan_to_num(_differences(values, lag))
         energy = np.bincount(cycle, np.where(used, difference**2, 0.0)) / np.maximum(np.bincount(cycle, used), 1)
         used &= (np.sqrt(energy) <= MAX_MISMATCH * max(float(spread), 1e-12))[cycle]
     return used
@@ -205,19 +192,18 @@ def _find_equal_ticks(signals: GridSignals, moving: Mask, lag: int, period: int)
 
 def _motion_differences(signals: GridSignals, lag: int) -> F:
     """Return the differences of the inputs between cycles, times a few functions of the state (n, q)."""
-    run = _whole(signals)
     speed = signals.speed / max(rms(signals.speed), 1e-12)
     current = signals.current / max(rms(signals.current), 1e-12)
     hat_functions = [np.interp(speed, KNOTS, hat) for hat in np.eye(len(KNOTS))]  # of speed, each 1 at one of the KNOTS
     states = (*hat_functions, current)
     moved = (signals.position, signals.speed, signals.acceleration, signals.current)
-    rows = [differences(values, run, lag) / max(float(values.std()), 1e-12) * s for values in moved for s in states]
+    rows = [_differences(values, lag) / max(float(values.std()), 1e-12) * s for values in moved for s in states]
     return np.stack(rows, axis=1)
 
 
-def _whole(signals: GridSignals) -> NDArray[np.int64]:
-    """Return the one run (1, 2) of all ticks."""
-    return np.array([[0, len(signals.force)]])
+def _differences(values: F, lag: int) -> F:
+    """Return what the values (n,), one run, differ by from those `lag` ticks before and after."""
+    return differences(values, np.array([[0, len(values)]]), lag)
 
 
 WINDOW_S = 0.5  # [s] in which the force may change quadratically

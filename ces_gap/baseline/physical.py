@@ -187,14 +187,12 @@ def _build_training(examples: Sequence[SurrogateExample], rate_Hz: float) -> Tra
     rows = [np.stack([e.inputs.position, e.inputs.speed, e.inputs.current]) for e in examples]
     inputs = np.concatenate([rows[number][:, window] for number, window in windows], axis=1)
     measured = np.concatenate([examples[number].force[window] for number, window in windows])
-    used = [
-        (_find_fitted_ticks(examples[number], window, rate_Hz), left_out(examples[number])[window])
-        for number, window in windows
-    ]
+    usable = np.concatenate([examples[number].trace.usable[window] for number, window in windows])
+    out = np.concatenate([left_out(examples[number])[window] for number, window in windows])
+    started = np.arange(len(usable)) - np.repeat(ends[:-1], np.diff(ends)) >= round(START_UP_S * rate_Hz)
     recordings = np.array([number for number, _ in windows], dtype=np.int64)
     of_tick = np.repeat(recordings, np.diff(ends))
-    selection = np.concatenate([fitted & out for fitted, out in used])
-    estimation = np.concatenate([fitted & ~out for fitted, out in used])
+    selection, estimation = usable & started & out, usable & started & ~out
     return Training(
         inputs,
         measured,
@@ -216,13 +214,6 @@ def _windows(example: SurrogateExample, count: int, rate_Hz: float) -> list[slic
         return [slice(0, ticks)]
     starts = np.linspace(0, ticks - length, max(1, share // length)).astype(np.int64)
     return [slice(int(start), int(start) + length) for start in starts]
-
-
-def _find_fitted_ticks(example: SurrogateExample, window: slice, rate_Hz: float) -> Mask:
-    """Return the usable ticks of the window after the start of its free run."""
-    fitted = example.trace.usable[window].copy()
-    fitted[: round(START_UP_S * rate_Hz)] = False
-    return fitted
 
 
 def _weights(used: Mask, measured: F, of_tick: I) -> F:

@@ -186,7 +186,15 @@ def _descend_from(goal: _Objective, searched: F, residual: F) -> EffectFit:
         jacobian = goal.jacobian(searched, residual)
         if whole - after < MIN_EXPLAINED * whole:
             break
-    return _complete_fit(goal, searched, residual, jacobian)
+    evidence, unit, left_out = goal.evidence, goal.evidence.unit_of_row, residual.copy()
+    by_unit = np.tile(searched, (len(evidence.units), 1))
+    for k in range(len(evidence.units)):
+        out = unit == k
+        step = _bounded_step(jacobian[~out], residual[~out], searched, goal.low, goal.high, 1e-6)
+        left_out[out] = residual[out] - jacobian[out] @ step
+        by_unit[k] += step
+    covariance = _covariance(evidence, residual, jacobian)
+    return EffectFit(goal.effects, searched, residual, jacobian, left_out, by_unit, covariance)
 
 
 def _descend(goal: _Objective, searched: F, residual: F, jacobian: F, damping: float) -> tuple[F, F | None, float]:
@@ -225,19 +233,6 @@ def _bounded_step(jacobian: F, residual: F, at: F, low: F, high: F, damping: flo
         step[beyond] = np.clip(at + step, low, high)[beyond] - at[beyond]
         free &= ~beyond
     return step
-
-
-def _complete_fit(goal: _Objective, searched: F, residual: F, jacobian: F) -> EffectFit:
-    evidence = goal.evidence
-    unit, left_out = evidence.unit_of_row, residual.copy()
-    by_unit = np.tile(searched, (len(evidence.units), 1))
-    for k in range(len(evidence.units)):
-        out = unit == k
-        step = _bounded_step(jacobian[~out], residual[~out], searched, goal.low, goal.high, 1e-6)
-        left_out[out] = residual[out] - jacobian[out] @ step
-        by_unit[k] += step
-    covariance = _covariance(evidence, residual, jacobian)
-    return EffectFit(goal.effects, searched, residual, jacobian, left_out, by_unit, covariance)
 
 
 def _covariance(evidence: Evidence, residual: F, jacobian: F) -> F:

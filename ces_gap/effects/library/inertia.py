@@ -50,19 +50,14 @@ class MassOnCell(Inertia):
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         mass, stiffness = values
-        return _behind_resonance(force + mass * trace.acceleration, mass / stiffness, trace.rate_Hz)
+        if mass <= 0.0:
+            return force
+
+        def response(frequency: F) -> NDArray[np.complex128]:
+            ratio = np.sqrt(mass / stiffness) * frequency
+            return np.asarray(1.0 / (1.0 - ratio**2 + 2j * DAMPING * ratio))
+
+        return apply_response(force + mass * trace.acceleration, trace.rate_Hz, response)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
         return [(MASS_KG, MASS_KG * (2.0 * np.pi * f) ** 2) for f in RESONANCES_HZ]
-
-
-def _behind_resonance(force: F, per_square: float, rate_Hz: float) -> F:
-    """Return the force (n,) behind a resonance at w with 1/w2 = `per_square` [s2], by its frequency response."""
-    if per_square <= 0.0:
-        return force
-
-    def response(frequency: F) -> NDArray[np.complex128]:
-        ratio = np.sqrt(per_square) * frequency
-        return np.asarray(1.0 / (1.0 - ratio**2 + 2j * DAMPING * ratio))
-
-    return apply_response(force, rate_Hz, response)

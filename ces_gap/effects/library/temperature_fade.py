@@ -98,7 +98,13 @@ class FadeByTemperature(TemperatureFade):
     parameters = (PER_KELVIN,)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        return np.asarray(force * np.exp(-values[0] * _warming(trace)))
+        channel = trace.recording.channels.get("temperature")
+        known = np.isfinite(channel.values) if channel is not None else np.zeros(0, bool)
+        if channel is None or not known.any():
+            return force
+        seconds = (channel.stamps_ns - trace.recording.channel("position").stamps_ns[0]) * 1e-9
+        temperature = np.interp(trace.time_s, seconds[known], channel.values[known])
+        return np.asarray(force * np.exp(-values[0] * (temperature - temperature[0])))
 
 
 def _heat(trace: Trace, inputs: TraceInputs, force: F, cooling_s: float = np.inf) -> F:
@@ -106,14 +112,3 @@ def _heat(trace: Trace, inputs: TraceInputs, force: F, cooling_s: float = np.inf
     decay = float(np.exp(-trace.step_s / cooling_s))
     heat = lfilter([trace.step_s], [1.0, -decay], force * inputs.speed)
     return np.asarray(np.maximum(heat, 0.0))
-
-
-def _warming(trace: Trace) -> F:
-    """Return the rise [K] (n,) of the temperature channel since the start of the recording."""
-    channel = trace.recording.channels.get("temperature")
-    known = np.isfinite(channel.values) if channel is not None else np.zeros(0, bool)
-    if channel is None or not known.any():
-        return np.zeros_like(trace.time_s)
-    seconds = (channel.stamps_ns - trace.recording.channel("position").stamps_ns[0]) * 1e-9
-    temperature = np.interp(trace.time_s, seconds[known], channel.values[known])
-    return np.asarray(temperature - temperature[0])

@@ -21,6 +21,9 @@ class ValveLag(Effect):
     name, stage, reruns, needs = "valve_lag", VALVE, True, "a changing current"
     summary, moves = "the valve follows the current with a lag", ("valve lag",)
 
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
+        return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[-1], trace.step_s))
+
 
 class FirstOrderLag(ValveLag):
     """τ·di'/dt + i' = i, discretised exactly for a current that is linear between ticks.
@@ -32,9 +35,6 @@ class FirstOrderLag(ValveLag):
 
     form = "first_order"
     parameters = (TIME_CONSTANT,)
-
-    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[0], trace.step_s))
 
 
 class RiseFall(ValveLag):
@@ -48,9 +48,6 @@ class RiseFall(ValveLag):
         magnitude("rise_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant upwards"),
         magnitude("fall_s", 0.0, LONGEST_S, (0.01, 0.05), "time constant downwards"),
     )
-
-    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[1], trace.step_s))
 
 
 class DeadTime(ValveLag):
