@@ -45,28 +45,25 @@ def is_constant(current: F, least_A: float = 1e-9) -> bool:
     return bool(current.std() <= SAME_CURRENT * max(abs(float(current.mean())), least_A))
 
 
-def find_rates(seconds: F, name: str) -> tuple[float, int]:
-    """Return the rate of the position samples [Hz] and the decimation factor of the grid. Raises GapError."""
+def lay_base_grid(seconds: F, name: str) -> tuple[F, float, int]:
+    """Return the ticks [s] of an even grid over the position samples at `seconds` (p,), at their rate.
+
+    The rate [Hz] and the factor by which the grid of a trace decimates it follow. Raises GapError.
+    """
     steps = np.diff(seconds)
     steps = steps[steps > 0.0]
     if len(steps) < 100:
         raise GapError(f"{name}: {len(steps) + 1} position samples; expected at least 100; record longer")
     rate = 1.0 / float(np.median(steps))
-    rate = round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate
-    return float(rate), max(1, round(rate / GRID_HZ - 0.25))
-
-
-def base_times(seconds: F, rate_Hz: float) -> F:
-    """Return the ticks [s] of a grid at `rate_Hz` that spans the position samples at `seconds` (p,)."""
-    return np.arange(int(seconds[-1] * rate_Hz + 1e-6) + 1) / rate_Hz
+    rate = float(round(rate) if abs(rate - round(rate)) < 0.02 * rate else rate)
+    return np.arange(int(seconds[-1] * rate + 1e-6) + 1) / rate, rate, max(1, round(rate / GRID_HZ - 0.25))
 
 
 def bridge_gaps(seconds: F, values: F, grid: F) -> tuple[F, Mask]:
     """Return the values (n,) interpolated on the grid, and a mask (n,) of the ticks at which they are known."""
-    good = np.isfinite(values)
-    if good.sum() < 2:
+    at, known_values = _known_samples(seconds, values)
+    if len(at) < 2:
         return np.zeros_like(grid), np.zeros(len(grid), bool)
-    at, known_values = _without_repeats(seconds[good], values[good])
     after = np.clip(np.searchsorted(at, grid), 1, len(at) - 1)
     known = (grid >= at[0]) & (grid <= at[-1]) & (np.diff(at)[after - 1] <= MAX_SILENCE_S)
     return np.interp(grid, at, known_values), known
@@ -74,14 +71,14 @@ def bridge_gaps(seconds: F, values: F, grid: F) -> tuple[F, Mask]:
 
 def interpolate(seconds: F, values: F, grid: F) -> F:
     """Return the values (n,) of `bridge_gaps` alone."""
+    at, known_values = _known_samples(seconds, values)
+    return np.asarray(np.interp(grid, at, known_values)) if len(at) > 1 else np.zeros_like(grid)
+
+
+def _known_samples(seconds: F, values: F) -> tuple[F, F]:
+    """Return the times of finite values in ascending order, each once, with the first of their values."""
     good = np.isfinite(values)
-    if good.sum() < 2:
-        return np.zeros_like(grid)
-    return np.asarray(np.interp(grid, *_without_repeats(seconds[good], values[good])))
-
-
-def _without_repeats(seconds: F, values: F) -> tuple[F, F]:
-    """Return times in ascending order, each once, with the first of their values."""
+    seconds, values = seconds[good], values[good]
     if (np.diff(seconds) > 0.0).all():
         return seconds, values
     at, first = np.unique(seconds, return_index=True)

@@ -19,12 +19,11 @@ from ces_data.recording import Recording
 from ces_data.samples import measured_at
 from ces_gap.errors import GapError
 from ces_gap.grid import (
-    base_times,
     bridge_gaps,
     derivative,
     find_low_pass_Hz,
-    find_rates,
     interpolate,
+    lay_base_grid,
     smooth_out,
     thin_out,
     without_edges,
@@ -128,8 +127,8 @@ class Trace:
         """Times [s] of the position samples (p,), times of an even grid at their rate, and its factor of decimation."""
         clock = self.recording.channel("position").stamps_ns
         seconds = (clock - clock[0]) * 1e-9
-        base_Hz, factor = find_rates(seconds, self.name)
-        return seconds, base_times(seconds, base_Hz), factor
+        base, _, factor = lay_base_grid(seconds, self.name)
+        return seconds, base, factor
 
     def grid_ns(self) -> NDArray[np.int64]:
         """Return the time stamps [ns] of the ticks (n,)."""
@@ -145,8 +144,7 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
     """
     clock = recording.channel("position").stamps_ns
     seconds = (clock - clock[0]) * 1e-9
-    base_Hz, factor = find_rates(seconds, recording.name)
-    base = base_times(seconds, base_Hz)
+    base, base_Hz, factor = lay_base_grid(seconds, recording.name)
     base_ns = clock[0] + np.round(base * 1e9).astype(np.int64)
     position, known_x = bridge_gaps(seconds, recording.channel("position").values, base)
     low_pass = find_low_pass_Hz(position, base_Hz)
@@ -195,7 +193,7 @@ def _measure_noise(recording: Recording, base: F, factor: int, signals: GridSign
         return UNMEASURED
     channel = recording.channel("force")
     seconds = (channel.stamps_ns - recording.channel("position").stamps_ns[0]) * 1e-9
-    return measure_noise(channel.values, lambda v: thin_out(bridge_gaps(seconds, v, base)[0], factor), signals)
+    return measure_noise(channel.values, lambda v: thin_out(interpolate(seconds, v, base), factor), signals)
 
 
 def open_trace(simulation: Simulation, recording: Recording, also_as_logged: bool = True) -> Trace:

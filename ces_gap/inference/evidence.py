@@ -46,10 +46,6 @@ class EvidenceUnit:
     removed_shares: F
     block: NDArray[np.int64]
 
-    def whiten(self, noise: NoiseModel, values: F) -> F:
-        """Return the whitened rows of `values` (n,) or (n, k) on the trace's grid."""
-        return self.project(noise.whiten(values))
-
     def project(self, whitened: F) -> F:
         """Return the rows of values (n,) or (n, k) that are whitened by the noise, without the baseline error."""
         rows = whitened[self.ticks]
