@@ -303,7 +303,7 @@ def make_evidence_whitening(evidence: Evidence) -> Whiten:
     """Return the whitening of the evidence's own units, for signatures on its traces."""
 
     def whiten(trace: int, force: F) -> F:
-        return np.concatenate([u.whiten(evidence.noise, force) for u in evidence.units if u.trace == trace])
+        return np.concatenate([u.project(evidence.noise.whiten(force)) for u in evidence.units if u.trace == trace])
 
     return whiten
 
