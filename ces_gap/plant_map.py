@@ -1,6 +1,7 @@
 """The plant's force as a static map of speed and current, from which effects know the slope of the damper.
 
-Effects use only slopes and differences of the map, so that a plant with memory keeps its memory.
+Effects use only slopes and differences of the map, so that a plant with memory keeps its memory. The map alone, and the
+same behind a spring with one compliance or two; the compiled loops of fit and evaluation follow at the end.
 """
 
 from __future__ import annotations
@@ -23,6 +24,9 @@ NARROW = 0.05  # of the RMS speed: the width around standstill where the speed a
 SMOOTH = 1e-3  # weight of the coefficients' second differences, per tick and cell
 MAX_RECENT = 2  # maps that are kept
 LEVEL = 1e-4  # weight of differences between currents, which fill empty cells
+CORNER_HZ = 100.0  # [Hz] above it a simulated force is mostly noise
+COMPLIANCES = (0.0, *(1.0 / np.geomspace(3e5, 3e7, 9)))  # [m/N] rigid, then from soft to stiff
+SOFT = 0.03  # of the RMS of force and speed: width of the change from one compliance to the other
 
 
 @dataclass(frozen=True)
@@ -112,11 +116,6 @@ def _penalty(levels: int) -> F:
     for k in range(3 * levels):
         out[k, : len(whole) - k] = np.diag(whole, -k)
     return out
-
-
-CORNER_HZ = 100.0  # [Hz] above it a simulated force is mostly noise
-COMPLIANCES = (0.0, *(1.0 / np.geomspace(3e5, 3e7, 9)))  # [m/N] rigid, then from soft to stiff
-SOFT = 0.03  # of the RMS of force and speed: width of the change from one compliance to the other
 
 
 @dataclass(frozen=True)

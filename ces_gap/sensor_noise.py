@@ -83,6 +83,36 @@ class MeasuredNoise:
 UNMEASURED = MeasuredNoise(0.0, NO_SOURCE)
 
 
+MAX_COLOUR = 0.1  # autocorrelation from tick to tick, above that of white noise, of noise that counts as white
+
+
+def measure_noise(samples: F, resample: Callable[[F], F], signals: GridSignals) -> MeasuredNoise:
+    """Return the noise of the force on the grid: the smallest valid upper bound, otherwise the largest lower bound.
+
+    `samples` [N] (m,) are the logged forces; `resample` returns m values on the grid (n,).
+    """
+    values = samples[np.isfinite(samples)]
+    if not signals.usable.any() or not len(values) or np.ptp(values) == 0.0:
+        return UNMEASURED
+    white = resample(np.random.default_rng(0).standard_normal(len(samples)))  # resampling attenuates noise
+    on_grid, white_lag1 = float(white.std()), correlate_neighbours(white, np.ones(len(white), bool))
+    quantum = find_quantum_N(values)
+    floor = NoiseEstimate(QUANTUM, quantum / math.sqrt(12.0) * on_grid, "a lower bound")
+    repeated = [estimate_from_cycles(signals), estimate_from_standstill(signals)]
+    high = estimate_from_spectrum(values, quantum, on_grid)
+    coloured = next((e for e in repeated if e.valid and e.lag1 > white_lag1 + MAX_COLOUR), None)
+    if coloured is not None and high.valid:
+        high = replace(high, problem=f"the noise at {coloured.source} is not white")
+    estimates = [*repeated, high]
+    valid = [e for e in estimates if e.valid]
+    best = min(valid, key=lambda e: e.rms_N) if valid else max([*estimates, floor], key=lambda e: e.rms_N)
+    if best.rms_N < floor.rms_N:
+        best = floor
+    others = tuple(e for e in (*estimates, floor) if e is not best)
+    lag1 = next((e.lag1 for e in (best, *valid) if math.isfinite(e.lag1)), math.nan)
+    return MeasuredNoise(best.rms_N, best.source, others, bool(valid), quantum, lag1, white_lag1)
+
+
 SEGMENT = 64  # samples of a spectrum
 QUIET = 0.1  # share of the spectra that count as quiet
 TOP = (7 / 8, 1.0)  # of the Nyquist frequency
@@ -260,33 +290,3 @@ def _find_still_windows(signals: GridSignals, width: int) -> list[int]:
             starts.append(int(start))
             free = int(start) + width
     return starts
-
-
-MAX_COLOUR = 0.1  # autocorrelation from tick to tick, above that of white noise, of noise that counts as white
-
-
-def measure_noise(samples: F, resample: Callable[[F], F], signals: GridSignals) -> MeasuredNoise:
-    """Return the noise of the force on the grid: the smallest valid upper bound, otherwise the largest lower bound.
-
-    `samples` [N] (m,) are the logged forces; `resample` returns m values on the grid (n,).
-    """
-    values = samples[np.isfinite(samples)]
-    if not signals.usable.any() or not len(values) or np.ptp(values) == 0.0:
-        return UNMEASURED
-    white = resample(np.random.default_rng(0).standard_normal(len(samples)))  # resampling attenuates noise
-    on_grid, white_lag1 = float(white.std()), correlate_neighbours(white, np.ones(len(white), bool))
-    quantum = find_quantum_N(values)
-    floor = NoiseEstimate(QUANTUM, quantum / math.sqrt(12.0) * on_grid, "a lower bound")
-    repeated = [estimate_from_cycles(signals), estimate_from_standstill(signals)]
-    high = estimate_from_spectrum(values, quantum, on_grid)
-    coloured = next((e for e in repeated if e.valid and e.lag1 > white_lag1 + MAX_COLOUR), None)
-    if coloured is not None and high.valid:
-        high = replace(high, problem=f"the noise at {coloured.source} is not white")
-    estimates = [*repeated, high]
-    valid = [e for e in estimates if e.valid]
-    best = min(valid, key=lambda e: e.rms_N) if valid else max([*estimates, floor], key=lambda e: e.rms_N)
-    if best.rms_N < floor.rms_N:
-        best = floor
-    others = tuple(e for e in (*estimates, floor) if e is not best)
-    lag1 = next((e.lag1 for e in (best, *valid) if math.isfinite(e.lag1)), math.nan)
-    return MeasuredNoise(best.rms_N, best.source, others, bool(valid), quantum, lag1, white_lag1)
