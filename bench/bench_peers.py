@@ -33,8 +33,7 @@ from ces_identify.structures.fuzzy import FuzzyFit, FuzzyShape, PremiseGrid
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkFit, NetworkShape
 from ces_identify.structures.polynomial import build_problem
-from ces_identify.trained.simulation_error import Family, train
-from ces_identify.trained.training import Lags, Training, build_regressors, build_training
+from ces_identify.trained.training import Family, Lags, Training, build_regressors, build_training, train
 from ces_observer.model import Model
 from ces_observer.structures.fuzzy import Fuzzy
 from ces_observer.structures.network import Network

@@ -15,7 +15,7 @@ from ces_cli.terminal.recordings import find_bags, print_findings
 from ces_cli.terminal.simulations import find_file, open_simulation, with_predictions
 from ces_data.arrays import F
 from ces_data.recording import Recording
-from ces_identify.campaign.campaign_rows import read_campaign
+from ces_identify.campaign.rows import read_campaign
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_model, name_sources
 from ces_identify.comparison.comparison import MAX_DRAWN, Comparison, compare, cost_table, headline, join
 from ces_identify.comparison.comparison_report import (

@@ -15,11 +15,17 @@ from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_mapping import BLANKS, COLUMN_KEYS, LAYOUT_KEYS, SOURCES
 from ces_gap.report.gap_json import gap_schema
-from ces_identify.campaign.axes import COMMON, STRUCTURES, axis_schema
-from ces_identify.campaign.plan import CellLimits
+from ces_identify.campaign.plan import COMMON, STRUCTURES, CellLimits, axis_schema
 from ces_identify.options import SPLIT
-from ces_identify.polynomial.candidate_rules import FORMS
-from ces_identify.polynomial.regressors import AUTO, MAX_LAG_MS, MAX_MEMBERSHIPS, MEMBERSHIPS, RULE_KINDS, SIGNALS
+from ces_identify.polynomial.candidates import (
+    AUTO,
+    FORMS,
+    MAX_LAG_MS,
+    MAX_MEMBERSHIPS,
+    MEMBERSHIPS,
+    RULE_KINDS,
+    SIGNALS,
+)
 from ces_identify.schema_files import ABOUT
 from ces_iterate import plan as iterate_plan
 from ces_iterate.rigs.kinds import RIG_SETTINGS

@@ -26,7 +26,7 @@ from ces_gap.effects.library import class_of
 from ces_gap.inputs.checks import check_recordings
 from ces_gap.pipeline import DiagnoseOptions
 from ces_gap.report.gap_json import to_plain_json
-from ces_identify.jobs.results import DONE, JobResult, Row, run_job
+from ces_identify.jobs import DONE, JobResult, Row, run_job
 from ces_identify.simulations.simulation import FunctionSimulation, Simulation
 from ces_observer import __version__
 

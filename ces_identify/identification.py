@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
@@ -69,7 +68,7 @@ def identify(
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
     first_parts = [recording.part(0.0, options.split) for recording in recordings]
-    sampling = choose_sampling(first_parts, options.rate, options.bandwidth, differentiator=options.differentiator)
+    sampling = choose_sampling(first_parts, options.rate, options.bandwidth, options.differentiator)
     whole = [prepare(recording, sampling) for recording in recordings]
     identified = [series.part(0.0, options.split) for series in whole]
     fitted = fitter(identified, sampling, options, listener)
@@ -92,22 +91,19 @@ def identify(
             {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
             for e in evaluations
         ],
-        "selection": {**fitted.how, **_describe_search(fitted.results, options)},
+        "selection": {
+            **fitted.how,
+            "starts": options.limits.starts,
+            "starts_with_model": count_starts(fitted.results),
+            "first_seed": options.limits.seed,
+            "best_seed": fitted.results[0].seed,
+            "seconds": options.limits.time,
+            "trials": sum(result.trials for result in fitted.results),
+            "ended": fitted.results[0].ended,
+            **({"weights": str(options.weight)} if options.weight else {}),
+        },
     }
     return IdentificationResult(replace(model, provenance=provenance), tuple(evaluations), tuple(fitted.results))
-
-
-def _describe_search(results: Sequence[SearchResult], options: IdentifyOptions) -> dict[str, Any]:
-    facts = {
-        "starts": options.limits.starts,
-        "starts_with_model": count_starts(results),
-        "first_seed": options.limits.seed,
-        "best_seed": results[0].seed,
-        "seconds": options.limits.time,
-        "trials": sum(result.trials for result in results),
-        "ended": results[0].ended,
-    }
-    return facts | ({"weights": str(options.weight)} if options.weight else {})
 
 
 def count_starts(results: Sequence[SearchResult]) -> int:

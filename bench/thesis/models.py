@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from ces_data.recording import Recording
 from ces_identify.identification import identify
-from ces_identify.polynomial.regressors import load_rules
+from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.search_limits import BOTH, Limits
 from ces_identify.polynomial.search_limits import THESIS as TO_THE_LETTER
 from ces_identify.prepare.sampling import choose_sampling
@@ -33,8 +33,7 @@ from ces_identify.structures.fuzzy import CURRENT_AND_SPEED, FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkFit, NetworkShape
 from ces_identify.trained.lagged_kernels import RegressorTable
-from ces_identify.trained.simulation_error import delay_values, train
-from ces_identify.trained.training import LagCounts, Training, build_training
+from ces_identify.trained.training import LagCounts, Training, build_training, delay_values, train
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, run, with_seed

@@ -39,9 +39,8 @@ from ces_gap.augmented import file_of
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
 from ces_identify.identification import IdentificationResult, count_starts, identify
 from ces_identify.options import build_identify_options
-from ces_identify.polynomial.candidate_rules import CandidateRules
+from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs
-from ces_identify.polynomial.regressors import built_in_rules, load_rules
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.progress_file import SearchProgressFile

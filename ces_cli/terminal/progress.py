@@ -26,8 +26,7 @@ from rich.progress import (
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import never_with
-from ces_identify.jobs.results import DONE, ResultsFolder, Row
-from ces_identify.jobs.workers import Shared, Task, Work, run_on_cluster, run_on_this_machine
+from ces_identify.jobs import DONE, ResultsFolder, Row, Shared, Task, Work, run_on_cluster, run_on_this_machine
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.progress_file import RUNNING, ProgressFile
 from ces_observer.errors import CesError

@@ -11,17 +11,24 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from math import inf
+from typing import Any
 
 import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics import search_clock
-from ces_identify.polynomial.candidate_rules import CandidateRules, SignalRule
+from ces_identify.polynomial.candidates import (
+    AUTO,
+    FIRST_GUESS_S,
+    CandidateRules,
+    SignalRule,
+    constructions_from,
+    replace_auto,
+)
 from ces_identify.polynomial.compiled_terms import constructed_values
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.gauss_newton import GaussNewtonStart
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen
-from ces_identify.polynomial.regressors import AUTO, FIRST_GUESS_S, constructions_from, replace_auto
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
@@ -36,24 +43,24 @@ from ces_observer.structures.constructed_inputs import (
     TriangularMembership,
 )
 
-HYSTERESIS, REMANENCE, LAG, FREQUENCY = "hysteresis", "remanence", "lag", "frequency"
 CURRENT, VALVE = "current", "valve"  # products with the current use the valve's if the rules have it
 MAX_BLENDED_INPUTS = 2  # inputs of a term besides its membership
 NO_LAG = SignalRule((0,))
 EXPECTED = "hysteresis:M,... or remanence:A,... or lag:S,... or frequency or frequency:S"
 
-CONSTRUCTED_RULES: Mapping[str, SignalRule] = {
-    HYSTERESIS: SignalRule((0,), (1.0, 2.0), ("signed",)),
-    REMANENCE: SignalRule((0, 8), (1.0, 2.0), ("magnitude",), in_ms=True),
-    LAG: SignalRule((0,), (1.0, 2.0), ("magnitude",)),
-    FREQUENCY: SignalRule((0,), (0.5, 1.0), ("magnitude",)),
-}
-CONSTRUCTED_PRODUCTS: Mapping[str, tuple[tuple[str, ...], ...]] = {
-    HYSTERESIS: ((), (CURRENT,), ("speed",), ("speed", CURRENT)),
-    REMANENCE: ((), ("speed",), ("position",)),
-    LAG: ((), ("speed",), ("position",)),
-    FREQUENCY: (("speed",), ("speed", CURRENT)),
-}
+
+FREQUENCY = "frequency"
+KINDS: Mapping[str, tuple[Mapping[str, Any], str, SignalRule, Sequence[tuple[str, ...]]]] = {
+    # kind of --construct: its definition, the key that its numbers set, its rule, and the products with it
+    "hysteresis": ({"kind": "stop", "of": "position"}, "half_width", SignalRule((0,), (1.0, 2.0), ("signed",)),
+                   ((), (CURRENT,), ("speed",), ("speed", CURRENT))),
+    "remanence": ({"kind": "play", "of": CURRENT}, "half_width",
+                  SignalRule((0, 8), (1.0, 2.0), ("magnitude",), in_ms=True), ((), ("speed",), ("position",))),
+    "lag": ({"kind": "lag", "of": CURRENT}, "time_constant_s", SignalRule((0,), (1.0, 2.0), ("magnitude",)),
+            ((), ("speed",), ("position",))),
+    FREQUENCY: ({"kind": FREQUENCY}, "time_constant_s", SignalRule((0,), (0.5, 1.0), ("magnitude",)),
+                (("speed",), ("speed", CURRENT))),
+}  # fmt: skip
 
 
 def add_constructed_inputs(rules: CandidateRules, spec: str) -> CandidateRules:
@@ -63,14 +70,18 @@ def add_constructed_inputs(rules: CandidateRules, spec: str) -> CandidateRules:
     half widths in A), `lag:T,...` (first-order lags of the current, time constants in s or `auto`), `frequency` or
     `frequency:T` (window in s).
     """
-    kind, _, text = spec.partition(":")
-    if kind not in CONSTRUCTED_RULES or (kind != FREQUENCY and not text):
+    name, _, text = spec.partition(":")
+    if name not in KINDS or (name != FREQUENCY and not text):
         raise CesError(f"'{spec}': expected {EXPECTED}")
-    settings = [AUTO if kind == LAG and one == AUTO else _parse_number(one, spec) for one in text.split(",") if one]
-    if kind == FREQUENCY:
-        window = {"time_constant_s": settings[0]} if settings else {}
-        return _add_inputs(rules, {FREQUENCY: {"kind": FREQUENCY, **window}}, kind)
-    return _add_inputs(rules, {f"{kind}_{i + 1}": _definition(kind, one) for i, one in enumerate(settings)}, kind)
+    definition, key, rule, multiplied = KINDS[name]
+    settings = [AUTO if name == "lag" and one == AUTO else _parse_number(one, spec) for one in text.split(",") if one]
+    raw = {f"{name}_{i}": {**definition, key: one} for i, one in enumerate(settings, start=1)}
+    if name == FREQUENCY:
+        raw = {name: next(iter(raw.values()), dict(definition))}
+    current = VALVE if VALVE in rules.signals else CURRENT
+    beside = [tuple(current if signal == CURRENT else signal for signal in p) for p in multiplied]
+    products = [(name, *p) for name in raw for p in beside if set(p) <= set(rules.signals)]
+    return _extend_rules(rules, raw, rule, products)
 
 
 def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
@@ -95,18 +106,11 @@ def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
     return _extend_rules(rules, raw, rule, [(name, *p) for p in blended])
 
 
-def _definition(kind: str, setting: float | str) -> dict[str, object]:
-    if kind == LAG:
-        return {"kind": "lag", "of": CURRENT, "time_constant_s": setting}
-    how = {"kind": "stop", "of": "position"} if kind == HYSTERESIS else {"kind": "play", "of": CURRENT}
-    return {**how, "half_width": setting}
-
-
-def _add_inputs(rules: CandidateRules, raw: Mapping[str, object], kind: str) -> CandidateRules:
-    current = VALVE if VALVE in rules.signals else CURRENT
-    beside = [tuple(current if signal == CURRENT else signal for signal in p) for p in CONSTRUCTED_PRODUCTS[kind]]
-    products = [(name, *p) for name in raw for p in beside if set(p) <= set(rules.signals)]
-    return _extend_rules(rules, raw, CONSTRUCTED_RULES[kind], products)
+def _parse_number(text: str, spec: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise CesError(f"'{spec}': expected numbers after the colon, with commas between") from None
 
 
 def _extend_rules(
@@ -126,13 +130,6 @@ def _extend_rules(
         constructed=constructions_from(block, "constructed", rules.constructed),
         open_lags=(*rules.open_lags, *open_lags),
     )
-
-
-def _parse_number(text: str, spec: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise CesError(f"'{spec}': expected numbers after the colon, with commas between") from None
 
 
 ANYTHING = Envelope((-inf, inf), (-inf, inf), (-inf, inf))
@@ -164,7 +161,14 @@ def _fit_to_data(one: ConstructedInput, series: Sequence[Series], open_lags: Seq
             )
         return replace(one, base=base)
     if isinstance(one, Frequency):
-        return _narrow_range(one, _scored_values(one.name, one, series))
+        (low, high), data = one.range_Hz, _scored_values(one.name, one, series)
+        margin = MARGIN * float(np.ptp(data))
+        narrow = max(low, float(data.min()) - margin), min(high, float(data.max()) + margin)
+        if not narrow[0] < narrow[1]:
+            raise CesError(
+                f"{one.name}: the data stay at {data.min():g} Hz; expected motion within {low:g}-{high:g} Hz"
+            )
+        return replace(one, range_Hz=narrow)
     data = _scored_values(one.of, None, series)
     if isinstance(one, Hysteresis) and 2.0 * one.half_width >= np.ptp(data):
         raise CesError(
@@ -185,17 +189,8 @@ def _scored_values(signal: str, definition: ConstructedInput | None, series: Seq
     return np.concatenate(values)
 
 
-def _narrow_range(one: Frequency, data: F) -> Frequency:
-    low, high = one.range_Hz
-    margin = MARGIN * float(np.ptp(data))
-    narrow = max(low, float(data.min()) - margin), min(high, float(data.max()) + margin)
-    if not narrow[0] < narrow[1]:
-        raise CesError(f"{one.name}: the data stay at {data.min():g} Hz; expected motion within {low:g}-{high:g} Hz")
-    return replace(one, range_Hz=narrow)
-
-
 GRID_S = (0.001, 0.002, 0.003, 0.004, 0.005, 0.006, 0.007, 0.0085, 0.01, 0.012, 0.014, 0.017, 0.02, 0.03, 0.05)
-EVERY, AROUND = 3, 2  # grid points: step of the first pass, and reach of the second around the best
+EVERY, AROUND = 3, 2  # grid points: step of a coarse first pass, and reach of the second around its best
 GUESSES = 3  # at most, until one is near an earlier guess
 NEAR = (0.6, 1.7)  # ratio of two guesses that are near
 TERMS = 12  # of the short searches
@@ -211,8 +206,8 @@ def find_time_constants(
     step = max(1, round(series[0].rate_Hz / COARSE_HZ)) if series else 1
     short = replace(limits, target=0.0, terms=min(TERMS, limits.term_limit), exchanges=False)
 
-    def problem(choice: CandidateRules, chosen: I | None = None) -> Problem:
-        terms = choice.candidates()
+    def problem(seconds: float, chosen: I | None = None) -> Problem:
+        terms = rules.with_time_constant(name, seconds).candidates()
         terms = terms if chosen is None else tuple(terms[i] for i in chosen)
         return coarsen(assemble_problem(series, terms, stable, weighting), step)
 
@@ -222,27 +217,17 @@ def find_time_constants(
             tried.append(guess)
             rules = rules.with_time_constant(name, guess)
             deadline = search_clock.now() + SHARE * limits.time
-            start = GaussNewtonStart(problem(rules), short, limits.seed, deadline, threading.Event(), lambda f: None)
-            guess = _search_grid(cache(partial(_cost_after_refit, problem, rules, name, start.run())))
+            start = GaussNewtonStart(problem(guess), short, limits.seed, deadline, threading.Event(), lambda f: None)
+            cost = cache(partial(_cost_after_refit, problem, start.run()))
+            best = GRID_S.index(min(GRID_S[1::EVERY], key=cost))
+            guess = min(GRID_S[max(0, best - AROUND) : best + AROUND + 1], key=cost)
         rules = rules.with_time_constant(name, guess)
     return rules
 
 
-def _cost_after_refit(
-    problem: Callable[[CandidateRules, I], Problem],
-    rules: CandidateRules,
-    name: str,
-    model: SearchResult,
-    seconds: float,
-) -> float:
-    """Return the selection cost [%] of a model refitted on the estimation ticks with another time constant."""
-    trial = problem(rules.with_time_constant(name, seconds), model.chosen)
+def _cost_after_refit(problem: Callable[[float, I], Problem], model: SearchResult, seconds: float) -> float:
+    """Return the selection cost [%] of a model refitted on the estimation ticks with another time constant [s]."""
+    trial = problem(seconds, model.chosen)
     chosen = np.arange(len(model.chosen))
     fit = fit_free_run(trial, chosen, model.coefficients, trial.estimation, ITERATIONS)
     return trial.selection_cost(chosen, fit.coefficients) if np.isfinite(fit.error) else float("inf")
-
-
-def _search_grid(cost: Callable[[float], float]) -> float:
-    """Return the grid's time constant of lowest cost, from a coarse pass and then those around its best."""
-    best = GRID_S.index(min(GRID_S[1::EVERY], key=cost))
-    return min(GRID_S[max(0, best - AROUND) : best + AROUND + 1], key=cost)

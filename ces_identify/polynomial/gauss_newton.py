@@ -9,7 +9,6 @@ random part of the candidates at each step.
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import cached_property
 
 import numpy as np
@@ -38,37 +37,26 @@ class GaussNewtonStart(SearchStart):
     """One start; its current model is the best so far."""
 
     @cached_property
-    def _weights(self) -> F:
-        return self.problem.estimation
-
-    @cached_property
     def _sampled_weights(self) -> F:
         """The weights of the ticks on which gains are estimated, 0 elsewhere."""
-        ticks = np.flatnonzero(self._weights)
-        sampled = np.zeros_like(self._weights)
+        weights = self.problem.estimation
+        ticks = np.flatnonzero(weights)
+        sampled = np.zeros_like(weights)
         sampled[ticks[:: max(THINNING, -(-len(ticks) // MAX_SAMPLED_TICKS))]] = 1.0
-        return sampled * self._weights
+        return sampled * weights
 
-    def run(self) -> SearchResult:
+    def _search(self) -> None:
         """Grow, prune and exchange until nothing helps, the target is reached, time is up or it is interrupted."""
         self._grow()
         while self.limits.exchanges and self._exchange_term():
             self._prune()
-        ended = self._reason_to_end() or "no candidates left"
-        self._keep(replace(self.current, trials=self.trials, ended=ended))
-        return self.current
 
     def _first_model(self) -> SearchResult:
         """Return the model of a past force alone; candidates are then compared behind a first-order lag."""
         terms = self.problem.candidates
         alone = [i for i, term in enumerate(terms) if term.output_lag == 1 and not term.inputs]
         pole = POLES[(self.seed - self.limits.seed) % len(POLES)]
-        chosen, coefficients = np.array(alone[:1], np.int64), np.full(len(alone[:1]), pole)
-        return SearchResult(chosen, coefficients, np.inf, self.seed, 0, "running")
-
-    def _keep(self, model: SearchResult) -> None:
-        self.current = model
-        self.listener(model)
+        return self._result(np.array(alone[:1], np.int64), np.full(len(alone[:1]), pole), np.inf)
 
     def _grow(self) -> None:
         """Add terms until PATIENCE of them have not lowered the cost; prune after each success."""
@@ -119,12 +107,12 @@ class GaussNewtonStart(SearchStart):
         return None
 
     def _fit(self, chosen: I, coefficients: F, steps: int = 0) -> FreeRunFit:
-        return fit_free_run(self.problem, chosen, coefficients, self._weights, steps)
+        return fit_free_run(self.problem, chosen, coefficients, self.problem.estimation, steps)
 
     def _evaluate(self, chosen: I, fit: FreeRunFit) -> SearchResult:
         good = np.isfinite(fit.error) and self.problem.gain(chosen, fit.coefficients) < self.problem.max_gain
         cost = self.problem.selection_cost(chosen, fit.coefficients) if good else np.inf
-        return SearchResult(chosen, fit.coefficients, cost, self.seed, self.trials, "running")
+        return self._result(chosen, fit.coefficients, cost)
 
     def _find_weakest(self) -> list[int]:
         """Return the places of the terms whose removal costs least, to second order."""
@@ -142,18 +130,12 @@ class GaussNewtonStart(SearchStart):
         column = _inverse(fit.matrix)[:, place]
         target = model.coefficients - column * (model.coefficients[place] / column[place])
         chosen, start = np.delete(model.chosen, place), np.delete(model.coefficients, place)
-        coefficients = self._shorten_step(chosen, start, np.delete(target, place) - start)
-        if coefficients is None:
-            return None
-        self.trials += 1
-        return self._evaluate(chosen, self._fit(chosen, coefficients, STEPS))
-
-    def _shorten_step(self, chosen: I, start: F, step: F) -> F | None:
-        """Return `start` plus the largest share of `step` that keeps the model stable and bounded."""
-        for share in STEP_SHARES:
+        step = np.delete(target, place) - start
+        for share in STEP_SHARES:  # the largest that keeps the model stable and bounded
             fit = self._fit(chosen, start + share * step)
             if np.isfinite(fit.error):
-                return fit.coefficients
+                self.trials += 1
+                return self._evaluate(chosen, self._fit(chosen, fit.coefficients, STEPS))
         return None
 
     def _rank_candidates(self, model: SearchResult) -> list[tuple[I, F]]:
@@ -163,7 +145,13 @@ class GaussNewtonStart(SearchStart):
         rest = rest[self.random.random(len(rest)) < (1.0 if self.seed == self.limits.seed else PART)]
         if not len(rest):
             return []
-        matrix, gradient, cross, own = self._products(model, rest)
+        terms, arrays = p.compiled.subset(model.chosen), p.compiled.arrays
+        lags = np.unique(terms.outputs[terms.outputs > 0])
+        force, _ = kernels.free_run(p.powers, p.segments, terms, model.coefficients, p.force_envelope)
+        gains = output_gains(p.powers, p.segments, terms, model.coefficients, lags)
+        run, error = (p.powers, p.segments, force, arrays), p.measured - force
+        products = candidate_products(*run, model.chosen, rest, gains, lags, self._sampled_weights, error)
+        matrix, gradient, cross, own = products
         inverse = _inverse(matrix)
         moved = cross @ inverse
         rest_of_own = own[:, 0] - (moved * cross).sum(axis=1)
@@ -172,18 +160,6 @@ class GaussNewtonStart(SearchStart):
         gain = np.where(independent, rest_of_error**2 / np.where(independent, rest_of_own, 1.0), 0.0)
         best = [i for i in np.argsort(-gain)[:FITS_PER_STEP] if gain[i] > 0.0]
         return [(np.append(model.chosen, rest[i]), np.append(model.coefficients, 0.0)) for i in best]
-
-    def _products(self, model: SearchResult, rest: I) -> tuple[F, F, F, F]:
-        p, c = self.problem, self.problem.compiled
-        own = c.subset(model.chosen)
-        lags = np.unique(own.outputs[own.outputs > 0])
-        force, _ = kernels.free_run(p.powers, p.segments, own, model.coefficients, p.force_envelope)
-        gains = output_gains(p.powers, p.segments, own, model.coefficients, lags)
-        run, error = (p.powers, p.segments, force, c.arrays), p.measured - force
-        products: tuple[F, F, F, F] = candidate_products(
-            *run, model.chosen, rest, gains, lags, self._sampled_weights, error
-        )
-        return products
 
 
 def _inverse(matrix: F) -> F:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.stats import qmc
@@ -62,7 +63,7 @@ class Problem:
         data = self.powers, self.segments, self.recordings, self.selection, self.measured
         return kernels.ScoredRun(*data, self.force_envelope)
 
-    @property
+    @cached_property
     def estimation(self) -> F:
         """Weights (ticks,) of the estimation ticks in the free-run error, 0 elsewhere."""
         return np.where(self.selection > 0.0, 0.0, self.everything)

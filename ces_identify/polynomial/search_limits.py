@@ -1,11 +1,14 @@
-"""What all search methods share: when to stop, the model that a start found, and a seeded start itself."""
+"""What searches share: when to stop, the model that a start found, a seeded start, and many in parallel threads."""
 
 from __future__ import annotations
 
+import signal
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor, wait
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -16,6 +19,7 @@ from ces_observer.structures.terms import MAX_TERMS
 
 RANDOM, GAUSS_NEWTON, BOTH, THESIS = "random", "gauss-newton", "both", "thesis"
 DEFAULT_TERMS = 25
+POLL_S = 0.1  # between two checks for Ctrl-C
 METHODS = (BOTH, RANDOM, GAUSS_NEWTON, THESIS)
 
 
@@ -60,6 +64,40 @@ class SearchResult:
 Listener = Callable[[SearchResult], None]
 
 
+def run_starts(limits: Limits, run: Callable[[int, float, threading.Event], SearchResult]) -> list[SearchResult]:
+    """Call `run(seed, deadline, stop)` for every start in parallel threads; return the results, best first.
+
+    Ctrl-C sets `stop`; the best so far are returned, or KeyboardInterrupt is raised if there is none.
+    """
+    stop = threading.Event()
+    deadline = search_clock.now() + limits.time
+    with _stop_on_interrupt(stop), ThreadPoolExecutor(max(1, limits.threads)) as pool:
+        seeds = range(limits.seed, limits.seed + limits.starts)
+        starts = [pool.submit(run, seed, deadline, stop) for seed in seeds]
+        for start in starts:
+            while not start.done():  # after Ctrl-C wait only for those that are running: thousands may be queued
+                if stop.is_set():
+                    start.cancel()
+                wait([start], timeout=POLL_S)
+        results = [start.result() for start in starts if not start.cancelled()]
+    if not results:
+        raise KeyboardInterrupt
+    return sorted(results, key=lambda result: (result.cost, result.seed))
+
+
+@contextmanager
+def _stop_on_interrupt(stop: threading.Event) -> Iterator[None]:
+    """Let Ctrl-C set `stop`; as an exception it could strike anywhere, even right after a lock is taken."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # only the main thread can handle signals
+        return
+    before = signal.signal(signal.SIGINT, lambda number, frame: stop.set())
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+
+
 class SearchStart(ABC):
     """A start from nothing or from the model `begin`; `listener` receives each better model."""
 
@@ -76,15 +114,30 @@ class SearchStart(ABC):
         self.problem, self.limits, self.seed = problem, limits, seed
         self.deadline, self.stop, self.listener = deadline, stop, listener
         self.random = np.random.default_rng(seed)
+        self.trials = 0
         self.current = begin or self._first_model()
         self.trials = self.current.trials
 
-    @abstractmethod
     def run(self) -> SearchResult:
         """Search until no candidate helps or a limit is reached or Ctrl-C; return the best model."""
+        self._search()
+        ended = self._reason_to_end() or "no candidates left"
+        self._keep(replace(self.current, trials=self.trials, ended=ended))
+        return self.current
+
+    @abstractmethod
+    def _search(self) -> None:
+        """Make `current` the best model that can be found."""
 
     def _first_model(self) -> SearchResult:
-        return SearchResult(np.empty(0, np.int64), np.empty(0), np.inf, self.seed, 0, "running")
+        return self._result(np.empty(0, np.int64), np.empty(0), np.inf)
+
+    def _result(self, chosen: I, coefficients: F, cost: float) -> SearchResult:
+        return SearchResult(chosen, coefficients, cost, self.seed, self.trials, "running")
+
+    def _keep(self, model: SearchResult) -> None:
+        self.current = model
+        self.listener(model)
 
     def _reason_to_end(self) -> str:
         if self.stop.is_set():

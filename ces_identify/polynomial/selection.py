@@ -4,17 +4,12 @@ thesis.
 
 from __future__ import annotations
 
-import signal
 import threading
-from collections.abc import Iterator
-from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import contextmanager
-from dataclasses import replace
 
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.numerics import kernels, search_clock
+from ces_identify.numerics import kernels
 from ces_identify.polynomial.gauss_newton import GaussNewtonStart
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.search_limits import (
@@ -26,6 +21,7 @@ from ces_identify.polynomial.search_limits import (
     Listener,
     SearchResult,
     SearchStart,
+    run_starts,
 )
 
 BATCH = 32  # candidates tried between two checks of the clock
@@ -64,9 +60,6 @@ class LeastSquaresStart(SearchStart):
         self.trials += len(trial) if place < 0 else place + 1
         return int(place), float(cost), coefficients
 
-    def _result(self, chosen: I, coefficients: F, cost: float) -> SearchResult:
-        return SearchResult(chosen, coefficients, cost, self.seed, self.trials, "running")
-
 
 GAINS = (0.2, 0.05, 0.02, 0.007, 0.003)  # relative gain required of a new term, one after the other
 PRUNE_LOSS = 0.001  # relative loss below which a term is pruned
@@ -84,21 +77,22 @@ class RandomForwardStart(LeastSquaresStart):
     may be worse than the best one of an earlier round.
     """
 
-    def run(self) -> SearchResult:
-        """Search, then remove random terms and search again in each round; return the best model."""
+    def _search(self) -> None:
+        """Search, then remove random terms and search again in each round."""
         self._climb()
         for _ in range(self.limits.rounds):
             if self._reason_to_end():
                 break
-            best = self.current
-            self._shake()
+            best, n = self.current, len(self.current.chosen)
+            kept = self.random.permutation(n)[: max(1, round((1.0 - SHAKE_SHARE) * n))]
+            less = best.chosen[np.sort(kept)]
+            place, cost, coefficients = self._try(less[:-1], less[-1:], np.inf, False)
+            if place < 0:
+                less, cost, coefficients = np.empty(0, np.int64), np.inf, np.empty(0)
+            self.current = self._result(less, coefficients, cost)
             self._climb(best.cost)
             if self.current.cost >= best.cost:
                 self.current = best
-        ended = self._reason_to_end() or "no candidates left"
-        self.current = replace(self.current, trials=self.trials, ended=ended)
-        self.listener(self.current)
-        return self.current
 
     def _climb(self, best: float = np.inf) -> None:
         """Add and prune terms until no candidate gives the least gain; report models that cost less than `best`."""
@@ -106,16 +100,6 @@ class RandomForwardStart(LeastSquaresStart):
             while self._add_one_term(gain):
                 if self.current.cost < best:
                     self.listener(self.current)
-
-    def _shake(self) -> None:
-        """Remove a random part of the terms."""
-        n = len(self.current.chosen)
-        keep = self.random.permutation(n)[: max(1, round((1.0 - SHAKE_SHARE) * n))]
-        less = self.current.chosen[np.sort(keep)]
-        place, cost, coefficients = self._try(less[:-1], less[-1:], np.inf, False)
-        if place < 0:
-            less, cost, coefficients = np.empty(0, np.int64), np.inf, np.empty(0)
-        self.current = self._result(less, coefficients, cost)
 
     def _add_one_term(self, gain: float) -> bool:
         """Try candidates in random order until one lowers the cost by `gain`, then prune; False if none does."""
@@ -159,8 +143,8 @@ class ThesisStart(LeastSquaresStart):
     `max_terms` is set.
     """
 
-    def run(self) -> SearchResult:
-        """Try every candidate once, in random order; return the model."""
+    def _search(self) -> None:
+        """Try every candidate once, in random order."""
         order = self.random.permutation(np.setdiff1d(np.arange(len(self.problem.candidates)), self.problem.initial))
         at = 0
         while at < len(order) and not self._reason_to_end():
@@ -170,9 +154,6 @@ class ThesisStart(LeastSquaresStart):
             pruned = self._prune(grown) if grown is not None else self.current
             if grown is not None and len(pruned.chosen) <= self.limits.term_limit:
                 self._keep(pruned)
-        ended = self._reason_to_end() or "no candidates left"
-        self._keep(replace(self.current, trials=self.trials, ended=ended))
-        return self.current
 
     def _first_model(self) -> SearchResult:
         """Return the problem's initial model; its cost is infinite if its free run diverges."""
@@ -180,10 +161,6 @@ class ThesisStart(LeastSquaresStart):
         coefficients, independent = kernels.solve_normal(self.problem.gram, chosen, RIDGE)
         cost = self.problem.selection_cost(chosen, coefficients) if independent else np.inf
         return SearchResult(chosen, coefficients, cost, self.seed, 1, "running")
-
-    def _keep(self, model: SearchResult) -> None:
-        self.current = model
-        self.listener(model)
 
     def _prune(self, model: SearchResult) -> SearchResult:
         """Return `model` without the terms whose removal lowers its cost."""
@@ -194,37 +171,13 @@ class ThesisStart(LeastSquaresStart):
         return model
 
 
-POLL_S = 0.1  # between two checks for Ctrl-C
-
-
 def search(problem: Problem, limits: Limits, listener: Listener = lambda result: None) -> list[SearchResult]:
     """Run the starts in parallel threads; return their results, best first.
 
     Ctrl-C stops every start and returns the best so far, or raises KeyboardInterrupt if there is none. `listener`
     receives each improvement and each start's result, from the threads.
     """
-    stop = threading.Event()
-    deadline = search_clock.now() + limits.time
-    with _stop_on_interrupt(stop), ThreadPoolExecutor(max(1, limits.threads)) as pool:
-        seeds = range(limits.seed, limits.seed + limits.starts)
-        starts = [pool.submit(_start, problem, limits, seed, deadline, stop, listener) for seed in seeds]
-        results = _gather(starts, stop)
-    if not results:
-        raise KeyboardInterrupt
-    return sorted(results, key=lambda result: (result.cost, result.seed))
-
-
-@contextmanager
-def _stop_on_interrupt(stop: threading.Event) -> Iterator[None]:
-    """Let Ctrl-C set `stop`; as an exception it could strike anywhere, even right after a lock is taken."""
-    if threading.current_thread() is not threading.main_thread():
-        yield  # only the main thread can handle signals
-        return
-    before = signal.signal(signal.SIGINT, lambda number, frame: stop.set())
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+    return run_starts(limits, lambda seed, *when: _start(problem, limits, seed, *when, listener))
 
 
 def _start(
@@ -238,13 +191,3 @@ def _start(
         return GaussNewtonStart(*arguments).run()
     result = RandomForwardStart(*arguments).run()
     return result if limits.method == RANDOM else GaussNewtonStart(*arguments, result).run()
-
-
-def _gather(starts: list[Future[SearchResult]], stop: threading.Event) -> list[SearchResult]:
-    """Wait for the starts; after Ctrl-C only for those that are running, as thousands may be queued."""
-    for start in starts:
-        while not start.done():
-            if stop.is_set():
-                start.cancel()
-            wait([start], timeout=POLL_S)
-    return [start.result() for start in starts if not start.cancelled()]

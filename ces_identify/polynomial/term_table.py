@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from markupsafe import Markup
@@ -20,6 +20,7 @@ from ces_observer.structures.constructed_inputs import (
     TriangularMembership,
 )
 from ces_observer.structures.polynomial import Polynomial
+from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Factor, Term
 from ces_report.typesetting import (
     UNITS,
@@ -39,9 +40,11 @@ def describe_symbols(terms: Iterable[Term], rate_Hz: float) -> Symbols:
     """Return the symbols that appear in `terms` with their meanings; the logged signals and the tick come first."""
     factors = [factor for term in terms for factor in term.factors]
     logged = describe_signals(("force", *(f.signal for f in factors if f.definition is None)), rate_Hz)
-    constructed = {one.name: one for f in factors for one in _definitions(f)}
+    definitions = (one for f in factors for one in (getattr(f.definition, "base", None), f.definition))
+    constructed = {one.name: one for one in definitions if one is not None}
     symbols = [(Markup("<var>{}</var>").format(name), describe_input(one)) for name, one in constructed.items()]
-    return (*logged, *symbols, *([SIGN] if any(map(_has_sign, factors)) else []))
+    signed = any(f.signed and f.signal != "force" and f.power % 2 != 1.0 for f in factors)
+    return (*logged, *symbols, *([SIGN] if signed else []))
 
 
 def describe_input(one: ConstructedInput) -> str:
@@ -58,19 +61,6 @@ def describe_input(one: ConstructedInput) -> str:
         return f"{one.of} with a play of {width}: it stands still after a reversal until the play is used up"
     ends = [f"{end:g}" for end in (one.low, one.high) if end is not None]
     return f"membership of {one.of}: 1 at {one.peak:g}, falling to 0 at {' and '.join(ends)}"
-
-
-def _definitions(factor: Factor) -> Iterator[ConstructedInput]:
-    """Yield the definition of a factor's signal, and before it the one that it is computed from."""
-    if factor.definition is not None:
-        if isinstance(factor.definition, TriangularMembership) and factor.definition.base is not None:
-            yield factor.definition.base
-        yield factor.definition
-
-
-def _has_sign(factor: Factor) -> bool:
-    """Return whether a factor is typeset with the sign function."""
-    return factor.signed and factor.signal != "force" and factor.power % 2 != 1.0
 
 
 CHUNK = 4096  # ticks of regressors in memory at a time
@@ -92,24 +82,19 @@ def term_table(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSer
     """Return the terms by their contribution to the free runs, largest first; `role` names the recordings' role."""
     parts, whole = contributions(polynomial, model, runs)
     order = np.argsort(-parts, kind="stable") if whole > 0.0 else np.arange(len(parts))
+    bar = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{}%"></span></span>')
     rows = []
     for t in order:
-        term, part = polynomial.terms[t], float(parts[t]) if whole > 0.0 else None
-        formula, coefficient = format_term(term, model.envelope), Markup("{}").format(minus(f"{term.coefficient:.5g}"))
-        rows.append((formula, coefficient, coefficient_unit(term), *_share_cells(part, whole)))
+        term, cells = polynomial.terms[t], (Markup("\N{EN DASH}"), Markup("\N{EN DASH}"))
+        if whole > 0.0:
+            part, share = float(parts[t]), 100.0 * float(parts[t]) / whole
+            cells = Markup(three_figures(part)), bar.format(three_figures(share), f"{min(share, 100.0):.1f}")
+        coefficient = Markup(minus(f"{term.coefficient:.5g}"))
+        rows.append((format_term(term, model.envelope), coefficient, coefficient_unit(term), *cells))
     equation = Markup("<var>F</var>(<var>k</var>) = Σ coefficient · regressor")
     symbols = describe_symbols(polynomial.terms, model.sampling.rate_Hz)
     after = NOTE.format(role) if whole > 0.0 else NO_RUN
     return ModelTable("terms", "Regressors", equation, COLUMNS, tuple(rows), note_after=after, symbols=symbols)
-
-
-def _share_cells(part: float | None, whole: float) -> tuple[Markup, Markup]:
-    """Return the RMS of a term [N], and its share of the force [%] with a bar."""
-    if part is None:
-        return Markup("\N{EN DASH}"), Markup("\N{EN DASH}")
-    share = 100.0 * part / whole
-    bar = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{}%"></span></span>')
-    return Markup("{}").format(three_figures(part)), bar.format(three_figures(share), f"{min(share, 100.0):.1f}")
 
 
 def contributions(polynomial: Polynomial, model: Model, runs: Sequence[SimulatedSeries]) -> tuple[F, float]:
@@ -146,8 +131,25 @@ def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> l
 def format_term(term: Term, envelope: Envelope) -> Markup:
     """Return the product of the term's factors in HTML, inputs first, without bars around nonnegative signals."""
     outputs = (f for f in term.factors if f.signal == "force")
-    factors = [_factor(f, _never_negative(f, envelope)) for f in (*term.inputs, *outputs)]
+    factors = [_factor(f, envelope.by_signal) for f in (*term.inputs, *outputs)]
     return Markup(" · ").join(factors) if factors else Markup("1")
+
+
+def _factor(f: Factor, ranges: Mapping[str, Range]) -> Markup:
+    s = signal_symbol(f.signal, f.lag)
+    if f.signal == "force":
+        return s
+    if f.power == 0.0:
+        return Markup("sgn {}").format(s) if f.signed else Markup("1")
+    low = f.definition.range(ranges)[0] if f.definition is not None else ranges[f.signal][0]
+    if low >= 0.0 or f.power % 2 == (1.0 if f.signed else 0.0):
+        return _format_power(s, f.power)
+    size = _format_power(Markup("|{}|").format(s), f.power)
+    return Markup("sgn {} · {}").format(s, size) if f.signed else size
+
+
+def _format_power(base: Markup, power: float) -> Markup:
+    return base if power == 1.0 else Markup("{}<sup>{}</sup>").format(base, f"{power:g}")
 
 
 def coefficient_unit(term: Term) -> Markup:
@@ -171,27 +173,3 @@ def _unit(f: Factor) -> str:
     if isinstance(f.definition, TriangularMembership):
         return ""
     return UNITS[f.definition.of if isinstance(f.definition, Hysteresis | Lag) else "frequency"]
-
-
-def _factor(f: Factor, never_negative: bool) -> Markup:
-    s = signal_symbol(f.signal, f.lag)
-    odd = f.power % 2 == 1.0
-    if f.signal == "force":
-        return s
-    if f.power == 0.0:
-        return Markup("sgn {}").format(s) if f.signed else Markup("1")
-    if never_negative or (f.signed and odd) or (not f.signed and f.power % 2 == 0.0):
-        return _format_power(s, f.power)
-    size = _format_power(Markup("|{}|").format(s), f.power)
-    return Markup("sgn {} · {}").format(s, size) if f.signed else size
-
-
-def _format_power(base: Markup, power: float) -> Markup:
-    return base if power == 1.0 else Markup("{}<sup>{}</sup>").format(base, f"{power:g}")
-
-
-def _never_negative(f: Factor, envelope: Envelope) -> bool:
-    ranges = envelope.by_signal
-    if f.definition is not None:
-        return f.definition.range(ranges)[0] >= 0.0
-    return f.signal in ranges and ranges[f.signal][0] >= 0.0

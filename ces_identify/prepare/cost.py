@@ -65,7 +65,7 @@ def require_force(series: Series) -> None:
 ZERO_CROSSING, STROKE_ENDS = "zero_crossing", "stroke_ends"
 SLOW_M_S = 0.05  # |speed| of a zero crossing, by default
 CENTRAL = 0.8  # share of the stroke between its ends, by default
-UNITS = {"speed": "m/s", "current": "A", "position": "m"}
+SIGNALS = ("speed", "current", "position", STROKE_ENDS)
 MAX_WEIGHT = 1e6
 FORMS = "zero_crossing[:SPEED]=W, stroke_ends[:CENTRAL_SHARE]=W, or speed|current|position:FROM..TO=W"
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -132,32 +132,24 @@ def parse_weighting(words: Sequence[str]) -> Weighting:
 
 def _parse_region(word: str) -> Region:
     match = WORD.fullmatch(word)
-    if match is None:
-        raise CesError(f"--weight '{word}': expected {FORMS}")
-    name, low, high = match["region"], match["low"], match["high"]
-    weight = float(match["weight"])
-    if not 0.0 <= weight <= MAX_WEIGHT:
-        raise CesError(f"--weight '{word}': the weight is {weight:g}; expected 0 to {MAX_WEIGHT:g}")
-    if name in (ZERO_CROSSING, STROKE_ENDS) and high is None:
-        return _parse_named_region(word, name, None if low is None else float(low), weight)
-    if name not in UNITS or low is None or high is None:
-        raise CesError(f"--weight '{word}': expected {FORMS}")
-    span = float(low), float(high)
-    if not (span[0] < span[1] and math.isfinite(span[0]) and math.isfinite(span[1])):
-        raise CesError(f"--weight '{word}': expected FROM below TO, in {UNITS[name]}")
-    return Region(name, span, weight, word)
-
-
-def _parse_named_region(word: str, name: str, size: float | None, weight: float) -> Region:
-    if name == ZERO_CROSSING:
-        width = SLOW_M_S if size is None else size
-        if not 0.0 < width < math.inf:
-            raise CesError(f"--weight '{word}': the speed of the zero crossing is {width:g} m/s; expected more than 0")
-        return Region("speed", (-width, width), weight, word)
-    central = CENTRAL if size is None else size
-    if not 0.0 < central < 1.0:
-        raise CesError(f"--weight '{word}': the central share of the stroke is {central:g}; expected between 0 and 1")
-    return Region(STROKE_ENDS, (0.5 - central / 2, 0.5 + central / 2), weight, word)
+    if match is not None:
+        signal, weight = match["region"], float(match["weight"])
+        low, high = (math.nan if match[end] is None else float(match[end]) for end in ("low", "high"))
+        if signal == ZERO_CROSSING and match["high"] is None:
+            width = SLOW_M_S if match["low"] is None else low
+            signal, low, high = "speed", -width, width
+        elif signal == STROKE_ENDS and match["high"] is None:
+            central = CENTRAL if match["low"] is None else low
+            low, high = 0.5 - central / 2, 0.5 + central / 2
+        elif signal == STROKE_ENDS:
+            low = math.nan
+        least = 0.0 if signal == STROKE_ENDS else -math.inf
+        if signal in SIGNALS and least < low < high < math.inf and 0.0 <= weight <= MAX_WEIGHT:
+            return Region(signal, (low, high), weight, word)
+    raise CesError(
+        f"--weight '{word}': expected {FORMS}, with SPEED above 0 m/s, CENTRAL_SHARE above 0 and below 1, FROM below "
+        f"TO (m/s, A or m), and W from 0 to {MAX_WEIGHT:g}"
+    )
 
 
 def _stroke_of(series: Series) -> Range:

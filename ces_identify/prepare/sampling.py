@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt, welch
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_data.samples import remove_spikes
 from ces_identify.prepare.series import select_samples, usable_samples
@@ -60,26 +60,18 @@ def position_spectrum(recording: Recording, max_gap_s: float) -> Spectrum:
         raise RecordingError(f"{recording.name}: position does not move; check its topic and field in the signals file")
     window = 2 ** round(np.log2(max(WINDOW_S * rate, MIN_SAMPLES)))
     power, weight = np.zeros(window // 2), 0
-    for time, position in _stretches(samples.stamps_ns, samples.position, max_gap_s):
-        if len(time) < MIN_SAMPLES:
+    breaks = np.flatnonzero(np.abs(np.diff(samples.stamps_ns)) > max_gap_s * 1e9) + 1
+    for stamps, position in zip(np.split(samples.stamps_ns, breaks), np.split(samples.position, breaks), strict=True):
+        in_time = np.append(True, stamps[1:] > np.maximum.accumulate(stamps)[:-1])
+        if in_time.sum() < MIN_SAMPLES:
             continue
-        even = _resample_evenly(time, remove_spikes(position), rate)
+        time = (stamps[in_time] - stamps[0]) * 1e-9
+        even = _resample_evenly(time, remove_spikes(position[in_time]), rate)
         density = welch(even, rate, nperseg=min(window, len(even)), nfft=window, detrend="linear")[1]
         power, weight = power + len(even) * density[1:], weight + len(even)
     if weight == 0:
         raise RecordingError(f"{recording.name}: no {MIN_SAMPLES} position samples in a row without a gap")
     return Spectrum(rate, np.arange(1, window // 2 + 1) * rate / window, power / weight)
-
-
-def _stretches(stamps_ns: I, position: F, max_gap_s: float) -> list[tuple[F, F]]:
-    """Return times [s] and positions of the stretches without a gap, without late samples."""
-    breaks = np.flatnonzero(np.abs(np.diff(stamps_ns)) > max_gap_s * 1e9) + 1
-    stretches = []
-    for stamps, values in zip(np.split(stamps_ns, breaks), np.split(position, breaks), strict=True):
-        late = np.zeros(len(stamps), bool)
-        late[1:] = stamps[1:] <= np.maximum.accumulate(stamps)[:-1]
-        stretches.append(((stamps[~late] - stamps[0]) * 1e-9, values[~late]))
-    return stretches
 
 
 def _resample_evenly(time: F, position: F, rate: float) -> F:
@@ -96,44 +88,41 @@ MIN_CORRELATION = 0.5
 
 def require_consistent_motion(recording: Recording, sampling: Sampling) -> None:
     """Raise RecordingError if the signal that the differentiator measures does not fit the recorded position."""
-    if not sampling.motion_signal:
+    signal = sampling.motion_signal
+    if not signal:
         return
     samples = select_samples(recording, sampling)
     time = (samples.stamps_ns - samples.stamps_ns[0]) * 1e-9
     rate = (len(time) - 1) / time[-1]
     even = np.linspace(0.0, time[-1], len(time))
-    position, motion = (np.interp(even, time, values) for values in (samples.position, samples.motion))
+    position, raw = (np.interp(even, time, values) for values in (samples.position, samples.motion))
     expected = np.gradient(_pass_band(position, rate)) * rate
-    if sampling.motion_signal == "acceleration":
+    if signal == "acceleration":
         expected = np.gradient(expected) * rate
-    measured = _pass_band(motion, rate)
-    _require_fit(recording.name, sampling.motion_signal, expected, measured, motion)
+    measured = _pass_band(raw, rate)
+    scale = float(measured @ expected / (expected @ expected))
+    correlation = float(np.corrcoef(measured, expected)[0, 1])
+    if not abs(correlation) >= MIN_CORRELATION:
+        raise RecordingError(
+            f"{recording.name}: {signal} does not follow the position (correlation {correlation:.2f} in "
+            f"{BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz); check its topic, field and stamps, or identify with "
+            "--differentiator kalman"
+        )
+    if not SCALE_RANGE[0] <= scale <= SCALE_RANGE[1]:
+        raise RecordingError(
+            f"{recording.name}: {signal} is {scale:.2g} times what the position's derivative says; "
+            f"multiply its scale in the signals file by {1.0 / scale:.2g}"
+        )
+    if abs(raw.mean()) > MAX_MEAN * raw.std():
+        raise RecordingError(
+            f"{recording.name}: {signal} has a mean of {raw.mean():.3g}, {abs(raw.mean()) / raw.std():.1f} times its "
+            f"standard deviation; add {-raw.mean():.3g} to its offset in the signals file"
+        )
 
 
 def _pass_band(values: F, rate: float) -> F:
     band = butter(2, (BAND_HZ[0], min(BAND_HZ[1], 0.4 * rate)), "band", fs=rate, output="sos")
     return np.asarray(sosfiltfilt(band, values - values.mean()))
-
-
-def _require_fit(name: str, signal: str, expected: F, measured: F, raw: F) -> None:
-    scale = float(measured @ expected / (expected @ expected))
-    correlation = float(np.corrcoef(measured, expected)[0, 1])
-    low, high = SCALE_RANGE
-    if not abs(correlation) >= MIN_CORRELATION:
-        raise RecordingError(
-            f"{name}: {signal} does not follow the position (correlation {correlation:.2f} in {BAND_HZ[0]:g} to "
-            f"{BAND_HZ[1]:g} Hz); check its topic, field and stamps, or identify with --differentiator kalman"
-        )
-    if not low <= scale <= high:
-        raise RecordingError(
-            f"{name}: {signal} is {scale:.2g} times what the position's derivative says; "
-            f"multiply its scale in the signals file by {1.0 / scale:.2g}"
-        )
-    if abs(raw.mean()) > MAX_MEAN * raw.std():
-        raise RecordingError(
-            f"{name}: {signal} has a mean of {raw.mean():.3g}, {abs(raw.mean()) / raw.std():.1f} times its standard "
-            f"deviation; add {-raw.mean():.3g} to its offset in the signals file"
-        )
 
 
 C = NDArray[np.complex128]
@@ -153,15 +142,12 @@ def choose_sampling(
     recordings: Sequence[Recording],
     rate_Hz: float | None = None,
     bandwidth_Hz: float | None = None,
-    max_gap_s: float | None = None,
-    warm_up_s: float = 0.5,
-    order: int | None = None,
     differentiator: str | None = None,
 ) -> Sampling:
     """Return the sampling rules for models of these recordings; arguments that are not None are kept.
 
     The rate is the lowest position rate among the recordings, at most 1000 Hz or 8 times the differentiator's
-    bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth and no order, the order is 3. The
+    bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth, the order is 3. The
     differentiator is the one that `default_differentiator` returns. Raises RecordingError if a position has too few
     samples or is constant, if the rate is above the data's or the bandwidth above half the rate, or if a recording
     lacks the signal that the differentiator needs.
@@ -169,25 +155,23 @@ def choose_sampling(
     kind = default_differentiator(recordings) if differentiator is None else differentiator
     rates = [sample_rate(recording) for recording in recordings]
     _require_within_rate(recordings, rates, rate_Hz, bandwidth_Hz)
-    gap = max(0.05, 10.0 / min(rates)) if max_gap_s is None else max_gap_s
+    gap = max(0.05, 10.0 / min(rates))
     spectra = [position_spectrum(recording, gap) for recording in recordings]
-    wanted_Hz = bandwidth_Hz
-    if bandwidth_Hz is None or kind == FUSED:
-        bandwidth_Hz, order = best_differentiator(spectra, tuple(WIDEST) if order is None else (order,))
-    order = 3 if order is None else order
-    highest = max(HIGHEST_RATE, TICKS_A_BANDWIDTH * bandwidth_Hz)
+    bandwidth, order = bandwidth_Hz, 3
+    if bandwidth is None or kind == FUSED:
+        bandwidth, order = best_differentiator(spectra)
+    highest = max(HIGHEST_RATE, TICKS_A_BANDWIDTH * bandwidth)
     rate = min([highest, *(float(f"{r:.4g}") for r in rates)]) if rate_Hz is None else rate_Hz
     if kind == ADAPTIVE:
-        bandwidth_Hz = min(bandwidth_Hz, min(rates) * WIDEST[order] / max(SHARES))
+        bandwidth = min(bandwidth, min(rates) * WIDEST[order] / max(SHARES))
     elif kind == FUSED:
-        bandwidth_Hz, order = wanted_Hz or FUSED_HZ, 3
-    outlier = max(outlier_distance(s, bandwidth_Hz, order) for s in spectra)
+        bandwidth, order = bandwidth_Hz or FUSED_HZ, 3
+    outlier = max(outlier_distance(s, bandwidth, order) for s in spectra)
     sampling = Sampling(
         rate,
-        round(bandwidth_Hz, 2),
+        round(bandwidth, 2),
         float(f"{outlier:.3g}"),
         gap,
-        warm_up_s=warm_up_s,
         order=order,
         differentiator=kind,
         noise_m=float(f"{max(map(noise_rms, spectra)):.3g}") if kind == ADAPTIVE else 0.0,
@@ -201,11 +185,11 @@ def _require_within_rate(
     recordings: Sequence[Recording], rates: Sequence[float], rate_Hz: float | None, bandwidth_Hz: float | None
 ) -> None:
     """Raise RecordingError for a rate above that of the slowest positions, or a bandwidth above half the rate."""
-    slowest = min(range(len(rates)), key=lambda i: rates[i])
-    data = f"the positions in {recordings[slowest].name} are at {rates[slowest]:.5g} Hz"
-    if rate_Hz is not None and rate_Hz > RATE_SLACK * rates[slowest]:
+    slowest, name = min(zip(rates, (recording.name for recording in recordings), strict=True), key=lambda one: one[0])
+    data = f"the positions in {name} are at {slowest:.5g} Hz"
+    if rate_Hz is not None and rate_Hz > RATE_SLACK * slowest:
         raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
-    rate = rates[slowest] if rate_Hz is None else rate_Hz
+    rate = slowest if rate_Hz is None else rate_Hz
     if bandwidth_Hz is not None and bandwidth_Hz > RATE_SLACK * rate / 2.0:
         limit = f"above half the model's rate of {rate:.5g} Hz ({data})"
         raise RecordingError(f"--bandwidth {bandwidth_Hz:g}: {limit}; choose less, or leave --bandwidth out")

@@ -22,8 +22,18 @@ from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
 from ces_identify.structures.lagged import LaggedShape, lagged_facts
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
-from ces_identify.trained.simulation_error import Family, delay_values, regressor_table, unscaled_inputs
-from ces_identify.trained.training import LAGS, SIGNALS, LagCounts, Lags, Training, build_regressors
+from ces_identify.trained.training import (
+    LAGS,
+    SIGNALS,
+    Family,
+    LagCounts,
+    Lags,
+    Training,
+    build_regressors,
+    delay_values,
+    regressor_table,
+    unscaled_inputs,
+)
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.options import Option

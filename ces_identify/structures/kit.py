@@ -14,7 +14,7 @@ from typing import Any, Generic, TypeVar
 
 from ces_data.arrays import F, I
 from ces_identify.physical.models import PhysicalModels
-from ces_identify.polynomial.candidate_rules import CandidateRules
+from ces_identify.polynomial.candidates import CandidateRules
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series, SimulatedSeries

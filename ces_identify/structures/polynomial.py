@@ -14,11 +14,11 @@ import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics import search_clock
+from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.compiled_terms import run_polynomial
 from ces_identify.polynomial.constructed import find_time_constants, restrict_to_data
 from ces_identify.polynomial.free_run_fit import fit_free_run, refit_coefficients
 from ces_identify.polynomial.problem import Problem, assemble_problem
-from ces_identify.polynomial.regressors import load_rules
 from ces_identify.polynomial.search_limits import THESIS, Listener, SearchResult
 from ces_identify.polynomial.selection import search
 from ces_identify.polynomial.term_table import term_table

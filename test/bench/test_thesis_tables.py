@@ -32,7 +32,7 @@ from bench.thesis.models import (
 )
 from bench.thesis.plots import caption, draw
 from bench.thesis.tables import format_table, jobs
-from ces_identify.polynomial.regressors import load_rules
+from ces_identify.polynomial.candidates import load_rules
 from ces_identify.prepare.series import prepare
 from ces_identify.trained.training import Lags, build_regressors, build_training
 from ces_observer.model import Sampling

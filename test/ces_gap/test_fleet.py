@@ -15,9 +15,8 @@ from dask_clusters import dask_scheduler
 from patience import wait_until
 
 from ces_gap.fleet import DiagnosisRequest, diagnose_unit, job_of
-from ces_identify.jobs import workers as cluster_module
-from ces_identify.jobs.results import CRASHED, DONE, FAILED, failed_job, open_results
-from ces_identify.jobs.workers import Task, run_on_cluster, run_on_this_machine
+from ces_identify import jobs as cluster_module
+from ces_identify.jobs import CRASHED, DONE, FAILED, Task, failed_job, open_results, run_on_cluster, run_on_this_machine
 from ces_identify.simulations.simulation import FunctionSimulation, function_simulation
 from ces_observer.errors import CesError
 

@@ -8,7 +8,7 @@ from identification_examples import PLANTED, RULES, planted
 
 from ces_data.recording import Channel
 from ces_identify.identification import identify
-from ces_identify.polynomial.regressors import parse_rules
+from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION

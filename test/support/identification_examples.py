@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from ces_data.recording import Channel, Recording
-from ces_identify.polynomial.regressors import parse_rules
+from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Envelope, Model, Sampling

@@ -12,7 +12,7 @@ from diagnoses import named
 
 from ces_cli.diagnose.fleet import write_page
 from ces_gap.report.gap_json import write_gap
-from ces_identify.jobs.results import DONE, FAILED, JobResult, append_row, open_results, open_rows
+from ces_identify.jobs import DONE, FAILED, JobResult, append_row, open_results, open_rows
 from ces_iterate.loop.store import Iteration
 from ces_observer.model import Model
 from ces_report.shell import page_template

@@ -13,7 +13,7 @@ import pytest
 from ces_cli.identify.campaign import describe_cell, result_tables
 from ces_cli.main import main
 from ces_data.bags.writer import recording_topics, write_bag
-from ces_identify.campaign.campaign_rows import CampaignRows, CellNames
+from ces_identify.campaign.rows import CampaignRows, CellNames
 
 ROOT = Path(__file__).parents[3]
 from campaign_parts import CAMPAIGN, DEFAULT, furnish, made  # noqa: E402
@@ -60,7 +60,7 @@ def work(tmp_path_factory):
 RUN = """
 import signal, sys
 from ces_cli.main import main
-from ces_identify.jobs.results import ResultsFolder
+from ces_identify.jobs import ResultsFolder
 
 def add_and_wait(results, *found):
     add(results, *found)

@@ -2,7 +2,7 @@ import pytest
 import yaml
 
 from ces_cli.identify.program import candidate_rules, make_parser
-from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules
+from ces_identify.polynomial.candidates import built_in_rules, load_rules
 from ces_observer.errors import CesError
 
 
@@ -17,7 +17,7 @@ def test_the_built_in_rules_are_the_default():
 def test_constructed_inputs_and_blends_add_up_and_may_build_on_each_other(tmp_path):
     path = tmp_path / "rules.yaml"
     own = {"slip": {"kind": "stop", "of": "position", "half_width": 0.001}}
-    built_in = yaml.safe_load(DEFAULT_RULES)
+    built_in = yaml.safe_load(built_in_rules())
     path.write_text(yaml.safe_dump({**built_in, "constructed": {**built_in["constructed"], **own}}))
     result = rules(
         *("--candidates", str(path), "--construct", "remanence:0.05", "--construct", "frequency"),

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from ces_cli.main import main
-from ces_identify.polynomial.regressors import THESIS_RULES
+from ces_identify.polynomial.candidates import built_in_rules
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -20,7 +20,7 @@ def identify(*words):
 def test_its_candidates_are_shown(capsys):
     assert main(["identify", "--method", "thesis", "--show-candidates"]) == 0
     first, _, rules = capsys.readouterr().out.partition("\n")
-    assert first.endswith("candidates.json") and rules == THESIS_RULES
+    assert first.endswith("candidates.json") and rules == built_in_rules("thesis")
 
 
 def test_its_own_candidates_are_the_default_and_their_number_is_recorded(tmp_path):

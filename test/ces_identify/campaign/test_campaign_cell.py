@@ -7,9 +7,8 @@ from campaign_parts import CAMPAIGN, RULES, made
 
 from ces_identify.campaign import cell as module
 from ces_identify.campaign.cell import compute_cell
-from ces_identify.campaign.description import load_campaign
-from ces_identify.campaign.plan import jobs
-from ces_identify.jobs.results import CRASHED, DONE, FAILED
+from ces_identify.campaign.plan import jobs, load_campaign
+from ces_identify.jobs import CRASHED, DONE, FAILED
 from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import evaluate
 from ces_observer.model import parse_model

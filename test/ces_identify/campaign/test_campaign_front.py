@@ -3,11 +3,11 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_identify.campaign.campaign_rows import COST_TOLERANCE, front, is_proved, recommend_model
-from ces_identify.jobs.results import DONE, FAILED
+from ces_identify.campaign.rows import COST_TOLERANCE, front, is_proved, recommend_model
+from ces_identify.jobs import DONE, FAILED
 
 
-def row(parameters, cost, gain=0.5, status=DONE, validation=1.0, bound_N=None):
+def row(parameters, cost, gain=0.5, status=DONE, validation=1.0, bound_N=900.0):
     costs = [{"set": "road", "J": validation}]
     proof = {"gain": gain, "force_bound_N": bound_N}
     return {"parameters": parameters, "selection_J": cost, **proof, "status": status, "costs": costs}
@@ -31,14 +31,13 @@ def test_the_smallest_within_a_tenth_is_recommended():
 
 
 def test_models_without_proof_count_only_if_none_has_one():
-    assert sizes(front([row(4, 1.0, gain=None), row(6, 2.0)])) == [6]
-    assert sizes(front([row(4, 1.0, gain=None), row(6, 2.0, gain=None)])) == [4]
+    assert sizes(front([row(4, 1.0, bound_N=None), row(6, 2.0)])) == [6]
+    assert sizes(front([row(4, 1.0, bound_N=None), row(6, 2.0, bound_N=None)])) == [4]
 
 
 def test_a_proof_without_a_gain_is_a_proof():
-    passive, of_older_campaign = row(4, 1.0, gain=None, bound_N=900.0), row(4, 1.0)
-    del of_older_campaign["force_bound_N"]
-    assert is_proved(passive) and is_proved(of_older_campaign) and not is_proved(row(4, 1.0, gain=None))
+    passive = row(4, 1.0, gain=None)
+    assert is_proved(passive) and not is_proved(row(4, 1.0, gain=None, bound_N=None))
     assert sizes(front([passive, row(6, 0.9)])) == [4, 6]
 
 

@@ -5,8 +5,8 @@ import json
 import pytest
 from browser import find_faults, open_page
 
-from ces_identify.campaign.campaign_page import PAGE, write_campaign_page
-from ces_identify.campaign.campaign_rows import CampaignRows, pooled_cost, read_campaign
+from ces_identify.campaign.page import PAGE, write_campaign_page
+from ces_identify.campaign.rows import CampaignRows, pooled_cost, read_campaign
 from ces_observer.errors import CesError
 
 
@@ -55,9 +55,7 @@ def test_every_front_belongs_to_its_bags(folder):
     assert {name: one["key"] for name, one in results.recommended().items()} == {"noise": "ab", "sweep": "ba"}
 
 
-def test_rows_of_older_campaigns_have_no_interval():
-    old = {key: value for key, value in ROWS[0].items() if key not in ("pooled", "tick_us")}
-    assert pooled_cost(old, "road") == (20.0, None)
+def test_costs_over_a_set_have_an_interval():
     assert pooled_cost(ROWS[0], "road") == (20.0, (19.0, 21.0))
     assert pooled_cost(ROWS[-1], "road") == (None, None)
 

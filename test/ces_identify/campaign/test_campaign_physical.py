@@ -3,11 +3,10 @@
 import pytest
 from campaign_parts import made
 
-from ces_identify.campaign.campaign_rows import front, is_proved
 from ces_identify.campaign.cell import compute_cell
-from ces_identify.campaign.description import CampaignError, load_campaign
-from ces_identify.campaign.plan import jobs
-from ces_identify.jobs.results import DONE
+from ces_identify.campaign.plan import CampaignError, jobs, load_campaign
+from ces_identify.campaign.rows import front, is_proved
+from ces_identify.jobs import DONE
 from ces_observer.model import parse_model
 
 CAMPAIGN = """\
@@ -54,5 +53,5 @@ def test_they_are_on_the_front_beside_models_with_a_gain(rows):
 
 def test_a_size_out_of_range_is_refused(tmp_path):
     (tmp_path / "c.yaml").write_text(CAMPAIGN.replace("curves: 2", "curves: 40"))
-    with pytest.raises(CampaignError, match="curves is 40; expected one or a list of: auto or 2 to 8"):
+    with pytest.raises(CampaignError, match=r"curves: .*40.*2 to 8"):
         load_campaign(tmp_path / "c.yaml")

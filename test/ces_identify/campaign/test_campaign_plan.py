@@ -6,9 +6,8 @@ from dataclasses import replace
 import pytest
 from campaign_parts import CAMPAIGN, RULES, made
 
-from ces_identify.campaign.description import load_campaign
-from ces_identify.campaign.plan import jobs
-from ces_identify.polynomial.regressors import load_rules
+from ces_identify.campaign.plan import jobs, load_campaign
+from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.search_limits import THESIS
 from ces_observer.errors import CesError
 

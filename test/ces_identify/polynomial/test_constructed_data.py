@@ -7,8 +7,8 @@ import pytest
 
 from ces_data.recording import Channel, Recording
 from ces_identify.identification import identify
+from ces_identify.polynomial.candidates import load_rules, parse_rules
 from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs, restrict_to_data
-from ces_identify.polynomial.regressors import load_rules, parse_rules
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series

@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 import yaml
 
+from ces_identify.polynomial.candidates import built_in_rules, load_rules, parse_rules
 from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs
-from ces_identify.polynomial.regressors import DEFAULT_RULES, load_rules, parse_rules
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, TriangularMembership
 from ces_observer.structures.constructed_inputs import make_memberships as hats_over
@@ -69,10 +69,10 @@ def test_without_a_signal_what_is_made_of_it_goes_too():
         ({"speed": {"kind": "frequency"}}, "name 'speed'"),
         (
             {"region": {"kind": "hats", "of": "current", "at": [1.0]}},
-            r"at: \[1.0\]; expected 2 to 20 ascending numbers",
+            r"at is \[1.0\]; expected 2 to 20 ascending peaks",
         ),
         ({"region": {"kind": "hats", "of": "current", "at": [1.0, 0.5]}}, "ascending"),
-        ({"region": {"kind": "hats", "of": "current", "at": ["a", 0.5]}}, "ascending"),
+        ({"region": {"kind": "hats", "of": "current", "at": ["a", 0.5]}}, "at is 'a'; expected a number"),
         ({"region": {"kind": "hats", "of": "look_up", "at": [0.0, 0.5]}}, "of is 'look_up'; expected one of"),
         ({"region_1": {"kind": "frequency"}}, "names to be free"),
     ],
@@ -92,9 +92,9 @@ def test_hats_take_lags_alone_and_names_need_definitions():
 
 
 def test_what_the_built_in_rules_say_of_constructed_inputs_is_true():
-    lines = DEFAULT_RULES.partition("(docs/constructed.md):\n")[2].splitlines()
+    lines = built_in_rules().partition("(docs/constructed.md):\n")[2].splitlines()
     block = yaml.safe_load("\n".join(re.sub(r"}  .*", "}", line.removeprefix("# ")) for line in lines))
-    built_in = yaml.safe_load(DEFAULT_RULES)
+    built_in = yaml.safe_load(built_in_rules())
     constructed = {**built_in["constructed"], **block["constructed"]}
     rules = parse_rules({**built_in, "constructed": constructed}, "documented")
     assert set(rules.constructed) == {"valve", "hysteresis", "remanence", "frequency", "region"}
@@ -124,7 +124,7 @@ def test_a_time_constant_may_be_left_open_and_set_later_also_below_hats():
 def test_the_rules_in_the_documentation_can_be_used_as_they_stand():
     text = (Path(__file__).parents[3] / "docs" / "constructed.md").read_text(encoding="utf-8")
     valve, twice, block = map(yaml.safe_load, re.findall(r"```yaml\n(.*?)```", text, re.DOTALL))
-    built_in = yaml.safe_load(DEFAULT_RULES)
+    built_in = yaml.safe_load(built_in_rules())
     assert valve == {"constructed": built_in["constructed"]}
     rules = parse_rules({**built_in, **block, "products": built_in["products"] + block["products"]}, "documented")
     assert rules.count() == load_rules(None).count() + (2 + 4) * 2

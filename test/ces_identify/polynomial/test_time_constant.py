@@ -7,8 +7,8 @@ import pytest
 
 from ces_data.recording import Channel, Recording
 from ces_identify.identification import identify
+from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.constructed import GRID_S, find_time_constants
-from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.polynomial.search_limits import GAUSS_NEWTON, Limits
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series

@@ -151,10 +151,9 @@ def test_a_start_in_motion_succeeds_even_without_noise(rate, low_pass):
 def test_given_numbers_are_kept():
     x, _ = stroke(19, 1000.0, 10.0)
     rec = recording(x + np.random.default_rng(20).normal(0, 15e-6, len(x)), 1000.0)
-    sampling = choose_sampling([rec], 500.0, 77.0, 0.2, 1.5, 2)
+    sampling = choose_sampling([rec], 500.0, 77.0)
     assert sampling.rate_Hz == 500.0
-    assert (sampling.bandwidth_Hz, sampling.order) == (77.0, 2)
-    assert (sampling.max_gap_s, sampling.warm_up_s) == (0.2, 1.5)
+    assert (sampling.bandwidth_Hz, sampling.order) == (77.0, 3)
     assert choose_sampling([rec], bandwidth_Hz=77.0).order == 3
 
 

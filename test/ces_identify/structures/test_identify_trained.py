@@ -14,8 +14,7 @@ from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkShape
-from ces_identify.trained.simulation_error import MAX_GAIN
-from ces_identify.trained.training import Lags
+from ces_identify.trained.training import MAX_GAIN, Lags
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
@@ -120,7 +119,7 @@ def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
         return set(), set(args[0])
 
     heard.clear()
-    monkeypatch.setattr("ces_identify.trained.simulation_error.wait", interrupt)
+    monkeypatch.setattr("ces_identify.trained.training.wait", interrupt)
     broken_off = identify_kind(kind, limits=Limits(time=60.0, starts=1, threads=1), listener=heard.append)
     assert broken_off.search_results[0].ended == "interrupted"
     assert np.isfinite(broken_off.search_results[0].cost)

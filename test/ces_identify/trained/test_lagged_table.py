@@ -1,6 +1,6 @@
 import numpy as np
 
-from ces_identify.trained.simulation_error import delay_values, regressor_table
+from ces_identify.trained.training import delay_values, regressor_table
 from ces_observer.model import Envelope
 from ces_observer.structures.lagged_signals import Regressor
 

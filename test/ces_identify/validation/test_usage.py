@@ -5,8 +5,8 @@ from planted import NETWORK, planted
 from residual_series import series
 
 from ces_identify.identification import identify
+from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
-from ces_identify.polynomial.regressors import parse_rules
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.cost_table import RULE, usage

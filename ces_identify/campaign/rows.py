@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
 
-from ces_identify.jobs.results import DONE, Row, read_rows
+from ces_identify.jobs import DONE, Row, read_rows
 from ces_observer.errors import CesError
 
 COUNTED = ("terms", "units", "rules", "springs", "curves", "memberships")
@@ -39,11 +39,12 @@ class CellNames:
 
     def settings(self, row: Row) -> str:
         """Return the settings of a cell that vary: 12 terms, seed 1."""
-        return ", ".join(describe_setting(key, row[key]) for key in self.varied if key in row)
+        return ", ".join(describe_setting(key, row) for key in self.varied if key in row)
 
 
-def describe_setting(key: str, value: Any) -> str:
-    """Return a setting as text: 12 terms, seed 1, certificate yes."""
+def describe_setting(key: str, row: Row) -> str:
+    """Return a setting of a row as text: 12 terms, seed 1, certificate yes."""
+    value = row[key]
     if isinstance(value, bool):
         return f"{key} {'yes' if value else 'no'}"
     return f"{value} {key}" if key in COUNTED else f"{key} {value}"
@@ -64,8 +65,8 @@ def front(rows: Sequence[Row], size: str = "parameters") -> list[Row]:
 
 
 def is_proved(row: Row) -> bool:
-    """Return whether the row's model has a certificate; rows of older campaigns hold a contraction's gain alone."""
-    return row.get("force_bound_N") is not None or row["gain"] is not None
+    """Return whether the row's model has a certificate."""
+    return row["force_bound_N"] is not None
 
 
 def recommend_model(rows: Sequence[Row]) -> Row | None:
@@ -85,7 +86,7 @@ class CampaignRows:
     planned: int
     planned_names: CellNames | None = None
 
-    @property
+    @cached_property
     def done(self) -> list[Row]:
         """Cells with a model, by their selection cost."""
         rows = [row for row in self.rows if row["status"] == DONE]
@@ -96,34 +97,31 @@ class CampaignRows:
         """Cells without a model; `reason` says why."""
         return [row for row in self.rows if row["status"] != DONE]
 
-    @property
+    @cached_property
     def bags(self) -> list[str]:
         """Sets of bags that models were identified on."""
         return list(dict.fromkeys(row["bags"] for row in self.rows))
 
-    @property
+    @cached_property
     def sets(self) -> list[str]:
         """Sets of bags that models were validated on."""
         names = dict.fromkeys(cost["set"] for row in self.rows for cost in row.get("costs", ()))
         return [name for name in names if name != IDENTIFICATION]
 
-    @property
+    @cached_property
     def varied(self) -> list[str]:
         """Settings that differ among cells of one structure."""
-        names = dict.fromkeys(name for row in self.rows for name in row if name not in RESULT_COLUMNS)
-        return [name for name in names if any(len(values) > 1 for values in self._values(name).values())]
+        values: dict[str, dict[str, set[str]]] = {}
+        for row in self.rows:
+            for name in row.keys() - set(RESULT_COLUMNS):
+                values.setdefault(name, {}).setdefault(row["structure"], set()).add(str(row[name]))
+        names = dict.fromkeys(name for row in self.rows for name in row if name in values)
+        return [name for name in names if any(len(found) > 1 for found in values[name].values())]
 
-    @property
+    @cached_property
     def names(self) -> CellNames:
         """Names of the cells."""
         return self.planned_names or CellNames(tuple(self.varied), len(self.bags) > 1)
-
-    def _values(self, name: str) -> dict[str, set[str]]:
-        values: dict[str, set[str]] = {}
-        for row in self.rows:
-            if name in row:
-                values.setdefault(row["structure"], set()).add(str(row[name]))
-        return values
 
     def of_bags(self, name: str) -> list[Row]:
         """Return the cells with a model that was identified on one set of bags."""
@@ -147,13 +145,15 @@ class CampaignRows:
         return self.names.full_name(row)
 
     def effects(self, bags: str) -> dict[str, list[tuple[str, list[float]]]]:
-        """Return for each axis its values with the selection costs of their cells."""
+        """Return for each axis its values with the selection costs of their cells; sizes belong to their structure."""
         axes = {}
         for axis in ("structure", *self.varied):
             costs: dict[str, list[float]] = {}
             for row in self.of_bags(bags):
                 if axis in row and row["selection_J"] is not None:
-                    costs.setdefault(_axis_value(axis, row), []).append(row["selection_J"])
+                    value = [] if axis == "structure" else [describe_setting(axis, row)]
+                    value = value if axis in COMMON_AXES else [row["structure"], *value]
+                    costs.setdefault(", ".join(value), []).append(row["selection_J"])
             if len(costs) > 1:
                 axes[axis] = sorted(costs.items(), key=lambda item: _in_order(item[0]))
         return axes
@@ -173,24 +173,10 @@ def read_campaign(folder: Path) -> CampaignRows:
 
 
 def pooled_cost(row: Row, name: str) -> tuple[float | None, tuple[float, float] | None]:
-    """Return J [%] of a row over a set of bags and its 95 % interval; None where there is none.
-
-    Rows of older campaigns hold the costs of single recordings only; of a set with one, that is the same.
-    """
-    pooled = row.get("pooled", {}).get(name)
-    if pooled is not None:
-        interval = pooled.get("ci95")
-        return pooled["J"], None if interval is None else (interval[0], interval[1])
-    costs = [cost["J"] for cost in row.get("costs", ()) if cost["set"] == name]
-    return (costs[0], None) if len(costs) == 1 else (None, None)
-
-
-def _axis_value(axis: str, row: Row) -> str:
-    """Return a row's value on an axis; sizes belong to their structure."""
-    if axis == "structure":
-        return str(row[axis])
-    value = describe_setting(axis, row[axis])
-    return value if axis in COMMON_AXES else f"{row['structure']}, {value}"
+    """Return J [%] of a row over a set of bags and its 95 % interval; None where there is none."""
+    pooled = row.get("pooled", {}).get(name, {})
+    interval = pooled.get("ci95")
+    return pooled.get("J"), None if interval is None else (interval[0], interval[1])
 
 
 def _in_order(text: str) -> list[tuple[int, float | str]]:

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import pytest
 
-from ces_identify.jobs import results
-from ces_identify.jobs.results import CRASHED, DONE, FAILED, JobResult
+from ces_identify import jobs as results
+from ces_identify.jobs import CRASHED, DONE, FAILED, JobResult
 from ces_observer.errors import CesError
 
 

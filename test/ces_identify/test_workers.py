@@ -9,11 +9,10 @@ import pytest
 from campaign_parts import CAMPAIGN, RULES, made
 from dask_clusters import dask_scheduler
 
+from ces_identify import jobs as cluster_module
 from ces_identify.campaign.cell import compute_cell
-from ces_identify.campaign.description import load_campaign
-from ces_identify.campaign.plan import jobs
-from ces_identify.jobs import workers as cluster_module
-from ces_identify.jobs.workers import Task, run_in_processes, run_on_cluster, run_on_this_machine
+from ces_identify.campaign.plan import jobs, load_campaign
+from ces_identify.jobs import Task, run_in_processes, run_on_cluster, run_on_this_machine
 from ces_observer.errors import CesError
 
 

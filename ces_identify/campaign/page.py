@@ -1,0 +1,163 @@
+"""The page of a campaign: all cells in a table to sort, the front of cost against size and time, and what each axis
+does."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from statistics import median
+from typing import Any
+from urllib.parse import quote
+
+import numpy as np
+from markupsafe import Markup
+
+from ces_identify.campaign.rows import CampaignRows, front, is_proved, pooled_cost
+from ces_identify.jobs import Row
+from ces_identify.structures import KITS
+from ces_observer.json_text import write_atomically
+from ces_report.charts import IntervalRow, draw_intervals
+from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, series_css
+from ces_report.shell import command_block, page_template, replace_unencodable
+
+PAGE = "campaign.html"
+REFRESH_S = 10  # between reloads of a page whose campaign is running
+
+
+def write_campaign_page(
+    path: Path, results: CampaignRows, folder: Path, title: str, facts: Mapping[str, str], *, running: bool = False
+) -> None:
+    """Write the page of the campaign in `folder` to `path`; `facts` may hold the `command`. Raises CesError.
+
+    The page of a `running` campaign reloads itself.
+    """
+    links = os.path.relpath(folder.resolve(), path.resolve().parent)
+    start = "" if links == "." else f"{links}/"
+    recommended = {row["key"] for row in results.recommended().values()}
+    page = page_template("campaign.html.j2", __package__ or "", ("campaign.css",)).render(
+        title=title,
+        headline=_headline(results),
+        refresh=REFRESH_S if running else None,
+        command=command_block(facts["command"]) if "command" in facts else "",
+        compare=command_block(f"ces compare {folder} BAG --report compare.html"),
+        recommended=[
+            {"bags": bags, "name": results.name(row), "size": row["size"], "cost": _number(row["selection_J"]),
+             **_links(row, folder, start)} for bags, row in results.recommended().items()
+        ],
+        panels=[_panel(results, n, name) for n, name in enumerate(results.bags) if results.of_bags(name)],
+        sets=results.sets,
+        several=len(results.bags) > 1,
+        rows=[_row(results, row, row["key"] in recommended) | _links(row, folder, start) for row in results.done],
+        failed=[{**row, "name": results.full_name(row)} for row in results.failed],
+    )  # fmt: skip
+    write_atomically(path, replace_unencodable(page))
+
+
+def _links(row: Row, folder: Path, start: str) -> dict[str, str]:
+    """Return the links to the files of a cell, empty where there is none; on the page they begin with `start`."""
+    files = {"model": f"models/{row['key']}.json", "report": f"reports/{row['key']}.html"}
+    return {what: quote(f"{start}{name}") if (folder / name).is_file() else "" for what, name in files.items()}
+
+
+def _headline(results: CampaignRows) -> str:
+    done, failed = len(results.done), len(results.failed)
+    left = results.planned - done - failed
+    parts = [f"{done} of {results.planned} cells have a model"]
+    parts += [f"{failed} failed"] if failed else []
+    parts += [f"{left} to come"] if left > 0 else []
+    return "; ".join(parts) + "."
+
+
+def _row(results: CampaignRows, row: Row, recommended: bool) -> dict[str, Any]:
+    proof = "not proved"
+    if is_proved(row):
+        proof = "passive" if row["gain"] is None else f"gain {row['gain']:.3f}"
+    return {
+        "mark": "recommended" if recommended else "front" if row["key"] in results.front_keys() else "",
+        "bags": row["bags"],
+        "name": results.name(row),
+        "size": row["size"],
+        "parameters": row["parameters"],
+        "selection": _number(row["selection_J"]),
+        "costs": [_cost(row, name) for name in results.sets],
+        "tick": _number(row["tick_us"], 1),
+        "stability": proof,
+        "seconds": _number(row["seconds"], 1),
+    }
+
+
+def _cost(row: Row, name: str) -> dict[str, str]:
+    cost, interval = pooled_cost(row, name)
+    return {
+        "value": _number(cost) if name not in row["pooled"] or cost is not None else "diverged",
+        "interval": "" if interval is None else f"{interval[0]:.2f} to {interval[1]:.2f}",
+    }
+
+
+def _number(value: float | None, decimals: int = 2) -> str:
+    return "–" if value is None else f"{value:.{decimals}f}"
+
+
+def _panel(results: CampaignRows, number: int, bags: str) -> dict[str, Any]:
+    rows = [row for row in results.of_bags(bags) if row["selection_J"] is not None]
+    swatch = Markup(
+        '<svg class="plot-swatch" viewBox="0 0 22 10" aria-hidden="true"><path class="{} spot" d="M11,5h0"/></svg>'
+    )
+    return {
+        "bags": bags,
+        "structures": [
+            (swatch.format(_structure_css(name)), name) for name in dict.fromkeys(row["structure"] for row in rows)
+        ],
+        "size": _pareto(results, rows, f"size{number}", "parameters", "size", "Size [parameters]"),
+        "tick": _pareto(results, rows, f"tick{number}", "tick_us", "time of a tick", "Time of a tick [µs]"),
+        "effects": [
+            draw_intervals(
+                f"axis{number}-{axis}",
+                f"Selection cost by {axis}",
+                "Selection cost J [%]",
+                [IntervalRow(value, min(J), max(J), median(J), _effect_text(J)) for value, J in values],
+            )
+            for axis, values in results.effects(bags).items()
+        ],
+    }
+
+
+def _structure_css(structure: str) -> str:
+    return series_css(list(KITS).index(structure))
+
+
+def _effect_text(costs: list[float]) -> str:
+    if len(costs) == 1:
+        return f"{costs[0]:.2f} (1 cell)"
+    return f"{median(costs):.2f} ({min(costs):.2f} to {max(costs):.2f}; {len(costs)} cells)"
+
+
+def _pareto(results: CampaignRows, rows: list[Row], ident: str, column: str, what: str, x_label: str) -> Markup | None:
+    """Return the chart of cost against a column, each point with the name of its model; None without rows.
+
+    Validation costs have their intervals. The front is drawn as steps: from each model on to the next larger one.
+    """
+    if not rows:
+        return None
+    dots: list[PlotLine | PlotDots] = []
+    validation: list[PlotLine | PlotDots] = []
+    for row in rows:
+        x, model = float(row[column]), results.name(row)
+        css = f"{_structure_css(row['structure'])} spot{'' if is_proved(row) else ' unproved'}"
+        dots.append(PlotDots(f"{model}: selection", np.array([x]), np.array([row["selection_J"]]), css))
+        for name in results.sets:
+            cost, interval = pooled_cost(row, name)
+            if cost is not None:
+                validation.append(PlotDots(f"{model}: {name}", np.array([x]), np.array([cost]), "validation dots"))
+            if interval is not None:
+                validation.append(PlotLine(f"{model}: {name}", np.array([x, x]), np.array(interval), "validation"))
+    best = front(rows, column)
+    steps = np.repeat([[float(row[column]), row["selection_J"]] for row in best], 2, axis=0)
+    line = PlotLine("front, by selection cost", steps[1:, 0], steps[:-1, 1], "outline")
+    text = (
+        f"Selection cost of {len(rows)} models; vertical lines are intervals of their costs on validation recordings."
+    )
+    area = PlotArea("Cost J [%]", [*dots, *validation, line], 300)  # values are read at the first of equal points
+    title = f"Cost against {what}, identified on {rows[0]['bags']}"
+    return draw_plot(Plot(ident, title, text, x_label, [area], 560, free=True, legend=False))
