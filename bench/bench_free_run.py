@@ -16,7 +16,7 @@ import numpy as np
 from measurement import median_seconds, time_interleaved
 
 from ces_identify.numerics.kernels import free_run
-from ces_identify.polynomial.compiled_terms import compile_terms, power_table
+from ces_identify.polynomial.compiled_terms import compile_terms
 from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -68,13 +68,13 @@ def main() -> None:
     compiled = compile_terms(terms)
     coefficients = np.array([t.coefficient for t in terms])
     segments = np.array([[0, N]])
-    table = power_table(compiled.powers, envelope, x, v, i)
+    table = compiled.power_table(envelope, (x, v, i), segments, 1000.0)
 
     def batch() -> object:
         return free_run(table, segments, compiled.arrays, coefficients, (-1e6, 1e6))
 
     def batch_with_tables() -> object:
-        made = power_table(compiled.powers, envelope, x, v, i)
+        made = compiled.power_table(envelope, (x, v, i), segments, 1000.0)
         return free_run(made, segments, compiled.arrays, coefficients, (-1e6, 1e6))
 
     ready, whole = median_seconds(batch, 200), median_seconds(batch_with_tables, 50)

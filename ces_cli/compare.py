@@ -135,7 +135,7 @@ def front_models(folders: Sequence[Path], count: int) -> dict[str, str]:
         for row in (row for row in results.done if row["key"] in keys):
             parts = [folder.resolve().name] if len(folders) > 1 else []
             parts += [row["bags"]] if len(results.bags) > 1 else []
-            name = "/".join([*parts, results.name(row).replace(", ", " ")])  # no commas: sentences list several
+            name = "/".join([*parts, results.names.name(row).replace(", ", " ")])  # no commas: sentences list several
             found.append((row["selection_J"], name, str(folder / "models" / f"{row['key']}.json")))
     found.sort(key=lambda one: one[0])
     if len(found) > count:

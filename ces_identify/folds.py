@@ -1,8 +1,12 @@
-"""Cross-validation over recordings: each fold is held out once, and a model identified on the others is evaluated on
-it.
+"""Models that have not seen part of the data: cross-validation over recordings, and models fitted again without a part.
 
-A single recording is cut into as many stretches as folds. The parts before and after a held-out stretch become two
-recordings, so that no model runs across the cut.
+Cross-validation holds each fold out once and evaluates a model identified on the others on it. A single recording is
+cut into as many stretches as folds; the parts before and after a held-out stretch become two recordings, so that no
+model runs across the cut.
+
+A model is closer to the recordings that it was fitted to than to others. The error that it makes on recordings like
+these is that of models that have not seen them: `cross_fit` identifies one model on all recordings, and fits it again
+without each recording, or without stretches of a single one.
 """
 
 from __future__ import annotations
@@ -13,11 +17,15 @@ from itertools import pairwise
 
 import numpy as np
 
+from ces_data.arrays import F, Mask
 from ces_data.recording import Recording
-from ces_identify.identification import IdentificationResult
-from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.identification import IdentificationResult, identify
+from ces_identify.polynomial.search_limits import Listener
+from ces_identify.prepare.series import Series
+from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.validation.evaluate import VALIDATION, CostInterval, cost_interval
 from ces_observer.errors import CesError
+from ces_observer.model import Model, Sampling
 
 Identifier = Callable[[Sequence[Recording], Sequence[Recording], IdentifyOptions], IdentificationResult]
 MIN_STRETCH_S = 2.0
@@ -120,3 +128,68 @@ def _cut_into_folds(recording: Recording, folds: int) -> Iterator[Fold]:
     for a, b in pairwise(edges):
         rest = [cut_recording(recording, *span) for span in ((edges[0], a), (b, edges[-1])) if span[0] < span[1]]
         yield Fold(tuple(rest), (cut_recording(recording, a, b),))
+
+
+MAX_PARTS = 4  # recordings left out in turn, or groups of them
+STRETCHES = 3  # of a single recording, left out in turn
+
+
+@dataclass(frozen=True)
+class LeftOutPart:
+    """A part of a recording, by its index and from `start_s` up to `stop_s` after its first position sample.
+
+    `model` was fitted without it.
+    """
+
+    recording: int
+    start_s: float
+    stop_s: float
+    model: Model
+
+
+@dataclass(frozen=True)
+class CrossFit:
+    """A model identified on all recordings, and `models` that have not seen some `parts` of them."""
+
+    result: IdentificationResult
+    parts: tuple[LeftOutPart, ...]
+    models: tuple[Model, ...]
+
+
+def cross_fit(
+    recordings: Sequence[Recording], options: IdentifyOptions, listener: Listener, fitter: Fitter
+) -> CrossFit:
+    """Identify a model on the whole of all recordings, then fit its parameters again without each part in turn.
+
+    A part whose refit fails is missing from the result. Raises CesError if the data hold too little.
+    """
+    kept: list[tuple[Fitted, Sequence[Series]]] = []
+
+    def keep(series: Sequence[Series], sampling: Sampling, how: IdentifyOptions, listen: Listener) -> Fitted:
+        kept.append((fitter(series, sampling, how, listen), series))
+        return kept[-1][0]
+
+    result = identify(recordings, (), replace(options, split=1.0), listener, keep)
+    fitted, series = kept[-1]
+    if len(series) == 1:
+        count, groups = STRETCHES, [STRETCHES * np.arange(len(series[0])) // len(series[0])]
+    else:
+        count = min(len(series), MAX_PARTS)
+        groups = [np.full(len(one), i % count) for i, one in enumerate(series)]
+    found = [_leave_out(fitted, series, [group == k for group in groups]) for k in range(count)]
+    parts = tuple(part for group in found for part in group)
+    return CrossFit(result, parts, tuple(group[0].model for group in found if group))
+
+
+def _leave_out(fitted: Fitted, series: Sequence[Series], masks: Sequence[Mask]) -> list[LeftOutPart]:
+    weights: F = np.where(np.concatenate(masks), 0.0, 1.0)
+    model = fitted.refit(weights) if fitted.refit is not None else None
+    if model is None:
+        return []
+    parts = []
+    for i, (one, mask) in enumerate(zip(series, masks, strict=True)):
+        if mask.any():  # a part reaches to infinity at the ends of its recording
+            start_s = -np.inf if mask[0] else float(one.time_s[mask][0])
+            stop_s = np.inf if mask[-1] else float(one.time_s[mask][-1]) + 1.0 / one.rate_Hz
+            parts.append(LeftOutPart(i, start_s, stop_s, model))
+    return parts

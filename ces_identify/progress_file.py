@@ -93,19 +93,14 @@ class SearchProgressFile(ProgressFile):
 
     def listen(self, result: SearchResult) -> None:
         """Write a result if it says something new."""
-        if not self._is_news(result):
-            return
-        cost = round(result.cost, 6) if result.cost < float("inf") else None
-        self.write({"seed": result.seed, "cost": cost, "size": len(result.chosen), "ended": result.ended})
-
-    def _is_news(self, result: SearchResult) -> bool:
-        """Return whether a result is to be written, and remember it."""
         with self._lock:
             runs, better = result.ended == RUNNING, result.cost < self._best
             goes_on = runs and result.seed in self._ended
             self._ended = self._ended - {result.seed} if runs else self._ended | {result.seed}
             self._best = min(self._best, result.cost)
-            return better or goes_on or not runs
+        if better or goes_on or not runs:
+            cost = round(result.cost, 6) if result.cost < float("inf") else None
+            self.write({"seed": result.seed, "cost": cost, "size": len(result.chosen), "ended": result.ended})
 
 
 @dataclass(frozen=True)

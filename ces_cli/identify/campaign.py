@@ -150,7 +150,7 @@ def _write_recommended_reports(
         held_out = [prepare(recordings[p], model.sampling) for _, p in job.validation]
         evaluations = evaluate(model, fitted, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
         path.parent.mkdir(exist_ok=True)
-        write_report(path, f"{results.full_name(row)} of a campaign", model, evaluations, {})
+        write_report(path, f"{results.names.full_name(row)} of a campaign", model, evaluations, {})
 
 
 def _print_results(results: CampaignRows, planned: Mapping[str, int], folder: Path) -> None:
@@ -163,7 +163,7 @@ def _print_results(results: CampaignRows, planned: Mapping[str, int], folder: Pa
     )
     terminal.print_line(SELECTION_NOTE)
     for name, best in results.recommended().items():
-        terminal.print_line(f"{name}: models/{best['key']}.json ({results.name(best)}; {best['size']})")
+        terminal.print_line(f"{name}: models/{best['key']}.json ({results.names.name(best)}; {best['size']})")
     print(f"results: {folder}/campaign.html, results.csv, models/, reports/")
 
 
@@ -196,7 +196,7 @@ def result_tables(results: CampaignRows, planned: Mapping[str, int], max_rows: i
 
     columns: list[Column[Row]] = [
         Column("", lambda row: marks.get(row["key"], "")),
-        Column("model", results.name),
+        Column("model", results.names.name),
         Column("size", lambda row: str(row["parameters"]), figure=True),
         Column("selection", lambda row: number(row["selection_J"], "–"), figure=True),
         Column("fit", cost(IDENTIFICATION), figure=True),

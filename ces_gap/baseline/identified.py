@@ -18,7 +18,7 @@ from ces_data.recording import Recording
 from ces_gap.errors import GapError
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, resample_to_grid
-from ces_identify.cross_fit import cross_fit
+from ces_identify.folds import cross_fit
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.simulations.simulate import sample_force
 from ces_identify.simulations.simulation import ModelSimulation, Simulation

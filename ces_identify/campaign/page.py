@@ -42,14 +42,14 @@ def write_campaign_page(
         command=command_block(facts["command"]) if "command" in facts else "",
         compare=command_block(f"ces compare {folder} BAG --report compare.html"),
         recommended=[
-            {"bags": bags, "name": results.name(row), "size": row["size"], "cost": _number(row["selection_J"]),
+            {"bags": bags, "name": results.names.name(row), "size": row["size"], "cost": _number(row["selection_J"]),
              **_links(row, folder, start)} for bags, row in results.recommended().items()
         ],
         panels=[_panel(results, n, name) for n, name in enumerate(results.bags) if results.of_bags(name)],
         sets=results.sets,
         several=len(results.bags) > 1,
         rows=[_row(results, row, row["key"] in recommended) | _links(row, folder, start) for row in results.done],
-        failed=[{**row, "name": results.full_name(row)} for row in results.failed],
+        failed=[{**row, "name": results.names.full_name(row)} for row in results.failed],
     )  # fmt: skip
     write_atomically(path, replace_unencodable(page))
 
@@ -76,7 +76,7 @@ def _row(results: CampaignRows, row: Row, recommended: bool) -> dict[str, Any]:
     return {
         "mark": "recommended" if recommended else "front" if row["key"] in results.front_keys() else "",
         "bags": row["bags"],
-        "name": results.name(row),
+        "name": results.names.name(row),
         "size": row["size"],
         "parameters": row["parameters"],
         "selection": _number(row["selection_J"]),
@@ -143,7 +143,7 @@ def _pareto(results: CampaignRows, rows: list[Row], ident: str, column: str, wha
     dots: list[PlotLine | PlotDots] = []
     validation: list[PlotLine | PlotDots] = []
     for row in rows:
-        x, model = float(row[column]), results.name(row)
+        x, model = float(row[column]), results.names.name(row)
         css = f"{_structure_css(row['structure'])} spot{'' if is_proved(row) else ' unproved'}"
         dots.append(PlotDots(f"{model}: selection", np.array([x]), np.array([row["selection_J"]]), css))
         for name in results.sets:

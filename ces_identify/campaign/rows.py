@@ -136,14 +136,6 @@ class CampaignRows:
         found = {name: recommend_model(self.of_bags(name)) for name in self.bags}
         return {name: row for name, row in found.items() if row is not None}
 
-    def name(self, row: Row) -> str:
-        """Return the structure of a cell and its settings that vary: polynomial, 12 terms, seed 1."""
-        return self.names.name(row)
-
-    def full_name(self, row: Row) -> str:
-        """Return the name of a cell with its set of bags, if there are several."""
-        return self.names.full_name(row)
-
     def effects(self, bags: str) -> dict[str, list[tuple[str, list[float]]]]:
         """Return for each axis its values with the selection costs of their cells; sizes belong to their structure."""
         axes = {}

@@ -1,13 +1,11 @@
-"""Polynomials over whole arrays: terms as the arrays that the kernels read, constructed inputs, and the free run."""
+"""Polynomials over whole arrays: constructed inputs, terms as the arrays that the kernels read, and the free run."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_data.arrays import F, I
 from ces_identify.numerics import kernels
@@ -24,31 +22,23 @@ from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Factor, Term, collect_constructed
 
+SIGNALS = ("position", "speed", "current")
+Power = tuple[str, float, bool]  # signal, power, signed
 
-def constructed_values(
-    constructed: Sequence[ConstructedInput],
-    envelope: Envelope,
-    inputs: Sequence[F],
-    segments: I,
-    rate_Hz: float,
+
+def signal_values(
+    constructed: Sequence[ConstructedInput], envelope: Envelope, inputs: Sequence[F], segments: I, rate_Hz: float
 ) -> dict[str, F]:
-    """Return each constructed input (ticks,) by name, as the observer's `InputConstructor` computes it.
+    """Return position, speed and current (ticks,), clamped, and each constructed input as the observer computes it.
 
     `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. In `constructed`,
     each follows those from which it is computed.
     """
     ranges = envelope.by_signal
-    known = {s: np.clip(values, *ranges[s]) for s, values in zip(("position", "speed", "current"), inputs, strict=True)}
+    known = {signal: np.clip(values, *ranges[signal]) for signal, values in zip(SIGNALS, inputs, strict=True)}
     for one in constructed:
         known[one.name] = _constructed_value(one, known, segments, rate_Hz)
-    return {one.name: known[one.name] for one in constructed}
-
-
-def membership(definition: TriangularMembership, values: F) -> F:
-    """Return the membership (n,) of `values` (n,)."""
-    low = 1.0 if definition.low is None else 1.0 - (values - definition.peak) / (definition.low - definition.peak)
-    high = 1.0 if definition.high is None else 1.0 - (values - definition.peak) / (definition.high - definition.peak)
-    return np.maximum(0.0, np.where(values < definition.peak, low, high))
+    return known
 
 
 def _constructed_value(one: ConstructedInput, known: Mapping[str, F], segments: I, rate_Hz: float) -> F:
@@ -63,8 +53,11 @@ def _constructed_value(one: ConstructedInput, known: Mapping[str, F], segments: 
     return np.asarray(hysteresis(known[one.of], segments, one.half_width))
 
 
-SIGNALS = ("position", "speed", "current")
-Power = tuple[str, float, bool]  # signal, power, signed
+def membership(definition: TriangularMembership, values: F) -> F:
+    """Return the membership (n,) of `values` (n,)."""
+    low = 1.0 if definition.low is None else 1.0 - (values - definition.peak) / (definition.low - definition.peak)
+    high = 1.0 if definition.high is None else 1.0 - (values - definition.peak) / (definition.high - definition.peak)
+    return np.maximum(0.0, np.where(values < definition.peak, low, high))
 
 
 @dataclass(frozen=True)
@@ -75,9 +68,17 @@ class CompiledTerms:
     arrays: TermArrays
     constructed: tuple[ConstructedInput, ...] = ()
 
-    def subset(self, chosen: NDArray[np.int64]) -> TermArrays:
+    def subset(self, chosen: I) -> TermArrays:
         """Return the arrays of the terms at the indices `chosen`."""
         return TermArrays(*(array[chosen] for array in self.arrays))
+
+    def power_table(self, envelope: Envelope, inputs: Sequence[F], segments: I, rate_Hz: float) -> F:
+        """Return each power of its signal, shape (max(1, powers), ticks); for the inputs see `signal_values`."""
+        values = signal_values(self.constructed, envelope, inputs, segments, rate_Hz)
+        table = np.zeros((max(1, len(self.powers)), len(inputs[0])))
+        for i, (signal, power, signed) in enumerate(self.powers):
+            table[i] = kernels.power_row(values[signal], power, signed)
+        return table
 
     def variable(self, term: int, factor: int) -> tuple[str, int]:
         """Return the signal and lag of which a factor is a function; for a membership, the signal behind it."""
@@ -85,7 +86,7 @@ class CompiledTerms:
         hat = self._memberships.get(signal)
         return (hat.of if hat else signal), int(self.arrays.lags[term, factor])
 
-    def factor_values(self, column: int, values: NDArray[np.float64]) -> NDArray[np.float64]:
+    def factor_values(self, column: int, values: F) -> F:
         """Return row `column` of the power table at `values` (n,) of the factor's variable."""
         signal, power, signed = self.powers[column]
         hat = self._memberships.get(signal)
@@ -109,39 +110,13 @@ def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
     """Return the arrays of `terms`, without their coefficients."""
     powers = sorted({_power(f) for term in terms for f in term.inputs})
     row = {power: i for i, power in enumerate(powers)}
-    width = max([len(term.inputs) for term in terms] + [1])
-    columns = np.zeros((len(terms), width), np.int64)
-    lags = np.zeros((len(terms), width), np.int64)
+    counts = np.array([len(term.inputs) for term in terms], np.int64)
+    columns, lags = np.zeros((2, len(terms), int(counts.max(initial=1))), np.int64)
     for t, term in enumerate(terms):
         for f, factor in enumerate(term.inputs):
             columns[t, f], lags[t, f] = row[_power(factor)], factor.lag
-    counts = np.array([len(term.inputs) for term in terms], np.int64)
     outputs = np.array([term.output_lag for term in terms], np.int64)
     return CompiledTerms(tuple(powers), TermArrays(columns, lags, counts, outputs), collect_constructed(terms))
-
-
-def power_table(
-    powers: Sequence[Power],
-    envelope: Envelope,
-    position: NDArray[np.float64],
-    speed: NDArray[np.float64],
-    current: NDArray[np.float64],
-    constructed: Mapping[str, NDArray[np.float64]] = MappingProxyType({}),
-) -> NDArray[np.float64]:
-    """Return each power of its signal, clamped to the envelope; shape (max(1, powers), ticks).
-
-    `constructed` holds the constructed inputs (ticks,) by name.
-    """
-    clamped = {
-        **constructed,
-        "position": np.clip(position, *envelope.position_m),
-        "speed": np.clip(speed, *envelope.speed_m_s),
-        "current": np.clip(current, *envelope.current_A),
-    }
-    table = np.zeros((max(1, len(powers)), len(position)))
-    for i, (signal, power, signed) in enumerate(powers):
-        table[i] = kernels.power_row(clamped[signal], power, signed)
-    return table
 
 
 def _power(factor: Factor) -> Power:
@@ -153,15 +128,8 @@ def run_polynomial(polynomial: Polynomial, model: Model, inputs: F, segments: I)
 
     `inputs` (3, ticks) are position [m], speed [m/s] and current [A].
     """
-    terms, powers = powers_of_inputs(polynomial, model, inputs, segments)
+    terms = compile_terms(polynomial.terms)
+    powers = terms.power_table(model.envelope, inputs, segments, model.sampling.rate_Hz)
     coefficients = np.array([term.coefficient for term in polynomial.terms])
     force, diverged = kernels.free_run(powers, segments, terms.arrays, coefficients, model.force_envelope_N)
     return force, int(diverged)
-
-
-def powers_of_inputs(polynomial: Polynomial, model: Model, inputs: F, segments: I) -> tuple[CompiledTerms, F]:
-    """Return the terms as arrays and their power table (rows, ticks) for these inputs."""
-    terms, (position, speed, current) = compile_terms(polynomial.terms), inputs
-    rate_Hz = model.sampling.rate_Hz
-    values = constructed_values(terms.constructed, model.envelope, (position, speed, current), segments, rate_Hz)
-    return terms, power_table(terms.powers, model.envelope, position, speed, current, values)

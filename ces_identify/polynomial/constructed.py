@@ -25,7 +25,7 @@ from ces_identify.polynomial.candidates import (
     constructions_from,
     replace_auto,
 )
-from ces_identify.polynomial.compiled_terms import constructed_values
+from ces_identify.polynomial.compiled_terms import signal_values
 from ces_identify.polynomial.free_run_fit import fit_free_run
 from ces_identify.polynomial.gauss_newton import GaussNewtonStart
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen
@@ -180,12 +180,10 @@ def _fit_to_data(one: ConstructedInput, series: Sequence[Series], open_lags: Seq
 
 def _scored_values(signal: str, definition: ConstructedInput | None, series: Sequence[Series]) -> F:
     """Return the values (n,) of a signal on all scored ticks."""
-    values = []
+    definitions, values = [] if definition is None else [definition], []
     for s in series:
-        inputs = {"position": s.position, "speed": s.speed, "current": s.current}
-        if definition is not None:
-            inputs |= constructed_values([definition], ANYTHING, tuple(inputs.values()), s.segments, s.rate_Hz)
-        values.append(inputs[signal][s.scored])
+        known = signal_values(definitions, ANYTHING, (s.position, s.speed, s.current), s.segments, s.rate_Hz)
+        values.append(known[signal][s.scored])
     return np.concatenate(values)
 
 

@@ -15,7 +15,7 @@ from scipy.stats import qmc
 
 from ces_data.arrays import F, I, Mask
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms, constructed_values, power_table
+from ces_identify.polynomial.compiled_terms import SIGNALS, CompiledTerms, compile_terms
 from ces_identify.prepare.cost import EQUAL, Weighting, require_force
 from ces_identify.prepare.series import Series
 from ces_observer.errors import RecordingError
@@ -110,13 +110,12 @@ def assemble_problem(
         require_force(one)
     envelope = compute_envelope(series)
     compiled = compile_terms(candidates)
-    x, v, i = (np.concatenate([getattr(s, name) for s in series]) for name in ("position", "speed", "current"))
+    inputs = [np.concatenate([getattr(s, name) for s in series]) for name in SIGNALS]
     offsets = np.cumsum([0, *(len(s) for s in series[:-1])])
     stacked = np.concatenate([s.segments + offset for s, offset in zip(series, offsets, strict=True)])
     segments = np.ascontiguousarray(stacked, np.int64)
     recordings = np.repeat(np.arange(len(series)), [len(s.segments) for s in series]).astype(np.int64)
-    constructed = constructed_values(compiled.constructed, envelope, (x, v, i), segments, series[0].rate_Hz)
-    powers = power_table(compiled.powers, envelope, x, v, i, constructed)
+    powers = compiled.power_table(envelope, inputs, segments, series[0].rate_Hz)
     measured = np.nan_to_num(np.concatenate([s.force for s in series]))
     weighting = weighting.with_common_stroke(series)
     everything = np.concatenate([_weights(s, s.scored, weighting) for s in series])

@@ -9,7 +9,7 @@ from markupsafe import Markup
 
 from ces_data.arrays import F
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.compiled_terms import powers_of_inputs
+from ces_identify.polynomial.compiled_terms import compile_terms
 from ces_identify.prepare.series import SimulatedSeries
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import (
@@ -117,7 +117,8 @@ def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> l
     """
     series, run = one.series, one.run
     inputs = np.stack([series.position, series.speed, series.current])
-    terms, powers = powers_of_inputs(polynomial, model, inputs, series.segments)
+    terms = compile_terms(polynomial.terms)
+    powers = terms.power_table(model.envelope, inputs, series.segments, model.sampling.rate_Hz)
     gain = np.array([term.coefficient for term in polynomial.terms])[:, None]
     pieces = []
     for s, (start, stop) in enumerate(series.segments):

@@ -215,12 +215,16 @@ def _finite(channel: Channel) -> Channel:
     return channel.select(np.isfinite(channel.values))
 
 
-class ForceRun(Protocol):
-    """A simulated force."""
+@dataclass(frozen=True)
+class FreeRun:
+    """Simulated force [N] of shape (ticks,), NaN from where it left the force envelope.
 
-    @property
-    def force(self) -> NDArray[np.float64]:
-        """Simulated force [N] (ticks,), NaN where there is none."""
+    `clamped` marks the ticks with inputs outside the envelope; `diverged` is the first tick out of bounds, -1 if none.
+    """
+
+    force: F
+    clamped: Mask
+    diverged: int
 
 
 class SimulatedSeries(Protocol):
@@ -231,5 +235,5 @@ class SimulatedSeries(Protocol):
         """The series."""
 
     @property
-    def run(self) -> ForceRun:
+    def run(self) -> FreeRun:
         """The free run."""

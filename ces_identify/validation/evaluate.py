@@ -21,8 +21,8 @@ import numpy as np
 from ces_data.arrays import F
 from ces_identify.numerics.correlation import MIN_BINS, add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
-from ces_identify.prepare.series import Series
-from ces_identify.simulations.simulate import FreeRun, band_half_width, simulate_series
+from ces_identify.prepare.series import FreeRun, Series
+from ces_identify.simulations.simulate import band_half_width, simulate_series
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_observer.model import Model
 

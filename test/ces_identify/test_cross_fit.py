@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from rig_rides import rig_ride
 
-from ces_identify.cross_fit import cross_fit
+from ces_identify.folds import cross_fit
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ces_identify.polynomial.compiled_terms import compile_terms, power_table
+from ces_identify.polynomial.compiled_terms import compile_terms
 from ces_observer.model import Envelope
 from ces_observer.structures.terms import Factor, Term
 
@@ -33,4 +33,5 @@ def make_inputs():
 
 def tables(terms, inputs):
     compiled = compile_terms(terms)
-    return compiled, power_table(compiled.powers, WIDE, *inputs), np.array([t.coefficient for t in terms])
+    powers = compiled.power_table(WIDE, inputs, SEGMENTS, 1000.0)
+    return compiled, powers, np.array([t.coefficient for t in terms])

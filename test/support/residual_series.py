@@ -4,8 +4,7 @@ import numpy as np
 from scipy.signal import lfilter
 
 from ces_identify.prepare.cost import series_cost
-from ces_identify.prepare.series import Series
-from ces_identify.simulations.simulate import FreeRun
+from ces_identify.prepare.series import FreeRun, Series
 from ces_identify.validation.evaluate import VALIDATION, Evaluation
 
 RATE = 500.0

@@ -44,7 +44,7 @@ def folder(tmp_path_factory):
 
 def test_names_tell_the_cells_apart(folder):
     results = read_campaign(folder)
-    names = [results.full_name(one) for one in results.rows]
+    names = [results.names.full_name(one) for one in results.rows]
     assert len(set(names)) == len(ROWS)
     assert names[1] == "noise: polynomial, 10 terms, seed 1"  # without settings that never vary
 

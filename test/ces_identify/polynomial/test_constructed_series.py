@@ -5,7 +5,7 @@ import pytest
 from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP, constructed_damper
 
 from ces_data.recording import Channel, Recording
-from ces_identify.polynomial.compiled_terms import compile_terms, constructed_values, membership, power_table
+from ces_identify.polynomial.compiled_terms import compile_terms, membership, signal_values
 from ces_identify.polynomial.problem import probe
 from ces_identify.prepare.series import hold_current
 from ces_identify.simulations.simulate import sample_force
@@ -38,8 +38,8 @@ def stepped(inputs):
 
 def test_batch_and_step_by_step_are_the_same_to_the_last_digit():
     inputs = rough()
-    values = constructed_values(ALL, ENVELOPE, inputs, SEGMENTS, 1000.0)
-    assert list(values) == [one.name for one in ALL]
+    values = signal_values(ALL, ENVELOPE, inputs, SEGMENTS, 1000.0)
+    assert list(values) == ["position", "speed", "current", *(one.name for one in ALL)]
     expected = stepped(inputs)
     inside = np.concatenate([np.arange(*segment) for segment in SEGMENTS])
     for one, row in zip(ALL, expected, strict=True):
@@ -58,8 +58,8 @@ def test_the_power_table_holds_their_powers():
     compiled = compile_terms(constructed_damper().body.terms)
     assert [one.name for one in compiled.constructed][:3] == ["frequency", "hysteresis", "remanence"]
     inputs = rough()
-    values = constructed_values(compiled.constructed, ENVELOPE, inputs, SEGMENTS, 1000.0)
-    table = power_table(compiled.powers, ENVELOPE, inputs[0], inputs[1], inputs[2], values)
+    values = signal_values(compiled.constructed, ENVELOPE, inputs, SEGMENTS, 1000.0)
+    table = compiled.power_table(ENVELOPE, inputs, SEGMENTS, 1000.0)
     row = table[compiled.powers.index(("hysteresis", 0.5, True))]
     np.testing.assert_allclose(row, np.sign(values["hysteresis"]) * np.sqrt(np.abs(values["hysteresis"])), rtol=1e-15)
 
