@@ -23,7 +23,7 @@ from damper_set import RATE, SAMPLING, WARM_UP, F, model_of, series
 from identification_peers import FED, HELPED, POWER_FED, RAW, Columns, Feed, PeerModel
 from measurement import Spent, is_installed, print_note, print_table, time_call
 
-from ces_identify.polynomial.free_run_fit import refit_coefficients
+from ces_identify.polynomial.gauss_newton import refit_coefficients
 from ces_identify.polynomial.search_limits import BOTH, GAUSS_NEWTON, RANDOM, Limits
 from ces_identify.polynomial.selection import search
 from ces_identify.prepare.cost import cost

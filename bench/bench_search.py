@@ -23,7 +23,7 @@ from identification_peers import FED
 from measurement import free_cores, is_installed, print_note, print_table, time_call, time_interleaved, verdict
 
 from ces_identify.polynomial.candidates import load_rules
-from ces_identify.polynomial.free_run_fit import FreeRunFit, fit_free_run
+from ces_identify.polynomial.gauss_newton import FreeRunFit, fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.search_limits import RANDOM, Limits, SearchResult
 from ces_identify.polynomial.selection import search

@@ -26,7 +26,7 @@ from differentiator_peers import F, kalman
 from scipy.linalg import toeplitz
 from scipy.signal import lfilter
 
-from ces_identify.polynomial.free_run_fit import fit_free_run
+from ces_identify.polynomial.gauss_newton import fit_free_run
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.cost import EQUAL, series_cost

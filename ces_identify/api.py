@@ -26,6 +26,7 @@ from ces_identify import identification
 from ces_identify.comparison.compared_models import make_compared_model
 from ces_identify.comparison.comparison import Comparison, compare
 from ces_identify.identification import IdentificationResult
+from ces_identify.options import list_options
 from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.search_limits import Limits, Listener
 from ces_identify.prepare.cost import parse_weighting
@@ -167,25 +168,24 @@ def plot(evaluations: Sequence[Evaluation]) -> Figure:
 
 _LIMIT_NAMES = {field.name for field in fields(Limits)}
 _OPTION_NAMES = {field.name for field in fields(IdentifyOptions)} - {"limits"}
-_TYPES = {field.name: str(field.type) for field in (*fields(IdentifyOptions), *fields(Limits))}
-_PLAIN: dict[str, tuple[type, ...]] = {"int": (int,), "float": (int, float), "bool": (bool,), "str": (str,)}
+_OBJECTS = ("weight", "candidates")  # options that may be texts or objects
 
 
 def _with_options(options: IdentifyOptions, named: Mapping[str, Any]) -> IdentifyOptions:
-    """Return the options with the values that were given by name; weights and candidate rules may be texts."""
+    """Return the options with the values that were given by name; weights and candidate rules may be texts.
+
+    None leaves a value as it is.
+    """
     if not isinstance(options, IdentifyOptions):
         raise CesError(f"options: expected IdentifyOptions; got {kind_of(options)}")
-    values = dict(named)
+    values = {name: value for name, value in named.items() if value is not None}
+    for option in list_options():
+        if option.name in values and option.name not in _OBJECTS:
+            option.check(values[option.name])
     if isinstance(weight := values.get("weight"), str | Sequence):
         values["weight"] = parse_weighting([weight] if isinstance(weight, str) else weight)
     if isinstance(rules := values.get("candidates"), str | os.PathLike):
         values["candidates"] = load_rules(Path(rules), values.get("method", options.limits.method))
-    for name, value in values.items():
-        kind, _, optional = _TYPES[name].partition(" | ")
-        plain = _PLAIN.get(kind, ())
-        fits = isinstance(value, plain) and (kind == "bool" or not isinstance(value, bool))
-        if plain and not fits and not (optional and value is None):
-            raise CesError(f"{name}: expected {_TYPES[name].replace(' | ', ' or ')}; got {value!r}")
     limits = {name: value for name, value in values.items() if name in _LIMIT_NAMES}
     own = {name: value for name, value in values.items() if name not in _LIMIT_NAMES}
     return replace(options, limits=replace(options.limits, **limits), **own)

@@ -82,7 +82,7 @@ def test_mistakes_are_one_line(tmp_path):
         (lambda: ces_identify.identify([]), "no recording given; expected a recording, a path, or several of them"),
         (lambda: ces_identify.identify(5), "recordings: expected a recording, a path, or several .* of type int"),
         (lambda: ces_identify.identify(tmp_path / "none"), "none: no such file or folder"),
-        (lambda: ces_identify.identify(recording, time="ten"), "time: expected float; got 'ten'"),
+        (lambda: ces_identify.identify(recording, time="ten"), "time is 'ten'; expected a number from"),
         (lambda: ces_identify.identify(recording, weight="much"), "--weight 'much': expected"),
         (lambda: ces_identify.identify(recording, options=5), "options: expected IdentifyOptions"),
         (lambda: validate(tmp_path / "x.json"), "x.json: no such model file"),

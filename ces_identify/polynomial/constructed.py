@@ -26,8 +26,7 @@ from ces_identify.polynomial.candidates import (
     replace_auto,
 )
 from ces_identify.polynomial.compiled_terms import signal_values
-from ces_identify.polynomial.free_run_fit import fit_free_run
-from ces_identify.polynomial.gauss_newton import GaussNewtonStart
+from ces_identify.polynomial.gauss_newton import GaussNewtonStart, fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import EQUAL, Weighting

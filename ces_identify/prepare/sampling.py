@@ -147,12 +147,12 @@ def choose_sampling(
     """Return the sampling rules for models of these recordings; arguments that are not None are kept.
 
     The rate is the lowest position rate among the recordings, at most 1000 Hz or 8 times the differentiator's
-    bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth, the order is 3. The
-    differentiator is the one that `default_differentiator` returns. Raises RecordingError if a position has too few
-    samples or is constant, if the rate is above the data's or the bandwidth above half the rate, or if a recording
-    lacks the signal that the differentiator needs.
+    bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth, the order is 3. Without one of
+    DIFFERENTIATORS, the differentiator is the one that `default_differentiator` returns. Raises RecordingError if a
+    position has too few samples or is constant, if the rate is above the data's or the bandwidth above half the rate,
+    or if a recording lacks the signal that the differentiator needs.
     """
-    kind = default_differentiator(recordings) if differentiator is None else differentiator
+    kind = differentiator if differentiator in DIFFERENTIATORS else default_differentiator(recordings)
     rates = [sample_rate(recording) for recording in recordings]
     _require_within_rate(recordings, rates, rate_Hz, bandwidth_Hz)
     gap = max(0.05, 10.0 / min(rates))

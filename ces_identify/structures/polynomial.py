@@ -17,7 +17,7 @@ from ces_identify.numerics import search_clock
 from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.compiled_terms import run_polynomial
 from ces_identify.polynomial.constructed import find_time_constants, restrict_to_data
-from ces_identify.polynomial.free_run_fit import fit_free_run, refit_coefficients
+from ces_identify.polynomial.gauss_newton import fit_free_run, refit_coefficients
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.search_limits import THESIS, Listener, SearchResult
 from ces_identify.polynomial.selection import search
