@@ -64,6 +64,15 @@ class SearchResult:
 Listener = Callable[[SearchResult], None]
 
 
+def reason_to_end(limits: Limits, cost: float, deadline: float, stop: threading.Event) -> str:
+    """Return why a start ends whose lowest cost is `cost` [%]; empty if it goes on."""
+    if stop.is_set():
+        return "interrupted"
+    if cost <= limits.target:
+        return "target cost reached"
+    return "time is up" if search_clock.now() > deadline else ""
+
+
 def run_starts(limits: Limits, run: Callable[[int, float, threading.Event], SearchResult]) -> list[SearchResult]:
     """Call `run(seed, deadline, stop)` for every start in parallel threads; return the results, best first.
 
@@ -140,8 +149,4 @@ class SearchStart(ABC):
         self.listener(model)
 
     def _reason_to_end(self) -> str:
-        if self.stop.is_set():
-            return "interrupted"
-        if self.current.cost <= self.limits.target:
-            return "target cost reached"
-        return "time is up" if search_clock.now() > self.deadline else ""
+        return reason_to_end(self.limits, self.current.cost, self.deadline, self.stop)

@@ -18,10 +18,9 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.numerics import search_clock
 from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.problem import assemble_problem
-from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, run_starts
+from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end, run_starts
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run, lagged_normal_equations
@@ -319,14 +318,9 @@ class _Start:
             self.listener(self.best)
 
     def _find_stop_reason(self) -> str:
-        if self.stop.is_set():
-            return "interrupted"
-        if self.best.cost <= self.limits.target:
-            return "target cost reached"
-        if search_clock.now() > self.deadline:
-            return "time is up"
-        if self.step - self.improved_at >= PATIENCE:
-            return NO_MORE_GAIN
+        reason = reason_to_end(self.limits, self.best.cost, self.deadline, self.stop)
+        if reason or self.step - self.improved_at >= PATIENCE:
+            return reason or NO_MORE_GAIN
         return "" if self.step < MAX_STEPS else "steps exhausted"
 
     def _compute_errors_with_penalty(self, params: F, max_error: float, penalty: float) -> tuple[float, F, F]:
