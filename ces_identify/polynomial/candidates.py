@@ -250,12 +250,12 @@ def _read_rule(signal: str, raw: object, where: str, hat: bool = False) -> Signa
     if not isinstance(raw, Mapping):
         raise CesError(f"{where}: expected lags, powers and forms")
     force = signal == "force"
-    keys = ("lags", "lags_ms") if hat else (*RULE_LISTS, *(() if force else ("again",)))
-    require_known_keys(raw, tuple(key for key in keys if not (force and key == "lags_ms")), where)
+    keys = ("lags", "powers", "forms") if force else ("lags", "lags_ms") if hat else (*RULE_LISTS, "again")
+    require_known_keys(raw, keys, where)
     if ("lags" in raw) == ("lags_ms" in raw):
         raise CesError(f"{where}: expected a list of lags, in ticks (lags) or in milliseconds (lags_ms)")
     found: dict[str, Any] = {"in_ms": "lags_ms" in raw}
-    for key in filter(raw.__contains__, RULE_LISTS):
+    for key in [key for key in RULE_LISTS if key in raw]:
         one = replace(RULE_LISTS[key], low=1) if force and key == "lags" else RULE_LISTS[key]
         values = replace(one, many=True, min_count=1).check(raw[key], f"{where}: {key}")
         found["lags" if key == "lags_ms" else key] = tuple(dict.fromkeys(values))
