@@ -6,7 +6,7 @@ run), so that both cover every regime, such as a whole sweep, and share no tick.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -204,17 +204,21 @@ def gram_matrix(compiled: CompiledTerms, powers: F, measured: F, segments: I, we
     """Return the weighted inner products (terms + 1, terms + 1) of the regressors and, last, the measured force."""
     n = len(compiled.arrays.outputs)
     gram = np.zeros((n + 1, n + 1))
-    for s, (start, stop) in enumerate(segments):
-        for k0 in range(start, stop, CHUNK):
-            k1 = min(k0 + CHUNK, stop)
-            if not weights[k0:k1].any():
-                continue
+    for s, k0, k1 in pieces(segments):
+        if weights[k0:k1].any():
             rows = np.empty((n + 1, k1 - k0))
             rows[:n] = kernels.regressor_columns(powers, measured, segments, compiled.arrays, k0, k1, s)
             rows[n] = measured[k0:k1]
             rows *= np.sqrt(weights[k0:k1])
             gram += rows @ rows.T
     return gram
+
+
+def pieces(segments: I) -> Iterator[tuple[int, int, int]]:
+    """Yield pieces of at most CHUNK ticks: the index of the segment, the first tick and the one after the last."""
+    for s, (start, stop) in enumerate(segments):
+        for k0 in range(start, stop, CHUNK):
+            yield s, k0, min(k0 + CHUNK, stop)
 
 
 def estimation_ticks(series: Series) -> Mask:

@@ -10,6 +10,7 @@ from markupsafe import Markup
 from ces_data.arrays import F
 from ces_identify.numerics import kernels
 from ces_identify.polynomial.compiled_terms import compile_terms
+from ces_identify.polynomial.problem import pieces
 from ces_identify.prepare.series import SimulatedSeries
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import (
@@ -63,7 +64,6 @@ def describe_input(one: ConstructedInput) -> str:
     return f"membership of {one.of}: 1 at {one.peak:g}, falling to 0 at {' and '.join(ends)}"
 
 
-CHUNK = 4096  # ticks of regressors in memory at a time
 NOTE = (
     "RMS of each term along the free run over the {} recordings, and its ratio to the RMS of the simulated force; "
     "terms may cancel, so the shares need not add up to 100\N{NO-BREAK SPACE}%."
@@ -120,13 +120,11 @@ def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> l
     terms = compile_terms(polynomial.terms)
     powers = terms.power_table(model.envelope, inputs, series.segments, model.sampling.rate_Hz)
     gain = np.array([term.coefficient for term in polynomial.terms])[:, None]
-    pieces = []
-    for s, (start, stop) in enumerate(series.segments):
-        for k0 in range(start, stop, CHUNK):
-            k1 = min(k0 + CHUNK, stop)
-            columns = kernels.regressor_columns(powers, run.force, series.segments, terms.arrays, k0, k1, s)
-            pieces.append((int(k0), gain * columns))
-    return pieces
+    forces = []
+    for s, k0, k1 in pieces(series.segments):
+        columns = kernels.regressor_columns(powers, run.force, series.segments, terms.arrays, k0, k1, s)
+        forces.append((int(k0), gain * columns))
+    return forces
 
 
 def format_term(term: Term, envelope: Envelope) -> Markup:
