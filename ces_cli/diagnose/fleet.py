@@ -31,8 +31,7 @@ from ces_gap.fleet import DiagnosisJob, DiagnosisRequest, diagnose_unit, job_of
 from ces_gap.inputs.checks import is_seen
 from ces_gap.pipeline import diagnose
 from ces_gap.report.result_files import result_files
-from ces_identify.jobs import DONE, FAILED, Row, open_results
-from ces_identify.jobs import Task
+from ces_identify.jobs import DONE, FAILED, Row, Task, open_results
 from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically

@@ -19,13 +19,11 @@ from ces_cli.terminal.recordings import print_warnings, with_distinct_names
 from ces_data.checks.check import check_each, require_sound
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
-from ces_identify.campaign.page import PAGE, write_campaign_page
-from ces_identify.campaign.rows import COST_TOLERANCE, IDENTIFICATION, CampaignRows, is_proved
 from ces_identify.campaign.cell import compute_cell
-from ces_identify.campaign.plan import load_campaign
-from ces_identify.campaign.plan import Campaign, CampaignJob, jobs
-from ces_identify.jobs import DONE, ResultsFolder, Row, open_results
-from ces_identify.jobs import Task
+from ces_identify.campaign.page import PAGE, write_campaign_page
+from ces_identify.campaign.plan import Campaign, CampaignJob, jobs, load_campaign
+from ces_identify.campaign.rows import COST_TOLERANCE, IDENTIFICATION, CampaignRows, is_proved
+from ces_identify.jobs import DONE, ResultsFolder, Row, Task, open_results
 from ces_identify.prepare.series import prepare
 from ces_identify.report.page import write_report
 from ces_identify.validation.evaluate import VALIDATION, evaluate

@@ -27,7 +27,7 @@ Power = tuple[str, float, bool]  # signal, power, signed
 
 
 def signal_values(
-    constructed: Sequence[ConstructedInput], envelope: Envelope, inputs: Sequence[F], segments: I, rate_Hz: float
+    constructed: Sequence[ConstructedInput], envelope: Envelope, inputs: Sequence[F] | F, segments: I, rate_Hz: float
 ) -> dict[str, F]:
     """Return position, speed and current (ticks,), clamped, and each constructed input as the observer computes it.
 
@@ -72,7 +72,7 @@ class CompiledTerms:
         """Return the arrays of the terms at the indices `chosen`."""
         return TermArrays(*(array[chosen] for array in self.arrays))
 
-    def power_table(self, envelope: Envelope, inputs: Sequence[F], segments: I, rate_Hz: float) -> F:
+    def power_table(self, envelope: Envelope, inputs: Sequence[F] | F, segments: I, rate_Hz: float) -> F:
         """Return each power of its signal, shape (max(1, powers), ticks); for the inputs see `signal_values`."""
         values = signal_values(self.constructed, envelope, inputs, segments, rate_Hz)
         table = np.zeros((max(1, len(self.powers)), len(inputs[0])))

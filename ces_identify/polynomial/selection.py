@@ -177,7 +177,7 @@ def search(problem: Problem, limits: Limits, listener: Listener = lambda result:
     Ctrl-C stops every start and returns the best so far, or raises KeyboardInterrupt if there is none. `listener`
     receives each improvement and each start's result, from the threads.
     """
-    return run_starts(limits, lambda seed, *when: _start(problem, limits, seed, *when, listener))
+    return run_starts(limits, lambda seed, deadline, stop: _start(problem, limits, seed, deadline, stop, listener))
 
 
 def _start(

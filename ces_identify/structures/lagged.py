@@ -14,8 +14,7 @@ from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.prepare.series import Series
 from ces_identify.structures.kit import ARGUMENTS, Fitted, IdentifyOptions
-from ces_identify.trained.training import Family, train
-from ces_identify.trained.training import Training, build_training
+from ces_identify.trained.training import Family, Training, build_training, train
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.lagged_signals import Regressor
