@@ -97,7 +97,7 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
 
 def describe_cell(rows: CampaignRows, row: Row) -> str:
     """Return the result of a cell in a few words."""
-    name = rows.full_name(row)
+    name = rows.names.full_name(row)
     if row["status"] != DONE:
         return f"{name}: {row['status']}: {row['reason']}"
     cost = "diverged" if row["selection_J"] is None else f"{row['selection_J']:.2f} %"

@@ -66,7 +66,7 @@ def front(rows: Sequence[Row], size: str = "parameters") -> list[Row]:
 
 def is_proved(row: Row) -> bool:
     """Return whether the row's model has a certificate."""
-    return row["force_bound_N"] is not None
+    return row.get("force_bound_N") is not None
 
 
 def recommend_model(rows: Sequence[Row]) -> Row | None:
