@@ -92,7 +92,7 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
         best = {name: folder / "models" / f"{row['key']}.json" for name, row in rows.recommended().items()}
         cells = [{**row, "mark": WORDS.get(marks.get(row["key"], ""))} for row in rows.rows]
         print_document("campaign", {"folder": folder, "planned": len(todo), "cells": cells, "recommended": best})
-    return report_failures(rows.rows, len(todo), finished, "cells", rows.full_name)
+    return report_failures(rows.rows, len(todo), finished, "cells", rows.names.full_name)
 
 
 def describe_cell(rows: CampaignRows, row: Row) -> str:
