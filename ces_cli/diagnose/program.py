@@ -19,6 +19,63 @@ from ces_observer.options import Option, in_group
 from ces_observer.structures import STRUCTURES
 
 BAGS_OPTION = Option("", (), metavar="BAG", together=True)
+NAMES = [one.option for one in STRUCTURES.values()]
+OPTIONS = (
+    Option("sim", None, HELP, metavar="SIM"),
+    Option(
+        "identify",
+        False,
+        "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json",
+    ),
+    Option(
+        "structure",
+        None,
+        "of the model that --identify fits; auto (default): the lowest cost on held-out parts of the references; "
+        f"or {', '.join(NAMES)}",
+        choices=(AUTO, *NAMES),
+        metavar="NAME",
+    ),
+    replace(BAGS_OPTION, name="real", default=REQUIRED, meaning="recordings of the real damper: bags, folders, globs"),
+    replace(
+        BAGS_OPTION, name="held_out", meaning="recordings for evaluation only", none="a part of --real is held out"
+    ),
+    replace(
+        BAGS_OPTION,
+        name="reference",
+        meaning="recordings known to be free of the effect; the simulation's own error is learned from them first",
+    ),
+    SIGNALS,
+    Option("out", meaning="folder to write, created if necessary", kind=Path, metavar="DIR"),
+    replace(REPORT, meaning=f"copy report.html to FILE; {IN_A_FOLDER}"),
+    Option(
+        "effects",
+        (),
+        "your own effects in addition to the library's (subclasses of ces_gap.Effect)",
+        metavar="module:Class",
+        together=True,
+    ),
+    replace(THREADS, meaning="default: all processors; with --each, one for each diagnosis", none=""),
+    Option(
+        "tolerance",
+        None,
+        "share of the RMS force below which a gap counts as none",
+        0.0,
+        100.0,
+        "%",
+        kind=float,
+        none="1, but at most twice the noise",
+        metavar="PERCENT",
+    ),
+    replace(SEED, meaning="random seed"),
+    Option(
+        "each",
+        None,
+        "one diagnosis for each recording of --real, or for each folder of recordings; the same command continues "
+        "an interrupted run",
+        choices=(RECORDING, VEHICLE),
+    ),
+    *(*in_group("fleets", JOBS, DASK), JSON, OVERWRITE),
+)
 RULES = (
     only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
     never_with(
@@ -52,7 +109,6 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    names = [one.option for one in STRUCTURES.values()]
     return terminal.parser(
         "diagnose",
         "Find where a simulation differs from recordings of the real damper, which missing effect is the cause, and "
@@ -61,61 +117,6 @@ def make_parser() -> terminal.Parser:
         "ces diagnose --sim model.json --real bags/road bags/sweep --reference bags/new_damper --out gap\n"
         "  ces diagnose --identify --reference bags/new_damper --real bags/road bags/sweep --out gap\n"
         "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference bags/new_damper --out fleet_gap",
-        Option("sim", None, HELP, metavar="SIM"),
-        Option(
-            "identify",
-            False,
-            "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json",
-        ),
-        Option(
-            "structure",
-            None,
-            "of the model that --identify fits; auto (default): the lowest cost on held-out parts of the references; "
-            f"or {', '.join(names)}",
-            choices=(AUTO, *names),
-            metavar="NAME",
-        ),
-        replace(
-            BAGS_OPTION, name="real", default=REQUIRED, meaning="recordings of the real damper: bags, folders, globs"
-        ),
-        replace(
-            BAGS_OPTION, name="held_out", meaning="recordings for evaluation only", none="a part of --real is held out"
-        ),
-        replace(
-            BAGS_OPTION,
-            name="reference",
-            meaning="recordings known to be free of the effect; the simulation's own error is learned from them first",
-        ),
-        SIGNALS,
-        Option("out", meaning="folder to write, created if necessary", kind=Path, metavar="DIR"),
-        replace(REPORT, meaning=f"copy report.html to FILE; {IN_A_FOLDER}"),
-        Option(
-            "effects",
-            (),
-            "your own effects in addition to the library's (subclasses of ces_gap.Effect)",
-            metavar="module:Class",
-            together=True,
-        ),
-        replace(THREADS, meaning="default: all processors; with --each, one for each diagnosis", none=""),
-        Option(
-            "tolerance",
-            None,
-            "share of the RMS force below which a gap counts as none",
-            0.0,
-            100.0,
-            "%",
-            kind=float,
-            none="1, but at most twice the noise",
-            metavar="PERCENT",
-        ),
-        replace(SEED, meaning="random seed"),
-        Option(
-            "each",
-            None,
-            "one diagnosis for each recording of --real, or for each folder of recordings; the same command continues "
-            "an interrupted run",
-            choices=(RECORDING, VEHICLE),
-        ),
-        *(*in_group("fleets", JOBS, DASK), JSON, OVERWRITE),
+        *OPTIONS,
         rules=RULES,
     )
