@@ -36,8 +36,9 @@ Path(__file__).with_name("seen.part").rename(Path(__file__).with_name("seen"))
 @contextmanager
 def serving(folder: Path, *words: str, **environment: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
     """Yield the running program and its address."""
-    code = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # else ignored in the background
-    code += (
+    code = (  # else ignored in the background, and under nohup
+        "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"
+        "signal.signal(signal.SIGHUP, signal.SIG_DFL)\n"
         f"import sys; from ces_cli.main import main; sys.exit(main({['serve', str(folder), '--port', '0', *words]!r}))"
     )
     command = [sys.executable, "-c", code]

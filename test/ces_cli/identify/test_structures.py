@@ -33,18 +33,18 @@ def test_each_structure_has_its_fitter():
         select_from("--structure", "anfis", "--rules", "5x3"),
     )
     assert default.func is network.func is anfis.func is identify
-    assert default.keywords["fitter"].fitter is fit_polynomial
-    assert network.keywords["fitter"].fitter == NetworkShape(units=6)
-    assert anfis.keywords["fitter"].fitter == FuzzyShape(speeds=5, currents=3)
-    assert select_from("--structure", "anfis").keywords["fitter"].fitter == FuzzyShape()
+    assert fitter_in(default) is fit_polynomial
+    assert fitter_in(network) == NetworkShape(units=6)
+    assert fitter_in(anfis) == FuzzyShape(speeds=5, currents=3)
+    assert fitter_in(select_from("--structure", "anfis")) == FuzzyShape()
     assert isinstance(select_from("--structure", "auto").keywords["fitter"], BestStructure)
 
 
 def test_lags_and_memberships_are_as_in_the_thesis():
     network = select_from("--structure", "sigmoid", "--units", "30", "--lags", "2,4,5")
-    assert network.keywords["fitter"].fitter == NetworkShape(30, LagCounts(forces=2, currents=4, speeds=5))
+    assert fitter_in(network) == NetworkShape(30, LagCounts(forces=2, currents=4, speeds=5))
     anfis = select_from("--structure", "anfis", "--memberships", "3x6")
-    assert anfis.keywords["fitter"].fitter == FuzzyShape(6, 3, 0.0, CURRENT_AND_SPEED)
+    assert fitter_in(anfis) == FuzzyShape(6, 3, 0.0, CURRENT_AND_SPEED)
     with pytest.raises(CesError, match="--rules 5x2 and --memberships 4x4: give one"):
         select_from("--structure", "anfis", "--memberships", "4x4", "--rules", "5x2")
 

@@ -79,7 +79,7 @@ def test_noise_and_baseline_error_as_expected_become_white_with_unit_variance() 
         weights = [np.linalg.cholesky(covariance) @ rng.standard_normal(5) for _ in evidence.units]
         for unit, w in zip(evidence.units, weights, strict=True):
             error = features[unit.trace] @ w + ar_noise(len(features[unit.trace]), 8.0, 0.8, rng)
-            rows = unit.whiten(evidence.noise, error)
+            rows = unit.project(evidence.noise.whiten(error))
             squares.append(float(rows @ rows) / len(rows))
     assert np.mean(squares) == pytest.approx(1.0, abs=0.02)
 

@@ -1,6 +1,7 @@
 """Planted networks and neuro-fuzzy models are found again, and nothing held out is seen."""
 
 import json
+import signal
 import threading
 from dataclasses import replace
 
@@ -115,11 +116,11 @@ def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
     def interrupt(*args, **kwargs):
         if threading.current_thread() is threading.main_thread() and len(heard) > 3:
             monkeypatch.undo()
-            raise KeyboardInterrupt
+            signal.raise_signal(signal.SIGINT)
         return set(), set(args[0])
 
     heard.clear()
-    monkeypatch.setattr("ces_identify.trained.training.wait", interrupt)
+    monkeypatch.setattr("ces_identify.polynomial.search_limits.wait", interrupt)
     broken_off = identify_kind(kind, limits=Limits(time=60.0, starts=1, threads=1), listener=heard.append)
     assert broken_off.search_results[0].ended == "interrupted"
     assert np.isfinite(broken_off.search_results[0].cost)

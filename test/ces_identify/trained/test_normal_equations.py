@@ -92,8 +92,8 @@ def replace_decay(fit):
 
 
 class Unregularised(FuzzyFit):
-    def _regularisation(self, params):
-        return np.zeros_like(params), np.zeros_like(params)
+    def errors_on(self, table, params, max_error):
+        return self.normal_equations(table, params, max_error)
 
 
 @pytest.mark.parametrize("make", FITS)
