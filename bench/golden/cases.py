@@ -38,10 +38,10 @@ FILES = {
     "damper.yaml": "ces_valve: {cracking_high_Pa: 3.8e+06}\noil: {air_fraction: 0.011}\n",
     "passive.py": "import numpy as np\n\n\ndef force(time_s, position_m, current_A):\n"
     "    return 1500.0 * np.gradient(position_m, time_s) * (0.5 + current_A)\n",
-    "campaign.yaml": "bags: {new: [new_1]}\nvalidate: {second: [new_2]}\nseeds: [1, 2]\n"
-    "structures: {polynomial: {terms: [3, 5]}, sigmoid: {units: 2}}\nlimits: {seconds: 3600, starts: 1}\n",
+    "campaign.yaml": "bags: {new: [new_1]}\nvalidate: {second: [new_2]}\nseed: [1, 2]\n"
+    "structures: {polynomial: {terms: [3, 5]}, sigmoid: {units: 2}}\nlimits: {time: 3600, starts: 1}\n",
     "iterate.yaml": f"limits: {_LIMITS}\nrig: {{kind: virtual}}\nexperiments: {{duration_s: 3.0}}\n"
-    "stop: {budget_s: 6.0}\nidentify: {structure: polynomial, terms: 4, starts: 1, threads: 1, time_s: 3600}\n",
+    "stop: {budget_s: 6.0}\nidentify: {structure: polynomial, terms: 4, starts: 1, threads: 1, time: 3600}\n",
     "stroke.yaml": "experiment: short.yaml\nactuator: {}\nlimits: {stroke_m: 0.05, speed_m_s: 1.5, "
     "acceleration_m_s2: 200.0}\nprobe: {duration_s: 4.0, to_Hz: 40.0}\nlearning: {max_iterations: 2, repeats: 2}\n",
     "short.yaml": "duration_s: 3.0\nseed: 5\nstroke: {kind: sine, amplitude_m: 0.01, frequency_Hz: 3.0}\n"
