@@ -1,4 +1,4 @@
-"""What the samples of channels look like: statistics as logged, holes, spikes, the time at each speed and current."""
+"""The samples of channels: statistics as logged, holes, the time at each speed and current; spikes removed."""
 
 from __future__ import annotations
 

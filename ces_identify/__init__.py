@@ -2,7 +2,7 @@
 
 The rooms in reading order: `prepare` (uniform ticks), `numerics` (kernels), `polynomial`, `trained` and `physical`
 (the structures' fitters), `structures` (a kit each), `simulations` (anything that computes a force), `validation` (how
-good a model is), `comparison` (several models on the same recordings), `export` (C and FMU), `report` (the page),
+good a model is), `comparison` (several models on the same recordings), `export` (C, FMU, C++), `report` (the page),
 `characteristics` (what a damper dyno shows), `campaign` (many identifications) on `jobs` (many jobs at once). The names
 below are the public interface; they are imported when they are first used.
 """

@@ -6,6 +6,7 @@ Each test goes over all modules and names those that break its rule.
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections.abc import Mapping
 from functools import cache
@@ -130,6 +131,13 @@ def test_the_vehicle_needs_the_standard_library_only() -> None:
     vehicle = [name for name in modules() if name.startswith("ces_observer")]
     foreign = {name: {top for top in tops(name) - known if not top.endswith(("_msgs", "_srvs"))} for name in vehicle}
     assert {name: others for name, others in foreign.items() if others} == {}
+
+
+def test_the_architecture_page_names_the_rooms_that_there_are() -> None:
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    named = set(re.findall(r"^\| `(\w+)/`", page, flags=re.MULTILINE))
+    packages = [package for package in MAY_IMPORT if package != "ces_cli"]  # whose rooms stand in a sentence
+    assert named == {path.parent.name for package in packages for path in ROOT.glob(f"{package}/*/__init__.py")}
 
 
 @pytest.mark.parametrize("package", MAY_IMPORT)

@@ -1,1 +1,1 @@
-"""The programs that read and write recordings: `info`, `import`, `replay` and `simulate`."""
+"""The programs about recordings: `info`, `signals`, `import`, `characterise`, `replay`, `simulate`, `export-data`."""

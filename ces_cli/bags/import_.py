@@ -15,6 +15,7 @@ from ces_cli.terminal.progress import FileProgress
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.checks.check import check_recording
 from ces_data.findings import DelayFinding, Finding, findings, mean_rate
+from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_file import open_log, refuse_bag
 from ces_data.logs.log_import import to_recording
 from ces_data.logs.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
@@ -52,7 +53,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    kinds = "log: .csv .txt .dat .tsv, .json, .mat, .mf4 .mdf, .blf .asc .log (CAN), .bag (ROS 1), .parquet"
+    kinds = "log: " + ", ".join(" ".join(suffixes) for suffixes in LOG_FORMATS.values())
     text = "mapping of columns to signals; examples are in share/ces_observer/config/import"
     rate = "rate of a log without a time column (no --mapping)"
     return terminal.parser(

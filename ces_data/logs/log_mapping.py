@@ -28,7 +28,7 @@ TEMPLATE = """\
 # Position [m] and force [N] are positive in compression; use a negative scale where the log has it the other way.
 # `ces import LOG --propose` writes such a file from the log's own columns; examples are in config/import/.
 
-# format: csv           # csv, json, mat, mdf, bag, can or parquet; left out, the file's suffix decides
+# format: csv           # FORMATS; left out, the file's suffix decides
 
 # For csv (what is left out is found from the first lines, and said):
 # delimiter: ","        # "\\t" for a tab
@@ -61,7 +61,7 @@ force: {column: F_N}
 # temperature: {column: T_oil, offset: -273.15}           # [degC]
 # speed: {column: v_mm_s, scale: 0.001}                   # [m/s], measured; it also needs a topic in the signals file
 # acceleration: {column: a_g, scale: 9.80665}             # [m/s2], of the piston relative to the cylinder; likewise
-"""
+""".replace("FORMATS", "one of " + ", ".join(LOG_FORMATS))
 
 
 class MappingError(CesError):

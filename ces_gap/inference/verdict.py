@@ -1,4 +1,6 @@
-"""The verdict: the size of the gap, figures and probabilities from the search, on the parts left out.
+"""The first verdict: the size of the gap, figures and probabilities from the search, on the parts left out.
+
+`held_out.review` and `refit.weigh_refits` may weaken it afterwards; `pipeline.diagnose` calls all three.
 
 The figures are comparable between plants. The probabilities come from a logistic model of them. It was calibrated on
 cases of a plant unlike those of its evaluation (`calibration.json` names them). Likelihoods would not do as

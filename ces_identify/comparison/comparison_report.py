@@ -1,4 +1,4 @@
-"""A comparison for people and programs: its tables, each column once, its page, self-contained, and its document.
+"""A comparison for people and programs: its tables, its self-contained page, and its document.
 
 The page holds verdicts, costs, differences, overlaid forces and envelopes.
 """

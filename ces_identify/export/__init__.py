@@ -1,1 +1,1 @@
-"""Models for other programs: a model goes in, C99 source or an FMI 2.0 co-simulation FMU comes out."""
+"""Models for other programs: a model goes in, C99 source, an FMI 2.0 co-simulation FMU or a C++ ROS 2 package out."""

@@ -140,7 +140,7 @@ class ThesisStart(LeastSquaresStart):
     less, and pruning starts over. The procedure ends when the list is empty, at the target cost, or when time is up.
     Nothing keeps a model stable. The thesis estimates parameters one step ahead (`nlarx`): least squares on the
     estimation ticks here, whose validation data are the selection ticks. It has no limit on the number of terms, unless
-    `max_terms` is set.
+    `terms` is given.
     """
 
     def _search(self) -> None:

@@ -1,7 +1,8 @@
 """The kinds of damper: each is a package beside this file and an entry in `KINDS`.
 
 A new kind needs parameters (a `LumpedDamper` if its description is flat), a kernel, its `KIND` and an entry here;
-simulations, blind cases and the live rig then support it.
+simulations, blind cases and the live rig then support it. `ces_cli.blind.program.RESERVED` names the kinds that blind
+cases use only on request.
 """
 
 from __future__ import annotations

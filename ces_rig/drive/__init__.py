@@ -1,1 +1,1 @@
-"""What moves the damper: descriptions go in; strokes, currents and the quarter vehicle on a road come out."""
+"""What moves the damper: descriptions go in; strokes, currents, a servo actuator, a vehicle on a road come out."""

@@ -1,6 +1,6 @@
 """An electro-rheological (ER) twin-tube damper of Maxwell type: bleed, knee valves and shear-thinning oil on a spring.
 
-Its "current" is the field's voltage in kV. Every law differs from those of the other two dampers: motion follows from
+Its "current" is the field's voltage in kV. Every law differs from those of the other dampers: motion follows from
 force (Eyring's shear thinning beside knee valves that differ by direction), the seals are Jenkins elements, the bushing
 relaxes, the gas exchanges heat. `kernel.py` holds the equations.
 """
