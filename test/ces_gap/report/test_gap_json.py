@@ -73,6 +73,38 @@ def test_schema_refuses_what_the_contract_does(path: tuple[Any, ...], value: obj
     assert len(wrong(document)) == 1
 
 
+REGION = "axis from to share_of_energy share_of_samples rms_N ci95_N q_value"
+KEYS = {  # of ces-gap/1: other programs read them, whatever table writes them
+    **dict.fromkeys(
+        ["schema", "verdict", "sentence", "simulation", "no_gap_reason", "tolerance_N", "visible_from_N"], ""
+    ),
+    **dict.fromkeys(["indistinguishable", "not_separable", "notes"], ""),
+    **dict.fromkeys(("where", "rest"), REGION),
+    "gap": "rms_N ci95_N noise_floor_N cost_J corrected_N corrected_ci95_N noise_source",
+    "max_region": "region p_value",
+    "causes": "effect form probability parameters gap_after_N shrink shrink_ci95 gain gain_error",
+    "composition": "effects forms gap_after_N shrink shrink_ci95 parameters by_region",
+    "calibration_map": "speed_m_s current_A force_N",
+    "invisible": "effect reason",
+    "probabilities": "none unknown",
+    "controls": "best_wrong_effect ceiling",
+    "ceiling": "gap_after_N shrink",
+    "witness": "says note refits",
+    "next_experiment": "name purpose recipe separates distance_N",
+    "surrogate": "cost_J difference_error",
+    "held_out": "name sha256 usable_s",
+}
+
+
+def test_the_keys_are_those_of_the_contract() -> None:
+    def inside(schema: dict[str, Any]) -> str:
+        schema = schema["anyOf"][1] if "anyOf" in schema else schema
+        return inside(schema["items"]) if "items" in schema else " ".join(schema.get("properties", {}))
+
+    assert {key: inside(schema) for key, schema in SCHEMA["properties"].items()} == KEYS
+    assert list(gap_document(named())) == list(SCHEMA["properties"])
+
+
 def test_every_key_of_the_contract_is_required() -> None:
     document = gap_document(named())
     for key in document:
