@@ -10,7 +10,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -24,7 +24,7 @@ EXTRA = "can"
 MAX_PROPOSAL_FRAMES = 500_000
 BUS_LOGS = (".blf", ".asc", ".log", ".trc")
 FrameId = tuple[int, bool]  # arbitration id, and whether it is an extended one
-Samples = dict[str, dict[str, tuple[array[int], array[float]]]]  # stamps [ns] and values, by MESSAGE.SIGNAL and bus
+Samples: TypeAlias = "dict[str, dict[str, tuple[array[int], array[float]]]]"  # by MESSAGE.SIGNAL and bus
 
 
 def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> CanLog:
