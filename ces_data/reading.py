@@ -30,7 +30,7 @@ def read_recording(path: PathInput, *, signals: PathInput | None = None, need: S
     Each signal in `need` must be there. Warns of what looks wrong; raises CesError for what cannot be used.
     """
     described = load_signals(None if signals is None else as_path(signals, "signals"))
-    return _checked(reader.read_recording(as_path(path, "recording"), described, need))
+    return _check(reader.read_recording(as_path(path, "recording"), described, need))
 
 
 def read_log(path: PathInput, *, mapping: PathInput | None = None) -> Recording:
@@ -41,12 +41,12 @@ def read_log(path: PathInput, *, mapping: PathInput | None = None) -> Recording:
     """
     path = as_path(path, "log")
     if mapping is not None:
-        return _checked(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))))
+        return _check(log_import.import_log(path, load_dyno_mapping(as_path(mapping, "mapping"))))
     proposal = propose_mapping(path)
     recording = proposal.read()
     for remark in proposal.remarks:
         warnings.warn(f"{path}: {remark}; taken as logged", stacklevel=2)
-    return _checked(recording)
+    return _check(recording)
 
 
 def as_recordings(
@@ -82,7 +82,7 @@ def kind_of(given: object) -> str:
     return "None" if given is None else f"a value of type {type(given).__name__}"
 
 
-def _checked(recording: Recording) -> Recording:
+def _check(recording: Recording) -> Recording:
     """Return a recording that can be used; warns of what looks wrong. Raises CesError."""
     for finding in require_usable(recording):
         warnings.warn(f"{recording.name}: {finding.text}", stacklevel=3)

@@ -24,7 +24,7 @@ from bench.live.contestants import (
     TWIN,
     BuildError,
     Contestant,
-    Field,
+    ContestField,
     GeneratorLoad,
     GeneratorRun,
     Hogs,
@@ -84,7 +84,7 @@ Key = tuple[str, float, str]  # load, rate [Hz], name
 Runs = dict[Key, list[GeneratorRun]]
 
 
-def play(field: Field, nodes: Sequence[Contestant], options: argparse.Namespace) -> Runs:
+def play(field: ContestField, nodes: Sequence[Contestant], options: argparse.Namespace) -> Runs:
     """Return the runs of each node, one per round."""
     runs: Runs = {(load, rate, node.name): [] for load in options.loads for rate in options.rates for node in nodes}
     for number in range(options.rounds):
@@ -143,7 +143,7 @@ def describe_machine() -> str:
 def report(options: argparse.Namespace) -> list[str]:
     began = os.getloadavg()[0]
     generator, nodes = make_contestants(options.model, options.parameters)
-    with Field(nodes, generator, priority=options.priority) as field:
+    with ContestField(nodes, generator, priority=options.priority) as field:
         found = play(field, nodes, options)
     notes = [describe_noise(found, options, began), describe_machine()]
     return [*table(found), "", *target_lines(found), "", *notes]

@@ -165,7 +165,7 @@ def make_contestants(model: Path, parameters: Sequence[str] = ()) -> tuple[Path,
     return programs / "generator", found
 
 
-class Field:
+class ContestField:
     """All contestants, running at the same time; `measure` loads one of them while the others idle.
 
     The generator runs under SCHED_FIFO with `priority`, if that is permitted.
@@ -176,7 +176,7 @@ class Field:
         self._numbers = {one.name: k for k, one in enumerate(contestants)}
         self._processes = [self._start(one, k) for k, one in enumerate(contestants)]
 
-    def __enter__(self) -> Field:
+    def __enter__(self) -> ContestField:
         time.sleep(4.0)
         return self
 

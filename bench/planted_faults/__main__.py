@@ -36,7 +36,7 @@ class FaultError(Exception):
 
 
 @dataclass(frozen=True)
-class Fault:
+class PlantedFault:
     """A row of the table."""
 
     name: str
@@ -61,10 +61,10 @@ class Fault:
         return [test for test in self.tests if not (tree / "test" / test.partition("::")[0]).exists()]
 
 
-def load_faults(names: list[str]) -> list[Fault]:
+def load_faults(names: list[str]) -> list[PlantedFault]:
     rows = yaml.safe_load(TABLE.read_text(encoding="utf-8"))
     faults = [
-        Fault(name, row["in"], row["find"], row["put"], tuple(row["tests"].split()), row["why"])
+        PlantedFault(name, row["in"], row["find"], row["put"], tuple(row["tests"].split()), row["why"])
         for name, row in rows.items()
         if not names or name in names
     ]
@@ -92,7 +92,7 @@ def run_tests(tree: Path, tests: tuple[str, ...]) -> int:
     return subprocess.run(words, cwd=tree, env=env, capture_output=True, check=False).returncode
 
 
-def plant(fault: Fault, tree: Path) -> str:
+def plant(fault: PlantedFault, tree: Path) -> str:
     """Plant the fault, run its tests and take it out; return what happened."""
     path = fault.locate(tree)
     kept = path.with_suffix(".kept")
@@ -106,7 +106,7 @@ def plant(fault: Fault, tree: Path) -> str:
     return {TESTS_FAILED: "caught", TESTS_PASSED: "NOT CAUGHT"}.get(status, f"PYTEST ENDED WITH {status}")
 
 
-def check(fault: Fault) -> str:
+def check(fault: PlantedFault) -> str:
     """Return whether the fault can be planted."""
     try:
         path = fault.locate(ROOT).relative_to(ROOT)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from ces_data.bags.fields import FieldSeries, read_fields, read_series
 from ces_data.logs.log_file import LogSeries, TimedLog
-from ces_data.logs.log_mapping import Column, DynoMapping, MappingError
+from ces_data.logs.log_mapping import DynoMapping, LogColumn, MappingError
 
 
 def open_log(path: Path, _: DynoMapping, __: Callable[[float], None]) -> BagLog:
@@ -21,7 +21,7 @@ class BagLog(TimedLog):
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def read(self, columns: Sequence[Column]) -> list[LogSeries]:
+    def read(self, columns: Sequence[LogColumn]) -> list[LogSeries]:
         """Return the numbers at these topics and fields."""
         fields = []
         for key in (str(column.key) for column in columns):

@@ -16,7 +16,7 @@ import numpy as np
 
 from ces_data.config_file import first_line
 from ces_data.logs.log_file import LogSeries, TimedLog, import_reader, join_names
-from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.logs.mdf import read_frames
 from ces_observer.errors import RecordingError
 
@@ -52,7 +52,7 @@ class CanLog(TimedLog):
                 raise RecordingError(f"{file}: not a DBC file: {str(error).splitlines()[0]}") from None
         self.notes = _find_lost_end(path)
 
-    def read(self, columns: Sequence[Column]) -> list[LogSeries]:
+    def read(self, columns: Sequence[LogColumn]) -> list[LogSeries]:
         """Return the signals in the order of the columns."""
         wanted = {str(column.key): self._find(str(column.key)) for column in columns}
         samples = self._decode([message for message, _ in wanted.values()])

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ces_data.logs import csv_form
 from ces_data.logs.log_file import LogTable
-from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
@@ -89,7 +89,7 @@ class CsvTable(LogTable):
         cells, _ = self._cells(key)
         return np.isin(np.arange(len(self._lines)), cells.blanks) if len(cells.blanks) else None
 
-    def stamps(self, column: Column) -> Stamps | None:
+    def stamps(self, column: LogColumn) -> Stamps | None:
         """Return the times of a column of dates or of long whole numbers of nanoseconds; None for other numbers."""
         cells, name = self._cells(column.key)
         if cells.texts is None:

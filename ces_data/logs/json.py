@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog
-from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Values
 from ces_observer.errors import RecordingError
 
@@ -55,7 +55,7 @@ def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> Lo
 def open_tree(path: Path, mapping: DynoMapping, tree: Any) -> LogTable | TimedLog:
     """Return the series if the mapping gives no time and its columns are series, else the table."""
     root = _follow_route(path, tree, mapping.rows)
-    keys = [str(source.key) for source in mapping.signals.values() if isinstance(source, Column)]
+    keys = [str(source.key) for source in mapping.signals.values() if isinstance(source, LogColumn)]
     if mapping.time is None and mapping.rate is None and isinstance(root, Mapping):
         listed = dict(_list_series(root))
         known = all(key in listed or _find_series(_follow_route(path, root, key)) for key in keys)
@@ -151,7 +151,7 @@ class TreeSeries(TimedLog):
     def __init__(self, path: Path, root: Any) -> None:
         self.path, self.root = path, root
 
-    def read(self, columns: Sequence[Column]) -> list[LogSeries]:
+    def read(self, columns: Sequence[LogColumn]) -> list[LogSeries]:
         """Return the series at the columns' paths."""
         listed, keys = dict(_list_series(self.root)), [str(column.key) for column in columns]
         return self._stamp(

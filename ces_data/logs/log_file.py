@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from ces_data.config_file import first_line
 from ces_data.log_formats import LOG_FORMATS
-from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
@@ -74,7 +74,7 @@ class LogTable(ABC):
         """Return which rows have no sample in a column, (n,); None if all have one."""
         return None
 
-    def stamps(self, column: Column) -> Stamps | None:
+    def stamps(self, column: LogColumn) -> Stamps | None:
         """Return the times of a column of dates or nanoseconds as exact stamps, (n,); None if it holds numbers."""
         return None
 
@@ -106,7 +106,7 @@ class TimedLog(ABC):
     notes: tuple[str, ...] = ()
 
     @abstractmethod
-    def read(self, columns: Sequence[Column]) -> list[LogSeries]:
+    def read(self, columns: Sequence[LogColumn]) -> list[LogSeries]:
         """Return the channels that the columns name, in this order; raises RecordingError if one is missing."""
 
     @abstractmethod

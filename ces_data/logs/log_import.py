@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from ces_data.logs.log_file import MAX_TIME_S, LogTable, TimedLog, open_log
-from ces_data.logs.log_mapping import ONE_TIME, Column, DynoMapping, FileNameValue, FixedValue, MappingError
+from ces_data.logs.log_mapping import ONE_TIME, DynoMapping, FileNameValue, FixedValue, LogColumn, MappingError
 from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_data.units import QUANTITIES, find_unit
 from ces_observer.errors import RecordingError
@@ -29,7 +29,7 @@ def import_log(path: Path, mapping: DynoMapping) -> Recording:
 
 def to_recording(log: LogTable | TimedLog, mapping: DynoMapping) -> Recording:
     """Return the signals that the mapping finds in an open log, as `import_log` does."""
-    if not any(isinstance(source, Column) for source in mapping.signals.values()):
+    if not any(isinstance(source, LogColumn) for source in mapping.signals.values()):
         raise MappingError(f"{mapping.source}: {NO_COLUMN}")
     if isinstance(log, TimedLog):
         return _read_series(log, mapping)
@@ -41,7 +41,7 @@ def to_recording(log: LogTable | TimedLog, mapping: DynoMapping) -> Recording:
 def _read_table(table: LogTable, mapping: DynoMapping) -> Recording:
     columns: dict[str, Values | float] = {}
     for name, source in mapping.signals.items():
-        if not isinstance(source, Column):
+        if not isinstance(source, LogColumn):
             columns[name] = _constant(source, table.path, mapping)
             continue
         values, where = table.column(source.key), f"{table.path}: column {source.key!r}"
@@ -62,7 +62,7 @@ def _read_table(table: LogTable, mapping: DynoMapping) -> Recording:
     for name, column in columns.items():
         channel = Channel(name, UNITS[name], stamps, np.broadcast_to(column, stamps.shape))
         source = mapping.signals[name]
-        missing = table.missing(source.key) if isinstance(source, Column) else None
+        missing = table.missing(source.key) if isinstance(source, LogColumn) else None
         channels[name] = channel if missing is None else channel.select(~missing)
     return Recording(table.path.stem, channels, source=str(table.path))
 
@@ -74,12 +74,12 @@ def _read_series(log: TimedLog, mapping: DynoMapping) -> Recording:
             raise MappingError(
                 f"{mapping.source}: remove '{key}': the channels of {log.path.name} have their own times"
             )
-    columns = {name: source for name, source in mapping.signals.items() if isinstance(source, Column)}
+    columns = {name: source for name, source in mapping.signals.items() if isinstance(source, LogColumn)}
     found = dict(zip(columns, log.read(list(columns.values())), strict=True))
     stamps = found.get("position", next(iter(found.values()))).stamps_ns
     channels = {}
     for name, source in mapping.signals.items():
-        if isinstance(source, Column):
+        if isinstance(source, LogColumn):
             series = found[name]
             where = f"{log.path}: '{series.label}'"
             scale, offset = find_factors(name, source, series.unit, where, mapping.source)
@@ -90,7 +90,7 @@ def _read_series(log: TimedLog, mapping: DynoMapping) -> Recording:
     return Recording(log.path.stem, channels, source=str(log.path))
 
 
-def find_factors(signal: str, column: Column, unit: str, where: str, source: str) -> tuple[float, float]:
+def find_factors(signal: str, column: LogColumn, unit: str, where: str, source: str) -> tuple[float, float]:
     """Return scale and offset of a column: those of the mapping, or else of the unit that the log states.
 
     Raises MappingError if that unit is unknown or not one of this signal.
@@ -117,7 +117,7 @@ def _constant(source: FixedValue | FileNameValue, path: Path, mapping: DynoMappi
         raise MappingError(f"{mapping.source}: from_name '{pattern}' finds no number in '{path.name}'") from None
 
 
-def read_times(table: LogTable, column: Column, count: int) -> Stamps:
+def read_times(table: LogTable, column: LogColumn, count: int) -> Stamps:
     """Return the stamps of a table's time column [ns]; raises RecordingError unless there are `count`, in order."""
     stamps = table.stamps(column)
     if stamps is None:
@@ -133,9 +133,9 @@ def read_times(table: LogTable, column: Column, count: int) -> Stamps:
     return stamps
 
 
-def _rate(table: LogTable, source: float | Column | None) -> float:
+def _rate(table: LogTable, source: float | LogColumn | None) -> float:
     """Return the rate [Hz] of the mapping, or from the first row of its column."""
-    if not isinstance(source, Column):
+    if not isinstance(source, LogColumn):
         return source or 1.0
     rate = source.scale * table.first(source.key) + source.offset
     if not np.isfinite(rate) or rate < MIN_RATE_HZ:

@@ -69,7 +69,7 @@ class MappingError(CesError):
 
 
 @dataclass(frozen=True)
-class Column:
+class LogColumn:
     """A column of the table by name or number (from 0); value = scale * cell + offset.
 
     `scaled` is true if the mapping gives scale, offset or unit; otherwise the log's own unit counts, if it states one.
@@ -101,7 +101,7 @@ class FileNameValue:
     offset: float = 0.0
 
 
-Source = Column | FixedValue | FileNameValue
+Source = LogColumn | FixedValue | FileNameValue
 
 
 @dataclass(frozen=True)
@@ -114,8 +114,8 @@ class DynoMapping:
 
     source: str
     signals: Mapping[str, Source]
-    time: Column | None = None
-    rate: float | Column | None = None
+    time: LogColumn | None = None
+    rate: float | LogColumn | None = None
     format: str = ""
     delimiter: str | None = None
     decimal: str | None = None
@@ -178,7 +178,7 @@ class _Reader:
         self._require(pattern.groups > 0, name, text, 'a regular expression with a group, such as "_([0-9.]+)A"')
         return FileNameValue(pattern, *self._scaling(content, name))
 
-    def column(self, name: str) -> Column:
+    def column(self, name: str) -> LogColumn:
         content = self._mapping(name)
         key: Any = content.get("column")
         group, date = content.get("group"), content.get("date", "")
@@ -190,9 +190,9 @@ class _Reader:
         known = isinstance(date, str) and (not date or (name == "time" and "%" in date))
         self._require(known, name, date, 'date: a pattern such as "%d/%m/%Y %H:%M:%S.%f", for time only')
         scaled = not content.keys().isdisjoint(("scale", "offset", "unit"))
-        return Column(key, scale, offset, scaled, group, date, str(content.get("unit", "")))
+        return LogColumn(key, scale, offset, scaled, group, date, str(content.get("unit", "")))
 
-    def rate(self) -> float | Column:
+    def rate(self) -> float | LogColumn:
         value = self.content["rate"]
         if isinstance(value, Mapping):
             return self.column("rate")

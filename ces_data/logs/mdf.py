@@ -15,7 +15,7 @@ import numpy as np
 
 from ces_data.config_file import first_line
 from ces_data.logs.log_file import LogSeries, LogTable, TimedLog, import_reader, join_names, open_format
-from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_observer.errors import RecordingError
 
 BUS_FRAMES = "CAN_DataFrame"
@@ -38,7 +38,7 @@ class MdfLog(TimedLog):
         self.path = path
         import_reader("asammdf", "asammdf", "mdf", path)
 
-    def read(self, columns: Sequence[Column]) -> list[LogSeries]:
+    def read(self, columns: Sequence[LogColumn]) -> list[LogSeries]:
         """Return the channels of these names; one after the other is read from the file."""
         with opened_mdf(self.path) as mdf:
             start = start_ns(mdf)
@@ -63,7 +63,7 @@ class MdfLog(TimedLog):
                         found.append(replace(series, label=label, key=name, group=group))
             return found
 
-    def _find(self, mdf: Any, column: Column) -> Place:
+    def _find(self, mdf: Any, column: LogColumn) -> Place:
         masters = set(mdf.masters_db.items())
         places: list[Place] = sorted(set(mdf.channels_db.get(str(column.key), ())) - masters)
         if not places:

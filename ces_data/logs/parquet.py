@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.logs.log_file import LogTable, import_reader
-from ces_data.logs.log_mapping import Column, DynoMapping
+from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
@@ -54,7 +54,7 @@ class ParquetTable(LogTable):
         column, _ = self._read(key)
         return np.asarray(column.is_null().to_numpy(), dtype=np.bool_) if column.null_count else None
 
-    def stamps(self, column: Column) -> Stamps | None:
+    def stamps(self, column: LogColumn) -> Stamps | None:
         """Return the times of a column of timestamps or of whole nanoseconds; None for other numbers."""
         values, _ = self._read(column.key)
         if values.null_count:

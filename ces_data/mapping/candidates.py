@@ -13,7 +13,7 @@ import numpy as np
 from ces_data.bags.fields import FieldSeries, read_fields
 from ces_data.logs.log_file import LogTable, TimedLog
 from ces_data.logs.log_import import read_times
-from ces_data.logs.log_mapping import Column
+from ces_data.logs.log_mapping import LogColumn
 from ces_data.mapping.rating import Candidate, read_meaning, split_words
 from ces_data.recording import Stamps, Values
 from ces_data.units import QUANTITIES, Unit, find_unit, split_unit
@@ -49,9 +49,9 @@ class LogCandidates:
     """
 
     candidates: tuple[Candidate, ...]
-    keys: dict[str, Column]
-    time: Column | None = None
-    rate: float | Column | None = None
+    keys: dict[str, LogColumn]
+    time: LogColumn | None = None
+    rate: float | LogColumn | None = None
     time_text: str = ""
     time_doubt: str = ""
     unread: Mapping[str, str] = field(default_factory=dict)
@@ -90,13 +90,13 @@ class _TableColumn:
             return False
         return bool((np.diff(self.values) >= 0.0).all() and self.values[-1] > self.values[0])
 
-    def as_time(self) -> Column:
+    def as_time(self) -> LogColumn:
         """Return the column as a time in its stated unit, or in that in which it counts from 1970 by its size."""
         unit = self.time_unit
         if unit is None and len(self.values):
             fits = (text for text, low in EPOCHS.items() if low <= float(self.values[0]) < 1000.0 * low)
             unit = find_unit(next(fits, ""))
-        return Column(self.key, unit.scale, scaled=True, unit=unit.text) if unit else Column(self.key)
+        return LogColumn(self.key, unit.scale, scaled=True, unit=unit.text) if unit else LogColumn(self.key)
 
 
 def find_bag_candidates(paths: Sequence[Path]) -> tuple[tuple[Candidate, ...], dict[str, str]]:
@@ -161,7 +161,7 @@ def _of_series(log: TimedLog) -> LogCandidates:
         found.append(
             Candidate(series.label, (name,), series.stamps_ns, series.values, unit=stated or unit, stated=where)
         )
-        keys[series.label] = Column(key, group=series.group)
+        keys[series.label] = LogColumn(key, group=series.group)
     return LogCandidates(tuple(found), keys, time_text="the channels' own times", unread=unread)
 
 
@@ -169,7 +169,7 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
     columns, unread = _read_columns(table)
     time = None if rate else _find_time(table, columns, unread)
     counted = None if time or rate is not None else next(filter(_holds_rate, columns), None)
-    known_rate = rate if counted is None else Column(counted.key)
+    known_rate = rate if counted is None else LogColumn(counted.key)
     count = max((len(column.values) for column in columns), default=0)
     if time is None:
         rate_Hz = rate or (1000.0 if counted is None else float(counted.values[np.isfinite(counted.values)][0]))
@@ -183,7 +183,7 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
             reason = f"{c.key!r} has {len(there)} values for {len(stamps)} rows"
             unread.update(dict.fromkeys(_meanings(str(c.key)), reason))
         elif time is None or c.key != time.key:
-            keys[c.label] = Column(c.key)
+            keys[c.label] = LogColumn(c.key)
             if there.sum() >= MIN_SAMPLES:
                 values = (stamps, c.values) if there.all() else (stamps[there], c.values[there])
                 candidates.append(Candidate(c.label, (c.name,), *values, unit=c.unit, stated=c.stated))
@@ -225,7 +225,7 @@ def _without_path(error: RecordingError, table: LogTable) -> str:
     return f"line {text}" if text[:1].isdigit() else text
 
 
-def _find_time(table: LogTable, columns: Sequence[_TableColumn], unread: dict[str, str]) -> Column | None:
+def _find_time(table: LogTable, columns: Sequence[_TableColumn], unread: dict[str, str]) -> LogColumn | None:
     """Return the column of the time: dates and exact stamps first, then a time by name or unit that goes forward."""
     if dates := _find_dates(table, columns, unread):
         return dates
@@ -239,11 +239,11 @@ def _find_time(table: LogTable, columns: Sequence[_TableColumn], unread: dict[st
     for c in columns:  # whose fault is reported when it is read
         finite = c.values[np.isfinite(c.values)]
         if "time" in split_words(c.name) and len(finite) > 1 and np.ptp(finite) > 0.0:
-            return Column(c.key)
-    return next((Column(c.key) for c in columns[:1] if not table.names and c.goes_forward), None)
+            return LogColumn(c.key)
+    return next((LogColumn(c.key) for c in columns[:1] if not table.names and c.goes_forward), None)
 
 
-def _find_dates(table: LogTable, columns: Sequence[_TableColumn], unread: dict[str, str]) -> Column | None:
+def _find_dates(table: LogTable, columns: Sequence[_TableColumn], unread: dict[str, str]) -> LogColumn | None:
     """Return the first column of dates or of exact stamps; notes in `unread` why one that is named so has none."""
     for c in columns:
         if c.named_time and table.stamps(c.as_time()) is not None:
@@ -253,15 +253,15 @@ def _find_dates(table: LogTable, columns: Sequence[_TableColumn], unread: dict[s
         if names.count(name) > 1 or any(c.key == name for c in columns):
             continue
         try:
-            if table.stamps(Column(name)) is not None:
-                return Column(name)
+            if table.stamps(LogColumn(name)) is not None:
+                return LogColumn(name)
         except RecordingError as error:
             if read_meaning((split_unit(name)[0],)).quantity == "time" or set(split_words(name)) & DATE_WORDS:
                 unread["time"] = _without_path(error, table)
     return None
 
 
-def _find_calendar(column: _TableColumn) -> Column | None:
+def _find_calendar(column: _TableColumn) -> LogColumn | None:
     """Return a column whose numbers count from a date as some program does, None for any other."""
     dated = set(split_words(column.name)) & DATE_WORDS or column.named_time
     if not dated or not column.goes_forward or (column.unit and column.unit.text not in ("d", "s")):
@@ -270,7 +270,7 @@ def _find_calendar(column: _TableColumn) -> Column | None:
         if low <= column.values[0] and column.values[-1] < high:
             step_s = scale * float(np.median(np.diff(column.values)))
             if step_s < MAX_USUAL_STEP_S and not (scale > 1.0 and np.ptp(column.values) > 31.0):
-                return Column(column.key, scale, offset, scaled=True)
+                return LogColumn(column.key, scale, offset, scaled=True)
     return None
 
 
@@ -281,9 +281,9 @@ def _holds_rate(column: _TableColumn) -> bool:
     return bool(len(finite) and named and np.ptp(finite) == 0.0 and finite[0] > 1.0)
 
 
-def _describe_time(table: LogTable, time: Column | None, rate: float | Column | None) -> str:
+def _describe_time(table: LogTable, time: LogColumn | None, rate: float | LogColumn | None) -> str:
     if time is None:
-        return f"rate from {rate.key!r}" if isinstance(rate, Column) else f"rate {rate:g} Hz" if rate else ""
+        return f"rate from {rate.key!r}" if isinstance(rate, LogColumn) else f"rate {rate:g} Hz" if rate else ""
     if time.key == "":
         return "time from the first column"
     form = time.unit or ("s" if table.stamps(time) is None else "date or time of day")
@@ -292,7 +292,7 @@ def _describe_time(table: LogTable, time: Column | None, rate: float | Column | 
     return f"time from {time.key!r} [{form}]"
 
 
-def _doubt_time(table: LogTable, time: Column, stamps: Stamps, candidates: Sequence[Candidate]) -> str:
+def _doubt_time(table: LogTable, time: LogColumn, stamps: Stamps, candidates: Sequence[Candidate]) -> str:
     """Return why the unit of a time without one is doubtful, or why its steps are; '' if neither is."""
     where = f"time: column {time.key!r}"
     if not table.names:
@@ -317,7 +317,7 @@ def _doubt_time(table: LogTable, time: Column, stamps: Stamps, candidates: Seque
     return f"{where} states no unit; in seconds its steps are {usual:g} s (is it {other}?)"
 
 
-def _doubt_pairs(columns: Sequence[_TableColumn], time: Column) -> str:
+def _doubt_pairs(columns: Sequence[_TableColumn], time: LogColumn) -> str:
     """Return that signals have times of their own, as in `t_x, x, t_F, F`, '' if one time is that of all."""
     first = next((c for c in columns if c.key == time.key), None)
     if first is None:

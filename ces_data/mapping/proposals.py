@@ -13,7 +13,7 @@ from ces_data.logs.can import CanLog
 from ces_data.logs.csv import CsvTable
 from ces_data.logs.log_file import LogTable, TimedLog, open_log
 from ces_data.logs.log_import import to_recording
-from ces_data.logs.log_mapping import Column, DynoMapping, parse_dyno_mapping
+from ces_data.logs.log_mapping import DynoMapping, LogColumn, parse_dyno_mapping
 from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates, find_log_candidates
 from ces_data.mapping.choice import UNCHECKED, Choice, NotFound, Selection, choose
 from ces_data.mapping.rating import Candidate, Rating
@@ -234,7 +234,7 @@ class _MappingWriter:
             if time.offset:
                 unit = f", scale: {_format_number(time.scale)}, offset: {_format_number(time.offset)}"
             yield f"time: {{column: {_key_text(time.key)}{unit}}}"
-        elif isinstance(rate, Column):
+        elif isinstance(rate, LogColumn):
             yield f"rate: {{column: {_key_text(rate.key)}}}"
         elif rate is not None:
             yield f"rate: {_format_number(rate)}"
@@ -256,7 +256,7 @@ class _MappingWriter:
             remark = f"  # {describe_scale(choice)}"
         return f"{choice.signal}: {{{', '.join(parts)}}}{remark}"
 
-    def _column(self, candidate: Candidate) -> Column:
+    def _column(self, candidate: Candidate) -> LogColumn:
         return self.found.keys[candidate.label]
 
 

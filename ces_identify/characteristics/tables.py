@@ -38,10 +38,10 @@ def peak_table(results: Characteristics) -> Table[PeakForce]:
         DIRECTION,
         _number("Speed [m/s]", "speed_m_s", short="m/s"),
         _spread("Force [N]", "force", "N", 4, short="force\nN"),
-        *_simulated(results, results.peak_velocity, "force", "N"),
+        *_make_simulated_columns(results, results.peak_velocity, "force", "N"),
     ]
     title = "force at the peak speed (± standard deviation between cycles)"
-    return Table(columns, _measured(results.peak_velocity), title)
+    return Table(columns, _select_measured(results.peak_velocity), title)
 
 
 def work_table(results: Characteristics) -> Table[CycleWork]:
@@ -50,14 +50,14 @@ def work_table(results: Characteristics) -> Table[CycleWork]:
     columns: list[Column[CycleWork]] = [
         *CONDITION,
         _spread("Work [J]", "work", "J", 4, short="work\nJ"),
-        *_simulated(results, results.work, "work", "J"),
+        *_make_simulated_columns(results, results.work, "work", "J"),
         _number("Equivalent damping [Ns/m]", "damping_Ns_m", short="damping\nNs/m" * alone),
         _number("Rebound / compression", "rebound_ratio", short="ratio" * alone),
     ]
     if alone:
         columns.insert(-1, replace(_spread("zero-speed\nwidth N", "zero_width", "N", short=""), **IN_TERMINAL))
     rest = ", equivalent damping, hysteresis at zero speed, rebound over compression" if alone else ""
-    return Table(columns, _measured(results.work), f"work per cycle{rest}")
+    return Table(columns, _select_measured(results.work), f"work per cycle{rest}")
 
 
 def zero_speed_table(results: Characteristics) -> Table[CycleWork]:
@@ -68,7 +68,7 @@ def zero_speed_table(results: Characteristics) -> Table[CycleWork]:
         _number("Per 1 ms of delay [N]", "zero_width_per_ms_N"),
         _spread("Mid force at zero speed [N]", "mid_force", "N"),
     ]
-    return Table(columns, _measured(results.work))
+    return Table(columns, _select_measured(results.work))
 
 
 def width_table(results: Characteristics) -> Table[tuple[ContinuousForce, ...]]:
@@ -205,11 +205,13 @@ def _of_point(number: int, column: Column[Any]) -> Column[Any]:
     return replace(column, text=lambda curve: column.text(curve[number]))
 
 
-def _measured(rows: Sequence[OneRow]) -> list[OneRow]:
+def _select_measured(rows: Sequence[OneRow]) -> list[OneRow]:
     return [row for row in rows if row.source == MEASURED]
 
 
-def _simulated(results: Characteristics, rows: Sequence[ConditionRow], name: str, unit: str) -> list[Column[Any]]:
+def _make_simulated_columns(
+    results: Characteristics, rows: Sequence[ConditionRow], name: str, unit: str
+) -> list[Column[Any]]:
     """Return for each simulation a column of its values and one of their differences; dashes where it has no force.
 
     A terminal shows both for one simulation, only the differences for several: they must fit in 80 columns.

@@ -98,7 +98,7 @@ def _read(true: Numbers, *paths: str, sign: float = 1.0) -> float | None:
     return next((sign * true[path] for path in paths if path in true), None)
 
 
-def _added(true: Numbers, plant: str, *paths: str) -> float | None:
+def _find_increase(true: Numbers, plant: str, *paths: str) -> float | None:
     """Return how much the effect adds to the number of the plant's design, which does not vary between plants."""
     path = next((path for path in paths if path in true), None)
     return None if path is None else true[path] - KINDS[plant].design.number(path)
@@ -121,18 +121,18 @@ COUNTERPARTS: Mapping[tuple[str, str], Counterpart] = {
     ("position_delay", "delay_s"): lambda t, v, p: (
         -t["delay_s"] if t["delay_s"] < 0.0 or t["lag_share"] <= MAX_LAG_SHARE else None
     ),
-    ("inertia", "mass_kg"): lambda t, v, p: _added(t, p, "body.moving_mass_kg", "mass_kg"),
-    ("backlash", "gap_m"): lambda t, v, p: _added(t, p, "mount.play_m", "play_m"),
+    ("inertia", "mass_kg"): lambda t, v, p: _find_increase(t, p, "body.moving_mass_kg", "mass_kg"),
+    ("backlash", "gap_m"): lambda t, v, p: _find_increase(t, p, "mount.play_m", "play_m"),
     ("mount_compliance", "stiffness_N_m"): _added_stiffness,
     ("bump_stop", "compression_m"): lambda t, v, p: _read(t, *CLEARANCE),
     ("bump_stop", "rebound_m"): lambda t, v, p: (
         None if _read(t, *CLEARANCE) is None else -(_read(t, *CLEARANCE) or 0.0)
     ),
     ("bump_stop", "stiffness_N_m"): lambda t, v, p: _read(t, "body.bump_stiffness_N_m", "stop_N_m"),
-    ("friction", "coulomb_N"): lambda t, v, p: _added(t, p, "seal_N"),
-    ("leakage", "leak_m_sN"): lambda t, v, p: _added(t, p, "bypass_m_Ns"),
+    ("friction", "coulomb_N"): lambda t, v, p: _find_increase(t, p, "seal_N"),
+    ("leakage", "leak_m_sN"): lambda t, v, p: _find_increase(t, p, "bypass_m_Ns"),
     # the half width of the magnetic loop, if the law is that of the form (plays, or remanence)
-    ("current_hysteresis", "hysteresis_A"): lambda t, v, p: _added(
+    ("current_hysteresis", "hysteresis_A"): lambda t, v, p: _find_increase(
         t, p, "remanence_A" if "travel_A" in v else "ces_valve.hysteresis_A"
     ),
     ("current_hysteresis", "travel_A"): lambda t, v, p: _read(t, "remanence_bend_A"),

@@ -71,7 +71,7 @@ class WithheldEffect:
             raise RigError(f"withheld effect {self.name}: severity {self.severity!r}; expected a number of at least 0")
 
 
-def added(**paths: str) -> Change:
+def add_to(**paths: str) -> Change:
     """Return a change that adds to the numbers at `paths` the severity times a proportion, the name of the argument."""
     return lambda d, s, p: {path: get_number(d, path) + s * p[key] for key, path in paths.items()}
 

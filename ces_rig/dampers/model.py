@@ -19,7 +19,7 @@ from ces_observer.fields import read_record
 from ces_rig.dampers.effects import (
     Change,
     Proportions,
-    added,
+    add_to,
     get_number,
     interpolate_log,
     log_spread,
@@ -189,16 +189,16 @@ LUMPED_CHANGES: Mapping[str, Change] = {
         "oil_N_m": 1.0 / (1.0 / d.oil_N_m + s * p["compliance_m_N"]), "air_m": d.air_m + s * p["air_m"],
     },
     "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"], "play_edge_m": p["edge_m"]},
-    "inertia": added(mass_kg="mass_kg"),
+    "inertia": add_to(mass_kg="mass_kg"),
     "gas_spring": _gas_spring,
     "blow_off": lambda d, s, p: {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_Ns_m": p["beyond_Ns_m"]},
-    "current_hysteresis": added(loop_A="loop_A"),
+    "current_hysteresis": add_to(loop_A="loop_A"),
     "groove": lambda _d, s, p: {
         "groove_m_Ns": s * p["bypass_m_Ns"], "groove_at_m": p["at_m"], "groove_m": p["half_m"],
     },
     "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_m_J"]},
     "side_load": lambda _d, s, p: {"side_load_N_m": s * p["slope_N_m"], "side_at_m": p["at_m"]},
     "sticking_check": lambda _d, s, p: {"stick_N": s * p["adhesion_N"]},
-    "late_check": added(closing_s="closing_s"),
+    "late_check": add_to(closing_s="closing_s"),
 }  # fmt: skip
 """Changes of effects whose laws several kinds share; a kind replaces those that it has of its own."""

@@ -160,7 +160,7 @@ class LiveRig:
             self._actuator.change(loop.require_within(model.reach_m))
         self.ticks = 0
         start_A = self.command.at(0.0)
-        self._dead_time = DeadTime(model.delay_s / self._interval_s, self._count, start_A)
+        self._dead_time = CommandDelay(model.delay_s / self._interval_s, self._count, start_A)
         self._stepper.settle(*self._actuator.start, start_A)
 
     @property
@@ -285,7 +285,7 @@ class LiveSensors:
         return float(pair.stroke_m[1]), float(pair.coil_A[1]), float(pair.force_N[1])
 
 
-class DeadTime:
+class CommandDelay:
     """A dead time of `intervals` (need not be whole) for commands that last `count` intervals each."""
 
     def __init__(self, intervals: float, count: int, start: float) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from ces_rig.dampers.bouc_wen import kernel
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
-from ces_rig.dampers.effects import Change, Proportions, added, interpolate_log, log_spread, uniform_spread
+from ces_rig.dampers.effects import Change, Proportions, add_to, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS, DamperKind
 
 VARIED: Mapping[str, float] = {
@@ -79,15 +79,15 @@ CHANGES: Mapping[str, Change] = {
     **LUMPED_CHANGES,
     "friction": _friction,
     "compressibility": _compressibility,
-    "backlash": added(play_m="play_m"),
+    "backlash": add_to(play_m="play_m"),
     "cavitation": lambda d, s, p: {"void_N": d.void_N / (1.0 + s * p["gas_loss"])},
     "temperature_fade": _temperature_fade,
-    "leakage": added(bypass_m_Ns="bypass_m_Ns"),
+    "leakage": add_to(bypass_m_Ns="bypass_m_Ns"),
     "bump_stop": lambda d, s, p: {
         "stop_clearance_m": d.stop_clearance_m / (1.0 + s), "stop_N_m": p["stiffness_N_m"],
         "stop_progression_1_m": p["progression_1_m"],
     },
-    "valve_lag": added(field_s="field_s", eddy_s="eddy_s"),
+    "valve_lag": add_to(field_s="field_s", eddy_s="eddy_s"),
     "current_hysteresis": lambda d, s, p: {
         "remanence_A": d.remanence_A + s * p["loop_A"], "remanence_bend_A": p["bend_A"],
     },

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import exp
 
-from ces_rig.dampers.effects import Change, Proportions, added, interpolate_log, log_spread, uniform_spread
+from ces_rig.dampers.effects import Change, Proportions, add_to, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.hydraulic import kernel
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.model import DamperKind, replace_numbers
@@ -127,8 +127,8 @@ CHANGES: Mapping[str, Change] = {
         "oil.air_fraction": d.oil.air_fraction + s * p["air"],
     },
     "mount_compliance": _mount_compliance,
-    "backlash": added(play_m="mount.play_m"),
-    "inertia": added(mass_kg="body.moving_mass_kg"),
+    "backlash": add_to(play_m="mount.play_m"),
+    "inertia": add_to(mass_kg="body.moving_mass_kg"),
     "gas_spring": _gas_spring,
     "cavitation": lambda d, s, p: {
         "top_checks.compression.area_m2": d.top_checks.compression.area_m2 / (1.0 + s * p["choke"]),
@@ -136,7 +136,7 @@ CHANGES: Mapping[str, Change] = {
         "oil.vapour_pressure_Pa": RELEASE_PA + (d.oil.vapour_pressure_Pa - RELEASE_PA) * exp(-s * p["release"]),
     },
     "temperature_fade": _temperature_fade,
-    "leakage": added(
+    "leakage": add_to(
         ring_m3_sPa="piston.leakage_m3_sPa", bleed_m2="piston.bleed_area_m2", seat_m2="ces_valve.pilot_area_m2"
     ),
     "blow_off": lambda d, s, p: {
@@ -147,14 +147,14 @@ CHANGES: Mapping[str, Change] = {
         "body.bump_clearance_m": d.body.bump_clearance_m / (1.0 + s), "body.bump_stiffness_N_m": p["stiffness_N_m"],
         "body.bump_progression_1_m": p["progression_1_m"],
     },
-    "valve_lag": added(rise_s="ces_valve.pilot_rise_s", fall_s="ces_valve.pilot_fall_s"),
-    "current_hysteresis": added(width_A="ces_valve.hysteresis_A"),
+    "valve_lag": add_to(rise_s="ces_valve.pilot_rise_s", fall_s="ces_valve.pilot_fall_s"),
+    "current_hysteresis": add_to(width_A="ces_valve.hysteresis_A"),
     "groove": lambda _d, s, p: {
         "extras.groove_area": s * p["area_m2"], "extras.groove_at": p["at_m"], "extras.groove_width": p["width_m"],
     },
     "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_1_J"]},
     "side_load": lambda _d, s, p: {"extras.side_load": s * p["slope_N_m"], "extras.side_at": p["at_m"]},
-    "late_check": added(piston_s="piston.compression.closing_s", intake_s="top_checks.compression.closing_s"),
+    "late_check": add_to(piston_s="piston.compression.closing_s", intake_s="top_checks.compression.closing_s"),
     "sticking_check": lambda _d, s, p: {"extras.check_stick": s * p["adhesion_Pa"]},
 }  # fmt: skip
 

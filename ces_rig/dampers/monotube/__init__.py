@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ces_rig.dampers.effects import Change, Proportions, added, interpolate_log, log_spread, uniform_spread
+from ces_rig.dampers.effects import Change, Proportions, add_to, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS, DamperKind
 from ces_rig.dampers.monotube import kernel
 from ces_rig.dampers.monotube.parameters import Monotube
@@ -69,14 +69,14 @@ CHANGES: Mapping[str, Change] = {
         "gas_Pa": d.gas_Pa / (1.0 + s * p["gas_loss"]), "air_m": d.air_m * (1.0 + s * p["air"]),
     },
     "temperature_fade": _temperature_fade,
-    "leakage": added(clearance_m_sN="clearance_m_sN", bleed="bleed"),
+    "leakage": add_to(clearance_m_sN="clearance_m_sN", bleed="bleed"),
     "blow_off": lambda d, s, p: {
         "relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_port": p["port"], "relief_band_N": p["band_N"],
     },
     "bump_stop": lambda d, s, p: {
         "stop_clearance_m": d.stop_clearance_m / (1.0 + s), "stop_N_m": p["stiffness_N_m"], "stop_m": p["lock_m"],
     },
-    "valve_lag": added(pilot_s="pilot_s", eddy_s="eddy_s"),
+    "valve_lag": add_to(pilot_s="pilot_s", eddy_s="eddy_s"),
 }  # fmt: skip
 
 KIND = DamperKind(Monotube(), VARIED, WRONG, SPREADS, CHANGES, kernel)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from ces_rig.dampers.effects import Change, Proportions, added, interpolate_log, log_spread, uniform_spread
+from ces_rig.dampers.effects import Change, Proportions, add_to, interpolate_log, log_spread, uniform_spread
 from ces_rig.dampers.model import LUMPED_CHANGES, LUMPED_SPREADS, DamperKind
 from ces_rig.dampers.polyviscous import kernel
 from ces_rig.dampers.polyviscous.parameters import Polyviscous
@@ -64,11 +64,11 @@ CHANGES: Mapping[str, Change] = {
         "fade_1_K": d.fade_1_K + s * p["fade_1_K"],
         "heat_J_K": interpolate_log(d.heat_J_K, p["heat_J_K"], s / (0.1 + s)),
     },
-    "leakage": added(bypass_m_sN="bypass_m_sN"),
+    "leakage": add_to(bypass_m_sN="bypass_m_sN"),
     "bump_stop": lambda d, s, p: {
         "stop_clearance_m": d.stop_clearance_m / (1.0 + s), "stop_N_m": p["stiffness_N_m"], "stop_m": p["hardening_m"],
     },
-    "valve_lag": added(field_s="field_s", delay_s="delay_s"),
+    "valve_lag": add_to(field_s="field_s", delay_s="delay_s"),
 }  # fmt: skip
 
 KIND = DamperKind(Polyviscous(), VARIED, WRONG, SPREADS, CHANGES, kernel)

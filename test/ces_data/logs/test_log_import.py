@@ -10,7 +10,7 @@ import scipy.io
 from ces_data.logs import csv
 from ces_data.logs.log_file import open_log
 from ces_data.logs.log_import import import_log
-from ces_data.logs.log_mapping import TEMPLATE, Column, FileNameValue, FixedValue, MappingError, load_dyno_mapping
+from ces_data.logs.log_mapping import TEMPLATE, FileNameValue, FixedValue, LogColumn, MappingError, load_dyno_mapping
 from ces_observer.errors import CesError, RecordingError
 
 ROOT = Path(__file__).parents[3]
@@ -283,7 +283,7 @@ def test_bad_mapping_is_one_clear_line(tmp_path, text, phrase):
 
 def test_template_is_a_mapping_and_so_is_all_that_it_comments_out(tmp_path):
     plain = mapping(tmp_path, TEMPLATE)
-    assert plain.signals["position"] == Column("x_mm", 0.001, scaled=True)
+    assert plain.signals["position"] == LogColumn("x_mm", 0.001, scaled=True)
     keys = set(re.findall(r"^# ?([a-z_]+): ", TEMPLATE, flags=re.MULTILINE))
     layout = {"format", "delimiter", "decimal", "header_lines", "names", "blank", "rows", "dbc", "time", "rate"}
     assert keys == layout | {"position", "current", "temperature", "speed", "acceleration"}
@@ -348,6 +348,6 @@ def same_sign(recording):
 def test_sources_are_what_the_keys_say(tmp_path):
     text = TIME + 'position: {column: 2}\ncurrent: {constant: 1}\nforce: {from_name: "(\\\\d)"}\n'
     signals = mapping(tmp_path, text).signals
-    assert signals["position"] == Column(2)
+    assert signals["position"] == LogColumn(2)
     assert signals["current"] == FixedValue(1.0)
     assert isinstance(signals["force"], FileNameValue)

@@ -13,7 +13,7 @@ from ces_rig.experiment import (
     packaged_experiments,
     simulate_truth,
 )
-from ces_rig.live.rig import DeadTime, LiveRig, RigSettings, parse_effect, with_effects
+from ces_rig.live.rig import CommandDelay, LiveRig, RigSettings, parse_effect, with_effects
 from ces_rig.sensors import GRID_S
 from ces_rig.withheld import plants
 
@@ -37,7 +37,7 @@ def commands(low: float, high: float) -> np.ndarray:
 def driven(damper: DamperDescription, command: np.ndarray, step_s: float | None = None) -> np.ndarray:
     """Return the tared force [N] of the damper stepped tick by tick, as the live rig does."""
     stepper, speed = DamperStepper(damper.model, GRID_S, step_s), spline_speed(TIME, STROKE)
-    dead_time = DeadTime(damper.model.delay_s / GRID_S, COUNT, command[0])
+    dead_time = CommandDelay(damper.model.delay_s / GRID_S, COUNT, command[0])
     forces = [[stepper.settle(STROKE[0], speed[0], command[0])]]
     for k in range(1, len(TIME), COUNT):
         late = dead_time.after(command[k])
