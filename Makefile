@@ -2,6 +2,7 @@
 #              a report of each, without ROS
 # make test    lint, types, tests; the ROS tests too where ROS 2 is sourced. What needs a program that is not installed
 #              is skipped, and a line at the end says what to install
+# make test-fast  lint and the tests that are not marked slow: a developer's loop, within a minute
 # make test-bare  a part of the tests without those programs, as on a bare machine; .ci/run does this and then `test`
 # make bench   speed, each beside what it is compared with
 # make tables  tables 5.1 to 5.3 and figures 5.1 to 5.8 of the thesis on the virtual rig, and one model for all
@@ -19,7 +20,7 @@ RUN := env -u PYTHONPATH $(VENV)/bin
 OUT := out
 SECONDS ?= 60
 
-.PHONY: demo test test-bare lint suite test-ros bench tables docs clean
+.PHONY: demo test test-fast test-bare lint suite test-ros bench tables docs clean
 
 demo: $(VENV)/.installed
 	@mkdir -p $(OUT)
@@ -31,6 +32,10 @@ demo: $(VENV)/.installed
 	  --out $(OUT)/best.json --report $(OUT)/best.html --overwrite
 
 test: lint test-ros suite
+
+test-fast: $(VENV)/.installed-dev
+	$(RUN)/ruff check .
+	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --ignore=test/ros -n auto --dist loadfile -m "not slow"
 
 lint: $(VENV)/.installed-dev
 	$(RUN)/ruff check .
