@@ -8,6 +8,7 @@ from contextlib import suppress
 
 import pytest
 from needs import skip_without
+from shared_results import SharedResults, diagnose_once, identify_once
 
 with suppress(ImportError):  # as beside ROS 2
     from hypothesis import HealthCheck, settings
@@ -41,3 +42,15 @@ def busy_search_clock() -> Iterator[pytest.MonkeyPatch]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(search_clock, "time", BusyClock())
         yield patch
+
+
+@pytest.fixture(scope="session")
+def shared_model(tmp_path_factory: pytest.TempPathFactory) -> SharedResults:
+    """Bags, and the model of one with its page, as `ces identify` writes them: made once, and read-only."""
+    return identify_once(tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def shared_gap(tmp_path_factory: pytest.TempPathFactory) -> SharedResults:
+    """The same and a diagnosis, as `ces diagnose` writes it: made once, and read-only."""
+    return diagnose_once(tmp_path_factory)

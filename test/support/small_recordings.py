@@ -35,7 +35,11 @@ def make_columns(
 
 def write_small_bag(path: Path, seed: int = 1, seconds: float = 12.0) -> Path:
     """Write a bag with the default topics, and return its path."""
-    t, columns = make_columns(seconds, seed)
+    return write_columns(path, *make_columns(seconds, seed))
+
+
+def write_columns(path: Path, t: NDArray[np.float64], columns: dict[str, NDArray[np.float64]]) -> Path:
+    """Write a bag of these columns, sampled at times `t` [s], and return its path."""
     stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
     channels = {name: Channel(name, UNITS[name], stamps, values) for name, values in columns.items()}
     write_bag(path, recording_topics(Recording(path.name, channels), Signals.from_mapping({}, "defaults")))
