@@ -114,9 +114,9 @@ def make_parser() -> terminal.Parser:
         "Find where a simulation differs from recordings of the real damper, which missing effect is the cause, and "
         "how far the gap shrinks with that effect added. Writes gap.json, augmented.json (the simulation with the "
         "effects, itself a SIM), report.html and, where it would help, the next experiment.",
-        "ces diagnose --sim model.json --real bags/road bags/sweep --reference bags/new_damper --out gap\n"
-        "  ces diagnose --identify --reference bags/new_damper --real bags/road bags/sweep --out gap\n"
-        "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference bags/new_damper --out fleet_gap",
+        "ces diagnose --sim model.json --real worn/* --reference new/* --out gap\n"
+        "  ces diagnose --identify --reference new/* --real worn/* --out gap\n"
+        "  ces diagnose --sim damper.fmu --real 'fleet/*' --each vehicle --reference new/* --out fleet_gap",
         *OPTIONS,
         rules=RULES,
     )

@@ -1,0 +1,182 @@
+"""The documents say what is: their commands and examples run, their links and pictures exist, their size is a decision.
+
+`support/doc_pages.py` explains how a page is run, and which files its commands may name.
+"""
+
+from __future__ import annotations
+
+import argparse
+import fcntl
+import os
+import re
+import shutil
+from collections import Counter
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from doc_pages import QUICK_EFFECTS, ROOT, PageRunner, in_folder, make_parser, make_standard_files
+
+import ces_gap.pipeline
+import ces_identify.api
+from ces_cli.main import PROGRAMS
+from ces_gap.effects.library import library_effect
+
+DOCS = ROOT / "docs"
+PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
+LINKED = {"CHANGELOG.md": ROOT / "CHANGELOG.md", "bags/README.md": ROOT / "bags/README.md", **PAGES}
+MAX_WORDS = 91_000  # of README, CHANGELOG and docs, as `wc -w` counts them
+TO_CONVERT = (  # pages whose commands and examples do not run yet: take yours out
+    "README.md",
+    "docs/api.md",
+    "docs/blind.md",
+    "docs/characterise.md",
+    "docs/compare.md",
+    "docs/diagnose.md",
+    "docs/files.md",
+    "docs/first-report.md",
+    "docs/iterate.md",
+    "docs/learn-stroke.md",
+    "docs/live.md",
+    "docs/recordings.md",
+    "docs/reports.md",
+    "docs/results.md",
+    "docs/rig.md",
+    "docs/security.md",
+    "docs/sense.md",
+    "docs/serve.md",
+    "docs/shell-and-editors.md",
+    "docs/thesis.md",
+    "docs/tutorial.md",
+)
+FOLDERS = ("bench", "config", "examples", "launch", "test")
+SOURCES = ("*.py", "*.yaml", "*.j2", "*.xml", "*.ipynb")
+FENCED = re.compile(r"^( *)```.*?^\1```", re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture(scope="session")
+def standard_files(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of files that pages may name, made once by whichever process comes first."""
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    folder = shared / "standard_files"
+    with (shared / "standard_files.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        if not folder.exists():
+            made = shared / "standard_files.new"
+            made.mkdir()
+            with pytest.MonkeyPatch.context() as patch, in_folder(made):
+                shorten(patch)
+                make_standard_files(made)
+            made.rename(folder)
+    return folder
+
+
+@pytest.fixture
+def runner(standard_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> PageRunner:
+    """A page's folder, with short searches in it."""
+    folder = tmp_path / "page"
+    shutil.copytree(standard_files, folder)
+    for name in ("config", "examples"):
+        (folder / name).symlink_to(ROOT / name)
+    shorten(monkeypatch)
+    return PageRunner(folder)
+
+
+def shorten(patch: pytest.MonkeyPatch) -> None:
+    """Let examples in Python search for a second, and every diagnosis fit two effects."""
+    effects = tuple(library_effect(*one) for one in QUICK_EFFECTS)
+    patch.setattr(ces_gap.pipeline, "library", lambda: effects)
+    identify = ces_identify.api.identify
+
+    def identify_quickly(*recordings: Any, **options: Any) -> Any:
+        if options.get("structure", "auto") == "auto":
+            options |= {"structure": "polynomial", "terms": 3}
+        return identify(*recordings, **{**options, "time": 1.0, "starts": 1, "band": False})
+
+    patch.setattr(ces_identify.api, "identify", identify_quickly)
+    patch.setenv("MPLBACKEND", "Agg")
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_commands_and_examples_of_a_page_run(name: str, runner: PageRunner) -> None:
+    page = PAGES[name].read_text(encoding="utf-8")
+    try:
+        runner.run(page)
+    except AssertionError as error:
+        if name in TO_CONVERT:
+            pytest.xfail(str(error))
+        raise
+    assert name not in TO_CONVERT, "this page runs: take it out of TO_CONVERT"
+
+
+def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
+    """Yield the name of every program and subprogram with its parser."""
+    for name in PROGRAMS:
+        whole = make_parser(name)
+        yield name, whole
+        for action in whole._actions:
+            if isinstance(action, argparse._SubParsersAction):
+                yield from ((f"{name} {part}", own) for part, own in action.choices.items())
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_examples_in_the_help_of_a_program_run(name: str, runner: PageRunner) -> None:
+    shutil.copytree(ROOT / "bags" / "sine_4hz", runner.folder / "home" / "damper")
+    for program, parser in parsers():
+        if program.split()[0] == name:
+            lines = [line.strip() for line in (parser.epilog or "").splitlines()]
+            lines = [re.sub(r"\s{2,}\(.*\)$", "", line) for line in lines if line.startswith("ces ")]
+            assert any(line.startswith(f"ces {program} ") for line in lines), f"no example of ces {program}"
+            for line in lines:
+                runner.run(f"```console\n$ {line}\n```\n")
+
+
+def test_links_lead_to_files_and_headings() -> None:
+    headings = {path: find_headings(path.read_text(encoding="utf-8")) for path in LINKED.values()}
+    broken = []
+    for name, path in LINKED.items():
+        text = FENCED.sub("", path.read_text(encoding="utf-8"))
+        targets = re.findall(r"\]\(([^)\s]+)[^)]*\)|(?:src|href)=\"([^\"]+)\"", text)
+        for target in (one or other for one, other in targets):
+            file, _, anchor = target.partition("#")
+            if re.match(r"\w+:", target):
+                continue
+            there = (path.parent / file).resolve() if file else path
+            if not there.exists() or (anchor and anchor not in headings.get(there, ())):
+                broken.append(f"{name}: {target}")
+    assert not broken
+
+
+def find_headings(page: str) -> set[str]:
+    """Return the anchors of a page that its site and a repository's host both make."""
+    anchors: Counter[str] = Counter()
+    for heading in re.findall(r"^#{1,6} +(.*?)#*$", FENCED.sub("", page), re.MULTILINE):
+        plain = re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", heading).replace("`", "").replace("*", "")
+        anchors[re.sub(r"[-\s]", "-", re.sub(r"[^\w\s-]", "", plain).strip().lower())] += 1
+    return {anchor for anchor, count in anchors.items() if count == 1}
+
+
+def test_every_page_is_in_the_navigation_once() -> None:
+    named = re.findall(r"([\w/-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert sorted(named) == sorted(path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md"))
+
+
+def test_every_picture_is_shown() -> None:
+    text = "".join(path.read_text(encoding="utf-8") for path in LINKED.values())
+    assert [path.name for path in sorted((DOCS / "img").glob("*.*")) if f"img/{path.name})" not in text] == []
+
+
+def test_pages_named_in_programs_and_files_exist() -> None:
+    folders = [path for path in ROOT.iterdir() if path.name.startswith("ces_") or path.name in FOLDERS]
+    files = [path for folder in folders for pattern in SOURCES for path in folder.rglob(pattern)]
+    for path in (*files, ROOT / "Makefile", ROOT / "setup.py"):
+        for page in re.findall(r"\bdocs/[\w/-]+\.md", path.read_text(encoding="utf-8")):
+            assert (ROOT / page).is_file(), f"{path.relative_to(ROOT)} names {page}"
+
+
+def test_the_documents_stay_short() -> None:
+    paths = [ROOT / "README.md", ROOT / "CHANGELOG.md", *DOCS.rglob("*.md")]
+    words = sum(len(path.read_text(encoding="utf-8").split()) for path in paths)
+    assert words <= MAX_WORDS, f"{words} words: cut, or raise MAX_WORDS and say why"
