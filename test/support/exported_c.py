@@ -5,12 +5,13 @@ import math
 import subprocess
 
 import numpy as np
+from physical_examples import ENVELOPE
 
 from ces_identify.export.export_c import REASONS, export_c
 from ces_observer.estimator import Estimator
 from ces_observer.proof.certificate import Contraction
 
-STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O2", "-Werror"]
+STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O1", "-Werror"]
 CODES = {reason: code for code, reason in enumerate(REASONS.values())}
 UNPROVED = Contraction(2.0, 1.0, 1, "", "")
 COUNT = 2000
@@ -20,9 +21,14 @@ HARNESS = """
 #include <string.h>
 
 #ifdef MOTION
-#define STEP(i) model_step(&state, stamps[i], positions[i], currents[i], motions[i], &out[4 * i])
+#define STEP(i) model_step(&state, stamps[i], positions[i], currents[i], motions[i], &out[5 * i])
 #else
-#define STEP(i) ((void)motions, model_step(&state, stamps[i], positions[i], currents[i], &out[4 * i]))
+#define STEP(i) ((void)motions, model_step(&state, stamps[i], positions[i], currents[i], &out[5 * i]))
+#endif
+#ifdef BAND
+#define WIDTH model_half_width(&state)
+#else
+#define WIDTH 0.0
 #endif
 
 void steps(int64_t n, const int64_t *stamps, const double *positions, const double *currents, const double *motions,
@@ -33,9 +39,10 @@ void steps(int64_t n, const int64_t *stamps, const double *positions, const doub
     model_reset(&state);
     for (int64_t i = 0; i < n; i++) {
         reasons[i] = (int32_t)STEP(i);
-        out[4 * i + 1] = state.position_m;
-        out[4 * i + 2] = state.speed_m_s;
-        out[4 * i + 3] = state.past.clamped ? 1.0 : 0.0;
+        out[5 * i + 1] = state.position_m;
+        out[5 * i + 2] = state.speed_m_s;
+        out[5 * i + 3] = state.past.clamped ? 1.0 : 0.0;
+        out[5 * i + 4] = reasons[i] == MODEL_OK ? WIDTH : 0.0;
     }
 }
 
@@ -182,12 +189,13 @@ INPUTS = [
 # ------------------------------------------------------------------------------------------------------------ twins
 
 
-def compile_c(folder, model, certificate=UNPROVED, harness=HARNESS):
+def compile_c(folder, model, certificate=UNPROVED):
+    """Return the loaded library of a model's C and the harness."""
     source, header = export_c(model, "model", "model", certificate)
-    for name, text in (("model.c", source), ("model.h", header), ("harness.c", harness)):
+    for name, text in (("model.c", source), ("model.h", header), ("harness.c", HARNESS)):
         (folder / name).write_text(text, encoding="ascii")
-    motion = ["-DMOTION"] if model.sampling.motion_signal else []
-    run = ["cc", *STRICT, *motion, "-fPIC", "-shared", "-o", "model.so", "model.c", "harness.c", "-lm"]
+    defined = ["-DMOTION"] * bool(model.sampling.motion_signal) + ["-DBAND"] * bool(model.band)
+    run = ["cc", *STRICT, *defined, "-fPIC", "-shared", "-o", "model.so", "model.c", "harness.c", "-lm"]
     done = subprocess.run(run, cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
     return ctypes.CDLL(str(folder / "model.so"))
@@ -204,11 +212,11 @@ def motion_of(stamps, position):
 
 
 def c_steps(library, stamps, position, current):
-    """Return rows (n, 4) of force, position, speed and clamped, and reasons (n,)."""
+    """Return rows (n, 5) of force, position, speed, clamped and half width of the band, and reasons (n,)."""
     motion = motion_of(stamps, position)
     kinds = (np.int64, float, float, float)
     arrays = [np.ascontiguousarray(a, k) for a, k in zip((stamps, position, current, motion), kinds, strict=True)]
-    rows, reasons = np.full((len(stamps), 4), 1e9), np.full(len(stamps), -1, np.int32)
+    rows, reasons = np.full((len(stamps), 5), 1e9), np.full(len(stamps), -1, np.int32)
     library.steps(ctypes.c_int64(len(stamps)), *pointers(*arrays, rows, reasons))
     return rows, reasons
 
@@ -218,7 +226,8 @@ def python_steps(model, stamps, position, current):
     motion = motion_of(stamps, position) if model.sampling.motion_signal else np.zeros(len(stamps))
     for sample in zip(stamps.tolist(), position.tolist(), current.tolist(), motion.tolist(), strict=True):
         force = e.step(*sample)
-        rows.append((math.nan if force is None else force, e.position, e.speed, e.clamped))
+        width = e.half_width() if model.band and force is not None else 0.0
+        rows.append((math.nan if force is None else force, e.position, e.speed, e.clamped, width))
         reasons.append(CODES[e.reason])
     return np.array(rows, float), np.array(reasons)
 
@@ -251,3 +260,15 @@ def undefined_and_defined(folder):
 
 def seeded(shape):
     return shape(np.random.default_rng(INPUTS.index(shape)))
+
+
+def hostile(count, seed):
+    """Return inputs that jump between and beyond the ends of their ranges, each held for random times."""
+    dice, inputs = np.random.default_rng(seed), []
+    for low, high in ENVELOPE.by_signal.values():
+        width = high - low
+        ends = dice.choice([low, high, low - 1.5 * width, high + 1.5 * width, high + 0.4 * width, 0.0], count)
+        drawn = np.where(dice.random(count) < 0.7, ends, dice.uniform(low - 1.5 * width, high + 1.5 * width, count))
+        new = dice.random(count) < dice.choice([0.02, 0.3, 1.0])
+        inputs.append(drawn[np.maximum.accumulate(np.where(new, np.arange(count), 0))])
+    return inputs

@@ -4,13 +4,14 @@ import random
 import re
 import subprocess
 from dataclasses import replace
+from functools import cache
 from importlib import resources
 from math import inf, nan
 
 import pytest
 from bands import BAND
-from physical_examples import make_chambers, make_model, make_relaxation, make_valve
-from trained_models import fuzzy_model, network_model
+from physical_examples import make_chambers, make_model, make_valve
+from trained_models import network_model
 
 from ces_data.signals_file import load_signals
 from ces_identify.export.replay_sequence import START_NS, ReplaySequence, record_faults
@@ -18,13 +19,13 @@ from ces_identify.export.ros_package import export_ros_package, write_package
 from ces_observer.model import load_model
 from ces_observer.proof.certificate import Contraction
 
-pytestmark = pytest.mark.needs("cc", "c++")
+pytestmark = [pytest.mark.slow, pytest.mark.needs("cc", "c++")]
 
 FLAGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O0", "-fsanitize=undefined"]
 FLAGS += ["-fno-sanitize-recover=undefined"]
 UNPROVED = Contraction(2.0, 1.0, 1, "", "")
 MS = 1_000_000
-SAMPLE = load_model(resources.files("ces_observer").joinpath("../config/models/sample.json"))
+SAMPLE = resources.files("ces_observer").joinpath("../config/models/sample.json")
 
 
 def quick(model, **sampling):
@@ -33,28 +34,23 @@ def quick(model, **sampling):
 
 
 MODELS = {
-    "polynomial": replace(quick(SAMPLE, differentiator="adaptive", noise_m=1e-5), band=BAND),
-    "network, measured speed": quick(network_model(), differentiator="measured"),
-    "rules": quick(fuzzy_model()),
-    "relaxation": quick(make_model(make_relaxation(make_valve()))),
-    "chambers": quick(make_model(make_chambers(make_valve()))),
+    "polynomial": lambda: replace(quick(load_model(SAMPLE), differentiator="adaptive", noise_m=1e-5), band=BAND),
+    "network, measured speed": lambda: quick(network_model(), differentiator="measured"),
+    "chambers": lambda: quick(make_model(make_chambers(make_valve()))),
 }
 
 
 @pytest.fixture(scope="module")
 def replayer(tmp_path_factory):
-    """Return the folder with the package and the compiled replay of a model of MODELS, by its name."""
-    ready = {}
+    """Return a model of MODELS and the folder with its package and compiled replay, by its name."""
 
     def find(name):
-        if name not in ready:
-            folder = tmp_path_factory.mktemp("package") / "damper"
-            write_package(folder, export_ros_package(MODELS[name], "damper", load_signals(), UNPROVED))
-            compile_replay(folder)
-            ready[name] = folder
-        return ready[name]
+        model, folder = MODELS[name](), tmp_path_factory.mktemp("package") / "damper"
+        write_package(folder, export_ros_package(model, "damper", load_signals(), UNPROVED))
+        compile_replay(folder)
+        return model, folder
 
-    return find
+    return cache(find)
 
 
 def compile_replay(folder):
@@ -70,32 +66,26 @@ def replay(folder, text):
     return done.returncode, done.stdout + done.stderr
 
 
-def reasons_in(text):
-    return {line.split(" ", 2)[2] for line in text.splitlines() if line.startswith("x ")}
-
-
 @pytest.mark.parametrize("name", MODELS)
-def test_the_stored_sequence_is_repeated_without_allocating(replayer, name):
-    folder = replayer(name)
+def test_the_stored_sequence_is_repeated_without_allocating(replayer, name) -> None:
+    model, folder = replayer(name)
     text = (folder / "test" / "sequence.txt").read_text()
     status, output = replay(folder, text)
     assert (status, output.splitlines()[-1]) == (0, "0 allocations with finite samples"), output
-    assert text == record_faults(MODELS[name])
-    assert {"ok", "warming up", "position is not finite", "position stamps are off the node's clock"} <= reasons_in(
-        text
-    )
-    assert "stamp repeats or runs backwards" in reasons_in(text)
-    assert "no usable current" in reasons_in(text)
+    assert text == record_faults(model)
+    reasons = {line.split(" ", 2)[2] for line in text.splitlines() if line.startswith("x ")}
+    assert {"ok", "warming up", "position is not finite", "position stamps are off the node's clock"} <= reasons
+    assert {"stamp repeats or runs backwards", "no usable current"} <= reasons
 
 
-@pytest.mark.parametrize("wait_s", [0.0, 0.005])
+@pytest.mark.parametrize(("seed", "wait_s"), [(0, 0.0), (1, 0.005)])
 @pytest.mark.parametrize("name", MODELS)
-def test_any_samples_give_the_same_answers(replayer, name, wait_s):
-    for seed in range(2):
-        text = fuzzed(MODELS[name], wait_s, seed)
-        status, output = replay(replayer(name), text)
-        assert status == 0, output
-        assert len(re.findall("^x [0-9]+ ok$", text, re.MULTILINE)) > 1000
+def test_any_samples_give_the_same_answers(replayer, name, seed, wait_s) -> None:
+    model, folder = replayer(name)
+    text = fuzzed(model, wait_s, seed)
+    status, output = replay(folder, text)
+    assert status == 0, output
+    assert len(re.findall("^x [0-9]+ ok$", text, re.MULTILINE)) > 1000
 
 
 def fuzzed(model, wait_s, seed):
@@ -140,8 +130,8 @@ def act(sequence, chance, stamp_ns, position, now_ns):
         chance.choice((sequence.reset, sequence.report_silence))(now_ns)
 
 
-def test_a_difference_is_found_and_printed(replayer):
-    folder = replayer("polynomial")
+def test_a_difference_is_found_and_printed(replayer) -> None:
+    folder = replayer("polynomial")[1]
     lines = (folder / "test" / "sequence.txt").read_text().splitlines()
     place = next(k for k, line in enumerate(lines) if line.startswith("e "))
     words = lines[place].split()
