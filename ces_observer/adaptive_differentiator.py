@@ -5,7 +5,7 @@ errors e have the variance S = noise^2 / (1 - gain of the position) if its bandw
 the mean of the filters with the weights exp(score), where every sample adds -(e^2 / S + ln S) / 2 to a score and scores
 fade with MEMORY_S: a static multiple-model estimator (Bar-Shalom, Li & Kirubarajan, Estimation with Applications to
 Tracking and Navigation, sec. 11.6) with a fading memory. The weights are positive and sum to one, so the output lies
-between those of the filters, each of which is stable. docs/differentiator.md compares it with a fixed bandwidth.
+between those of the filters, each of which is stable. docs/speed.md compares it with a fixed bandwidth.
 """
 
 from __future__ import annotations

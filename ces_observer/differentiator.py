@@ -5,7 +5,7 @@ the steady-state Kalman filter of a chain of `order` integrators driven by white
 pattern of radius `bandwidth` (Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and Navigation,
 sec. 6.5). Order 3 (white jerk) has no delay at low frequency; order 2 (white acceleration) lags by
 1.41 / (2 pi bandwidth) but does not amplify signals near the bandwidth. The poles are placed again when the interval
-changes, so the bandwidth is the same at any sampling rate. docs/differentiator.md compares the alternatives.
+changes, so the bandwidth is the same at any sampling rate. docs/speed.md compares the alternatives.
 """
 
 from __future__ import annotations

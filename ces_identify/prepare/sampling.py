@@ -1,6 +1,6 @@
 """Chooses rate, differentiator and outlier threshold from the position samples, without the force.
 
-The differentiator (docs/differentiator.md) has an order and a bandwidth. They minimise the predicted error of the
+The differentiator (docs/speed.md) has an order and a bandwidth. They minimise the predicted error of the
 speed, distortion of the stroke plus transmitted noise, on the recordings' spectra. As a model also runs on other
 strokes, the prediction adds a little wide-band speed to each recording.
 
@@ -131,7 +131,7 @@ RATE_SLACK = 1.01  # a nominal rate is a little above that of the stamps
 HIGHEST_RATE = 1000.0  # [Hz] enough for damping forces, except that
 TICKS_A_BANDWIDTH = 8.0  # a differentiator needs so many ticks per period of its bandwidth
 OUTLIER_FACTOR = 25.0  # times the standard deviation of the differentiator's innovations
-WIDEST = {2: 1.0 / 3.0, 3: 0.15}  # of the sampling rate, by order; docs/differentiator.md: stable under any jitter
+WIDEST = {2: 1.0 / 3.0, 3: 0.15}  # of the sampling rate, by order; docs/speed.md: stable under any jitter
 NOISE_FROM_HZ = 100.0  # [Hz] the stroke has no content above this, or a quarter of the sampling rate if lower
 EXTRA_SHARE = 0.02  # power of the added wide-band speed, relative to the recording's speed
 EXTRA_HZ = 40.0  # [Hz] corner frequency of the added speed
