@@ -35,7 +35,7 @@ test: lint test-ros suite
 
 test-fast: $(VENV)/.installed-dev
 	$(RUN)/ruff check .
-	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --ignore=test/ros -n auto --dist loadfile -m "not slow"
+	$(RUN)/python -m pytest --ignore=test/ros -n auto --dist loadfile -m "not slow"
 
 lint: $(VENV)/.installed-dev
 	$(RUN)/ruff check .
@@ -43,7 +43,7 @@ lint: $(VENV)/.installed-dev
 	$(RUN)/mypy
 
 suite: $(VENV)/.installed-dev
-	OPENBLAS_NUM_THREADS=1 $(RUN)/python -m pytest --ignore=test/ros -n auto --dist loadfile
+	$(RUN)/python -m pytest --ignore=test/ros -n auto --dist loadfile
 
 test-bare: $(VENV)/.installed-dev
 	@test/run_bare $(VENV)/bin/python

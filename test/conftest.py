@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import suppress
+
+os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before NumPy: beside other work, several threads cost minutes
 
 import pytest
 from needs import skip_without

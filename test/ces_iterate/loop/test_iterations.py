@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +22,8 @@ from ces_iterate.page import write_page
 from ces_iterate.rigs.folder import DROP, FolderRig
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
+
+pytestmark = pytest.mark.slow
 
 
 def rows(out: Path) -> list[dict[str, Any]]:
@@ -78,27 +79,20 @@ def test_an_interrupted_iteration_goes_on_to_the_same_results(finished: Path, tm
     assert rows(tmp_path) == rows(finished)
 
 
-def test_a_kill_between_recording_and_fit_repeats_only_the_fit(finished: Path, tmp_path: Path) -> None:
-    plan = make_plan(tmp_path)
-    Iterations(replace(plan, stop=replace(plan.stop, max_iterations=1)), monotube_rig(), tmp_path).run()
-    (tmp_path / ROWS).write_text("")
-    (tmp_path / "iteration_01" / "model.json").unlink()
-    rig = BreakingRig(0)
-    Iterations(plan, rig, tmp_path).run()
-    assert rig.runs == 1
-    assert rows(tmp_path) == rows(finished)
-
-
-def test_a_larger_budget_goes_on(finished: Path, tmp_path: Path) -> None:
+def test_a_larger_budget_goes_on_also_after_a_kill_between_recording_and_fit(finished: Path, tmp_path: Path) -> None:
     plan = make_plan(tmp_path, stop={"budget_s": 3.0})
     assert Iterations(plan, monotube_rig(), tmp_path).run().startswith("budget spent")
     assert len(rows(tmp_path)) == 1
-    Iterations(make_plan(tmp_path), monotube_rig(), tmp_path).run()
+    (tmp_path / ROWS).write_text("")
+    (tmp_path / "iteration_01" / "model.json").unlink()
+    rig = BreakingRig(0)
+    Iterations(make_plan(tmp_path), rig, tmp_path).run()
+    assert rig.runs == 1  # only the fit of the first is repeated
     assert rows(tmp_path) == rows(finished)
 
 
 def test_a_target_on_fresh_data_ends_it(tmp_path: Path) -> None:
-    plan = make_plan(tmp_path, experiments={"duration_s": 12.0}, stop={"budget_s": 60.0, "target_J": 99.0})
+    plan = make_plan(tmp_path, experiments={"duration_s": 6.0}, stop={"budget_s": 60.0, "target_J": 99.0})
     assert Iterations(plan, monotube_rig(), tmp_path).run().startswith("target reached")
     assert len(rows(tmp_path)) == 2
 
