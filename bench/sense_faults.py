@@ -1,6 +1,6 @@
 """Measures the sense checks: detection rates of faults put into sound recordings, and false alarms on sound ones.
 
-    python -m bench.sense_faults [--plants N] [--docs docs/sense.md]
+    python -m bench.sense_faults [--plants N] [--docs docs/checks.md]
 
 Recordings: those of `sense_judges`, which no threshold was set with. Measured data join in if CES_DATA names their
 folder; they were in view. Each fault is put into each recording by itself.
