@@ -243,13 +243,13 @@ class PageRunner:
         for name in {Path(name) for name in list_outputs(words)} & self.standard:
             self.standard.discard(name)
             shutil.rmtree(name) if name.is_dir() else name.unlink()
-        status, text = run_words(words + list_shorter(words))
+        status, output, text = run_words(words + list_shorter(words))
         fails = bool(printed) and printed[0].startswith(f"ces {words[0]}: error: ")
         assert status == (2 if fails else 0), f"'{command}' ended with status {status}:\n{text}"
         if file:
             target = Path(file.strip()).expanduser()
             target.parent.mkdir(parents=True, exist_ok=True)
-            target.write_text(text)
+            target.write_text(output)
         elif words[0] != "diagnose" or fails:  # of few effects, a diagnosis says other things
             require_lines(printed, text, command)
 
@@ -282,18 +282,18 @@ def expand(words: list[str]) -> list[str]:
     return [name for word in words for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])]
 
 
-def run_words(words: list[str]) -> tuple[int, str]:
-    """Run `ces`; return its exit status and what it prints."""
-    printed = io.StringIO()
+def run_words(words: list[str]) -> tuple[int, str, str]:
+    """Run `ces`; return its exit status, its standard output, and that with its messages behind."""
+    output, messages = io.StringIO(), io.StringIO()
     before, sys.argv = sys.argv, ["ces", *words]
     try:
-        with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+        with contextlib.redirect_stdout(output), contextlib.redirect_stderr(messages):
             status = main(words)
     except SystemExit as stop:
         status = int(stop.code or 0)
     finally:
         sys.argv = before
-    return status, printed.getvalue()
+    return status, output.getvalue(), output.getvalue() + messages.getvalue()
 
 
 def require_lines(wanted: list[str], text: str, command: str) -> None:
@@ -367,7 +367,7 @@ def check_launch(words: list[str]) -> None:
     """Check `FILE.launch.py NAME:=VALUE...`."""
     file = ROOT / "launch" / words[0]
     assert file.is_file(), f"there is no launch file '{words[0]}'"
-    names = re.findall(r'^    "(\w+)":', file.read_text(encoding="utf-8"), re.MULTILINE)
+    names = re.findall(r'(?:^    |LaunchArgument\()"(\w+)"', file.read_text(encoding="utf-8"), re.MULTILINE)
     for word in words[1:]:
         assert word.partition(":=")[0] in names, f"{words[0]} has no argument '{word}'"
 
