@@ -12,6 +12,7 @@ from ces_identify.structures import KITS
 from ces_identify.structures.auto import default_sizes
 from ces_identify.structures.kit import IdentifyOptions
 
+pytestmark = pytest.mark.slow
 LIMITS = Limits(time=20.0, starts=1, threads=1)
 
 
@@ -33,15 +34,12 @@ def test_each_recording_is_left_out_of_one_model_that_is_worse_there():
         assert rms(found.result.model) < rms(part.model) < 2.0 * rms(found.result.model)
 
 
-def test_of_a_single_recording_stretches_are_left_out_that_cover_it():
-    parts = fitted([rig_ride(1)]).parts
+def test_of_a_single_recording_stretches_are_left_out_that_cover_it_and_models_repeat() -> None:
+    found, again = fitted([rig_ride(1)]), fitted([rig_ride(1)])
+    parts = found.parts
     edges = [(p.start_s, p.stop_s) for p in parts]
     assert len(parts) == 3 and edges[0][0] == -np.inf and edges[-1][1] == np.inf
     assert [stop for _, stop in edges[:-1]] == pytest.approx([start for start, _ in edges[1:]])
     assert len({p.model.to_json() for p in parts}) == 3
-
-
-def test_the_same_recordings_give_the_same_models():
-    first, second = fitted([rig_ride(1)]), fitted([rig_ride(1)])
-    assert first.result.model.to_json() == second.result.model.to_json()
-    assert [p.model.to_json() for p in first.parts] == [p.model.to_json() for p in second.parts]
+    assert found.result.model.to_json() == again.result.model.to_json()
+    assert [p.model.to_json() for p in parts] == [p.model.to_json() for p in again.parts]

@@ -11,6 +11,7 @@ import threading
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from ces_identify.polynomial.search_limits import SearchResult
 from ces_identify.progress_file import ProgressFile, SearchProgressFile, progress_path, read_progress
@@ -44,11 +45,8 @@ def test_a_search_is_there_while_it_runs_and_gone_after_it(tmp_path: Path) -> No
 
 
 def test_it_is_gone_after_an_error_too(tmp_path: Path) -> None:
-    try:
-        with ProgressFile("identify", tmp_path / "model.json", {}):
-            raise KeyboardInterrupt
-    except KeyboardInterrupt:
-        pass
+    with pytest.raises(KeyboardInterrupt), ProgressFile("identify", tmp_path / "model.json", {}):
+        raise KeyboardInterrupt
     assert list(tmp_path.iterdir()) == []
 
 
@@ -94,17 +92,8 @@ def test_a_folder_that_cannot_be_written_does_not_stop_the_work(tmp_path: Path) 
         file.listen(found(9.0))
 
 
-def test_the_file_of_a_killed_program_is_not_alive(tmp_path: Path) -> None:
-    code = (
-        "import os; from pathlib import Path; from ces_identify.progress_file import ProgressFile\n"
-        f"ProgressFile('identify', Path({str(tmp_path / 'm')!r}), {{}}).__enter__(); os._exit(9)"
-    )
-    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 9
-    progress = read_progress(tmp_path / ".m.progress")
-    assert progress is not None and not progress.alive
-
-
-def test_a_killed_program_whose_parent_has_not_asked_is_not_alive(tmp_path: Path) -> None:
+@pytest.mark.slow
+def test_a_killed_program_is_not_alive_even_before_its_parent_asks(tmp_path: Path) -> None:
     code = (
         "import sys; from pathlib import Path; from ces_identify.progress_file import ProgressFile\n"
         f"ProgressFile('identify', Path({str(tmp_path / 'm')!r}), {{}}).__enter__(); print(); sys.stdin.read()"
@@ -117,6 +106,8 @@ def test_a_killed_program_whose_parent_has_not_asked_is_not_alive(tmp_path: Path
         os.waitid(os.P_PID, process.pid, os.WEXITED | os.WNOWAIT)  # it stays
         killed = read_progress(tmp_path / ".m.progress")
         assert killed is not None and not killed.alive
+    gone = read_progress(tmp_path / ".m.progress")
+    assert gone is not None and not gone.alive
 
 
 def test_another_process_with_the_same_number_is_not_the_one(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import socket
 from dataclasses import replace
 
 import pytest
-from campaign_parts import CAMPAIGN, RULES, made
+from campaign_parts import RULES, made
 from dask_clusters import dask_scheduler
 
 from ces_identify import jobs as cluster_module
@@ -15,6 +15,8 @@ from ces_identify.campaign.plan import jobs, load_campaign
 from ces_identify.jobs import Task, run_in_processes, run_on_cluster, run_on_this_machine
 from ces_observer.errors import CesError
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):
@@ -22,7 +24,8 @@ def work(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
     (folder / "rules.yaml").write_text(RULES)
     (folder / "c.yaml").write_text(
-        CAMPAIGN.replace("  both:", "  short: [short]\n  both:").replace("  sigmoid: {units: 2}\n", "")
+        "bags: {one: [one], short: [short]}\nvalidate: {other: two}\n"
+        "structures: {polynomial: {terms: [2, 3], method: random, candidates: rules.yaml}}\nlimits: {time: 600}\n"
     )
     campaign = load_campaign(folder / "c.yaml")
     recordings = {path: made(seed, name=path.name) for seed, path in enumerate(campaign.paths, start=1)}

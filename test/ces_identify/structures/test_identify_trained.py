@@ -20,6 +20,7 @@ from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
 
+pytestmark = pytest.mark.slow
 LAGS = Lags((1,), (0.0, 1 / RATE_HZ), (3 / RATE_HZ,))
 KINDS = {
     "network": (NETWORK, NetworkShape(3, LAGS, 1e-8)),
@@ -29,7 +30,7 @@ NOISE_N = 4.0
 
 
 def options(**changes):
-    fields = {"limits": Limits(time=30.0, starts=2, threads=2), "rate": RATE_HZ, "bandwidth": 40.0}
+    fields = {"limits": Limits(time=30.0, starts=1, threads=1), "rate": RATE_HZ, "bandwidth": 40.0}
     return IdentifyOptions(**{"split": 1.0, **fields, **changes})
 
 
@@ -45,16 +46,11 @@ def result(request):
     return request.param, identify_kind(request.param)
 
 
-def test_cost_on_a_fresh_recording_is_the_noise_floor(result):
+def test_cost_on_a_fresh_recording_is_the_noise_floor_and_the_band_holds_its_share(result) -> None:
     _, identified = result
     fresh = next(e for e in identified.evaluations if e.name == "fresh")
     assert fresh.role == VALIDATION
     assert fresh.rms_N == pytest.approx(NOISE_N, rel=0.1)
-
-
-def test_the_band_holds_its_share_of_a_fresh_recording(result):
-    _, identified = result
-    fresh = next(e for e in identified.evaluations if e.name == "fresh")
     assert 0.85 <= fresh.coverage <= 0.96  # planted noise; the band widens a little on other strokes
 
 
@@ -87,9 +83,7 @@ def test_held_out_data_do_not_change_the_model(kind):
     late = round(0.75 * len(values)) + 1
     values[late:] = np.random.default_rng(0).normal(0, 1e4, len(values))[late:]
     spoiled = replace(clean, channels={**clean.channels, "force": replace(force, values=values)})
-    few = Limits(time=30.0, starts=1, threads=1)
-    one = identify_kind(kind, 0.75, [clean], limits=few)
-    other = identify_kind(kind, 0.75, [spoiled], limits=few)
+    one, other = (identify_kind(kind, 0.75, [recording]) for recording in (clean, spoiled))
     assert one.model.body == other.model.body
     assert [e.role for e in one.evaluations] == [IDENTIFICATION, VALIDATION, VALIDATION]
 
@@ -99,7 +93,7 @@ def test_a_constant_current_is_left_out(kind):
     clean = planted(KINDS[kind][0], 4)
     current = clean.channel("current")
     fixed = {**clean.channels, "current": replace(current, values=np.full(len(current), 0.5))}
-    identified = identify_kind(kind, 1.0, [replace(clean, channels=fixed)], limits=Limits(time=30.0, starts=1))
+    identified = identify_kind(kind, 1.0, [replace(clean, channels=fixed)])
     body = identified.model.body
     assert not any(r.signal == "current" for r in body.regressors)
 
