@@ -1,13 +1,16 @@
-"""One diagnosis of each verdict, made up around recordings in memory: what documents and pages are tested with."""
+"""One diagnosis of each verdict, made up around a damper in memory with seal friction that its simulation lacks."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
 import numpy as np
-from diagnosed_traces import NOISE_N, Friction, Hysteresis, ValveLag, located, series, setting
+from example_effects import Friction
 
+from ces_data.arrays import F
+from ces_data.recording import Channel, Recording
 from ces_gap.diagnosis import (
     AMBIGUOUS,
     NAMED,
@@ -19,23 +22,92 @@ from ces_gap.diagnosis import (
     Gap,
     HeldOutSeries,
     NextExperiment,
+    Where,
 )
-from ces_gap.effects.effect import Composition, Setting
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
+from ces_gap.regions.locate import locate
+from ces_gap.trace import make_trace
 
+NOISE_N = 8.0
+COULOMB_N, TRANSITION = 38.0, 0.012  # [N], [m/s] of the withheld friction
 FRICTION = (Estimate("coulomb_N", 36.86, (35.1, 38.4)), Estimate("transition_m_s", 0.013, (0.0104, 0.0159)))
 LAG = (Estimate("rise_s", 0.0213, (0.0171, 0.0255)),)
 WIDTH = (Estimate("width_A", 0.112, (0.071, 0.157), drifts=True),)
 BOUND = (Estimate("rise_s", 0.1, (0.094, 0.1), at_bound=True),)
 
 
+class ValveLag(Effect):
+    """A valve lag for tests; only its name and parameters matter."""
+
+    name, form = "valve_lag", "first order"
+    parameters = (EffectParameter("rise_s", 0.0, 0.1, (0.01,), "time constant of a rising force", magnitude=True),)
+
+
+class Hysteresis(Effect):
+    """A magnetic hysteresis for tests; only its name and parameters matter."""
+
+    name, form = "current_hysteresis", "play"
+    parameters = (EffectParameter("width_A", 0.0, 0.5, (0.05,), "width of the play in the current", magnitude=True),)
+
+
+def series(
+    name: str, seed: int, coulomb_N: float = COULOMB_N, own: float = 1.0, seconds: float = 10.0
+) -> HeldOutSeries:
+    """Return a recording with `coulomb_N` of friction that the simulation lacks, which is `own` times off itself."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(0.0, seconds, 0.002)
+    position = 0.02 * np.sin(2 * np.pi * 1.7 * time + seed) + 0.008 * np.sin(2 * np.pi * 5.1 * time)
+    speed = np.gradient(position, time)
+    current = np.repeat(rng.uniform(0.1, 1.5, len(time) // 250), 250)
+    error = own * own_error(speed, current)
+    simulated = damping(position, speed, current)
+    force = simulated + error + coulomb_N * np.tanh(speed / TRANSITION) + NOISE_N * rng.normal(size=len(time))
+    trace = make_trace(recording(name, time, position, current, force), simulated)
+    corrected = trace.simulated + own * own_error(trace.inputs.speed, trace.inputs.current)
+    effect = Composition((Setting(Friction(), (0.97 * coulomb_N, 0.013)),))
+    return HeldOutSeries(trace, corrected, effect.respond(trace, trace.inputs, corrected))
+
+
+def damping(position: F, speed: F, current: F) -> F:
+    return np.asarray((500.0 + 700.0 * current) * np.tanh(speed / 0.12) + 450.0 * speed + 3000.0 * position)
+
+
+def own_error(speed: F, current: F) -> F:
+    return np.asarray(14.0 * np.sin(9.0 * speed) + 6.0 * current)
+
+
+def recording(name: str, time: F, position: F, current: F, force: F) -> Recording:
+    stamps = np.rint(time * 1e9).astype(np.int64)
+    signals = {"position": ("m", position), "current": ("A", current), "force": ("N", force)}
+    return Recording(name, {n: Channel(n, u, stamps, v) for n, (u, v) in signals.items()}, sha256="5a" * 32)
+
+
+def located(held_out: Sequence[HeldOutSeries], kept: str = "simulated") -> Where:
+    """Return where measured minus `kept` (simulated or corrected) lies."""
+    simulated = {"simulated": [s.trace.simulated for s in held_out], "corrected": [s.corrected for s in held_out]}
+    gap = [s.trace.force - force for s, force in zip(held_out, simulated[kept], strict=True)]
+    return locate([s.trace for s in held_out], gap, NOISE_N)
+
+
 @cache
 def named() -> Diagnosis:
     held_out = (series("bags/held_out_road", 1), series("bags/held_out_noise", 2))
     where = located(held_out)
-    friction = explained(setting(Friction(), 36.86, 0.013), FRICTION, held_out, 0.94)
+    friction = explained(
+        Setting(
+            Friction(),
+            (
+                36.86,
+                0.013,
+            ),
+        ),
+        FRICTION,
+        held_out,
+        0.94,
+    )
     after = tuple((r, 0.14 * r.rms_N + 0.4) for r in where.regions[:8])
-    lag = replace(explained(setting(ValveLag(), 0.0213), LAG, held_out, 0.02), gap_after_N=28.4, shrink=0.29)
-    width = replace(explained(setting(Hysteresis(), 0.112), WIDTH, held_out, 0.01), gap_after_N=33.0, shrink=0.175)
+    lag = replace(explained(Setting(ValveLag(), (0.0213,)), LAG, held_out, 0.02), gap_after_N=28.4, shrink=0.29)
+    width = replace(explained(Setting(Hysteresis(), (0.112,)), WIDTH, held_out, 0.01), gap_after_N=33.0, shrink=0.175)
     lag, width = replace(lag, shrink_ci95=(0.22, 0.36)), replace(width, shrink_ci95=(0.08, 0.26))
     return Diagnosis(
         verdict=NAMED,
@@ -71,7 +143,18 @@ def named() -> Diagnosis:
 def pair() -> Diagnosis:
     """Return the named one with a second effect beside friction, both fitted together."""
     first = named()
-    both = Composition((setting(Friction(), 35.2, 0.012), setting(ValveLag(), 0.011)))
+    both = Composition(
+        (
+            Setting(
+                Friction(),
+                (
+                    35.2,
+                    0.012,
+                ),
+            ),
+            Setting(ValveLag(), (0.011,)),
+        )
+    )
     composition = replace(
         first.composition,
         effects=("friction", "valve_lag"),

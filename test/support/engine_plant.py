@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
 from ces_gap.inference.verdict import Calibration
 from ces_gap.trace import Trace, open_trace
 from ces_identify.simulations.simulation import FunctionSimulation
 
-F = NDArray[np.float64]
 Truth = Callable[[F, F, F], F]  # time [s], position [m], current [A] -> force [N], each (n,)
 
 RATE_HZ = 500.0
@@ -30,6 +31,7 @@ def damper(time_s: F, position_m: F, current_A: F) -> F:
 SIMULATION = FunctionSimulation("damper", damper)
 
 
+@lru_cache(maxsize=100)
 def recorded(truth: Truth = damper, seed: int = 1, seconds: float = 8.0, constant_A: float | None = None) -> Recording:
     """A random stroke of a few hertz, a stepping current (or a constant one), the truth's force in white noise."""
     rng = np.random.default_rng(seed)
@@ -45,6 +47,13 @@ def recorded(truth: Truth = damper, seed: int = 1, seconds: float = 8.0, constan
     return Recording(f"made{seed}", {n: Channel(n, unit, stamps, v) for n, (unit, v) in columns.items()})
 
 
+@lru_cache(maxsize=100)
 def traced(truth: Truth = damper, seed: int = 1, seconds: float = 8.0, constant_A: float | None = None) -> Trace:
     """The same as a trace beside the damper's simulation."""
     return open_trace(SIMULATION, recorded(truth, seed, seconds, constant_A))
+
+
+def add_predictions(recording: Recording) -> Recording:
+    """Return the recording with the damper's predictions as a channel, as a bag with a simulator's topic has them."""
+    channel = Channel("sim_force", "N", recording.channel("position").stamps_ns, SIMULATION.force(recording))
+    return replace(recording, channels={**recording.channels, "sim_force": channel})

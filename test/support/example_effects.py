@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.trace import Trace, TraceInputs, make_trace
 from ces_identify.simulations.simulation import FunctionSimulation
-
-F = NDArray[np.float64]
 
 
 def damper(time_s: F, position_m: F, current_A: F) -> F:

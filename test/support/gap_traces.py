@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
 from ces_gap.baseline.learner import NoiseModel
 from ces_gap.grid import derivative
 from ces_gap.trace import Trace, make_trace
-
-F = NDArray[np.float64]
 
 
 def drive(seed: int = 1, seconds: float = 20.0, rate_Hz: float = 500.0, current: str = "steps") -> Trace:

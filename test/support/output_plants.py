@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
 from ces_gap.trace import Trace, make_trace
-
-F = NDArray[np.float64]
 
 FINE_HZ, LOGGED_HZ = 10000, 1000
 NOISE_N = 8.0

@@ -8,23 +8,21 @@ from dataclasses import replace
 import numpy as np
 from engine_plant import NOISE_N, SIMULATION, traced
 from example_effects import CurrentOffset, Friction, Spring
-from numpy.typing import NDArray
 
+from ces_data.arrays import F
 from ces_gap.baseline.learner import make_white_noise
-from ces_gap.baseline.plant import DirectSimulator, Plant
+from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence, gather
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.search import EffectSearchResult, search
 from ces_gap.trace import Trace, TraceInputs
 
-F = NDArray[np.float64]
-
-
 PLANT = Plant(DirectSimulator(SIMULATION))
 
 
-CLEAN = tuple(traced(seed=s, seconds=4.0) for s in (1, 2))
+def clean() -> list[Trace]:
+    return [traced(seed=s, seconds=4.0) for s in (1, 2)]
 
 
 class Offset(Effect):
@@ -48,18 +46,24 @@ class CubicSpring(Spring):
 
 
 EFFECTS: tuple[Effect, ...] = (Offset(), Spring(), CubicSpring(), Friction(), CurrentOffset())
-
-
 OFFSET, SPRING, FRICTION = Setting(Offset(), (30.0,)), Setting(Spring(), (2500.0,)), Setting(Friction(), (40.0, 0.05))
 
 
-def planted(*effects: Setting, seed: int = 5, traces: Sequence[Trace] = CLEAN) -> Evidence:
+def planted(
+    *effects: Setting,
+    seed: int = 5,
+    traces: Sequence[Trace] | None = None,
+    noise_N: float = NOISE_N,
+    simulator: TraceSimulator = PLANT.simulation,
+) -> Evidence:
+    """Return the evidence of effects around the damper in white noise, without baseline error."""
     rng = np.random.default_rng(seed)
-    composition = Composition(effects)
     real = [
-        replace(t, force=PLANT.with_effects(composition, t) + NOISE_N * rng.standard_normal(len(t))) for t in traces
+        replace(t, force=PLANT.with_effects(Composition(effects), t) + noise_N * rng.standard_normal(len(t)))
+        for t in traces or clean()
     ]
-    return gather(real, PLANT, make_white_noise(NOISE_N), [np.zeros((len(t), 1)) for t in real], np.zeros((1, 1)))
+    nothing = [np.zeros((len(t), 1)) for t in real]
+    return gather(real, Plant(simulator), make_white_noise(noise_N), nothing, np.zeros((1, 1)))
 
 
 def run_search(evidence: Evidence, threads: int = 1) -> EffectSearchResult:

@@ -1,19 +1,161 @@
-"""The generic learner: planted weights are recovered, the penalty fits the data, predictions are cross-fitted."""
+"""The generic learner: noise, the dictionary of features, planted weights, correction and ceiling."""
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+from functools import cache
+
 import numpy as np
 import pytest
-from gap_traces import ar_noise
+from engine_plant import NOISE_N, F, damper, traced
+from gap_traces import ar, ar_noise
 from numpy.typing import NDArray
 
 from ces_gap.baseline import learner
-from ces_gap.baseline.learner import BLOCK_S, FOLDS, LearnerResult, learn
+from ces_gap.baseline.learner import (
+    BLOCK_S,
+    FOLDS,
+    Dictionary,
+    LearnedCorrection,
+    LearnerResult,
+    Scales,
+    learn,
+    learn_ceiling,
+    learn_correction,
+    make_white_noise,
+    noise_of,
+)
+from ces_gap.trace import Trace
 
-F = NDArray[np.float64]
+EVERYWHERE = np.ones(40000, bool)
+
+
+def simulated(pole: float, seed: int = 1, rms_N: float = 8.0) -> F:
+    return ar_noise(len(EVERYWHERE), rms_N, pole, np.random.default_rng(seed))
+
+
+def autocorrelation(values: F, lag: int) -> float:
+    return float(values[:-lag] @ values[lag:] / (values @ values))
+
+
+@pytest.mark.parametrize("pole", [0.0, 0.7, -0.5, 0.97])
+def test_simulated_noise_is_identified_and_whitened(pole: float) -> None:
+    values = simulated(pole)
+    noise = noise_of([values], [EVERYWHERE])
+    assert noise.ar[0] == pytest.approx(pole, abs=0.03)
+    np.testing.assert_allclose(noise.ar[1:], 0.0, atol=0.03)
+    assert noise.rms_N == pytest.approx(8.0, rel=0.1)
+    assert noise.innovation_N == pytest.approx(8.0 * np.sqrt(1.0 - pole**2), rel=0.02)
+    flat = noise.whiten(values)[len(noise.ar) :]
+    assert flat.std() == pytest.approx(1.0, abs=0.02)
+    assert max(abs(autocorrelation(flat, lag)) for lag in range(1, 20)) < 4.0 / np.sqrt(len(flat))
+
+
+def test_whitening_is_linear_and_works_column_by_column() -> None:
+    noise = ar(8.0, 0.6)
+    columns = np.stack([simulated(0.6, 1), simulated(0.6, 2)], axis=1)
+    np.testing.assert_allclose(noise.whiten(columns)[:, 1], noise.whiten(columns[:, 1]))
+    np.testing.assert_allclose(noise.whiten(columns @ [2.0, -3.0]), noise.whiten(columns) @ [2.0, -3.0], atol=1e-9)
+
+
+def test_white_noise_is_only_scaled() -> None:
+    values = simulated(0.0)
+    np.testing.assert_allclose(make_white_noise(4.0).whiten(values), values / 4.0)
+
+
+def test_only_usable_ticks_count() -> None:
+    usable = np.arange(len(EVERYWHERE)) % 4000 > 400
+    spoiled = np.where(usable, simulated(0.7), 1e6)
+    noise = noise_of([spoiled], [usable])
+    assert noise.rms_N == pytest.approx(8.0, rel=0.05)
+    assert noise.ar[0] == pytest.approx(0.7, abs=0.03)
+
+
+def test_a_whitened_value_is_usable_if_it_depends_on_usable_ticks_only() -> None:
+    noise = noise_of([simulated(0.7)], [EVERYWHERE], order=3)
+    usable = np.ones(20, bool)
+    usable[[10]] = False
+    assert np.flatnonzero(~noise.usable_after_whitening(usable)).tolist() == [0, 1, 2, 10, 11, 12, 13]
+    values, spoiled = np.arange(20.0), np.where(usable, np.arange(20.0), 1e6)
+    clean = noise.usable_after_whitening(usable)
+    np.testing.assert_array_equal(noise.whiten(values)[clean], noise.whiten(spoiled)[clean])
+
+
+def test_zero_residuals_give_finite_noise() -> None:
+    noise = noise_of([np.zeros(500)], [np.ones(500, bool)])
+    assert np.isfinite(noise.whiten(np.ones(500))).all()
+    assert noise.rms_N < 1e-3
+
+
+@cache
+def short_trace(constant_A: float | None) -> Trace:
+    return traced(seconds=3.0, constant_A=constant_A)
+
+
+def dictionary(trace: Trace, by_force: bool, by_time: bool) -> Dictionary:
+    return Dictionary(Scales.of([trace], [trace.simulated]), by_force, by_time)
+
+
+@pytest.mark.parametrize("by_time", [True, False])
+@pytest.mark.parametrize("by_force", [True, False])
+@pytest.mark.parametrize("constant_A", [None, 0.6])
+def test_a_dictionary_fills_every_column_predicts_their_weighted_sum_and_survives_json(
+    constant_A: float | None, by_force: bool, by_time: bool
+) -> None:
+    trace = short_trace(constant_A)
+    learner = dictionary(trace, by_force, by_time)
+    features = learner.features(trace, trace.inputs, trace.simulated)
+    assert features.shape == (len(trace), learner.size + (5 if by_time else 0))
+    assert np.isfinite(features).all()
+    assert (np.abs(features[trace.usable]).max(axis=0) > 0.0).all()  # a column beyond those filled would stay zero
+    assert np.sqrt(np.mean(features**2, axis=0)).max() < 10.0
+    weights = np.random.default_rng(1).standard_normal(features.shape[1])
+    predicted = learner.predict(trace, trace.inputs, trace.simulated, weights)
+    np.testing.assert_allclose(predicted, features @ weights, rtol=1e-9, atol=1e-9)
+    assert Dictionary.from_json(json.loads(json.dumps(learner.as_json()))) == learner
+
+
+def test_extreme_currents_are_clipped() -> None:
+    trace = short_trace(None)
+    learner = dictionary(trace, True, False)
+    far = trace.inputs.with_current(np.full(len(trace), 100.0))
+    further = trace.inputs.with_current(np.full(len(trace), 1e4))
+    np.testing.assert_array_equal(
+        learner.features(trace, far, trace.simulated), learner.features(trace, further, trace.simulated)
+    )
+
+
+def test_only_usable_ticks_determine_the_scales() -> None:
+    trace = short_trace(None)
+    spoiled = trace.simulated.copy()
+    spoiled[~trace.usable] = 1e9
+    assert (~trace.usable).any()
+    assert Scales.of([trace], [spoiled]) == Scales.of([trace], [trace.simulated])
+
+
+def test_a_current_that_hardly_changes_counts_as_constant() -> None:
+    assert Scales.of([short_trace(None)], [short_trace(None).simulated]).varies
+    still = short_trace(0.6)
+    assert not Scales.of([still], [still.simulated]).varies
+    ripple = replace(still, inputs=still.inputs.with_current(0.6 + 0.006 * np.sin(20.0 * still.time_s)))
+    assert not Scales.of([ripple], [still.simulated]).varies
+
+
+@pytest.mark.parametrize("missing", ["scales", "by_force", "by_time"])
+def test_incomplete_json_is_refused(missing: str) -> None:
+    document = dictionary(short_trace(None), True, False).as_json()
+    del document[missing]
+    with pytest.raises(KeyError):
+        Dictionary.from_json(document)
+
+
 RATE_HZ = 200.0
+
 BLOCK = round(BLOCK_S * RATE_HZ)
+
 LENGTHS = (13 * BLOCK, 9 * BLOCK + 37)
+
 PLANTED = np.array([30.0, -12.0, 5.0, 0.0])
 
 
@@ -105,3 +247,80 @@ def test_useless_features_hardly_degrade_cross_fitted_predictions() -> None:
     result = np.concatenate(fit(features, targets).crossfitted)
     truth = np.concatenate([x[:, :4] @ PLANTED for x in features])
     assert np.sqrt(np.mean((result - truth) ** 2)) < 1.5 * 8.0 * np.sqrt(64 * FOLDS / (FOLDS - 1) / len(truth))
+
+
+def wrong(time_s: F, position_m: F, current_A: F) -> F:
+    """A real damper of which the simulation is a rough model."""
+    speed = np.gradient(position_m, time_s)
+    return np.asarray(1.06 * damper(time_s, position_m, current_A) + 70.0 * np.tanh(speed / 0.1) + 40.0 * speed)
+
+
+def truth(trace: Trace) -> F:
+    return wrong(trace.time_s, trace.inputs.position, trace.inputs.current)
+
+
+def rms(values: F, trace: Trace) -> float:
+    return float(np.sqrt(np.mean(values[trace.usable] ** 2)))
+
+
+def references() -> list[Trace]:
+    return [traced(wrong, seed=s, seconds=10.0) for s in (1, 2, 3)]
+
+
+def unseen() -> Trace:
+    return traced(wrong, seed=9)
+
+
+@cache
+def taught() -> tuple[LearnedCorrection, LearnerResult]:
+    return learn_correction(references())
+
+
+def test_references_teach_the_baseline_error() -> None:
+    trace = unseen()
+    own = truth(trace) - trace.simulated
+    predicted = taught()[0].force(trace, trace.inputs, trace.simulated)
+    assert rms(own, trace) > 5.0 * NOISE_N
+    assert rms(own - predicted, trace) < 0.5 * NOISE_N
+
+
+def test_the_noise_of_the_fit_is_the_measurement_noise() -> None:
+    result = taught()[1]
+    assert result.noise.rms_N == pytest.approx(NOISE_N, rel=0.1)
+    for trace, predicted in zip(references(), result.crossfitted, strict=True):
+        assert rms(trace.force - trace.simulated - predicted, trace) == pytest.approx(NOISE_N, rel=0.1)
+
+
+def test_the_correction_of_a_correct_simulation_is_nearly_zero() -> None:
+    correction, _ = learn_correction([traced(seed=s) for s in (1, 2)])
+    trace = traced(seed=9)
+    assert rms(correction.force(trace, trace.inputs, trace.simulated), trace) < 0.3 * NOISE_N
+
+
+def test_the_json_round_trip_of_a_correction_is_exact() -> None:
+    correction, trace = taught()[0], unseen()
+    again = LearnedCorrection.from_json(json.loads(json.dumps(correction.as_json())))
+    assert again.dictionary == correction.dictionary
+    one, other = (c.force(trace, trace.inputs, trace.simulated) for c in (again, correction))
+    np.testing.assert_array_equal(one, other)
+    with pytest.raises(KeyError):
+        LearnedCorrection.from_json({"weights": [1.0]})
+
+
+def test_the_ceiling_explains_a_drift_with_time() -> None:
+    rng = np.random.default_rng(1)
+    fading = [
+        replace(t, force=t.simulated * (1.0 - 0.01 * t.time_s) + NOISE_N * rng.standard_normal(len(t)))
+        for t in references()
+    ]
+    taught = learn_ceiling(fading, [t.simulated for t in fading]).learnt
+    for trace, predicted in zip(fading, taught.crossfitted, strict=True):
+        gap = -0.01 * trace.time_s * trace.simulated
+        assert rms(gap - predicted, trace) < 0.3 * rms(gap, trace)
+
+
+def test_the_ceiling_explains_hardly_any_noise() -> None:
+    right = [traced(seed=s, seconds=10.0) for s in (1, 2)]
+    taught = learn_ceiling(right, [t.simulated for t in right]).learnt
+    for trace, predicted in zip(right, taught.crossfitted, strict=True):
+        assert rms(predicted, trace) < 0.02 * NOISE_N

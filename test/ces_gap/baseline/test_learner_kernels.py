@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 from scipy.interpolate import interp1d
 
+from ces_data.arrays import F
 from ces_gap.baseline.learner_kernels import fill_features, low_pass, place
 
-F = NDArray[np.float64]
 RATE_HZ, TICKS = 250.0, 200
 FINE, COARSE, LEVEL = np.array([-2.0, -0.5, 0.5, 3.0]), np.array([-1.0, 0.2, 1.0]), np.array([-1.0, 0.0, 1.5])
 TURNS, MEMORIES_S, VALVE_S = np.array([0.05, 0.4]), np.array([0.004, 0.02, 0.1]), np.array([0.008, 0.05])
@@ -76,18 +75,11 @@ def fill(x: F, v: F, i: F, f: F, varies: bool, by_force: bool, weights: F, colum
 
 @pytest.mark.parametrize("varies", [True, False])
 @pytest.mark.parametrize("by_force", [True, False])
-def test_the_features_equal_those_of_the_slow_version(varies: bool, by_force: bool) -> None:
+def test_features_and_their_weighted_sum_equal_those_of_the_slow_version(varies: bool, by_force: bool) -> None:
     inputs = signals(1)
     expected = slow_features(*inputs, varies, by_force)
     features = fill(*inputs, varies, by_force, np.empty(0), expected.shape[1])
     np.testing.assert_allclose(features, expected, rtol=1e-12, atol=1e-12)
-
-
-@pytest.mark.parametrize("varies", [True, False])
-@pytest.mark.parametrize("by_force", [True, False])
-def test_the_weighted_sum_equals_that_of_the_features(varies: bool, by_force: bool) -> None:
-    inputs = signals(2)
-    expected = slow_features(*inputs, varies, by_force)
     weights = np.random.default_rng(3).standard_normal(expected.shape[1])
     predicted = fill(*inputs, varies, by_force, weights, 1)[:, 0]
     np.testing.assert_allclose(predicted, expected @ weights, rtol=1e-11, atol=1e-11)

@@ -15,8 +15,12 @@ from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator, chang
 from ces_gap.effects.effect import CELL, Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import Trace, TraceInputs, open_trace
 
-TRACE = traced()
 CALLED = DirectSimulator(SIMULATION)
+
+
+@pytest.fixture(scope="module")
+def trace() -> Trace:
+    return traced()
 
 
 class Late(Effect):
@@ -53,24 +57,24 @@ class NeverCalled(TraceSimulator):
         raise AssertionError
 
 
-def test_recorded_inputs_do_not_run_the_simulation() -> None:
-    assert Plant(NeverCalled()).alone(TRACE) is TRACE.simulated
-    np.testing.assert_array_equal(CALLED.force(TRACE, TRACE.inputs), TRACE.simulated)
-    equal = replace(TRACE.inputs, position=TRACE.inputs.position.copy())  # what counts is the numbers
-    np.testing.assert_array_equal(CALLED.force(TRACE, equal), TRACE.simulated)
+def test_recorded_inputs_do_not_run_the_simulation(trace: Trace) -> None:
+    assert Plant(NeverCalled()).alone(trace) is trace.simulated
+    np.testing.assert_array_equal(CALLED.force(trace, trace.inputs), trace.simulated)
+    equal = replace(trace.inputs, position=trace.inputs.position.copy())  # what counts is the numbers
+    np.testing.assert_array_equal(CALLED.force(trace, equal), trace.simulated)
 
 
-def test_another_current_is_simulated() -> None:
-    force = CALLED.force(TRACE, TRACE.inputs.with_current(TRACE.inputs.current + 0.3))
-    expected = damper(TRACE.time_s, TRACE.inputs.position, TRACE.inputs.current + 0.3)
-    np.testing.assert_allclose(force[TRACE.usable], expected[TRACE.usable], atol=20.0)
-    assert np.abs(expected - TRACE.simulated).max() > 100.0
+def test_another_current_is_simulated(trace: Trace) -> None:
+    force = CALLED.force(trace, trace.inputs.with_current(trace.inputs.current + 0.3))
+    expected = damper(trace.time_s, trace.inputs.position, trace.inputs.current + 0.3)
+    np.testing.assert_allclose(force[trace.usable], expected[trace.usable], atol=20.0)
+    assert np.abs(expected - trace.simulated).max() > 100.0
 
 
-def test_another_position_is_simulated() -> None:
-    moved = TRACE.inputs.with_position(0.5 * TRACE.inputs.position, TRACE.rate_Hz)
-    expected = damper(TRACE.time_s, 0.5 * TRACE.inputs.position, TRACE.inputs.current)
-    np.testing.assert_allclose(CALLED.force(TRACE, moved)[TRACE.usable], expected[TRACE.usable], atol=20.0)
+def test_another_position_is_simulated(trace: Trace) -> None:
+    moved = trace.inputs.with_position(0.5 * trace.inputs.position, trace.rate_Hz)
+    expected = damper(trace.time_s, 0.5 * trace.inputs.position, trace.inputs.current)
+    np.testing.assert_allclose(CALLED.force(trace, moved)[trace.usable], expected[trace.usable], atol=20.0)
 
 
 def test_a_constant_current_can_be_changed_too() -> None:
@@ -86,11 +90,11 @@ def test_a_constant_current_can_be_changed_too() -> None:
     )
 
 
-def test_a_rerun_keeps_other_channels_as_logged() -> None:
-    recording = TRACE.recording
+def test_a_rerun_keeps_other_channels_as_logged(trace: Trace) -> None:
+    recording = trace.recording
     stamps = recording.channel("position").stamps_ns
     both = replace(
-        TRACE,
+        trace,
         recording=replace(
             recording, channels={**recording.channels, "sim_force": Channel("sim_force", "N", stamps, 0.0 * stamps)}
         ),
@@ -104,42 +108,43 @@ def test_a_rerun_keeps_other_channels_as_logged() -> None:
         np.testing.assert_array_equal(changed.channel(name).values, recording.channel(name).values)
 
 
-def test_the_correction_gets_the_force_that_it_corrects() -> None:
-    weaker = TRACE.inputs.with_current(0.5 * TRACE.inputs.current)
-    for inputs in (TRACE.inputs, weaker):
-        np.testing.assert_allclose(Plant(CALLED, Tenth()).force(TRACE, inputs), 1.1 * CALLED.force(TRACE, inputs))
+def test_the_correction_gets_the_force_that_it_corrects(trace: Trace) -> None:
+    weaker = trace.inputs.with_current(0.5 * trace.inputs.current)
+    for inputs in (trace.inputs, weaker):
+        np.testing.assert_allclose(Plant(CALLED, Tenth()).force(trace, inputs), 1.1 * CALLED.force(trace, inputs))
 
 
-def test_no_effects_leave_the_plant_as_it_is() -> None:
-    np.testing.assert_array_equal(Plant(CALLED).with_effects(Composition(), TRACE), TRACE.simulated)
+def test_no_effects_leave_the_plant_as_it_is(trace: Trace) -> None:
+    np.testing.assert_array_equal(Plant(CALLED).with_effects(Composition(), trace), trace.simulated)
 
 
-def test_effects_are_applied_from_inside_out_in_any_order() -> None:
+def test_effects_are_applied_from_inside_out_in_any_order(trace: Trace) -> None:
     spring, added, scale = Setting(Spring(), (2000.0,)), Setting(Added(), (50.0,)), Setting(Scale(), (2.0,))
     one, other = Composition((spring, added)), Composition((added, spring))
-    np.testing.assert_allclose(Plant(CALLED).with_effects(one, TRACE), Plant(CALLED).with_effects(other, TRACE))
-    scaled = Plant(CALLED).with_effects(Composition((added, scale)), TRACE)
-    np.testing.assert_allclose(scaled, 2.0 * TRACE.simulated + 50.0)
+    np.testing.assert_allclose(Plant(CALLED).with_effects(one, trace), Plant(CALLED).with_effects(other, trace))
+    scaled = Plant(CALLED).with_effects(Composition((added, scale)), trace)
+    np.testing.assert_allclose(scaled, 2.0 * trace.simulated + 50.0)
 
 
-def test_an_effect_on_the_input_reruns_and_outer_effects_get_its_inputs() -> None:
-    late = Late().drive(TRACE, TRACE.inputs, TRACE.simulated, (0.01,))
+def test_an_effect_on_the_input_reruns_and_outer_effects_get_its_inputs(trace: Trace) -> None:
+    late = Late().drive(trace, trace.inputs, trace.simulated, (0.01,))
     both = Composition((Setting(Spring(), (2000.0,)), Setting(Late(), (0.01,))))
-    expected = CALLED.force(TRACE, late) + 2000.0 * late.position
-    np.testing.assert_allclose(Plant(CALLED).with_effects(both, TRACE), expected)
+    expected = CALLED.force(trace, late) + 2000.0 * late.position
+    np.testing.assert_allclose(Plant(CALLED).with_effects(both, trace), expected)
 
 
-def test_outer_effects_drive_first() -> None:
+def test_outer_effects_drive_first(trace: Trace) -> None:
     late, gain = Setting(Late(), (0.01,)), Setting(CurrentGain(), (1.1,))
-    inputs = Composition((gain, late)).drive(TRACE, TRACE.simulated)
-    np.testing.assert_allclose(inputs.current, 1.1 * TRACE.inputs.current)
-    np.testing.assert_allclose(inputs.position, Late().drive(TRACE, TRACE.inputs, TRACE.simulated, (0.01,)).position)
+    inputs = Composition((gain, late)).drive(trace, trace.simulated)
+    np.testing.assert_allclose(inputs.current, 1.1 * trace.inputs.current)
+    moved = Late().drive(trace, trace.inputs, trace.simulated, (0.01,))
+    np.testing.assert_allclose(inputs.position, moved.position)
 
 
-def test_a_known_force_of_the_plant_is_reused() -> None:
-    alone = np.full(len(TRACE), 5.0)
+def test_a_known_force_of_the_plant_is_reused(trace: Trace) -> None:
+    alone = np.full(len(trace), 5.0)
     composition = Composition((Setting(Added(), (1.0,)),))
-    np.testing.assert_array_equal(Plant(CALLED).with_effects(composition, TRACE, alone), np.full(len(TRACE), 6.0))
+    np.testing.assert_array_equal(Plant(CALLED).with_effects(composition, trace, alone), np.full(len(trace), 6.0))
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -15,14 +16,37 @@ from ces_gap.baseline.physical import SurrogateExample, make_changed_examples, m
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.surrogate import UNKNOWN_ERROR, Surrogate, carry_error, learn_surrogate
 from ces_gap.effects.effect import Composition, Setting
-from ces_gap.effects.library import library
+from ces_gap.effects.library import library, library_effect
 from ces_gap.trace import Trace, TraceInputs
 from ces_observer.errors import ModelError
 
 CALLED = DirectSimulator(SIMULATION)
-RECORDED = [traced(seed=s, seconds=10.0) for s in (1, 2, 3)]
-UNSEEN = traced(seed=9)
-SURROGATE = learn_surrogate(make_recorded_examples(RECORDED), RECORDED)
+
+
+@cache
+def recordings() -> list[Trace]:
+    return [traced(seed=s, seconds=8.0) for s in (1, 2, 3)]
+
+
+@cache
+def unseen() -> Trace:
+    return traced(seed=9)
+
+
+@cache
+def constant_current() -> Trace:
+    return traced(seed=4, constant_A=0.8)
+
+
+@cache
+def learnt() -> Surrogate:
+    return learn_surrogate(make_recorded_examples(recordings()), recordings())
+
+
+@cache
+def learnt_from_little() -> Surrogate:
+    short = [traced(seed=1, seconds=4.0)]
+    return learn_surrogate(make_recorded_examples(short), short)
 
 
 def rms(values: F, trace: Trace) -> float:
@@ -47,38 +71,37 @@ def relative_error(surrogate: Surrogate, trace: Trace, inputs: TraceInputs) -> f
 
 
 def test_the_force_of_recorded_inputs_is_exact() -> None:
-    np.testing.assert_allclose(SURROGATE.force(UNSEEN, UNSEEN.inputs), UNSEEN.simulated, atol=1e-9)
-    same = UNSEEN.inputs.with_current(UNSEEN.inputs.current + 0.0)
-    np.testing.assert_allclose(SURROGATE.force(UNSEEN, same), UNSEEN.simulated, atol=1e-6)
+    np.testing.assert_allclose(learnt().force(unseen(), unseen().inputs), unseen().simulated, atol=1e-9)
+    same = unseen().inputs.with_current(unseen().inputs.current + 0.0)
+    np.testing.assert_allclose(learnt().force(unseen(), same), unseen().simulated, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["weaker", "late"])
 def test_it_predicts_the_effect_of_changed_inputs_on_a_stroke_it_never_saw(name: str) -> None:
-    assert relative_error(SURROGATE, UNSEEN, change(name, UNSEEN)) < 0.12
+    assert relative_error(learnt(), unseen(), change(name, unseen())) < 0.12
 
 
 def test_its_cost_is_that_on_data_left_out() -> None:
-    error = (SURROGATE.predict(UNSEEN, UNSEEN.inputs) - UNSEEN.simulated)[UNSEEN.usable]
-    true = UNSEEN.simulated[UNSEEN.usable]
+    error = (learnt().predict(unseen(), unseen().inputs) - unseen().simulated)[unseen().usable]
+    true = unseen().simulated[unseen().usable]
     unseen_J = 100.0 * np.linalg.norm(error) / np.linalg.norm(true - true.mean())
-    assert 0.1 < SURROGATE.cost_J < 3.0
-    assert 0.4 * SURROGATE.cost_J < unseen_J < 2.5 * SURROGATE.cost_J
+    assert 0.1 < learnt().cost_J < 3.0
+    assert 0.4 * learnt().cost_J < unseen_J < 2.5 * learnt().cost_J
 
 
 @pytest.mark.parametrize("name", ["weaker", "late"])
 def test_its_estimate_of_the_error_is_no_promise_that_it_breaks(name: str) -> None:
-    short = [traced(seed=1, seconds=4.0)]
-    few = learn_surrogate(make_recorded_examples(short), short)
-    inputs = change(name, UNSEEN)
-    size = rms(few.force(UNSEEN, inputs) - UNSEEN.simulated, UNSEEN)
-    estimated = rms(few.error_of_change(UNSEEN, inputs), UNSEEN) / size
-    assert relative_error(few, UNSEEN, inputs) < 2.0 * estimated
+    few = learnt_from_little()
+    inputs = change(name, unseen())
+    size = rms(few.force(unseen(), inputs) - unseen().simulated, unseen())
+    estimated = rms(few.error_of_change(unseen(), inputs), unseen()) / size
+    assert relative_error(few, unseen(), inputs) < 2.0 * estimated
     assert estimated < 0.3
     assert 0.005 < few.difference_error < 0.3
 
 
 def test_currents_far_from_recorded_ones_are_less_certain() -> None:
-    constant = traced(seed=4, constant_A=0.8)
+    constant = constant_current()
     surrogate = learn_surrogate(make_recorded_examples([constant]), [constant])
     shares = []
     for gain in (0.98, 0.7):
@@ -90,10 +113,10 @@ def test_currents_far_from_recorded_ones_are_less_certain() -> None:
 
 
 def test_without_two_models_the_error_is_a_share_of_the_change() -> None:
-    one = replace(SURROGATE, models=(replace(SURROGATE.models[0], share=1.0),), difference_error=0.3)
-    inputs = change("weaker", UNSEEN)
-    expected = 0.3 * np.abs(one.force(UNSEEN, inputs) - UNSEEN.simulated)
-    np.testing.assert_allclose(one.error_of_change(UNSEEN, inputs), expected)
+    one = replace(learnt(), models=(replace(learnt().models[0], share=1.0),), difference_error=0.3)
+    inputs = change("weaker", unseen())
+    expected = 0.3 * np.abs(one.force(unseen(), inputs) - unseen().simulated)
+    np.testing.assert_allclose(one.error_of_change(unseen(), inputs), expected)
 
 
 class Unasked(Surrogate):
@@ -104,35 +127,31 @@ class Unasked(Surrogate):
 
 
 def unasked() -> Surrogate:
-    return Unasked(SURROGATE.models, None, np.empty(0), 1.0)
+    return Unasked(learnt().models, None, np.empty(0), 1.0)
 
 
-@pytest.mark.parametrize("effect", [e for e in library() if not e.reruns], ids=lambda e: f"{e.name}, {e.form}")
-def test_effects_that_do_not_rerun_the_simulation_never_ask_it(effect: Any) -> None:
-    composition = Composition((Setting(effect, tuple(p.starts[0] for p in effect.parameters)),))
-    recorded = Plant(unasked()).with_effects(composition, UNSEEN)
-    np.testing.assert_array_equal(recorded, Plant(CALLED).with_effects(composition, UNSEEN))
-    np.testing.assert_array_equal(Plant(unasked()).error_with_effects(composition, UNSEEN), 0.0)
-
-
-def test_effects_that_rerun_the_simulation_ask_it() -> None:
-    (delay,) = (e for e in library() if e.name == "position_delay")
+def test_only_effects_that_rerun_the_simulation_ask_it() -> None:
+    for effect in (e for e in library() if not e.reruns):
+        composition = Composition((Setting(effect, tuple(p.starts[0] for p in effect.parameters)),))
+        recorded = Plant(unasked()).with_effects(composition, unseen())
+        np.testing.assert_array_equal(recorded, Plant(CALLED).with_effects(composition, unseen()), effect.form)
+        np.testing.assert_array_equal(Plant(unasked()).error_with_effects(composition, unseen()), 0.0, effect.form)
+    delay = Setting(library_effect("position_delay", "shift"), (0.003,))
     with pytest.raises(AssertionError, match="was asked"):
-        Plant(unasked()).with_effects(Composition((Setting(delay, (0.003,)),)), UNSEEN)
+        Plant(unasked()).with_effects(Composition((delay,)), unseen())
 
 
 def test_effects_that_rerun_the_simulation_have_the_error_of_the_change() -> None:
-    (gain,) = (e for e in library() if (e.name, e.form) == ("current_scale", "gain"))
-    weaker = Composition((Setting(gain, (0.9,)),))
-    inputs = weaker.drive(UNSEEN, UNSEEN.simulated)
-    found = Plant(SURROGATE).prepare_for(UNSEEN).error_with_effects(weaker, UNSEEN)
-    np.testing.assert_array_equal(found, SURROGATE.error_of_change(UNSEEN, inputs))
-    assert rms(found, UNSEEN) > 0.1
-    np.testing.assert_array_equal(Plant(CALLED).error_with_effects(weaker, UNSEEN), 0.0)
+    weaker = Composition((Setting(library_effect("current_scale", "gain"), (0.9,)),))
+    inputs = weaker.drive(unseen(), unseen().simulated)
+    found = Plant(learnt()).prepare_for(unseen()).error_with_effects(weaker, unseen())
+    np.testing.assert_array_equal(found, learnt().error_of_change(unseen(), inputs))
+    assert rms(found, unseen()) > 0.1
+    np.testing.assert_array_equal(Plant(CALLED).error_with_effects(weaker, unseen()), 0.0)
 
 
 def test_its_error_moves_in_time_with_the_motion() -> None:
-    constant = traced(seed=4, constant_A=0.8)
+    constant = constant_current()
     error = 50.0 * np.sin(2.0 * np.pi * 3.0 * constant.time_s)
     carried = carry_error(error, constant, constant.inputs.with_position(late(constant, 0.004), constant.rate_Hz))
     expected = 50.0 * np.sin(2.0 * np.pi * 3.0 * (constant.time_s - 0.004))
@@ -142,7 +161,7 @@ def test_its_error_moves_in_time_with_the_motion() -> None:
 
 
 def test_a_delay_of_the_motion_at_constant_current_is_nearly_exact_even_for_a_useless_surrogate() -> None:
-    constant = traced(seed=4, constant_A=0.8)
+    constant = constant_current()
     useless = Surrogate((), None, np.empty(0), 100.0)
     inputs = constant.inputs.with_position(late(constant, 0.004), constant.rate_Hz)
     assert relative_error(useless, constant, inputs) < 0.05
@@ -150,7 +169,8 @@ def test_a_delay_of_the_motion_at_constant_current_is_nearly_exact_even_for_a_us
 
 def test_a_dictionary_replaces_physical_models_that_do_not_fit() -> None:
     """A force that falls with speed is no damper's."""
-    examples = [replace_force(e, -500.0 * np.tanh(e.inputs.speed / 0.05)) for e in make_recorded_examples(RECORDED)]
+    recorded = make_recorded_examples(recordings()[:2])
+    examples = [replace_force(e, -500.0 * np.tanh(e.inputs.speed / 0.05)) for e in recorded]
     surrogate = learn_surrogate(examples, [e.trace for e in examples])
     assert surrogate.dictionary is not None
     assert surrogate.cost_J < 15.0
@@ -168,19 +188,19 @@ def test_examples_without_motion_give_a_dictionary() -> None:
 
 
 def test_examples_are_the_recorded_inputs_and_two_changes_of_each() -> None:
-    examples = make_changed_examples(RECORDED[:2], CALLED)
-    assert len(examples) == 6 and [e.inputs for e in examples[:2]] == [t.inputs for t in RECORDED[:2]]
+    examples = make_changed_examples(recordings()[:2], CALLED)
+    assert len(examples) == 6 and [e.inputs for e in examples[:2]] == [t.inputs for t in recordings()[:2]]
     for example in examples[2:]:
         np.testing.assert_array_equal(example.force, CALLED.force(example.trace, example.inputs))
         assert rms(example.force - example.trace.simulated, example.trace) > 10.0
 
 
 def test_the_json_round_trip_is_exact() -> None:
-    again = Surrogate.from_json(json.loads(json.dumps(SURROGATE.as_json())))
-    for trace in (UNSEEN, replace(UNSEEN, rate_Hz=400.0)):
+    again = Surrogate.from_json(json.loads(json.dumps(learnt().as_json())))
+    for trace in (unseen(), replace(unseen(), rate_Hz=400.0)):
         weaker = trace.inputs.with_current(0.9 * trace.inputs.current)
-        np.testing.assert_array_equal(again.force(trace, weaker), SURROGATE.force(trace, weaker))
-    assert (again.cost_J, again.difference_error) == (SURROGATE.cost_J, SURROGATE.difference_error)
+        np.testing.assert_array_equal(again.force(trace, weaker), learnt().force(trace, weaker))
+    assert (again.cost_J, again.difference_error) == (learnt().cost_J, learnt().difference_error)
 
 
 def test_surrogates_of_old_files_are_a_dictionary() -> None:
@@ -189,20 +209,18 @@ def test_surrogates_of_old_files_are_a_dictionary() -> None:
     old = {"dictionary": dictionary.as_json(), "weights": weights.tolist(), "cost_J": 9.0}
     surrogate = Surrogate.from_json(json.loads(json.dumps(old)))
     assert surrogate.difference_error == UNKNOWN_ERROR
-    expected = dictionary.predict(UNSEEN, UNSEEN.inputs, np.zeros(len(UNSEEN)), weights)
-    np.testing.assert_array_equal(surrogate.predict(UNSEEN, UNSEEN.inputs), expected)
+    expected = dictionary.predict(unseen(), unseen().inputs, np.zeros(len(unseen())), weights)
+    np.testing.assert_array_equal(surrogate.predict(unseen(), unseen().inputs), expected)
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
-        {"weights": []},
-        {**SURROGATE.as_json(), "schema": "ces-surrogate/3"},
-        {**SURROGATE.as_json(), "models": [{"share": 1.0, "structure": "spring", "rate_Hz": 500.0}]},
-        {**SURROGATE.as_json(), "models": [{**SURROGATE.as_json()["models"][0], "share": 2.0}]},
-        {**SURROGATE.as_json(), "difference_error": -1.0},
-    ],
-)
-def test_other_documents_are_refused(wrong: dict[str, Any]) -> None:
-    with pytest.raises((ModelError, KeyError, TypeError, ValueError)):
-        Surrogate.from_json(wrong)
+def test_other_documents_are_refused() -> None:
+    sound = learnt().as_json()
+    wrong: list[dict[str, Any]] = [
+        {"schema": "ces-surrogate/3"},
+        {"models": [{"share": 1.0, "structure": "spring", "rate_Hz": 500.0}]},
+        {"models": [{**sound["models"][0], "share": 2.0}]},
+        {"difference_error": -1.0},
+    ]
+    for document in ({"weights": []}, *({**sound, **change} for change in wrong)):
+        with pytest.raises((ModelError, KeyError, TypeError, ValueError)):
+            Surrogate.from_json(document)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from itertools import product
 from pathlib import Path
 
@@ -32,7 +33,8 @@ IDS = [f"{e.name}-{e.form}" for e in EFFECTS]
 each = pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
 
 
-def moving() -> Trace:
+@cache
+def rough() -> Trace:
     """Return a rough recording: steps of current, a temperature that rises, a stroke with a pause."""
     time = np.arange(round(SECONDS * 1000)) / 1000.0
     stroke = np.where(time < 1.6, 0.02 * np.sin(2 * np.pi * 2.3 * time) + 0.004 * np.sin(2 * np.pi * 9.1 * time), 0.0)
@@ -47,18 +49,11 @@ def moving() -> Trace:
     return make_trace(Recording("rough", channels), force)
 
 
-ROUGH = moving()
-
-
-def outcome(effect: Effect, trace: Trace, values: Sequence[float]) -> tuple[TraceInputs, np.ndarray]:
+def arrays(effect: Effect, trace: Trace, values: Sequence[float]) -> np.ndarray:
     """Return the inputs of the damper and the force outside; the damper has the simulated force."""
     composition = Composition((Setting(effect, tuple(values)),))
     inputs = composition.drive(trace, trace.simulated)
-    return inputs, composition.respond(trace, inputs, trace.simulated)
-
-
-def arrays(effect: Effect, trace: Trace, values: Sequence[float]) -> np.ndarray:
-    inputs, force = outcome(effect, trace, values)
+    force = composition.respond(trace, inputs, trace.simulated)
     return np.array([inputs.position, inputs.speed, inputs.current, force])
 
 
@@ -81,76 +76,49 @@ def test_the_library_holds_the_effects_of_the_contract_one_module_each() -> None
         assert type(effect).__module__ == f"ces_gap.effects.library.{effect.name}"
 
 
+def first_values(effect: Effect) -> list[float]:
+    """The first starts, chosen by the trace if the effect does so."""
+    own = type(effect).starts_for is not Effect.starts_for
+    return list(effect.starts_for(rough())[0]) if own else typical(effect)
+
+
 @each
-def test_an_effect_is_described(effect: Effect) -> None:
+def test_an_effect_is_described_and_its_bounds_hold_its_starts(effect: Effect) -> None:
     assert effect.form and effect.needs and effect.summary and type(effect).__doc__
     assert effect.parameters and any(p.magnitude for p in effect.parameters)
     assert len({p.name for p in effect.parameters}) == len(effect.parameters)
     assert effect.reruns == (type(effect).drive is not Effect.drive)
     for p in effect.parameters:
         assert p.name in NUMBERS or p.name.endswith(UNITS), p.name
-        assert p.what
-
-
-@each
-def test_bounds_hold_the_starts_and_survive_the_search(effect: Effect) -> None:
-    for p in effect.parameters:
-        assert p.low < p.high
+        assert p.what and p.low < p.high
         assert p.starts and all(p.low <= s <= p.high for s in p.starts), p.name
         low, high = p.search_bounds()
         assert np.isfinite([low, high]).all() and low < high
         for value in (p.low, p.high, *p.starts):
             assert low <= p.to_search(value) <= high
             assert p.to_value(p.to_search(value)) == pytest.approx(value)
-
-
-def first_values(effect: Effect) -> list[float]:
-    """The first starts, chosen by the trace if the effect does so."""
-    own = type(effect).starts_for is not Effect.starts_for
-    return list(effect.starts_for(ROUGH)[0]) if own else typical(effect)
-
-
-@each
-def test_starts_for_a_trace_are_inside_the_bounds(effect: Effect) -> None:
-    starts = effect.starts_for(ROUGH)
+    starts = effect.starts_for(rough())
     assert starts
     for values in starts:
         assert all(p.low <= v <= p.high for p, v in zip(effect.parameters, values, strict=True)), values
 
 
 @each
-def test_at_its_neutral_value_an_effect_changes_nothing(effect: Effect) -> None:
-    assert arrays(effect, ROUGH, neutral(effect)) == pytest.approx(unchanged(ROUGH), rel=1e-9, abs=1e-9)
+def test_an_effect_changes_inputs_or_force_away_from_its_neutral_value_only(effect: Effect) -> None:
+    before = unchanged(rough()).copy()
+    assert arrays(effect, rough(), neutral(effect)) == pytest.approx(before, rel=1e-9, abs=1e-9)
+    assert np.abs(arrays(effect, rough(), first_values(effect)) - before).max() > 1e-4
+    assert np.array_equal(before, unchanged(rough())), "an effect does not change its arguments"
+    blind = replace(rough(), force=np.full_like(rough().force, np.nan))
+    one, other = (arrays(effect, trace, typical(effect)) for trace in (rough(), blind))
+    assert np.array_equal(one, other), "an effect does not use the measured force"
 
 
 @each
-def test_away_from_its_neutral_value_an_effect_changes_something(effect: Effect) -> None:
-    values = first_values(effect)
-    assert np.abs(arrays(effect, ROUGH, values) - unchanged(ROUGH)).max() > 1e-4
-
-
-@each
-def test_forces_are_finite_at_every_corner_of_the_bounds(effect: Effect) -> None:
-    for values in product(*((p.low, p.high) for p in effect.parameters)):
-        assert np.isfinite(arrays(effect, ROUGH, values)).all(), values
-
-
-@each
-def test_an_effect_does_not_use_the_measured_force(effect: Effect) -> None:
-    blind = replace(ROUGH, force=np.full_like(ROUGH.force, np.nan))
-    assert np.array_equal(arrays(effect, ROUGH, typical(effect)), arrays(effect, blind, typical(effect)))
-
-
-@each
-def test_an_effect_does_not_change_its_arguments(effect: Effect) -> None:
-    before = unchanged(ROUGH).copy()
-    arrays(effect, ROUGH, typical(effect))
-    assert np.array_equal(before, unchanged(ROUGH))
-
-
-@each
-def test_force_varies_smoothly_with_the_values(effect: Effect) -> None:
+def test_forces_are_finite_at_every_corner_and_smooth_in_between(effect: Effect) -> None:
     """Difference quotients of different steps agree, as a Gauss-Newton search needs."""
+    for values in product(*((p.low, p.high) for p in effect.parameters)):
+        assert np.isfinite(arrays(effect, rough(), values)).all(), values
     for k, p in enumerate(effect.parameters):
         small, large = (slope(effect, k, p, step) for step in (1e-5, 1e-4))
         assert np.linalg.norm(small - large) <= 0.2 * np.linalg.norm(large) + 1e-9, p.name
@@ -162,7 +130,7 @@ def slope(effect: Effect, k: int, p: EffectParameter, share: float) -> np.ndarra
     at = p.to_search(values[k])
     step = share * max(abs(at), 1e-3 * (p.search_bounds()[1] - p.search_bounds()[0]))
     moved = [p.to_value(at + step) if j == k else v for j, v in enumerate(values)]
-    change = (arrays(effect, ROUGH, moved) - arrays(effect, ROUGH, values)) / step
+    change = (arrays(effect, rough(), moved) - arrays(effect, rough(), values)) / step
     return np.asarray(change[:, 50:-50] / np.array([[0.02], [0.5], [1.0], [1000.0]]))
 
 

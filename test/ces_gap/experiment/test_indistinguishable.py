@@ -17,7 +17,6 @@ from example_effects import (
     drive,
     whiten_by,
 )
-from numpy.typing import NDArray
 from scipy.stats import norm
 
 from ces_gap.baseline.learner import NoiseModel
@@ -37,7 +36,6 @@ from ces_gap.experiment.indistinguishable import (
 from ces_gap.inference.evidence import gather
 from ces_gap.trace import Trace
 
-F = NDArray[np.float64]
 NOISE_N = 8.0
 STEPS, STILL = drive("steps"), drive("constant")
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 import yaml
 from example_effects import PLANT, SIMULATION, CurrentOffset, Friction, Rubbing, Scale, Spring, damper, drive
-from numpy.typing import NDArray
 
+from ces_data.arrays import F
 from ces_gap.baseline.physical import make_recorded_examples
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.surrogate import learn_surrogate
@@ -32,7 +32,6 @@ from ces_observer.errors import CesError
 from ces_observer.json_text import write_all_atomically
 from ces_rig.experiment import load_experiment
 
-F = NDArray[np.float64]
 NOISE_N = 8.0
 STILL, STEPS = drive("constant"), drive("steps")
 RECIPES = [{**r, "duration_s": 5.0} for r in list_candidate_experiments(reach_of([STEPS]))]  # shorter than usual

@@ -1,20 +1,25 @@
-"""Alternatives: effects that can replace one of the best composition after refitting the others."""
+"""Alternatives: effects that can replace one of the best composition, or that a recalibration would explain."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_plant import NOISE_N, traced
-from search_examples import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, EffectSearchResult, Offset, planted, run_search
+from engine_plant import F, traced
+from example_effects import Spring
+from search_examples import EFFECTS, FRICTION, OFFSET, SPRING, Offset, planted, run_search
 
-from ces_gap.effects.effect import EffectParameter
+from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.effects.library import library_effect
+from ces_gap.effects.simulation_errors import ForceMap
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.search import (
     MAX_ALIKE_SHARE,
+    EffectSearchResult,
+    find_absorbed_effects,
     find_alternatives,
     interchangeable_effects,
     merge_groups,
@@ -95,5 +100,34 @@ def test_groups_and_classes_are_merged_without_subsets() -> None:
     assert merge_groups((), ()) == ()
 
 
-def test_these_tests_use_the_usual_noise_and_no_correction() -> None:
-    assert planted(OFFSET).noise.rms_N == NOISE_N and PLANT.correction is None
+class Chirps(Effect):
+    """A force of elapsed time, which no map of stroke, speed and current holds."""
+
+    name, form = "chirps", "time"
+    parameters = (EffectParameter("size_N", 0.0, 300.0, (20.0,), "size", magnitude=True),)
+
+    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
+        return np.asarray(force + values[0] * np.sin(20.0 * trace.time_s**1.2))
+
+
+def searched(*settings: Setting, effects: tuple[Effect, ...]) -> EffectSearchResult:
+    evidence = planted(*settings, seed=1, traces=[traced(seed=s) for s in (1, 2)])
+    return search(evidence, effects, Refinement(), 1)
+
+
+def test_effects_inside_the_map_are_reported() -> None:
+    both = Setting(Spring(), (3000.0,)), Setting(Chirps(), (40.0,))
+    assert find_absorbed_effects(searched(*both, effects=(Spring(), Chirps(), ForceMap()))) == ("spring",)
+    assert find_absorbed_effects(searched(*both, effects=(Spring(), Chirps()))) == ()
+
+
+def test_an_effect_that_explains_as_much_as_the_map_stands_against_it() -> None:
+    found = searched(Setting(Spring(), (3000.0,)), effects=(Spring(), Chirps(), ForceMap()))
+    assert found.best is not None and found.best.names == ("spring",)
+
+
+def test_a_map_that_explains_more_than_any_effect_is_the_cause() -> None:
+    off = Setting(ForceMap(), (20.0, 300.0, 0.0, -400.0, 30.0, 1500.0, 0.0, 0.0))
+    found = searched(off, effects=(Spring(), Chirps(), ForceMap()))
+    assert found.best is not None and found.best.names == ("calibration",)
+    assert found.best.composition.settings[0].values[0] == np.clip(found.best.searched[0], 17.0, 23.0)

@@ -6,15 +6,14 @@ import numpy as np
 import pytest
 from engine_plant import SIMULATION, damper, traced
 from gap_traces import ar, ar_noise
-from numpy.typing import NDArray
 
+from ces_data.arrays import F
 from ces_gap.baseline.learner import NoiseModel, make_white_noise
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.inference import evidence as evidence_module
 from ces_gap.inference.evidence import Evidence, gather
 from ces_gap.trace import Trace, TraceInputs
 
-F = NDArray[np.float64]
 PLANT = Plant(DirectSimulator(SIMULATION))
 TRACES = [traced(seed=1, seconds=1.6), traced(seed=2, seconds=1.6)]
 

@@ -1,4 +1,4 @@
-"""The search: planted effects are found, noise gives none, and a form with more parameters must explain more."""
+"""The search: planted effects are found, noise gives none, a richer or wrong effect must explain more."""
 
 from __future__ import annotations
 
@@ -6,14 +6,26 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from engine_plant import damper, traced
-from search_examples import CLEAN, EFFECTS, FRICTION, OFFSET, PLANT, SPRING, CubicSpring, planted, run_search
+from engine_plant import traced
+from search_examples import EFFECTS, FRICTION, OFFSET, PLANT, SPRING, CubicSpring, planted, run_search
 
 from ces_gap.baseline.learner import make_white_noise
 from ces_gap.effects.effect import Setting
+from ces_gap.effects.library import library_effect
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.fit import EffectFit, Refinement, fit_alone
-from ces_gap.inference.search import EffectSearchResult, best_forms, compute_paired_gain, search
+from ces_gap.inference.fit import EffectFit, Refinement, fit_alone, fit_together
+from ces_gap.inference.search import (
+    CompositionSearch,
+    EffectSearchResult,
+    best_forms,
+    compute_paired_gain,
+    interchangeable_effects,
+    loses_to_nested_form,
+    min_unexplained_shares,
+    order_nested_forms,
+    rank_additions,
+    search,
+)
 
 
 def best_values(result: EffectSearchResult) -> dict[str, tuple[float, ...]]:
@@ -41,7 +53,7 @@ def test_three_at_once_are_found() -> None:
     assert set(best_values(run_search(planted(OFFSET, SPRING, FRICTION)))) == {"offset", "spring", "friction"}
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3, 4])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_nothing_is_found_in_noise(seed: int) -> None:
     assert run_search(planted(seed=seed)).best is None
 
@@ -97,17 +109,107 @@ def test_a_gain_is_that_of_squares_and_its_error_that_of_blocks() -> None:
     rng = np.random.default_rng(1)
     draws = [
         (rng.standard_normal(len(evidence.block_of_row)), rng.standard_normal(len(evidence.block_of_row)))
-        for _ in range(200)
+        for _ in range(100)
     ]
     gains = [compute_paired_gain(evidence, worse, better) for worse, better in draws]
     assert gains[0].energy == pytest.approx(draws[0][0] @ draws[0][0] - draws[0][1] @ draws[0][1])
-    assert np.mean([g.error for g in gains]) == pytest.approx(np.std([g.energy for g in gains]), rel=0.15)
+    assert np.mean([g.error for g in gains]) == pytest.approx(np.std([g.energy for g in gains]), rel=0.2)
     assert gains[0].z == pytest.approx(gains[0].energy / gains[0].error)
     same = compute_paired_gain(evidence, draws[0][0], draws[0][0])
     assert same.energy == 0.0 and same.z == 0.0
 
 
-def test_the_damper_of_these_tests_is_the_simulations_own() -> None:
-    trace = CLEAN[0]
-    own = damper(trace.time_s, trace.inputs.position, trace.inputs.current)
-    assert np.sqrt(np.mean((own - trace.simulated)[trace.usable] ** 2)) < 3.0
+def build_search(evidence: Evidence) -> CompositionSearch:
+    residual = evidence.residual(evidence.alone)
+    forms = [fit_alone(evidence, effect) for effect in EFFECTS]
+    return CompositionSearch(evidence, residual, forms, float(residual @ residual) - len(residual), Refinement())
+
+
+def fit_composition(compositions: CompositionSearch, *names: str) -> EffectFit:
+    chosen = [next(f for f in compositions.forms if f.names == (name,)) for name in names]
+    return fit_together(compositions.evidence, chosen)
+
+
+def test_the_true_effect_replaces_a_wrong_one() -> None:
+    compositions = build_search(planted(OFFSET, FRICTION))
+    best, tried = compositions.improve(fit_composition(compositions, "current_offset", "friction"))
+    assert set(best.names) == {"offset", "friction"}
+    assert any(set(f.names) == {"current_offset", "friction"} for f in tried) and best not in tried
+
+
+def test_an_unnecessary_effect_is_removed() -> None:
+    compositions = build_search(planted(SPRING))
+    best, _ = compositions.improve(fit_composition(compositions, "spring", "current_offset"))
+    assert best.names == ("spring",)
+
+
+def test_worse_replacements_are_returned_with_the_best() -> None:
+    compositions = build_search(planted(OFFSET, FRICTION))
+    best, tried = compositions.improve(fit_composition(compositions, "offset", "friction"))
+    assert set(best.names) == {"offset", "friction"}
+    assert tried and all(f.cost > best.cost and len(f.names) == 2 for f in tried)
+
+
+def test_replacements_are_fitted_on_anchored_evidence_and_refined_on_the_original() -> None:
+    evidence = planted(OFFSET, FRICTION)
+    close, refined = replace(evidence), []
+
+    class RecordingRefinement(Refinement):
+        def refine(self, evidence: Evidence, fit: EffectFit) -> EffectFit:
+            refined.append(evidence)
+            return fit
+
+        def anchor(self, evidence: Evidence, fit: EffectFit) -> Evidence:
+            return close
+
+    compositions = replace(build_search(evidence), refinement=RecordingRefinement())
+    compositions.improve(fit_composition(compositions, "offset", "friction"))
+    assert refined and all(used is evidence for used in refined)
+
+
+def test_additions_are_ranked_by_expected_gain_once_per_effect() -> None:
+    compositions = build_search(planted(OFFSET, FRICTION, Setting(EFFECTS[1], (300.0,))))
+    order = [
+        f.names[0]
+        for f in rank_additions(
+            fit_composition(compositions, "friction"), compositions.forms, compositions.baseline_residual
+        )
+    ]
+    assert order[0] == "offset" and sorted(order) == ["current_offset", "offset", "spring"]
+
+
+GAS, CONSTANT = library_effect("gas_spring", "charged"), library_effect("force_offset", "constant")
+
+OTHERS = tuple(e for e in EFFECTS if e.name == "friction")
+
+
+def search_around(effect: Setting, seed: int = 5) -> EffectSearchResult:
+    return search(planted(effect, seed=seed), (CONSTANT, GAS, *OTHERS), Refinement(), 1)
+
+
+@pytest.mark.parametrize(
+    ("planted_effect", "loser"),
+    [(Setting(GAS, (60.0, 0.4)), "force_offset"), (Setting(CONSTANT, (60.0,)), "gas_spring")],
+    ids=["gas", "offset"],
+)
+def test_a_visible_difference_decides_however_small_its_share(planted_effect: Setting, loser: str) -> None:
+    result = search_around(planted_effect)
+    assert result.best is not None and result.best.names == (planted_effect.name,)
+    assert interchangeable_effects(result) == ()
+    shares = min_unexplained_shares(result)
+    assert shares[loser] > shares[planted_effect.name] + 0.04
+    costs = {f.names[0]: f.cost for f in result.alone}
+    assert abs(costs["gas_spring"] - costs["force_offset"]) < 0.05 * result.gap_energy  # a share alone does not decide
+
+
+def test_an_invisible_difference_leaves_both() -> None:
+    result = search_around(Setting(GAS, (6.0, 0.4)), seed=6)
+    assert [set(group) for group in interchangeable_effects(result)] == [{"gas_spring", "force_offset"}]
+
+
+def test_fits_that_differ_in_more_or_in_unrelated_effects_do_not_decide() -> None:
+    evidence = planted(Setting(GAS, (60.0, 0.4)))
+    gas, offset, friction = (fit_alone(evidence, e) for e in (GAS, CONSTANT, *OTHERS))
+    assert loses_to_nested_form(evidence, offset, gas) and not loses_to_nested_form(evidence, gas, offset)
+    assert not loses_to_nested_form(evidence, friction, gas) and not loses_to_nested_form(evidence, gas, gas)
+    assert order_nested_forms(evidence, (offset, friction, gas)) == (gas, offset, friction)

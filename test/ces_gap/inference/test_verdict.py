@@ -1,4 +1,4 @@
-"""Probabilities: they sum to one and respond in the right direction; the calibrated weights are complete."""
+"""The verdict: whether there is a gap, probabilities of its causes, calibrated weights."""
 
 from __future__ import annotations
 
@@ -13,14 +13,19 @@ from hypothesis import strategies as st
 from ces_gap.inference.verdict import (
     POSSIBLE,
     Calibration,
+    GapSize,
     Probabilities,
     VerdictFigures,
     calibration,
+    find_no_gap_reason,
     has_alternatives,
+    is_clear_of_the_simulation,
     probabilities,
+    tolerance_N,
 )
 
 CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 1.0, 0, 1.0)
+
 LEFT = {"friction": 0.02, "gas_spring": 0.5, "inertia": 0.9}
 
 
@@ -31,6 +36,7 @@ def odds(
 
 
 SHARE = st.floats(-2.0, 3.0)
+
 FIGURES = st.builds(
     VerdictFigures,
     st.floats(-1.0, 1e6),
@@ -111,3 +117,44 @@ def test_an_effect_that_leaves_as_little_as_the_named_one_is_an_alternative() ->
     assert not has_alternatives(["friction", "gas_spring"], tied)
     weak = Probabilities(0.0, 0.0, {"friction": 1.0 - 0.9 * POSSIBLE, "gas_spring": 0.9 * POSSIBLE})
     assert not has_alternatives(["friction"], weak)
+
+
+SMALL = GapSize(gap_N=4.0, timed_N=4.0, noise_N=8.0, force_N=300.0, corrected=False)
+
+
+@pytest.mark.parametrize(
+    ("size", "improbable", "reason"),
+    [
+        (replace(SMALL, gap_N=2.9), False, "tolerance"),
+        (SMALL, True, "noise"),
+        (SMALL, False, ""),
+        (replace(SMALL, gap_N=20.0, timed_N=5.0), True, "timing"),
+        (replace(SMALL, gap_N=20.0, timed_N=5.0, corrected=True), True, "baseline_error"),
+        (replace(SMALL, gap_N=72.0, timed_N=72.0), True, ""),
+    ],
+)
+def test_the_reason_for_no_gap(size: GapSize, improbable: bool, reason: str) -> None:
+    assert find_no_gap_reason(size, improbable, 3.0) == reason
+
+
+def test_without_references_a_gap_about_as_large_as_the_noise_is_not_named() -> None:
+    assert not is_clear_of_the_simulation(replace(SMALL, gap_N=10.0), 3.0)
+    assert is_clear_of_the_simulation(replace(SMALL, gap_N=13.0), 3.0)
+    assert is_clear_of_the_simulation(replace(SMALL, gap_N=10.0, corrected=True), 3.0)
+    assert not is_clear_of_the_simulation(replace(SMALL, gap_N=13.0), 9.0)
+
+
+def test_the_default_tolerance_is_small_beside_force_and_noise() -> None:
+    assert tolerance_N(SMALL, None) == pytest.approx(3.0)
+    assert tolerance_N(replace(SMALL, force_N=5000.0), None) == pytest.approx(16.0)
+    assert tolerance_N(replace(SMALL, force_N=5000.0), 0.02) == pytest.approx(100.0)
+
+
+def test_a_gap_far_above_the_known_noise_is_a_gap_even_without_explanation() -> None:
+    figures = VerdictFigures(15.0, 0.0, -1.6, 1.0, 0.0, -1.6, 0, 0.0)
+    odds = probabilities(figures, {"friction": 1.0}, (), WEIGHTS)
+    assert odds.unknown > 0.5 > odds.none
+
+
+def test_calibrated_weights_have_the_right_sign() -> None:
+    assert min(calibration().gap[1:]) >= 0.0 and min(calibration().unknown[1:]) >= 0.0

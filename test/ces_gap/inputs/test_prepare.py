@@ -8,9 +8,9 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from engine_plant import SIMULATION, F, damper, recorded, traced
+from engine_plant import SIMULATION, F, add_predictions, damper, recorded, traced
 
-from ces_data.recording import Channel, Recording
+from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.errors import GapError
@@ -23,7 +23,7 @@ def prepare(real: list[Recording], held_out: list[Recording] | None = None, **mo
     return prepare_recordings(SIMULATION, real, held_out or [], more.get("reference", []))
 
 
-@pytest.mark.parametrize(("count", "count_fitted"), [(2, 1), (3, 2), (4, 3), (6, 4), (7, 5)])
+@pytest.mark.parametrize(("count", "count_fitted"), [(2, 1), (3, 2), (7, 5)])
 def test_the_last_third_of_the_recordings_is_set_aside(count: int, count_fitted: int) -> None:
     traces = [traced(seed=s, seconds=1.0) for s in range(count)]
     fitted, held = set_aside(traces)
@@ -31,7 +31,7 @@ def test_the_last_third_of_the_recordings_is_set_aside(count: int, count_fitted:
     assert [t.name for t in held] == [t.name for t in traces[count_fitted:]]
 
 
-@pytest.mark.parametrize("seconds", [4.0, 20.0, 60.0])
+@pytest.mark.parametrize("seconds", [4.0, 60.0])
 def test_every_third_part_of_a_single_recording_is_set_aside(seconds: float) -> None:
     only = traced(seconds=seconds)
     (fitted,), (held,) = set_aside([only])
@@ -60,12 +60,9 @@ def test_a_fast_simulation_is_run_directly(monkeypatch: pytest.MonkeyPatch) -> N
 
 def test_a_slow_simulation_gets_a_surrogate_with_changed_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 0.0)
-    inputs = prepare([recorded(seed=1), recorded(seed=2)])
-    assert (
-        isinstance(inputs.exact, DirectSimulator)
-        and inputs.cheap is inputs.surrogate
-        and isinstance(inputs.surrogate, Surrogate)
-    )
+    inputs = prepare([recorded(seed=1, seconds=5.0), recorded(seed=2, seconds=5.0)])
+    assert isinstance(inputs.exact, DirectSimulator) and isinstance(inputs.surrogate, Surrogate)
+    assert inputs.cheap is inputs.surrogate
     assert inputs.best is inputs.exact and inputs.slow is inputs.exact
     (trace, *_) = inputs.real
     weaker = trace.inputs.with_current(0.95 * trace.inputs.current)
@@ -89,18 +86,13 @@ def test_a_simulation_that_waits_each_time_is_slow(monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setattr(prepare_module, "time", SimpleNamespace(process_time=lambda: 0.0))
     monkeypatch.setattr(prepare_module, "search_clock", SimpleNamespace(now=read))
-    inputs = prepare_recordings(FunctionSimulation("waiting", wait), [recorded()], [], [])
+    inputs = prepare_recordings(FunctionSimulation("waiting", wait), [recorded(seconds=6.5)], [], [])
     assert (inputs.slow is not None) == each_time
     assert inputs.cheap is (inputs.surrogate if each_time else inputs.exact)
 
 
-def add_predictions(recording: Recording) -> Recording:
-    channel = Channel("sim_force", "N", recording.channel("position").stamps_ns, SIMULATION.force(recording))
-    return replace(recording, channels={**recording.channels, "sim_force": channel})
-
-
 def test_recorded_predictions_cannot_be_rerun() -> None:
-    recordings = [add_predictions(recorded(seed=s)) for s in (1, 2)]
+    recordings = [add_predictions(recorded(seed=s, seconds=5.0)) for s in (1, 2)]
     inputs = prepare_recordings(RecordedSimulation("/prediction"), recordings, [], [])
     assert inputs.exact is None and inputs.slow is None and inputs.best is inputs.cheap is inputs.surrogate
     assert inputs.surrogate is not None and 0.0 < inputs.surrogate.cost_J < 20.0

@@ -32,12 +32,12 @@ def test_autoregressive_noise_has_its_spectrum():
 @pytest.mark.parametrize("noise", [8.0, ar(8.0, 0.6)])
 def test_energy_of_noise_is_nothing_on_average_in_every_band(noise):
     traces = [drive(1), drive(2)]
-    gaps = [[ar_noise(len(t), 8.0, 0.6, np.random.default_rng(k)) for t in traces] for k in range(6)]
+    gaps = [[ar_noise(len(t), 8.0, 0.6, np.random.default_rng(k)) for t in traces] for k in range(4)]
     means = np.mean([gap_energy(traces, g, noise).band.mean(axis=0) for g in gaps], axis=0)
     assert np.abs(means).max() < 0.02 * 8.0**2
 
 
-@pytest.mark.parametrize("noise", [8.0, [8.0, 8.0], ar(8.0, 0.6), None])
+@pytest.mark.parametrize("noise", [[8.0, 8.0], None])
 def test_bands_sum_to_the_energy_of_the_ticks(noise):
     traces = [drive(1), drive(2)]
     gap = [90.0 * t.inputs.speed + ar_noise(len(t), 8.0, 0.6, np.random.default_rng(k)) for k, t in enumerate(traces)]

@@ -8,11 +8,12 @@ from functools import cache
 
 import numpy as np
 import pytest
-from diagnosed_traces import Friction, setting
 from diagnoses import ALL, ambiguous, experiment, explained, named, no_gap, pair, unknown
+from example_effects import Friction
 from pages import assert_self_contained
 
 from ces_gap.diagnosis import Diagnosis, Estimate, GapRegion, HeldOutSeries, Where
+from ces_gap.effects.effect import Setting
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.report.charts import find_largest_errors, shares_ci95
@@ -257,7 +258,7 @@ def test_texts_of_others_are_shown_as_they_are() -> None:
 def test_unknown_values_leave_a_page() -> None:
     nan = math.nan
     lost = Estimate("coulomb_N", nan, (nan, nan))
-    blind = explained(setting(Friction(), 0.0, 0.01), (lost, lost), named().held_out, 0.2)
+    blind = explained(Setting(Friction(), (0.0, 0.01)), (lost, lost), named().held_out, 0.2)
     blind = replace(blind, gap_after_N=nan, shrink=nan, shrink_ci95=(nan, nan))
     gap = replace(named().gap, ci95_N=(nan, nan), corrected_N=nan, corrected_ci95_N=(nan, nan), noise_floor_N=nan)
     dark = replace(named().held_out[0].trace, usable=np.zeros(len(named().held_out[0].trace), bool))

@@ -1,4 +1,4 @@
-"""A blind case on disk: effects and simulation of the planned size, bags that tell nothing, arrays that are true."""
+"""A blind case on disk: of the planned size, bags that tell nothing, true arrays, and a seal that nothing passes."""
 
 import json
 
@@ -9,13 +9,15 @@ from scipy.interpolate import CubicSpline
 from ces_data.bags.reader import list_topics, read_recording
 from ces_data.signals_file import load_signals
 from ces_identify.simulations.simulation import FunctionSimulation
-from ces_rig.blind.cases import write_case
+from ces_rig.blind.cases import open_arrays, open_seal, write_arrays, write_case, write_seal
 from ces_rig.blind.draw import draw_case
 from ces_rig.blind.plan import BlindCase
+from ces_rig.errors import RigError
 from ces_rig.experiment import load_rig
 from ces_rig.sensors import EPOCH_NS
 
-SECONDS = 2.5
+SECONDS = 2.0
+
 FRICTION = BlindCase("effect", ("friction",), 3.0, 1.0 / 3.0, "rich", ("hydraulic",), number=7, seed=11)
 
 
@@ -68,6 +70,7 @@ def test_references_are_free_of_the_effect_and_the_rest_is_not(made):
     assert gap("real/r1") > 2.0 * np.hypot(8.0, error)
 
 
+@pytest.mark.slow
 def test_the_folder_tells_nothing_of_what_is_withheld(made):
     folder, (_label, arrays) = made
     files = [path for path in folder.rglob("*") if path.is_file()]
@@ -93,8 +96,59 @@ def test_predictions_in_the_bag_are_the_simulation_run_on_it(made):
     assert arrays["h1_baseline_N"] == pytest.approx(force, abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_case_repeats_exactly(made, tmp_path):
     again, _ = write_case(draw_case(FRICTION, SECONDS), tmp_path / "0007")
     assert again == made[1][0]
     for place in ("real/r2/r2.mcap", "reference/f1/f1.mcap", "baseline.yaml"):
         assert (tmp_path / "0007" / place).read_bytes() == (made[0] / place).read_bytes()
+
+
+@pytest.fixture
+def sealed(tmp_path):
+    arrays = {"h1_force_N": np.linspace(0.0, 1.0, 5, dtype=np.float32)}
+    label = {"case": "0001", "kind": "effect", "effects": [{"name": "friction"}]}
+    label["arrays_sha256"] = write_arrays(tmp_path, "0001", arrays)
+    digest = write_seal(tmp_path, {"seed": 4}, [label])
+    return tmp_path, label, digest
+
+
+def test_round_trip(sealed):
+    folder, label, digest = sealed
+    assert open_seal(folder) == ({"seed": 4}, [label])
+    assert open_arrays(folder, label)["h1_force_N"] == pytest.approx(np.linspace(0.0, 1.0, 5))
+    assert (folder / "cases" / "seal.sha256").read_text().strip() == digest
+
+
+def test_labels_cannot_be_read_by_accident(sealed):
+    text = (sealed[0] / "seal.json").read_text()
+    assert "friction" not in text
+    assert "effect" not in text
+
+
+def test_the_same_labels_get_another_hash_each_time(sealed, tmp_path_factory):
+    _, label, digest = sealed
+    assert write_seal(tmp_path_factory.mktemp("again"), {"seed": 4}, [label]) != digest
+
+
+def test_other_labels_are_refused(sealed, tmp_path_factory):
+    folder, label, _ = sealed
+    other = tmp_path_factory.mktemp("other")
+    write_seal(other, {"seed": 4}, [{**label, "kind": "none"}])
+    (folder / "seal.json").write_text((other / "seal.json").read_text())
+    with pytest.raises(RigError, match="its hash is not the published one"):
+        open_seal(folder)
+
+
+def test_other_arrays_are_refused(sealed):
+    folder, label, _ = sealed
+    write_arrays(folder, "0001", {"h1_force_N": np.zeros(5, np.float32)})
+    with pytest.raises(RigError, match=r"0001\.npz: its hash is not the sealed one"):
+        open_arrays(folder, label)
+
+
+@pytest.mark.parametrize("text", ["", "{}", "[1]", json.dumps({"salt": "a"})])
+def test_what_is_no_seal_is_refused_in_one_line(sealed, text):
+    (sealed[0] / "seal.json").write_text(text)
+    with pytest.raises(RigError, match="not a sealed blind test"):
+        open_seal(sealed[0])

@@ -1,14 +1,20 @@
-"""Currents stay inside their ranges, keep their times, and one of them follows the stroke."""
+"""Currents keep their ranges and times; one follows the stroke, and reg1 closes the loop over the damper."""
 
 import numpy as np
 import pytest
 
-from ces_rig.drive.currents import KINDS, make_current
+from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
+from ces_rig.dampers.stepper import simulate
+from ces_rig.drive.currents import FORCES_N, KINDS, Reg1, SpeedForceLoop, make_current
 from ces_rig.errors import RigError
+from ces_rig.experiment import drive_damper
 
 STEP = 1e-3
+
 TIME = np.arange(0, 20, STEP)
+
 STROKE = 0.018 * np.sin(2 * np.pi * 2 * TIME)
+
 EXAMPLES = [
     {"kind": "constant", "current_A": 0.5},
     {"kind": "ramp"},
@@ -26,7 +32,7 @@ def samples(given, seed=1):
 
 
 def test_examples_cover_every_kind():
-    assert {e["kind"] for e in EXAMPLES} == set(KINDS) - {"reg1", "sequence"}  # test_reg1.py, test_sequences.py
+    assert {e["kind"] for e in EXAMPLES} == set(KINDS) - {"reg1", "sequence"}  # reg1 below, test_sequences.py
 
 
 @pytest.mark.parametrize("given", EXAMPLES, ids=lambda e: e["kind"])
@@ -96,4 +102,62 @@ def test_stroke_following_current_follows_with_a_small_lag():
 )
 def test_mistakes_are_one_line(given, says):
     with pytest.raises(RigError, match=says):
+        make_current(given, "x.yaml: current")
+
+
+STEP_S = 0.5e-3
+
+FINE_TIME = np.arange(0.0, 4.0, STEP_S)
+
+FAST_STROKE = 0.0125 * np.sin(2 * np.pi * 4.0 * FINE_TIME) * np.minimum(FINE_TIME / 0.5, 1.0)
+
+SPEED = np.gradient(FAST_STROKE, FINE_TIME)
+
+SOFTER = tuple(0.75 * force for force in FORCES_N)
+
+
+def tracking_error_N(controller):
+    """RMS of reference minus force where the motion is fast and the force has built up."""
+    run, _ = drive_damper(Damper(), controller, FINE_TIME, FAST_STROKE)
+    reference = np.array([controller.reference.at(v) for v in SPEED])
+    fast = (np.abs(SPEED) > 0.2) & (FINE_TIME > 1.0)
+    return float(np.sqrt(np.mean((run.tared_N - reference)[fast] ** 2)))
+
+
+@pytest.mark.parametrize("forces_N", [FORCES_N, SOFTER])
+def test_the_force_follows_the_reference_because_it_is_fed_back(forces_N):
+    closed, constant = (tracking_error_N(Reg1(forces_N=forces_N, gain_A_N=gain)) for gain in (1.5e-4, 0.0))
+    assert closed < 0.7 * constant
+    assert closed < 80.0
+
+
+def test_commands_stay_inside_the_range_and_make_the_run_s_force():
+    run, command = drive_damper(Damper(), Reg1(), FINE_TIME, FAST_STROKE)
+    assert 0.29 <= command.min() < 0.40
+    assert 0.60 < command.max() <= 0.70
+    again = simulate(Hydraulic(Damper()), STEP_S, FAST_STROKE, command)
+    np.testing.assert_array_equal(run.force_N, again.force_N)
+
+
+def test_another_damper_gets_other_commands_for_nearly_the_same_force():
+    weak = Damper()
+    weak = type(weak)(ces_valve=type(weak.ces_valve)(cracking_high_Pa=3.2e6))
+    commands = [drive_damper(damper, Reg1(), FINE_TIME, FAST_STROKE)[1] for damper in (Damper(), weak)]
+    fast = (np.abs(SPEED) > 0.2) & (FINE_TIME > 1.0)
+    assert np.mean((commands[1] - commands[0])[fast]) > 0.01
+
+
+def test_the_integral_is_held_at_a_limit():
+    loop = SpeedForceLoop(Reg1(), 1e-3, 0.0)
+    for n in range(1, 2000):  # compression at 0.2 m/s without force: the reference is out of reach
+        loop.step(0.2e-3 * n, 0.0)
+    assert loop.current_A == 0.70
+    settled = [loop.step(0.2e-3 * (2000 + n), 1200.0) for n in range(30)]
+    assert settled[0] < 0.70, "no wind-up: the command leaves the limit at once"
+    assert settled[-1] < settled[0]
+
+
+def test_a_reference_that_drives_the_motion_is_refused():
+    given = {"kind": "reg1", "speeds_m_s": [-0.1, 0.0, 0.1], "forces_N": [-10.0, 0.0, -5.0]}
+    with pytest.raises(RigError, match=r"x.yaml: current: curve: -5 N at 0\.1 m/s would drive the motion"):
         make_current(given, "x.yaml: current")

@@ -1,14 +1,18 @@
-"""Sequences: parts follow one another with times of their own, begin again, and refuse what is no part."""
+"""Sequences of strokes and currents, and strokes from CSV files; mistakes name the part or the line."""
 
 import numpy as np
 import pytest
 
 from ces_rig.drive.currents import make_current
+from ces_rig.drive.sequences import SampledStroke, StrokeFile, read_stroke_file
 from ces_rig.drive.strokes import make_stroke
 from ces_rig.errors import RigError
+from ces_rig.experiment import load_experiment, simulate_truth
 
 TIME = np.arange(0.0, 10.0, 1e-3)
+
 SINE = {"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 2.0, "duration_s": 3.0}
+
 REST = {"kind": "rest", "duration_s": 1.0}
 
 
@@ -56,3 +60,53 @@ def test_mistakes_name_the_part(parts, expected):
 def test_a_controller_of_the_damper_is_no_part():
     with pytest.raises(RigError, match="part 1: kind is 'reg1', which needs the damper"):
         current({"kind": "reg1", "duration_s": 1.0})
+
+
+GOOD = "time_s,position_m,current_A\n" + "".join(f"{0.1 * n},{0.01 * np.sin(n)},0.5\n" for n in range(8))
+
+
+def test_a_file_beside_the_experiment_is_its_stroke(tmp_path):
+    (tmp_path / "stroke.csv").write_text(GOOD)
+    path = tmp_path / "e.yaml"
+    path.write_text(
+        "duration_s: 1.0\nstroke: {kind: file, path: stroke.csv, fade_s: 0.0}\n"
+        "current: {kind: constant, current_A: 0.5}\n"
+    )
+    truth = simulate_truth(load_experiment(path))
+    at_samples = truth.stroke_m[np.round(0.1 * np.arange(8) / 0.5e-3).astype(int)]
+    assert at_samples == pytest.approx(0.01 * np.sin(np.arange(8)), abs=1e-9)
+    assert np.ptp(truth.stroke_m[1401:]) == 0.0  # at rest after the last sample
+
+
+def test_samples_in_memory_are_the_same_spline(tmp_path):
+    path = tmp_path / "s.csv"
+    path.write_text(GOOD)
+    time, position = read_stroke_file(path)
+    grid = np.linspace(0.0, 0.7, 50)
+    in_memory = SampledStroke(time, position).samples(grid, np.random.default_rng(0))
+    assert np.array_equal(in_memory, StrokeFile(str(path)).samples(grid, np.random.default_rng(0)))
+    assert in_memory[-1] == pytest.approx(position[-1], abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("t,x\n0,0\n", r"s\.csv: columns are t, x; expected time_s, position_m"),
+        ("", r"s\.csv: columns are none"),
+        ("time_s,position_m\n0,0\n1,0\n", "2 samples; expected at least 4"),
+        (GOOD.replace("0.2,", "0.05,", 1), r"s\.csv:4: time_s does not rise"),
+        (GOOD.replace("0.1,", "x,", 1), r"s\.csv:3: 'x,"),
+        (GOOD.replace("0.1,", "nan,", 1), r"s\.csv:3: 'nan,.*expected finite numbers"),
+    ],
+)
+def test_mistakes_name_the_line(tmp_path, text, says):
+    path = tmp_path / "s.csv"
+    path.write_text(text)
+    with pytest.raises(RigError, match=says) as caught:
+        read_stroke_file(path)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_missing_file_is_named(tmp_path):
+    with pytest.raises(RigError, match=r"none\.csv: cannot be read"):
+        read_stroke_file(tmp_path / "none.csv")

@@ -16,7 +16,6 @@ from input_physics import (
     Damper,
     brakes,
     loose_brake,
-    plain,
     planted,
     recorded,
     valves,
@@ -27,7 +26,7 @@ from ces_data.arrays import F
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.effects.library import library
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.trace import Trace
 
 ON_INPUTS = ("backlash", "cavitation", "compressibility", "current_hysteresis", "current_scale", "leakage",
              "mount_compliance", "position_delay", "valve_lag")  # fmt: skip
@@ -75,60 +74,16 @@ def test_a_planted_effect_is_recovered(form: str) -> None:
         assert value == pytest.approx(expected, rel=0.08)
 
 
-def test_every_form_is_planted() -> None:
-    assert set(PLANTED) == set(FORMS)
-
-
-def corners(effect: Effect) -> list[tuple[float, ...]]:
-    return list(product(*((p.low, p.high) for p in effect.parameters)))
-
-
-def neutral(effect: Effect) -> tuple[float, ...]:
-    return tuple(p.neutral if p.magnitude else p.starts[0] for p in effect.parameters)
-
-
-def arrays_of(inputs: TraceInputs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return inputs.position, inputs.speed, inputs.current
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_neutral_values_change_nothing(form: str) -> None:
-    trace, values = plain(), neutral(FORMS[form])
-    inputs = FORMS[form].drive(trace, trace.inputs, trace.simulated, values)
-    force = FORMS[form].respond(trace, inputs, trace.simulated, values)
-    for was, now in zip(arrays_of(trace.inputs), arrays_of(inputs), strict=True):
-        np.testing.assert_allclose(now, was, rtol=0.0, atol=1e-12)
-    np.testing.assert_allclose(force, trace.simulated, rtol=0.0, atol=1e-9)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_forces_are_finite_in_every_corner_and_at_constant_current(form: str) -> None:
-    effect, still = FORMS[form], recorded(lambda x, v, i: valves(v, i), np.full(int(SECONDS * RATE_HZ), 0.7))
-    for trace, values in product((plain(), still), corners(effect)):
-        inputs = effect.drive(trace, trace.inputs, trace.simulated, values)
-        force = effect.respond(trace, inputs, trace.simulated, values)
-        assert all(np.isfinite(a).all() for a in (*arrays_of(inputs), force))
-    if effect.name in ("valve_lag", "current_hysteresis"):
+@pytest.mark.parametrize("form", [form for form in FORMS if form.startswith(("valve_lag", "current_hysteresis"))])
+def test_a_constant_current_stays_as_it_is(form: str) -> None:
+    still = recorded(lambda x, v, i: valves(v, i), np.full(int(SECONDS * RATE_HZ), 0.7))
+    for values in product(*((p.low, p.high) for p in FORMS[form].parameters)):
+        inputs = FORMS[form].drive(still, still.inputs, still.simulated, values)
         np.testing.assert_allclose(inputs.current, 0.7, rtol=0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_forces_are_smooth_in_the_parameters(form: str) -> None:
-    """One-sided differences of the steps that a fit takes agree with central ones."""
-    effect, values, trace = FORMS[form], PLANTED[form][0], plain()
-    for k, p in enumerate(effect.parameters):
-        low, high = p.search_bounds()
-        at = p.to_search(values[k])
-        share = 2e-4 if effect.name == "cavitation" else 1e-3
-        step = share * min(high - low, 10.0 * abs(at)) * (-1.0 if p.to_value(high) == values[k] else 1.0)
-
-        def force(searched: float, k: int = k, p=p) -> F:
-            return with_effect(trace, effect, (*values[:k], p.to_value(searched), *values[k + 1 :]))
-
-        forward = force(at + step) - force(at)
-        twice = 0.5 * (force(at + 2.0 * step) - force(at))
-        assert rms(forward, trace) > 0.0
-        assert rms(forward - twice, trace) < 0.15 * rms(forward, trace), p.name
+def test_every_form_is_planted() -> None:
+    assert set(PLANTED) == set(FORMS)
 
 
 def test_backlash_of_a_brake_is_recovered() -> None:
@@ -144,19 +99,12 @@ def test_backlash_of_a_brake_is_recovered() -> None:
     ("true", "other"),
     [
         ("compressibility-sides", "mount_compliance-linear"),
-        ("compressibility-aerated", "mount_compliance-linear"),
         ("compressibility-aerated", "mount_compliance-progressive"),
         ("leakage-rebound", "current_scale-gain_offset"),
-        ("current_scale-gain_offset", "leakage-rebound"),
-        ("cavitation-rebound_intake", "backlash-held"),
         ("backlash-held", "cavitation-rebound_intake"),
-        ("backlash-held", "mount_compliance-progressive"),
-        ("backlash-held", "compressibility-aerated"),
         ("mount_compliance-progressive", "backlash-held"),
         ("valve_lag-first_order", "current_hysteresis-plays"),
         ("current_hysteresis-plays", "valve_lag-rise_fall"),
-        ("current_hysteresis-remanence", "current_scale-gain_offset"),
-        ("position_delay-shift", "mount_compliance-linear"),
         ("mount_compliance-linear", "position_delay-shift"),
     ],
 )

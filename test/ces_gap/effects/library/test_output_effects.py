@@ -97,14 +97,6 @@ def test_bristles_follow_their_differential_equation() -> None:
     assert np.abs(bristles(m.position, level, 3e-4) - z).max() < 0.03
 
 
-def test_presliding_tends_to_coulomb_friction_as_its_stroke_vanishes() -> None:
-    trace = plants.trace(seconds=5.0)
-    sharp = respond("friction", "presliding", trace, (50.0, 2e-6)) - trace.simulated
-    moving = np.abs(trace.inputs.speed) > 0.05
-    moving[0] = False
-    assert sharp[moving] == pytest.approx(50.0 * np.sign(trace.inputs.speed[moving]), abs=1e-6)
-
-
 def test_friction_dissipates_energy_in_every_stroke() -> None:
     trace = plants.trace(seconds=5.0)
     for form in ("coulomb_stribeck", "presliding", "lugre", "pressure_dependent"):
@@ -168,11 +160,6 @@ def test_fade_by_measured_temperature_is_recovered() -> None:
 
 def test_without_a_temperature_channel_there_is_no_measured_fade() -> None:
     trace = plants.trace(seconds=5.0)
-    assert np.array_equal(respond("temperature_fade", "measured", trace, (0.05,)), trace.simulated)
-
-
-def test_an_unknown_temperature_has_no_effect() -> None:
-    trace = plants.trace(seconds=5.0, temperature=np.full(5 * plants.FINE_HZ, np.nan))
     assert np.array_equal(respond("temperature_fade", "measured", trace, (0.05,)), trace.simulated)
 
 

@@ -1,9 +1,12 @@
-"""The quarter vehicle obeys its equations with a real damper in it, and survives roads no damper was made for."""
+"""What moves the piston: a follower of set points, an endless road of ISO 8608, a quarter vehicle on it."""
+
+from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.signal import welch
 
 from ces_rig.dampers.bouc_wen.parameters import BoucWen
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
@@ -12,17 +15,102 @@ from ces_rig.dampers.stepper import DamperStepper, Mover
 from ces_rig.drive import kernels as qv
 from ces_rig.drive.strokes import QuarterVehicle
 from ces_rig.errors import RigError
-from ces_rig.live.motion import Vehicle, as_kernel_numbers
+from ces_rig.live.motion import (
+    AVERAGING,
+    CLASSES,
+    CONTACT_M,
+    MAX_WAVE_M,
+    ROAD_BLOCK,
+    Follower,
+    LiveRoad,
+    Vehicle,
+    as_kernel_numbers,
+    roughness_m3,
+)
 from ces_rig.live.rig import LiveRig, RigSettings
 
-GRID = 0.5e-3
+
+def test_a_step_is_followed_as_the_equation_says() -> None:
+    follower, interval, omega = Follower(10.0, 0.1, 0.5e-3), 0.5e-3, 2 * np.pi * 10.0
+    follower.set_stroke(0.02)
+    stroke, speed = (np.concatenate(parts) for parts in zip(*(follower.moves(2) for _ in range(300)), strict=True))
+    time = interval * np.arange(1, 601)
+    assert stroke == pytest.approx(0.02 * (1.0 - (1.0 + omega * time) * np.exp(-omega * time)), abs=1e-12)
+    assert speed == pytest.approx(0.02 * omega**2 * time * np.exp(-omega * time), abs=1e-10)
+    assert stroke.max() <= 0.02
+
+
+def test_set_points_out_of_reach_or_not_finite_do_no_harm() -> None:
+    follower = Follower(60.0, 0.03, 0.5e-3)
+    follower.set_stroke(1.0)
+    assert follower.moves(2000)[0].max() == pytest.approx(0.03)
+    follower.set_stroke(float("nan"))
+    assert follower.moves(10)[0][-1] == pytest.approx(0.03)
+
+
+INTERVAL = 0.5e-3
+
+
+def heights(road: LiveRoad, count: int) -> np.ndarray:
+    return np.concatenate([road.heights(ROAD_BLOCK) for _ in range(count // ROAD_BLOCK)])
+
+
+@pytest.mark.parametrize(("road_class", "speed"), [("A", 25.0), ("C", 4.0), ("H", 25.0)])
+def test_density_is_that_of_the_standard(road_class, speed):
+    """Waviness 2 and the class's level at 0.1 cycles/m, between the longest waves and the tyre's contact patch."""
+    road = LiveRoad(road_class, speed, INTERVAL, np.random.default_rng(1))
+    apart = speed * INTERVAL
+    every = max(1, round(0.05 / apart))
+    height = heights(road, round(12_000 / apart))[::every]
+    wave, density = welch(height, 1 / (apart * every), nperseg=2**13)
+    band = (wave > 0.03) & (wave < 1.0)
+    slope, level = np.polyfit(np.log(wave[band] / 0.1), np.log(density[band]), 1, w=wave[band] ** -0.5)
+    assert slope == pytest.approx(-2.0, abs=0.15)
+    assert np.exp(level) == pytest.approx(16e-6 * 4 ** CLASSES.index(road_class), rel=0.15)
+
+
+def test_density_as_declared_holds_down_to_the_contact_patch():
+    road = LiveRoad("C", 10.0, INTERVAL, np.random.default_rng(2))
+    wave, density = welch(heights(road, 1_000_000), 1 / (10.0 * INTERVAL), nperseg=2**15)
+    band = (wave > 0.05) & (wave < 10.0)
+    patch = 2.0 * np.pi * CONTACT_M / AVERAGING
+    profile = roughness_m3("C") * 0.1**2 / (wave[band] ** 2 + MAX_WAVE_M**-2)
+    ratio = density[band] * (1.0 + (patch * wave[band]) ** 2) / profile
+    for part in np.array_split(ratio, 10):
+        assert part.mean() == pytest.approx(1.0, abs=0.1)
+
+
+def test_at_standstill_the_road_stands_still():
+    road = LiveRoad("D", 20.0, INTERVAL, np.random.default_rng(3))
+    heights(road, 10_000)
+    road.speed_m_s = 0.0
+    height = heights(road, 1000)
+    assert np.ptp(height[ROAD_BLOCK:]) == 0.0
+
+
+def test_a_change_of_class_does_not_jump():
+    road = LiveRoad("A", 20.0, INTERVAL, np.random.default_rng(4))
+    before = heights(road, 5000)
+    road.road_class = "F"
+    after = heights(road, 5000)
+    assert abs(after[0] - before[-1]) < 0.01
+    assert np.diff(after).std() > 10 * np.diff(before).std()
+
+
+def test_the_same_whatever_the_portions():
+    whole, parts = (LiveRoad("B", 15.0, INTERVAL, np.random.default_rng(5)) for _ in range(2))
+    assert np.array_equal(
+        heights(whole, 600), np.concatenate([parts.heights(n) for n in (3, 97, 100, 99, 100, 100, 1, 100)])
+    )
+
+
 WEIGHT_N = (145.0 + 17.0) * 9.81
 
 
 def in_vehicle(model: DamperModel, step_s: float | None = None, vehicle: Vehicle | None = None) -> DamperStepper:
     """Return the stepper of a damper in a vehicle."""
     numbers = as_kernel_numbers(vehicle or Vehicle(), 0.06)
-    return DamperStepper(model, GRID, step_s, Mover(qv.VEHICLE, numbers))
+    return DamperStepper(model, INTERVAL, step_s, Mover(qv.VEHICLE, numbers))
 
 
 def ridden(stepper: DamperStepper, heights: np.ndarray, current: float) -> np.ndarray:
@@ -36,7 +124,7 @@ def ridden(stepper: DamperStepper, heights: np.ndarray, current: float) -> np.nd
 
 
 def wavy(seconds: float) -> np.ndarray:
-    time = np.arange(0, seconds, GRID) + GRID
+    time = np.arange(0, seconds, INTERVAL) + INTERVAL
     return 0.012 * np.clip(time, 0, 1) ** 2 * (np.sin(2 * np.pi * 1.3 * time) + 0.5 * np.sin(2 * np.pi * 9 * time))
 
 
@@ -61,7 +149,7 @@ def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
         fluid_N_m=1e8, seal_N=0.0, rod_m2=1e-6, gas_Pa=1.1e5, mount_N_m=1e8, mount_Ns_m=1e4, mass_kg=0.05,
     )  # fmt: skip
     plant = in_vehicle(dashpot, 5e-5)
-    time = np.arange(0, 4, GRID) + GRID
+    time = np.arange(0, 4, INTERVAL) + INTERVAL
     for frequency in (1.5, 4.0, 12.0):
         amplitude = 0.004
         stroke = ridden(plant, amplitude * np.sin(2 * np.pi * frequency * time), 0.0)[:, qv.STROKE]
@@ -84,11 +172,11 @@ def test_energy_that_the_road_puts_in_warms_the_damper():
     plant = in_vehicle(Hydraulic(Damper()))
     heights = wavy(6.0)
     motion = ridden(plant, heights, 0.5)
-    rate = np.diff(heights, prepend=0.0) / GRID
+    rate = np.diff(heights, prepend=0.0) / INTERVAL
     tyre = motion[:, qv.TYRE] - WEIGHT_N
-    put_in = np.sum(tyre * rate) * GRID
-    damper = np.sum(motion[:, qv.FORCE] * motion[:, qv.STROKE_SPEED]) * GRID
-    in_tyre = 250.0 * np.sum((rate - motion[:, qv.WHEEL_SPEED]) ** 2) * GRID
+    put_in = np.sum(tyre * rate) * INTERVAL
+    damper = np.sum(motion[:, qv.FORCE] * motion[:, qv.STROKE_SPEED]) * INTERVAL
+    in_tyre = 250.0 * np.sum((rate - motion[:, qv.WHEEL_SPEED]) ** 2) * INTERVAL
     assert damper > 50.0
     assert damper + in_tyre == pytest.approx(put_in, rel=0.1)
 

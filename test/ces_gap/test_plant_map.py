@@ -1,4 +1,4 @@
-"""The plant's own spring: identified in a plant that has one, none otherwise; a leak relaxes its force."""
+"""Maps of speed, current and the plant's own spring: learnt from their data, once; a leak relaxes a friction force."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from numba import njit
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.library.leakage import TwoWayLeak
+from ces_gap.plant_map import MAX_RECENT, RecentMaps, learn_map
 from ces_gap.trace import Trace
 
 LEAK = 3e-5  # [m/(s N)]
@@ -65,3 +66,22 @@ def test_a_leak_relaxes_a_friction_force() -> None:
     errors = [left(trace, share * LEAK) for share in shares]
     assert shares[int(np.argmin(errors))] in (0.8, 1.0)
     assert min(errors) < 0.3 * errors[0]
+
+
+TICKS = 2000
+
+
+def test_only_other_data_are_learnt_again() -> None:
+    rng = np.random.default_rng(1)
+    speed, current, usable = rng.standard_normal(TICKS), rng.random(TICKS), np.ones(TICKS, bool)
+    force, maps = 100.0 * np.tanh(speed) * (1.0 + current), RecentMaps()
+    first = maps.learn(speed, current, force, usable)
+    assert maps.learn(speed.copy(), current, force.copy(), usable) is first
+    for other in range(1, MAX_RECENT + 1):
+        changed = force.copy()
+        changed[-1] += other
+        expected = learn_map(speed, current, changed, usable)
+        np.testing.assert_array_equal(maps.learn(speed, current, changed, usable).table, expected.table)
+    again = maps.learn(speed, current, force, usable)
+    assert again is not first  # only the last few are kept
+    np.testing.assert_array_equal(again.table, first.table)

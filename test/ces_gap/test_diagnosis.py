@@ -1,4 +1,4 @@
-"""The verdict in one sentence: the cause and its share."""
+"""A diagnosis in one sentence: the cause and its share."""
 
 from __future__ import annotations
 
