@@ -1,39 +1,44 @@
-"""Comparison of causal differentiators: delay and noise, and error in the damping force.
+"""The tables of docs/speed.md: causal differentiators compared by the error that they leave in the damping force.
 
-Two tables, printed as Markdown: the rig's recordings, with true speed and with the rig's own plant driven by each
-estimate; and what the package's rule for its own differentiator picks. Measured data join in if the folder in CES_DATA
-(default ../shared/data beside the checkout) is there. Each peer has its one number set to the least RMS error over all
-of the rig's recordings, knowing the true speed; the package's own has only its rule.
+    python bench/bench_differentiators.py peers     # the rig's own plant driven by the speed of each differentiator
+    python bench/bench_differentiators.py rule      # what the package's rule chooses for each set of recordings
+    python bench/bench_differentiators.py adaptive  # one bandwidth beside the adaptive one, at three noise levels
+
+Each peer has its one number set to the least RMS error of the speed over all of the rig's recordings, knowing the true
+speed; the package's own has only its rule. Measured data join in if the folder in CES_DATA (default ../shared/data
+beside the checkout) is there.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import blas_one_thread  # noqa: F401 - before NumPy
 import numpy as np
 from differentiator_peers import PEERS, F, Peer
+from markdown import markdown
 from recorded_cases import load_dyke, load_utfsm
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfilt
 
 from ces_data.recording import Channel, Recording
 from ces_identify.prepare.sampling import best_differentiator, choose_sampling, position_spectrum, sample_rate
-from ces_identify.prepare.series import Series, prepare, usable_samples
-from ces_observer.model import Sampling
+from ces_identify.prepare.series import prepare, usable_samples
+from ces_observer.model import ADAPTIVE, KALMAN, Sampling
 from ces_rig.dampers.hydraulic.parameters import Hydraulic
 from ces_rig.dampers.stepper import simulate
 from ces_rig.experiment import Experiment, find_experiment, load_experiment, measure, simulate_truth
-from ces_rig.sensors import GRID_S, Truth
+from ces_rig.sensors import GRID_S, Truth, measure_signals
 
 RIG = ("sine_4hz", "sine_12hz", "sweep", "noise", "road")
 RATE = 1000.0
 WARM_UP_S = 1.0
 OWN = "**ours, by its rule**"
+NOISE_SCALES = (0.3, 1.0, 3.0)
 
 
 @dataclass(frozen=True)
@@ -59,12 +64,6 @@ def rig_run(name: str) -> RigRun:
     at = experiment.sensors.position.phase_s + np.arange(len(recording.channel("position"))) / RATE
     stroke = CubicSpline(true.time_s, true.stroke_m)
     return RigRun(experiment, true, recording, at, stroke(at), stroke(at, 1))
-
-
-def relative_error(estimate: F, speed: F) -> float:
-    """Return the RMS error in % of the RMS speed, after the warm-up."""
-    late = slice(round(WARM_UP_S * RATE), None)
-    return float(100.0 * np.std((estimate - speed)[late]) / np.std(speed[late]))
 
 
 def delay_ms(estimate: F, speed: F, frequency: float) -> float:
@@ -118,29 +117,27 @@ def tune(peer: Peer, positions: Sequence[F], speeds: Sequence[F], rate: float) -
     return min(grid, key=error)
 
 
-def rig_table(runs: dict[str, RigRun]) -> list[str]:
-    head = ["differentiator", "its number", *(f"{n} v" for n in RIG), "noise", "delay 4 Hz", "delay 12 Hz"]
-    rows = [[*head, *(f"{n} F" for n in RIG)]]
+def peers_table(runs: Mapping[str, RigRun]) -> list[list[str]]:
+    """Return the noise, the delay and the force error of each differentiator."""
+    rows = [["differentiator", "its number", "noise %", "delay at 4 Hz [ms]", *RIG]]
     for peer in PEERS:
         number = tune(peer, [r.positions for r in runs.values()], [r.speed for r in runs.values()], RATE)
         estimates = {n: peer.speeds(r.positions, RATE, number) for n, r in runs.items()}
         clean = peer.speeds(runs["noise"].stroke, RATE, number)  # distortion alone
-        noise = noise_share(estimates["noise"], clean, runs["noise"].speed)
-        rows.append([peer.name, f"{number:.3g} {peer.unit}", *rig_row(estimates, runs, f"{noise:.1f}")])
+        rows.append([peer.name, f"{number:.3g} {peer.unit}", *peer_row(estimates, clean, runs)])
     sampling = choose_sampling([runs["noise"].recording, runs["sweep"].recording])
     estimates = {n: own_estimate(sampling, r.recording) for n, r in runs.items()}
     quiet = Recording("quiet", dict(runs["noise"].recording.channels) | {"position": quiet_position(runs["noise"])})
-    noise = noise_share(estimates["noise"], own_estimate(sampling, quiet), runs["noise"].speed)
-    number = f"order {sampling.order}, {sampling.bandwidth_Hz:.0f} Hz"
-    rows.append([OWN, number, *rig_row(estimates, runs, f"{noise:.1f}")])
-    return markdown(rows)
+    clean = own_estimate(sampling, quiet)
+    rows.append([OWN, f"order {sampling.order}, {sampling.bandwidth_Hz:.0f} Hz", *peer_row(estimates, clean, runs)])
+    return rows
 
 
-def rig_row(estimates: dict[str, F], runs: dict[str, RigRun], noise: str) -> list[str]:
-    errors = [f"{relative_error(estimates[n], runs[n].speed):.1f}" for n in RIG]
-    delays = [delay_ms(estimates[n], runs[n].speed, f) for n, f in (("sine_4hz", 4.0), ("sine_12hz", 12.0))]
+def peer_row(estimates: Mapping[str, F], clean: F, runs: Mapping[str, RigRun]) -> list[str]:
+    noise = noise_share(estimates["noise"], clean, runs["noise"].speed)
+    delay = delay_ms(estimates["sine_4hz"], runs["sine_4hz"].speed, 4.0)
     forces = [f"{plant_cost(estimates[n], runs[n]):.1f}" for n in RIG]
-    return [*errors, noise, *(f"{d:+.2f}" for d in delays), *forces]
+    return [f"{noise:.1f}", f"{delay:+.2f}", *forces]
 
 
 def quiet_position(run: RigRun) -> Channel:
@@ -160,14 +157,9 @@ def load_measured_sets(data: Path) -> dict[str, list[Recording]]:
     }
 
 
-def with_speed(prepared: list[Series], recordings: list[Recording], speeds: list[F]) -> list[Series]:
-    out = []
-    for series, recording, speed in zip(prepared, recordings, speeds, strict=True):
-        out.append(replace(series, speed=np.interp(series.time_s, sample_times(recording), speed)))
-    return out
-
-
-def rule_table(runs: dict[str, RigRun], data: Path) -> list[str]:
+def rule_table(runs: Mapping[str, RigRun]) -> list[list[str]]:
+    """Return what the rule chooses, and the best bandwidth of either order."""
+    data = Path(os.environ.get("CES_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
     sets = {f"rig {name}": [run.recording] for name, run in runs.items()} | load_measured_sets(data)
     rows = [["recordings", "rate [Hz]", "order", "bandwidth [Hz]", "best of order 2 [Hz]", "best of order 3 [Hz]"]]
     for name, recordings in sets.items():
@@ -175,7 +167,28 @@ def rule_table(runs: dict[str, RigRun], data: Path) -> list[str]:
         bandwidth, order = best_differentiator(spectra)
         each = [f"{best_differentiator(spectra, (o,))[0]:.0f}" for o in (2, 3)]
         rows.append([name, f"{sample_rate(recordings[0]):.0f}", str(order), f"{bandwidth:.0f}", *each])
-    return markdown(rows)
+    return rows
+
+
+def adaptive_table(runs: Mapping[str, RigRun]) -> list[list[str]]:
+    """Return the force error behind the single and the adaptive filter, their parameters from noise and sweep."""
+    rows = [["position noise", "speed", *RIG]]
+    for scale in NOISE_SCALES:
+        noisy = {name: with_noise(run, scale) for name, run in runs.items()}
+        training = [noisy["noise"].recording, noisy["sweep"].recording]
+        for kind in (KALMAN, ADAPTIVE):
+            sampling = choose_sampling(training, differentiator=kind)
+            costs = (plant_cost(own_estimate(sampling, noisy[n].recording), noisy[n]) for n in RIG)
+            rows.append([f"x {scale:g}", f"`{kind}`", *(f"{cost:.2f}" for cost in costs)])
+    return rows
+
+
+def with_noise(run: RigRun, scale: float) -> RigRun:
+    """Return the same experiment with `scale` times the noise and resolution of its position sensor."""
+    sensors, settings = run.experiment.sensors, run.experiment.settings
+    position = replace(sensors.position, noise=scale * sensors.position.noise, quantum=scale * sensors.position.quantum)
+    noisy = replace(sensors, position=position)
+    return replace(run, recording=measure_signals(run.true, noisy, settings.seed, settings.name))
 
 
 def noise_share(estimate: F, clean: F, speed: F) -> float:
@@ -184,19 +197,21 @@ def noise_share(estimate: F, clean: F, speed: F) -> float:
     return float(100.0 * np.std((estimate - clean)[late]) / np.std(speed))
 
 
-def markdown(rows: list[list[str]]) -> list[str]:
-    lines = ["| " + " | ".join(row) + " |" for row in rows]
-    return [lines[0], "|" + "---|" * len(rows[0]), *lines[1:], ""]
+TABLES: dict[str, Callable[[Mapping[str, RigRun]], list[list[str]]]] = {
+    "peers": peers_table,
+    "rule": rule_table,
+    "adaptive": adaptive_table,
+}
 
 
 def main() -> None:
-    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
-    data = Path(os.environ.get("CES_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument(
+        "tables", nargs="*", choices=[[], *TABLES], metavar="TABLE", help=f"one or more of {', '.join(TABLES)}"
+    )
+    names = parser.parse_args().tables or list(TABLES)
     runs = {name: rig_run(name) for name in RIG}
-    print("### Speed error v, noise share, phase delay [ms], and J of the plant driven by the estimate F [%]\n")
-    print("\n".join(rig_table(runs)), flush=True)
-    print("### What the rule picks\n")
-    print("\n".join(rule_table(runs, data)))
+    print("\n\n".join(markdown(TABLES[name](runs)) for name in names))
 
 
 if __name__ == "__main__":

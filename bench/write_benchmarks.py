@@ -1,7 +1,7 @@
-"""Rewrites the tables of docs/benchmarks.md by running their scripts.
+"""Rewrites the tables of docs/benchmarks.md and docs/speed.md by running their scripts.
 
 Usage: python -m bench.write_benchmarks [NAME...]; with names, those tables only. A table is between two comments,
-the first of which contains its name and its command, which prints the table on standard output:
+the first of which contains its name and its command, which prints the table on standard output; the commit is added:
 <!-- NAME table: begin (python bench/SCRIPT.py OPTION...) --> ... <!-- NAME table: end -->
 """
 
@@ -17,7 +17,7 @@ from pathlib import Path
 from bench.markdown import replace_between
 
 ROOT = Path(__file__).resolve().parent.parent
-PAGE = ROOT / "docs" / "benchmarks.md"
+PAGES = (ROOT / "docs/benchmarks.md", ROOT / "docs/speed.md")
 COMMAND = re.compile(r"<!-- ([\w-]+) table: begin \(python ([^)]*)\) -->")
 
 
@@ -26,18 +26,23 @@ def run_script(command: str) -> str:
     print(f"python {command}", file=sys.stderr, flush=True)
     words = [sys.executable, *shlex.split(command)]
     text = subprocess.run(words, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
-    return text if text.startswith("|") else f"```\n{text}\n```"
+    table = text if text.startswith("|") else f"```\n{text}\n```"
+    commit = subprocess.run(
+        ("git", "rev-parse", "--short=8", "HEAD"), cwd=ROOT, check=True, capture_output=True, text=True
+    )
+    return f"{table}\n\nCommit {commit.stdout.strip()}."
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    commands = dict(COMMAND.findall(PAGE.read_text(encoding="utf-8")))
-    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one or more of {', '.join(commands)}")
-    requested = parser.parse_args().names or list(commands)
-    if unknown := sorted(set(requested) - set(commands)):
-        parser.error(f"{PAGE.name} has no table '{unknown[0]}'; expected one of {', '.join(commands)}")
+    found = {name: (page, command) for page in PAGES for name, command in COMMAND.findall(page.read_text("utf-8"))}
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one or more of {', '.join(found)}")
+    requested = parser.parse_args().names or list(found)
+    if unknown := sorted(set(requested) - set(found)):
+        parser.error(f"there is no table '{unknown[0]}'; expected one of {', '.join(found)}")
     for name in requested:
-        replace_between(PAGE, f"{name} table", run_script(commands[name]))
+        page, command = found[name]
+        replace_between(page, f"{name} table", run_script(command))
 
 
 if __name__ == "__main__":
