@@ -1,32 +1,27 @@
 """The tables of docs/speed.md: causal differentiators compared by the error that they leave in the damping force.
 
     python bench/bench_differentiators.py peers     # the rig's own plant driven by the speed of each differentiator
-    python bench/bench_differentiators.py rule      # what the package's rule chooses for each set of recordings
     python bench/bench_differentiators.py adaptive  # one bandwidth beside the adaptive one, at three noise levels
 
 Each peer has its one number set to the least RMS error of the speed over all of the rig's recordings, knowing the true
-speed; the package's own has only its rule. Measured data join in if the folder in CES_DATA (default ../shared/data
-beside the checkout) is there.
+speed; the package's own has only its rule.
 """
 
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import blas_one_thread  # noqa: F401 - before NumPy
 import numpy as np
 from differentiator_peers import PEERS, F, Peer
 from markdown import markdown
-from recorded_cases import load_dyke, load_utfsm
 from scipy.interpolate import CubicSpline
 from scipy.signal import butter, sosfilt
 
 from ces_data.recording import Channel, Recording
-from ces_identify.prepare.sampling import best_differentiator, choose_sampling, position_spectrum, sample_rate
+from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare, usable_samples
 from ces_observer.model import ADAPTIVE, KALMAN, Sampling
 from ces_rig.dampers.hydraulic.parameters import Hydraulic
@@ -147,29 +142,6 @@ def quiet_position(run: RigRun) -> Channel:
     return Channel("position", "m", stamps, run.stroke)
 
 
-def load_measured_sets(data: Path) -> dict[str, list[Recording]]:
-    if not data.is_dir():
-        return {}
-    return {
-        "Dyke ranran_50": [load_dyke(data / "dyke_mr" / "ranran_50.csv")],
-        "UTFSM sweeps": [load_utfsm(p) for p in sorted((data / "utfsm_mr").glob("sweep_15Hz_*A.csv"))],
-        "UTFSM sines": [load_utfsm(p) for p in sorted((data / "utfsm_mr").glob("sine_10mm2Hz_*A.csv"))],
-    }
-
-
-def rule_table(runs: Mapping[str, RigRun]) -> list[list[str]]:
-    """Return what the rule chooses, and the best bandwidth of either order."""
-    data = Path(os.environ.get("CES_DATA", Path(__file__).resolve().parents[2] / "shared" / "data"))
-    sets = {f"rig {name}": [run.recording] for name, run in runs.items()} | load_measured_sets(data)
-    rows = [["recordings", "rate [Hz]", "order", "bandwidth [Hz]", "best of order 2 [Hz]", "best of order 3 [Hz]"]]
-    for name, recordings in sets.items():
-        spectra = [position_spectrum(r, 0.1) for r in recordings]
-        bandwidth, order = best_differentiator(spectra)
-        each = [f"{best_differentiator(spectra, (o,))[0]:.0f}" for o in (2, 3)]
-        rows.append([name, f"{sample_rate(recordings[0]):.0f}", str(order), f"{bandwidth:.0f}", *each])
-    return rows
-
-
 def adaptive_table(runs: Mapping[str, RigRun]) -> list[list[str]]:
     """Return the force error behind the single and the adaptive filter, their parameters from noise and sweep."""
     rows = [["position noise", "speed", *RIG]]
@@ -199,7 +171,6 @@ def noise_share(estimate: F, clean: F, speed: F) -> float:
 
 TABLES: dict[str, Callable[[Mapping[str, RigRun]], list[list[str]]]] = {
     "peers": peers_table,
-    "rule": rule_table,
     "adaptive": adaptive_table,
 }
 
