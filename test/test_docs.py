@@ -30,7 +30,6 @@ MAX_WORDS = 91_000  # of README, CHANGELOG and docs, as `wc -w` counts them
 TO_CONVERT = (  # pages whose commands and examples do not run yet: take yours out
     "docs/api.md",
     "docs/blind.md",
-    "docs/compare.md",
     "docs/diagnose.md",
     "docs/results.md",
     "docs/rig.md",
