@@ -33,7 +33,7 @@ TO_CONVERT = (  # pages whose commands and examples do not run yet: take yours o
     "docs/diagnose.md",
     "docs/results.md",
     "docs/rig.md",
-    "docs/sense.md",
+    "docs/checks.md",
 )
 FOLDERS = ("bench", "config", "examples", "launch", "test")
 SOURCES = ("*.py", "*.yaml", "*.j2", "*.xml", "*.ipynb")
