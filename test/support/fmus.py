@@ -2,6 +2,7 @@
 
 import subprocess
 import zipfile
+from functools import cache
 
 from ces_identify.export.export_fmu import binary_path, export_fmu
 from ces_observer.model import Envelope, Model, Sampling
@@ -66,8 +67,13 @@ def damper(past=0.6, **sampling):
 def damper_fmu(folder, model=None, **changes):
     """Write damper.fmu with texts of its description changed; return its path."""
     path = folder / "damper.fmu"
-    path.write_bytes(export_fmu(model or damper(), "damper", UNPROVED, ["cc"]))
+    path.write_bytes(export_fmu(model, "damper", UNPROVED, ["cc"]) if model else _exported())
     return changed(path, changes) if changes else path
+
+
+@cache
+def _exported():
+    return export_fmu(damper(), "damper", UNPROVED, ["cc"])
 
 
 def changed(path, changes, without=()):

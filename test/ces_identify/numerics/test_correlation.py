@@ -1,14 +1,7 @@
 import numpy as np
 from residual_series import coloured, single_run
 
-from ces_identify.numerics.correlation import (
-    autocorrelation,
-    covariance,
-    find_runs,
-    flat_top,
-    longest_memory,
-    memory,
-)
+from ces_identify.numerics.correlation import autocorrelation, covariance, find_runs, flat_top, longest_memory, memory
 
 
 def remembered(x):

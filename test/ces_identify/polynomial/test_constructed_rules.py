@@ -56,9 +56,7 @@ def test_without_a_signal_what_is_made_of_it_goes_too():
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"slip": {"kind": "stop", "of": "position"}}, "constructed: slip: key 'half_width' is missing"),
         ({"slip": {"kind": "hat"}}, "kind is 'hat'; expected one of stop, play, lag, frequency, hats"),
-        ({"slip": {"kind": "lag", "of": "position"}}, "constructed: slip: key 'time_constant_s' is missing"),
         (
             {"slip": {"kind": "lag", "of": "position", "time_constant_s": "soon"}},
             "time_constant_s is 'soon'; expected a finite number from 0.0001",
@@ -71,9 +69,7 @@ def test_without_a_signal_what_is_made_of_it_goes_too():
             {"region": {"kind": "hats", "of": "current", "at": [1.0]}},
             r"at is \[1.0\]; expected 2 to 20 ascending peaks",
         ),
-        ({"region": {"kind": "hats", "of": "current", "at": [1.0, 0.5]}}, "ascending"),
         ({"region": {"kind": "hats", "of": "current", "at": ["a", 0.5]}}, "at is 'a'; expected a number"),
-        ({"region": {"kind": "hats", "of": "look_up", "at": [0.0, 0.5]}}, "of is 'look_up'; expected one of"),
         ({"region_1": {"kind": "frequency"}}, "names to be free"),
     ],
 )
@@ -138,9 +134,7 @@ def test_the_rules_in_the_documentation_can_be_used_as_they_stand():
         ("hysteresis:0.0005,0.002", {"hysteresis_1", "hysteresis_2"}),
         ("remanence:0.05", {"remanence_1"}),
         ("lag:0.003,0.03", {"lag_1", "lag_2"}),
-        ("lag:auto", {"lag_1"}),
         ("frequency", {"frequency"}),
-        ("frequency:0.5", {"frequency"}),
     ],
 )
 def test_short_options_add_inputs_and_products(spec, names):
@@ -177,7 +171,7 @@ def test_lags_of_the_current_are_added_with_their_time_constants():
     assert {p for p in rules.products if "lag_2" in p} == {("lag_2",), ("lag_2", "speed"), ("lag_2", "position")}
 
 
-@pytest.mark.parametrize(("rate_Hz", "late"), [(250.0, 2), (1000.0, 8), (3000.0, 24)])
+@pytest.mark.parametrize(("rate_Hz", "late"), [(250.0, 2), (3000.0, 24)])
 def test_remanence_is_late_by_the_same_time_at_every_rate(rate_Hz, late):
     rules = add_constructed_inputs(load_rules(None), "remanence:0.05").at_rate(rate_Hz)
     assert {f.lag for f in factors(rules) if f.signal == "remanence_1"} == {0, late}
@@ -215,17 +209,12 @@ def test_a_blend_may_be_over_what_is_constructed():
     ("make", "spec", "message"),
     [
         (add_constructed_inputs, "friction:1", "'friction:1': expected hysteresis:M"),
-        (add_constructed_inputs, "hysteresis", "'hysteresis': expected hysteresis:M"),
         (add_constructed_inputs, "hysteresis:a", "'hysteresis:a': expected numbers after the colon"),
         (add_constructed_inputs, "hysteresis:-1", "half_width is -1.0"),
-        (add_constructed_inputs, "frequency:0", "time_constant_s is 0.0"),
         (add_constructed_inputs, "lag", "'lag': expected .* or lag:S,... or"),
-        (add_constructed_inputs, "lag:0", "time_constant_s is 0.0"),
         (add_constructed_inputs, "lag:soon", "'lag:soon': expected numbers after the colon"),
-        (add_constructed_inputs, "hysteresis:auto", "'hysteresis:auto': expected numbers after the colon"),
         (add_blend, "remanence_1:1,2", "expected SIGNAL:A,B,... with a signal among position, speed, current, valve"),
         (add_blend, "speed:a,2", "'speed:a,2': expected numbers after the colon"),
-        (add_blend, "force:1,2", "expected SIGNAL:A,B"),
         (add_blend, "speed:1", "expected 2 to 20 ascending"),
     ],
 )

@@ -1,15 +1,10 @@
-"""Constructed inputs over whole arrays are those of the vehicle, tick by tick; so is a model with all of them."""
+"""Constructed inputs over whole arrays are those of the vehicle, tick by tick."""
 
 import numpy as np
-import pytest
 from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP, constructed_damper
 
-from ces_data.recording import Channel, Recording
 from ces_identify.polynomial.compiled_terms import compile_terms, membership, signal_values
 from ces_identify.polynomial.problem import probe
-from ces_identify.prepare.series import hold_current
-from ces_identify.simulations.simulate import sample_force
-from ces_observer.estimator import Estimator
 from ces_observer.structures.constructed_inputs import InputConstructor
 from ces_observer.structures.terms import Factor, Term
 
@@ -72,37 +67,3 @@ def test_probes_take_a_membership_for_what_it_is_and_go_through_its_kinks():
     np.testing.assert_allclose(probes[:3].sum(axis=0), 1.0, rtol=1e-14)
     np.testing.assert_allclose(probes[:3].max(axis=1), 1.0)
     np.testing.assert_allclose(probes[0], membership(LOW, probes[3]))
-
-
-def recording(jitter_ns, gaps=(), rate=1000.0):
-    random = np.random.default_rng(3)
-    n = round(4 * rate)
-    stamps = (np.arange(n) * 1e9 / rate + random.normal(0, jitter_ns, n)).astype(np.int64) + 10**18
-    for at, length in gaps:
-        stamps[at:] += length
-    t = (stamps - stamps[0]) * 1e-9
-    x = 0.03 * np.sin(18 * t) + 0.025 * np.sin(7 * t) + random.normal(0, 1e-5, n)
-    x[[777, 778]] = np.nan, 0.5
-    channels = {"position": Channel("position", "m", stamps, x)}
-    return Recording("rough", {**channels, "current": Channel("current", "A", stamps, 0.7 + 0.9 * np.sin(5 * t))})
-
-
-@pytest.mark.parametrize(
-    ("model", "rough"),
-    [
-        (constructed_damper(), recording(0)),
-        (constructed_damper(), recording(60_000, gaps=((1500, 30_000_000), (2500, 80_000_000)))),
-        (constructed_damper(rate_Hz=400.0), recording(20_000)),
-    ],
-    ids=["steady", "jitter and gaps", "slower model"],
-)
-def test_estimator_and_batch_agree(model, rough):
-    estimator, position = Estimator(model), rough.channel("position")
-    current = hold_current(rough, position.stamps_ns, model.sampling.max_current_age_s)
-    rows = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
-    steps = np.array([np.nan if (f := estimator.step(*row)) is None else f for row in rows])
-    batch = sample_force(model, rough)
-    assert np.isfinite(batch).sum() > 3000
-    assert np.nanstd(batch) > 500.0
-    np.testing.assert_array_equal(np.isfinite(batch), np.isfinite(steps))
-    np.testing.assert_allclose(batch, steps, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(steps)))

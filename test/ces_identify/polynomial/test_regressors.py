@@ -59,8 +59,7 @@ TIMED = {
 
 
 @pytest.mark.parametrize(
-    ("rate_Hz", "lags", "beside"),
-    [(200.0, [0, 1, 2], 1), (1000.0, [0, 1, 3, 8], 4), (3000.0, [0, 3, 9, 25], 12)],
+    ("rate_Hz", "lags", "beside"), [(200.0, [0, 1, 2], 1), (1000.0, [0, 1, 3, 8], 4), (3000.0, [0, 3, 9, 25], 12)]
 )
 def test_lags_in_milliseconds_are_the_nearest_ticks_each_once(rate_Hz, lags, beside):
     rules = parse_rules(TIMED, "test").at_rate(rate_Hz)
@@ -72,14 +71,13 @@ def test_lags_in_milliseconds_are_the_nearest_ticks_each_once(rate_Hz, lags, bes
     assert rules.at_rate(123.0) == rules
 
 
-def test_rules_without_a_signal():
-    assert all("current" not in p for p in parse_rules(SMALL, "test").without_signal("current").products)
-
-
 def test_an_exploding_rule_is_refused_with_its_count():
     wide = {**SMALL, "speed": {"lags": list(range(100)), "powers": [0.1 * k for k in range(1, 50)]}}
     with pytest.raises(CesError, match=r"candidate rules make 14701 terms; at most"):
         parse_rules(wide, "test").candidates()
+    many = {"lags": list(range(100)), "powers": [0.1 * k for k in range(1, 50)]}
+    with pytest.raises(CesError, match=r"candidate rules make 24010000 terms; at most"):  # counted, not made
+        parse_rules({"speed": many, "products": [["speed", "speed"]]}, "test").candidates()
 
 
 @pytest.mark.parametrize(
@@ -87,20 +85,14 @@ def test_an_exploding_rule_is_refused_with_its_count():
     [
         ({"valve": {}}, "unknown key 'valve'"),
         ({"force": {"lags": [0]}}, r"force: lags is 0; expected a whole number from 1"),
-        ({"speed": {"lags": [0.5]}}, "lags"),
         ({"speed": {"lags": [0], "powers": [-1]}}, "powers"),
         ({"speed": {"lags": [0], "forms": ["odd"]}}, "forms"),
-        ({"speed": {"lag": [0]}}, "unknown key 'lag'"),
         ({"speed": {}}, "speed: expected a list of lags"),
         ({"speed": {"lags_ms": []}}, r"lags_ms is \[\]; expected a list"),
-        ({"speed": {"lags_ms": [-1]}}, r"speed: lags_ms is -1; expected a number from 0 to 200 ms"),
         ({"speed": {"lags_ms": [200.5]}}, r"lags_ms is 200.5; expected a number from 0 to 200"),
         ({"speed": {"lags_ms": [float("nan")]}}, r"lags_ms is nan; expected a number"),
-        ({"speed": {"lags_ms": ["8"]}}, r"lags_ms is '8'; expected a number"),
-        ({"speed": {"lags_ms": [True]}}, r"lags_ms is True; expected a number"),
         ({"speed": {"lags_ms": [0], "lags": [0]}}, r"speed: expected a list of lags, in ticks \(lags\) or"),
         ({"force": {"lags_ms": [1]}}, r"force: unknown key 'lags_ms'"),
-        ({"force": {"lags": [1], "speed": {"lags_ms": [-1]}}}, r"force: speed: lags_ms is -1"),
         ({"products": []}, "products"),
         (
             {"products": [["current", "current"]]},
@@ -111,14 +103,9 @@ def test_an_exploding_rule_is_refused_with_its_count():
             "speed 2 times, but its rule has 1 lags",
         ),
         ({"products": [["force", "force"]]}, "expected at most 8 signals, force once"),
-        ({"products": [["speed"] * 9]}, "expected at most 8 signals, force once"),
         ({"products": [["temperature"]]}, "expected signals among force, speed, current"),
         ({"products": [[["speed"]]]}, "expected signals among force, speed, current"),
         ({"speed": {"lags": [0], "again": {"lags": [-1]}}}, r"speed: again: lags is -1; expected a whole number"),
-        (
-            {"speed": {"lags": [[0]]}},
-            r"speed: lags is \[0\]; expected a whole number",
-        ),
         ({"force": {"lags": [1], "again": {"lags": [2]}}}, "force: unknown key 'again'; known are lags"),
         ({"initial": []}, r"initial: expected a list of terms"),
         ({"initial": [{"signal": "speed"}]}, r"initial\[0\]: .*; expected a list of factors, at most 8"),
@@ -126,7 +113,6 @@ def test_an_exploding_rule_is_refused_with_its_count():
         ({"initial": [[{"lag": 1}]]}, r"initial\[0\]\[0\]: key 'signal' is missing"),
         ({"initial": [[{"signal": "heat"}]]}, r"initial\[0\]\[0\]: signal is 'heat'; expected one of force, speed"),
         ({"initial": [[{"signal": "speed", "lags": [1]}]]}, r"initial\[0\]\[0\]: unknown key 'lags'; known are signal"),
-        ({"initial": [[{"signal": "speed", "lag": 0.5}]]}, "lag is 0.5; expected a whole number from 0"),
         ({"initial": [[{"signal": "speed", "power": -1}]]}, "power is -1; expected a finite number from 0 to 8"),
         ({"initial": [[{"signal": "speed", "power": 0, "form": "magnitude"}]]}, "power 0 is 1; leave the factor out"),
         ({"initial": [[{"signal": "force"}]]}, "lag is 0; expected a whole number from 1"),
@@ -179,12 +165,6 @@ def test_lags_in_milliseconds_become_ticks_in_the_rule_again():
     again = {"lags_ms": [0, 8], "powers": [0], "forms": ["signed"]}
     rules = parse_rules({"speed": {"lags_ms": [4], "again": again}, "products": [["speed", "speed"]]}, "test")
     assert [tuple(f.lag for f in t.factors) for t in rules.at_rate(500.0).candidates()] == [(2, 0), (2, 4)]
-
-
-def test_very_many_combinations_are_counted_without_being_made():
-    wide = {"lags": list(range(100)), "powers": [0.1 * k for k in range(1, 50)]}
-    with pytest.raises(CesError, match=r"candidate rules make 24010000 terms; at most"):
-        parse_rules({"speed": wide, "products": [["speed", "speed"]]}, "test").candidates()
 
 
 def test_initial_terms_are_the_first_candidates():

@@ -73,6 +73,7 @@ def test_values_beside_a_hole_count_at_their_own_stamps():
     force = Channel("force", "N", np.arange(10) * MS, np.where(np.arange(10) == 4, np.nan, 1.0))
     np.testing.assert_array_equal(np.flatnonzero(~measured_at(force, force.stamps_ns)), [4])
     np.testing.assert_array_equal(measured_at(force, np.array([-1, 2 * MS + 1, 3 * MS + 1, 9 * MS + 1])), [0, 1, 0, 0])
+    assert not measured_at(Channel("force", "N", np.array([0, MS]), np.array([1.0, np.nan])), np.array([0, 1])).any()
 
 
 @pytest.mark.parametrize("rest", [np.nan, None])
@@ -88,10 +89,6 @@ def test_a_force_logged_more_slowly_or_with_jitter_has_no_holes(rest):
         assert measured_at(channel, np.arange(2 * MS, 900 * MS, 333_333)).all()
 
 
-def test_a_channel_of_one_value_was_never_measured_between():
-    assert not measured_at(Channel("force", "N", np.array([0, MS]), np.array([1.0, np.nan])), np.array([0, 1])).any()
-
-
 def test_current_is_the_newest_at_or_before_each_sample():
     series = prepare(recording(), SAMPLING)
     np.testing.assert_array_equal(series.current[:12], [0, 0, 0, 0, 0, 1, 1, 1, 1, 1, 2, 2])
@@ -101,11 +98,8 @@ def test_an_old_current_is_no_current():
     channel = Channel("current", "A", np.array([0, 10 * MS]), np.array([1.0, np.nan]))
     held = hold_current(Recording("r", {"current": channel}), np.array([-1, 0, 50 * MS, 101 * MS]), 0.1)
     np.testing.assert_array_equal(held, [np.nan, 1.0, 1.0, np.nan])
-
-
-def test_no_finite_current_is_no_current():
-    channel = Channel("current", "A", np.array([0]), np.array([np.nan]))
-    assert np.isnan(hold_current(Recording("r", {"current": channel}), np.array([5]), 1.0)).all()
+    nothing = Recording("r", {"current": Channel("current", "A", np.array([0]), np.array([np.nan]))})
+    assert np.isnan(hold_current(nothing, np.array([5]), 1.0)).all()
 
 
 def test_a_constant_current_needs_no_channel():

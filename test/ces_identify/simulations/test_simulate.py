@@ -1,13 +1,22 @@
-"""Batch and step by step give the same force: the estimator is the model."""
+"""Batch and step by step give the same force and the same band, for every structure: the estimator is the model."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from bands import BAND, make_band
+from constructed_models import constructed_damper
+from planted import FUZZY, NETWORK, SAMPLING, planted, stroked
+from planted_dampers import planted_model
+from residual_series import series
 
 from ces_data.recording import Channel, Recording
-from ces_identify.prepare.series import hold_current
-from ces_identify.simulations.simulate import sample_force
+from ces_identify.prepare.series import hold_current, prepare
+from ces_identify.simulations.simulate import band_half_width, sample_bounds, sample_force, simulate_series
+from ces_observer.band import BandRun
+from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model, Sampling, parse_model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -18,14 +27,19 @@ TERMS = (
     Term(0.2, (Factor("force", 9), Factor("current", 0, 2.0, signed=False))),
     Term(3.0, (Factor("position", 2, 1.0),)),
 )
+GAPS = ((1500, 30_000_000), (2500, 80_000_000))
+SEGMENTS = np.array([[0, 900], [900, 901], [901, 3000]])
+TIGHT = Envelope((-0.01, 0.012), (-0.3, 0.3), (0.35, 0.6))
+LAGGED = {"network": NETWORK, "fuzzy": FUZZY}
 
 
-def model(rate=1000.0):
+def polynomial(rate=1000.0, band=None):
     envelope = Envelope((-0.018, 0.02), (-0.6, 0.6), (0.3, 0.65))
-    return Model(Sampling(rate, 45.0, 0.004), Polynomial(TERMS), envelope, (-9e3, 9e3))
+    return Model(Sampling(rate, 45.0, 0.004), Polynomial(TERMS), envelope, (-9e3, 9e3), band=band)
 
 
-def rough(jitter_ns, rate=1000.0, gaps=()):
+def rough(jitter_ns=60_000, rate=1000.0, gaps=GAPS):
+    """A recording with jitter, gaps, an outlier and a position that is no number, of 4 s."""
     random = np.random.default_rng(3)
     n = round(4 * rate)
     stamps = (np.arange(n) * 1e9 / rate + random.normal(0, jitter_ns, n)).astype(np.int64) + 10**18
@@ -39,27 +53,108 @@ def rough(jitter_ns, rate=1000.0, gaps=()):
     return Recording("rough", {"position": Channel("position", "m", stamps, x), "current": current})
 
 
+def broken_up(recording, at=(1200, 2500), by_ns=(30_000_000, 90_000_000)):
+    """A recording of a slower model with jitter, a short gap, a long gap and a bad sample."""
+    random = np.random.default_rng(2)
+    position = recording.channel("position")
+    stamps = position.stamps_ns + random.integers(-200_000, 200_000, len(position))
+    for index, step in zip(at, by_ns, strict=True):
+        stamps[index:] += step
+    values = position.values.copy()
+    values[777] = np.nan
+    current = replace(recording.channel("current"), stamps_ns=stamps)
+    return Recording("rough", {"position": Channel("position", "m", stamps, values), "current": current})
+
+
 def stepped(m, recording):
+    """Forces (samples,) of the estimator, and half widths of its band where it has one."""
     estimator = Estimator(m)
     position = recording.channel("position")
     current = hold_current(recording, position.stamps_ns, m.sampling.max_current_age_s)
     rows = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
-    return np.array([np.nan if (f := estimator.step(*row)) is None else f for row in rows])
+    found = np.full((2, len(position)), np.nan)
+    for k, row in enumerate(rows):
+        force = estimator.step(*row)
+        if force is not None:
+            found[:, k] = force, estimator.half_width() or np.nan
+    return found
 
 
-@pytest.mark.parametrize(
-    ("m", "recording"),
-    [
-        (model(), rough(0)),
-        (model(), rough(60_000)),
-        (model(), rough(60_000, gaps=((1500, 30_000_000), (2500, 80_000_000)))),
-        (model(400.0), rough(20_000)),
-        (model(), rough(5_000, rate=777.0)),
-    ],
-    ids=["steady", "jitter", "gaps", "slower model", "other rate"],
-)
-def test_estimator_and_batch_agree(m, recording):
-    batch, steps = sample_force(m, recording), stepped(m, recording)
+CASES = {
+    "polynomial, steady": lambda: (polynomial(), rough(0, gaps=())),
+    "polynomial, jitter and gaps": lambda: (polynomial(), rough()),
+    "polynomial, slower model": lambda: (polynomial(400.0), rough(20_000, gaps=())),
+    "polynomial, other rate": lambda: (polynomial(), rough(5_000, 777.0, ())),
+    "constructed inputs": lambda: (constructed_damper(), rough()),
+    "constructed inputs, slower model": lambda: (constructed_damper(rate_Hz=400.0), rough(20_000, gaps=())),
+    "network": lambda: (NETWORK, broken_up(stroked(3))),
+    "network, clamped": lambda: (replace(NETWORK, envelope=TIGHT), broken_up(stroked(3))),
+    "fuzzy": lambda: (FUZZY, broken_up(stroked(3))),
+    "fuzzy, clamped": lambda: (replace(FUZZY, envelope=TIGHT), broken_up(stroked(3))),
+    "relaxation": lambda: (planted_model("relaxation"), broken_up(stroked(3))),
+    "chambers": lambda: (planted_model("chambers"), broken_up(stroked(3))),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_estimator_and_batch_agree(name) -> None:
+    model, recording = CASES[name]()
+    batch, (steps, _) = sample_force(model, recording), stepped(model, recording)
     assert np.isfinite(batch).sum() > 1000
+    assert np.nanstd(batch) > 50.0
     np.testing.assert_array_equal(np.isfinite(batch), np.isfinite(steps))
     np.testing.assert_allclose(batch, steps, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(steps)))
+
+
+@pytest.mark.parametrize("kind", LAGGED)
+def test_a_run_that_leaves_the_force_envelope_ends_there_and_begins_anew_after_the_gap(kind) -> None:
+    ride = prepare(broken_up(stroked(5)), SAMPLING)
+    whole = simulate_series(LAGGED[kind], ride).force
+    high = 0.6 * whole.max()
+    run = simulate_series(replace(LAGGED[kind], force_envelope_N=(-1e5, high)), ride)
+    first = int(np.argmax(whole > high))
+    assert run.diverged == first
+    np.testing.assert_array_equal(run.force[:first], whole[:first])
+    stop = ride.segments[0, 1]
+    assert np.isnan(run.force[first:stop]).all()
+    assert np.isfinite(run.force[stop])
+
+
+@pytest.mark.parametrize("kind", LAGGED)
+def test_a_model_read_back_from_its_file_gives_the_same_force(kind) -> None:
+    ride = prepare(planted(LAGGED[kind], 6), SAMPLING)
+    again = parse_model(LAGGED[kind].to_json(), "m.json")
+    np.testing.assert_array_equal(simulate_series(again, ride).force, simulate_series(LAGGED[kind], ride).force)
+
+
+# ------------------------------------------------------------------------------------------------------- the band
+
+
+@pytest.mark.parametrize("band", [BAND, make_band(current_A=(0.5, 0.5)), make_band(max_distance=1e6)])
+def test_widths_of_series_and_ticks_agree(band) -> None:
+    one = series(3000, segments=SEGMENTS)
+    force = np.random.default_rng(0).normal(0.0, 300.0, 3000)
+    run, ticked = BandRun(band, one.rate_Hz), np.empty(3000)
+    for start, stop in SEGMENTS:
+        run.reset()
+        for k in range(start, stop):
+            run.tick(one.position[k], one.speed[k], one.current[k], force[k])
+            ticked[k] = run.half_width()
+    np.testing.assert_allclose(band_half_width(band, one, force), ticked, rtol=1e-9)
+
+
+def test_there_is_no_half_width_without_a_force_and_no_bounds_without_a_band() -> None:
+    one, force = series(400, segments=np.array([[0, 200], [200, 400]])), np.ones(400)
+    force[150:200] = np.nan
+    np.testing.assert_array_equal(np.isnan(band_half_width(BAND, one, force)), np.isnan(force))
+    with pytest.raises(ModelError, match="has no band"):
+        sample_bounds(polynomial(), rough())
+
+
+def test_bounds_at_the_samples_are_the_estimators() -> None:
+    recording, m = rough(gaps=GAPS[1:]), polynomial(band=BAND)
+    lower, upper = sample_bounds(m, recording)
+    force, width = stepped(m, recording)
+    assert np.isfinite(lower).sum() > 2500
+    np.testing.assert_allclose([lower, upper], [force - width, force + width], rtol=1e-9, atol=1e-7)
+    np.testing.assert_allclose(0.5 * (lower + upper), sample_force(m, recording))

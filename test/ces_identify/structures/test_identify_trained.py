@@ -22,10 +22,7 @@ from ces_observer.model import parse_model
 
 pytestmark = pytest.mark.slow
 LAGS = Lags((1,), (0.0, 1 / RATE_HZ), (3 / RATE_HZ,))
-KINDS = {
-    "network": (NETWORK, NetworkShape(3, LAGS, 1e-8)),
-    "fuzzy": (FUZZY, FuzzyShape(2, 1, 3 / RATE_HZ, LAGS, 1e-8)),
-}
+KINDS = {"network": (NETWORK, NetworkShape(3, LAGS, 1e-8)), "fuzzy": (FUZZY, FuzzyShape(2, 1, 3 / RATE_HZ, LAGS, 1e-8))}
 NOISE_N = 4.0
 
 

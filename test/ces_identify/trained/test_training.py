@@ -1,11 +1,32 @@
+"""Training data and regressors of networks and neuro-fuzzy models: ticks, lags, counts, and models without memory."""
+
+from dataclasses import replace
+
 import numpy as np
 import pytest
-from planted import NETWORK, SAMPLING, planted
+from planted import FUZZY, NETWORK, RATE_HZ, SAMPLING, planted
 
+import ces_identify
+from ces_identify.identification import identify
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.cost import cost
 from ces_identify.prepare.series import prepare
-from ces_identify.trained.training import Lags, build_regressors, build_training
-from ces_observer.errors import RecordingError
+from ces_identify.simulations.simulate import simulate_series
+from ces_identify.structures.fuzzy import choose_shape
+from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.network import NetworkShape, read_lags
+from ces_identify.trained.training import (
+    LAGS,
+    LagCounts,
+    Lags,
+    build_regressors,
+    build_training,
+    delay_values,
+    regressor_table,
+)
+from ces_observer.errors import CesError, RecordingError
+from ces_observer.model import Envelope, parse_model
+from ces_observer.structures.lagged_signals import Regressor
 
 
 @pytest.fixture(scope="module")
@@ -51,3 +72,89 @@ def test_the_force_envelope_holds_zero_where_every_run_begins(data):
 def test_too_little_is_refused():
     with pytest.raises(RecordingError, match=r"at least|too short|warm-up"):
         build_training([prepare(planted(NETWORK, 3, seconds=0.7), SAMPLING)])
+
+
+def test_delays_do_not_cross_segments():
+    segments = np.array([[0, 3], [3, 7]])
+    np.testing.assert_array_equal(delay_values(np.arange(7.0), 2, segments), [0, 0, 0, 3, 3, 3, 4])
+
+
+def test_a_table_is_clamped_then_scaled_and_leaves_room_for_past_forces():
+    envelope = Envelope((-1.0, 1.0), (-0.5, 0.5), (0.0, 1.0))
+    regressors = (
+        Regressor("speed", 1, 0.25, 0.5),
+        Regressor("force", 3, 10.0, 50.0),
+        Regressor("current", 0, 0.0, 2.0),
+    )
+    inputs = np.array([[0.0, 0.0, 0.0], [0.1, 9.0, -9.0], [0.5, 2.0, -1.0]])
+    table = regressor_table(regressors, envelope, inputs, np.array([[0, 3]]))
+    np.testing.assert_allclose(table.values[:, 0], [-0.3, -0.3, 0.5])
+    np.testing.assert_array_equal(table.values[:, 1], 0.0)
+    np.testing.assert_allclose(table.values[:, 2], [0.25, 0.5, 0.0])
+    assert [a.tolist() for a in table[1:]] == [[0, 3, 0], [0.0, 10.0, 0.0], [1.0, 50.0, 1.0]]
+
+
+OPTIONS = IdentifyOptions(1.0, limits=Limits(time=20.0, starts=1, threads=1), rate=RATE_HZ, bandwidth=40.0)
+
+
+def regressors(counts, rate_Hz=RATE_HZ, recording=None):
+    series = prepare(recording or planted(NETWORK, 1), SAMPLING)
+    return [(r.signal, r.lag) for r in build_regressors(build_training([series]), counts, rate_Hz)]
+
+
+@pytest.mark.parametrize("rate_Hz", [120.0, RATE_HZ, 1000.0, 1234.5])
+def test_counts_are_ticks_at_every_rate(rate_Hz):
+    assert regressors(LagCounts(2, 1, 3), rate_Hz) == [
+        *(("force", 1), ("force", 2), ("speed", 0), ("speed", 1), ("speed", 2), ("current", 0))
+    ]
+
+
+def test_the_text_of_the_option_is_the_counts():
+    assert read_lags("2,4,5") == LagCounts(forces=2, currents=4, speeds=5)
+    assert read_lags("auto") == LAGS
+
+
+def test_a_network_uses_the_lags_asked_for():
+    shape = NetworkShape(2, read_lags("2,2,1"))
+    model = identify([planted(NETWORK, 1)], [], OPTIONS, fitter=shape).model
+    assert [(r.signal, r.lag) for r in model.body.regressors] == [
+        *(("force", 1), ("force", 2), ("speed", 0), ("current", 0), ("current", 1))
+    ]
+    assert parse_model(model.to_json(), "m.json").body == model.body
+
+
+@pytest.mark.parametrize(
+    ("structure", "size", "message"),
+    [
+        ("sigmoid", {"lags": "2,4"}, "structure 'sigmoid': '2,4' is not Y,C,V, such as 2,4,5"),
+        ("anfis", {"memberships": "4"}, "structure 'anfis': '4' is not AxB, such as 4x4"),
+    ],
+)
+def test_a_wrong_size_is_one_line_in_a_script(structure, size, message):
+    with pytest.raises(CesError, match=message):
+        ces_identify.identify(planted(NETWORK, 1), structure=structure, **size)
+
+
+def test_a_constant_current_alone_leaves_nothing_to_use():
+    varied = planted(NETWORK, 4)
+    current = varied.channel("current")
+    constant = replace(current, values=np.full(len(current), 0.5))
+    fixed = replace(varied, channels={**varied.channels, "current": constant})
+    assert regressors(LagCounts(1, 3, 1), recording=fixed) == [("force", 1), ("speed", 0)]
+    with pytest.raises(CesError, match="every input among the regressors is constant"):
+        regressors(LagCounts(0, 3, 0), recording=fixed)
+
+
+def test_memberships_of_current_and_speed_make_a_model_without_memory():
+    model = identify([planted(FUZZY, 1)], [], OPTIONS, fitter=choose_shape("7x2", "2x3")).model
+    body = model.body
+    assert [(p.signal, p.lag, len(p.memberships)) for p in body.premises] == [("speed", 0, 3), ("current", 0, 2)]
+    assert {(r.signal, r.lag) for r in body.regressors} == {("speed", 0), ("current", 0)}
+    assert (body.max_lag, len(body.rules), model.certificate["gain"]) == (0, 6, 0.0)
+    series = prepare(planted(FUZZY, 2), SAMPLING)
+    forces = simulate_series(model, series).force
+    predictor = model.make_predictor()
+    for k in np.flatnonzero(series.scored)[::97]:
+        predictor.reset()
+        tick = predictor.tick(float(series.position[k]), float(series.speed[k]), float(series.current[k]))
+        assert tick == pytest.approx(forces[k], rel=1e-9)

@@ -8,14 +8,7 @@ import pytest
 from report_examples import damper, model
 
 from ces_identify.validation.cycle_noise import CycleNoise
-from ces_identify.validation.evaluate import (
-    DIVERGED,
-    SHORT,
-    VALIDATION,
-    Evaluation,
-    evaluate,
-    explain_missing,
-)
+from ces_identify.validation.evaluate import DIVERGED, SHORT, VALIDATION, Evaluation, evaluate, explain_missing
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
