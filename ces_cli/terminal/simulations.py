@@ -60,6 +60,8 @@ def open_simulation(spec: str) -> Simulation:
     if ":" in spec:
         import_from_here()
         return function_simulation(spec)
+    if path.suffix == ".py":
+        raise CesError(f"'{spec}' is a file; expected {path.stem}:FUNCTION, of (time_s, position_m, current_A)")
     raise CesError(f"'{spec}' is no simulation; expected {EXPECTED}")
 
 

@@ -240,6 +240,7 @@ class _MappingWriter:
             yield f"rate: {_format_number(rate)}"
         elif not self.found.time_text:
             yield from _comment(f"not found: time: {self.found.unread.get('time', 'give its column, or the rate')}")
+            yield "# time: {column: NAME}"
             yield "# rate: 1000.0  # [Hz]"
 
     def _signal(self, choice: Choice) -> str:

@@ -61,7 +61,8 @@ class FunctionSimulation(Simulation):
         except CesError:
             raise
         except Exception as error:
-            raise CesError(f"{self.name}: raised {type(error).__name__}: {error}") from error
+            called = "; it gets (time_s, position_m, current_A)" if isinstance(error, TypeError) else ""
+            raise CesError(f"{self.name}: raised {type(error).__name__}: {error}{called}") from error
         if force.shape != time.shape:
             raise CesError(f"{self.name}: returned shape {force.shape}; expected {time.shape}, one for each sample")
         if not np.isfinite(force).all():
@@ -97,7 +98,9 @@ def function_simulation(spec: str) -> FunctionSimulation:
     try:
         function = getattr(import_module(module), name)
     except (ImportError, AttributeError) as error:
-        raise CesError(f"{spec}: cannot be imported ({error}); expected module:function on PYTHONPATH") from None
+        raise CesError(
+            f"{spec}: cannot be imported ({error}); expected module:function, here or on PYTHONPATH"
+        ) from None
     if not callable(function):
         raise CesError(f"{spec}: is a {type(function).__name__}; expected function(time_s, position_m, current_A)")
     return FunctionSimulation(spec, function)

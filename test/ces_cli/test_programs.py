@@ -300,6 +300,7 @@ def test_a_broken_model(work, tmp_path, capsys, change, expected):
         (("identify", "one", "--candidates", "none.yaml", "--out", "m.json"), "none.yaml"),
         (("identify", "one"), "model.json: exists; choose another name for --out, or replace it with --overwrite"),
         (("simulate", "--sim", "what", "one", "--out", "x.csv"), "'what' is no simulation; expected MODEL.json"),
+        (("simulate", "--sim", "my/sim.py", "one", "--out", "x.csv"), "'my/sim.py' is a file; expected sim:FUNCTION"),
         (("simulate", "--sim", "topic:/none", "one", "--out", "x.csv"), "/joint_states"),
         (("simulate", "--sim", "no_module:f", "one", "--out", "x.csv"), "cannot be imported"),
         (("simulate", "--sim", "topic:/measured_force", "one", "--out", "x.csv", "--band"), "--band: only a model"),

@@ -28,6 +28,7 @@ def test_a_function_gets_time_from_the_first_sample_and_answers_for_every_good_o
     ("function", "message"),
     [
         (lambda t, x, i: 1 / 0, "f: raised ZeroDivisionError"),
+        (lambda t, x: x, r"f: raised TypeError: .*; it gets \(time_s, position_m, current_A\)"),
         (lambda t, x, i: x[:-1], r"f: returned shape \(98,\); expected \(99,\)"),
         (lambda t, x, i: x * np.nan, "f: returned nan at 0.000 s"),
     ],
