@@ -1,104 +1,65 @@
-"""`ces identify --campaign` from end to end: tables and plot, a killed and an interrupted run, mistakes of the user."""
+"""`ces identify --campaign` from end to end: tables and plot, and a run that was killed or interrupted.
+
+The cells are computed in this process; test_workers runs them in others.
+"""
+
+from __future__ import annotations
 
 import csv
 import json
-import os
-import signal
-import subprocess
-import sys
+import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
+from campaign_parts import CAMPAIGN, DEFAULT, furnish, made
+from programs import ces, run_here
 
 from ces_cli.identify.campaign import describe_cell, result_tables
-from ces_cli.main import main
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_identify.campaign.rows import CampaignRows, CellNames
+from ces_identify.jobs import JobResult, ResultsFolder
 
-ROOT = Path(__file__).parents[3]
-from campaign_parts import CAMPAIGN, DEFAULT, furnish, made  # noqa: E402
-from patience import PATIENCE_S, wait_until  # noqa: E402
-
-CELLS = 12
-FILES = ("results.jsonl", "results.csv", "campaign.html")
-
-
-def ces(*words):
-    return main([str(word) for word in words])
-
-
-def error_line(capsys, *words):
-    """Run a campaign that must fail; return its error line."""
-    capsys.readouterr()
-    assert ces("identify", *words) == 2
-    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
-    assert len(lines) == 1, lines
-    return lines[0]
-
-
-def lines_of(folder):
-    path = folder / "results.jsonl"
-    return path.read_bytes().splitlines(keepends=True) if path.exists() else []
-
-
-def results_of(folder):
-    """Results of a run without its duration: rows and models by key."""
-    rows = [json.loads(line) for line in lines_of(folder)]
-    models = {path.stem: path.read_text() for path in (folder / "models").glob("*.json")}
-    measured = ("seconds", "tick_us")
-    return {row["key"]: {k: v for k, v in row.items() if k not in measured} for row in rows}, models
+pytestmark = pytest.mark.slow
+SMALL = CAMPAIGN.replace("seed: [1, 2]", "seed: 1").replace("terms: [2, 4]", "terms: [2, 3]")
+CELLS = 6
+Rows = dict[str, dict[str, Any]]
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory):
-    """A folder with bags, a campaign, and its results from an undisturbed run."""
+def work(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The working folder, with bags, a campaign, and its results from an undisturbed run."""
     folder = tmp_path_factory.mktemp("campaign")
-    assert ces("identify", "--campaign", furnish(folder), "--out", folder / "whole", "--jobs", 2) == 0
-    return folder
+    furnish(folder, SMALL)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr("ces_identify.jobs.run_in_processes", run_here)
+        assert run("whole") == 0
+        yield folder
 
 
-RUN = """
-import signal, sys
-from ces_cli.main import main
-from ces_identify.jobs import ResultsFolder
-
-def add_and_wait(results, *found):
-    add(results, *found)
-    if len(results.rows) == {count}:
-        signal.pause()  # until the test sends a signal
-
-signal.signal(signal.SIGINT, signal.default_int_handler)
-add, ResultsFolder.add = ResultsFolder.add, add_and_wait
-sys.exit(main({words!r}))
-"""
+def run(out: str, *words: str, campaign: str = "campaign.yaml") -> int:
+    return ces("identify", "--campaign", campaign, "--out", out, "--jobs", 1, *words)
 
 
-def start_run(work, out, count):
-    """Start a run of the campaign in a process group of its own; it stands still once it has `count` results."""
-    words = ["identify", "--campaign", "campaign.yaml", "--out", out, "--jobs", "1"]
-    code = RUN.format(count=count, words=words)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    run = subprocess.Popen(
-        [sys.executable, "-c", code],
-        cwd=work,
-        env=environment,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    wait_until(lambda: len(lines_of(work / out)) == count or run.poll() is not None)
-    return run
+def lines_of(folder: str) -> list[bytes]:
+    return Path(folder, "results.jsonl").read_bytes().splitlines(keepends=True)
 
 
-def test_everything_is_written(work):
-    assert all((work / "whole" / name).stat().st_size > 0 for name in FILES)
-    rows, models = results_of(work / "whole")
-    assert len(rows) == len(models) == len(lines_of(work / "whole")) == CELLS
+def results_of(folder: str) -> tuple[Rows, dict[str, str]]:
+    """Return the results of a run without its duration: rows and models by key."""
+    rows = [json.loads(line) for line in lines_of(folder)]
+    measured = ("seconds", "tick_us")
+    models = {path.stem: path.read_text() for path in Path(folder, "models").glob("*.json")}
+    return {row["key"]: {k: v for k, v in row.items() if k not in measured} for row in rows}, models
+
+
+def test_everything_is_written(work: Path) -> None:
+    rows, models = results_of("whole")
+    assert len(rows) == len(models) == len(lines_of("whole")) == CELLS
     assert {row["status"] for row in rows.values()} == {"done"}
-
-
-def test_the_table_has_a_line_for_each_cell(work):
-    rows, _ = results_of(work / "whole")
+    assert (work / "whole" / "campaign.html").stat().st_size > 0
     table = list(csv.DictReader((work / "whole" / "results.csv").open()))
     assert {row["key"] for row in table} == set(rows)
     assert [row["mark"] for row in table if row["bags"] == "one"].count("recommended") == 1
@@ -108,16 +69,17 @@ def test_the_table_has_a_line_for_each_cell(work):
         assert bool(costs) == (row["bags"] == "one")
 
 
-def test_a_complete_run_computes_nothing(work, capsys, monkeypatch):
-    monkeypatch.setattr("ces_cli.identify.campaign.run_jobs", lambda *arguments: pytest.fail)
-    before = lines_of(work / "whole")
-    assert ces("identify", "--campaign", work / "campaign.yaml", "--out", work / "whole") == 0
-    assert lines_of(work / "whole") == before
+def test_a_complete_run_computes_nothing(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = lines_of("whole")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ces_cli.identify.campaign.run_jobs", lambda *arguments: pytest.fail("computes"))
+        assert run("whole") == 0
     said = capsys.readouterr().out
-    assert "identified on both (6 of 6 models done)" in said and "beside it decide nothing" in said
+    assert lines_of("whole") == before
+    assert "identified on both (3 of 3 models done)" in said and "beside it decide nothing" in said
 
 
-def test_cells_are_named_by_what_differs_and_counted_by_bags():
+def test_cells_are_named_by_what_differs_and_counted_by_bags() -> None:
     row = {"key": "k", "bags": "noise", "structure": "polynomial", "terms": 5, "seed": 2, "status": "done"}
     row |= {"selection_J": 4.2, "parameters": 5, "seconds": 1.0, "gain": 0.5, "costs": [], "size": "5 terms"}
     rows = CampaignRows((row,), 9, CellNames(("terms", "seed"), True))
@@ -126,9 +88,10 @@ def test_cells_are_named_by_what_differs_and_counted_by_bags():
     assert table.title == "identified on noise (1 of 4 models done); costs J in %"
 
 
-def test_the_document_has_the_rows_of_the_results(work, capsys):
-    assert ces("identify", "--campaign", work / "campaign.yaml", "--out", work / "whole", "--json") == 0
-    document, (rows, _) = json.loads(capsys.readouterr().out), results_of(work / "whole")
+def test_the_document_has_the_rows_of_the_results(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    capsys.readouterr()
+    assert run("whole", "--json") == 0
+    document, (rows, _) = json.loads(capsys.readouterr().out), results_of("whole")
     assert document["schema"] == "ces-campaign/1" and document["planned"] == CELLS
     assert {cell["key"]: cell["costs"] for cell in document["cells"]} == {k: r["costs"] for k, r in rows.items()}
     marked = {cell["key"] for cell in document["cells"] if cell["mark"] == "recommended"}
@@ -136,76 +99,47 @@ def test_the_document_has_the_rows_of_the_results(work, capsys):
     assert all(Path(path).is_file() for path in document["recommended"].values())
 
 
-def test_a_killed_run_continues_with_the_same_results(work, capsys):
-    folder = work / "killed"
-    run = start_run(work, "killed", 3)
-    os.kill(run.pid, signal.SIGKILL)
-    os.killpg(run.pid, signal.SIGTERM)  # its orphans, which would end by themselves some minutes later
-    run.communicate()
-    finished = lines_of(folder)
-    assert len(finished) == 3
-    with (folder / "results.jsonl").open("ab") as file:
-        file.write(b'{"key": "torn')
+def test_a_killed_run_continues_with_the_same_results(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A kill leaves whole rows, perhaps a torn one, and perhaps a model without its row."""
+    finished = lines_of("whole")[:4]
+    shutil.copytree("whole/models", "killed/models")
+    Path("killed/results.jsonl").write_bytes(b"".join(finished) + b'{"key": "torn')
     capsys.readouterr()
-    assert ces("identify", "--campaign", work / "campaign.yaml", "--out", folder, "--jobs", 2) == 0
-    assert f"{len(finished)} of {CELLS} cells are done from an earlier run" in capsys.readouterr().err
-    lines = lines_of(folder)
-    assert lines[: len(finished)] == finished
-    assert len(lines) == len({json.loads(line)["key"] for line in lines}) == CELLS
-    assert results_of(folder) == results_of(work / "whole")
+    assert run("killed") == 0
+    assert f"4 of {CELLS} cells are done from an earlier run" in capsys.readouterr().err
+    assert lines_of("killed")[:4] == finished
+    assert len(lines_of("killed")) == CELLS
+    assert results_of("killed") == results_of("whole")
 
 
-def test_ctrl_c_writes_the_finished_cells(work):
-    folder = work / "interrupted"
-    run = start_run(work, "interrupted", 2)
-    os.killpg(run.pid, signal.SIGINT)
-    _, errors = run.communicate(timeout=PATIENCE_S)
-    assert run.returncode == 130
-    assert "Traceback" not in errors
-    assert f"of {CELLS} cells; run the same command to continue" in errors
-    rows, models = results_of(folder)
-    assert 2 <= len(rows) < CELLS  # those that were found by then, too
-    whole = results_of(work / "whole")
-    assert all(rows[key] == whole[0][key] and models[key] == whole[1][key] for key in rows)
-    assert len(list(csv.DictReader((folder / "results.csv").open()))) == len(rows)
+def test_ctrl_c_writes_the_finished_cells(
+    work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    add = ResultsFolder.add
+
+    def add_and_interrupt(results: ResultsFolder, result: JobResult) -> None:
+        add(results, result)
+        if len(results.rows) == 2:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(ResultsFolder, "add", add_and_interrupt)
+    assert run("interrupted") == 130
+    assert f"interrupted after 2 of {CELLS} cells; run the same command to continue" in capsys.readouterr().err
+    (rows, models), (all_rows, all_models) = results_of("interrupted"), results_of("whole")
+    assert len(rows) == 2 and all(rows[key] == all_rows[key] and models[key] == all_models[key] for key in rows)
+    assert len(list(csv.DictReader((work / "interrupted" / "results.csv").open()))) == 2
 
 
-def test_failed_cells_are_reported_and_not_tried_again(work, tmp_path, capsys):
+def test_failed_cells_are_reported_and_not_tried_again(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_bag(work / "short", recording_topics(made(3, seconds=1.0, name="short"), DEFAULT))
-    (work / "some.yaml").write_text(CAMPAIGN.replace("both: [one, two]", "short: short").replace("seed: [1, 2]", ""))
+    text = SMALL.replace("both: [one, two]", "short: short").replace("seed: 1", "").replace("terms: [2, 3]", "terms: 2")
+    Path("some.yaml").write_text(text)
     for _ in range(2):
-        assert ces("identify", "--campaign", work / "some.yaml", "--out", tmp_path / "out", "--jobs", 2) == 0
-        assert capsys.readouterr().err.count("warning: short: polynomial, 2 terms: ") == 1
-    assert [json.loads(line)["status"] for line in lines_of(tmp_path / "out")].count("failed") == 3
-    page = (tmp_path / "out" / "campaign.html").read_text(encoding="utf-8")
-    assert "short: polynomial, 2 terms" in page  # the name that the warning has
-    assert len(lines_of(tmp_path / "out")) == 6
-    (work / "none.yaml").write_text((work / "some.yaml").read_text().replace("  one: [one]\n", ""))
-    assert ces("identify", "--campaign", work / "none.yaml", "--out", tmp_path / "none", "--jobs", 2) == 2
-    assert "all 3 cells failed" in capsys.readouterr().err.splitlines()[-1]
-    assert not (tmp_path / "none" / "results.csv").exists()
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("--out", "o", "--terms", 9), "--terms has no effect with --campaign; set it in"),
-        (("one", "--out", "o"), "BAG has no effect with --campaign"),
-        ((), "add --out DIR"),
-        (("--out", "o", "--dask", "here:1", "--jobs", 2), "--jobs applies to this machine"),
-        (("--out", "campaign.yaml"), "campaign.yaml: is not a folder"),
-    ],
-)
-def test_wrong_arguments(work, monkeypatch, capsys, words, expected):
-    monkeypatch.chdir(work)
-    assert expected in error_line(capsys, "--campaign", "campaign.yaml", *words)
-
-
-def test_options_of_campaigns_need_one(capsys):
-    assert "add --campaign FILE.yaml" in error_line(capsys, "one", "--jobs", 2)
-
-
-def test_a_missing_bag_is_named_before_anything_is_computed(work, tmp_path, capsys):
-    (work / "missing.yaml").write_text(CAMPAIGN.replace("other: two", "other: nowhere"))
-    assert "nowhere: no such file" in error_line(capsys, "--campaign", work / "missing.yaml", "--out", tmp_path / "o")
-    assert not (tmp_path / "o").exists()
+        assert run("some", campaign="some.yaml") == 0
+        assert capsys.readouterr().err.count("warning: short: polynomial: ") == 1
+    assert [json.loads(line)["status"] for line in lines_of("some")] == ["done", "done", "failed", "failed"]
+    assert "short: polynomial" in (work / "some" / "campaign.html").read_text(encoding="utf-8")  # as in the warning
+    Path("none.yaml").write_text(text.replace("  one: [one]\n", ""))
+    assert run("none", campaign="none.yaml") == 2
+    assert "all 2 cells failed" in capsys.readouterr().err.splitlines()[-1]
+    assert not (work / "none" / "results.csv").exists()

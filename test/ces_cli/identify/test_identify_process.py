@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from patience import command_of, wait_until
+from shared_results import SharedResults
 
 from ces_cli.identify.process import (
     DONE,
@@ -24,75 +25,75 @@ from ces_cli.identify.worker import name_parameters
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).resolve().parents[3]
-QUICK = ("--terms=2", "--threads=1", "--method=random")
 
 
-def read_until(process, until=EXIT_STATUS):
+def read_until(process: IdentifyProcess, until: str = EXIT_STATUS) -> list[dict[str, Any]]:
     """Return the messages of the process up to one with the key `until`."""
-    messages = []
+    messages: list[dict[str, Any]] = []
 
-    def has_come():
+    def has_come() -> bool:
         messages.extend(process.read_messages())
-        return any(until in message for message in messages)
+        return any(until in message or EXIT_STATUS in message for message in messages)
 
     wait_until(has_come, messages)
     return messages
 
 
-def start_identification(*words):
-    return IdentifyProcess([*QUICK, *words, "--", str(ROOT / "bags" / "noise" / "noise.mcap")])
+def values_of(messages: list[dict[str, Any]], key: str) -> list[Any]:
+    return [message[key] for message in messages if key in message]
 
 
-def test_it_sends_stages_costs_warnings_and_the_result(tmp_path):
+@pytest.mark.slow
+def test_interrupted_it_sends_stages_costs_warnings_and_the_best_so_far(
+    shared_model: SharedResults, tmp_path: Path
+) -> None:
     out, report = tmp_path / "model.json", tmp_path / "report.html"
-    messages = read_until(start_identification("--time=60", "--starts=1", f"--out={out}", f"--report={report}"))
-    assert [message["stage"] for message in messages if "stage" in message] == [READING, SEARCHING, WRITING]
-    assert any("no header" in message[WARNING] for message in messages if WARNING in message)
-    costs = [message["cost"] for message in messages if "cost" in message]
+    words = ["--terms=2", "--threads=1", "--method=random", "--time=600", "--starts=10000", f"--out={out}"]
+    words += [f"--report={report}", f"--candidates={shared_model.folder / 'rules.yaml'}"]
+    process = IdentifyProcess([*words, "--", str(shared_model.folder / "one" / "one.mcap")])
+    messages = read_until(process, "cost")
+    process.interrupt()
+    messages += read_until(process)
+    assert values_of(messages, "stage") == [READING, SEARCHING, WRITING]
+    assert any("no header" in warning for warning in values_of(messages, WARNING))
+    costs = values_of(messages, "cost")
     assert costs and costs == sorted(costs, reverse=True)
-    result = next(message["result"] for message in messages if "result" in message)
+    (result,) = values_of(messages, "result")
     assert result["text"] == out.read_text() == load_model(out).to_json()
     assert [(cost["recording"], cost["role"]) for cost in result["costs"]] == [
-        ("noise", "identification"),
-        ("noise", "validation"),
+        ("one", "identification"),
+        ("one", "validation"),
     ]
     assert (result["facts"]["model"], result["facts"]["report"]) == (str(out), str(report))
     assert report.stat().st_size > 10_000
     assert messages[-1] == {EXIT_STATUS: 0}
 
 
-def test_interrupted_it_writes_the_best_so_far(tmp_path):
-    process = start_identification("--time=600", "--starts=10000", f"--out={tmp_path / 'model.json'}")
-    read_until(process, "cost")
-    process.interrupt()
-    messages = read_until(process)
-    assert messages[-1] == {EXIT_STATUS: 0}
-    assert load_model(tmp_path / "model.json").body.terms
-
-
-def test_a_mistake_gives_one_line():
+@pytest.mark.slow
+def test_a_mistake_gives_one_line_that_names_parameters(tmp_path: Path) -> None:
+    out = tmp_path / "model.json"
+    out.touch()
     for words, line in (
         ("--terms=999", "parameter terms: found '999'; expected a whole number from 1 to 200"),
-        ("--signals=no", "no: cannot be read"),
+        (f"--out={out}", f"{out}: exists; choose another name for parameter out, or replace it with parameter overwri"),
     ):
-        messages = read_until(start_identification(words))
-        assert next(message["error"] for message in messages if "error" in message).startswith(line)
+        messages = read_until(IdentifyProcess([words, "--", "bag"]))
+        assert [error[: len(line)] for error in values_of(messages, "error")] == [line]
         assert messages[-1] == {EXIT_STATUS: 2}
+    said = name_parameters("--no-band: not --terms=3, a--b or --9")
+    assert said == "parameter band: not parameter terms=3, a--b or --9"
 
 
-def test_it_ends_with_its_parent():
-    code = "from test_identify_process import start_identification; import os; "
-    code += "print(start_identification('--time=600')._process.pid, flush=True)"
-    folders = (ROOT, ROOT / "test" / "support", Path(__file__).parent)
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(map(str, folders))}
-    command = [sys.executable, "-c", f"{code}; os._exit(1)"]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
-    if not Path("/proc").is_dir():
-        pytest.skip("needs /proc")
+@pytest.mark.slow
+@pytest.mark.skipif(not Path("/proc").is_dir(), reason="needs /proc")
+def test_it_ends_with_its_parent() -> None:
+    code = "import os; from ces_cli.identify.process import IdentifyProcess as P; "
+    code += "print(P(['--time=600', '--', 'bags/noise'])._process.pid, flush=True); os._exit(1)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
     wait_until(lambda: b"ces_cli.identify" not in command_of(int(done.stdout)))
 
 
-def test_progress_is_a_line_and_values():
+def test_progress_is_a_line_and_values() -> None:
     now = [100.0]
     state = SearchState(lambda: now[0])
     assert state.as_status() == ("starting", {"stage": "starting", "elapsed [s]": "0.0", "share": "0.000"})
@@ -115,13 +116,3 @@ def test_progress_is_a_line_and_values():
     assert not state.changed
     state.update({"stage": DONE})
     assert (state.changed_stage, state.as_status()[1]["share"]) == (True, "1.000")
-
-
-def test_errors_name_parameters_instead_of_options(tmp_path):
-    out = tmp_path / "model.json"
-    out.touch()
-    errors = [message["error"] for message in read_until(start_identification(f"--out={out}")) if "error" in message]
-    assert errors == [f"{out}: exists; choose another name for parameter out, or replace it with parameter overwrite"]
-    assert (
-        name_parameters("--no-band: not --terms=3, a--b or --9") == "parameter band: not parameter terms=3, a--b or --9"
-    )
