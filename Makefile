@@ -8,6 +8,7 @@
 # make tables  tables 5.1 to 5.3 and figures 5.1 to 5.8 of the thesis on the virtual rig, and one model for all
 #              experiments, into docs/; SECONDS=60 is the most for one model's search (29 models, and 2 of four times
 #              that; done ones are kept in out/tables)
+# make reference  docs/reference/*.md anew, from the declarations in the code
 # make docs    the documentation site, into out/site (its search needs a server: python3 -m http.server -d out/site)
 # make clean   remove what make made
 #
@@ -20,7 +21,7 @@ RUN := env -u PYTHONPATH $(VENV)/bin
 OUT := out
 SECONDS ?= 60
 
-.PHONY: demo test test-fast test-bare lint suite test-ros bench tables docs clean
+.PHONY: demo test test-fast test-bare lint suite test-ros bench tables reference docs clean
 
 demo: $(VENV)/.installed
 	@mkdir -p $(OUT)
@@ -56,6 +57,9 @@ bench: $(VENV)/.installed-dev
 
 tables: $(VENV)/.installed-dev
 	$(RUN)/python -m bench.thesis.tables --seconds $(SECONDS)
+
+reference: $(VENV)/.installed-dev
+	$(RUN)/python -m bench.reference
 
 docs: $(VENV)/.installed-docs
 	NO_MKDOCS_2_WARNING=1 $(RUN)/mkdocs build --quiet --strict --site-dir $(OUT)/site

@@ -91,6 +91,8 @@ class Effect:
     name: ClassVar[str] = ""
     form: ClassVar[str] = ""
     summary: ClassVar[str] = ""  # the effect in a few words, for the report
+    visible: ClassVar[str] = ""  # where and when it shows, in a few words
+    mistaken_for: ClassVar[tuple[str, ...]] = ()  # effects that look most like it
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation runs again
     nuisance: ClassVar[bool] = False  # True if it is fitted, but never named as a cause

@@ -22,14 +22,14 @@ SUBSTEP_S = 5e-4  # [s] of the integration: the joint separates and closes betwe
 class Backlash(Effect):
     name, stage, needs = "backlash", MOTION, "reversals"
     summary, moves = "free play in the linkage", ("elasticity",)
+    visible, mistaken_for = "at reversals, for a fixed stroke", ("compressibility", "cavitation")
 
 
 class HeldPlay(Backlash):
-    """Play z in [-gap/2, gap/2]: x' = x - z, crossed only once the force has reversed.
+    """Play z in [-gap/2, gap/2], crossed only once the force has reversed: x' = x - z, dz/dt = v, the damper rests.
 
-    The joint stays in contact while it transmits force (a brake unloads its elastic part first; in a damper, force and
-    speed reverse together); then dz/dt = v and the damper rests. Source: play that separates at zero force (Nordin and
-    Gutman, Automatica 38, 2002). Worn rod ends have tenths of a millimetre, linkages and brakes several.
+    Source: play that separates at zero force (Nordin and Gutman, Automatica 38, 2002). Worn rod ends have tenths of a
+    millimetre, linkages and brakes several.
     """
 
     form, reruns = "held", True
@@ -42,12 +42,10 @@ class HeldPlay(Backlash):
 
 
 class PartedPlay(Backlash):
-    """The same, but the cell reads a constant level while the joint is open: it transmits no force, the damper creeps.
+    """The same, but the joint parts: meanwhile the damper creeps so that its force is `parted_N`, its gas force or 0 N.
 
-    The free damper moves so that its force equals that level: f(v' - c·dF/dt) + memory = `parted_N`, f and c learnt
-    from the simulation (a map of speed and current behind its own spring); it moves with the joint again once the gap
-    is crossed. The effect is the resulting change of the map's force. The level is the zero of the transmitted force:
-    0 N, or the gas force by which the recording was tared. Source as above.
+    Its speed v' solves f(v' - c·dF/dt) + memory = `parted_N`, f and c learnt from the simulation (a map of speed and
+    current behind its own spring). The effect is the resulting change of the map's force.
     """
 
     form = "parted"

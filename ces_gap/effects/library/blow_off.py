@@ -21,14 +21,15 @@ SLOPE = EffectParameter("slope", 0.0, 0.9, (0.2,), "slope of the force above the
 
 
 class BlowOff(Effect):
-    """A valve for each of the directions `sides`: above its level L the force is L + s (F - L), rounded over 2 % of L.
+    """Above the level L of a valve, the force is L + s (F - L), rounded over 2 % of L.
 
-    Source: relief valves of dampers (Dixon, The Shock Absorber Handbook, 2nd ed. 2007). They open at 0.5 to 5 kN; the
-    slope represents the stiffness of spring and seat, 0 for an ideal valve.
+    Source: relief valves (Dixon, The Shock Absorber Handbook, 2nd ed. 2007). They open at 0.5 to 5 kN; s is 0 for an
+    ideal valve.
     """
 
     name, stage = "blow_off", FLUID
     summary, moves = "a relief valve opens and limits the force", ("flow map",)
+    visible, mistaken_for = "only at the largest forces", ("leakage", "force_scale")
     sides: ClassVar[tuple[float, ...]] = ()
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

@@ -23,15 +23,15 @@ REBOUND = EffectParameter("rebound_m", -0.5, 0.5, (-0.02, -0.04), "position of c
 
 
 class BumpStop(Effect):
-    """Equal stops at the ends of the stroke in the directions `ends`: F ± (k d + h d2), d the deflection.
+    """F ± (k d + h d²) at an end of the stroke, d the deflection; out of contact for most of the recording.
 
-    Microcellular foam starts at 1e4 to 1e5 N/m and stiffens within millimetres to centimetres (Dixon, The Shock
-    Absorber Handbook, 2nd ed. 2007, on bump stops); steel on steel is linear at 1e6 N/m and more. A stop has no
-    contact during at least `FREE` of the recording.
+    Foam starts at 1e4 to 1e5 N/m and stiffens within millimetres to centimetres (Dixon 2007); steel on steel is linear
+    at 1e6 N/m and more.
     """
 
     name, stage = "bump_stop", PARALLEL
     summary, moves = "a stop engages near the end of the stroke", ("gas force",)
+    visible, mistaken_for = "only at the ends of the stroke", ("gas_spring",)
     ends: ClassVar[tuple[float, ...]] = ()
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -55,14 +55,14 @@ class BumpStop(Effect):
 
 
 class CompressionBumpStop(BumpStop):
-    """A stop at the compression end: F + k d + h d2."""
+    """A stop at the compression end."""
 
     form, ends, needs = "compression", (1.0,), "strokes that reach the compression stop"
     parameters = (STIFFNESS, HARDENING, COMPRESSION)
 
 
 class ReboundBumpStop(BumpStop):
-    """A stop at the rebound end, which pulls: F - k d - h d2."""
+    """A stop at the rebound end, which pulls."""
 
     form, ends, needs = "rebound", (-1.0,), "strokes that reach the rebound stop"
     parameters = (STIFFNESS, HARDENING, REBOUND)

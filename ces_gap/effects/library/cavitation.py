@@ -27,10 +27,11 @@ REBOUND, COMPRESSION = -1.0, 1.0
 
 
 class Cavitation(Effect):
-    """A void that opens in the direction `side`, from a limit that is the second parameter."""
+    """A void that opens in rebound takes force in compression, one that opens in compression takes force in rebound."""
 
     name, stage, needs = "cavitation", FLUID, "fast strokes followed by reversals"
     summary, moves = "a void forms in a fast stroke and must refill", ("refilling",)
+    visible, mistaken_for = "after fast strokes, on the way back", ("backlash", "compressibility")
     side: ClassVar[float] = 1.0
 
     def limit_starts(self, values: F, quantiles: Sequence[float]) -> list[float]:
@@ -42,12 +43,11 @@ class Cavitation(Effect):
 
 
 class _Intake(Cavitation):
-    """The chamber that grows in the direction `side` fills through an intake valve passing no more than `limit_m_s`.
+    """An intake passes at most `limit_m_s`; a void z opens by dz/dt = share·(v - limit), on the return v - share·limit.
 
-    dz/dt = share·(v - limit) while v is in that direction, v - share·limit on the return, z >= 0; on the return
-    exp(-z/bubbles) of the force remains, and the force at standstill. Source: base-valve cavitation of twin-tube
-    dampers (Dixon, The Shock Absorber Handbook, 2007; Duym, Vehicle System Dynamics 33, 2000). Intakes starve from
-    tenths of a metre per second; `share` is the ratio of the areas behind and before the piston.
+    On the return exp(-z/bubbles) of the force remains, and the force at standstill; v is positive in the direction
+    `side`. Source: base valves of twin-tube dampers (Dixon 2007; Duym, Vehicle System Dynamics 33, 2000), which starve
+    from tenths of a metre per second.
     """
 
     parameters: ClassVar[tuple[EffectParameter, ...]] = (
@@ -73,12 +73,10 @@ class _Intake(Cavitation):
 
 
 class _Floor(Cavitation):
-    """The pressure behind the piston falls from the gas charge to zero: the force cannot exceed `limit_N`.
+    """The pressure behind the piston is zero at the force L; a void z takes the flow: dz/dt = v - c u, z >= 0.
 
-    The void takes the flow that the valve does not pass, dz/dt = v - c u, z >= 0, u being the speed at which the
-    plant's map has the limit L at this current. Until it has closed the force stays at L, even where the damper alone
-    would have less or has reversed: F - r (F - L) (1 - exp(-(z/bubbles)2)), r the `share`. Source: monotube dampers
-    (Dixon 2007); gas charges have 10 to 30 bar on 1e-4 to 1e-3 m².
+    u is the speed at which the simulation has L. Until the void has closed the force stays at L:
+    F - r (F - L) (1 - exp(-(z/bubbles)²)), r the `share`. Source: monotube dampers (Dixon 2007), L of 0.1 to 3 kN.
     """
 
     parameters = (
@@ -118,16 +116,15 @@ class _Floor(Cavitation):
 
 
 class ReboundIntake(_Intake):
-    """After fast rebound the compression force is lost. Equations, source and range: `_Intake`."""
+    """In rebound."""
 
     form, side = "rebound_intake", REBOUND
 
 
 class ReboundReservoir(_Intake):
-    """As `ReboundIntake`, fed through an orifice by a gas charge that falls as the rod leaves: limit·√(1 + x/column).
+    """As `rebound_intake`, fed by a gas charge that falls as the rod leaves: limit·√(1 + x/column).
 
-    Source: orifice flow √(2Δp/ρ) (Merritt 1967), Δp from the reservoir's gas (Dixon 2007) down to the pressure at which
-    air and vapour come out. `column_m` is the extension of the rod from the zero position at which Δp is zero.
+    Source: orifice flow √(2Δp/ρ) (Merritt, Hydraulic Control Systems, 1967).
     """
 
     form, side = "rebound_reservoir", REBOUND
@@ -153,19 +150,19 @@ def _reservoir_flow_factor(position: F, column_m: float) -> F:
 
 
 class CompressionIntake(_Intake):
-    """After fast compression the rebound force is lost. Equations, source and range: `_Intake`."""
+    """In compression."""
 
     form, side = "compression_intake", COMPRESSION
 
 
 class ReboundFloor(_Floor):
-    """After hard rebound the compression force is lost. Equations, source and range: `_Floor`."""
+    """In rebound."""
 
     form, side = "rebound_floor", REBOUND
 
 
 class CompressionFloor(_Floor):
-    """After hard compression the rebound force is lost. Equations, source and range: `_Floor`."""
+    """In compression."""
 
     form, side = "compression_floor", COMPRESSION
 

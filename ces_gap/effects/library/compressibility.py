@@ -20,14 +20,14 @@ class Compressibility(SeriesSpring):
     name, stage = "compressibility", FLUID
     needs = "motion fast enough to change the force within tens of milliseconds"
     summary, moves = "oil, hoses and bubbles are elastic", ("elasticity",)
+    visible, mistaken_for = "as force builds up, differently in each direction", ("mount_compliance", "position_delay")
 
 
 class SideSpecific(Compressibility):
-    """Oil and chamber walls: ds/dF = 1/k of the side under pressure, k = β·A²/V; the valve sees the speed v - ds/dt.
+    """Oil and walls: the simulation is driven by x - s, s = F/k, with k = β·A²/V of the side under pressure.
 
-    Source: flow continuity Q = A·v - (V/β)·dp/dt (Merritt, Hydraulic Control Systems, 1967), by chamber as in Duym,
-    Vehicle System Dynamics 33 (2000). β about 1 GPa, A² / V of 1e-3 to 1e-2 m: 1e6 to 1e7 N/m; hoses and a little air
-    make it ten times softer. Compression works on the rod's area, rebound on the annulus: their stiffnesses differ.
+    Source: continuity Q = A·v - (V/β)·dp/dt (Merritt 1967), by chamber as in Duym 2000. Oil makes 1e6 to 1e7 N/m; hoses
+    and a little air make it ten times softer.
     """
 
     form = "sides"
@@ -45,10 +45,9 @@ class SideSpecific(Compressibility):
 
 
 class AeratedOil(Compressibility):
-    """Bubbles: s = s₀·F/(|F| + F₀), isothermal gas of volume V₀ = A·s₀ compressed from p₀ = F₀/A; soft near zero force.
+    """Bubbles: s = s₀·F/(|F| + F₀), gas of volume A·s₀ compressed from the pressure F₀/A; soft near zero force.
 
-    Source: Boyle's law V = V₀·p₀/(p₀ + p), the free-air term of the effective bulk modulus in Merritt (1967). A few per
-    cent of air in a chamber of 0.1 m make millimetres; p₀ of 1 to 10 bar on 1e-4 to 1e-3 m² makes 10 N to 1 kN.
+    Source: Boyle's law, as in the effective bulk modulus of Merritt 1967. A few per cent of air make millimetres.
     """
 
     form = "aerated"
@@ -68,13 +67,10 @@ class AeratedOil(Compressibility):
 
 
 class CheckValveStiffness(Compressibility):
-    """Check valves change the stiffness: ds/dt = C·dF/dt, C = 1/`pumping_N_m` while pushed and moving in, else smaller.
+    """Check valves: ds/dt = C·dF/dt, C = 1/`pumping_N_m` while pushed and moving in, else 1/`other_N_m`.
 
-    While the damper moves in, the piston's check valve is open and both chambers have one pressure, which acts on the
-    rod's area only: k = β·A_rod²/(V₁ + V₂). When the motion reverses, the valve closes and each chamber acts on its
-    own, much larger area: k = β·A²/V. Compression and release take different paths, so that s would drift: its slow
-    part is not driven; instead the map's response to it is added. The plant's own spring, learnt from it, has the same
-    two compliances. Source: continuity by chamber as above (Merritt 1967), for uniflow and monotube dampers.
+    While the damper moves in, the check valve is open and one pressure acts on the rod's area only. Source: continuity
+    by chamber (Merritt 1967). The slow part of s, which would drift, acts through the map's response to it.
     """
 
     form = "pumped"

@@ -19,13 +19,14 @@ HYSTERESIS = magnitude("hysteresis_A", 0.0, 0.5, (0.02, 0.1), "half-width of the
 class CurrentHysteresis(Effect):
     name, stage, reruns, needs = "current_hysteresis", VALVE, True, "a current that reverses"
     summary, moves = "magnetic hysteresis of the valve", ("magnetic loop",)
+    visible, mistaken_for = "when the current reverses", ("valve_lag",)
 
 
 class Plays(CurrentHysteresis):
     """Prandtl-Ishlinskii: i' is the mean of eight play operators of i, half-widths evenly up to twice hysteresis_A.
 
-    Slope 1 on a long branch, where i' lags i by 1.125 hysteresis_A. Source: Kuhnen, European Journal of Control 9
-    (2003). Proportional solenoids have 2 to 10 % of their range, worn or undithered ones more.
+    Source: Kuhnen, European Journal of Control 9 (2003). Proportional solenoids have 2 to 10 % of their range, worn or
+    undithered ones more.
     """
 
     form = "plays"
@@ -38,8 +39,7 @@ class Plays(CurrentHysteresis):
 class Remanence(CurrentHysteresis):
     """Coleman-Hodgdon: i' = i + h, dh = -(hysteresis_A·di + h·|di|)/travel_A: remanence, reversed by a travel of i.
 
-    Source: Coleman and Hodgdon, Int. J. Engineering Science 24 (1986). The travel is a coercive current, some tenths of
-    the valve's range.
+    Source: Coleman and Hodgdon, Int. J. Engineering Science 24 (1986).
     """
 
     form = "remanence"

@@ -15,10 +15,11 @@ BEYOND = 0.5  # of the logged range, 0 included: margin for the current of the s
 
 
 class CurrentScale(Effect):
-    """i' = gain·i + offset, clipped to the logged range widened by `BEYOND`. Source: a plain calibration error."""
+    """i' = gain·i + offset, clipped to the logged range widened by half."""
 
     name, stage, reruns = "current_scale", SENSOR, True
     summary, moves = "gain or offset of the measured current", ("valve characteristic", "flow map")
+    visible, mistaken_for = "in proportion to the effect of the current", ("force_scale", "leakage")
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         gain, offset = (*values, 0.0)[:2]
@@ -28,14 +29,14 @@ class CurrentScale(Effect):
 
 
 class CurrentGain(CurrentScale):
-    """i' = gain·i: a shunt or conversion wrong by a few per cent, up to a wrong amplifier range (50 %)."""
+    """A shunt or conversion is wrong by a few per cent, an amplifier range by up to half."""
 
     form, needs = "gain", "a current other than zero"
     parameters = (GAIN,)
 
 
 class GainAndOffset(CurrentScale):
-    """i' = gain·i + offset: as above, with a zero that has drifted by up to some tenths of an ampere."""
+    """The zero has drifted, too, by up to some tenths of an ampere."""
 
     form, needs = "gain_offset", "a changing current"
     parameters = (GAIN, magnitude("offset_A", -0.3, 0.3, (0.0, 0.03), "acting current at zero logged current"))

@@ -14,13 +14,14 @@ from ces_gap.trace import Trace, TraceInputs
 class ForceDrift(Effect):
     name, stage = "force_drift", CELL
     summary, moves = "the zero of the force drifts", ("gas force",)
+    visible, mistaken_for = "with elapsed time", ("temperature_fade",)
 
 
 class LinearDrift(ForceDrift):
-    """A constant drift from a zero that is correct at the start of the recording: F + r t.
+    """F + r t, from a zero that is correct at the start of the recording.
 
-    A 10 kN cell that warms by a kelvin per minute drifts by hundredths of a newton per second, a piezo cell with damp
-    insulation by more; gas that warms in the damper raises its force by newtons per second under hard work.
+    A 10 kN cell that warms by a kelvin per minute drifts by hundredths of a newton per second; gas that warms in the
+    damper under hard work, by newtons per second.
     """
 
     form, needs = "linear", "at least some tens of seconds, tared at the start"
@@ -31,7 +32,7 @@ class LinearDrift(ForceDrift):
 
 
 class SettlingDrift(ForceDrift):
-    """A drift that settles: F + A (1 - exp(-t/tau)), as a cell reaches its temperature or a charge leaks."""
+    """F + A (1 - exp(-t/tau)), as a cell reaches its temperature or a charge leaks."""
 
     form = "settling"
     needs = "a recording about as long as the drift lasts, tared at the start"

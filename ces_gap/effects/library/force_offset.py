@@ -10,13 +10,11 @@ from ces_gap.trace import Trace, TraceInputs
 
 
 class ForceOffset(Effect):
-    """A constant added to the force: F + F0.
-
-    Bridges keep their zero within some newtons; a tare at another gas force is wrong by hundreds.
-    """
+    """F + F0. Bridges keep their zero within some newtons; a tare at another gas force is wrong by hundreds."""
 
     name, form, stage, needs = "force_offset", "constant", CELL, "a tare that agrees with the simulation"
     summary, moves = "the zero of the force is wrong", ("gas force",)
+    visible, mistaken_for = "equally everywhere", ("gas_spring",)
     parameters = (magnitude("offset_N", -3000.0, 3000.0, (20.0,), "measured force when the damper force is zero"),)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

@@ -30,13 +30,14 @@ PRESSED = EffectParameter(
 class FrictionForce(Effect):
     name, stage = "friction", PARALLEL
     summary, moves = "friction of seals and bearings", ("friction",)
+    visible, mistaken_for = "after every reversal, equally at any speed", ("mount_compliance", "force_scale")
 
 
 class CoulombStribeck(FrictionForce):
-    """A function of speed: F + Fc (1 + e exp(-(v/vs)2)) tanh(v/v0).
+    """A function of speed: F + Fc (1 + e exp(-(v/vs)²)) tanh(v/v0).
 
-    Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994). Rod seals and guides of dampers have
-    10 to 100 N, under side load several times that.
+    Source: Armstrong-Helouvry, Dupont and Canudas de Wit, Automatica 30 (1994). Usual are 10 to 100 N, several
+    times that under side load.
     """
 
     form, needs = "coulomb_stribeck", "strokes that reverse, slow ones among them"
@@ -50,7 +51,7 @@ class CoulombStribeck(FrictionForce):
 class Presliding(FrictionForce):
     """Dahl's model: F + Fc z, dz/dx = (1 - z sign v) / d (P. Dahl, 1968; exponent 1).
 
-    The elastic lip of a rod seal follows the rod over some hundredths to tenths of a millimetre.
+    A seal's lip follows the rod over some hundredths to tenths of a millimetre.
     """
 
     form, needs = "presliding", "strokes that reverse"
@@ -62,10 +63,9 @@ class Presliding(FrictionForce):
 
 
 class LuGre(FrictionForce):
-    """LuGre without micro-damping: F + Fc (z + c v), dz/dx = (1 - z sign(v)/g) / d, g = 1 + e exp(-(v/vs)2).
+    """LuGre without micro-damping: F + Fc (z + c v), dz/dx = (1 - z sign(v)/g) / d, g = 1 + e exp(-(v/vs)²).
 
-    Source: Canudas de Wit et al., IEEE Transactions on Automatic Control 40 (1995). The Stribeck speed is fixed
-    at 20 mm/s: usual strokes pass it within milliseconds and cannot separate it from the presliding stroke.
+    Source: Canudas de Wit et al., IEEE Transactions on Automatic Control 40 (1995); vs is fixed at 20 mm/s.
     """
 
     form, needs = "lugre", "strokes that reverse, slow and fast ones"
@@ -79,10 +79,7 @@ class LuGre(FrictionForce):
 
 
 class PressureDependent(FrictionForce):
-    """The damper's pressure loads the seal: F + Fc z (1 + q |F|), z as in presliding.
-
-    Lip seals are energised by the pressure behind them: a few per cent of a force of kilonewtons.
-    """
+    """The damper's pressure loads the lip seal: F + Fc z (1 + q |F|), z as in presliding."""
 
     form = "pressure_dependent"
     needs = "strokes that reverse, at small and large forces"

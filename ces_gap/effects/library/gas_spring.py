@@ -25,10 +25,11 @@ CHARGED_COLUMN = EffectParameter("column_m", 0.05, 1.0, (0.15, 0.5), "gas volume
 class GasSpring(Effect):
     name, stage = "gas_spring", PARALLEL
     summary, moves = "gas pressure pushes the rod out", ("gas force",)
+    visible, mistaken_for = "over stroke, equally at any speed", ("bump_stop", "force_offset")
 
 
 class LinearGasSpring(GasSpring):
-    """The tangent: F + k x, zero at the zero of the position sensor, where the cell was tared."""
+    """F + k x, zero at the zero of the position sensor, where the cell was tared."""
 
     form, needs = "linear", "different mean strokes, or slow strokes"
     parameters = (STIFFNESS,)
@@ -40,8 +41,7 @@ class LinearGasSpring(GasSpring):
 class Polytropic(GasSpring):
     """p V^n constant: F + k L/n ((1 - x/L)^-n - 1), k = n p0 A/L, zero at the zero of the position sensor.
 
-    Source: Dixon, The Shock Absorber Handbook (2nd ed. 2007), on gas force. 20 bar on a rod of 2.5 cm2 above a column
-    of 0.4 m gives 1.6 kN/m; air springs around the damper reach 40 kN/m.
+    Source: Dixon 2007. 20 bar on a rod of 2.5 cm² above a column of 0.4 m gives 1.6 kN/m; air springs reach 40 kN/m.
     """
 
     form, needs = "polytropic", "long strokes, or different mean strokes"
@@ -52,7 +52,7 @@ class Polytropic(GasSpring):
 
 
 class MeanCentredSpring(GasSpring):
-    """As polytropic, but zero at the mean position of the recording: for a sensor whose zero is not at mid-stroke."""
+    """As polytropic, but zero at the recording's mean position: for a sensor whose zero is elsewhere."""
 
     form, needs = "about_mean", "long strokes"
     parameters = (STIFFNESS, COLUMN)
@@ -63,11 +63,9 @@ class MeanCentredSpring(GasSpring):
 
 
 class ChargedSpring(GasSpring):
-    """The whole gas force, as a cell reads it that was not tared: F + F0 (1 - x/L)^-n, F0 = p0 A, stiffness n F0/L.
+    """The whole gas force, of a cell that was not tared: F + F0 (1 - x/L)^-n, F0 = p0 A, stiffness n F0/L.
 
-    Preload and stiffness come from one charge p V^n = const, wherever position is zero: from x0 on, the law is the same
-    with the column L - x0. Source: Dixon 2007, on gas force. 5 to 30 bar on 1e-4 to 4e-4 m2 make 50 N to 1.2 kN, gas of
-    20 to 100 cm3 a column of 0.1 to 1 m.
+    5 to 30 bar make 50 N to 1.2 kN, gas of 20 to 100 cm³ a column of 0.1 to 1 m.
     """
 
     form, needs = "charged", "long strokes"

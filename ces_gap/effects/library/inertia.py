@@ -21,13 +21,11 @@ MASS = magnitude("mass_kg", 0.0, 20.0, (0.5,), "moving mass between cell and pis
 class Inertia(Effect):
     name, stage = "inertia", PARALLEL
     summary, moves = "mass between sensor and piston", ("moving mass",)
+    visible, mistaken_for = "at high frequency", ("position_delay",)
 
 
 class Mass(Inertia):
-    """A rigid mass: F + m a (Newton's second law; a positive in compression).
-
-    Eyes, adapters and cell flanges have 0.2 to 5 kg, the body of a truck's damper up to 20 kg.
-    """
+    """F + m a. Eyes, adapters and flanges have 0.2 to 5 kg, the body of a truck's damper up to 20 kg."""
 
     form = "mass"
     needs = "strokes at several hertz (the force grows with the square of frequency)"
@@ -38,10 +36,9 @@ class Mass(Inertia):
 
 
 class MassOnCell(Inertia):
-    """A mass on an elastic cell: F + m a behind 1 / (1 + 2 z s/w + s2/w2), w2 = k/m.
+    """A mass on an elastic cell: F + m a behind 1 / (1 + 2 z s/w + s²/w²), w² = k/m.
 
-    From k (x - y) = F + m y'' with the sensed motion x and the motion y of the mass, without the deflection of the cell
-    (see mount_compliance). Cells and fixtures have 1e6 to 1e8 N/m; stiffer ones act as a rigid mass.
+    Its deflection is left out (see mount_compliance). Cells and fixtures have 1e6 to 1e8 N/m.
     """
 
     form = "mass_on_cell"

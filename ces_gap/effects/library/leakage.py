@@ -19,15 +19,15 @@ SLOWEST_HZ = 0.1  # [Hz] below it the leaked stroke drifts
 
 
 class _Leak(Effect):
-    """The plant is driven by v' = v - q(F), F being its force with the leak; forces at standstill drive no leak.
+    """The simulation is driven by v' = v - q(F), F being the force with the leak; forces at standstill drive no leak.
 
-    F is the plant's force plus the change of its map f with its own spring c (learnt from it) by the leak:
-    F = f(v - q(F) - c·dF/dt). Spring forces therefore relax through the leak. A leak in one direction would make the
-    stroke drift: the slow part of q is not driven; instead the map's response to it is added.
+    F = f(v - q(F) - c·dF/dt), f the simulation's map with its own spring c, so spring forces relax through the leak.
+    The slow part of q, which would make the stroke drift, acts through the map's response to it.
     """
 
     name, stage, reruns, needs = "leakage", FLUID, True, "motion in the direction that leaks"
     summary, moves = "oil bypasses the valves", ("flow map",)
+    visible, mistaken_for = "at low speed, under high pressure", ("current_scale", "temperature_fade")
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         plant = trace.sprung_map
@@ -77,10 +77,9 @@ def _integrate_fast_part(speed: F, trace: Trace) -> F:
 
 
 class ReboundLeak(_Leak):
-    """A narrow annular gap past the piston under rebound pressure: q = κ·F for F < 0.
+    """A narrow annular gap under rebound pressure: q = κ·F for F < 0.
 
-    Source: laminar leakage Q = C·Δp (Merritt, Hydraulic Control Systems, 1967). At 1 kN and 0.3 m/s, 1e-5 m/(s N) is a
-    leak of 3 %, 3e-4 nearly the whole flow.
+    Source: laminar leakage Q = C·Δp (Merritt 1967). At 1 kN and 0.3 m/s, 1e-5 m/(s N) is a leak of 3 %.
     """
 
     form = "rebound"
@@ -92,7 +91,7 @@ class ReboundLeak(_Leak):
 
 
 class TwoWayLeak(_Leak):
-    """A gap that leaks equally in both directions: q = κ·F. Source and range as for rebound."""
+    """A gap that leaks in both directions: q = κ·F."""
 
     form = "both"
     parameters = (magnitude("leak_m_sN", 0.0, 5e-4, (1e-5, 5e-5), "leaking speed per newton"),)
@@ -102,10 +101,9 @@ class TwoWayLeak(_Leak):
 
 
 class Orifice(_Leak):
-    """A hole or a valve held open by dirt: q = κ·√|F|·sign F, κ by direction, laminar near zero force.
+    """A hole, or a valve held open by dirt: q = κ·√|F|·sign F, κ by direction, laminar near zero force.
 
-    Source: turbulent orifice Q = C_d·A_o·√(2Δp/ρ) (Merritt 1967). A hole of 0.1 mm² past a piston of 5 cm² leaks
-    0.01 m/s at 1 kN (3e-4 m/(s·√N)); ten holes lose 0.1 m/s.
+    Source: Q = C_d·A_o·√(2Δp/ρ) (Merritt 1967). A hole of 0.1 mm² past a piston of 5 cm² leaks 0.01 m/s at 1 kN.
     """
 
     form = "orifice"

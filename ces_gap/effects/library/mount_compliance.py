@@ -18,13 +18,13 @@ class MountCompliance(SeriesSpring):
     name, stage = "mount_compliance", MOTION
     needs = "motion fast enough to change the force within tens of milliseconds"
     summary, moves = "elastic bushings", ("elasticity",)
+    visible, mistaken_for = "as force builds up, equally in both directions", ("compressibility", "position_delay")
 
 
 class LinearMount(MountCompliance):
     """A Kelvin-Voigt bushing: k·z + c·dz/dt = F, the damper moves x' = x - z; damping_s = c/k.
 
-    Source: Dixon, The Shock Absorber Handbook (2nd ed. 2007), on mounting bushes; Kelvin-Voigt element. Rubber bushes
-    of dampers have 1e5 to 1e7 N/m and relax within milliseconds; steel rod ends are stiffer.
+    Source: Dixon 2007, on bushings. Rubber has 1e5 to 1e7 N/m and relaxes within milliseconds; rod ends are stiffer.
     """
 
     form = "linear"
@@ -40,8 +40,7 @@ class LinearMount(MountCompliance):
 class ProgressiveMount(MountCompliance):
     """A bushing that stiffens with load: z = (F_s/k)·asinh(F/F_s), stiffness k·√(1 + (F/F_s)²).
 
-    Source: the progressive curve of rubber in compression (Dixon 2007); asinh approximates it smoothly. `knee_N`
-    F_s is the force at which the stiffness has grown by 41 %: 100 N for a soft grommet, 5 kN for a full bush.
+    F_s is `knee_N`: 100 N for a soft grommet, 5 kN for a full bush. asinh approximates rubber smoothly.
     """
 
     form = "progressive"

@@ -14,14 +14,14 @@ from ces_gap.trace import Trace, TraceInputs
 
 
 class Skew(Effect):
-    """The damper moves as x'(t) = x(t - delay), by cubic splines: a positive delay means the position is logged early.
+    """x'(t) = x(t - delay), by cubic splines; positive: the position is logged early. The current is not shifted.
 
-    The current is not shifted. Source: a plain time shift. Sensor buses, filters and log stamps cause up to some 10 ms;
-    a late position (a filter before the logger) is a negative delay.
+    Buses, filters and log stamps cause up to some 10 ms.
     """
 
     name, form, stage, reruns, needs = "position_delay", "shift", SENSOR, True, "motion"
     summary, moves = "position and force are not synchronous", ("lead of the drive",)
+    visible, mistaken_for = "wherever the force changes with motion", ("inertia", "compressibility")
     parameters = (magnitude("delay_s", -0.02, 0.03, (0.003, -0.003), "delay of the force relative to the position"),)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:

@@ -26,13 +26,14 @@ PER_KELVIN = magnitude("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lo
 class TemperatureFade(Effect):
     name, stage = "temperature_fade", FLUID
     summary, moves = "warm oil damps less", ("flow map",)
+    visible, mistaken_for = "as heat accumulates", ("force_scale", "leakage")
 
 
 class FadeByWork(TemperatureFade):
     """Heat is retained: F exp(-b E), E the work done since the start of the recording.
 
-    Source: Lion and Loose, Vehicle System Dynamics 37 (2002), on self-heating dampers. 0.1 to 1 % of the force
-    per kelvin over a heat capacity of 300 to 2000 J/K: 1e-6 to 3e-5 per joule; small dampers with thick oil have more.
+    Source: Lion and Loose, Vehicle System Dynamics 37 (2002). 0.1 to 1 % of the force per kelvin make 1e-6 to 3e-5 per
+    joule; small dampers with thick oil have more.
     """
 
     form, needs = "heated", "hard work over some tens of seconds or more"
@@ -43,20 +44,14 @@ class FadeByWork(TemperatureFade):
 
 
 class FadeWithCooling(FadeByWork):
-    """Heat is dissipated: F exp(-b H), dH/dt = F v - H/tau.
-
-    Dampers cool in air within 1 to 20 minutes, oil in its chamber to the tube within some tens of seconds.
-    """
+    """Heat is dissipated: F exp(-b H), dH/dt = F v - H/tau; within 1 to 20 minutes in air."""
 
     form, needs = "cooled", "hard work, then rest, over a minute or more"
     parameters = (PER_HEAT, COOLING)
 
 
 class Viscous(TemperatureFade):
-    """Only the viscous share fades, not that of density: F (1 - (1 - exp(-b E)) / (1 + |v|/w)).
-
-    Pressure drops a q + b q2 (Merritt, Hydraulic Control Systems, 1967): a falls with viscosity, b hardly changes.
-    """
+    """Only the viscous share fades, not that of density: F (1 - (1 - exp(-b E)) / (1 + |v|/w)) (Merritt 1967)."""
 
     form = "viscous"
     needs = "hard work over some tens of seconds or more, with slow and fast strokes"
@@ -68,10 +63,9 @@ class Viscous(TemperatureFade):
 
 
 class ThinnerOil(TemperatureFade):
-    """Thin oil also leaks through gaps: the plant is driven by x - s, then F exp(-b E).
+    """Thin oil also leaks: the simulation is driven by x - s, ds/dt = l E F - s/(0.5 s), then F exp(-b E).
 
-    s is the leaked stroke, ds/dt = l E F - s/(0.5 s): laminar flow through gaps in proportion to pressure and fluidity
-    delays the build-up of force; the slow return keeps the mean stroke as measured. Source: Merritt 1967.
+    Laminar flow through gaps delays the build-up of force; the slow return keeps the mean stroke as measured.
     """
 
     form, reruns = "thinner_oil", True
@@ -92,7 +86,7 @@ class ThinnerOil(TemperatureFade):
 
 
 class FadeByTemperature(TemperatureFade):
-    """By the measured temperature: F exp(-b (T - T0)), T0 at the start; no effect without a temperature channel."""
+    """F exp(-b (T - T0)) by the measured temperature, T0 at the start."""
 
     form, needs = "measured", "a temperature channel"
     parameters = (PER_KELVIN,)

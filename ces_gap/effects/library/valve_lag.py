@@ -20,17 +20,17 @@ TIME_CONSTANT = magnitude("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time
 class ValveLag(Effect):
     name, stage, reruns, needs = "valve_lag", VALVE, True, "a changing current"
     summary, moves = "the valve follows the current with a lag", ("valve lag",)
+    visible, mistaken_for = "after changes of current", ("current_hysteresis",)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[-1], trace.step_s))
 
 
 class FirstOrderLag(ValveLag):
-    """τ·di'/dt + i' = i, discretised exactly for a current that is linear between ticks.
+    """τ·di'/dt + i' = i.
 
-    Source: R-L coil behind a voltage source, or a pilot chamber filled through an orifice; B. F. Spencer et al., J.
-    Eng. Mech. 123 (1997), have this filter between driver and magneto-rheological damper. CES (continuously controlled
-    electronic suspension) and magneto-rheological valves take 2 to 50 ms, with cold oil more.
+    Source: a coil's R-L circuit, or a pilot chamber behind an orifice; Spencer et al., J. Eng. Mech. 123 (1997). CES
+    (continuously controlled electronic suspension) and magneto-rheological valves take 2 to 50 ms, with cold oil more.
     """
 
     form = "first_order"
@@ -40,7 +40,7 @@ class FirstOrderLag(ValveLag):
 class RiseFall(ValveLag):
     """The same with one time constant while the acting current grows and another while it falls.
 
-    Source: a spool pushed by the solenoid and returned by its spring, or a driver that decays slowly through a diode.
+    A spool is returned by its spring, a driver's current decays slowly through a diode.
     """
 
     form = "rise_fall"
@@ -51,10 +51,7 @@ class RiseFall(ValveLag):
 
 
 class DeadTime(ValveLag):
-    """A dead time before the lag: τ·di'/dt + i' = i(t - delay).
-
-    Source: bus cycles and the spool's travel through its overlap. Buses have 1 to 20 ms; 50 ms is a lost cycle or two.
-    """
+    """A dead time before the lag: τ·di'/dt + i' = i(t - delay). Buses have 1 to 20 ms."""
 
     form = "delay_and_lag"
     parameters = (magnitude("delay_s", 0.0, 0.05, (0.003, 0.015), "dead time"), TIME_CONSTANT)

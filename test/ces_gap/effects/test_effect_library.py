@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 import output_plants as plants
@@ -26,7 +25,6 @@ DESIGNED = {
 UNITS = ("_N", "_m", "_s", "_kg", "_A", "_sN", "_rtN", "_m2", "_per_J", "_per_K", "_per_N")
 NUMBERS = {"gain", "share", "slope", "static_excess", "passing_share"}  # without a unit
 SECONDS = 2.0
-DOCS = Path(__file__).parents[3] / "docs" / "effects.md"
 EFFECTS = library()
 IDS = [f"{e.name}-{e.form}" for e in EFFECTS]
 
@@ -132,29 +130,6 @@ def slope(effect: Effect, k: int, p: EffectParameter, share: float) -> np.ndarra
     moved = [p.to_value(at + step) if j == k else v for j, v in enumerate(values)]
     change = (arrays(effect, rough(), moved) - arrays(effect, rough(), values)) / step
     return np.asarray(change[:, 50:-50] / np.array([[0.02], [0.5], [1.0], [1000.0]]))
-
-
-@each
-def test_the_docs_describe_the_effect(effect: Effect) -> None:
-    section = section_of(effect.name)
-    assert f"`{effect.form}`" in section
-    rows = [line for line in section.splitlines() if line.startswith("|")]
-    for p in effect.parameters:
-        mine = [row for row in rows if f"`{effect.form}`" in row and f"`{p.name}`" in row]
-        assert mine, f"no row of {effect.form} with {p.name}"
-        assert any(f"{p.low:g} to {p.high:g}" in row for row in mine), f"{p.name}: {p.low:g} to {p.high:g} in {mine}"
-
-
-def section_of(name: str) -> str:
-    text = DOCS.read_text(encoding="utf-8")
-    assert f"\n## `{name}`\n" in text
-    return text.split(f"\n## `{name}`\n")[1].split("\n## ")[0]
-
-
-def test_the_table_at_the_top_of_the_docs_names_every_effect() -> None:
-    table = DOCS.read_text(encoding="utf-8").split("\n## ")[0]
-    for name in dict.fromkeys(e.name for e in EFFECTS):
-        assert f"\n| [`{name}`](#{name})" in table
 
 
 def test_forces_are_finite_at_standstill() -> None:

@@ -1,0 +1,101 @@
+"""The page of checks: what they say about a sample recording into which one fault at a time is put."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bench.reference.tables import table
+from bench.sense_faults import FAULTS, Change, SenseFault, change_values
+from ces_data.checks.check import find_all_faults, find_differences
+from ces_data.findings import Finding
+from ces_data.reading import read_recording
+from ces_data.recording import Recording
+
+ROOT = Path(__file__).resolve().parents[2]
+SAMPLE, FIRST_S, SECONDS = ROOT / "bags" / "noise", 2.0, 8.0
+HEAD = """
+What a program says of each fault, and what to do about it: the texts are those of faults put into a sample recording
+one at a time. "Error": the recording cannot be used. "Wrong model": `ces identify` refuses, unless `--ignore-findings`
+is given. "Warning": a program goes on. [Checks](../checks.md) says how they are found, and how surely.
+"""
+DIFFERENCES = ("force reversed", "force in kN")
+
+
+def repeat_stamps(recording: Recording) -> Recording:
+    """Return a recording in which thousands of positions in a row have one stamp."""
+    stamps = recording.channels["position"].stamps_ns.copy()
+    stamps[500:5500] = stamps[500]
+    return _with_position(recording, stamps_ns=stamps)
+
+
+def step_back(recording: Recording) -> Recording:
+    """Return a recording whose clock is set back by 20 ms once."""
+    stamps = recording.channels["position"].stamps_ns.copy()
+    stamps[4000:] -= 20_000_000
+    return _with_position(recording, stamps_ns=stamps)
+
+
+def lose_force(recording: Recording) -> Recording:
+    """Return a recording without a sample of the force."""
+    force = recording.channels["force"]
+    empty = replace(force, stamps_ns=force.stamps_ns[:0], values=force.values[:0])
+    return replace(recording, channels={**recording.channels, "force": empty})
+
+
+def _with_position(recording: Recording, **changes: object) -> Recording:
+    position = replace(recording.channels["position"], **changes)  # type: ignore[arg-type]
+    return replace(recording, channels={**recording.channels, "position": position})
+
+
+def set_constant(signal: str) -> Change:
+    """Return a change after which a signal has one value."""
+    return change_values(signal, lambda values: np.full_like(values, values[0]))
+
+
+STRUCTURAL = (
+    SenseFault("no force samples", lose_force, ("force",)),
+    SenseFault("wrong type or field", change_values("force", lambda values: 1e30 * values), ("force",)),
+    SenseFault("one stamp for many samples", repeat_stamps, ("position",)),
+    SenseFault("clock set back", step_back, ("position",)),
+    SenseFault("position constant", set_constant("position"), ("position",)),
+    SenseFault("force constant", set_constant("force"), ("force",)),
+)
+SHOWN = (
+    *STRUCTURAL, *(fault for fault in FAULTS if fault.name in (
+        "force reversed", "force in kN", "position in mm", "current in mA", "current in percent of 1.6 A",
+        "force 20 ms late", "current 50 ms late", "all at 100 Hz", "force clipped at 50 %",
+        "position with 40 levels", "position stuck for 10 % of the time", "current stuck in the second half",
+        "force held at 100 Hz",
+    )),
+)  # fmt: skip
+
+
+def checks_page() -> str:
+    """Return the page."""
+    recording = cut(read_recording(SAMPLE))
+    rows = []
+    for fault in SHOWN:
+        found = [f for f in find_all_faults(fault.change(recording)) if f.signal in ("", *fault.signals)]
+        rows.append((fault.name, found[0].severity, _plain(found[0].text)))
+    by_name = {fault.name: fault for fault in FAULTS}
+    for name in DIFFERENCES:
+        other = replace(by_name[name].change(recording), name="b")
+        between: Sequence[Finding] = find_differences([replace(recording, name="a"), other])
+        rows += [(f"{name}, in one of several", f.severity, _plain(f.text)) for f in between[:1]]
+    return "\n".join(["# Findings of the checks", HEAD, table(("fault", "severity", "text"), rows)])
+
+
+def cut(recording: Recording) -> Recording:
+    """Return some seconds of a recording."""
+    start = min(channel.stamps_ns[0] for channel in recording.channels.values())
+    ends = (start + 1e9 * np.array([FIRST_S, FIRST_S + SECONDS])).astype(np.int64)
+    parts = {name: slice(*np.searchsorted(c.stamps_ns, ends)) for name, c in recording.channels.items()}
+    return replace(recording, channels={name: c.select(parts[name]) for name, c in recording.channels.items()})
+
+
+def _plain(text: str) -> str:
+    return text[0].upper() + text[1:]
