@@ -5,7 +5,7 @@
 # make test-fast  lint and the tests that are not marked slow: a developer's loop, within a minute
 # make test-bare  a part of the tests without those programs, as on a bare machine; .ci/run does this and then `test`
 # make bench   speed, each beside what it is compared with
-# make tables  tables 5.1 to 5.3 and figures 5.1 to 5.8 of the thesis on the virtual rig, and one model for all
+# make tables  tables 5.1 to 5.3 and figure 5.3 of the thesis on the virtual rig, and one model for all
 #              experiments, into docs/; SECONDS=60 is the most for one model's search (29 models, and 2 of four times
 #              that; done ones are kept in out/tables)
 # make reference  docs/reference/*.md anew, from the declarations in the code

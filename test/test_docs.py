@@ -33,7 +33,6 @@ TO_CONVERT = (  # pages whose commands and examples do not run yet: take yours o
     "docs/blind.md",
     "docs/checks.md",
     "docs/diagnose.md",
-    "docs/results.md",
     "docs/rig.md",
 )
 FOLDERS = ("bench", "config", "examples", "launch", "test")

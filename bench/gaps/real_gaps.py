@@ -24,9 +24,9 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 
 HEADER = (
     "simulation and recordings", "in truth", "verdict", "named", "judged",
-    "gap N", "left N", "shrink", "parameters", "independent value",
+    "gap N", "shrink", "parameters", "independent value",
 )  # fmt: skip
-ALIGN = "|---|---|---|---|---|---:|---:|---:|---|---|"
+ALIGN = "|---|---|---|---|---|---:|---:|---|---|"
 RIGHT, PARTLY, DOUBT, NOTHING, WRONG = "right", "partly right", "in doubt", "nothing named", "**wrong**"
 
 
@@ -62,7 +62,6 @@ def judge(causes: Sequence[str], verdict: str, effects: Sequence[str]) -> str:
 def cells(case: RealCase, diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return a row of the table."""
     best = diagnosis.composition
-    nothing = diagnosis.verdict == NO_GAP
     names = " + ".join(name.replace("_", " ") for name in best.effects) or "nothing"
     names = f"(nearest: {names})" if diagnosis.verdict == UNKNOWN else names
     if diagnosis.verdict == AMBIGUOUS:
@@ -71,12 +70,12 @@ def cells(case: RealCase, diagnosis: Diagnosis) -> tuple[str, ...]:
         _format_estimate(e)
         for effect, estimates in zip(best.effects, best.estimates, strict=True)
         for e in estimates
-        if effect not in (CALIBRATION, TIMING)
+        if effect not in (CALIBRATION, TIMING) and diagnosis.verdict != UNKNOWN
     )
-    left, shrink = ("", "") if nothing else (f"{best.gap_after_N:,.0f}", f"{100.0 * best.shrink:.0f} %")
+    shrink = "" if diagnosis.verdict == NO_GAP else f"{100.0 * best.shrink:.0f} %"
     judged = judge(case.causes, diagnosis.verdict, best.effects)
     verdict, gap = diagnosis.verdict.replace("_", " "), f"{diagnosis.gap.rms_N:,.0f}"
-    return case.setup, case.truth, verdict, names, judged, gap, left, shrink, parameters, case.measure()
+    return case.setup, case.truth, verdict, names, judged, gap, shrink, parameters, case.measure()
 
 
 def _format_estimate(estimate: Estimate) -> str:

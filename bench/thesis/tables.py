@@ -1,10 +1,10 @@
-"""Tables 5.1 to 5.3 of the thesis on the virtual rig (synthetic data), figures 5.1 to 5.8, and one model for all.
+"""Tables 5.1 to 5.3 of the thesis on the virtual rig (synthetic data), its figure 5.3, and one model for all.
 
 Usage: python -m bench.thesis.tables [--seconds S] [--processes N] [--dry]. Each experiment is run twice with different
 seeds: models are identified on the first run and evaluated on the second, once by the thesis' procedure, once by
 ours (proved stable). Then one certified model from noise and sweep is evaluated on recordings that it never saw, beside
-the damper itself. Tables go between the markers in docs/results.md, figures to docs/img. Trained models are stored in
-out/tables: a rerun is cheap, an interrupted run continues.
+the damper itself. Tables go between the markers in docs/results.md, the figure to docs/img. Trained models are stored
+in out/tables: a rerun is cheap, an interrupted run continues.
 """
 
 from __future__ import annotations
@@ -38,17 +38,16 @@ from bench.thesis.models import (
     TrainingJob,
     format_size,
     load_named_experiment,
-    panels,
     processors,
     train_all,
 )
-from bench.thesis.plots import caption, draw_all
+from bench.thesis.plots import draw
 from ces_data.recording import Recording
 from ces_identify.prepare.series import prepare
 from ces_rig.experiment import run
 
 STORE = ROOT / "out" / "tables"
-RESULTS, IMAGES = ROOT / "docs/results.md", ROOT / "docs/img"
+RESULTS, FIGURE = ROOT / "docs/results.md", ROOT / "docs/img/thesis_5_3.png"
 NAME, ONE_MODEL = "thesis tables", "one model"
 SOURCES, TERMS = ("noise", "sweep"), (25, 40)  # of one model for all experiments
 TARGETS = ("sine_4hz", "sine_12hz", "road", "noise", "sweep")
@@ -69,14 +68,14 @@ def main() -> None:
     text = "\n\n".join([facts(outcomes, options.seconds), *sections(evaluations)])
     print(f"\n{text}")
     if not options.dry:
-        draw_all(evaluations, IMAGES)
+        draw(evaluations, FIGURE)
         replace_between(RESULTS, NAME, text)
     outcomes = train_all(one_model_jobs(), options.seconds, options.processes, STORE)
     table = format_one_model(outcomes, {name: run(load_named_experiment(name, fresh=True)) for name in TARGETS})
     print(f"\n{table}")
     if not options.dry:
         replace_between(RESULTS, ONE_MODEL, table)
-        print(f"\nwritten: {RESULTS}, {IMAGES}/thesis_5_*.png")
+        print(f"\nwritten: {RESULTS}, {FIGURE}")
 
 
 def jobs() -> list[TrainingJob]:
@@ -85,13 +84,10 @@ def jobs() -> list[TrainingJob]:
 
 
 def sections(evaluations: Evaluations) -> Iterator[str]:
-    """Yield each table under its heading, with its figures."""
+    """Yield each table under its heading."""
     for structure, table in TABLES.items():
         yield f"### Table {table.number}: {table.title}"
         yield format_table(structure, evaluations)
-        for number, pair in panels().items():
-            if pair[0].structure == structure:
-                yield f"![Figure {number}: {table.title}, {caption(pair)}](img/thesis_{number.replace('.', '_')}.png)"
 
 
 def format_table(structure: str, evaluations: Evaluations) -> str:
@@ -99,12 +95,12 @@ def format_table(structure: str, evaluations: Evaluations) -> str:
     table = TABLES[structure]
     procedures = (PUBLISHED, THESIS, OURS) if structure == POLYNOMIAL else (THESIS, OURS)
     heads = [f"{NAMES[procedure]} J %" for procedure in procedures]
-    rows = [["row", table.size, "thesis J %", *heads, "noise floor J %", "figure"]]
+    rows = [["row", table.size, "thesis J %", *heads, "noise floor J %"]]
     for row in table.rows:
         costs = [format_cell(evaluations, (structure, procedure, row)) for procedure in procedures]
         published = "unstable" if row.cost is None else f"{row.cost:g}"
         floor = f"{noise_floor(f'{FOLDER}/{row.target}'):.2f}"
-        rows.append([row.title, format_size(row), published, *costs, floor, row.figure or "-"])
+        rows.append([row.title, format_size(row), published, *costs, floor])
     return markdown(rows)
 
 
@@ -120,7 +116,7 @@ def facts(outcomes: Outcomes, seconds: float) -> str:
     gains = [model.certificate["gain"] for model in ours if model.certificate]
     return (
         f"`make tables SECONDS={seconds:g}`: a search may take {seconds:g} s of one core. {cut} of {len(outcomes)} "
-        f"took all of it: for these a faster machine may find better ones. In our models past forces count for at most "
+        f"took all of it: for these a faster machine may find better ones. The gain of our models is at most "
         f"{max(gains):.3f} (proved)."
     )
 

@@ -20,17 +20,15 @@ from bench.thesis.models import (
     STARTS,
     TABLES,
     THESIS,
-    TIME,
     OneStepNetwork,
     TrainingJob,
     TrainingOutcome,
     format_size,
     load_named_experiment,
     make_shape,
-    panels,
     train_jobs,
 )
-from bench.thesis.plots import caption, draw
+from bench.thesis.plots import ROWS, draw
 from bench.thesis.tables import format_table, jobs
 from ces_identify.polynomial.candidates import load_rules
 from ces_identify.prepare.series import prepare
@@ -121,42 +119,21 @@ def test_markdown_aligns_figures_to_the_right():
 
 
 def test_tables_have_the_rows_sizes_and_costs_of_the_thesis():
-    printed = {s: [(row.cost, format_size(row), row.figure) for row in table.rows] for s, table in TABLES.items()}
+    printed = {s: [(row.cost, format_size(row)) for row in table.rows] for s, table in TABLES.items()}
     assert printed == {
         POLYNOMIAL: [
-            (2.34, "7", "5.1(a)"), (1.77, "10", "5.1(b)"), (1.63, "11", ""), (14.79, "9", "5.2"), (6.92, "5", ""),
-            (63.79, "5", "5.3(a)"), (136.24, "9", "5.3(b)"),
+            (2.34, "7"), (1.77, "10"), (1.63, "11"), (14.79, "9"), (6.92, "5"), (63.79, "5"), (136.24, "9"),
         ],
         NETWORK: [
-            (1.24, "2, 2, 2; 15", "5.4"), (2.72, "2, 2, 2; 20", "5.5(a)"), (22.02, "2, 2, 2; 20", "5.5(b)"),
-            (11.24, "2, 3, 3; 16", ""), (9.86, "2, 4, 5; 30", "5.6(a)"), (38.87, "2, 4, 5; 30", "5.6(b)"),
+            (1.24, "2, 2, 2; 15"), (2.72, "2, 2, 2; 20"), (22.02, "2, 2, 2; 20"),
+            (11.24, "2, 3, 3; 16"), (9.86, "2, 4, 5; 30"), (38.87, "2, 4, 5; 30"),
         ],
-        ANFIS: [
-            (2.12, "4 x 4", "5.7(a)"), (3.38, "4 x 4", "5.7(b)"), (6.6, "3 x 3", ""), (5.2, "6 x 6", ""),
-            (None, "4 x 4", "5.8"),
-        ],
+        ANFIS: [(2.12, "4 x 4"), (3.38, "4 x 4"), (6.6, "3 x 3"), (5.2, "6 x 6"), (None, "4 x 4")],
     }  # fmt: skip
     known = packaged_experiments()
     assert all(
         f"thesis/{name}" in known for t in TABLES.values() for row in t.rows for name in (row.source, row.target)
     )
-
-
-def test_figures_have_the_panels_of_the_thesis():
-    words = {number: caption(pair) for number, pair in panels().items()}
-    assert words == {
-        "5.1": "(a) Sine 4 Hz, (b) Sine 12 Hz",
-        "5.2": "(a) LP filtered white noise, (b) the same over time",
-        "5.3": "(a) Sine 4 Hz on the sweep model, (b) Sine 4 Hz on the white noise model",
-        "5.4": "(a) Sine 4 Hz, (b) the same over time",
-        "5.5": "(a) Sweep 2-16 Hz, (b) Sine 4 Hz on the sweep model",
-        "5.6": "(a) LP filtered white noise, (b) Sine 4 Hz on the white noise model",
-        "5.7": "(a) Sine 4 Hz, (b) Sine 16 Hz",
-        "5.8": "(a) Sine 16 Hz on the sine 4 Hz model, (b) the same over time",
-    }
-    assert Counter(pair[0].structure for pair in panels().values()) == {POLYNOMIAL: 3, NETWORK: 3, ANFIS: 2}
-    assert [number for number, pair in panels().items() if pair[1].with_reference] == ["5.1"]
-    assert [number for number, pair in panels().items() if pair[1].kind == TIME] == ["5.2", "5.4", "5.8"]
 
 
 def test_every_model_is_trained_once_and_each_procedure_has_the_thesis_size():
@@ -188,18 +165,15 @@ def test_missing_and_unstable_models_are_said(monkeypatch):
     monkeypatch.setattr(tables, "noise_floor", lambda name: 0.5)
     none = {(s, p, row): None for s in (POLYNOMIAL, ANFIS) for p in (THESIS, OURS) for row in TABLES[s].rows}
     polynomial, anfis = (format_table(s, none).splitlines() for s in (POLYNOMIAL, ANFIS))
-    assert polynomial[2] == "| Sine 4 Hz | 7 | 2.34 | - | none stable | none stable | 0.50 | 5.1(a) |"
-    assert (
-        anfis[-1] == "| Sine 16 Hz on the sine 4 Hz model | 4 x 4 | unstable | none stable | none stable | 0.50 | 5.8 |"
-    )
+    assert polynomial[2] == "| Sine 4 Hz | 7 | 2.34 | - | none stable | none stable | 0.50 |"
+    assert anfis[-1] == "| Sine 16 Hz on the sine 4 Hz model | 4 x 4 | unstable | none stable | none stable | 0.50 |"
     assert percent(type("Evaluation", (), {"cost": inf})) == "unstable"
 
 
 def test_a_model_is_trained_once_kept_judged_on_another_run_and_drawn(tmp_path, monkeypatch):
     monkeypatch.setattr(models, "code_digest", lambda: "fixed")
     monkeypatch.setitem(STARTS, POLYNOMIAL, 1)
-    pair = panels()["5.1"]
-    job = make_job(POLYNOMIAL, THESIS, pair[0].row)
+    job = make_job(POLYNOMIAL, THESIS, TABLES[POLYNOMIAL].rows[0])
     first, again = (dict(train_jobs([job], 10.0, 1, tmp_path))[job] for _ in range(2))
     assert first.seconds == again.seconds, "the second time it comes from the store"
     assert 1 <= len(first.model.body.terms) <= 7
@@ -207,6 +181,5 @@ def test_a_model_is_trained_once_kept_judged_on_another_run_and_drawn(tmp_path, 
     assert 0.5 < evaluation.cost < 60.0
     assert evaluation.clamped_share == 0.0
     assert evaluate_outcome(TrainingOutcome(None, "why", 0.0), None) is None
-    shown = {(POLYNOMIAL, p, panel.row): evaluation for p in (THESIS, OURS) for panel in pair}
-    draw(pair, shown, tmp_path / "figure.png")
+    draw({(POLYNOMIAL, p, row): evaluation for p in (THESIS, OURS) for row in ROWS}, tmp_path / "figure.png")
     assert (tmp_path / "figure.png").stat().st_size > 10_000
