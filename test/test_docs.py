@@ -30,7 +30,6 @@ PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md"
 LINKED = {"CHANGELOG.md": ROOT / "CHANGELOG.md", "bags/README.md": ROOT / "bags/README.md", **PAGES}
 MAX_WORDS = 72_000  # of README, CHANGELOG and docs, as `wc -w` counts them
 TO_CONVERT = (  # pages whose commands and examples do not run yet: take yours out
-    "docs/blind.md",
     "docs/checks.md",
     "docs/diagnose.md",
     "docs/rig.md",
