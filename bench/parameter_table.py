@@ -1,7 +1,6 @@
-"""The damper's parameters as a commented YAML file or a Markdown table, from the declarations in `parameters.py`.
+"""The damper's parameters as a commented YAML file, from the declarations in `parameters.py`.
 
-python -m bench.parameter_table yaml > ces_rig/dampers/hydraulic/damper.yaml
-python -m bench.parameter_table markdown
+python -m bench.parameter_table > ces_rig/dampers/hydraulic/damper.yaml
 """
 
 from __future__ import annotations
@@ -40,13 +39,6 @@ def as_yaml() -> str:
     return "".join(lines)
 
 
-def as_markdown() -> str:
-    """Return the table of parameters for the documentation."""
-    lines = ["| parameter | default | unit | what it is |", "|---|---:|---|---|"]
-    lines += [f"| `{path}` | {value:g} | {one.unit} | {one.meaning} |" for path, value, one in rows()]
-    return "\n".join(lines) + "\n"
-
-
 def format_number(value: float) -> str:
     """Return a number that YAML 1.1 reads as one: the mantissa keeps its point."""
     text = f"{value:g}"
@@ -55,4 +47,4 @@ def format_number(value: float) -> str:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(as_yaml() if sys.argv[1:] == ["yaml"] else as_markdown())
+    sys.stdout.write(as_yaml())

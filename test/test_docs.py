@@ -32,7 +32,6 @@ MAX_WORDS = 72_000  # of README, CHANGELOG and docs, as `wc -w` counts them
 TO_CONVERT = (  # pages whose commands and examples do not run yet: take yours out
     "docs/checks.md",
     "docs/diagnose.md",
-    "docs/rig.md",
 )
 FOLDERS = ("bench", "config", "examples", "launch", "test")
 SOURCES = ("*.py", "*.yaml", "*.j2", "*.xml", "*.ipynb")
