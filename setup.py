@@ -132,6 +132,7 @@ setup(
         "dev": [
             "pytest>=7.4",
             "pytest-xdist>=3.4",
+            "setuptools>=64",  # what setup.py hands to it is tested
             "hypothesis>=6.98",
             "distributed>=2022.12",
             "fmpy>=0.3.20",

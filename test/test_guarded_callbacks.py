@@ -6,8 +6,6 @@ import ast
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
-
 ROOT = Path(__file__).resolve().parent.parent
 GUARDED_NODE = ROOT / "ces_observer" / "nodes" / "guarded_node.py"
 SNAPSHOT_CALL = ROOT / "ces_observer" / "nodes" / "snapshot_call.py"  # runs in a process of its own
@@ -51,19 +49,15 @@ def calls(path: Path) -> Iterator[tuple[str, ast.Call]]:
             yield ast.unparse(node.func).rpartition(".")[2], node
 
 
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
-def test_no_callback_passes_by_the_guard(path: Path) -> None:
-    for name, call in calls(path):
-        assert name not in NOT_AT_ALL, ast.unparse(call)
-        callbacks = [word.value for word in call.keywords if word.arg in ("pre_callback", "post_callback")]
-        if name in BY_HAND:
-            assert callbacks and all(".guard.wrap(" in ast.unparse(callback) for callback in callbacks)
-
-
-@pytest.mark.parametrize("path", SOURCES, ids=lambda path: path.stem)
-def test_no_callback_is_a_coroutine(path: Path) -> None:
+def test_no_callback_passes_by_the_guard_or_is_a_coroutine() -> None:
     kinds = (ast.AsyncFunctionDef, ast.Await, ast.AsyncFor, ast.AsyncWith)
-    assert not [node for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(node, kinds)]
+    for path in SOURCES:
+        assert not [n for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, kinds)], path
+        for name, call in calls(path):
+            assert name not in NOT_AT_ALL, f"{path}: {ast.unparse(call)}"
+            callbacks = [word.value for word in call.keywords if word.arg in ("pre_callback", "post_callback")]
+            if name in BY_HAND:
+                assert callbacks and all(".guard.wrap(" in ast.unparse(callback) for callback in callbacks), path
 
 
 def test_each_node_is_a_guarded_one() -> None:

@@ -11,7 +11,9 @@ from xml.etree import ElementTree
 import pytest
 
 from ces_cli.main import PROGRAMS
+from ces_data.signals_file import load_signals
 from ces_observer import __version__
+from ces_observer.signals import Signals
 
 ROOT = Path(__file__).resolve().parent.parent
 COLLECT = """
@@ -100,3 +102,9 @@ def test_the_extra_formats_holds_those_of_all_formats() -> None:
     single = [library for extra in ("mdf", "mat73", "can", "parquet") for library in extras[extra]]
     assert sorted(extras["formats"]) == sorted(single)
     assert set(single) <= set(extras["dev"])
+
+
+def test_shipped_signals_are_the_defaults() -> None:
+    defaults = dict(Signals.from_mapping({}, "defaults").by_name)
+    for name in ("signals.yaml", "observer.yaml"):
+        assert dict(load_signals(ROOT / "config" / name).by_name) == defaults, name

@@ -10,8 +10,6 @@ from collections.abc import Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
-import pytest
-
 from ces_observer.signals import DEFAULTS
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -110,6 +108,6 @@ def test_what_the_sources_make_is_granted_and_the_other_way_round() -> None:
     assert not granted - made - others - {name.removeprefix("~/") for name in names(COMMON)}
 
 
-@pytest.mark.parametrize("name", NODES)
-def test_the_documentation_tells_of_each_enclave(name: str) -> None:
-    assert f"/ces_observer/{name}" in (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+def test_the_documentation_tells_of_each_enclave() -> None:
+    page = (ROOT / "docs" / "security.md").read_text(encoding="utf-8")
+    assert [name for name in NODES if f"/ces_observer/{name}" not in page] == []
