@@ -1,4 +1,4 @@
-"""This project's structures and other tools on recordings: free-run J, parameters and CPU time, in one table.
+"""This project's structures and other tools on recordings: free-run J [%], parameters and CPU time, in one table.
 
     CES_DATA=FOLDER python bench/recorded_peers.py [--cases rig dyke utfsm] [--time S] ...
 
@@ -215,27 +215,31 @@ def merge(outcomes: Mapping[str, ToolOutcome]) -> tuple[str, ToolOutcome]:
 
 
 def format_rows(outcomes: Mapping[FitJob, ToolOutcome]) -> list[tuple[str, ...]]:
-    """Return a line for each tool and row of a data set, the best J of each row in bold."""
-    lines: list[tuple[str, ...]] = []
-    for case in dict.fromkeys(job.case for job in outcomes):
-        tools: dict[str, dict[str, ToolOutcome]] = {}
-        for job, outcome in outcomes.items():
-            if job.case == case:
-                tools.setdefault(job.tool, {})[job.setting] = outcome
-        merged = {tool: merge(settings) for tool, settings in tools.items()}
-        for row in dict.fromkeys(row for _, one in merged.values() for row in one.costs):
-            lines += _row_lines(row, merged)
+    """Return the heading and a line for each tool with its J on each row of a data set, the best of each in bold."""
+    tools: dict[str, dict[str, dict[str, ToolOutcome]]] = {}
+    for job, outcome in outcomes.items():
+        tools.setdefault(job.tool, {}).setdefault(job.case, {})[job.setting] = outcome
+    merged = {tool: [merge(settings)[1] for settings in cases.values()] for tool, cases in tools.items()}
+    rows = list(dict.fromkeys(row for ones in merged.values() for one in ones for row in one.costs))
+    least = {
+        row: show_cost(min(one.costs.get(row, math.inf) for ones in merged.values() for one in ones)) for row in rows
+    }
+    lines = [("tool", *rows, "parameters", "CPU s")]
+    for tool, ones in merged.items():
+        cells = [next((_format_cell(one, row, least[row]) for one in ones if row in one.costs), "-") for row in rows]
+        sizes = [one.parameters for one in ones if one.parameters]
+        lines.append((tool, *cells, _format_range(sizes), _format_range([round(one.cpu_s) for one in ones])))
     return lines
 
 
-def _row_lines(row: str, merged: Mapping[str, tuple[str, ToolOutcome]]) -> list[tuple[str, ...]]:
-    least = show_cost(min(one.costs.get(row, math.inf) for _, one in merged.values()))
-    lines = []
-    for tool, (setting, one) in merged.items():
-        cost = show_cost(one.costs.get(row, math.inf))
-        shown = one.failed or (f"**{cost}**" if cost == least else cost)
-        lines.append((row, tool, setting or one.chosen, shown, str(one.parameters or ""), f"{one.cpu_s:.0f}"))
-    return lines
+def _format_cell(one: ToolOutcome, row: str, least: str) -> str:
+    cost = show_cost(one.costs[row])
+    return (f"**{cost}**" if cost == least else cost) + (f" {one.chosen}" if one.chosen else "")
+
+
+def _format_range(numbers: Sequence[int]) -> str:
+    """Return the smallest and the largest number as text."""
+    return " to ".join(str(n) for n in sorted({min(numbers), max(numbers)})) if numbers else ""
 
 
 def main() -> None:
@@ -253,8 +257,8 @@ def main() -> None:
     jobs = plan_jobs(present_cases(options.cases), wanted_tools(options.tools), limits)
     with ThreadPoolExecutor(options.processes) as pool:
         outcomes = dict(zip(jobs, pool.map(run_job, jobs), strict=True))
-    header = ("data", "tool", "setting", "J %", "parameters", "CPU s")
-    print_table(header, format_rows(outcomes), left=3)
+    header, *rows = format_rows(outcomes)
+    print_table(header, rows)
 
 
 def present_cases(names: Sequence[str]) -> list[str]:

@@ -35,8 +35,7 @@ from bench.markdown import replace_between
 from bench.measurement import processor, verdict
 
 TARGETS = {OBSERVER: (1.5, 1.6), TWIN: (1.15, 1.15)}  # median and CPU, times those of the empty C++ relay
-HEADER = ("load", "rate Hz", "node", "median µs", "p99 µs", "worst ms", "CPU % of a core", "lost", "withheld")
-RATIOS = ("median ÷ C++ relay", "CPU ÷ C++ relay")
+HEADER = ("load", "rate Hz", "node", "median µs", "p99 µs", "worst ms", "CPU % of a core")
 
 
 @dataclass(frozen=True)
@@ -67,13 +66,10 @@ def ratio(runs: Sequence[GeneratorRun], others: Sequence[GeneratorRun], name: st
     return MedianRange.from_values(getattr(a, name) / getattr(b, name) for a, b in zip(runs, others, strict=True))
 
 
-def row(load: str, rate_Hz: float, name: str, runs: Sequence[GeneratorRun], relay: Sequence[GeneratorRun]) -> list[str]:
-    """Return a row of the table; `relay` are the runs of the empty C++ relay in the same rounds."""
+def row(load: str, rate_Hz: float, name: str, runs: Sequence[GeneratorRun]) -> list[str]:
+    """Return a row of the table."""
     cells = [load, f"{rate_Hz:g}", name, median_range(runs, "p50_us").text(), median_range(runs, "p99_us").text()]
-    cells += [f"{max(run.max_us for run in runs) * 1e-3:,.1f}", median_range(runs, "cpu_share", 100.0).text(1)]
-    cells += [f"{sum(run.lost for run in runs):,} of {sum(run.all_sent for run in runs):,}"]
-    cells += [f"{max(0, sum(run.without_estimate - run.lost for run in runs)):,}"]
-    return cells + [ratio(runs, relay, figure).text(2) for figure in ("p50_us", "cpu_share")]
+    return [*cells, f"{max(run.max_us for run in runs) * 1e-3:,.1f}", median_range(runs, "cpu_share", 100.0).text(1)]
 
 
 PAGE = ROOT / "docs" / "benchmarks.md"
@@ -99,10 +95,9 @@ def play(field: ContestField, nodes: Sequence[Contestant], options: argparse.Nam
 
 
 def table(found: Runs) -> list[str]:
-    head = [*HEADER, *RATIOS]
-    lines = [f"| {' | '.join(head)} |", "|---|---:|---|" + "---:|" * (len(head) - 3)]
+    lines = [f"| {' | '.join(HEADER)} |", "|---|---:|---|" + "---:|" * (len(HEADER) - 3)]
     for (load, rate, name), runs in found.items():
-        lines.append(f"| {' | '.join(row(load, rate, name, runs, found[load, rate, CPP_RELAY]))} |")
+        lines.append(f"| {' | '.join(row(load, rate, name, runs))} |")
     return lines
 
 
@@ -124,8 +119,11 @@ def describe_noise(found: Runs, options: argparse.Namespace, began: float) -> st
     """Return a description of the load and of the machine's disturbances."""
     runs = [run for several in found.values() for run in several]
     priority = f"SCHED_FIFO {runs[0].priority}" if runs[0].priority else "ordinary priority"
+    lost, sent = (sum(getattr(run, name) for run in runs) for name in ("lost", "all_sent"))
+    withheld = max(0, sum(run.without_estimate for run in runs) - lost)
     return (
-        f"{options.rounds} rounds of {options.seconds:g} s each after {options.warm_up:g} s of warm-up: median over "
+        f"Lost {lost:,} of {sent:,} samples, withheld {withheld:,} after the warm-up. {options.rounds} rounds of "
+        f"{options.seconds:g} s each after {options.warm_up:g} s of warm-up: median over "
         f"the rounds, in brackets their range. The generator, under {priority}, woke up "
         f"{median_range(runs, 'late_p50_us').text()} µs late in the median and "
         f"{median_range(runs, 'late_p99_us').text()} µs at its p99. Load of the machine {began:.1f} before."
