@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from identification_examples import PLANTED, RULES, planted
+from planted import with_values
 
-from ces_data.recording import Channel
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.search_limits import Limits
@@ -54,24 +54,19 @@ def test_the_model_has_a_band_unless_told_otherwise(result):
 
 
 def test_held_out_data_do_not_change_the_model():
-    spoiled = planted(1)
-    force = spoiled.channel("force")
-    values = force.values.copy()
-    values[round(0.75 * len(values)) + 1 :] = np.random.default_rng(0).normal(0, 1e4, len(values))[
-        round(0.75 * len(values)) + 1 :
-    ]
-    channels = {**spoiled.channels, "force": Channel("force", "N", force.stamps_ns, values)}
+    values = planted(1).channel("force").values.copy()
+    late = round(0.75 * len(values)) + 1
+    values[late:] = np.random.default_rng(0).normal(0, 1e4, len(values) - late)
     clean = identify([planted(1)], (), options())
-    other = identify([replace(spoiled, channels=channels)], (), options())
+    other = identify([with_values(planted(1), force=values)], (), options())
     assert other.model.body.terms == clean.model.body.terms
     assert [e.role for e in clean.evaluations] == [IDENTIFICATION, VALIDATION]
 
 
 def test_a_constant_current_leaves_its_terms_out():
     recording = planted(4)
-    current = recording.channel("current")
-    fixed = Channel("current", "A", current.stamps_ns, np.full(len(current), 0.5))
-    result = identify([replace(recording, channels={**recording.channels, "current": fixed})], (), options())
+    fixed = with_values(recording, current=np.full(len(recording.channel("current")), 0.5))
+    result = identify([fixed], (), options())
     assert not any(f.signal == "current" for t in result.model.body.terms for f in t.factors)
 
 
@@ -81,15 +76,10 @@ def test_provenance_names_recordings_and_costs(result):
     assert [c["J"] for c in history["cost_J_percent"]] == [round(e.cost, 4) for e in result.evaluations]
 
 
-def test_a_constant_force_is_refused():
+def test_a_constant_force_and_too_short_a_recording_are_refused() -> None:
     recording = planted(5)
-    force = recording.channel("force")
-    flat = {**recording.channels, "force": Channel("force", "N", force.stamps_ns, np.zeros(len(force)))}
     with pytest.raises(CesError, match="measured force is constant"):
-        identify([replace(recording, channels=flat)], (), options())
-
-
-def test_a_recording_too_short_is_refused():
+        identify([with_values(recording, force=np.zeros(len(recording.channel("force"))))], (), options())
     with pytest.raises(CesError, match=r"warm-up|at least|too short"):
         identify([planted(6, seconds=0.8)], (), options())
 

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from planted import planted as planted_ride
 
-import numpy as np
-
-from ces_data.recording import Channel, Recording
 from ces_identify.polynomial.candidates import parse_rules
-from ces_identify.prepare.series import prepare
-from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 SAMPLING = Sampling(500.0, 40.0, 0.01)
-
-
 PLANTED = Model(
     SAMPLING,
     Polynomial(
@@ -43,13 +36,4 @@ RULES = parse_rules(
 
 
 def planted(seed, seconds=12.0, noise=5.0, name="planted"):
-    random = np.random.default_rng(seed)
-    t = np.arange(round(seconds * 500)) / 500.0
-    tones = zip(random.uniform(1, 8, 6), random.uniform(0, 6, 6), strict=True)
-    x = sum(0.004 * np.sin(2 * np.pi * f * t + p) for f, p in tones)
-    i = 0.5 + 0.2 * np.sin(2 * np.pi * 1.3 * t + seed)
-    stamps = (t * 1e9).round().astype(np.int64)
-    channels = {"position": Channel("position", "m", stamps, x), "current": Channel("current", "A", stamps, i)}
-    bare = Recording(name, channels)
-    force = simulate_series(PLANTED, prepare(bare, SAMPLING)).force + random.normal(0, noise, len(t))
-    return replace(bare, channels={**channels, "force": Channel("force", "N", stamps, force)})
+    return planted_ride(PLANTED, seed, noise, seconds, name)

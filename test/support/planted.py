@@ -48,10 +48,10 @@ FUZZY = Model(
 )
 
 
-def stroked(seed: int, seconds: float = 10.0, name: str = "planted") -> Recording:
+def stroked(seed: int, seconds: float = 10.0, name: str = "planted", rate_Hz: float = RATE_HZ) -> Recording:
     """Position and current of a rough ride."""
     random = np.random.default_rng(seed)
-    t = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
+    t = np.arange(round(seconds * rate_Hz)) / rate_Hz
     tones = zip(random.uniform(1, 8, 6), random.uniform(0, 6, 6), strict=True)
     x = sum(0.005 * np.sin(2 * np.pi * f * t + p) for f, p in tones)
     i = 0.5 + 0.2 * np.sin(2 * np.pi * 1.3 * t + seed) + 0.05 * np.sin(2 * np.pi * 4.1 * t)
@@ -63,8 +63,18 @@ def stroked(seed: int, seconds: float = 10.0, name: str = "planted") -> Recordin
 
 def planted(model: Model, seed: int, noise: float = 4.0, seconds: float = 10.0, name: str = "planted") -> Recording:
     """The force of `model` with `noise` [N] on a rough ride."""
-    bare = stroked(seed, seconds, name)
-    stamps = bare.channel("position").stamps_ns
-    force = simulate_series(model, prepare(bare, SAMPLING)).force
+    return with_force(model, stroked(seed, seconds, name, model.sampling.rate_Hz), seed, noise)
+
+
+def with_force(model: Model, bare: Recording, seed: int, noise: float) -> Recording:
+    """The recording with the force of `model` and noise."""
+    force = simulate_series(model, prepare(bare, model.sampling)).force
     noisy = force + np.random.default_rng(seed + 1000).normal(0.0, noise, len(force))
-    return replace(bare, channels={**bare.channels, "force": Channel("force", "N", stamps, noisy)})
+    return with_values(bare, force=noisy)
+
+
+def with_values(recording: Recording, **values: np.ndarray) -> Recording:
+    """The recording with other values of some channels, all at the stamps of the position."""
+    stamps, units = recording.channel("position").stamps_ns, {"force": "N", "current": "A", "position": "m"}
+    channels = {name: Channel(name, units[name], stamps, one) for name, one in values.items()}
+    return replace(recording, channels={**recording.channels, **channels})

@@ -1,17 +1,14 @@
 """Planted hysteresis and planted sub-models are recovered; inputs outside the data are refused."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from planted import planted
 
-from ces_data.recording import Channel, Recording
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import load_rules, parse_rules
 from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs, restrict_to_data
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.series import prepare
-from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling, parse_model
@@ -54,23 +51,14 @@ BLENDED = [["by_current", "speed"], ["force", "by_current"], ["hysteresis", "by_
 NOISE_N = 5.0
 
 
-def planted(seed, seconds=12.0, name="planted"):
-    random = np.random.default_rng(seed)
-    t = np.arange(round(seconds * 500)) / 500.0
-    tones = zip(random.uniform(1, 8, 6), random.uniform(0, 6, 6), strict=True)
-    x = sum(0.004 * np.sin(2 * np.pi * f * t + p) for f, p in tones)
-    i = 0.5 + 0.25 * np.sin(2 * np.pi * 1.3 * t + seed)
-    stamps = (t * 1e9).round().astype(np.int64)
-    channels = {"position": Channel("position", "m", stamps, x), "current": Channel("current", "A", stamps, i)}
-    bare = Recording(name, channels)
-    force = simulate_series(PLANTED, prepare(bare, SAMPLING)).force + random.normal(0, NOISE_N, len(t))
-    return replace(bare, channels={**channels, "force": Channel("force", "N", stamps, force)})
+def ride(seed, name="planted"):
+    return planted(PLANTED, seed, NOISE_N, 12.0, name)
 
 
 def identified(rules, terms=7):
     limits = Limits(terms, 20.0, 0.0, 2, 1, 2)
     options = IdentifyOptions(split=1.0, candidates=rules, limits=limits, bandwidth=40.0)
-    return identify([planted(1), planted(2)], [planted(3, name="fresh")], options)
+    return identify([ride(1), ride(2)], [ride(3, name="fresh")], options)
 
 
 def fresh_cost(result):
@@ -104,12 +92,14 @@ def test_without_blend_and_hysteresis_the_same_number_of_terms_does_worse(blende
     assert fresh_cost(identified(parse_rules(plain, "test"))) > 1.5 * fresh_cost(blended)
 
 
-SERIES = [prepare(planted(1), SAMPLING)]
+@pytest.fixture(scope="module")
+def data():
+    return [prepare(ride(1), SAMPLING)]
 
 
-def test_the_range_of_a_frequency_is_narrowed_to_the_data():
+def test_the_range_of_a_frequency_is_narrowed_to_the_data(data):
     rules = add_blend(add_constructed_inputs(load_rules(None), "frequency"), "frequency:3,5")
-    restricted = restrict_to_data(rules, SERIES).constructed
+    restricted = restrict_to_data(rules, data).constructed
     low, high = restricted["frequency"][0].range_Hz
     assert 1.5 < low < 3.0
     assert 5.0 < high < 8.0
@@ -125,14 +115,14 @@ def test_the_range_of_a_frequency_is_narrowed_to_the_data():
         (add_constructed_inputs, "remanence:0.3", "remanence_1: half width 0.3 spans all of the data's current"),
     ],
 )
-def test_what_the_data_do_not_reach_is_refused(make, spec, message):
+def test_what_the_data_do_not_reach_is_refused(data, make, spec, message):
     with pytest.raises(CesError, match=message):
-        restrict_to_data(make(load_rules(None), spec), SERIES)
+        restrict_to_data(make(load_rules(None), spec), data)
 
 
-def test_memberships_of_a_lag_may_be_where_its_signal_goes_until_its_time_constant_is_known():
+def test_memberships_of_a_lag_may_be_where_its_signal_goes_until_its_time_constant_is_known(data):
     rules = add_blend(load_rules(None), "valve:0.27,0.6")
-    assert restrict_to_data(rules, SERIES) == rules
+    assert restrict_to_data(rules, data) == rules
     slow = rules.with_time_constant("valve", 1.0)
     with pytest.raises(CesError, match=r"by_valve_1: peaks at valve 0\.27, outside the data's 0\.[34]"):
-        restrict_to_data(slow, SERIES)
+        restrict_to_data(slow, data)

@@ -1,17 +1,14 @@
 """A time constant left open is estimated from data whose force follows a lagged current."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
+from planted import stroked, with_force, with_values
 
-from ces_data.recording import Channel, Recording
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.constructed import GRID_S, find_time_constants
 from ces_identify.polynomial.search_limits import GAUSS_NEWTON, Limits
 from ces_identify.prepare.series import prepare
-from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.constructed_inputs import Lag, TriangularMembership, make_memberships
@@ -49,18 +46,12 @@ def blended(time_constant_s):
     return Term(600.0, (SPEED, low)), Term(1300.0, (SPEED, high)), Term(0.3, (FIRST, low)), Term(0.6, (FIRST, high))
 
 
-def planted(terms, seed, seconds=8.0):
+def planted(terms, seed):
     """A damper under a current that jumps ten times a second; with noise."""
     model = Model(SAMPLING, Polynomial(terms), Envelope((-1, 1), (-5, 5), (-5, 5)), (-1e5, 1e5))
-    random = np.random.default_rng(seed)
-    t = np.arange(round(seconds * 500)) / 500.0
-    x = sum(0.004 * np.sin(2 * np.pi * f * t + p) for f, p in random.uniform(1, 6, (6, 2)))
-    i = np.repeat(random.uniform(0.2, 1.2, len(t) // 50), 50)
-    stamps = (t * 1e9).round().astype(np.int64)
-    channels = {"position": Channel("position", "m", stamps, x), "current": Channel("current", "A", stamps, i)}
-    bare = Recording(f"planted {seed}", channels)
-    force = simulate_series(model, prepare(bare, SAMPLING)).force + random.normal(0, NOISE_N, len(t))
-    return replace(bare, channels={**channels, "force": Channel("force", "N", stamps, force)})
+    bare = stroked(seed, 8.0, f"planted {seed}", SAMPLING.rate_Hz)
+    jumps = np.repeat(np.random.default_rng(seed).uniform(0.2, 1.2, 80), 50)
+    return with_force(model, with_values(bare, current=jumps), seed, NOISE_N)
 
 
 def estimate(rules, time_constant_s):
@@ -109,7 +100,6 @@ def test_a_model_is_identified_with_the_estimated_lag_and_memberships_of_it():
 
 def test_a_current_that_never_changes_needs_no_time_constant():
     still = planted(straight(0.01), 1)
-    current = replace(still.channel("current"), values=np.full(len(still.channel("current").values), 0.5))
     options = IdentifyOptions(1.0, RULES, LIMITS, bandwidth=40.0)
-    result = identify([replace(still, channels={**still.channels, "current": current})], [], options)
+    result = identify([with_values(still, current=np.full(4000, 0.5))], [], options)
     assert {f.signal for t in result.model.body.terms for f in t.factors} <= {"force", "speed"}

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from planted import FUZZY, NETWORK, RATE_HZ, planted
+from planted import FUZZY, NETWORK, RATE_HZ, planted, with_values
 
-from ces_data.recording import Channel
 from ces_identify.identification import identify
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.fuzzy import FuzzyShape
@@ -75,11 +74,10 @@ def test_the_file_holds_the_model_and_where_it_came_from(result):
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_held_out_data_do_not_change_the_model(kind):
     clean = planted(KINDS[kind][0], 1)
-    force = clean.channel("force")
-    values = force.values.copy()
+    values = clean.channel("force").values.copy()
     late = round(0.75 * len(values)) + 1
-    values[late:] = np.random.default_rng(0).normal(0, 1e4, len(values))[late:]
-    spoiled = replace(clean, channels={**clean.channels, "force": replace(force, values=values)})
+    values[late:] = np.random.default_rng(0).normal(0, 1e4, len(values) - late)
+    spoiled = with_values(clean, force=values)
     one, other = (identify_kind(kind, 0.75, [recording]) for recording in (clean, spoiled))
     assert one.model.body == other.model.body
     assert [e.role for e in one.evaluations] == [IDENTIFICATION, VALIDATION, VALIDATION]
@@ -88,9 +86,7 @@ def test_held_out_data_do_not_change_the_model(kind):
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_a_constant_current_is_left_out(kind):
     clean = planted(KINDS[kind][0], 4)
-    current = clean.channel("current")
-    fixed = {**clean.channels, "current": replace(current, values=np.full(len(current), 0.5))}
-    identified = identify_kind(kind, 1.0, [replace(clean, channels=fixed)])
+    identified = identify_kind(kind, 1.0, [with_values(clean, current=np.full(len(clean.channel("current")), 0.5))])
     body = identified.model.body
     assert not any(r.signal == "current" for r in body.regressors)
 
@@ -126,9 +122,8 @@ def test_without_a_certificate_none_is_written():
 @pytest.mark.parametrize("kind", list(KINDS))
 def test_a_preload_far_from_zero_is_no_obstacle(kind):
     recording = planted(KINDS[kind][0], 1)
-    force = recording.channel("force")
-    loaded = {**recording.channels, "force": replace(force, values=force.values - 5000.0)}
-    identified = identify_kind(kind, 1.0, [replace(recording, channels=loaded)], limits=Limits(time=20.0, starts=1))
+    loaded = with_values(recording, force=recording.channel("force").values - 5000.0)
+    identified = identify_kind(kind, 1.0, [loaded], limits=Limits(time=20.0, starts=1))
     assert identified.evaluations[0].rms_N < 2.0 * NOISE_N
 
 
@@ -144,7 +139,5 @@ def test_recordings_without_enough_are_refused():
     with pytest.raises(CesError, match=r"warm-up|at least|too short"):
         identify_kind("network", training=[planted(NETWORK, 6, seconds=0.8)])
     flat = planted(NETWORK, 5)
-    force = flat.channel("force")
-    still = Channel("force", "N", force.stamps_ns, np.zeros(len(force)))
     with pytest.raises(CesError, match="measured force is constant"):
-        identify_kind("network", training=[replace(flat, channels={**flat.channels, "force": still})])
+        identify_kind("network", training=[with_values(flat, force=np.zeros(len(flat.channel("force"))))])

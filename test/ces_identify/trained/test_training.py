@@ -1,10 +1,8 @@
 """Training data and regressors of networks and neuro-fuzzy models: ticks, lags, counts, and models without memory."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
-from planted import FUZZY, NETWORK, RATE_HZ, SAMPLING, planted
+from planted import FUZZY, NETWORK, RATE_HZ, SAMPLING, planted, with_values
 
 import ces_identify
 from ces_identify.identification import identify
@@ -137,9 +135,7 @@ def test_a_wrong_size_is_one_line_in_a_script(structure, size, message):
 
 def test_a_constant_current_alone_leaves_nothing_to_use():
     varied = planted(NETWORK, 4)
-    current = varied.channel("current")
-    constant = replace(current, values=np.full(len(current), 0.5))
-    fixed = replace(varied, channels={**varied.channels, "current": constant})
+    fixed = with_values(varied, current=np.full(len(varied.channel("current")), 0.5))
     assert regressors(LagCounts(1, 3, 1), recording=fixed) == [("force", 1), ("speed", 0)]
     with pytest.raises(CesError, match="every input among the regressors is constant"):
         regressors(LagCounts(0, 3, 0), recording=fixed)
