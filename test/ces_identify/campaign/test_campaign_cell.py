@@ -80,12 +80,6 @@ def test_lags_memberships_and_the_procedure_of_the_thesis_reach_the_cells(compar
     assert methods == {name: f"{name}, judged by free run" for name in ("random", "thesis")}
 
 
-def test_parameters_of_a_polynomial_are_its_terms(work):
-    done = computed(work, "both", "polynomial")
-    assert done.row["parameters"] == len(parse_model(*done.files.values(), "test").body.terms) == 4
-    assert [c["set"] for c in done.row["costs"]] == ["identification"] * 2 + ["rest"] * 2
-
-
 def test_data_that_hold_too_little_fail_the_cell_in_a_line(work):
     jobs, recordings = work
     short = made(1, seconds=1.0)

@@ -17,10 +17,6 @@ def sizes(rows):
     return [r["parameters"] for r in rows]
 
 
-def test_a_front():
-    assert sizes(front([row(9, 2.0), row(4, 5.0), row(6, 5.5), row(5, 3.0), row(12, 2.0)])) == [4, 5, 9]
-
-
 def test_validation_costs_choose_nothing():
     rows = [row(4, 5.0, validation=0.1), row(8, 2.0, validation=90.0)]
     assert recommend_model(rows)["parameters"] == 8

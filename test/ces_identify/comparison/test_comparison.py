@@ -15,7 +15,6 @@ from ces_identify.comparison.compared_models import (
     TRAINED,
     UNKNOWN,
     make_compared_model,
-    measure_tick_times,
     name_sources,
 )
 from ces_identify.comparison.comparison import Comparison, compare, score_models
@@ -145,11 +144,6 @@ def test_mistakes(sine):
     brief = make_recording(t[:520], 0.01 * np.sin(20 * t[:520]), np.full(520, 0.4), t[:520], name="brief")
     with pytest.raises(CesError, match=r"brief: .* samples at which all models and the measurement have a force"):
         compare_models({"a": MODEL, "b": MODEL}, brief)
-
-
-def test_the_time_of_a_tick_is_that_of_one_step_of_the_estimator(sine):
-    (one,) = measure_tick_times([MODEL], sine)
-    assert 0.1 < one.fastest_us <= one.median_us < 2000.0
 
 
 def test_more_models_and_recordings_than_charts_can_show():

@@ -9,7 +9,7 @@ from fmus import UNPROVED, damper
 from physical_examples import make_chambers, make_model, make_valve
 
 from ces_identify.export.export_c import REASONS
-from ces_identify.export.export_fmu import VARIABLES, binary_path, export_fmu, find_compiler, sources
+from ces_identify.export.export_fmu import VARIABLES, export_fmu, find_compiler, sources
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
 
@@ -103,11 +103,6 @@ def same(rows, expected):
 def test_with_derivatives_the_force_is_that_of_the_steps_end(slave, model, how):
     samples = stroke(**how)
     same(run(slave, *samples, sloped=True), estimated(model, *samples)[1:])
-
-
-def test_without_derivatives_the_force_is_that_of_the_steps_beginning(slave, model):
-    samples = stroke(jitter_s=0.5e-3)
-    same(run(slave, *samples, sloped=False), estimated(model, *samples)[:-1])
 
 
 def test_a_wrong_derivative_is_forgotten_after_its_step(slave, model):
@@ -240,8 +235,3 @@ def test_a_compiler_that_fails_is_one_line(tmp_path, monkeypatch):
     monkeypatch.setenv("CC", "nothing-of-this-name")
     with pytest.raises(CesError, match="CC=nothing-of-this-name is not found"):
         find_compiler()
-
-
-def test_the_library_lies_where_fmi_looks_for_it():
-    assert binary_path("damper").startswith("binaries/")
-    assert binary_path("damper").rpartition("/")[2].startswith("damper.")

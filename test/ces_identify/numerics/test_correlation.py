@@ -1,7 +1,7 @@
 import numpy as np
 from residual_series import coloured, single_run
 
-from ces_identify.numerics.correlation import autocorrelation, covariance, find_runs, flat_top, longest_memory, memory
+from ces_identify.numerics.correlation import autocorrelation, covariance, find_runs, longest_memory, memory
 
 
 def remembered(x):
@@ -35,11 +35,6 @@ def test_runs_end_at_gaps_and_at_ticks_left_out():
     np.testing.assert_array_equal(find_runs(mask, segments), [[0, 2], [2, 4], [4, 6], [6, 7]])
 
 
-def test_autocorrelation_of_a_first_order_process():
-    rho = autocorrelation(coloured(200_000, 0.8, 1), single_run(200_000), 5)
-    np.testing.assert_allclose(rho, 0.8 ** np.arange(6), atol=0.02)
-
-
 def test_memory_grows_with_the_pole_and_is_nothing_for_white_noise():
     lengths = [remembered(coloured(5000, pole, 3)) for pole in (0.0, 0.5, 0.9, 0.97)]
     assert lengths[0] <= 1
@@ -49,7 +44,3 @@ def test_memory_grows_with_the_pole_and_is_nothing_for_white_noise():
 
 def test_memory_of_what_never_forgets_is_bounded():
     assert remembered(np.sin(np.arange(4000) / 10.0)) == round(2 * np.sqrt(4000))
-
-
-def test_flat_top_window():
-    np.testing.assert_allclose(flat_top(4), [1.0, 1.0, 1.0, 0.5, 0.0])

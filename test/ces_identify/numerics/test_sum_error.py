@@ -10,8 +10,6 @@ from ces_identify.numerics.correlation import (
     SumError,
     add_errors,
     estimate_sum_error,
-    relative_variances,
-    sum_bins,
 )
 
 
@@ -38,18 +36,6 @@ def test_the_error_is_never_too_small_for_faster_ones(share):
     assert np.mean(covered) >= 0.95
 
 
-def test_projections_of_white_noise_and_of_a_slow_process():
-    np.testing.assert_allclose(relative_variances(1e-5, 4), 1.0, rtol=1e-3)
-    spectrum = 1.0 / (1.0 + (np.pi * 0.02 * np.arange(1, 5)) ** 2)  # 1 / (1 + (omega tau)^2), far from the ends
-    np.testing.assert_allclose(relative_variances(0.02, 4), spectrum, rtol=0.05)
-    slow = relative_variances(0.4, 8)
-    measured = np.zeros(8)
-    cosines = np.sqrt(2.0) * np.cos(np.pi * np.outer(np.arange(1, 9), (np.arange(2_000) + 0.5) / 2_000))
-    sums = np.array([(x.sum(), *(cosines @ x)) for x in (process(seed, 0.4) for seed in range(400))])
-    measured = sums[:, 1:].var(axis=0) / sums[:, 0].var()
-    np.testing.assert_allclose(slow, measured, rtol=0.3)
-
-
 def test_errors_of_recordings_add():
     one = SumError(4.0, 4.0, 1.0, 8.0)
     both = add_errors([one, one])
@@ -65,9 +51,3 @@ def test_a_trend_raises_the_alarm():
     trend = noise + np.linspace(-3.0, 3.0, len(noise))
     plain, alarmed = (estimate_sum_error(x, 60.0) for x in (noise, trend))
     assert alarmed.freedom < plain.freedom and alarmed.variance > 20.0 * plain.variance
-
-
-def test_sums_of_bins():
-    np.testing.assert_allclose(sum_bins(np.arange(10.0), 500.0), [10.0, 35.0])
-    np.testing.assert_allclose(sum_bins(np.ones((2, 7)), 300.0), [[3.0, 3.0, 1.0]] * 2)
-    np.testing.assert_allclose(sum_bins(np.arange(3.0), 50.0), np.arange(3.0))

@@ -7,21 +7,8 @@ import pytest
 from planted import SAMPLING
 from planted_dampers import KINDS, models_of, true_parameters
 
-from ces_identify.physical.layout import Layout, group, rises_to_nodes
+from ces_identify.physical.layout import Layout, group
 from ces_observer.model import Model, parse_model
-
-
-def test_rises_give_the_nodes_of_a_curve_through_zero():
-    np.testing.assert_array_equal(rises_to_nodes(4, 1) @ np.array([1.0, 2.0, 3.0]), [-1.0, 0.0, 2.0, 5.0])
-    np.testing.assert_array_equal(rises_to_nodes(3, 0) @ np.array([1.0, 2.0]), [0.0, 1.0, 3.0])
-
-
-def test_places_and_parts_follow_the_kernels_vector_not_the_fitted_one():
-    layout = Layout((group("curve", [1.0, 2.0], matrix=rises_to_nodes(3, 0)), group("mass", 5.0)))
-    k = layout.k(layout.start)
-    assert layout.places(["mass"]).tolist() == [3]
-    assert layout.part(k, "curve").tolist() == [0.0, 1.0, 3.0]
-    assert layout.part(k, "mass").tolist() == [5.0]
 
 
 def test_projection_moves_into_the_bounds_and_under_the_sum():

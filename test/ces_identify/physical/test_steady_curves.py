@@ -5,7 +5,7 @@ import pytest
 from planted import RATE_HZ
 from planted_dampers import KINDS, planted_model
 
-from ces_identify.physical.quantities import curve_currents, curve_speeds, recorded_speeds, steady_force_map
+from ces_identify.physical.quantities import curve_speeds, recorded_speeds, steady_force_map
 
 SPEEDS, CURRENTS = np.array([-0.3, -0.02, 0.05, 0.4]), np.array([0.35, 0.6])
 
@@ -33,11 +33,6 @@ def test_speeds_are_dense_about_zero_and_cover_both_directions():
     assert (np.diff(speeds) > 0.0).all()
     assert np.diff(speeds)[len(speeds) // 2] < 0.2 * np.diff(speeds)[-1]
     assert (np.diff(curve_speeds(0.1, 0.8)) > 0.0).all()
-
-
-def test_a_constant_current_has_one_curve():
-    assert curve_currents(0.3, 0.3).tolist() == [0.3]
-    assert curve_currents(0.0, 0.6).tolist() == pytest.approx([0.0, 0.2, 0.4, 0.6])
 
 
 def test_the_recorded_speeds_are_those_about_each_current():

@@ -197,14 +197,6 @@ def test_memberships_stand_at_the_lag_of_their_signal_beside_a_past_force():
         assert {f.variable for f in hats} == {(of, late)}
 
 
-def test_a_blend_may_be_over_what_is_constructed():
-    plain = load_rules(None)
-    both = add_blend(add_constructed_inputs(plain, "hysteresis:0.001"), "hysteresis_1:-0.001,0.001")
-    assert {f.definition.base.name for f in factors(both) if isinstance(f.definition, TriangularMembership)} == {
-        "hysteresis_1"
-    }
-
-
 @pytest.mark.parametrize(
     ("make", "spec", "message"),
     [

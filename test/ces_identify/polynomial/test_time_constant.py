@@ -60,15 +60,10 @@ def estimate(rules, time_constant_s):
     return rules.constructed["valve"][0].time_constant_s
 
 
-@pytest.mark.parametrize("time_constant_s", [0.003, 0.01, 0.03])
-def test_a_planted_time_constant_is_found(time_constant_s):
-    assert time_constant_s in GRID_S
-    assert estimate(RULES, time_constant_s) == pytest.approx(time_constant_s, rel=1e-9)
-
-
-@pytest.mark.parametrize("time_constant_s", [0.0035, 0.0094, 0.0155, 0.035])
-def test_the_estimate_is_near_the_planted_time_constant(time_constant_s):
-    assert 1 / 1.3 < estimate(RULES, time_constant_s) / time_constant_s < 1.3
+@pytest.mark.parametrize("time_constant_s", [0.003, 0.0094, 0.0155, 0.03, 0.035])
+def test_a_planted_time_constant_is_found(time_constant_s) -> None:
+    found = estimate(RULES, time_constant_s)
+    assert found == pytest.approx(time_constant_s, rel=1e-9 if time_constant_s in GRID_S else 0.23)
 
 
 def test_rules_without_an_open_lag_are_left_as_they_are():

@@ -5,7 +5,7 @@ import pytest
 
 from ces_data.recording import Channel, Recording
 from ces_data.samples import remove_spikes
-from ces_identify.prepare.sampling import position_spectrum, sample_rate
+from ces_identify.prepare.sampling import position_spectrum
 from ces_observer.errors import RecordingError
 
 
@@ -48,12 +48,6 @@ def test_late_stamps_are_left_out():
     tidy, rough = (position_spectrum(recording(t, x), 0.05) for t in (time, late))
     high = tidy.frequency > 50.0
     assert rough.power[high].mean() == pytest.approx(tidy.power[high].mean(), rel=0.1)
-
-
-def test_the_rate_is_the_median_one():
-    time = np.arange(1000) / 250.0
-    time[500:] += 10.0
-    assert sample_rate(recording(time, np.zeros(1000))) == pytest.approx(250.0)
 
 
 @pytest.mark.parametrize("run", [1, 2, 3])

@@ -78,13 +78,6 @@ def test_units_do_not_matter():
     assert inches.outlier_m == pytest.approx(39.37 * metres.outlier_m, rel=0.01)
 
 
-def test_more_noise_asks_for_less_bandwidth():
-    x, _ = stroke(7, 1000.0, 20.0)
-    white = np.random.default_rng(8).standard_normal(len(x))
-    picks = [choose_sampling([recording(x + n * white, 1000.0)]).bandwidth_Hz for n in (3e-6, 30e-6, 300e-6)]
-    assert picks[0] > 1.2 * picks[1] > 1.44 * picks[2]
-
-
 def test_coloured_noise_and_a_wide_stroke_ask_for_order_2():
     """As behind an anti-alias filter: content that goes on just above any stroke's, falling from there."""
     rate = 3000.0

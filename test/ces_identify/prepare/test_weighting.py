@@ -21,6 +21,7 @@ def test_regions_weigh_and_overlaps_multiply():
     np.testing.assert_array_equal(parse_weighting(["speed:-0.5..-0.1=0"]).tick_weights(one), [1.0, 1.0, 1.0, 0.0])
     np.testing.assert_array_equal(parse_weighting(["position:-1..-1e-2=4"]).tick_weights(one), [4.0, 1.0, 1.0, 1.0])
     np.testing.assert_array_equal(EQUAL.tick_weights(one), np.ones(4))
+    assert str(parse_weighting(words)) == "zero_crossing=3 current:0.5..0.7=2" and not EQUAL
 
 
 def test_stroke_ends_are_outside_the_central_share_of_the_whole_sets_stroke():
@@ -42,11 +43,6 @@ WRONG += ["stroke_ends:1.2=2", "speed=2", "speed:1..0=2", "speed:nan..1=2", "for
 def test_a_word_that_is_no_weight_is_named(word) -> None:
     with pytest.raises(CesError, match="--weight"):
         parse_weighting([word])
-
-
-def test_a_weighting_prints_as_its_words():
-    assert str(parse_weighting(["zero_crossing=3", "speed:-0.1..0.1=4"])) == "zero_crossing=3 speed:-0.1..0.1=4"
-    assert not EQUAL
 
 
 @given(st.floats(1e-3, 1e3))

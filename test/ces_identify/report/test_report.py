@@ -24,7 +24,6 @@ from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 from ces_report.charts import MAX_NAME, IntervalRow, draw_intervals
 from ces_report.drawing import PlotAxis, band, line, panel
-from ces_report.typesetting import join_names
 
 XHTML = "{http://www.w3.org/1999/xhtml}"
 SVG = "{http://www.w3.org/2000/svg}"
@@ -381,11 +380,6 @@ def test_correlations_are_drawn_with_their_bands_and_told(
         assert verdicts(tests)[1] in words(article)
 
 
-def test_a_run_that_diverged_has_no_correlations(tmp_path: Path, both: list[Evaluation]) -> None:
-    _, root = page(tmp_path, evaluate(unstable(), [both[1].series], VALIDATION), unstable())
-    assert not [t for t in root.iter(f"{SVG}title") if words(t).startswith("Correlations")]
-
-
 def test_where_the_error_sits_is_a_table(whole: tuple[str, ET.Element], both: list[Evaluation]) -> None:
     root = whole[1]
     cells, regions = (
@@ -428,15 +422,6 @@ def test_many_recordings_outside_the_envelope_have_one_warning_and_a_table(tmp_p
     rows = [[cell.text for cell in row] for row in table.iter(f"{XHTML}tr")][1:]
     assert [row[:2] for row in rows] == [[e.name, "position [m]"] for e in ran]
     assert all(row[3] == "−0.00100 to 0.00100" for row in rows)
-
-
-def test_a_title_names_as_many_recordings_as_it_can_hold() -> None:
-    assert join_names(["a", "b", "a"]) == "a, b"
-    assert join_names([f"r{n}" for n in range(6)]) == "r0, r1, r2, r3, r4, r5"
-    assert join_names([f"r{n}" for n in range(9)]) == "r0, r1, r2, r3, r4 and 4 more"
-    long = [f"{n}{'x' * 60}" for n in range(3)]
-    assert join_names(long) == f"{long[0]} and 2 more"
-    assert join_names(["y" * 300]) == "y" * 300
 
 
 def test_a_long_name_beside_intervals_keeps_both_ends() -> None:

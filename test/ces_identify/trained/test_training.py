@@ -14,7 +14,6 @@ from ces_identify.structures.fuzzy import choose_shape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkShape, read_lags
 from ces_identify.trained.training import (
-    LAGS,
     LagCounts,
     Lags,
     build_regressors,
@@ -105,11 +104,6 @@ def test_counts_are_ticks_at_every_rate(rate_Hz):
     assert regressors(LagCounts(2, 1, 3), rate_Hz) == [
         *(("force", 1), ("force", 2), ("speed", 0), ("speed", 1), ("speed", 2), ("current", 0))
     ]
-
-
-def test_the_text_of_the_option_is_the_counts():
-    assert read_lags("2,4,5") == LagCounts(forces=2, currents=4, speeds=5)
-    assert read_lags("auto") == LAGS
 
 
 def test_a_network_uses_the_lags_asked_for():

@@ -85,8 +85,3 @@ def test_no_interval_reaches_beyond_the_largest_factor():
         e = evaluation(one, 50.0 * coloured(6_000, 0.99, seed))
         interval = cost_interval([e])
         assert interval is None or interval.high <= MAX_FACTOR * e.cost
-
-
-def test_a_perfect_simulation_has_no_cost():
-    interval = cost_interval([evaluation(series(20_000), np.zeros(20_000))])
-    assert interval is None or (interval.low, interval.high) == (0.0, 0.0)

@@ -8,7 +8,7 @@ from ces_data.recording import Channel
 from ces_identify.prepare.cost import cost
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare
-from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise, find_period, whole_ticks
+from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_rig.experiment import load_experiment, measure, packaged_experiments, simulate_truth
 
 
@@ -80,16 +80,6 @@ def test_a_sweep_does_not_repeat():
     t = np.arange(15_000) / RATE
     sweep = 0.018 * np.sin(2 * np.pi * (2.0 * t + 7.0 * t**2 / 30.0))
     assert isinstance(cycle_noise(series(15_000, position=sweep)), str)
-
-
-def test_the_period_of_several_sines_is_their_common_one():
-    t = np.arange(15_000) / RATE
-    x = np.sin(2 * np.pi * 3.0 * t) + 0.8 * np.sin(2 * np.pi * 7.5 * t + 1.0)
-    assert find_period(x, 10.0) == pytest.approx(RATE / 1.5, rel=1e-4)
-
-
-def test_periods_are_taken_together_until_they_are_whole_ticks():
-    assert [whole_ticks(p) for p in (125.0, 83.333, 41.6667, 161.29)] == [125, 250, 125, 1129]
 
 
 def test_the_floor_of_the_rig_is_its_known_noise():

@@ -9,7 +9,7 @@ from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.validation.cost_table import RULE, usage
+from ces_identify.validation.cost_table import usage
 from ces_observer.structures.terms import Term
 
 RULES = parse_rules(
@@ -33,11 +33,6 @@ def test_seconds_are_those_the_search_deals():
     assert row["test_s"] == 0.0
     assert (test["estimation_s"], test["selection_s"], test["test_s"]) == (0.0, 0.0, 5.5)
     assert (test["from_s"], test["to_s"]) == (6.0, 12.0)
-
-
-def test_the_rule_is_the_problems():
-    assert RULE.startswith("of every 3 s of identification data, the first 2 s serve estimation and the last 1 s sel")
-    assert "no choice used the test seconds" in RULE
 
 
 def test_the_test_seconds_change_nothing_of_the_model():
