@@ -57,58 +57,47 @@ def test_a_sound_episode_passes():
     assert (outcome.worst_force_N, outcome.worst_error_N) == (50.0, 0.0)
 
 
-def test_estimates_of_unusable_samples_are_found():
-    assert wrong([*SOUND[:BEGAN], 1200, *SOUND[BEGAN:]]) == ("1 estimates of unusable samples",)
+def forced(changes, count=None):
+    """Forces of 50 N but for those of `changes` (index to value)."""
+    return [changes.get(k, 50.0) for k in range(count or len(SOUND))]
 
 
-def test_estimates_while_a_current_is_held_are_allowed():
-    assert wrong([*SOUND[:BEGAN], 1200, *SOUND[BEGAN:]], fault=replace(SILENT, holds_s=0.25)) == ()
+UNUSABLE = [*SOUND[:BEGAN], 1200, *SOUND[BEGAN:]]
+STEADY, DURING = list(range(END)), dict.fromkeys(range(BEGAN, GOOD), 99.0)
+OUTSIDE_ENVELOPE = "1 estimates not finite or outside the envelope"
 
 
-def test_a_late_recovery_is_found():
-    assert wrong([*range(BEGAN), *range(GOOD + 400, END)]) == ("recovery took 0.40 s, allowed are 0.3",)
-
-
-def test_no_recovery_is_found():
-    assert wrong(list(range(BEGAN))) == ("no recovery",)
-
-
-def test_silent_diagnostics_are_found():
-    assert wrong(diagnoses=STATUSES[:1]) == ("is not in the diagnostics",)
-
-
-def test_unexpected_errors_in_the_diagnostics_are_found():
-    assert wrong(diagnoses=[*STATUSES, status(1300, "estimating; 1 unexpected errors")]) == (
-        "estimating; 1 unexpected errors",
-    )
-
-
-@pytest.mark.parametrize("force", [101.0, float("inf"), float("nan")])
-def test_forces_outside_the_envelope_are_found(force):
-    forces = [50.0] * len(SOUND)
-    forces[1050] = force
-    assert "1 estimates not finite or outside the envelope" in wrong(forces=forces)
-
-
-def test_a_wrong_force_after_recovery_is_found():
-    forces = [50.0] * (len(SOUND) - 1) + [60.0]
-    assert wrong(forces=forces) == ("force off by 10 N",)
-
-
-def test_old_estimates_are_found():
-    assert any("older than max_age_s" in one for one in wrong(late_ns=560 * MS))
-
-
-def test_a_pause_is_found_where_estimates_have_to_go_on():
-    fault = replace(SILENT, output=TRUE)
-    assert "no estimate for 0.50 s" in wrong(fault=fault)
-    assert wrong(list(range(END)), fault=fault) == ()
-
-
-def test_bounded_output_need_not_be_true_during_the_fault():
-    forces = [50.0] * BEGAN + [99.0] * (GOOD - BEGAN) + [50.0] * (END - GOOD)
-    assert wrong(list(range(END)), forces=forces, fault=replace(SILENT, output=BOUNDED)) == ()
-    assert wrong(list(range(END)), forces=forces, fault=replace(SILENT, output=TRUE)) == ("force off by 49 N",)
+@pytest.mark.parametrize(
+    ("episode_of", "found"),
+    [
+        ({"stamps": UNUSABLE}, "1 estimates of unusable samples"),
+        ({"stamps": UNUSABLE, "fault": replace(SILENT, holds_s=0.25)}, ""),
+        ({"stamps": [*range(BEGAN), *range(GOOD + 400, END)]}, "recovery took 0.40 s, allowed are 0.3"),
+        ({"stamps": list(range(BEGAN))}, "no recovery"),
+        ({"diagnoses": STATUSES[:1]}, "is not in the diagnostics"),
+        (
+            {"diagnoses": [*STATUSES, status(1300, "estimating; 1 unexpected errors")]},
+            "estimating; 1 unexpected errors",
+        ),
+        ({"forces": forced({1050: 101.0})}, OUTSIDE_ENVELOPE),
+        ({"forces": forced({1050: float("inf")})}, OUTSIDE_ENVELOPE),
+        ({"forces": forced({1050: float("nan")})}, OUTSIDE_ENVELOPE),
+        ({"forces": forced({len(SOUND) - 1: 60.0})}, "force off by 10 N"),
+        ({"late_ns": 560 * MS}, "older than max_age_s"),
+        ({"fault": replace(SILENT, output=TRUE)}, "no estimate for 0.50 s"),
+        ({"stamps": STEADY, "fault": replace(SILENT, output=TRUE)}, ""),
+        ({"stamps": STEADY, "forces": forced(DURING, END), "fault": replace(SILENT, output=BOUNDED)}, ""),
+        (
+            {"stamps": STEADY, "forces": forced(DURING, END), "fault": replace(SILENT, output=TRUE)},
+            "force off by 49 N",
+        ),
+    ],
+)
+def test_what_is_wrong_with_an_episode_is_found(episode_of, found):
+    if found:
+        assert any(found in one for one in wrong(**episode_of))
+    else:
+        assert wrong(**episode_of) == ()
 
 
 COUNT = Fault("lost", ("dropped",), TRUE, "dropouts")

@@ -11,11 +11,9 @@ from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, form
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.simulation_errors import SpeedCurve
 
-FOUND = named()
-
 
 def format_text(**changed: object) -> str:
-    return format_verdict(replace(FOUND, **changed))  # type: ignore[arg-type]
+    return format_verdict(replace(named(), **changed))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("verdict", [NAMED, AMBIGUOUS, UNKNOWN, NO_GAP])
@@ -40,7 +38,7 @@ def test_a_cause_that_a_recalibration_would_explain_too_is_named_with_that_remar
 
 
 def test_several_causes_are_all_named() -> None:
-    both = replace(FOUND.composition, effects=("friction", "position_delay"))
+    both = replace(named().composition, effects=("friction", "position_delay"))
     assert "friction and position delay" in format_text(composition=both)
 
 
@@ -52,28 +50,28 @@ def test_indistinguishable_effects_are_named() -> None:
 
 
 def test_other_possible_causes_are_named() -> None:
-    first, second, *others = FOUND.causes
+    first, second, *others = named().causes
     causes = (first, replace(second, probability=0.3), *others)
     text = format_text(verdict=AMBIGUOUS, indistinguishable=(), causes=causes)
     assert "do not rule out valve lag;" in text and "with friction" in text
 
 
 def test_the_closest_effect_is_the_one_that_leaves_least() -> None:
-    first, second, *others = FOUND.causes
-    less = replace(second, gap_after_N=0.5 * FOUND.composition.gap_after_N)
+    first, second, *others = named().causes
+    less = replace(second, gap_after_N=0.5 * named().composition.gap_after_N)
     text = format_text(verdict=UNKNOWN, causes=(first, less, *others))
     assert f"closest, {second.effects[0].replace('_', ' ')}, leaves {less.gap_after_N:.0f} N" in text
 
 
 def test_an_unknown_cause_comes_with_the_closest_effect() -> None:
     assert "closest" in format_text(verdict=UNKNOWN) and "friction" in format_text(verdict=UNKNOWN)
-    nothing = replace(FOUND.composition, effects=())
+    nothing = replace(named().composition, effects=())
     assert "closest" not in format_text(verdict=UNKNOWN, composition=nothing)
 
 
 def no_gap(reason: str, rms_N: float, corrected_N: float) -> str:
-    gap = replace(FOUND.gap, rms_N=rms_N, corrected_N=corrected_N)
-    found: Diagnosis = replace(FOUND, verdict=NO_GAP, no_gap_reason=reason, visible_from_N=57.0, gap=gap)
+    gap = replace(named().gap, rms_N=rms_N, corrected_N=corrected_N)
+    found: Diagnosis = replace(named(), verdict=NO_GAP, no_gap_reason=reason, visible_from_N=57.0, gap=gap)
     return format_verdict(found)
 
 
@@ -89,11 +87,11 @@ def test_behind_a_poor_simulation_the_smallest_visible_effect_is_stated() -> Non
 
 
 def test_what_closes_most_comes_first() -> None:
-    both = replace(FOUND.composition, effects=("valve_lag", "friction"))
+    both = replace(named().composition, effects=("valve_lag", "friction"))
     assert "friction and valve lag" in format_text(composition=both)
 
 
 def test_a_calibration_comes_with_the_size_of_its_map() -> None:
     curve = Composition((Setting(SpeedCurve(), (10.0, 0.0, 0.0, 0.0, 20.0)),))
-    text = format_text(composition=replace(FOUND.composition, effects=("calibration",), composition=curve))
+    text = format_text(composition=replace(named().composition, effects=("calibration",), composition=curve))
     assert "force map is off, most at" in text and "(+30 N)" in text and "m/s" in text and "recalibrated" in text

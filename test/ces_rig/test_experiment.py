@@ -74,13 +74,6 @@ def test_a_run_repeats_and_seeds_differ():
     assert not same(run(short()), run(with_seed(short(), 2)))
 
 
-def test_one_sensor_s_noise_leaves_the_others_alone():
-    plain, noisy = run(short()), run(short(sensors={"force": {"noise": 50.0}}))
-    assert np.array_equal(plain.channel("position").values, noisy.channel("position").values)
-    assert np.array_equal(plain.channel("current").values, noisy.channel("current").values)
-    assert np.std(noisy.channel("force").values - plain.channel("force").values) == pytest.approx(42.0, rel=0.1)
-
-
 def test_tare_takes_the_gas_force_away():
     tared, raw = simulate_truth(short()), simulate_truth(short(tare=False))
     assert raw.force_N - tared.force_N == pytest.approx(np.full(len(raw.time_s), 228.7), abs=0.1)

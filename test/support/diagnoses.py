@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 from example_effects import Friction
+from made_recordings import recording_of
 
 from ces_data.arrays import F
-from ces_data.recording import Channel, Recording
 from ces_gap.diagnosis import (
     AMBIGUOUS,
     NAMED,
@@ -62,7 +62,8 @@ def series(
     error = own * own_error(speed, current)
     simulated = damping(position, speed, current)
     force = simulated + error + coulomb_N * np.tanh(speed / TRANSITION) + NOISE_N * rng.normal(size=len(time))
-    trace = make_trace(recording(name, time, position, current, force), simulated)
+    made = recording_of(time, name, position=position, current=current, force=force)
+    trace = make_trace(replace(made, sha256="5a" * 32), simulated)
     corrected = trace.simulated + own * own_error(trace.inputs.speed, trace.inputs.current)
     effect = Composition((Setting(Friction(), (0.97 * coulomb_N, 0.013)),))
     return HeldOutSeries(trace, corrected, effect.respond(trace, trace.inputs, corrected))
@@ -74,12 +75,6 @@ def damping(position: F, speed: F, current: F) -> F:
 
 def own_error(speed: F, current: F) -> F:
     return np.asarray(14.0 * np.sin(9.0 * speed) + 6.0 * current)
-
-
-def recording(name: str, time: F, position: F, current: F, force: F) -> Recording:
-    stamps = np.rint(time * 1e9).astype(np.int64)
-    signals = {"position": ("m", position), "current": ("A", current), "force": ("N", force)}
-    return Recording(name, {n: Channel(n, u, stamps, v) for n, (u, v) in signals.items()}, sha256="5a" * 32)
 
 
 def located(held_out: Sequence[HeldOutSeries], kept: str = "simulated") -> Where:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+from made_recordings import recording_of
 
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
@@ -42,9 +43,7 @@ def recorded(truth: Truth = damper, seed: int = 1, seconds: float = 8.0, constan
     level = rng.choice([0.1, 0.4, 0.8, 1.2], int(seconds / 0.5) + 1)[(time / 0.5).astype(int)]
     current = level if constant_A is None else np.full_like(time, constant_A)
     force = truth(time, position, current) + NOISE_N * rng.standard_normal(len(time))
-    stamps = np.round(time * 1e9).astype(np.int64)
-    columns = {"position": ("m", position), "current": ("A", current), "force": ("N", force)}
-    return Recording(f"made{seed}", {n: Channel(n, unit, stamps, v) for n, (unit, v) in columns.items()})
+    return recording_of(time, f"made{seed}", position=position, current=current, force=force)
 
 
 @lru_cache(maxsize=100)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+from made_recordings import recording_of
 
 from ces_data.arrays import F
-from ces_data.recording import Channel, Recording
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.trace import Trace, TraceInputs, make_trace
@@ -26,15 +27,11 @@ PLANT = Plant(DirectSimulator(SIMULATION))
 
 def trace_of(position: F, current: F, rate_Hz: float = 500.0, constants: bool = False) -> Trace:
     time = np.arange(len(position)) / rate_Hz
-    stamps = np.round(time * 1e9).astype(np.int64)
-    channels = {
-        "position": Channel("position", "m", stamps, position),
-        "current": Channel("current", "A", stamps, current),
-        "force": Channel("force", "N", stamps, damper(time, position, current)),
-    }
+    signals = {"position": position, "force": damper(time, position, current)}
     if constants:
-        del channels["current"]
-    recording = Recording("made", channels, {"current": float(current[0])} if constants else {})
+        recording = replace(recording_of(time, **signals), constants={"current": float(current[0])})
+    else:
+        recording = recording_of(time, **signals, current=current)
     return make_trace(recording, SIMULATION.force(recording))
 
 

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+from made_recordings import recording_of
 from scipy.signal import lfilter
 
 from ces_data.arrays import F
-from ces_data.recording import Channel, Recording
 from ces_gap.baseline.learner import NoiseModel
 from ces_gap.grid import derivative
 from ces_gap.trace import Trace, make_trace
@@ -24,14 +24,8 @@ def drive(seed: int = 1, seconds: float = 20.0, rate_Hz: float = 500.0, current:
 
 
 def trace_of(time: F, position: F, current: F, name: str = "made") -> Trace:
-    stamps = np.round(time * 1e9).astype(np.int64)
     force = 1500.0 * derivative(position, 1.0 / (time[1] - time[0])) * (1.0 + current)
-    channels = {
-        "position": Channel("position", "m", stamps, position),
-        "current": Channel("current", "A", stamps, current),
-        "force": Channel("force", "N", stamps, force),
-    }
-    return make_trace(Recording(name, channels), force)
+    return make_trace(recording_of(time, name, position=position, current=current, force=force), force)
 
 
 def ar(rms_N: float, pole: float) -> NoiseModel:

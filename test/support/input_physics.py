@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+from made_recordings import recording_of
 from numba import njit
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F
-from ces_data.recording import Channel, Recording
 from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.trace import Trace, TraceInputs, make_trace
 
@@ -319,9 +319,7 @@ def recorded(truth: Truth, current: F | None = None) -> Trace:
     fine = np.arange((len(x) - 1) * FINER + 1) * FINE_S
     spline = CubicSpline(time, x)
     force = truth(spline(fine), spline(fine, 1), np.interp(fine, time, i))[::FINER]
-    stamps = np.round(time * 1e9).astype(np.int64)
-    pairs = (("position", "m", x), ("current", "A", i), ("force", "N", force))
-    trace = make_trace(Recording("planted", {n: Channel(n, u, stamps, y) for n, u, y in pairs}), force)
+    trace = make_trace(recording_of(time, position=x, current=i, force=force), force)
     return replace(trace, simulated=Damper().force(trace, trace.inputs))
 
 

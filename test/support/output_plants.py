@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from made_recordings import recording_of
 
 from ces_data.arrays import F
-from ces_data.recording import Channel, Recording
 from ces_gap.trace import Trace, make_trace
 
 FINE_HZ, LOGGED_HZ = 10000, 1000
@@ -57,16 +57,12 @@ def trace(planted: Planted | None = None, temperature: F | None = None, seconds:
     true = motion(seconds)
     rng = np.random.default_rng(7)
     logged = slice(None, None, FINE_HZ // LOGGED_HZ)
-    stamps = np.round(true.time[logged] * 1e9).astype(np.int64)
+    time = true.time[logged]
     measured = true.force if planted is None else planted(true)
-    noise = NOISE_N * rng.standard_normal(len(stamps))
-    channels = {
-        "position": Channel("position", "m", stamps, true.position[logged]),
-        "force": Channel("force", "N", stamps, measured[logged] + noise),
-    }
+    signals = {"position": true.position[logged], "force": measured[logged] + NOISE_N * rng.standard_normal(len(time))}
     if temperature is not None:
-        channels["temperature"] = Channel("temperature", "degC", stamps, temperature[logged])
-    return make_trace(Recording("planted", channels, {"current": 0.5}), true.force[logged])
+        signals["temperature"] = temperature[logged]
+    return make_trace(replace(recording_of(time, **signals), constants={"current": 0.5}), true.force[logged])
 
 
 def coulomb_stribeck(coulomb: float, rounding: float, excess: float, stribeck: float) -> Planted:

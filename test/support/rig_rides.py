@@ -25,6 +25,6 @@ def rig_ride(seed: int, worn: str = "", seconds: float = 8.0) -> Recording:
 
 
 @cache
-def identified(count: int = 2) -> IdentifiedBaseline:
-    """A relaxation model of the first rides of the new damper."""
-    return identify_baseline([rig_ride(seed) for seed in range(1, count + 1)], structure="relaxation")
+def identified() -> IdentifiedBaseline:
+    """A relaxation model of two rides of the new damper."""
+    return identify_baseline([rig_ride(1), rig_ride(2)], structure="relaxation")

@@ -4,7 +4,7 @@ import json
 
 import pytest
 from rig_rides import SLOW, rig_ride
-from schema_rules import SCHEMA, faults
+from schema_rules import faults
 
 from ces_cli.main import main
 from ces_cli.terminal.simulations import open_simulation
@@ -36,7 +36,7 @@ def folder(tmp_path_factory):
 def test_it_diagnoses_with_a_model_of_the_references(folder, capsys):
     assert ces("diagnose", *WORDS, "--real", "slow7", "slow8", "--held-out", "slow9", "--out", "gap") == 0
     gap = json.loads((folder / "gap" / "gap.json").read_text())
-    assert faults(gap, SCHEMA, SCHEMA) == []
+    assert faults(gap) == []
     assert gap["simulation"] == "gap/model.json"
     assert gap["witness"]["refits"][0]["group"] == "valve lag"
     names = [one["recording"] for one in load_model("gap/model.json").provenance["identification"]]

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 from physical_examples import make_chambers, make_model, make_relaxation, make_valve
-from schema_rules import SCHEMA, faults
+from schema_rules import faults
 
 from ces_cli.main import main
 from ces_data.bags.reader import read_recording
@@ -56,7 +56,7 @@ def diagnosed(request, tmp_path_factory):
 
 def test_friction_beside_it_is_named(diagnosed):
     _, gap = diagnosed
-    assert faults(gap, SCHEMA, SCHEMA) == []
+    assert faults(gap) == []
     assert (gap["verdict"], gap["composition"]["effects"]) == ("named", ["friction"])
     assert gap["gap"]["rms_N"] == pytest.approx(0.9 * COULOMB_N, rel=0.1)
     assert gap["composition"]["shrink"] > 0.8

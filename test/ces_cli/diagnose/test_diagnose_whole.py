@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from needs import skip_without
-from schema_rules import SCHEMA, faults
+from schema_rules import faults
 
 from ces_cli.main import main
 from ces_data.bags.reader import read_recording
@@ -99,7 +99,7 @@ def through_fmu(work):
 
 
 def test_an_fmu_is_diagnosed(through_fmu):
-    assert faults(through_fmu, SCHEMA, SCHEMA) == []
+    assert faults(through_fmu) == []
     assert through_fmu["verdict"] == "named"
     assert through_fmu["composition"]["effects"] == ["friction"]
     assert through_fmu["gap"]["rms_N"] == pytest.approx(0.9 * COULOMB_N, rel=0.1)

@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import interp1d
 
 from ces_data.arrays import F
-from ces_gap.baseline.learner_kernels import fill_features, low_pass, place
+from ces_gap.baseline.learner_kernels import fill_features
 
 RATE_HZ, TICKS = 250.0, 200
 FINE, COARSE, LEVEL = np.array([-2.0, -0.5, 0.5, 3.0]), np.array([-1.0, 0.2, 1.0]), np.array([-1.0, 0.0, 1.5])
@@ -83,17 +83,3 @@ def test_features_and_their_weighted_sum_equal_those_of_the_slow_version(varies:
     weights = np.random.default_rng(3).standard_normal(expected.shape[1])
     predicted = fill(*inputs, varies, by_force, weights, 1)[:, 0]
     np.testing.assert_allclose(predicted, expected @ weights, rtol=1e-11, atol=1e-11)
-
-
-def test_a_lag_equals_the_slow_version_and_keeps_a_constant() -> None:
-    values = signals(4)[0]
-    np.testing.assert_allclose(low_pass(values, 1.0 / RATE_HZ, 0.02), lagged(values, 0.02), rtol=1e-12)
-    np.testing.assert_allclose(low_pass(np.full(9, 3.0), 1.0 / RATE_HZ, 0.02), 3.0)
-
-
-@pytest.mark.parametrize(
-    ("value", "hat", "share"),
-    [(-9.0, 0, 0.0), (-2.0, 0, 0.0), (0.0, 1, 0.5), (0.5, 1, 1.0), (3.0, 2, 1.0), (9.0, 2, 1.0)],
-)
-def test_a_value_lies_between_two_knots_or_at_an_end(value: float, hat: int, share: float) -> None:
-    assert place(value, FINE) == (hat, pytest.approx(share))

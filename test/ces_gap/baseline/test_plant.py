@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from engine_plant import SIMULATION, F, damper, recorded, traced
-from example_effects import CurrentGain, Friction, Scale, Spring
+from example_effects import CurrentGain, Scale, Spring
 
 from ces_data.recording import Channel
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator, change_recording
@@ -64,14 +64,11 @@ def test_recorded_inputs_do_not_run_the_simulation(trace: Trace) -> None:
     np.testing.assert_array_equal(CALLED.force(trace, equal), trace.simulated)
 
 
-def test_another_current_is_simulated(trace: Trace) -> None:
+def test_another_current_and_another_position_are_simulated(trace: Trace) -> None:
     force = CALLED.force(trace, trace.inputs.with_current(trace.inputs.current + 0.3))
     expected = damper(trace.time_s, trace.inputs.position, trace.inputs.current + 0.3)
     np.testing.assert_allclose(force[trace.usable], expected[trace.usable], atol=20.0)
     assert np.abs(expected - trace.simulated).max() > 100.0
-
-
-def test_another_position_is_simulated(trace: Trace) -> None:
     moved = trace.inputs.with_position(0.5 * trace.inputs.position, trace.rate_Hz)
     expected = damper(trace.time_s, 0.5 * trace.inputs.position, trace.inputs.current)
     np.testing.assert_allclose(CALLED.force(trace, moved)[trace.usable], expected[trace.usable], atol=20.0)
@@ -112,10 +109,6 @@ def test_the_correction_gets_the_force_that_it_corrects(trace: Trace) -> None:
     weaker = trace.inputs.with_current(0.5 * trace.inputs.current)
     for inputs in (trace.inputs, weaker):
         np.testing.assert_allclose(Plant(CALLED, Tenth()).force(trace, inputs), 1.1 * CALLED.force(trace, inputs))
-
-
-def test_no_effects_leave_the_plant_as_it_is(trace: Trace) -> None:
-    np.testing.assert_array_equal(Plant(CALLED).with_effects(Composition(), trace), trace.simulated)
 
 
 def test_effects_are_applied_from_inside_out_in_any_order(trace: Trace) -> None:
@@ -164,8 +157,3 @@ def test_a_search_variable_converts_back_inside_the_bounds(parameter: EffectPara
     assert parameter.to_value(searched) == pytest.approx(value)
     for beyond in (low - 1e3, high + 1e3):
         assert parameter.low <= parameter.to_value(beyond) <= parameter.high
-
-
-def test_settings_and_compositions_name_their_parts() -> None:
-    setting = Setting(Friction(), (40.0, 0.05))
-    assert setting.values_by_name() == {"coulomb_N": 40.0, "transition_m_s": 0.05}

@@ -12,7 +12,7 @@ import pytest
 from engine_plant import SIMULATION, F, traced
 
 from ces_gap.baseline.learner import Dictionary, Scales
-from ces_gap.baseline.physical import SurrogateExample, make_changed_examples, make_recorded_examples
+from ces_gap.baseline.physical import SurrogateExample, make_recorded_examples
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.surrogate import UNKNOWN_ERROR, Surrogate, carry_error, learn_surrogate
 from ces_gap.effects.effect import Composition, Setting
@@ -160,13 +160,6 @@ def test_its_error_moves_in_time_with_the_motion() -> None:
     np.testing.assert_array_equal(carry_error(error, constant, weaker), error)
 
 
-def test_a_delay_of_the_motion_at_constant_current_is_nearly_exact_even_for_a_useless_surrogate() -> None:
-    constant = constant_current()
-    useless = Surrogate((), None, np.empty(0), 100.0)
-    inputs = constant.inputs.with_position(late(constant, 0.004), constant.rate_Hz)
-    assert relative_error(useless, constant, inputs) < 0.05
-
-
 def test_a_dictionary_replaces_physical_models_that_do_not_fit() -> None:
     """A force that falls with speed is no damper's."""
     recorded = make_recorded_examples(recordings()[:2])
@@ -185,14 +178,6 @@ def test_examples_without_motion_give_a_dictionary() -> None:
     inputs = TraceInputs(np.zeros(len(still)), np.zeros(len(still)), still.inputs.current)
     surrogate = learn_surrogate([SurrogateExample(still, inputs, still.simulated)], [still])
     assert surrogate.models == () and surrogate.dictionary is not None
-
-
-def test_examples_are_the_recorded_inputs_and_two_changes_of_each() -> None:
-    examples = make_changed_examples(recordings()[:2], CALLED)
-    assert len(examples) == 6 and [e.inputs for e in examples[:2]] == [t.inputs for t in recordings()[:2]]
-    for example in examples[2:]:
-        np.testing.assert_array_equal(example.force, CALLED.force(example.trace, example.inputs))
-        assert rms(example.force - example.trace.simulated, example.trace) > 10.0
 
 
 def test_the_json_round_trip_is_exact() -> None:

@@ -10,8 +10,8 @@ from itertools import product
 import numpy as np
 import output_plants as plants
 import pytest
+from made_recordings import recording_of
 
-from ces_data.recording import Channel, Recording
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.effects.library import library
 from ces_gap.trace import Trace, TraceInputs, make_trace
@@ -38,13 +38,8 @@ def rough() -> Trace:
     stroke = np.where(time < 1.6, 0.02 * np.sin(2 * np.pi * 2.3 * time) + 0.004 * np.sin(2 * np.pi * 9.1 * time), 0.0)
     current = np.where((time * 2.7).astype(int) % 2 == 0, 0.2, 0.9)
     force = (800.0 + 900.0 * current) * np.tanh(np.gradient(stroke, time) / 0.1) + 60.0
-    stamps = np.round(time * 1e9).astype(np.int64)
-    signals = {
-        "position": ("m", stroke), "current": ("A", current), "force": ("N", force),
-        "temperature": ("degC", 20.0 + 5.0 * time),
-    }  # fmt: skip
-    channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in signals.items()}
-    return make_trace(Recording("rough", channels), force)
+    temperature = 20.0 + 5.0 * time
+    return make_trace(recording_of(time, position=stroke, current=current, force=force, temperature=temperature), force)
 
 
 def arrays(effect: Effect, trace: Trace, values: Sequence[float]) -> np.ndarray:

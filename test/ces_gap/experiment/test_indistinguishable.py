@@ -17,21 +17,17 @@ from example_effects import (
     drive,
     whiten_by,
 )
-from scipy.stats import norm
 
 from ces_gap.baseline.learner import NoiseModel
-from ces_gap.effects.effect import Composition, Setting
+from ces_gap.effects.effect import Setting
 from ces_gap.experiment.indistinguishable import (
     EVIDENCE,
     Probe,
     find_indistinguishable_effects,
-    find_nearest,
-    from_unit,
     group_effects,
     make_evidence_whitening,
     refine_match,
     sample_tangents,
-    to_unit,
 )
 from ces_gap.inference.evidence import gather
 from ces_gap.trace import Trace
@@ -53,21 +49,6 @@ def test_a_signature_is_the_added_force_and_its_columns_are_its_derivatives() ->
     by_transition = -40.0 * speed / 0.05 / np.cosh(speed / 0.05) ** 2 * np.log(1e3)  # by the share of its log range
     np.testing.assert_allclose(signature.columns[0][:, 0], expected / 40.0 * 300.0, atol=1e-6)
     np.testing.assert_allclose(signature.columns[0][:, 1], np.where(STEPS.usable, by_transition, 0.0), atol=0.8)
-
-
-def test_a_tangent_is_the_whitened_signature() -> None:
-    a = Probe(PLANT, [STEPS, STILL], whiten_by([STEPS, STILL], NOISE_N)).tangent(Setting(Friction(), (40.0, 0.05)))
-    rows = sum(int(t.usable.sum()) for t in (STEPS, STILL))
-    assert a.force.shape == (rows,) and (a.q @ a.r).shape == (rows, 2)
-    first = int(STEPS.usable.sum())
-    np.testing.assert_allclose((a.q @ a.r)[:first], a.signature.columns[0][STEPS.usable] / NOISE_N, atol=1e-9)
-
-
-def test_effects_inside_others_add_what_they_add_there() -> None:
-    doubled = Probe(PLANT, [STEPS], whiten_by([STEPS], 1.0), Composition((Setting(Scale(), (2.0,)),)))
-    (added,) = doubled.forces(Setting(CurrentGain(), (1.1,)))
-    (alone,) = probe(STEPS).forces(Setting(CurrentGain(), (1.1,)))
-    np.testing.assert_allclose(added, 2.0 * alone, atol=1e-6)
 
 
 @pytest.mark.parametrize("transition", [0.02, 0.08])
@@ -151,24 +132,6 @@ def test_a_chain_is_not_one_class() -> None:
     index["b", "a"] = 9.0  # b can replace a, but a cannot replace b
     assert group_effects(list(place), index) == (("b", "c"),)
     assert group_effects(["a"], {}) == ()
-
-
-def test_half_the_square_is_the_expected_log_likelihood_ratio() -> None:
-    p = probe(STEPS)
-    a = p.tangent(Setting(Scale(), (1.004,)))
-    b = find_nearest(a, [p.tangent(Setting(Spring(), (100.0,)))])
-    other = p.tangent(b.setting).force
-    drawn = np.random.default_rng(1).standard_normal((400, len(a.force)))
-    ratio = 0.5 * (np.sum((drawn + a.force - other) ** 2, axis=1) - np.sum(drawn**2, axis=1))
-    assert ratio.mean() == pytest.approx(b.evidence, abs=4.0 * ratio.std() / 20.0)
-    assert ratio.std() == pytest.approx(b.index, rel=0.15)
-    assert np.mean(ratio < 0.0) == pytest.approx(norm.cdf(-b.index / 2.0), abs=0.05)  # how often the wrong one wins
-
-
-def test_values_go_to_shares_of_their_ranges_and_back() -> None:
-    setting = Setting(Friction(), (75.0, 0.1))
-    np.testing.assert_allclose(to_unit(setting), (0.25, 2.0 / 3.0))
-    assert from_unit(Friction(), to_unit(setting)).values == pytest.approx(setting.values)
 
 
 def test_evidence_of_a_diagnosis_whitens_signatures_too() -> None:

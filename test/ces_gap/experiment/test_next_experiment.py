@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import csv
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +22,6 @@ from ces_gap.experiment.candidates import list_candidate_experiments, reach_of
 from ces_gap.experiment.next_experiment import (
     choose_next_experiment,
     experiment_files,
-    make_white_noise_whitening,
     simulate_experiment,
 )
 from ces_gap.trace import Trace, TraceInputs
@@ -71,30 +69,6 @@ def _left(a: F, b: F) -> float:
     """Return the RMS of `a` less the multiple of `b` that comes nearest but for a constant."""
     a0, b0 = a - a.mean(), b - b.mean()
     return float(np.sqrt(np.mean((a - (a0 @ b0) / (b0 @ b0) * b) ** 2)))
-
-
-def test_it_is_the_fastest_candidate_for_the_most_similar_pair() -> None:
-    other = Setting(Spring(), (20000.0,))
-    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR, (other, PAIR[1])], NOISE_N, recipes=RECIPES)
-    assert proposed is not None
-    rates = {}
-    for recipe in RECIPES:
-        trace = simulate_experiment(PLANT.simulation, recipe)
-        plain = drive_force(trace.inputs.speed)
-        whiten = make_white_noise_whitening(NOISE_N)(trace)
-        a, b = whiten(0.03 * plain), whiten(0.06 * plain * trace.inputs.current)
-        least = min(_sine_of(a, b), _sine_of(b, a))
-        rates[recipe["name"]] = least**2 / 2.0 / recipe["duration_s"]
-    assert set(proposed.separates) == {"current_offset", "scale"}
-    assert rates[proposed.name] >= 0.95 * max(rates.values())
-
-
-def drive_force(speed: F) -> F:
-    return np.asarray(2000.0 * np.tanh(speed / 0.15))
-
-
-def _sine_of(a: F, b: F) -> float:
-    return float(np.linalg.norm(a - (a @ b) / max(float(b @ b), 1e-12) * b))
 
 
 def test_no_experiment_is_proposed_whose_difference_is_below_the_noise() -> None:
@@ -165,26 +139,6 @@ def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
     assert np.corrcoef(trace.simulated, true)[0, 1] > 0.9
 
 
-def test_an_exact_simulation_runs_once_for_each_experiment() -> None:
-    runs = 0
-
-    def counted(time_s: F, position_m: F, current_A: F) -> F:
-        nonlocal runs
-        runs += 1
-        return damper(time_s, position_m, current_A)
-
-    exact = DirectSimulator(FunctionSimulation("counted", counted))
-    plant = Plant(learn_surrogate(make_recorded_examples([STEPS]), [STEPS]))
-    choose_next_experiment(plant, [STEPS], [PAIR], NOISE_N, exact=exact, recipes=RECIPES)
-    assert runs == len(RECIPES)
-
-
-def test_no_time_still_gives_an_experiment() -> None:
-    recipes = [r for r in RECIPES if r["name"] in ("current_steps", "current_prbs")]
-    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=recipes, budget_s=0.0)
-    assert proposed is not None and proposed.name == recipes[0]["name"]
-
-
 def test_the_files_are_what_the_rig_and_a_dyno_read(proposed: NextExperiment, tmp_path: Path) -> None:
     described, table = (tmp_path / f"next_experiment.{kind}" for kind in ("yaml", "csv"))
     write_all_atomically({tmp_path / name: text for name, text in experiment_files(proposed).items()})
@@ -198,8 +152,3 @@ def test_the_files_are_what_the_rig_and_a_dyno_read(proposed: NextExperiment, tm
     np.testing.assert_allclose(values[0], proposed.time_s, atol=1e-9)
     np.testing.assert_allclose(values[1], proposed.position_m, atol=1e-7)
     np.testing.assert_allclose(values[2], proposed.current_A, atol=1e-4)
-
-
-def test_a_purpose_of_several_lines_stays_a_comment(proposed: NextExperiment) -> None:
-    odd = replace(proposed, purpose="two\nlines")
-    assert yaml.safe_load(experiment_files(odd)["next_experiment.yaml"]) == proposed.recipe

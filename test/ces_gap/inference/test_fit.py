@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import pytest
@@ -24,8 +24,6 @@ from ces_gap.inference.fit import (
     fit_alone,
     fit_from,
     fit_together,
-    make_composition,
-    starts,
 )
 from ces_gap.trace import Trace, TraceInputs
 
@@ -127,14 +125,6 @@ def test_a_parameter_without_influence_does_no_harm() -> None:
     assert estimate_parameters(fit)[1][0].ci95 == (0.0, 1.0)
 
 
-def test_two_effects_are_fitted_together() -> None:
-    evidence = planted(Setting(Spring(), (3000.0,)), Setting(Friction(), (40.0, 0.05)))
-    alone = [fit_alone(evidence, Spring()), fit_alone(evidence, Friction())]
-    joint = fit_together(evidence, alone)
-    assert np.abs(errors(joint, 3000.0, 40.0, 0.05)).max() < 4.0
-    assert joint.cost < min(a.cost for a in alone)
-
-
 def test_linearised_cross_validation_is_exact_for_a_linear_effect() -> None:
     evidence = planted(
         Setting(
@@ -162,26 +152,6 @@ def test_the_covariance_is_how_estimates_scatter_over_repetitions() -> None:
     np.testing.assert_allclose(np.diag(predicted), np.diag(scatter), rtol=0.5)
     inside = [np.abs(errors(f, *true)) < 1.96 for f in fits]
     assert np.mean(inside) > 0.85
-
-
-def test_starts_are_at_most_a_few_combinations_of_the_parameters_starts() -> None:
-    evidence = planted()
-    np.testing.assert_allclose(starts(evidence, Friction()), [[20.0, np.log(0.02)], [20.0, np.log(0.3)]])
-
-    class Many(Friction):
-        parameters = tuple(replace(p, starts=tuple(np.geomspace(0.002, 0.9, 9))) for p in Friction.parameters)
-
-    assert 2 <= len(starts(evidence, Many())) <= 6
-
-
-def test_an_effect_may_choose_its_starts_by_the_longest_stroke() -> None:
-    class Choosing(Spring):
-        def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-            return [(1e4 * float(np.ptp(trace.inputs.position[trace.usable])),)]
-
-    evidence = planted()
-    widest = max(float(np.ptp(t.inputs.position[t.usable])) for t in evidence.traces)
-    np.testing.assert_allclose(starts(evidence, Choosing()), [[1e4 * widest]])
 
 
 def test_non_finite_forces_are_rejected() -> None:
@@ -262,17 +232,6 @@ def test_surrogate_is_exact_at_the_anchor_and_at_the_recorded_inputs() -> None:
         np.testing.assert_array_equal(refined.force(trace, trace.inputs), inexact.force(trace, trace.inputs))
 
 
-def test_surrogate_is_close_to_the_simulation_between_the_two() -> None:
-    evidence = evidence_of(InexactSurrogate())
-    fit = fit_alone(evidence, CurrentGain())
-    anchored = Refinement(EXACT).anchor(evidence, fit)
-    (trace, *_), (alone, *_) = evidence.traces, evidence.alone
-    halfway = make_composition(fit.effects, 0.5 * (fit.searched + 1.0)).drive(trace, alone)
-    exact = EXACT.force(trace, halfway)
-    off = np.abs(anchored.plants[0].force(trace, halfway) - exact).max()
-    assert off < 0.3 * np.abs(InexactSurrogate().force(trace, halfway) - exact).max()
-
-
 def test_refinement_runs_the_simulation_once_per_trace_and_round() -> None:
     evidence = evidence_of(InexactSurrogate())
     inexact = fit_alone(evidence, CurrentGain())
@@ -284,15 +243,10 @@ def test_refinement_runs_the_simulation_once_per_trace_and_round() -> None:
     assert refined.cost < inexact.cost
 
 
-def test_effects_that_keep_the_inputs_need_no_run() -> None:
+def test_effects_that_keep_the_inputs_and_exact_simulations_need_no_run() -> None:
     evidence = evidence_of(InexactSurrogate())
     fit = fit_alone(evidence, Spring())
     counter = CountedSimulator([])
     assert Refinement(counter).refine(evidence, fit) is fit and not counter.runs
     assert Refinement(counter).anchor(evidence, fit) is evidence and not counter.runs
-
-
-def test_without_a_surrogate_nothing_is_refined() -> None:
-    evidence = evidence_of(EXACT)
-    fit = fit_alone(evidence, CurrentGain())
     assert Refinement().refine(evidence, fit) is fit and Refinement().anchor(evidence, fit) is evidence

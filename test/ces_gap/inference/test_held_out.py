@@ -117,6 +117,9 @@ def test_without_a_gap_the_rms_is_near_zero_and_never_complex() -> None:
         values.append(value)
         assert np.isfinite([value, low, high]).all() and 0.0 <= low <= high
     assert np.mean(values) < 0.15 * NOISE_N
+    quieter = np.full(len(blocks.ticks), -1.0)  # less energy than the noise: nothing can shrink
+    shrink, (low, high) = blocks.shrink(quieter, -quieter)
+    assert shrink == 0.0 and low == 0.0 == high and blocks.shrink(quieter, quieter)[0] == 0.0
 
 
 def test_noise_is_no_more_than_what_an_explanation_leaves() -> None:
@@ -126,23 +129,6 @@ def test_noise_is_no_more_than_what_an_explanation_leaves() -> None:
     assert loud.rms(loud.energy(simulated()))[0] == 0.0
     assert quiet.rms(quiet.energy(simulated()))[0] == pytest.approx(rms_of_gap(gap), rel=0.1)
     np.testing.assert_array_equal(cut_into_blocks(noisy, 1, 1e3).noise, loud.noise)
-
-
-def test_only_usable_ticks_are_scored() -> None:
-    gap = gaps(20.0, 1)
-    blocks = make_blocks(gap, 1)
-    assert blocks.ticks.sum() == sum(int(t.usable.sum()) for t in blocks.traces)
-    spoiled = [np.where(t.usable, s, 1e9) for t, s in zip(blocks.traces, simulated(), strict=True)]
-    np.testing.assert_array_equal(blocks.energy(spoiled), blocks.energy(simulated()))
-    assert (blocks.ticks <= 250.0).all() and blocks.noise.sum() == pytest.approx(blocks.ticks.sum() * NOISE_N**2)
-
-
-def test_without_a_gap_nothing_shrinks() -> None:
-    blocks = make_blocks(gaps(0.0, 1), 1)
-    quieter = np.full(len(blocks.ticks), -1.0)  # less energy than the noise: no gap
-    shrink, (low, high) = blocks.shrink(quieter, -quieter)
-    assert shrink == 0.0 and low == 0.0 == high
-    assert blocks.shrink(quieter, quieter)[0] == 0.0
 
 
 SIMULATOR = DirectSimulator(SIMULATION)
@@ -257,60 +243,55 @@ def test_only_exact_scores_run_the_simulation() -> None:
     assert explain(scorer, fit, False).shrink == pytest.approx(0.0, abs=1e-6)
 
 
-FOUND = named()
-
-NOTHING = replace(FOUND.composition, effects=(), forms=(), gap_after_N=36.1, shrink=0.0, shrink_ci95=(0.0, 0.0))
-
-SCORES = HeldOutScores(FOUND.gap, 4.0, FOUND.causes, FOUND.composition, FOUND.held_out, NOTHING)
+@cache
+def scores_of_named() -> HeldOutScores:
+    nothing = replace(named().composition, effects=(), forms=(), gap_after_N=36.1, shrink=0.0, shrink_ci95=(0.0, 0.0))
+    return HeldOutScores(named().gap, 4.0, named().causes, named().composition, named().held_out, nothing)
 
 
 def with_composition(**changed: object) -> HeldOutScores:
-    return replace(SCORES, composition=replace(SCORES.composition, **changed))  # type: ignore[arg-type]
+    return replace(scores_of_named(), composition=replace(scores_of_named().composition, **changed))  # type: ignore[arg-type]
 
 
 def with_cause(name: str, after_N: float) -> HeldOutScores:
-    first, second, *others = SCORES.causes
+    first, second, *others = scores_of_named().causes
     rival: Explanation = replace(second, effects=(name,), gap_after_N=after_N)
-    return replace(SCORES, causes=(first, rival, *others))
-
-
-def test_a_cause_that_held_out_recordings_confirm_stays_named() -> None:
-    assert review(NAMED, SCORES) == (NAMED, SCORES)
+    return replace(scores_of_named(), causes=(first, rival, *others))
 
 
 def test_a_composition_that_enlarges_the_gap_is_withdrawn() -> None:
     verdict, scores = review(NAMED, with_composition(gap_after_N=50.0, shrink=-0.25, shrink_ci95=(-0.4, -0.1)))
-    assert verdict == UNKNOWN and scores.composition == NOTHING
+    assert verdict == UNKNOWN and scores.composition == scores_of_named().nothing
     assert all((s.augmented == s.corrected).all() for s in scores.series)
-
-
-def test_a_shrink_that_may_be_none_is_not_named() -> None:
-    assert review(NAMED, with_composition(shrink_ci95=(-0.05, 0.4)))[0] == AMBIGUOUS
-
-
-def test_a_cause_that_closes_little_of_what_can_be_explained_is_unknown() -> None:
-    assert review(NAMED, with_composition(gap_after_N=34.0))[0] == UNKNOWN
-    assert review(AMBIGUOUS, with_composition(gap_after_N=34.0))[0] == UNKNOWN
 
 
 @pytest.mark.parametrize(("rival", "verdict"), [("valve_lag", AMBIGUOUS), ("calibration", NAMED)])
 def test_an_effect_that_leaves_less_is_a_rival_but_a_flexible_map_is_not(rival: str, verdict: str) -> None:
-    scores = with_cause(rival, 0.8 * SCORES.composition.gap_after_N)
+    scores = with_cause(rival, 0.8 * scores_of_named().composition.gap_after_N)
     assert review(NAMED, scores)[0] == verdict
     assert bool(find_better_effects(scores)) == (verdict == AMBIGUOUS)
 
 
-def test_what_leaves_more_than_it_closes_is_not_the_cause() -> None:
+@pytest.mark.parametrize(
+    ("before", "changed", "after"),
+    [
+        (NAMED, {}, NAMED),
+        (NAMED, {"shrink_ci95": (-0.05, 0.4)}, AMBIGUOUS),  # the gap may not shrink at all
+        (NAMED, {"gap_after_N": 34.0}, UNKNOWN),  # little of what can be explained
+        (AMBIGUOUS, {"gap_after_N": 34.0}, UNKNOWN),
+        (NO_GAP, {"gap_after_N": 50.0}, NO_GAP),
+    ],
+)
+def test_what_held_out_recordings_do_not_support_is_not_named(
+    before: str, changed: dict[str, object], after: str
+) -> None:
+    assert review(before, with_composition(**changed))[0] == after
+
+
+def test_what_leaves_more_than_it_closes_or_may_have_no_size_is_not_the_cause() -> None:
     scores = replace(with_composition(gap_after_N=27.0), ceiling_after_N=27.0)
-    scores = replace(scores, causes=tuple(replace(c, gap_after_N=27.0) for c in SCORES.causes))
+    scores = replace(scores, causes=tuple(replace(c, gap_after_N=27.0) for c in scores.causes))
     assert review(NAMED, scores)[0] == UNKNOWN
-
-
-def test_an_effect_whose_interval_includes_none_is_not_named() -> None:
-    first, *others = SCORES.composition.estimates[0]
+    first, *others = scores_of_named().composition.estimates[0]
     loose = ((replace(first, ci95=(-5.0, 80.0)), *others),)
     assert review(NAMED, with_composition(estimates=loose))[0] == AMBIGUOUS
-
-
-def test_no_gap_is_not_reviewed() -> None:
-    assert review(NO_GAP, with_composition(gap_after_N=50.0))[0] == NO_GAP

@@ -1,12 +1,14 @@
 """Errors of one line if a diagnosis is not possible, notes for doubts, nothing otherwise."""
 
-from dataclasses import dataclass, replace
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import pytest
+from made_recordings import recording_of
 
 from ces_data.checks.content import recording_marks
-from ces_data.recording import Channel, Recording
 from ces_gap.augmented import AugmentedSimulation
 from ces_gap.effects.effect import Composition, Effect, EffectParameter
 from ces_gap.effects.library import require_sound, user_effect
@@ -23,14 +25,13 @@ from ces_gap.inputs.checks import (
     seen_notes,
 )
 from ces_gap.trace import make_trace
-from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
+from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
 from ces_observer.errors import CesError, RecordingError
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 RATE = 500.0
-STAMPS = 10**18 + np.arange(5000) * 2_000_000
 T = np.arange(5000) / RATE
 
 
@@ -44,8 +45,7 @@ def ride(name="ride", seed=1, noise=8.0, current=None, change=lambda force: forc
     position = 0.012 * np.sin(2 * np.pi * 1.7 * T + seed) + 0.004 * np.sin(2 * np.pi * 6.3 * T)
     current = 0.6 + 0.2 * np.sin(2 * np.pi * 0.8 * T + seed) if current is None else np.full(5000, current)
     force = change(force_of(position, current) + random.normal(0.0, noise, 5000))
-    columns = {"position": ("m", position), "current": ("A", current), "force": ("N", force)}
-    return Recording(name, {key: Channel(key, unit, STAMPS, values) for key, (unit, values) in columns.items()})
+    return recording_of(T, name, 10**18, position=position, current=current, force=force)
 
 
 def simulated(recording, factor=1.0, fidelity=1.0):
@@ -79,31 +79,25 @@ def test_different_recordings_have_no_notes():
         (([1], [2], [2]), "a: the same recording, under --held-out and --reference"),
     ],
 )
-@pytest.mark.parametrize("hashed", [True, False])
-def test_a_duplicate_recording_is_refused(sets, message, hashed):
+def test_a_duplicate_recording_is_refused(sets, message):
     def recording(seed):
-        return replace(ride("a", seed), sha256=f"{seed:064x}" if hashed else "")
+        return replace(ride("a", seed), sha256=f"{seed:064x}")
 
     with pytest.raises(GapError, match=message):
         require_distinct(*([recording(seed) for seed in some] for some in sets))
-
-
-def test_a_copy_under_another_name_is_the_same_recording():
     with pytest.raises(GapError, match="one and two: the same recording, under --real and --held-out"):
-        require_distinct([ride("one", 1)], [ride("two", 1)], [])
+        require_distinct([ride("one", 1)], [ride("two", 1)], [])  # of the same content, without hashes
 
 
-def test_units_mixed_between_recordings_are_refused():
+def test_recordings_that_cannot_be_compared_are_refused():
     kilonewtons = ride("kilo", 2, change=lambda force: force / 1000.0)
     with pytest.raises(RecordingError, match=r"force: spans .* N in ride, .* N in kilo"):
         check_recordings([ride()], [], [kilonewtons])
-
-
-def test_a_recording_without_force_is_refused():
-    bare = ride("bare")
-    channels = {name: c for name, c in bare.channels.items() if name != "force"}
+    channels = {name: c for name, c in ride().channels.items() if name != "force"}
     with pytest.raises(GapError, match="bare: no measured force"):
-        check_recordings([replace(bare, channels=channels)], [], [])
+        check_recordings([replace(ride("bare"), channels=channels)], [], [])
+    with pytest.raises(GapError, match=r"ride: force: the channel saturates: .* record again with a larger range"):
+        check_recordings([ride(change=clipped(-200.0, 200.0))], [], [])
 
 
 # saturation ------------------------------------------------------------------------------------------------------
@@ -117,18 +111,12 @@ def clipped(low=-1e9, high=1e9, step=0.0):
     return change
 
 
-@pytest.mark.parametrize("step", [0.0, 1.0, 10.0])
-def test_flat_tops_are_detected_with_any_converter(step):
+@pytest.mark.parametrize("step", [0.0, 10.0, 50.0])
+def test_flat_tops_are_detected_with_any_converter_and_reversals_are_none(step):
     (result,) = find_saturations(ride(change=clipped(high=400.0, step=step)))
-    assert result.limit == 400.0
-    assert 0.01 < result.share < 0.4
+    assert result.limit == 400.0 and 0.01 < result.share < 0.4
     assert [s.limit for s in find_saturations(ride(change=clipped(-300.0, 350.0, step)))] == [-300.0, 350.0]
-
-
-@pytest.mark.parametrize("step", [0.0, 1.0, 10.0, 50.0])
-@pytest.mark.parametrize("noise", [0.0, 8.0])
-def test_a_force_that_only_reverses_does_not_saturate(step, noise):
-    assert find_saturations(ride(noise=noise, change=clipped(step=step))) == ()
+    assert find_saturations(ride(noise=0.0 if step == 50.0 else 8.0, change=clipped(step=step))) == ()
 
 
 def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
@@ -144,18 +132,7 @@ def test_little_saturation_is_a_note_and_its_ticks_are_not_used():
     assert exclude_saturated_ticks(trace()).usable.sum() == trace().usable.sum()
 
 
-def test_much_saturation_is_refused():
-    with pytest.raises(GapError, match=r"ride: force: the channel saturates: .* record again with a larger range"):
-        check_recordings([ride(change=clipped(-200.0, 200.0))], [], [])
-
-
 # sign and unit ---------------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("fidelity", [1.0, 0.7, 0.3])
-@pytest.mark.parametrize("factor", [1.0, 0.6, 1.5, 2.5])
-def test_a_simulation_with_a_plausible_error_passes(factor, fidelity):
-    assert check_traces([trace(factor, fidelity)], SIM, "my:sim") == ()
 
 
 @pytest.mark.parametrize(
@@ -167,10 +144,8 @@ def test_a_simulation_with_a_plausible_error_passes(factor, fidelity):
         (1e3, "the measured force is in kN", "set scale: 1000 for force in the signals file"),
         (1.0 / 4.4482, "the simulation's force is in lbf", "multiply the simulation's output by 4.44822"),
         (4.4482, "the measured force is in lbf", "set scale: 4.44822"),
-        (1.0 / 9.80665, "the simulation's force is in kgf", "output by 9.80665"),
         (9.80665, "the measured force is in kgf", "set scale: 9.80665"),
         (1.0 / 0.00980665, "the simulation's force is in gf", "output by 0.00980665"),
-        (90.0, "check the units of the simulation", "expected the same damper"),
         (0.02, "check the units of the simulation", "expected the same damper"),
     ],
 )
@@ -178,14 +153,8 @@ def test_wrong_signs_and_units_are_errors_with_a_remedy(factor, says, remedy):
     with pytest.raises(GapError) as raised:
         check_traces([trace(factor, fidelity=0.95)], SIM, "my:sim")
     text = str(raised.value)
-    assert text.startswith("my:sim: ")
-    assert says in text
-    assert remedy in text
-    assert "\n" not in text
-
-
-def test_wrong_sign_or_kilonewtons_are_detected_in_a_rough_simulation():
-    for factor, says in ((-1.0, "opposite sign"), (1e-3, "is in kN")):
+    assert text.startswith("my:sim: ") and says in text and remedy in text and "\n" not in text
+    if factor in (-1.0, 1e-3):  # in a rough simulation too
         with pytest.raises(GapError, match=says):
             check_traces([trace(factor, fidelity=0.2, noise=150.0)], SIM, "my:sim")
 
@@ -205,13 +174,6 @@ def test_a_constant_force_is_refused():
         check_traces([make_trace(still, simulated(still))], SIM, "my:sim")
 
 
-def test_an_unrelated_simulation_is_a_note():
-    recording = ride()
-    unrelated = 500.0 * np.sin(2 * np.pi * 3.1 * T)
-    (note,) = check_traces([make_trace(recording, unrelated)], SIM, "my:sim")
-    assert "hardly correlates with the measured one" in note
-
-
 # range -----------------------------------------------------------------------------------------------------------
 
 
@@ -222,14 +184,45 @@ def model(**ranges):
     )
 
 
-def test_inside_the_envelope_there_is_no_note():
-    assert check_traces([trace()], ModelSimulation(model()), "m.json") == ()
+def partly_missing():
+    force = simulated(ride())
+    force[1000:3000] = np.nan
+    return [make_trace(ride(), force)]
 
 
-def test_little_outside_is_a_note_that_names_the_input():
-    (note,) = check_traces([trace()], ModelSimulation(model(current_A=(0.45, 0.9))), "m.json")
-    assert note.startswith("ride: ")
-    assert "outside the range m.json was identified on (current 0.4" in note
+def slow():
+    one = trace()
+    return [replace(one, inputs=replace(one.inputs, speed=0.01 * one.inputs.speed))]
+
+
+def in_two_parts():
+    whole = trace()
+    late = whole.time_s > 6.0
+    return [replace(whole, usable=whole.usable & late), replace(whole, usable=whole.usable & ~late)]
+
+
+def unrelated():
+    return [make_trace(ride(), 500.0 * np.sin(2 * np.pi * 3.1 * T))]
+
+
+@pytest.mark.parametrize(
+    ("traces", "ranges", "note"),
+    [
+        (lambda: [trace(1.0, 1.0)], None, ""),
+        (lambda: [trace(0.6, 0.3)], None, ""),
+        (lambda: [trace(2.5, 0.3)], None, ""),
+        (in_two_parts, None, ""),
+        (lambda: [trace()], {}, ""),
+        (lambda: [trace()], {"current_A": (0.45, 0.9)}, r"^ride: .*outside the range my:sim .* on \(current 0\.4"),
+        (partly_missing, None, r"^ride: 4.*the force of my:sim is missing"),
+        (slow, None, "hardly moves"),
+        (unrelated, None, "hardly correlates with the measured one"),
+    ],
+)
+def test_doubts_are_notes(traces, ranges, note):
+    simulation = SIM if ranges is None else ModelSimulation(model(**ranges))
+    notes = check_traces(traces(), simulation, "my:sim")
+    assert len(notes) == bool(note) and re.search(note, "".join(notes))
 
 
 @pytest.mark.parametrize("depth", [0, 2])
@@ -239,29 +232,6 @@ def test_no_overlap_is_refused_for_a_nested_model(depth):
         simulation = AugmentedSimulation("a.json", simulation, Composition())
     with pytest.raises(GapError, match=r"m\.json: outside the range .* 100% of the time, most in ride \(current"):
         check_traces([trace()], simulation, "m.json")
-
-
-def test_a_missing_simulated_force_is_a_note():
-    recording = ride()
-    force = simulated(recording)
-    force[1000:3000] = np.nan
-    (note,) = check_traces([make_trace(recording, force)], SIM, "my:sim")
-    assert "ride: 4" in note
-    assert "the force of my:sim is missing" in note
-
-
-def test_traces_of_one_recording_count_together():
-    whole = trace()
-    late = whole.time_s > 6.0
-    parts = [replace(whole, usable=whole.usable & late), replace(whole, usable=whole.usable & ~late)]
-    assert check_traces(parts, SIM, "my:sim") == ()
-
-
-def test_slow_motion_is_a_note():
-    slow = trace()
-    inputs = replace(slow.inputs, speed=slow.inputs.speed * 0.01)
-    (note,) = check_traces([replace(slow, inputs=inputs)], SIM, "my:sim")
-    assert "hardly moves" in note
 
 
 # current ---------------------------------------------------------------------------------------------------------
@@ -287,22 +257,12 @@ class Gain(Effect):
 def test_a_constant_current_is_a_note_and_hides_effects():
     constant = [trace(current=0.6), trace(current=0.6, seed=2)]
     assert is_current_constant(constant)
-    assert check_traces(constant, SIM, "my:sim") == (
-        "the current stays at 0.6 A: effects of the valve are not visible",
-    )
-    assert find_invisible_effects([Lag(), Gain()], constant) == (
-        ("lag", "it needs a changing current; the current stays at 0.6 A"),
-    )
+    says = "the current stays at 0.6 A"
+    assert check_traces(constant, SIM, "my:sim") == (f"{says}: effects of the valve are not visible",)
+    assert find_invisible_effects([Lag(), Gain()], constant) == (("lag", f"it needs a changing current; {says}"),)
     assert find_invisible_effects([Lag(), FreeLag()], constant) == ()
-
-
-def test_at_zero_current_its_gain_is_not_visible():
-    passive = [trace(current=0.0)]
-    assert [name for name, _ in find_invisible_effects([Lag(), Gain()], passive)] == ["lag", "gain"]
-
-
-def test_a_current_that_differs_between_recordings_is_not_constant():
-    assert not is_current_constant([trace(current=0.3), trace(current=0.6)])
+    assert [name for name, _ in find_invisible_effects([Lag(), Gain()], [trace(current=0.0)])] == ["lag", "gain"]
+    assert not is_current_constant([trace(current=0.3), trace(current=0.6)])  # differs between recordings
     assert find_invisible_effects([Lag(), Gain()], [trace()]) == ()
 
 
@@ -311,29 +271,14 @@ def test_a_current_that_differs_between_recordings_is_not_constant():
 
 @dataclass(frozen=True)
 class Sound(Effect):
+    """An effect that returns, or does, what its `result` gives."""
+
     name, form = "sound", "one"
     parameters = (EffectParameter("gain", 0.0, 2.0, (1.0,), "of the force"),)
+    result: Callable = field(default=lambda force: force, compare=False)
 
     def respond(self, trace, inputs, force, values):
-        return values[0] * force
-
-
-@dataclass(frozen=True)
-class Short(Sound):
-    def respond(self, trace, inputs, force, values):
-        return force[:-1]
-
-
-@dataclass(frozen=True)
-class Wild(Sound):
-    def respond(self, trace, inputs, force, values):
-        return force * np.nan
-
-
-@dataclass(frozen=True)
-class Raises(Sound):
-    def drive(self, trace, inputs, force, values):
-        raise RuntimeError("no")
+        return self.result(values[0] * force)
 
 
 @dataclass(frozen=True)
@@ -346,40 +291,25 @@ class Outside(Sound):
     parameters = (EffectParameter("gain", 0.0, 2.0, (3.0,), "of the force"),)
 
 
-def test_a_sound_effect_of_the_user_is_accepted():
-    effect = user_effect("test_gap_checks:Sound")
-    assert effect == Sound()
-    require_sound(effect, trace())
+def identified_on(**recording):
+    """A model whose provenance names a recording."""
+    known = {"identification": [{"recording": "learned", "sha256": "", **recording}]}
+    return ModelSimulation(replace(model(), provenance=known))
 
 
 def test_a_model_identified_on_a_real_recording_is_noted():
-    known = {"identification": [{"recording": "worn", "sha256": "a1"}, {"recording": "new", "sha256": "b2"}]}
-    envelope = Envelope((-1.0, 1.0), (-9.0, 9.0), (-9.0, 9.0))
-    body = Polynomial((Term(1.0, (Factor("speed", 0),)),))
-    model = Model(Sampling(RATE, 40.0, 0.02), body, envelope, (-1e6, 1e6), provenance=known)
+    simulation = identified_on(sha256="a1")
     traces = [replace(trace(), recording=replace(trace().recording, sha256=sha)) for sha in ("a1", "c3", "")]
-    (note,) = seen_notes(traces, ModelSimulation(model), "model.json")
+    (note,) = seen_notes(traces, simulation, "model.json")
     assert "model.json was identified on seconds of this recording: it has learned part of the gap" in note
-    assert seen_notes(traces[1:], ModelSimulation(model), "model.json") == ()
+    assert seen_notes(traces[1:], simulation, "model.json") == ()
     assert seen_notes(traces, FunctionSimulation("f", force_of), "f") == ()
 
 
 def test_a_renamed_copy_or_a_part_is_noted_also_inside_an_augmented_simulation():
-    class Wrapped(Simulation):
-        """A simulation around another, as an augmented one is."""
-
-        def __init__(self, inside):
-            self.innermost_simulation = inside
-
-        @property
-        def innermost(self):
-            return self.innermost_simulation
-
     whole = ride("learned", 1)
-    known = {"identification": [{"recording": "learned", "sha256": "", "marks": " ".join(recording_marks(whole))}]}
-    envelope = Envelope((-1.0, 1.0), (-9.0, 9.0), (-9.0, 9.0))
-    model = Model(Sampling(RATE, 40.0, 0.02), Polynomial((Term(1.0, (Factor("speed", 0),)),)), envelope, (-1e6, 1e6))
-    wrapped = Wrapped(ModelSimulation(replace(model, provenance=known)))
+    simulation = identified_on(marks=" ".join(recording_marks(whole)))
+    wrapped = AugmentedSimulation("augmented.json", simulation, Composition())
     for recording in (replace(whole, name="renamed"), replace(whole.part(0.2, 0.8), name="part")):
         seen = replace(trace(), recording=recording, name=recording.name)
         (note,) = seen_notes([seen], wrapped, "augmented.json")
@@ -389,16 +319,18 @@ def test_a_renamed_copy_or_a_part_is_noted_also_inside_an_augmented_simulation()
 
 
 @pytest.mark.parametrize(
-    ("kind", "message"),
+    ("result", "message"),
     [
-        (Short, r"returned force of shape \(\d+,\); expected"),
-        (Wild, "force that is not finite"),
-        (Raises, "raised RuntimeError: no"),
+        (lambda force: force[:-1], r"returned force of shape \(\d+,\); expected"),
+        (lambda force: force * np.nan, "force that is not finite"),
+        (lambda force: {}["no"], "raised KeyError: 'no'"),
     ],
 )
-def test_a_failing_effect_is_named(kind, message):
+def test_an_effect_of_the_user_is_accepted_or_its_failure_named(result, message):
+    assert user_effect("test_gap_checks:Sound") == Sound()
+    require_sound(Sound(), trace())
     with pytest.raises(GapError, match=f"effect 'sound': .*{message}"):
-        require_sound(kind(), trace())
+        require_sound(Sound(result), trace())
 
 
 @pytest.mark.parametrize(

@@ -58,6 +58,7 @@ def test_a_fast_simulation_is_run_directly(monkeypatch: pytest.MonkeyPatch) -> N
     assert inputs.best is inputs.exact and inputs.slow is None
 
 
+@pytest.mark.slow
 def test_a_slow_simulation_gets_a_surrogate_with_changed_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 0.0)
     inputs = prepare([recorded(seed=1, seconds=5.0), recorded(seed=2, seconds=5.0)])
@@ -85,6 +86,8 @@ def test_a_simulation_that_waits_each_time_is_slow(monkeypatch: pytest.MonkeyPat
         return damper(time_s, position_m, current_A)
 
     monkeypatch.setattr(prepare_module, "time", SimpleNamespace(process_time=lambda: 0.0))
+    nothing = Surrogate((), None, np.empty(0), 100.0)
+    monkeypatch.setattr(prepare_module, "learn_surrogate", lambda examples, traces: nothing)
     monkeypatch.setattr(prepare_module, "search_clock", SimpleNamespace(now=read))
     inputs = prepare_recordings(FunctionSimulation("waiting", wait), [recorded(seconds=6.5)], [], [])
     assert (inputs.slow is not None) == each_time

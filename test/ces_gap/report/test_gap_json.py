@@ -18,10 +18,6 @@ from ces_gap.report.gap_json import gap_document, write_gap
 from ces_observer.errors import CesError
 
 
-def wrong(document: dict[str, Any]) -> list[str]:
-    return faults(document, SCHEMA, SCHEMA)
-
-
 def leaves(item: Any) -> Iterator[Any]:
     if isinstance(item, dict | list):
         for inner in item.values() if isinstance(item, dict) else item:
@@ -34,15 +30,9 @@ def leaves(item: Any) -> Iterator[Any]:
 def test_every_verdict_follows_the_schema(verdict: str) -> None:
     document = gap_document(ALL[verdict]())
     assert document["verdict"] == verdict
-    assert wrong(document) == []
-
-
-@pytest.mark.parametrize("verdict", ALL)
-def test_schema_agrees_with_the_jsonschema_library(verdict: str) -> None:
-    library = pytest.importorskip("jsonschema")
-    checker = library.Draft7Validator(SCHEMA)
-    checker.check_schema(SCHEMA)
-    assert checker.is_valid(gap_document(ALL[verdict]()))
+    assert faults(document) == []
+    total = sum(c["probability"] for c in document["causes"]) + sum(document["probabilities"].values())
+    assert total == pytest.approx(1.0, abs=0.015)
 
 
 @pytest.mark.parametrize(
@@ -70,7 +60,7 @@ def test_schema_refuses_what_the_contract_does(path: tuple[Any, ...], value: obj
     for key in path[:-1]:
         place = place[key]
     place[path[-1]] = value
-    assert len(wrong(document)) == 1
+    assert len(faults(document)) == 1
 
 
 REGION = "axis from to share_of_energy share_of_samples rms_N ci95_N q_value"
@@ -108,7 +98,7 @@ def test_the_keys_are_those_of_the_contract() -> None:
 def test_every_key_of_the_contract_is_required() -> None:
     document = gap_document(named())
     for key in document:
-        assert wrong({k: v for k, v in document.items() if k != key}) == [f"$: {key} is missing"]
+        assert faults({k: v for k, v in document.items() if k != key}) == [f"$: '{key}' is a required property"]
 
 
 def test_numbers_are_those_of_the_diagnosis() -> None:
@@ -120,13 +110,6 @@ def test_numbers_are_those_of_the_diagnosis() -> None:
     assert document["controls"]["best_wrong_effect"]["effect"] == "valve_lag"
     energies = [row["share_of_energy"] for row in document["where"]]
     assert energies == sorted(energies, reverse=True) and len(energies) == len(d.where.regions)
-
-
-def test_probabilities_sum_to_one() -> None:
-    for make in ALL.values():
-        document = gap_document(make())
-        total = sum(c["probability"] for c in document["causes"]) + sum(document["probabilities"].values())
-        assert total == pytest.approx(1.0, abs=0.015)
 
 
 def test_indistinguishable_effects_have_an_experiment_that_separates_them() -> None:
@@ -161,7 +144,7 @@ def test_numbers_have_six_digits_and_are_finite() -> None:
     assert document["gap"]["ci95_N"] == [0.333333, None]
     numbers = [v for v in leaves(document) if isinstance(v, float)]
     assert all(math.isfinite(v) and v == float(f"{v:.6g}") for v in numbers)
-    assert wrong(document) == []
+    assert faults(document) == []
 
 
 def test_file_is_the_document(tmp_path: Path) -> None:

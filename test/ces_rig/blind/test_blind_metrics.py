@@ -32,27 +32,16 @@ WRONG = replace(RIGHT, truth=("inertia",))
 PAIR = replace(RIGHT, kind="pair", truth=("friction", "leakage"), composition=("leakage", "friction"))
 
 
-def test_wilson_interval():
+def test_the_interval_of_a_rate_is_wilsons_and_several_hits_of_one_case_count_as_one():
     assert rate([True] * 9 + [False]).interval == pytest.approx((0.5958, 0.9821), abs=1e-4)
-    assert rate([False] * 20).interval == pytest.approx((0.0, 0.1611), abs=1e-4)
     assert isnan(rate([]).value)
-
-
-def test_several_hits_of_one_case_count_as_one_for_the_interval():
     assert rate([True] * 20 + [False] * 10, cases=10).interval == pytest.approx(wilson_interval(2.0 / 3.0, 10))
     assert np.ptp(rate([True] * 20 + [False] * 10, cases=10).interval) > np.ptp(
         rate([True] * 20 + [False] * 10).interval
     )
 
 
-def test_interval_of_a_median_is_as_wide_as_theory_says():
-    values = np.random.default_rng(1).standard_normal(400)
-    low, high = quantile(values, 0.5).interval
-    assert high - low == pytest.approx(2 * 1.96 * np.sqrt(np.pi / 2) / 20.0, rel=0.25)
-
-
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.9])
-@pytest.mark.parametrize("count", [4, 11, 30])
+@pytest.mark.parametrize(("share", "count"), [(0.1, 30), (0.5, 11), (0.9, 4)])
 def test_intervals_of_quantiles_hold_for_few_cases(share, count):
     rng = np.random.default_rng(count)
     true = -np.log(1.0 - share)
@@ -60,13 +49,9 @@ def test_intervals_of_quantiles_hold_for_few_cases(share, count):
     assert np.mean([low <= true <= high for low, high in intervals]) >= 0.94
 
 
-def test_few_cases_leave_an_end_of_an_interval_open():
-    low, high = quantile([0.7, 0.8, 0.9, 0.95], 0.1).interval
-    assert low == -inf and high == 0.9
+def test_intervals_of_means_hold_and_few_cases_leave_an_end_open():
+    assert quantile([0.7, 0.8, 0.9, 0.95], 0.1).interval == (-inf, 0.9)
     assert mean([0.5]).interval == (-inf, inf)
-
-
-def test_intervals_of_means_hold():
     rng = np.random.default_rng(3)
     intervals = [mean(rng.beta(8.0, 1.0, 11)).interval for _ in range(300)]
     assert np.mean([low <= 8.0 / 9.0 <= high for low, high in intervals]) >= 0.9
@@ -91,13 +76,6 @@ def test_intervals_of_the_calibration_error_hold(too_sure):
         low, high = calibration_error(claimed, (rng.random((69, 1)) < claimed - too_sure).astype(float)).interval
         inside.append(low <= too_sure <= high)
     assert np.mean(inside) >= 0.92
-
-
-def test_right_probabilities_of_few_cases_are_not_called_wrong():
-    rng = np.random.default_rng(5)
-    claimed = rng.beta(2.0, 1.0, (69, 1))
-    error = calibration_error(claimed, (rng.random((69, 1)) < claimed).astype(float))
-    assert error.value > 0.05 > error.interval[0]
 
 
 def test_outcomes():

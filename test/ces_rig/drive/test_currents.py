@@ -40,12 +40,8 @@ def test_every_kind_is_seeded_and_inside_the_range(given):
     current = samples(given)
     assert current.shape == TIME.shape
     assert np.array_equal(current, samples(given))
+    assert np.array_equal(current, samples(given, 2)) == (given["kind"] not in ("prbs", "binary", "filtered_noise"))
     assert 0.29 <= current.min() <= current.max() <= 0.70
-
-
-@pytest.mark.parametrize("kind", ["prbs", "binary", "filtered_noise"])
-def test_random_kinds_differ_by_seed(kind):
-    assert not np.array_equal(samples({"kind": kind}, 1), samples({"kind": kind}, 2))
 
 
 def test_steps_are_held():
@@ -113,8 +109,6 @@ FAST_STROKE = 0.0125 * np.sin(2 * np.pi * 4.0 * FINE_TIME) * np.minimum(FINE_TIM
 
 SPEED = np.gradient(FAST_STROKE, FINE_TIME)
 
-SOFTER = tuple(0.75 * force for force in FORCES_N)
-
 
 def tracking_error_N(controller):
     """RMS of reference minus force where the motion is fast and the force has built up."""
@@ -124,8 +118,8 @@ def tracking_error_N(controller):
     return float(np.sqrt(np.mean((run.tared_N - reference)[fast] ** 2)))
 
 
-@pytest.mark.parametrize("forces_N", [FORCES_N, SOFTER])
-def test_the_force_follows_the_reference_because_it_is_fed_back(forces_N):
+def test_the_force_follows_the_reference_because_it_is_fed_back():
+    forces_N = tuple(0.75 * force for force in FORCES_N)
     closed, constant = (tracking_error_N(Reg1(forces_N=forces_N, gain_A_N=gain)) for gain in (1.5e-4, 0.0))
     assert closed < 0.7 * constant
     assert closed < 80.0
@@ -137,14 +131,6 @@ def test_commands_stay_inside_the_range_and_make_the_run_s_force():
     assert 0.60 < command.max() <= 0.70
     again = simulate(Hydraulic(Damper()), STEP_S, FAST_STROKE, command)
     np.testing.assert_array_equal(run.force_N, again.force_N)
-
-
-def test_another_damper_gets_other_commands_for_nearly_the_same_force():
-    weak = Damper()
-    weak = type(weak)(ces_valve=type(weak.ces_valve)(cracking_high_Pa=3.2e6))
-    commands = [drive_damper(damper, Reg1(), FINE_TIME, FAST_STROKE)[1] for damper in (Damper(), weak)]
-    fast = (np.abs(SPEED) > 0.2) & (FINE_TIME > 1.0)
-    assert np.mean((commands[1] - commands[0])[fast]) > 0.01
 
 
 def test_the_integral_is_held_at_a_limit():

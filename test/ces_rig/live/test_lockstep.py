@@ -43,19 +43,19 @@ class Loop:
         self.lockstep.mark_sample(self.now_s)
 
 
-def test_samples_flow_freely_until_somebody_commands() -> None:
+def test_once_drained_each_answer_makes_one_sample() -> None:
     loop = Loop()
     loop.idle(50, answers=False)
-    assert loop.samples == 50
-
-
-def test_once_drained_each_answer_makes_one_sample() -> None:
+    assert loop.samples == 50, "samples flow freely until somebody commands"
     loop = Loop()
     loop.be_followed()
     loop.idle(QUIET - 1)
     assert loop.samples == WINDOW
     loop.idle(101)
     assert loop.samples == WINDOW + 102  # the first at the end of the drain, then one for each answer
+    loop.lockstep.find_commander(False)
+    loop.idle(50, answers=False)
+    assert loop.samples == WINDOW + 152, "without a commander they flow again"
 
 
 def test_an_overdue_answer_lets_samples_flow_until_a_command_comes() -> None:
@@ -128,13 +128,3 @@ def test_a_commander_that_answers_few_samples_is_followed_in_the_end() -> None:
     before = loop.samples
     loop.idle(QUIET - 1, answers=False)
     assert loop.samples == before
-
-
-def test_without_a_commander_they_flow_again() -> None:
-    loop = Loop()
-    loop.be_followed()
-    loop.idle(QUIET)
-    loop.lockstep.find_commander(False)
-    before = loop.samples
-    loop.idle(50, answers=False)
-    assert loop.samples == before + 50

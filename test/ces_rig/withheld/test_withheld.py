@@ -62,7 +62,7 @@ def one_plant_for_each_effect():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "name"), one_plant_for_each_effect())
+@pytest.mark.parametrize(("kind", "name"), list(one_plant_for_each_effect()))
 def test_more_severity_is_a_larger_gap(kind, name):
     plant, inputs = plant_of(kind), drive(kind)
     if name == "sticking_pilot":  # steps would free the spool at once or never
@@ -146,20 +146,12 @@ def test_two_effects_add_up_to_more_than_either():
 
 @pytest.mark.parametrize(
     ("kind", "name"),
-    zip(PLANTS, ["valve_lag", "current_hysteresis", "current_crosstalk", "sticking_pilot"], strict=True),
+    list(zip(PLANTS, ["valve_lag", "current_hysteresis", "current_crosstalk", "sticking_pilot"], strict=True)),
 )
 def test_what_needs_a_changing_current_cannot_be_reached_without(kind, name):
     effect = draw_effect(kind, name, np.random.default_rng(1))
     with pytest.raises(RigError, match=f"{kind} plant: {name}: a gap of 10 N cannot be reached here"):
         scale_to_gap(plant_of(kind), effect, 10.0, *drive(kind, steady=True))
-
-
-def test_no_damper_is_that_bad():
-    effect = draw_effect("bouc_wen", "inertia", np.random.default_rng(1))
-    with pytest.raises(
-        RigError, match=r"inertia: a gap of 5000 N cannot be reached here; .* at larger sizes: .* 0\.05 to 20 kg"
-    ):
-        scale_to_gap(plant_of("bouc_wen"), effect, 5000.0, *drive("bouc_wen"))
 
 
 def test_sensor_effects_leave_the_damper_alone():
@@ -177,21 +169,28 @@ def test_sensor_effects_leave_the_damper_alone():
     assert np.sqrt(np.mean((simulate_expected(plant, late) - late.force_N) ** 2)) > 3.0
 
 
-def test_unknown_plants_effects_severities_and_grids_are_refused():
-    with pytest.raises(RigError, match="'frction' is unknown; expected one of friction"):
-        WithheldEffect("frction", 1.0, {})
-    with pytest.raises(RigError, match="expected a number of at least 0"):
-        WithheldEffect("friction", -1.0, {})
-    with pytest.raises(RigError, match="'wet' is unknown; expected one of hydraulic"):
-        draw_plant("wet", np.random.default_rng(1))
-    with pytest.raises(RigError, match="bouc_wen plant: no effect 'sticking_check'; it can have friction"):
-        draw_effect("bouc_wen", "sticking_check", np.random.default_rng(1))
-    time = np.arange(100) * 1e-3
-    with pytest.raises(RigError, match=r"on a grid of 0\.0005 s"):
-        simulate_signals(plant_of("bouc_wen"), (), time, 0 * time, 0 * time)
+TIME = np.arange(100) * 1e-3
 
 
-@pytest.mark.parametrize("power", [0.5, 1.0, 2.0, 6.0])
+@pytest.mark.parametrize(
+    ("mistake", "says"),
+    [
+        (lambda: WithheldEffect("frction", 1.0, {}), "'frction' is unknown; expected one of friction"),
+        (lambda: WithheldEffect("friction", -1.0, {}), "expected a number of at least 0"),
+        (lambda: draw_plant("wet", np.random.default_rng(1)), "'wet' is unknown; expected one of hydraulic"),
+        (
+            lambda: draw_effect("bouc_wen", "sticking_check", np.random.default_rng(1)),
+            "bouc_wen plant: no effect 'sticking_check'; it can have friction",
+        ),
+        (lambda: simulate_signals(plant_of("bouc_wen"), (), TIME, 0 * TIME, 0 * TIME), r"on a grid of 0\.0005 s"),
+    ],
+)
+def test_mistakes_are_one_line(mistake, says):
+    with pytest.raises(RigError, match=says):
+        mistake()
+
+
+@pytest.mark.parametrize("power", [0.5, 6.0])
 def test_the_search_finds_sizes_of_any_steepness(power):
     size = search_size(lambda s: 100.0 * s**power, 7.0, "x")
     assert 100.0 * size**power == pytest.approx(7.0, rel=0.031)
@@ -204,7 +203,5 @@ def test_the_search_finds_what_begins_late_and_ends_early():
         return max(0.0, size - 2.0) * 50.0
 
     assert gap(search_size(gap, 20.0, "x")) == pytest.approx(20.0, rel=0.031)
-    with pytest.raises(
-        RigError, match=r"200 N cannot be reached here; the largest is 1[0-9.]+ N; at larger sizes: too large"
-    ):
+    with pytest.raises(RigError, match=r"200 N cannot be reached here; the largest is 1[0-9.]+ N; .* sizes: too large"):
         search_size(gap, 200.0, "x")
