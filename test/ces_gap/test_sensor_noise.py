@@ -141,6 +141,7 @@ def test_the_quantum_is_a_lower_bound() -> None:
     assert noise.rms_N >= estimate_of(noise, QUANTUM).rms_N > 0.5
     assert not estimate_of(noise, HIGH_FREQUENCIES).valid
     assert measure(sine, 1000.0, quantum_N=0.0)[0].quantum_N == 0.0
+    assert measure(rest, 1000.0, noise_N=0.0, quantum_N=4.0)[0].source == QUANTUM
     counts = np.round(np.random.default_rng(1).normal(0.0, 300.0, 5000))
     assert find_quantum_N(np.round(counts * 2.4414, 2)) == pytest.approx(2.4414, rel=0.01)  # among rounded numbers
 

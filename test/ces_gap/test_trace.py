@@ -10,7 +10,7 @@ from engine_plant import NOISE_N, RATE_HZ, SIMULATION, F, recorded, traced
 
 from ces_data.recording import Channel, Recording
 from ces_gap.errors import GapError
-from ces_gap.grid import GRID_HZ, derivative, find_low_pass_Hz, smooth_out
+from ces_gap.grid import GRID_HZ, bridge_gaps, derivative, find_low_pass_Hz, interpolate, smooth_out
 from ces_gap.trace import (
     Trace,
     TraceInputs,
@@ -185,3 +185,13 @@ def test_a_derivative_is_of_fourth_order() -> None:
 def test_noise_of_the_test_damper_is_estimated() -> None:
     assert traced(seconds=20.0, constant_A=0.6).noise_N == pytest.approx(NOISE_N, rel=0.08)
     assert traced(seconds=20.0).noise_N == pytest.approx(NOISE_N, rel=0.15)  # steps of the force are not noise
+
+
+def test_samples_out_of_order_are_sorted_and_one_alone_gives_nothing() -> None:
+    seconds, values, grid = np.array([0.0, 2.0, 1.0, 1.0]), np.array([0.0, 4.0, 1.0, 9.0]), np.array([0.5, 1.5])
+    for some in (seconds / 100.0, np.array([0.0, np.nan, np.nan, np.nan])):
+        known = np.where(np.isfinite(some), values, np.nan)
+        bridged, inside = bridge_gaps(seconds / 100.0, known, grid / 100.0)
+        np.testing.assert_array_equal(bridged, interpolate(seconds / 100.0, known, grid / 100.0))
+        np.testing.assert_allclose(bridged, [0.5, 2.5] if inside.all() else 0.0)
+    assert not inside.any()

@@ -139,6 +139,12 @@ def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
     assert np.corrcoef(trace.simulated, true)[0, 1] > 0.9
 
 
+def test_no_time_still_gives_an_experiment() -> None:
+    recipes = [r for r in RECIPES if r["name"] in ("current_steps", "current_prbs")]
+    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=recipes, budget_s=0.0)
+    assert proposed is not None and proposed.name == recipes[0]["name"]
+
+
 def test_the_files_are_what_the_rig_and_a_dyno_read(proposed: NextExperiment, tmp_path: Path) -> None:
     described, table = (tmp_path / f"next_experiment.{kind}" for kind in ("yaml", "csv"))
     write_all_atomically({tmp_path / name: text for name, text in experiment_files(proposed).items()})
