@@ -87,10 +87,7 @@ OUTSIDE_ENVELOPE = "1 estimates not finite or outside the envelope"
         ({"fault": replace(SILENT, output=TRUE)}, "no estimate for 0.50 s"),
         ({"stamps": STEADY, "fault": replace(SILENT, output=TRUE)}, ""),
         ({"stamps": STEADY, "forces": forced(DURING, END), "fault": replace(SILENT, output=BOUNDED)}, ""),
-        (
-            {"stamps": STEADY, "forces": forced(DURING, END), "fault": replace(SILENT, output=TRUE)},
-            "force off by 49 N",
-        ),
+        ({"stamps": STEADY, "forces": forced(DURING, END), "fault": replace(SILENT, output=TRUE)}, "force off by 49 N"),
     ],
 )
 def test_what_is_wrong_with_an_episode_is_found(episode_of, found):

@@ -8,18 +8,10 @@ import numpy as np
 import pytest
 from made_recordings import recording_of
 
-from bench.gaps.effects import (
-    CHANGES,
-    read_friction,
-    read_offset,
-    read_play,
-)
+from bench.gaps.effects import CHANGES, read_friction, read_offset, read_play
 from bench.gaps.real_cases import Data
 from bench.gaps.real_gaps import DOUBT, NOTHING, PARTLY, RIGHT, WRONG, all_cases, diagnose_case, judge
-from bench.gaps.simulations import (
-    BandBrake,
-    SpeedPolynomial,
-)
+from bench.gaps.simulations import BandBrake, SpeedPolynomial
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
 from ces_gap.inference.verdict import CALIBRATION, TIMING
 

@@ -23,14 +23,7 @@ from recorded_cases import (
     mean_cost,
     three_channels,
 )
-from recorded_peers import (
-    FitJob,
-    ToolOutcome,
-    format_rows,
-    merge,
-    present_cases,
-    wanted_tools,
-)
+from recorded_peers import FitJob, ToolOutcome, format_rows, merge, present_cases, wanted_tools
 
 RATE, SECONDS = 500, 17.0
 

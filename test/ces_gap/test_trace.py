@@ -11,15 +11,7 @@ from engine_plant import NOISE_N, RATE_HZ, SIMULATION, F, recorded, traced
 from ces_data.recording import Channel, Recording
 from ces_gap.errors import GapError
 from ces_gap.grid import GRID_HZ, bridge_gaps, derivative, find_low_pass_Hz, interpolate, smooth_out
-from ces_gap.trace import (
-    Trace,
-    TraceInputs,
-    make_trace,
-    open_trace,
-    require_usable,
-    resample_to_grid,
-    smooth_recording,
-)
+from ces_gap.trace import Trace, TraceInputs, make_trace, open_trace, require_usable, resample_to_grid, smooth_recording
 
 
 def sine(rate_Hz: float = 1000.0, seconds: float = 4.0, noise_m: float = 0.0, force_N: float = 0.0) -> Recording:

@@ -20,11 +20,7 @@ from ces_rig.experiment import (
 )
 from ces_rig.sensors import EPOCH_NS
 
-SHORT = {
-    "duration_s": 1.0,
-    "stroke": {"kind": "noise", "peak_to_peak_m": 0.02},
-    "current": {"kind": "filtered_noise"},
-}
+SHORT = {"duration_s": 1.0, "stroke": {"kind": "noise", "peak_to_peak_m": 0.02}, "current": {"kind": "filtered_noise"}}
 
 
 def short(**changes):
@@ -52,13 +48,7 @@ def test_packaged_experiments_run(name):
     assert recording.channel("position").stamps_ns[0] == pytest.approx(EPOCH_NS + 400_000, abs=200_000)
 
 
-@pytest.mark.parametrize(
-    ("name", "speed_m_s", "peak_to_peak_m"),
-    [
-        ("sine_4hz", 0.314, 0.025),
-        ("sweep", 0.35, 0.0245),
-    ],
-)
+@pytest.mark.parametrize(("name", "speed_m_s", "peak_to_peak_m"), [("sine_4hz", 0.314, 0.025), ("sweep", 0.35, 0.0245)])
 def test_the_thesis_experiments_move_as_it_says_under_a_controller_inside_its_range(name, speed_m_s, peak_to_peak_m):
     experiment = load_experiment(packaged_experiments()[f"thesis/{name}"])
     true = simulate_truth(experiment)

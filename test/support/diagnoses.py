@@ -88,18 +88,7 @@ def located(held_out: Sequence[HeldOutSeries], kept: str = "simulated") -> Where
 def named() -> Diagnosis:
     held_out = (series("bags/held_out_road", 1), series("bags/held_out_noise", 2))
     where = located(held_out)
-    friction = explained(
-        Setting(
-            Friction(),
-            (
-                36.86,
-                0.013,
-            ),
-        ),
-        FRICTION,
-        held_out,
-        0.94,
-    )
+    friction = explained(Setting(Friction(), (36.86, 0.013)), FRICTION, held_out, 0.94)
     after = tuple((r, 0.14 * r.rms_N + 0.4) for r in where.regions[:8])
     lag = replace(explained(Setting(ValveLag(), (0.0213,)), LAG, held_out, 0.02), gap_after_N=28.4, shrink=0.29)
     width = replace(explained(Setting(Hysteresis(), (0.112,)), WIDTH, held_out, 0.01), gap_after_N=33.0, shrink=0.175)
@@ -138,18 +127,7 @@ def named() -> Diagnosis:
 def pair() -> Diagnosis:
     """Return the named one with a second effect beside friction, both fitted together."""
     first = named()
-    both = Composition(
-        (
-            Setting(
-                Friction(),
-                (
-                    35.2,
-                    0.012,
-                ),
-            ),
-            Setting(ValveLag(), (0.011,)),
-        )
-    )
+    both = Composition((Setting(Friction(), (35.2, 0.012)), Setting(ValveLag(), (0.011,))))
     composition = replace(
         first.composition,
         effects=("friction", "valve_lag"),

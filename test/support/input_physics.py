@@ -282,14 +282,8 @@ PLANTED: dict[str, tuple[tuple[float, ...], Truth]] = {
         (0.8, 0.04, 5e-4),
         lambda x, v, i: starving(v, valves(v, i), 1.0, 0.04 + 0.0 * v, 0.8, 5e-4, FINE_S),
     ),
-    "cavitation-rebound_floor": (
-        (1.0, 400.0, 5e-4, 1.0),
-        lambda x, v, i: floored(v, i, -1.0, 400.0, 5e-4, FINE_S),
-    ),
-    "cavitation-compression_floor": (
-        (1.0, 250.0, 5e-4, 1.0),
-        lambda x, v, i: floored(v, i, 1.0, 250.0, 5e-4, FINE_S),
-    ),
+    "cavitation-rebound_floor": ((1.0, 400.0, 5e-4, 1.0), lambda x, v, i: floored(v, i, -1.0, 400.0, 5e-4, FINE_S)),
+    "cavitation-compression_floor": ((1.0, 250.0, 5e-4, 1.0), lambda x, v, i: floored(v, i, 1.0, 250.0, 5e-4, FINE_S)),
 }
 
 

@@ -6,17 +6,7 @@ from itertools import permutations
 
 import numpy as np
 import pytest
-from example_effects import (
-    PLANT,
-    CurrentGain,
-    CurrentOffset,
-    Friction,
-    Rubbing,
-    Scale,
-    Spring,
-    drive,
-    whiten_by,
-)
+from example_effects import PLANT, CurrentGain, CurrentOffset, Friction, Rubbing, Scale, Spring, drive, whiten_by
 
 from ces_gap.baseline.learner import NoiseModel
 from ces_gap.effects.effect import Setting

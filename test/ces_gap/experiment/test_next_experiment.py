@@ -19,11 +19,7 @@ from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.errors import GapError
 from ces_gap.experiment.candidates import list_candidate_experiments, reach_of
-from ces_gap.experiment.next_experiment import (
-    choose_next_experiment,
-    experiment_files,
-    simulate_experiment,
-)
+from ces_gap.experiment.next_experiment import choose_next_experiment, experiment_files, simulate_experiment
 from ces_gap.trace import Trace, TraceInputs
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError

@@ -16,15 +16,7 @@ from ces_data.arrays import F
 from ces_gap.baseline.plant import DirectSimulator, TraceSimulator
 from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.fit import (
-    EffectFit,
-    Refinement,
-    bounds,
-    estimate_parameters,
-    fit_alone,
-    fit_from,
-    fit_together,
-)
+from ces_gap.inference.fit import EffectFit, Refinement, bounds, estimate_parameters, fit_alone, fit_from, fit_together
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -126,15 +118,7 @@ def test_a_parameter_without_influence_does_no_harm() -> None:
 
 
 def test_linearised_cross_validation_is_exact_for_a_linear_effect() -> None:
-    evidence = planted(
-        Setting(
-            Line(),
-            (
-                25.0,
-                -1500.0,
-            ),
-        )
-    )
+    evidence = planted(Setting(Line(), (25.0, -1500.0)))
     fit = fit_alone(evidence, Line())
     design = columns(evidence)
     target, unit = evidence.residual(evidence.alone), evidence.unit_of_row
@@ -177,15 +161,7 @@ class Saturating(Effect):
 
 
 def test_starts_far_too_small_are_scaled_before_they_are_compared() -> None:
-    evidence = planted(
-        Setting(
-            Saturating(),
-            (
-                300.0,
-                0.12,
-            ),
-        )
-    )
+    evidence = planted(Setting(Saturating(), (300.0, 0.12)))
     fit = fit_alone(evidence, Saturating())
     assert np.abs(errors(fit, 300.0, 0.12)).max() < 4.0
 

@@ -5,7 +5,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.signal import hilbert, welch
 
-from ces_rig.drive.strokes import KINDS, ROUGHNESS_M3, QuarterVehicle, fade, make_stroke, road_stroke
+from ces_rig.drive.strokes import KINDS, ROUGHNESS_M3, QuarterVehicle, make_stroke, road_stroke
 from ces_rig.errors import RigError
 
 STEP = 0.5e-3
@@ -81,14 +81,6 @@ def test_frequency_modulation_swings_between_its_frequencies():
     frequency = np.gradient(np.unwrap(np.angle(hilbert(x))))[2000:-2000] / (2 * np.pi * STEP)
     assert np.percentile(frequency, 2) == pytest.approx(1.5, abs=0.3)
     assert np.percentile(frequency, 98) == pytest.approx(8.0, abs=0.3)
-
-
-def test_fade_is_twice_differentiable():
-    factor = fade(TIME, 0.5)
-    assert factor[0] == factor[-1] == 0.0
-    assert factor[len(factor) // 2] == 1.0
-    acceleration = np.gradient(np.gradient(factor, STEP), STEP)
-    assert np.abs(np.diff(acceleration)).max() < 0.02 * np.abs(acceleration).max()
 
 
 @pytest.mark.parametrize(

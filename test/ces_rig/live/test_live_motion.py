@@ -15,14 +15,7 @@ from ces_rig.dampers.stepper import DamperStepper, Mover
 from ces_rig.drive import kernels as qv
 from ces_rig.drive.strokes import QuarterVehicle
 from ces_rig.errors import RigError
-from ces_rig.live.motion import (
-    CLASSES,
-    ROAD_BLOCK,
-    Follower,
-    LiveRoad,
-    Vehicle,
-    as_kernel_numbers,
-)
+from ces_rig.live.motion import CLASSES, ROAD_BLOCK, Follower, LiveRoad, Vehicle, as_kernel_numbers
 from ces_rig.live.rig import LiveRig, RigSettings
 
 

@@ -56,27 +56,32 @@ def projected(values, part):
     return float(np.dot(values, part) / np.dot(part, part))
 
 
-@pytest.mark.parametrize("kind", PLANTS)
-def test_a_mass_adds_mass_times_acceleration(kind):
-    inputs = sine(kind=kind)
-    force, numbers = added(kind, "inertia", 1.0, inputs)
-    acceleration = np.gradient(np.gradient(inputs[1], GRID_S), GRID_S)
-    mass = next(value for name, value in numbers.items() if "mass" in name)
-    settled = inputs[0] > 0.5
-    extra = mass - plant_of(kind).number("body.moving_mass_kg" if kind == "hydraulic" else "mass_kg")
-    assert projected(force[settled], acceleration[settled]) == pytest.approx(extra, rel=0.1)
-
-
-@pytest.mark.parametrize("kind", PLANTS)
-def test_friction_opposes_the_motion_and_a_leak_yields_to_it(kind):
-    inputs = sine(kind=kind)
-    settled = inputs[0] > 0.5
+def pushes(kind, name, severity, **drive):
+    """Added force [N], stroke, speed and acceleration after the start, and the effect's numbers."""
+    inputs = sine(kind=kind, **drive)
+    force, numbers = added(kind, name, severity, inputs)
     speed = np.gradient(inputs[1], GRID_S)
-    moving = settled & (np.abs(speed) > 0.1)
-    force, _ = added(kind, "friction", 1.0, inputs)
-    assert 15 < (force * np.sign(speed))[moving].mean() < 120
-    force, _ = added(kind, "leakage", 1.0, inputs)
-    assert (force * np.sign(speed))[moving].mean() < -10
+    settled = inputs[0] > 0.5
+    return *(v[settled] for v in (force, inputs[1], speed, np.gradient(speed, GRID_S))), numbers
+
+
+@pytest.mark.parametrize("kind", PLANTS)
+def test_effects_push_along_stroke_speed_or_acceleration(kind):
+    force, _, _, acceleration, numbers = pushes(kind, "inertia", 1.0)
+    mass = next(value for name, value in numbers.items() if "mass" in name)
+    extra = mass - plant_of(kind).number("body.moving_mass_kg" if kind == "hydraulic" else "mass_kg")
+    assert projected(force, acceleration) == pytest.approx(extra, rel=0.1), "a mass adds mass times acceleration"
+    force, _, speed, *_ = pushes(kind, "friction", 1.0)
+    moving = np.abs(speed) > 0.1
+    assert 15 < (force * np.sign(speed))[moving].mean() < 120, "friction opposes the motion"
+    force, *_ = pushes(kind, "leakage", 1.0)
+    assert (force * np.sign(speed))[moving].mean() < -10, "a leak yields to the motion"
+    force, stroke, speed, *_ = pushes(kind, "gas_spring", 1.0, frequency=0.5, seconds=4.0)
+    assert projected(force, stroke) > 100, "a stiffer gas pushes in proportion to the stroke [N/m]"
+    assert np.std(projected(force, stroke) * stroke) > 2 * np.std(projected(force, speed) * speed)
+    for name in ("compressibility", "mount_compliance"):  # springs in series turn the force towards the stroke
+        force, stroke, speed, *_ = pushes(kind, name, 3.0, amplitude=0.01, frequency=5.0)
+        assert projected(force, stroke) > 0 > projected(force, speed), name
 
 
 @pytest.mark.parametrize("kind", PLANTS)
@@ -91,27 +96,6 @@ def test_play_lets_the_force_dwell_at_nothing_after_each_reversal(kind):
     settled = inputs[0] > 0.5
     dwell = [np.mean(np.abs(force[settled] + gas) < 6.0) for force in (with_play, without)]
     assert dwell[0] > 2 * dwell[1] + 0.01
-
-
-@pytest.mark.parametrize("kind", PLANTS)
-def test_a_stiffer_gas_pushes_in_proportion_to_the_stroke(kind):
-    inputs = sine(frequency=0.5, seconds=4.0, kind=kind)
-    force, _ = added(kind, "gas_spring", 1.0, inputs)
-    settled = inputs[0] > 0.5
-    stroke, speed = inputs[1][settled], np.gradient(inputs[1], GRID_S)[settled]
-    assert projected(force[settled], stroke) > 100  # [N/m]
-    assert np.std(projected(force[settled], stroke) * stroke) > 2 * np.std(projected(force[settled], speed) * speed)
-
-
-@pytest.mark.parametrize("kind", PLANTS)
-def test_springs_in_series_turn_the_force_towards_the_stroke(kind):
-    inputs = sine(amplitude=0.01, frequency=5.0, kind=kind)
-    settled = inputs[0] >= 0.5
-    speed = np.gradient(inputs[1], GRID_S)[settled]
-    for name in ("compressibility", "mount_compliance"):
-        force, _ = added(kind, name, 3.0, inputs)
-        assert projected(force[settled], inputs[1][settled]) > 0, name
-        assert projected(force[settled], speed) < 0, name
 
 
 @pytest.mark.parametrize("kind", PLANTS)

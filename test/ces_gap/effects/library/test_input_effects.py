@@ -8,18 +8,7 @@ from itertools import product
 
 import numpy as np
 import pytest
-from input_physics import (
-    PLANTED,
-    RATE_HZ,
-    SECONDS,
-    Brake,
-    Damper,
-    brakes,
-    loose_brake,
-    planted,
-    recorded,
-    valves,
-)
+from input_physics import PLANTED, RATE_HZ, SECONDS, Brake, Damper, brakes, loose_brake, planted, recorded, valves
 from scipy.optimize import least_squares
 
 from ces_data.arrays import F
