@@ -106,7 +106,7 @@ def test_a_model_is_trained_once_kept_judged_on_another_run_and_drawn(tmp_path, 
     monkeypatch.setattr(models, "code_digest", lambda: "fixed")
     monkeypatch.setitem(STARTS, POLYNOMIAL, 1)
     job = make_job(POLYNOMIAL, THESIS, TABLES[POLYNOMIAL].rows[0])
-    first, again = (dict(train_jobs([job], 3.0, 1, tmp_path))[job] for _ in range(2))
+    first, again = (dict(train_jobs([job], 1.0, 1, tmp_path))[job] for _ in range(2))
     assert first.seconds == again.seconds, "the second time it comes from the store"
     assert 1 <= len(first.model.body.terms) <= 7
     evaluation = evaluate_outcome(first, run(load_named_experiment("thesis/sine_4hz", fresh=True)), clamped=False)

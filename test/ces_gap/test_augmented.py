@@ -5,13 +5,15 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from example_effects import CurrentGain, Spring
+from made_recordings import recording_of
 
 from ces_data.recording import Channel, Recording
 from ces_gap.augmented import MAX_BYTES, is_augmented, load_augmented, save_augmented
 from ces_gap.baseline.learner import Dictionary, LearnedCorrection, Scales
 from ces_gap.baseline.physical import make_recorded_examples
 from ces_gap.baseline.surrogate import learn_surrogate
-from ces_gap.effects.effect import FLUID, PARALLEL, VALVE, Composition, Effect, EffectParameter, Setting
+from ces_gap.effects.effect import FLUID, Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import make_trace
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation
 from ces_observer.errors import CesError
@@ -30,33 +32,6 @@ def open_here(spec):
 
 
 @dataclass(frozen=True)
-class Pull(Effect):
-    """A spring in parallel."""
-
-    name = "pull"
-    form = "linear"
-    stage = PARALLEL
-    parameters = (EffectParameter("stiffness_N_m", -1e5, 1e5, (1e3,), "of the spring", magnitude=True),)
-
-    def respond(self, trace, inputs, force, values):
-        return force + values[0] * trace.inputs.position
-
-
-@dataclass(frozen=True)
-class Gain(Effect):
-    """More current in the valve than was measured."""
-
-    name = "gain"
-    form = "linear"
-    stage = VALVE
-    reruns = True
-    parameters = (EffectParameter("gain", 0.5, 2.0, (1.1,), "of the current", neutral=1.0),)
-
-    def drive(self, trace, inputs, force, values):
-        return inputs.with_current(values[0] * inputs.current)
-
-
-@dataclass(frozen=True)
 class Yielding(Effect):
     """A soft mount: the piston moves less by force over stiffness."""
 
@@ -70,7 +45,7 @@ class Yielding(Effect):
         return inputs.with_position(inputs.position - force / values[0], trace.rate_Hz)
 
 
-class Broken(Pull):
+class Broken(Spring):
     """An effect whose arithmetic fails."""
 
     form = "broken"
@@ -79,17 +54,14 @@ class Broken(Pull):
         return force + np.zeros(3)
 
 
-PULL, GAIN = Setting(Pull(), (3000.0,)), Setting(Gain(), (1.3,))
+PULL, GAIN = Setting(Spring(), (3000.0,)), Setting(CurrentGain(), (1.3,))
 
 
-def recording(seconds=6.0, seed=0, **more):
+def recording(seconds=6.0, seed=0):
     t = np.arange(round(seconds * RATE)) / RATE
-    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
     position = 0.01 * np.sin(2 * np.pi * 2.0 * t) + 0.003 * np.sin(2 * np.pi * 5.1 * t + seed)
     current = 0.6 + 0.2 * np.sin(2 * np.pi * 0.9 * t + seed)
-    columns = {"position": ("m", position), "current": ("A", current)}
-    channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in columns.items()}
-    return Recording("made", {**channels, **more})
+    return recording_of(t, start_ns=10**18, position=position, current=current)
 
 
 def save(folder, *settings, spec="here:damper", **more):
@@ -141,7 +113,7 @@ def test_values_class_and_provenance_survive_a_round_trip(tmp_path):
     augmented = load_augmented(path, open_here)
     assert augmented.composition == Composition((PULL, GAIN))
     assert augmented.provenance["real"] == [{"recording": "road", "sha256": "ab"}]
-    assert json.loads(path.read_text())["effects"][0]["class"] == "test_augmented:Pull"
+    assert json.loads(path.read_text())["effects"][0]["class"] == "example_effects:Spring"
     assert is_augmented(path)
 
 
@@ -236,16 +208,16 @@ def put(*keys, value):
     [
         (put("schema", value="ces-augmented/9"), "schema is 'ces-augmented/9'; expected 'ces-augmented/1'"),
         (put("effects", value={}), r"effects is \{\}; expected a list of 0 to 20 objects"),
-        (put("effects", 0, "parameters", "stiffness_N_m", value=2e9), "a finite number from -100000 to 100000"),
+        (put("effects", 0, "parameters", "stiffness_N_m", value=2e9), "a finite number from 0 to 100000"),
         (put("effects", 0, "parameters", value={}), "key 'stiffness_N_m' is missing"),
         (put("effects", 0, "parameters", "mass_kg", value=1.0), "unknown parameters mass_kg; expected stiffness_N_m"),
-        (put("effects", 0, "form", value="cubic"), r"class is pull \(linear\); expected pull \(cubic\)"),
-        (put("effects", 0, "class", value="test_augmented:Gone"), "cannot be imported: AttributeError"),
+        (put("effects", 0, "form", value="cubic"), r"class is spring \(linear\); expected spring \(cubic\)"),
+        (put("effects", 0, "class", value="example_effects:Gone"), "cannot be imported: AttributeError"),
         (put("correction", value={"weights": [1.0]}), "correction: KeyError: 'dictionary'"),
         (put("correction", value=[]), "correction is .*; expected an object or null"),
         (put("sim", value={}), "key 'spec' is missing"),
         (lambda document: document.pop("provenance"), "key 'provenance' is missing"),
-        (lambda document: document["effects"][0].pop("class"), "unknown effect 'pull'"),
+        (lambda document: document["effects"][0].pop("class"), "unknown effect 'spring'"),
     ],
 )
 def test_an_invalid_file_is_an_error_of_one_line(tmp_path, change, message):

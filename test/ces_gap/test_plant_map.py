@@ -39,6 +39,7 @@ def left(trace: Trace, leak: float) -> float:
     return float(np.sqrt(np.mean((trace.force - force)[trace.usable] ** 2)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [9.5e5, 5e6])
 def test_the_spring_of_a_plant_is_identified(stiffness: float) -> None:
     trace = recorded(series(TABLE / stiffness))

@@ -37,6 +37,7 @@ def refits_of(worn, references=True):
     return refit_physical_model(simulation, inputs, learn_baseline(inputs))
 
 
+@pytest.mark.slow
 def test_a_slower_valve_moves_the_valve_lag_and_closes_the_gap():
     first = refits_of(SLOW).refits[0]
     assert first.group == "valve lag" and has_moved(first) and first.closes > 0.4
@@ -46,6 +47,7 @@ def test_a_slower_valve_moves_the_valve_lag_and_closes_the_gap():
     assert np.sum(first.block_energy) == pytest.approx(first.energy)
 
 
+@pytest.mark.slow
 def test_it_agrees_with_the_cause_and_disagrees_with_another():
     verdict, says = weigh_refits(NAMED, ("valve_lag",), refits_of(SLOW))
     assert verdict == NAMED and says.startswith("the refit of the model's valve lag agrees: ")
@@ -53,18 +55,21 @@ def test_it_agrees_with_the_cause_and_disagrees_with_another():
     assert verdict == AMBIGUOUS and "the model's valve lag explains more" in says
 
 
+@pytest.mark.slow
 def test_nothing_moves_where_nothing_changed():
     found = refits_of("")
     assert not [refit.group for refit in found.refits if has_moved(refit)]
     assert weigh_refits(NAMED, ("friction",), found) == (NAMED, "")
 
 
+@pytest.mark.slow
 def test_without_references_it_reports_but_does_not_weigh():
     found = refits_of(SLOW, references=False)
     assert found.refits and all(refit.control_z is None for refit in found.refits)
     assert weigh_refits(NAMED, ("gas_spring",), found) == (NAMED, "")
 
 
+@pytest.mark.slow
 def test_it_never_fails_and_other_simulations_have_none():
     function = FunctionSimulation("f", lambda time_s, position_m, current_A: 1e3 * np.gradient(position_m, time_s))
     inputs = prepare_recordings(function, [rig_ride(7)], [rig_ride(9)], [])
@@ -75,6 +80,7 @@ def test_it_never_fails_and_other_simulations_have_none():
     assert not by_hand.refits and "cannot be refitted" in by_hand.note
 
 
+@pytest.mark.slow
 def test_what_goes_wrong_is_its_note():
     simulation = identified()
     inputs = prepare_recordings(simulation, [rig_ride(7)], [rig_ride(9)], [])

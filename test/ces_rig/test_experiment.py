@@ -35,6 +35,7 @@ def same(a, b):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["sine_4hz", "road", "fm_binary"])
 def test_packaged_experiments_run(name):
     experiment = load_experiment(packaged_experiments()[name])
@@ -48,6 +49,7 @@ def test_packaged_experiments_run(name):
     assert recording.channel("position").stamps_ns[0] == pytest.approx(EPOCH_NS + 400_000, abs=200_000)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "speed_m_s", "peak_to_peak_m"), [("sine_4hz", 0.314, 0.025), ("sweep", 0.35, 0.0245)])
 def test_the_thesis_experiments_move_as_it_says_under_a_controller_inside_its_range(name, speed_m_s, peak_to_peak_m):
     experiment = load_experiment(packaged_experiments()[f"thesis/{name}"])
@@ -131,12 +133,14 @@ def test_missing_parts_and_files():
     assert find_experiment("sweep") == packaged_experiments()["sweep"]
 
 
+@pytest.mark.slow
 def test_noise_floor_and_the_damper_itself():
     floor, itself = noise_floors(load_experiment(packaged_experiments()["sine_4hz"]))
     assert 0.3 < floor < 1.0
     assert floor < itself < 2 * floor
 
 
+@pytest.mark.slow
 def test_a_wrong_damper_costs_more_than_the_right_one():
     experiment = parse_experiment({**SHORT, "duration_s": 4.0}, "e.yaml")
     recording = measure(experiment, simulate_truth(experiment))

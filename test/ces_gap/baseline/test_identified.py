@@ -27,6 +27,7 @@ def fresh_error_N(correction):
     return float(np.sqrt(np.mean(np.concatenate(errors) ** 2)))
 
 
+@pytest.mark.slow
 def test_the_noise_is_not_underestimated_by_what_the_model_has_seen():
     traces = reference_traces()
     correction, learnt = learn_correction(traces)
@@ -38,6 +39,7 @@ def test_the_noise_is_not_underestimated_by_what_the_model_has_seen():
     np.testing.assert_allclose(learnt.covariance, ratio * seen.covariance)
 
 
+@pytest.mark.slow
 def test_it_runs_as_its_model_and_left_out_forces_are_for_its_references_only():
     baseline, fresh = identified(), rig_ride(3)
     np.testing.assert_array_equal(baseline.force(fresh), ModelSimulation(baseline.model).force(fresh))
@@ -54,6 +56,7 @@ def test_a_given_simulation_has_no_left_out_force():
     assert add_left_out_force(simulation, trace).simulated_left_out is None
 
 
+@pytest.mark.slow
 def test_it_is_saved_under_the_name_that_results_use(tmp_path):
     saved = identified().save(tmp_path / "model.json")
     assert saved.name == str(tmp_path / "model.json")

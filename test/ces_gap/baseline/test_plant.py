@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from engine_plant import SIMULATION, F, damper, recorded, traced
 from example_effects import CurrentGain, Scale, Spring
+from search_examples import Offset
 
 from ces_data.recording import Channel
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator, change_recording
-from ces_gap.effects.effect import CELL, Composition, Effect, EffectParameter, Setting
+from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import Trace, TraceInputs, open_trace
 
 CALLED = DirectSimulator(SIMULATION)
@@ -31,16 +32,6 @@ class Late(Effect):
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         return inputs.with_position(np.interp(trace.time_s - values[0], trace.time_s, inputs.position), trace.rate_Hz)
-
-
-class Added(Effect):
-    """A constant added to the force."""
-
-    name, form, stage = "added", "constant", CELL
-    parameters = (EffectParameter("offset_N", -100.0, 100.0, (10.0,), "offset", magnitude=True),)
-
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        return np.asarray(force + values[0])
 
 
 class Tenth:
@@ -112,7 +103,7 @@ def test_the_correction_gets_the_force_that_it_corrects(trace: Trace) -> None:
 
 
 def test_effects_are_applied_from_inside_out_in_any_order(trace: Trace) -> None:
-    spring, added, scale = Setting(Spring(), (2000.0,)), Setting(Added(), (50.0,)), Setting(Scale(), (2.0,))
+    spring, added, scale = Setting(Spring(), (2000.0,)), Setting(Offset(), (50.0,)), Setting(Scale(), (2.0,))
     one, other = Composition((spring, added)), Composition((added, spring))
     np.testing.assert_allclose(Plant(CALLED).with_effects(one, trace), Plant(CALLED).with_effects(other, trace))
     scaled = Plant(CALLED).with_effects(Composition((added, scale)), trace)
@@ -136,7 +127,7 @@ def test_outer_effects_drive_first(trace: Trace) -> None:
 
 def test_a_known_force_of_the_plant_is_reused(trace: Trace) -> None:
     alone = np.full(len(trace), 5.0)
-    composition = Composition((Setting(Added(), (1.0,)),))
+    composition = Composition((Setting(Offset(), (1.0,)),))
     np.testing.assert_array_equal(Plant(CALLED).with_effects(composition, trace, alone), np.full(len(trace), 6.0))
 
 

@@ -20,6 +20,7 @@ from ces_gap.effects.library import library, library_effect
 from ces_gap.trace import Trace, TraceInputs
 from ces_observer.errors import ModelError
 
+pytestmark = pytest.mark.slow
 CALLED = DirectSimulator(SIMULATION)
 
 

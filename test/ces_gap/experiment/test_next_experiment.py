@@ -125,6 +125,7 @@ def test_an_experiment_is_left_out_if_the_simulation_refuses_what_an_effect_make
     assert proposed is not None and proposed.name not in ("current_prbs", "current_steps")
 
 
+@pytest.mark.slow
 def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
     surrogate = learn_surrogate(make_recorded_examples([STEPS]), [STEPS])
     plant = Plant(surrogate)

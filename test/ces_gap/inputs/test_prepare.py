@@ -94,6 +94,7 @@ def test_a_simulation_that_waits_each_time_is_slow(monkeypatch: pytest.MonkeyPat
     assert inputs.cheap is (inputs.surrogate if each_time else inputs.exact)
 
 
+@pytest.mark.slow
 def test_recorded_predictions_cannot_be_rerun() -> None:
     recordings = [add_predictions(recorded(seed=s, seconds=5.0)) for s in (1, 2)]
     inputs = prepare_recordings(RecordedSimulation("/prediction"), recordings, [], [])

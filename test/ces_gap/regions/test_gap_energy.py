@@ -29,6 +29,7 @@ def test_autoregressive_noise_has_its_spectrum():
         assert density[inside].sum() / density.sum() == pytest.approx(share, rel=0.08)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [8.0, ar(8.0, 0.6)])
 def test_energy_of_noise_is_nothing_on_average_in_every_band(noise):
     traces = [drive(1), drive(2)]

@@ -115,6 +115,7 @@ def test_a_gap_after_reversals_lies_there():
     assert all(r.q_value < 0.05 for r in soon)
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_answer(traces):
     gap = noisy(traces)
     assert locate(traces, gap, NOISE_N, 3).regions == locate(traces, gap, NOISE_N, 3).regions
@@ -128,6 +129,7 @@ def test_a_gap_that_is_not_finite_is_refused(traces):
         locate(traces, broken, NOISE_N)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("pole", "noise"), [(0.0, NOISE_N), (0.9, ar(NOISE_N, 0.9))])
 def test_false_discoveries_in_noise_alone_are_as_rare_as_claimed(pole, noise, monkeypatch):
     """In 40 gaps that are noise, about 2 may have any region below 5 %; more than 6 have a chance under 0.4 %."""
@@ -142,12 +144,14 @@ def test_false_discoveries_in_noise_alone_are_as_rare_as_claimed(pole, noise, mo
     assert largest <= 6
 
 
+@pytest.mark.slow
 def test_unknown_noise_raises_no_false_alarms_either():
     traces = [drive(1, seconds=5.0, rate_Hz=125.0)]
     discoveries = [min(r.q_value for r in locate(traces, noisy(traces, k), None, k).regions) <= 0.05 for k in range(20)]
     assert sum(discoveries) <= 4
 
 
+@pytest.mark.slow
 def test_p_values_of_noise_are_spread_evenly():
     traces = [drive(1, seconds=5.0, rate_Hz=125.0)]
     p = [locate(traces, noisy(traces, k), ar(NOISE_N, 0.6), k).max_p_value for k in range(50)]
@@ -155,6 +159,7 @@ def test_p_values_of_noise_are_spread_evenly():
     assert 0.33 < np.mean(np.array(p) < 0.5) < 0.67
 
 
+@pytest.mark.slow
 def test_intervals_cover_the_truth_about_as_often_as_claimed():
     traces = [drive(s, seconds=8.0, rate_Hz=125.0) for s in (1, 2)]
     clean = [80.0 * t.inputs.speed + 4.0 for t in traces]
@@ -167,6 +172,7 @@ def test_intervals_cover_the_truth_about_as_often_as_claimed():
     assert 0.90 < np.mean(covered) <= 1.0
 
 
+@pytest.mark.slow
 def test_maps_show_where_the_gap_is_and_hide_fields_with_too_few_ticks():
     traces = [drive(1), drive(2)]
     fast = [(np.abs(t.inputs.speed) > 0.1) & (t.inputs.position > 0.0) for t in traces]

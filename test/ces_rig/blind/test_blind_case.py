@@ -35,6 +35,7 @@ def bag(folder, place):
     return read_recording(folder / place, load_signals())
 
 
+@pytest.mark.slow
 def test_effect_and_simulation_are_of_the_planned_size(made):
     label = made[1][0]
     assert label["gap_N"] == pytest.approx(24.0, rel=0.11)
@@ -44,6 +45,7 @@ def test_effect_and_simulation_are_of_the_planned_size(made):
     assert label["effects"][0]["physical"]
 
 
+@pytest.mark.slow
 def test_sealed_arrays_are_what_was_measured_without_its_noise(made):
     folder, (_label, arrays) = made
     force = bag(folder, "held_out/h1").channel("force")
@@ -56,6 +58,7 @@ def test_sealed_arrays_are_what_was_measured_without_its_noise(made):
     assert abs(np.median(noise)) < 0.7
 
 
+@pytest.mark.slow
 def test_references_are_free_of_the_effect_and_the_rest_is_not(made):
     folder, (label, _arrays) = made
     simulate = FunctionSimulation("baseline", load_rig(folder / "baseline.yaml"))
@@ -88,6 +91,7 @@ def test_the_folder_tells_nothing_of_what_is_withheld(made):
     assert other_label["baseline_error_N"] < 6.0
 
 
+@pytest.mark.slow
 def test_predictions_in_the_bag_are_the_simulation_run_on_it(made):
     folder, (_label, arrays) = made
     assert "/sim_force" in {topic.name for topic in list_topics(folder / "held_out/h1")}

@@ -41,6 +41,7 @@ CHANGED = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damper", CHANGED, ids=lambda damper: damper.kind)
 def test_a_damper_agrees_with_its_slow_twin(damper):
     _, stroke, current = drive(HIGH_A[type(damper)], 0.16)

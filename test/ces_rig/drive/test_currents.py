@@ -118,6 +118,7 @@ def tracking_error_N(controller):
     return float(np.sqrt(np.mean((run.tared_N - reference)[fast] ** 2)))
 
 
+@pytest.mark.slow
 def test_the_force_follows_the_reference_because_it_is_fed_back():
     forces_N = tuple(0.75 * force for force in FORCES_N)
     closed, constant = (tracking_error_N(Reg1(forces_N=forces_N, gain_A_N=gain)) for gain in (1.5e-4, 0.0))

@@ -70,6 +70,7 @@ def test_no_command_breaks_the_limits_of_the_actuator():
     assert np.abs(np.diff(speeds[1:]))[free].max() <= 20.0 * step * (1 + 1e-9)
 
 
+@pytest.mark.slow
 def test_repetitions_differ_by_the_disturbance_and_seeds_by_more():
     one = parse_experiment({**SHORT, "duration_s": 3.0, "actuator": {"compliance_m_N": 0.0}}, "e")
     first, again, other = (simulate_truth(e) for e in (one, repeated(one, 1), repeated(one, 2)))

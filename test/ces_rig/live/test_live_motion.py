@@ -44,6 +44,7 @@ def heights(road: LiveRoad, count: int) -> np.ndarray:
     return np.concatenate([road.heights(ROAD_BLOCK) for _ in range(count // ROAD_BLOCK)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("road_class", "speed"), [("A", 25.0), ("C", 4.0), ("H", 25.0)])
 def test_density_is_that_of_the_standard(road_class, speed):
     """Waviness 2 and the class's level at 0.1 cycles/m, between the longest waves and the tyre's contact patch."""
@@ -111,6 +112,7 @@ def test_at_rest_it_stays_at_rest(tmp_path, kind):
     assert samples[-1].tyre_N == pytest.approx(WEIGHT_N, abs=5.0)
 
 
+@pytest.mark.slow
 def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
     """An MR damper without yield on stiff fluid is a dashpot; its stroke is then the linear response to the road."""
     dashpot = BoucWen(
@@ -128,6 +130,7 @@ def test_with_a_linear_damper_it_moves_as_the_linear_vehicle():
         assert stroke[late] == pytest.approx(expected[late], abs=0.02 * np.abs(expected[late]).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step_s", [1e-4, 5e-5])
 def test_finer_steps_change_little(step_s):
     fine, rough = (ridden(in_vehicle(Hydraulic(Damper()), step), wavy(3.0), 0.5) for step in (step_s / 2, step_s))
@@ -136,6 +139,7 @@ def test_finer_steps_change_little(step_s):
         assert 0.0 < error < 0.01 * fine[:, which].std()
 
 
+@pytest.mark.slow
 def test_energy_that_the_road_puts_in_warms_the_damper():
     """What body and wheel have lost at the end is what dampers took: nothing comes from nowhere."""
     plant = in_vehicle(Hydraulic(Damper()))
@@ -150,6 +154,7 @@ def test_energy_that_the_road_puts_in_warms_the_damper():
     assert damper + in_tyre == pytest.approx(put_in, rel=0.1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rate_hz", [200, 2000])
 def test_the_worst_road_stays_between_the_dampers_ends(rate_hz):
     rig = LiveRig(

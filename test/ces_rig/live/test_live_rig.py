@@ -62,6 +62,7 @@ def described(tmp_path, kind: str) -> DamperDescription:
     return load_description(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", plants.PLANTS)
 def test_a_live_plant_equals_the_batch_with_and_without_effects_at_any_step(tmp_path, kind):
     damper = described(tmp_path, kind)
@@ -79,6 +80,7 @@ def test_a_live_plant_equals_the_batch_with_and_without_effects_at_any_step(tmp_
         assert np.abs(with_it - force).max() > 10.0, name
 
 
+@pytest.mark.slow
 def test_an_experiment_live_equals_the_recorded_one():
     experiment = load_experiment(packaged_experiments()["noise"])
     true = simulate_truth(experiment)
@@ -201,6 +203,7 @@ def test_a_command_that_is_no_number_is_refused():
     assert (command.at(0.9), command.at(1.1)) == (0.5, 0.4)
 
 
+@pytest.mark.slow
 def test_sensors_are_those_of_the_recorded_rig():
     rest = Script(kind="rest")
     rig = LiveRig(RigSettings(script=rest))

@@ -52,6 +52,7 @@ def refit(trace: Trace, effect: Effect, damper: Damper | Brake | None = None) ->
     return values(fitted.x), residual(fitted.x)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", PLANTED)
 def test_a_planted_effect_is_recovered(form: str) -> None:
     values, trace = PLANTED[form][0], planted(form)
@@ -75,6 +76,7 @@ def test_every_form_is_planted() -> None:
     assert set(PLANTED) == set(FORMS)
 
 
+@pytest.mark.slow
 def test_backlash_of_a_brake_is_recovered() -> None:
     trace = recorded(lambda x, v, i: loose_brake(x, i, 3e-3))
     trace = replace(trace, simulated=brakes(trace.inputs.position, trace.inputs.current))
@@ -84,6 +86,7 @@ def test_backlash_of_a_brake_is_recovered() -> None:
     assert float(np.sqrt(np.mean(residual**2))) < 0.2 * gap
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("true", "other"),
     [

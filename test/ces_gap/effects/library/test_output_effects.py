@@ -77,6 +77,7 @@ def refit(effect: Effect, trace: Trace) -> tuple[float, ...]:
     return values(min(fits, key=lambda fit: fit.cost).x)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("key", "planted", "true", "within"), CASES, ids=["-".join(case[0]) for case in CASES])
 def test_a_planted_effect_is_recovered_from_its_starts(
     key: tuple[str, str], planted: Planted, true: Sequence[float], within: Sequence[float]

@@ -41,6 +41,7 @@ def test_oil_is_conserved():
     assert astray[1] < 0.4 * astray[0]
 
 
+@pytest.mark.slow
 def test_order_of_convergence():
     _, stroke, current = drive(0.5)
     reference = simulate(Hydraulic(Damper()), GRID, stroke, current, step_s=GRID / 160).force_N
