@@ -12,7 +12,7 @@ from pages import assert_self_contained
 from report_examples import TERMS, WIDE, damper, model
 
 from ces_identify.polynomial.problem import compute_envelope
-from ces_identify.polynomial.term_table import coefficient_unit, contributions, format_term, term_forces
+from ces_identify.polynomial.term_table import format_term
 from ces_identify.prepare.cost import parse_weighting, weighted_cost
 from ces_identify.report.figures import choose_window, make_grid
 from ces_identify.report.page import write_report
@@ -132,46 +132,6 @@ def test_every_term_is_listed_with_its_coefficient(whole: tuple[str, ET.Element]
     assert rows[0][0] == "F(k−1)"
     shares = [float(re.match(r"[\d.]+", row[4])[0]) for row in rows]
     assert shares == sorted(shares, reverse=True)
-
-
-def test_term_forces_add_up_to_the_free_run(both: list[Evaluation]) -> None:
-    for e in both:
-        total = np.zeros(len(e.series))
-        for start, values in term_forces(model().body, model(), e):
-            total[start : start + values.shape[1]] += values.sum(axis=0)
-        np.testing.assert_allclose(total, e.run.force, rtol=1e-9, atol=1e-9)
-
-
-def test_contribution_is_the_rms_of_the_term_on_scored_ticks(both: list[Evaluation]) -> None:
-    rms, whole = contributions(model().body, model(), both)
-    speed = np.concatenate([np.roll(e.series.speed, 2)[e.series.scored] for e in both])
-    force = np.concatenate([e.run.force[e.series.scored] for e in both])
-    assert rms[2] == pytest.approx(90.0 * np.sqrt(np.mean(speed**2)), rel=1e-9)
-    assert rms[5] == pytest.approx(4.5, rel=1e-12)
-    assert whole == pytest.approx(np.sqrt(np.mean(force**2)), rel=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("term", "formula", "unit"),
-    [
-        (TERMS[0], "F(k−1)", "1"),
-        (TERMS[1], "sgn v(k) · |v(k)|^0.5 · i(k−5)^2", "N (m/s)^−0.5 A^−2"),
-        (TERMS[2], "v(k−2)", "N (m/s)^−1"),
-        (TERMS[3], "|v(k)|^1.5", "N (m/s)^−1.5"),
-        (TERMS[4], "i(k) · F(k−1)", "A^−1"),
-        (TERMS[5], "1", "N"),
-        (Term(1.0, (Factor("speed", 3, 0.0),)), "sgn v(k−3)", "N"),
-        (Term(1.0, (Factor("position", 0, 3.0),)), "x(k)^3", "N m^−3"),
-        (Term(1.0, (Factor("position", 0, 2.0),)), "sgn x(k) · |x(k)|^2", "N m^−2"),
-        (Term(1.0, (Factor("position", 0, 2.0, signed=False),)), "x(k)^2", "N m^−2"),
-    ],
-)
-def test_typesetting(term: Term, formula: str, unit: str) -> None:
-    def plain(html: str) -> str:
-        return words(ET.fromstring(f"<t>{html.replace('<sup>', '^')}</t>".replace("</sup>", "")))
-
-    assert plain(format_term(term, WIDE)) == formula
-    assert plain(coefficient_unit(term)) == unit
 
 
 def test_names_are_escaped(tmp_path: Path, both: list[Evaluation]) -> None:
