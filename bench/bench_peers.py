@@ -187,17 +187,14 @@ def main() -> None:
     seeds = parser.parse_args().seeds
     warm_up(seeds)
     outcomes = [run(entry) for entry in our_entries(seeds) + peer_entries(seeds)]
-    ours = next(o for o in outcomes if BOTH in o.entry.tool)
-    header = ("tool", "inputs", "J on the test %", "CPU s", "wall s", "terms", "J, ratio to ours", "CPU, ratio to ours")
-    print_table(header, [row(o, ours) for o in outcomes], left=2)
+    header = ("tool", "inputs", "J on the test %", "CPU s", "terms")
+    print_table(header, [row(o) for o in outcomes], left=2)
 
 
-def row(outcome: PeerOutcome, ours: PeerOutcome) -> tuple[str, ...]:
-    """Return a row of the table; the ratios are relative to `ours`."""
-    spent, j = outcome.spent, f"{outcome.cost:.2f}" if outcome.cost < 1000.0 else "diverges"
-    ratio = f"{outcome.cost / ours.cost:.2f}" if outcome.cost < 1000.0 else ""
-    times = (f"{spent.cpu:.2f}", f"{spent.wall:.2f}", str(outcome.terms))
-    return (outcome.entry.tool, outcome.entry.inputs, j, *times, ratio, f"{spent.cpu / ours.spent.cpu:.2f}")
+def row(outcome: PeerOutcome) -> tuple[str, ...]:
+    """Return a row of the table."""
+    j = f"{outcome.cost:.2f}" if outcome.cost < 1000.0 else "diverges"
+    return outcome.entry.tool, outcome.entry.inputs, j, f"{outcome.spent.cpu:.2f}", str(outcome.terms)
 
 
 if __name__ == "__main__":

@@ -128,7 +128,7 @@ FIT_S, REAL_S = (0.0, 7.0), (7.0, 21.0)  # the damper rests after 21 s
 
 def dyke_cases(data: Data) -> list[RealCase]:
     """Return Dyke's damper with a static map, and an identified model with changes put into the recording."""
-    delay = "a static map fits best with the voltage delayed by {:.1f} ms"
+    delay = "best delay of a static map: {:.1f} ms"
     found = []
     for name, (from_s, to_s) in {"all": (0.0, 30.0), "first": (0.0, 10.5), "last": (10.5, 21.0)}.items():
 
@@ -160,7 +160,7 @@ def _change_case(data: Data, change: Change | None, inside: bool) -> RealCase:
     name = f"{change.effect}_control" if inside else change.effect
     if inside:
         return RealCase(name, (DYKE,), setup, f"nothing ({truth})", (), prepare)
-    return RealCase(name, (DYKE,), setup, truth, (change.effect,), prepare, lambda: change.words)
+    return RealCase(name, (DYKE,), setup, truth, (change.effect,), prepare)
 
 
 @cache

@@ -63,14 +63,14 @@ def cells(case: RealCase, diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return a row of the table."""
     best = diagnosis.composition
     names = " + ".join(name.replace("_", " ") for name in best.effects) or "nothing"
-    names = f"(nearest: {names})" if diagnosis.verdict == UNKNOWN else names
+    names = "-" if diagnosis.verdict == UNKNOWN else names
     if diagnosis.verdict == AMBIGUOUS:
         names += "".join(f" (or {' or '.join(g).replace('_', ' ')})" for g in diagnosis.indistinguishable)
     parameters = "; ".join(
         _format_estimate(e)
         for effect, estimates in zip(best.effects, best.estimates, strict=True)
         for e in estimates
-        if effect not in (CALIBRATION, TIMING) and diagnosis.verdict != UNKNOWN
+        if effect in case.causes and diagnosis.verdict != UNKNOWN
     )
     shrink = "" if diagnosis.verdict == NO_GAP else f"{100.0 * best.shrink:.0f} %"
     judged = judge(case.causes, diagnosis.verdict, best.effects)
