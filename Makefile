@@ -5,9 +5,8 @@
 # make test-fast  lint and the tests that are not marked slow: a developer's loop, within a minute
 # make test-bare  a part of the tests without those programs, as on a bare machine; .ci/run does this and then `test`
 # make bench   speed, each beside what it is compared with
-# make tables  tables 5.1 to 5.3 and figure 5.3 of the thesis on the virtual rig, and one model for all
-#              experiments, into docs/; SECONDS=60 is the most for one model's search (29 models, and 2 of four times
-#              that; done ones are kept in out/tables)
+# make tables  the tables of figures in docs/, or those of TABLES='thesis read', by the commands in the pages; all take
+#              days, some need ROS 2 or the measured recordings (CES_DATA=FOLDER)
 # make reference  docs/reference/*.md anew, from the declarations in the code
 # make docs    the documentation site, into out/site (its search needs a server: python3 -m http.server -d out/site)
 # make clean   remove what make made
@@ -19,7 +18,7 @@ PYTHON ?= python3
 # A sourced ROS 2 puts its own Python's packages on PYTHONPATH: they have no place in this environment.
 RUN := env -u PYTHONPATH $(VENV)/bin
 OUT := out
-SECONDS ?= 60
+TABLES ?= thesis one-model
 
 .PHONY: demo test test-fast test-bare lint suite test-ros bench tables reference docs clean
 
@@ -56,7 +55,7 @@ bench: $(VENV)/.installed-dev
 	@for script in bench/bench_*.py; do echo "== $$script"; $(RUN)/python $$script || exit 1; done
 
 tables: $(VENV)/.installed-dev
-	$(RUN)/python -m bench.thesis.tables --seconds $(SECONDS)
+	$(RUN)/python -m bench.write_tables $(TABLES)
 
 reference: $(VENV)/.installed-dev
 	$(RUN)/python -m bench.reference

@@ -1,6 +1,6 @@
 """Measures the sense checks: detection rates of faults put into sound recordings, and false alarms on sound ones.
 
-    python -m bench.sense_faults [--plants N] [--docs docs/checks.md]
+    python -m bench.sense_faults [--plants N]
 
 Recordings: those of `sense_judges`, which no threshold was set with. Measured data join in if CES_DATA names their
 folder; they were in view. Each fault is put into each recording by itself.
@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from bench.markdown import markdown, replace_between
+from bench.markdown import markdown
 from bench.sense_judges import JUDGING, draw_judges
 from ces_data.arrays import F
 from ces_data.checks.check import check_recording
@@ -224,10 +224,9 @@ def _rows(title: str, recordings: Sequence[Recording]) -> list[str]:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the campaign and print or write its tables; returns the exit status."""
+    """Run the campaign and print its tables; returns the exit status."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--plants", type=int, default=1, help="plants of each kind and excitation (default 1)")
-    parser.add_argument("--docs", type=Path, help="page whose tables are replaced; default: print")
     options = parser.parse_args(argv)
     began = time.monotonic()
     judging = list(draw_judges(JUDGING, options.plants))
@@ -236,11 +235,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     measured = list(read_measured(Path(os.environ["CES_DATA"]))) if "CES_DATA" in os.environ else []
     if measured:
         rows += _rows(f"{len(measured)} measured recordings, with which thresholds were set", measured)
-    text = "\n".join(rows)
-    if options.docs is None:
-        print(text)
-    else:
-        replace_between(options.docs, "rates", text)
+    print("\n".join(rows))
     print(f"{time.monotonic() - began:.0f} s", file=sys.stderr)
     return 0
 

@@ -9,6 +9,7 @@ import argparse
 import fcntl
 import os
 import re
+import shlex
 import shutil
 from collections import Counter
 from collections.abc import Iterator
@@ -22,6 +23,7 @@ import ces_gap.pipeline
 import ces_identify.api
 from bench.reference.__main__ import NOTE
 from bench.reference.__main__ import PAGES as REFERENCE
+from bench.write_tables import find_tables
 from ces_cli.main import PROGRAMS
 from ces_gap.effects.library import library_effect
 
@@ -156,6 +158,22 @@ def test_the_reference_is_that_of_the_declarations(name: str) -> None:
 def test_every_picture_is_shown() -> None:
     text = "".join(path.read_text(encoding="utf-8") for path in LINKED.values())
     assert [path.name for path in sorted((DOCS / "img").glob("*.*")) if f"img/{path.name})" not in text] == []
+
+
+def test_tables_of_figures_name_a_command_that_writes_them() -> None:
+    text = "".join(path.read_text(encoding="utf-8") for path in PAGES.values())
+    assert sorted(re.findall(r"^<!-- (.*): end -->$", text, re.MULTILINE)) == sorted(
+        f"{n} table" for n in find_tables()
+    )
+    assert len(re.findall(r": begin", text)) == len(find_tables()), (
+        "a marker is not <!-- NAME table: begin (COMMAND) -->"
+    )
+    for name, table in find_tables().items():
+        python, *words = shlex.split(table.command)
+        path = ROOT / (f"{words[1].replace('.', '/')}.py" if words[0] == "-m" else words[0])
+        assert python in ("python", "python3") and path.is_file(), name
+        source = path.read_text(encoding="utf-8")
+        assert all(f'"{word}"' in source for word in words if word.startswith("--")), name
 
 
 def test_pages_named_in_programs_and_files_exist() -> None:

@@ -2,7 +2,7 @@
 
 Needs a sourced ROS 2 (`python3 -m bench.live.bench_live`). All nodes run side by side; a generator loads one after the
 other, in rounds, so that other load of the machine affects all equally: quiet, then with a busy process on each core.
-`--write` writes the table into docs/benchmarks.md. The C++ programs are built into out/live.
+The C++ programs are built into out/live.
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ from bench.live.contestants import (
     make_contestants,
     print_note,
 )
-from bench.markdown import replace_between
 from bench.measurement import processor, verdict
 
 TARGETS = {OBSERVER: (1.5, 1.6), TWIN: (1.15, 1.15)}  # median and CPU, times those of the empty C++ relay
@@ -72,7 +71,6 @@ def row(load: str, rate_Hz: float, name: str, runs: Sequence[GeneratorRun]) -> l
     return [*cells, f"{max(run.max_us for run in runs) * 1e-3:,.1f}", median_range(runs, "cpu_share", 100.0).text(1)]
 
 
-PAGE = ROOT / "docs" / "benchmarks.md"
 MODEL = ROOT / "config" / "models" / "sample.json"
 TARGET_HZ = 1000.0
 QUIET, BUSY = "quiet", "a hog on each core"
@@ -155,7 +153,6 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--priority", type=int, default=50, help=priority)
     parameters = "of the observers, such as realtime_priority:=20"
     parser.add_argument("--parameters", nargs="+", default=[], metavar="NAME:=VALUE", help=parameters)
-    parser.add_argument("--write", action="store_true", help=f"write the result into docs/{PAGE.name}")
     parser.add_argument("--rates", type=float, nargs="+", default=[1000.0, 2000.0], metavar="HZ")
     parser.add_argument("--loads", nargs="+", choices=(QUIET, BUSY), default=[QUIET, BUSY], help="default both")
     parser.add_argument("--seconds", type=float, default=5.0, help="length of a run [s], default 5")
@@ -175,12 +172,9 @@ def main() -> None:
     os.environ.setdefault("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
     signal.signal(signal.SIGTERM, lambda number, frame: sys.exit(128 + number))  # ends the nodes, too
     try:
-        text = "\n".join(report(options))
+        print("\n".join(report(options)))
     except BuildError as error:
         sys.exit(str(error))
-    print(text)
-    if options.write:
-        replace_between(PAGE, "live", text)
 
 
 if __name__ == "__main__":

@@ -1,8 +1,8 @@
 """Injects faults into a running observer for a quarter of an hour, and evaluates its estimates and diagnostics.
 
 Needs a sourced ROS 2 (`python3 -m bench.reliability.run`): the observer is a separate process, observed over real DDS
-on this computer, with a source at 1 kHz. With `--simulated`, time comes from /clock. `--write` writes the
-table, one row per fault, into docs/reliability.md; in simulated time only faults that exist there alone, and failures.
+on this computer, with a source at 1 kHz. With `--simulated`, time comes from /clock. Prints a table,
+one row per fault; in simulated time only faults that exist there alone, and failures.
 Exit status 1 if a rule was violated.
 """
 
@@ -19,7 +19,6 @@ from math import isnan
 from pathlib import Path
 from random import Random
 
-from bench.markdown import replace_between
 from bench.reliability.judge import REAL, SIMULATED, FaultOutcome, check_bounds, faults
 from ces_observer.model import load_model
 
@@ -66,7 +65,6 @@ class Memory:
 
 
 ROOT = Path(__file__).resolve().parents[2]
-PAGE = ROOT / "docs" / "reliability.md"
 HEADER = ("fault", "times", "reported as", "worst recovery s", "worst error N", "verdict")
 
 
@@ -142,7 +140,6 @@ def parse_arguments() -> argparse.Namespace:
     parser.add_argument("--simulated", action="store_true", help="simulated time")
     parser.add_argument("--model", type=Path, default=MODEL, help="default config/models/sample.json")
     parser.add_argument("--only", metavar="TEXT", help="only faults whose name contains this")
-    parser.add_argument("--write", action="store_true", help="write the table into docs/")
     options = parser.parse_args()
     if find_spec("rclpy") is None:
         parser.error("rclpy is missing; source ROS 2 and run this with its python3")
@@ -176,8 +173,6 @@ def main() -> int:
         if record.wrong:
             print(stage.observer.log()[-3000:], file=sys.stderr)
     print("\n".join(record.lines()))
-    if options.write:
-        replace_between(PAGE, f"faults in {record.times} time", "\n".join(record.lines()))
     return 1 if record.is_bad() else 0
 
 

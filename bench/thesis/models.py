@@ -22,6 +22,7 @@ import numpy as np
 from joblib import Memory, Parallel, delayed, parallel_config
 from numpy.typing import NDArray
 
+from bench.measurement import print_note
 from ces_data.recording import Recording
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import load_rules
@@ -212,11 +213,15 @@ def train_all(
 ) -> dict[TrainingJob, TrainingOutcome]:
     """Return the outcome of every job and print each; stored ones come first."""
     outcomes: dict[TrainingJob, TrainingOutcome] = {}
-    print(f"{len(jobs)} models, {processes} in parallel, at most {seconds:g} s of search each", flush=True)
+    print(
+        f"{len(jobs)} models, {processes} in parallel, at most {seconds:g} s of search each",
+        file=sys.stderr,
+        flush=True,
+    )
     for job, outcome in train_jobs(jobs, seconds, processes, store):
         outcomes[job] = outcome
         size = outcome.model.size if outcome.model else outcome.why_none
-        print(f"[{len(outcomes):2}/{len(jobs)}] {outcome.seconds:4.0f} s  {job}: {size}", flush=True)
+        print_note(f"[{len(outcomes):2}/{len(jobs)}] {outcome.seconds:4.0f} s  {job}: {size}")
     return outcomes
 
 

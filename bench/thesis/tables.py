@@ -1,10 +1,11 @@
 """Tables 5.1 to 5.3 of the thesis on the virtual rig (synthetic data), its figure 5.3, and one model for all.
 
-Usage: python -m bench.thesis.tables [--seconds S] [--processes N] [--dry]. Each experiment is run twice with different
-seeds: models are identified on the first run and evaluated on the second, once by the thesis' procedure, once by
-ours (proved stable). Then one certified model from noise and sweep is evaluated on recordings that it never saw, beside
-the damper itself. Tables go between the markers in docs/results.md, the figure to docs/img. Trained models are stored
-in out/tables: a rerun is cheap, an interrupted run continues.
+    python -m bench.thesis.tables [--seconds S] [--processes N] [--one-model]
+
+Each experiment is run twice with different seeds: models are identified on the first run and evaluated on the second,
+once by the thesis' procedure, once by ours (proved stable). With `--one-model`, one certified model from noise and
+sweep is evaluated on recordings that it never saw, beside the damper itself. Prints tables; the figure goes to
+docs/img. Trained models are stored in out/tables: a rerun is cheap, an interrupted run continues.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import argparse
 import sys
 from collections.abc import Iterator, Mapping
 
-from bench.markdown import between, markdown, replace_between
+from bench.markdown import markdown
 from bench.thesis.costs import (
     FOLDER,
     Evaluations,
@@ -47,8 +48,7 @@ from ces_identify.prepare.series import prepare
 from ces_rig.experiment import run
 
 STORE = ROOT / "out" / "tables"
-RESULTS, FIGURE = ROOT / "docs/results.md", ROOT / "docs/img/thesis_5_3.png"
-NAME, ONE_MODEL = "thesis tables", "one model"
+FIGURE = ROOT / "docs/img/thesis_5_3.png"
 SOURCES, TERMS = ("noise", "sweep"), (25, 40)  # of one model for all experiments
 TARGETS = ("sine_4hz", "sine_12hz", "road", "noise", "sweep")
 
@@ -57,25 +57,19 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0, help="time limit of the search for a model [s]")
     parser.add_argument("--processes", type=int, default=processors(), help="models trained in parallel")
-    parser.add_argument("--dry", action="store_true", help="print the tables without changing docs/")
+    parser.add_argument("--one-model", action="store_true", help="print only the table of one model for all")
     options = parser.parse_args()
-    for name in (NAME, ONE_MODEL):
-        between(RESULTS, name)  # fails before the long work
-    outcomes = train_all(jobs(), options.seconds, options.processes, STORE)
-    targets = {row.target for table in TABLES.values() for row in table.rows}
-    recordings = {name: run(load_named_experiment(f"{FOLDER}/{name}", fresh=True)) for name in sorted(targets)}
+    wanted = one_model_jobs() if options.one_model else jobs()
+    outcomes = train_all(wanted, options.seconds, options.processes, STORE)
+    if options.one_model:
+        targets = {name: run(load_named_experiment(name, fresh=True)) for name in TARGETS}
+        print(format_one_model(outcomes, targets))
+        return
+    names = {row.target for table in TABLES.values() for row in table.rows}
+    recordings = {name: run(load_named_experiment(f"{FOLDER}/{name}", fresh=True)) for name in sorted(names)}
     evaluations = evaluate_all(outcomes, recordings)
-    text = "\n\n".join([facts(outcomes, options.seconds), *sections(evaluations)])
-    print(f"\n{text}")
-    if not options.dry:
-        draw(evaluations, FIGURE)
-        replace_between(RESULTS, NAME, text)
-    outcomes = train_all(one_model_jobs(), options.seconds, options.processes, STORE)
-    table = format_one_model(outcomes, {name: run(load_named_experiment(name, fresh=True)) for name in TARGETS})
-    print(f"\n{table}")
-    if not options.dry:
-        replace_between(RESULTS, ONE_MODEL, table)
-        print(f"\nwritten: {RESULTS}, {FIGURE}")
+    print("\n\n".join([facts(outcomes, options.seconds), *sections(evaluations)]))
+    draw(evaluations, FIGURE)
 
 
 def jobs() -> list[TrainingJob]:
@@ -115,7 +109,7 @@ def facts(outcomes: Outcomes, seconds: float) -> str:
     ours = [o.model for job, o in outcomes.items() if job.procedure == OURS and o.model]
     gains = [model.certificate["gain"] for model in ours if model.certificate]
     return (
-        f"`make tables SECONDS={seconds:g}`: a search may take {seconds:g} s of one core. {cut} of {len(outcomes)} "
+        f"A search may take {seconds:g} s of one core. {cut} of {len(outcomes)} "
         f"took all of it: for these a faster machine may find better ones. The gain of our models is at most "
         f"{max(gains):.3f} (proved)."
     )
