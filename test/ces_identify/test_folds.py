@@ -7,7 +7,7 @@ import pytest
 from planted import NETWORK, SAMPLING, planted
 from rig_rides import rig_ride
 
-from ces_identify.folds import cross_fit, cross_validate, cut_recording, split_folds
+from ces_identify.folds import cross_fit, cross_validate, split_folds
 from ces_identify.identification import IdentificationResult
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.series import prepare
@@ -45,10 +45,7 @@ def test_each_recording_is_held_out_once():
     assert result.mean == pytest.approx(np.mean(costs))
     assert result.spread == pytest.approx(np.std(costs, ddof=1))
     assert all(row.interval.low < row.cost < row.interval.high for row in result.rows)
-
-
-def test_as_many_folds_as_recordings_leave_one_out():
-    calls = []
+    calls.clear()
     cross_validate(recordings(3), 3, stand_in(calls), IdentifyOptions())
     assert [held for _, held, _ in calls] == [["r0"], ["r1"], ["r2"]]
 
@@ -64,16 +61,6 @@ def test_a_single_recording_is_cut_into_stretches_that_no_model_steps_across():
     held = np.concatenate([f.held_out[0].channel("force").values for f in folds])
     np.testing.assert_array_equal(held, one.channel("force").values)
     assert [f.held_out[0].name for f in folds] == ["r0 0.0-4.0 s", "r0 4.0-8.0 s", "r0 8.0-12.0 s"]
-
-
-def test_between_keeps_the_samples_of_every_channel():
-    one = recordings(1)[0]
-    origin = int(one.channel("position").stamps_ns[0])
-    part = cut_recording(one, origin + 10**9, origin + 2 * 10**9)
-    for channel in part.channels.values():
-        assert channel.stamps_ns.min() >= origin + 10**9
-        assert channel.stamps_ns.max() < origin + 2 * 10**9
-        assert len(channel) == 400
 
 
 def test_a_diverged_fold_is_no_number():

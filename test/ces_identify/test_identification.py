@@ -84,9 +84,8 @@ def test_a_constant_force_and_too_short_a_recording_are_refused() -> None:
         identify([planted(6, seconds=0.8)], (), options())
 
 
-@pytest.mark.parametrize("method", ["random", "gauss-newton"])
-def test_either_method_finds_the_planted_terms(method):
-    limits = Limits(6, 30.0, 0.0, 2, 1, 2, method=method)
+def test_random_search_finds_the_planted_terms_too() -> None:
+    limits = Limits(6, 30.0, 0.0, 2, 1, 2, method="random")
     found = identify([planted(1), planted(2)], (), options(split=1.0, limits=limits)).model.body.terms
     assert {t.factors for t in PLANTED.body.terms} <= {t.factors for t in found}
 

@@ -50,10 +50,3 @@ def test_random_motion_and_voltage_have_quantiles_for_both_levels():
         return min(rows, key=lambda b: abs(b.speed_from_m_s - speed)).median_N
 
     assert force_at(high, 0.05) > 1.5 * force_at(low, 0.05) > 0.0
-
-
-def test_a_band_brake_has_no_knee():
-    results = characterise(read("brfd_backlash", "*.json"))
-    assert len(results.work) == 3
-    assert not [k for k in results.knees if not k.note]
-    assert not results.responses

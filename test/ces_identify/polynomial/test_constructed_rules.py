@@ -164,13 +164,6 @@ def test_products_of_a_short_option_take_the_current_the_rules_know():
         assert set(made) == {("hysteresis_1",), ("hysteresis_1", "speed"), *extra}
 
 
-def test_lags_of_the_current_are_added_with_their_time_constants():
-    rules = add_constructed_inputs(add_constructed_inputs(load_rules(None), "lag:0.003,auto"), "frequency")
-    assert rules.open_lags == ("valve", "lag_2")
-    assert rules.constructed["lag_1"] == (Lag("lag_1", "current", 0.003),)
-    assert {p for p in rules.products if "lag_2" in p} == {("lag_2",), ("lag_2", "speed"), ("lag_2", "position")}
-
-
 @pytest.mark.parametrize(("rate_Hz", "late"), [(250.0, 2), (3000.0, 24)])
 def test_remanence_is_late_by_the_same_time_at_every_rate(rate_Hz, late):
     rules = add_constructed_inputs(load_rules(None), "remanence:0.05").at_rate(rate_Hz)

@@ -252,14 +252,3 @@ def test_without_a_script_the_page_is_whole(report: Path) -> None:
         assert page.locator("#tp0-plot svg path.measured").count() > 1  # legend and figure
         assert page.locator("#tp0-plot .plot-table tbody tr").count() == 3
         assert not page.locator("button").count()
-
-
-def test_a_finger_moves_the_window(report: Path) -> None:
-    with open_page(report, height=2400, touch=True) as page:
-        first = ticks(page, "tp0", 1)
-        x, y = middle(page, "tp0")
-        touch = page.context.new_cdp_session(page)
-        for kind, points in (("touchStart", [x]), ("touchMove", [x + 60]), ("touchMove", [x + 150]), ("touchEnd", [])):
-            touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": p, "y": y} for p in points]})
-        moved = ticks(page, "tp0", 1)
-        assert moved != first and moved[0] < first[0]

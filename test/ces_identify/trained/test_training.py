@@ -12,7 +12,6 @@ from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures.fuzzy import choose_shape
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.network import NetworkShape, read_lags
 from ces_identify.trained.training import (
     LagCounts,
     Lags,
@@ -22,7 +21,7 @@ from ces_identify.trained.training import (
     regressor_table,
 )
 from ces_observer.errors import CesError, RecordingError
-from ces_observer.model import Envelope, parse_model
+from ces_observer.model import Envelope
 from ces_observer.structures.lagged_signals import Regressor
 
 
@@ -104,15 +103,6 @@ def test_counts_are_ticks_at_every_rate(rate_Hz):
     assert regressors(LagCounts(2, 1, 3), rate_Hz) == [
         *(("force", 1), ("force", 2), ("speed", 0), ("speed", 1), ("speed", 2), ("current", 0))
     ]
-
-
-def test_a_network_uses_the_lags_asked_for():
-    shape = NetworkShape(2, read_lags("2,2,1"))
-    model = identify([planted(NETWORK, 1)], [], OPTIONS, fitter=shape).model
-    assert [(r.signal, r.lag) for r in model.body.regressors] == [
-        *(("force", 1), ("force", 2), ("speed", 0), ("current", 0), ("current", 1))
-    ]
-    assert parse_model(model.to_json(), "m.json").body == model.body
 
 
 @pytest.mark.parametrize(
