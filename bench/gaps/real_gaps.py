@@ -23,10 +23,10 @@ from ces_gap.inference.verdict import CALIBRATION, TIMING
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 
 HEADER = (
-    "simulation and recordings", "in truth", "verdict", "named", "judged",
+    "simulation and recordings", "in truth", "answer", "judged",
     "gap N", "shrink", "parameters", "independent value",
 )  # fmt: skip
-ALIGN = "|---|---|---|---|---|---:|---:|---|---|"
+ALIGN = "|---|---|---|---|---:|---:|---|---|"
 RIGHT, PARTLY, DOUBT, NOTHING, WRONG = "right", "partly right", "in doubt", "nothing named", "**wrong**"
 
 
@@ -63,7 +63,6 @@ def cells(case: RealCase, diagnosis: Diagnosis) -> tuple[str, ...]:
     """Return a row of the table."""
     best = diagnosis.composition
     names = " + ".join(name.replace("_", " ") for name in best.effects) or "nothing"
-    names = "-" if diagnosis.verdict == UNKNOWN else names
     if diagnosis.verdict == AMBIGUOUS:
         names += "".join(f" (or {' or '.join(g).replace('_', ' ')})" for g in diagnosis.indistinguishable)
     parameters = "; ".join(
@@ -75,7 +74,8 @@ def cells(case: RealCase, diagnosis: Diagnosis) -> tuple[str, ...]:
     shrink = "" if diagnosis.verdict == NO_GAP else f"{100.0 * best.shrink:.0f} %"
     judged = judge(case.causes, diagnosis.verdict, best.effects)
     verdict, gap = diagnosis.verdict.replace("_", " "), f"{diagnosis.gap.rms_N:,.0f}"
-    return case.setup, case.truth, verdict, names, judged, gap, shrink, parameters, case.measure()
+    answer = verdict if diagnosis.verdict == UNKNOWN else f"{verdict}: {names}"
+    return case.setup, case.truth, answer, judged, gap, shrink, parameters, case.measure()
 
 
 def _format_estimate(estimate: Estimate) -> str:
