@@ -199,8 +199,8 @@ def _read_setting(node: JsonObject) -> Setting:
     if unknown := set(values.value) - set(known):
         names = ", ".join(sorted(unknown))
         raise GapError(f"{values.where}: unknown parameters {names}; expected {', '.join(known)}")
-    slack = [1e-9 * (abs(p.low) + abs(p.high)) for p in effect.parameters]
-    read = [values.number(p.name, p.low - s, p.high + s) for p, s in zip(effect.parameters, slack, strict=True)]
+    slack = 1e-9
+    read = [values.number(p.name, p.low - slack * abs(p.low), p.high + slack * abs(p.high)) for p in effect.parameters]
     return Setting(effect, tuple(min(max(v, p.low), p.high) for v, p in zip(read, effect.parameters, strict=True)))
 
 

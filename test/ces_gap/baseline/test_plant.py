@@ -13,7 +13,7 @@ from search_examples import Offset
 
 from ces_data.recording import Channel
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator, change_recording
-from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
+from ces_gap.effects.effect import CELL, Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import Trace, TraceInputs, open_trace
 
 CALLED = DirectSimulator(SIMULATION)
@@ -32,6 +32,12 @@ class Late(Effect):
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         return inputs.with_position(np.interp(trace.time_s - values[0], trace.time_s, inputs.position), trace.rate_Hz)
+
+
+class Added(Offset):
+    """A constant added to the force at the cell."""
+
+    name, stage = "added", CELL
 
 
 class Tenth:
@@ -103,7 +109,7 @@ def test_the_correction_gets_the_force_that_it_corrects(trace: Trace) -> None:
 
 
 def test_effects_are_applied_from_inside_out_in_any_order(trace: Trace) -> None:
-    spring, added, scale = Setting(Spring(), (2000.0,)), Setting(Offset(), (50.0,)), Setting(Scale(), (2.0,))
+    spring, added, scale = Setting(Spring(), (2000.0,)), Setting(Added(), (50.0,)), Setting(Scale(), (2.0,))
     one, other = Composition((spring, added)), Composition((added, spring))
     np.testing.assert_allclose(Plant(CALLED).with_effects(one, trace), Plant(CALLED).with_effects(other, trace))
     scaled = Plant(CALLED).with_effects(Composition((added, scale)), trace)
@@ -127,7 +133,7 @@ def test_outer_effects_drive_first(trace: Trace) -> None:
 
 def test_a_known_force_of_the_plant_is_reused(trace: Trace) -> None:
     alone = np.full(len(trace), 5.0)
-    composition = Composition((Setting(Offset(), (1.0,)),))
+    composition = Composition((Setting(Added(), (1.0,)),))
     np.testing.assert_array_equal(Plant(CALLED).with_effects(composition, trace, alone), np.full(len(trace), 6.0))
 
 
