@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import argparse
 import os
+import re
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -31,6 +32,7 @@ from ces_data.recording import Channel, Recording
 
 ROOT = Path(__file__).resolve().parent.parent
 LOGS = {"brfd_backlash": "*.json", "dyke_mr": "*.csv", "utfsm_mr": "*.csv"}
+NUMBER = re.compile(r"\b\d+\b(?!\.)")
 Change = Callable[[Recording], Recording]
 
 
@@ -213,14 +215,29 @@ def _estimate(recording: Recording, signal: str) -> DelayEstimate | None:
     return force_delay(motion) if signal == "force" else current_delay(motion)
 
 
-def format_table(rows: Sequence[tuple[str, Count]]) -> list[str]:
-    """Return the rows of the table of faults."""
-    cells = [(name, *(str(n) for n in (c.recordings, c.reported, c.refused, c.others))) for name, c in rows]
-    return [markdown([("fault", "recordings", "reported", "refused", "other signals named"), *cells])]
+def format_table(drawn: Sequence[tuple[str, Count]], measured: Sequence[tuple[str, Count]]) -> str:
+    """Return the table of faults; those that differ by their first number share a row."""
+    others = dict(measured)
+    families: dict[str, list[tuple[str, Count, Count | None]]] = {}
+    for name, count in drawn:
+        families.setdefault(NUMBER.sub("#", name, count=1), []).append((name, count, others.get(name)))
+    lines = [("fault", "drawn: reported", "drawn: refused", "measured: reported")]
+    for family, rows in families.items():
+        values = ", ".join(found[0] for name, *_ in rows if (found := NUMBER.search(name)))
+        known = [one for *_, one in rows if one is not None]
+        lines.append(
+            (
+                family.replace("#", values),
+                f"{_join(c.reported for _, c, _ in rows)} of {rows[0][1].recordings}",
+                _join(c.refused for _, c, _ in rows),
+                f"{_join(c.reported for c in known)} of {known[0].recordings}" if known else "-",
+            )
+        )
+    return markdown(lines)
 
 
-def _rows(title: str, recordings: Sequence[Recording]) -> list[str]:
-    return [f"{title}:", "", *format_table(count_findings(recordings)), ""]
+def _join(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -230,12 +247,10 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = parser.parse_args(argv)
     began = time.monotonic()
     judging = list(draw_judges(JUDGING, options.plants))
-    rows = _rows(f"{len(judging)} recordings of dampers that set no threshold", judging)
-    rows += [*delay_rows(judging), ""]
-    measured = list(read_measured(Path(os.environ["CES_DATA"]))) if "CES_DATA" in os.environ else []
-    if measured:
-        rows += _rows(f"{len(measured)} measured recordings, with which thresholds were set", measured)
-    print("\n".join(rows))
+    drawn = count_findings(judging)
+    folder = os.environ.get("CES_DATA")
+    measured = count_findings(list(read_measured(Path(folder)))) if folder else []
+    print("\n".join([format_table(drawn, measured), "", *delay_rows(judging)]))
     print(f"{time.monotonic() - began:.0f} s", file=sys.stderr)
     return 0
 

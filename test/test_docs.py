@@ -32,8 +32,6 @@ PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md"
 LINKED = {"CHANGELOG.md": ROOT / "CHANGELOG.md", "bags/README.md": ROOT / "bags/README.md", **PAGES}
 MAX_WORDS = 72_000  # of README, CHANGELOG and docs, as `wc -w` counts them
 TO_CONVERT = (  # pages whose commands and examples do not run yet: take yours out
-    "docs/checks.md",
-    "docs/diagnose.md",
 )
 FOLDERS = ("bench", "config", "examples", "launch", "test")
 SOURCES = ("*.py", "*.yaml", "*.j2", "*.xml", "*.ipynb")

@@ -1,7 +1,7 @@
 """The smallest effect that a diagnosis finds, with a polynomial and with `--structure auto` as the simulation.
 
     python -m bench.gaps.smallest_gap --out FOLDER --dampers hydraulic:1 bouc_wen:1
-    python -m bench.gaps.smallest_gap --out FOLDER      # only the tables of docs/diagnose.md
+    python -m bench.gaps.smallest_gap --out FOLDER      # only the tables
 
 Both models are identified from the same two recordings of the new damper; two others are the references. An effect of
 fixed proportions is scaled to the gaps of a ladder. Bisection finds the lowest rung at which the diagnosis says that

@@ -30,7 +30,13 @@ def test_findings_are_counted(recording, monkeypatch):
     rows = dict(count_findings([recording]))
     assert rows["none"] == Count(1, 0, 0, 0)
     assert rows["force in kN"] == rows["current in mA"] == Count(1, 1, 1, 0)
-    assert "| force in kN | 1 | 1 | 1 | 0 |" in format_table(list(rows.items()))[0]
+    assert "| force in kN | 1 of 1 | 1 | - |" in format_table(list(rows.items()), [])
+
+
+def test_faults_that_differ_by_a_number_share_a_row():
+    rows = [("force 2 ms late", Count(30, 0, 0, 0)), ("force 20 ms late", Count(30, 29, 25, 0))]
+    table = format_table(rows, [("force 20 ms late", Count(4, 3, 2, 0))])
+    assert "| force 2, 20 ms late | 0, 29 of 30 | 0, 25 | 3 of 4 |" in table
 
 
 @pytest.mark.slow
