@@ -31,8 +31,6 @@ DOCS = ROOT / "docs"
 PAGES = {path.relative_to(ROOT).as_posix(): path for path in (ROOT / "README.md", *sorted(DOCS.rglob("*.md")))}
 LINKED = {"CHANGELOG.md": ROOT / "CHANGELOG.md", "bags/README.md": ROOT / "bags/README.md", **PAGES}
 MAX_WORDS = 72_000  # of README, CHANGELOG and docs, as `wc -w` counts them
-TO_CONVERT = (  # pages whose commands and examples do not run yet: take yours out
-)
 FOLDERS = ("bench", "config", "examples", "launch", "test")
 SOURCES = ("*.py", "*.yaml", "*.j2", "*.xml", "*.ipynb")
 FENCED = re.compile(r"^( *)```.*?^\1```", re.MULTILINE | re.DOTALL)
@@ -84,13 +82,7 @@ def shorten(patch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize("name", PAGES)
 def test_commands_and_examples_of_a_page_run(name: str, runner: PageRunner) -> None:
-    page = PAGES[name].read_text(encoding="utf-8")
-    try:
-        runner.run(page)
-    except AssertionError as error:
-        if name in TO_CONVERT:
-            pytest.xfail(str(error))
-        raise
+    runner.run(PAGES[name].read_text(encoding="utf-8"))
 
 
 def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
