@@ -73,7 +73,7 @@ def row(load: str, rate_Hz: float, name: str, runs: Sequence[GeneratorRun]) -> l
 
 MODEL = ROOT / "config" / "models" / "sample.json"
 TARGET_HZ = 1000.0
-QUIET, BUSY = "quiet", "a hog on each core"
+QUIET, BUSY = "quiet", "busy cores"
 Key = tuple[str, float, str]  # load, rate [Hz], name
 Runs = dict[Key, list[GeneratorRun]]
 
