@@ -56,13 +56,12 @@ def difference(order: int) -> Filter:
     return speeds
 
 
-def savitzky_golay(degree: int, inside: int = 0) -> Filter:
-    """Slope of the least-squares polynomial over the last rate / bandwidth samples, at the newest but `inside`."""
+def savitzky_golay(degree: int) -> Filter:
+    """Slope of the least-squares polynomial over the last rate / bandwidth samples, at the newest."""
 
     def speeds(x: F, rate: float, bandwidth: float) -> F:
-        window = max(degree + 1 + inside, round(rate / bandwidth))
-        at = window - 1 - inside
-        b = savgol_coeffs(window, degree, deriv=1, delta=1.0 / rate, pos=at, use="dot")
+        window = max(degree + 1, round(rate / bandwidth))
+        b = savgol_coeffs(window, degree, deriv=1, delta=1.0 / rate, pos=window - 1, use="dot")
         return _filter(b[::-1], np.ones(1), x)
 
     return speeds
@@ -134,10 +133,8 @@ PEERS = (
     Peer("Kalman, white snap", kalman(4), "Hz", _grid(30, 250)),
     Peer("difference, 1 pole", difference(1), "Hz", _grid(50, 450)),
     Peer("difference, Butterworth 2", difference(2), "Hz", _grid(50, 450)),
-    Peer("difference, Butterworth 3", difference(3), "Hz", _grid(50, 450)),
     Peer("Savitzky–Golay 1, end", savitzky_golay(1), "Hz", _grid(40, 500)),
     Peer("Savitzky–Golay 2, end", savitzky_golay(2), "Hz", _grid(40, 330)),
-    Peer("Savitzky–Golay 2, one inside", savitzky_golay(2, 1), "Hz", _grid(40, 250)),
     Peer("Savitzky–Golay 3, end", savitzky_golay(3), "Hz", _grid(30, 250)),
     Peer("Levant, second order", levant, "m/s³", _grid(1e3, 1e6)),
     Peer("adaptive window (FOAW)", adaptive_window, "m", _grid(1e-6, 3e-4)),
