@@ -45,18 +45,16 @@ class Picture:
 
 
 def read_page(name: str) -> tuple[tuple[tuple[str, str], ...], tuple[str, ...]]:
-    """Return the files and the commands of a page of docs/, up to its first diagnosis."""
+    """Return the files of a page of docs/, and the commands of its block that runs the virtual rig."""
     blocks = re.findall(r"^```\w*\n(.*?)^```", (ROOT / "docs" / name).read_text(encoding="utf-8"), re.M | re.S)
     files = [(match[1], block) for block in blocks if (match := re.match(r"# ([\w.]+\.yaml)\n", block))]
-    commands = [line[2:] for block in blocks for line in block.splitlines() if line.startswith("$ ")]
-    last = next(number for number, command in enumerate(commands) if "ces diagnose" in command)
-    return tuple(files), tuple(commands[: last + 1])
+    return tuple(files), tuple(next(block for block in blocks if "ces rig " in block).splitlines())
 
 
 FILES, DIAGNOSE = read_page("diagnose.md")
 LEARN = "ces learn-stroke config/learn_stroke.yaml --out learned"
 FIRST = "main section:first-of-type"
-GAP = ("gap", DIAGNOSE, "gap/report.html")
+GAP = ("gap_rig", DIAGNOSE, "gap_rig/report.html")
 PICTURES = {
     "readme": Picture("readme.png", (f"{IDENTIFY} --report best.html --overwrite", VALIDATE)),
     "iterate": Picture(

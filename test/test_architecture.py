@@ -90,8 +90,6 @@ LONGER_FILES = {  # tables and compiled loops, each a whole
     "ces_identify/numerics/kernels.py",
     "ces_identify/report/figures.py",
     "ces_rig/dampers/hydraulic/kernel.py",
-    "test/ces_gap/inputs/test_gap_checks.py",
-    "test/ces_identify/report/test_report.py",
 }
 
 
