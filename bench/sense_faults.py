@@ -1,4 +1,4 @@
-"""Measures the sense checks: detection rates of faults put into sound recordings, and false alarms on sound ones.
+"""Measures the checks of recordings: detection rates of faults put into sound recordings, and false alarms on sound ones.
 
     python -m bench.sense_faults [--plants N]
 

@@ -110,7 +110,7 @@ class Identification:
     """The inputs of an identification.
 
     `bags` and `validation` are recordings with the force to learn, `measured` all of them as logged. `forced` are the
-    findings in spite of which --ignore-findings goes on, `findings` all of the sense check.
+    findings in spite of which --ignore-findings goes on, `findings` all of the checks.
     """
 
     options: argparse.Namespace

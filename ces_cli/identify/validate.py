@@ -81,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 def _evaluate_recordings(
     model: Model, paths: Sequence[Path], options: argparse.Namespace
 ) -> tuple[list[Evaluation], list[Finding]]:
-    """Return the evaluations, and the findings of the sense check, which are printed."""
+    """Return the evaluations, and the findings of the checks, which are printed."""
     signals = terminal.load_described_signals(options)
     recordings = list(
         with_distinct_names({path: terminal.read_one(path, signals, terminal.FORCE) for path in paths}).values()

@@ -1,4 +1,4 @@
-"""The motion of a recording on uniform ticks, filtered without delay, for the sense checks.
+"""The motion of a recording on uniform ticks, filtered without delay, for the checks.
 
 Position, force and current are interpolated over the longest stretch without a gap. Position and force pass the same
 zero-phase low-pass, so that their relation in time stays as logged.
