@@ -1,4 +1,4 @@
-"""Measures the checks of recordings: detection rates of faults put into sound recordings, and false alarms on sound ones.
+"""Measures the checks of recordings: detection rates of faults put into sound ones, and false alarms.
 
     python -m bench.sense_faults [--plants N]
 
