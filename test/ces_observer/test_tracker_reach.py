@@ -59,8 +59,8 @@ def errors_after(lost: int, hertz: float) -> list[list[float | None]]:
     return [shares[begin + lost : begin + 250] for begin in begins]
 
 
-@pytest.mark.parametrize("lost", [1, 3, 5, 8, 12, 20, 60])
-@pytest.mark.parametrize("hertz", [4.0, 8.0, 12.0, 20.0])
+@pytest.mark.parametrize("lost", [1, 8, 12, 60])
+@pytest.mark.parametrize("hertz", [4.0, 12.0, 20.0])
 def test_after_lost_samples_the_estimate_is_soon_back_and_true_at_every_phase(hertz: float, lost: int) -> None:
     for errors in errors_after(lost, hertz):
         given = [k for k, error in enumerate(errors) if error is not None]
@@ -95,8 +95,7 @@ def reach_m(lost: int) -> float:
     return s.outlier_m * (1.0 + tracker.LARGEST_CHANGE * omega * changed)
 
 
-@pytest.mark.parametrize("lost", [1, 2, 5, 20, 60])
-@pytest.mark.parametrize("sign", [1.0, -1.0])
+@pytest.mark.parametrize(("lost", "sign"), [(1, 1.0), (5, -1.0), (20, 1.0), (60, -1.0)])
 def test_what_no_stroke_could_have_reached_is_an_outlier_and_nothing_else_is(lost: int, sign: float) -> None:
     assert gone_on(lost, 1.001 * sign * reach_m(lost)) == [OUTLIER] + [OK if lost <= 20 else UNSETTLED] * 5
     assert gone_on(lost, 0.999 * sign * reach_m(lost))[0] == UNSETTLED
@@ -139,8 +138,7 @@ def test_a_start_on_the_fastest_stroke_succeeds_at_once() -> None:
     assert set(outcomes[1:]) == {OK, UNSETTLED}  # withheld anyway: warming up
 
 
-@pytest.mark.parametrize("order", [2, 3])
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("order", "seed"), [(2, 1), (3, 2)])
 def test_offline_twin_decides_the_same_after_rough_gaps(order: int, seed: int) -> None:
     dice = np.random.default_rng(seed)
     stamps = np.cumsum(np.where(dice.random(6000) < 0.05, dice.integers(2, 70, 6000), 1) * MS)

@@ -12,7 +12,7 @@ from ces_observer.model import Model
 from ces_observer.structures.physical import FrictionElement, yield_at_mid_stroke
 
 
-def force_of_full_strokes(model: Model, speed: float, current: float, strokes: int = 8) -> float:
+def force_of_full_strokes(model: Model, speed: float, current: float, strokes: int = 6) -> float:
     """Return the force at mid-stroke of the last of full strokes at constant speed, in the speed's direction."""
     low, high = model.envelope.position_m
     step, middle, force = speed / model.sampling.rate_Hz, 0.5 * (low + high), 0.0
@@ -31,8 +31,8 @@ def force_of_full_strokes(model: Model, speed: float, current: float, strokes: i
 def test_it_is_that_of_a_long_run_of_full_strokes(name: str) -> None:
     model = fitted_model(name)
     low, high = model.envelope.current_A
-    for speed in (-1.4, -0.4, -0.05, 0.05, 0.4, 1.4):
-        for current in (low, 0.5 * (low + high), high):
+    for speed in (-1.4, -0.05, 0.4):
+        for current in (low, high):
             exact = model.body.steady_force(model.operating_range, speed, current)
             assert exact == pytest.approx(force_of_full_strokes(model, speed, current), rel=0.01, abs=10.0)
 

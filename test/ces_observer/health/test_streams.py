@@ -134,7 +134,7 @@ def test_duplicates_are_counted() -> None:
     assert (figures.total_duplicates, figures.total_out_of_order, figures.dropped) == (200, 0, 0)
 
 
-@pytest.mark.parametrize("factor", [0.1, 0.5, 0.8, 1.3, 2.0, 10.0])
+@pytest.mark.parametrize("factor", [0.1, 0.8, 1.3, 10.0])
 def test_the_period_follows_another_rate_and_nothing_was_dropped(factor: float) -> None:
     arrivals = Arrivals()
     regular(arrivals, 0, 1000)

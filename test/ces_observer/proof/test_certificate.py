@@ -49,8 +49,9 @@ def test_a_signal_at_two_delays_of_a_term_is_two_variables():
     apart = output(-0.5, Factor("current", 0, 1.0, signed=False), size, Factor("speed", 2, 0.0))
     assert model(both, apart).certify().gain == pytest.approx(2 * 0.5 * 0.7 * 1.2**0.4, rel=3e-3)
     # where one sign cancels, the bound is loose, never wrong: near zero the sign counts as either
-    cancelling = model(both, replace(both, coefficient=-0.4)).certify().gain
-    assert 0.07 * 1.2**0.4 <= cancelling <= 0.9 * 0.7 * 1.2**0.4 * 1.01
+    alone = output(0.5, size, sign)
+    cancelling = model(alone, replace(alone, coefficient=-0.4)).certify().gain
+    assert 0.1 * 1.2**0.4 <= cancelling <= 0.9 * 1.2**0.4 * 1.01
 
 
 def test_what_is_no_contraction_gets_no_certificate():
@@ -65,7 +66,7 @@ def test_a_signed_power_of_zero_is_a_sign():
     assert model(output(0.6, Factor("speed", 0, 0.0))).certify().gain == pytest.approx(0.6, rel=3e-3)
 
 
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(3))
 def test_no_run_leaves_the_proved_bound(seed):
     """Against the worst inputs a random search finds, jumping through the whole envelope at every tick."""
     chance = random.Random(seed)
