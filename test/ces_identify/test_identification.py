@@ -14,6 +14,8 @@ from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 
+pytestmark = pytest.mark.slow
+
 
 def options(**changes):
     return IdentifyOptions(

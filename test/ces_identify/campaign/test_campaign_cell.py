@@ -14,6 +14,8 @@ from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import evaluate
 from ces_observer.model import parse_model
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def work(tmp_path_factory):

@@ -87,10 +87,12 @@ def test_a_running_campaign_reloads_its_page(tmp_path):
     assert 'http-equiv="refresh"' in text and "2 of 9 cells have a model; 7 to come." in text
 
 
+@pytest.mark.slow
 def test_the_page_is_legible_on_screen_in_print_and_by_keys(folder):
     assert find_faults(folder / PAGE) == []
 
 
+@pytest.mark.slow
 def test_the_table_is_sorted_with_mouse_and_keyboard(folder):
     with open_page(folder / PAGE) as page:
         column = [cell.strip() for cell in page.locator("#cells thead th").all_inner_texts()]
@@ -106,6 +108,7 @@ def test_the_table_is_sorted_with_mouse_and_keyboard(folder):
         assert sizes() == [30, 10, 10, 6, 4] and heading.get_attribute("aria-sort") == "descending"
 
 
+@pytest.mark.slow
 def test_a_point_of_the_front_shows_its_name(folder):
     with open_page(folder / PAGE) as page:
         page.locator("#size0-plot").scroll_into_view_if_needed()

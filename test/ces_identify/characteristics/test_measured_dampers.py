@@ -11,7 +11,7 @@ from ces_identify.characteristics.characterise import characterise
 ROOT = Path(__file__).resolve().parents[3]
 DATA = Path(os.environ.get("CES_DATA", ROOT.parent / "shared" / "data"))
 measured = pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")
-pytestmark = [measured, pytest.mark.filterwarnings("ignore")]
+pytestmark = [pytest.mark.slow, measured, pytest.mark.filterwarnings("ignore")]
 
 
 def read(folder, pattern):

@@ -129,5 +129,6 @@ def page(results, tmp_path_factory):
     return ces_identify.write_characteristics(folder, results, command="ces characterise dyno --model law.py:force")[0]
 
 
+@pytest.mark.slow
 def test_the_page_is_legible_on_screen_in_print_and_by_keys(page):
     assert find_faults(page) == []

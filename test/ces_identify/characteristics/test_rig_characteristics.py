@@ -8,6 +8,8 @@ import pytest
 from ces_identify.characteristics.characterise import characterise
 from ces_rig.experiment import load_experiment, measure, packaged_experiments, parse_experiment, run, simulate_truth
 
+pytestmark = pytest.mark.slow
+
 SINES = ((0.0075, 2.12, 0.29), (0.015, 3.18, 0.29), (0.0075, 2.12, 0.70), (0.015, 3.18, 0.70))
 PART_S, SETTLED_S = 3.5, 1.5  # of each sine; from its beginning until a true loop is taken
 FORCE_NOISE = 8.0  # of the rig's load cell

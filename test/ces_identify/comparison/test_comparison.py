@@ -219,12 +219,14 @@ def find(errors, seed=0):
     return find_differences([aligned(errors, seed)], [(0, 1)])[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pole", [0.5, 0.98])
 def test_models_of_equal_cost_are_seldom_called_different(pole):
     false = [find(two_models(15_000, s, pole=pole), s).p_value() < ALPHA for s in range(60)]
     assert np.mean(false) <= 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("seconds", "slow_s"), [(10, 1.0), (30, 3.0)])
 def test_slow_changes_do_not_make_equal_models_different(seconds, slow_s):
     found = [find(slow_models(500 * seconds, s, slow_s), s) for s in range(80)]
@@ -232,6 +234,7 @@ def test_slow_changes_do_not_make_equal_models_different(seconds, slow_s):
     assert np.mean([one.error.fast_p_value(one.value) < ALPHA for one in found]) >= 0.06  # without the bound
 
 
+@pytest.mark.slow
 def test_several_recordings_and_several_models_of_equal_cost():
     def any_false(seed):
         recordings = [aligned(slow_models(5_000, 10 * seed + i, 2.0, 4), i, f"r{i}") for i in range(3)]

@@ -17,6 +17,8 @@ from physical_models import FITTED, fitted_model, hostile_inputs, physical_model
 from ces_identify.structures import run_batch
 from ces_observer.model import Model, parse_model
 
+pytestmark = pytest.mark.slow
+
 TICKS, COMPARED = 20_000, 1_000
 SEEDS = range(5)
 WHICH = [*FITTED, *((make, seed) for make in (random_relaxation, random_chambers) for seed in SEEDS)]

@@ -27,6 +27,7 @@ def test_an_entry_of_the_penalty_is_never_too_small():
     assert group("rises", [1.0, 1e-9]).scale.tolist() == pytest.approx([1.0, 0.15])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_vector_within_the_bounds_is_a_model_that_its_file_can_hold(kind):
     models, random = models_of(kind), np.random.default_rng(4)

@@ -70,6 +70,7 @@ def blended():
     return identified(parse_rules({**RAW, "products": [*RAW["products"], *BLENDED]}, "test"))
 
 
+@pytest.mark.slow
 def test_planted_sub_models_and_hysteresis_are_found_to_within_the_noise(blended):
     """As they are, or as what both sub-models share and what one has more of: then by what they come to."""
     model = blended.model
@@ -79,6 +80,7 @@ def test_planted_sub_models_and_hysteresis_are_found_to_within_the_noise(blended
     assert fresh_cost(blended) == pytest.approx(floor, rel=0.1)
 
 
+@pytest.mark.slow
 def test_the_blend_is_proved_stable_and_survives_its_file(blended):
     assert blended.model.certificate["gain"] == pytest.approx(0.8, abs=0.03)
     again = parse_model(blended.model.to_json(), "m.json")
@@ -86,6 +88,7 @@ def test_the_blend_is_proved_stable_and_survives_its_file(blended):
     assert again.is_stable()
 
 
+@pytest.mark.slow
 def test_without_blend_and_hysteresis_the_same_number_of_terms_does_worse(blended):
     plain = {key: value for key, value in RAW.items() if key not in RAW["constructed"] and key != "constructed"}
     plain["products"] = [p for p in RAW["products"] if "hysteresis" not in p]

@@ -20,7 +20,7 @@ from ces_observer.errors import CesError, ModelError
 from ces_observer.nodes.model_check import require_stable
 from ces_observer.structures.terms import MAX_TERMS
 
-pytestmark = pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingWarning")]
 ROOT = Path(__file__).resolve().parents[3]
 ONCE = Limits(starts=1, threads=1, method=THESIS)
 

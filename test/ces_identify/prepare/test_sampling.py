@@ -41,6 +41,7 @@ def true_error(rec, speed, bandwidth, order):
     return np.std((ticks[: len(speed), 1] - speed[: len(ticks)])[late]) / np.std(speed[late])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate", "noise"), [(200.0, 2e-6), (1000.0, 100e-6), (3000.0, 5e-6)])
 def test_predicted_error_is_the_error_but_for_the_speed_not_held(rate, noise):
     x, v = stroke(1, rate, 30.0)
@@ -53,6 +54,7 @@ def test_predicted_error_is_the_error_but_for_the_speed_not_held(rate, noise):
             assert 0.93 * real <= predicted <= np.hypot(1.1 * real, 0.15)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("rate", "noise", "low_pass"),
     [(200.0, 20e-6, 12.0), (1000.0, 15e-6, 4.0), (1000.0, 150e-6, 12.0), (3000.0, 15e-6, 4.0)],
@@ -127,6 +129,7 @@ def test_innovations_are_predicted():
         assert predicted == pytest.approx(np.sqrt(squares / len(c)), rel=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("rate", "low_pass"), [(200.0, 2.0), (1000.0, 12.0), (3000.0, 2.0)])
 def test_a_start_in_motion_succeeds_even_without_noise(rate, low_pass):
     x, v = stroke(23, rate, 20.0, low_pass)

@@ -195,6 +195,7 @@ def test_tiny_recording(tmp_path: Path) -> None:
     assert not re.search(r"\bnan\b", text)
 
 
+@pytest.mark.slow
 def test_twelve_long_recordings_stay_small(tmp_path: Path) -> None:
     ran = [evaluate(model(), [damper("long", ticks=30_000, seed=s)], VALIDATION)[0] for s in (1, 2)]
     four, _ = page(tmp_path, ran * 2)

@@ -176,6 +176,7 @@ def test_the_controller_can_invert_it():
     assert steady_force(model(), model().make_predictor(), 0.5, 0.5) == 400.0
 
 
+@pytest.mark.slow
 def test_it_is_identified_by_its_name_and_reported(tmp_path):
     words = shlex.split("--structure dashpot --percent 50")
     assert make_parser().parse_args(["bag"]).structure == "polynomial"

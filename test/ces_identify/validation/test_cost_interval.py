@@ -26,6 +26,7 @@ def is_covered(seed, seconds, error_pole, slow_s=0.0):
     return None if found is None else found.low <= truth <= found.high
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("seconds", "error_pole", "slow_s", "least"),
     [(10, 0.9, 0.0, 0.95), (30, 0.98, 0.0, 0.95), (60, 0.98, 0.0, 0.95), (30, 0.9, 1.0, 0.9), (30, 0.9, 3.0, 0.88)],

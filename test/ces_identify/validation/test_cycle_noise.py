@@ -82,6 +82,7 @@ def test_a_sweep_does_not_repeat():
     assert isinstance(cycle_noise(series(15_000, position=sweep)), str)
 
 
+@pytest.mark.slow
 def test_the_floor_of_the_rig_is_its_known_noise():
     """Against the noise-free force of the same ticks: what a sensor adds, as it is scored."""
     experiment = load_experiment(packaged_experiments()["sine_4hz"])
