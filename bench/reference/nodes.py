@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from collections.abc import Iterable
 from pathlib import Path
 from xml.etree import ElementTree
@@ -14,7 +15,8 @@ from ces_observer.options import Option
 from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
 from ces_rig.live.rig import OF_THE_RIG
 
-POLICY = Path(__file__).resolve().parents[2] / "config" / "security" / "policy.xml"
+ROOT = Path(__file__).resolve().parents[2]
+POLICY, PACKAGE = ROOT / "config" / "security" / "policy.xml", ROOT / "ces_observer"
 UNIT = re.compile(r" \[([^\],]+)\]")
 HEAD = """
 Parameters are in the files of `config/`, with advice. † marks those that may change while the node runs. Names of
@@ -27,28 +29,41 @@ NODES = {  # and what each does
     "identify": "Identifies a model and publishes it.",
 }
 SIGNALS = "`position`, `current`, `force`, `temperature`, `speed`, `acceleration`, each with"
-DIAGNOSTICS = (
-    ("reason", "ok, or why the force is withheld: the estimator's reason"),
-    ("rate [Hz]", "position samples per second"),
-    ("age of the last position on arrival [s]", "clock of the node minus its stamp"),
-    ("share outside the envelope", "of the forces of the last second; what becomes of such inputs follows"),
-    ("position samples, forces estimated", "since the start"),
-    ("messages without the field", "received messages in which the signal's field is missing"),
-    ("withheld: REASON", "forces withheld, by reason"),
-    ("episodes of withholding", "their number; by reason with total length; the last ones"),
-    ("position has not changed", "times, and how long: vehicle at rest, or stuck sensor"),
-    ("latency from stamp to publish [ms]", "p50, p99, max of the last second"),
-    ("process load, executor load [% of a core]", "of the node; of its callbacks"),
-    ("INPUT: rate, age, jitter, longest interval, longest burst", "of each input in the last second"),
-    ("INPUT: dropped", "samples missing between stamps: in this node's queue, lost on the way, not sent"),
-    ("INPUT: out of order, duplicates, interruptions", "since the start"),
-    ("datagrams dropped by the kernel", "the receive buffer was full"),
-    ("running cost J [%], threshold of J [%]", "against the measured force, if there is one"),
-    ("snapshot", "what became of the last request for a recording"),
-    ("model, SHA-256", "what runs, and how the last change went"),
-    ("scheduling, processors, memory locked", "the real-time options in force"),
-    ("unexpected errors", "exceptions in callbacks, and the last one"),
+KEYS = re.compile(r'yield f?"([^"]+)", ')
+SPEAKERS = ("health", "running_cost", "streams")
+OF_THE_PROCESS = (
+    "model",
+    "model sha256",
+    "last change of the model",
+    "models refused",
+    "scheduling",
+    "processors",
+    "memory locked",
+    "datagrams dropped by the kernel",
+    "jumps of time",
+    "unexpected errors",
 )
+DIAGNOSTICS = (  # keys of the observer as the code writes them, with {} for what varies
+    (("reason",), "ok, or why the force is withheld"),
+    (("rate [Hz]",), "position samples per second"),
+    (("age of the last position on arrival [s]",), "clock of the node minus its stamp"),
+    (("share outside the envelope", "inputs outside the envelope"), "of the last second; what becomes of them"),
+    (("position samples", "forces estimated", "withheld: {}"), "since the start; withheld by reason"),
+    (("messages without the field",), "received messages in which the signal's field is missing"),
+    (("episodes of withholding", "episodes: {}", "last episode {}"), "number; length by reason; the last ones"),
+    (("position has not changed, times", "position has not changed, last for [s]"), "at rest, or its sensor is stuck"),
+    (("latency from stamp to {}, {} [ms]",), "p50, p99 and max of the last second"),
+    (("{} load [% of a core]",), "of the process and of the callbacks"),
+    (("{}: rate [Hz]", "{}: age, mean [ms]", "{}: age, max [ms]", "{}: jitter [ms]", "{}: longest interval [ms]",
+      "{}: longest burst"), "of each input in the last second"),
+    (("{}: dropped", "{}: dropped, in this node's queue", "{}: dropped, lost on the way", "{}: dropped, not sent"),
+     "samples missing between stamps, and what became of them"),
+    (("{}: out of order", "{}: duplicates", "{}: interruptions"), "since the start"),
+    (("running cost J [%]", "threshold of J [%]", "measured force, standard deviation [N]"),
+     "against the measured force, if there is one"),
+    (("measured forces not finite", "measured forces without estimates around"), "left out of J"),
+    (("snapshot",), "what became of the last request for a recording"),
+)  # fmt: skip
 
 
 def nodes_page() -> str:
@@ -69,8 +84,18 @@ def nodes_page() -> str:
             text.append(table(("key", "meaning"), ((f"`{key}`", about) for key, about in wanted.SIGNAL_KEYS.items())))
         if name == "identify":
             text.append("`bags` and all [options of `ces identify`](programs.md#identify), with `_` for `-`.\n")
-    keys = ((f"`{key}`", about) for key, about in DIAGNOSTICS)
-    return "\n".join([*text, "## Keys of `/diagnostics`\n", table(("key of the observer", "meaning"), keys)])
+    require_keys_of_the_code()
+    keys = ((codes(group), about) for group, about in DIAGNOSTICS)
+    more = f"Also {codes(OF_THE_PROCESS)}.\n"
+    return "\n".join([*text, "## Keys of `/diagnostics`\n", table(("keys of the observer", "meaning"), keys), more])
+
+
+def require_keys_of_the_code() -> None:
+    """Raise SystemExit if the observer's diagnostics have other keys than the table."""
+    sources = "".join((PACKAGE / "health" / f"{name}.py").read_text(encoding="utf-8") for name in SPEAKERS)
+    found = {re.sub(r"\{[^}]*\}", "{}", key) for key in KEYS.findall(sources)}
+    if differing := found ^ {key for group, _ in DIAGNOSTICS for key in group}:
+        sys.exit(f"diagnostics: {', '.join(sorted(differing))}: in the code or in DIAGNOSTICS, not in both")
 
 
 def _topics(name: str) -> str:
