@@ -20,10 +20,12 @@ from ces_gap.inference import evidence, verdict
 from ces_gap.inference.held_out import HeldOutScorer
 from ces_gap.inputs import prepare
 from ces_gap.pipeline import DiagnoseOptions, diagnose
+from ces_gap.progress import OptionalSteps
 from ces_gap.trace import Trace, TraceInputs
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation, Simulation
 
 STIFFNESS = 3000.0
+
 FEW = ("friction", "coulomb_stribeck"), ("gas_spring", "linear"), ("position_delay", "shift"), ("inertia", "mass")
 
 
@@ -82,7 +84,8 @@ def run_diagnosis(
     references: bool = True,
 ) -> Diagnosis:
     simulation: Simulation = RecordedSimulation("/prediction") if only_recorded else SIMULATION
-    kinds = ((truth, (1, 2), 5.0), (truth, (3,), 5.0), (wrong, (11, 12) if references else (), 8.0))
+    seeds_of_references = (11, 12) if references else ()
+    kinds = ((truth, (1, 2), 5.0), (truth, (3,), 5.0), (wrong, seeds_of_references, 6.0 if only_recorded else 8.0))
     real, held_out, reference = ([recorded(of, seed, seconds) for seed in seeds] for of, seeds, seconds in kinds)
     if only_recorded:
         real, held_out, reference = ([add_predictions(r) for r in some] for some in (real, held_out, reference))
@@ -238,3 +241,17 @@ def test_an_effect_that_violates_its_contract_is_refused() -> None:
 
     with pytest.raises(GapError, match="ripple"):
         diagnose(SIMULATION, "m", [recorded()], [recorded(seed=2)], (), DiagnoseOptions((Breaking(),)))
+
+
+def test_what_the_data_prevent_becomes_a_note_and_a_mistake_surfaces() -> None:
+    def refuse() -> int:
+        raise GapError("too short; record longer")
+
+    steps = OptionalSteps()
+    assert steps.run("map", lambda: 3, 0) == 3 and steps.notes == []
+    assert steps.run("map", refuse, 7) == 7
+    assert steps.run("inverse", lambda: float(np.linalg.inv(np.zeros((2, 2)))[0, 0]), 1.0) == 1.0
+    assert steps.notes[0] == "map not available: too short; record longer"
+    assert steps.notes[1].startswith("inverse not available: ")
+    with pytest.raises(LookupError):
+        steps.run("map", lambda: {}["a"], None)

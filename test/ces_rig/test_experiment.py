@@ -102,29 +102,6 @@ def test_a_stroke_beyond_the_damper_is_refused():
         run(short(stroke={"kind": "sine", "amplitude_m": 0.07, "frequency_Hz": 1.25}, duration_s=3.0))
 
 
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        ({"strokes": {}}, "e.yaml: unknown key 'strokes'; known are name"),
-        ({"duration_s": -1}, "e.yaml: duration_s is -1; expected a number from 0.1 to 7200 s"),
-        ({"duration_s": "long"}, "duration_s is 'long'"),
-        ({"seed": 1.5}, "seed is 1.5; expected a whole number"),
-        ({"tare": 3}, "tare is 3; expected true or false"),
-        ({"stroke": {"kind": "sine"}}, "e.yaml: stroke: 'amplitude_m' is missing"),
-        ({"current": None}, "e.yaml: current: kind is None"),
-        ({"damper": {"seal": {"x": 1}}}, "e.yaml: damper: seal: unknown key 'x'"),
-        ({"damper": {"body": {"rod_m": 0.05}}}, "e.yaml: damper: body: rod_m 0.05 is not smaller"),
-        ({"sensors": {"force": {"rate_Hz": 0}}}, "e.yaml: sensors: force: rate_Hz is 0"),
-        ({"sensors": {"speed": {}}}, "e.yaml: sensors: unknown key 'speed'"),
-        ({"sensors": {"current_source": "guessed"}}, "expected one of measured, commanded"),
-    ],
-)
-def test_mistakes_are_one_line(change, says):
-    with pytest.raises(RigError, match=says) as caught:
-        short(**change)
-    assert "\n" not in str(caught.value)
-
-
 def test_missing_parts_and_files():
     with pytest.raises(RigError, match="'current' is missing"):
         parse_experiment({"stroke": {"kind": "rest"}}, "e.yaml")

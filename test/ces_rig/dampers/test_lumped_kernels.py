@@ -79,6 +79,28 @@ def test_the_mr_dampers_coil_lags_and_can_be_left_out():
     assert np.abs(bare - current).max() < 2e-3  # half a step of the integrator
 
 
+def test_without_gas_pressure_the_mono_tube_draws_a_void_in_compression_that_must_close_first():
+    time = np.arange(0, 1.0, GRID)
+    stroke = 0.03 * np.sin(2 * np.pi * 4 * np.maximum(time - 0.1, 0))
+    current = np.full_like(time, 1.6)
+    full, starved = (simulate(Monotube(gas_Pa=p), GRID, stroke, current).tared_N for p in (1.8e6, 2.5e5))
+    pushing, turned = (time > 0.12) & (time < 0.15), (time > 0.165) & (time < 0.175)
+    assert full[pushing].max() > 600 and starved[pushing].max() < 380  # 0.25 MPa on the annulus are 300 N
+    assert full[turned].max() < -50 < starved[turned].mean()
+
+
+def test_a_starved_foot_valve_delays_compression_after_fast_rebound():
+    time = np.arange(0, 1.0, GRID)
+    stroke = 0.03 * np.cos(2 * np.pi * 3 * np.maximum(time - 0.2, 0))  # rebound first, compression from 0.367 s on
+    current = np.full_like(time, 2.0)
+    full = simulate(Polyviscous(), GRID, stroke, current).tared_N
+    starved = simulate(Polyviscous(foot_m_s=0.3), GRID, stroke, current).tared_N
+    rebound, turned, later = (time > 0.22) & (time < 0.36), (time > 0.37) & (time < 0.38), (time > 0.44) & (time < 0.5)
+    assert np.abs(starved - full)[rebound].max() < 1.0
+    assert (full - starved)[turned].min() > 100
+    assert np.abs(starved - full)[later].max() < 1.0
+
+
 @pytest.mark.parametrize("kind", HIGH_A)
 def test_a_gas_too_small_is_refused(kind):
     with pytest.raises(RigError, match="cannot take up the rod's volume"):

@@ -6,7 +6,6 @@ import pytest
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.stepper import simulate
 from ces_rig.drive.currents import FORCES_N, KINDS, Reg1, SpeedForceLoop, make_current
-from ces_rig.errors import RigError
 from ces_rig.experiment import drive_damper
 
 STEP = 1e-3
@@ -84,23 +83,6 @@ def test_stroke_following_current_follows_with_a_small_lag():
     assert lags[int(np.argmax(likeness))] == pytest.approx(10, abs=3)
 
 
-@pytest.mark.parametrize(
-    ("given", "says"),
-    [
-        ({"kind": "reg2"}, "kind is 'reg2'; expected one of constant"),
-        ({"kind": "constant"}, "'current_A' is missing"),
-        ({"kind": "constant", "current_A": -0.1}, "current_A is -0.1; expected a number from 0 to 10 A"),
-        ({"kind": "binary", "low_A": 0.7, "high_A": 0.3}, "high_A is not above low_A"),
-        ({"kind": "binary", "mean_s": 0.01}, "mean_s 0.01 is not above shortest_s"),
-        ({"kind": "steps", "levels_A": []}, "expected a list of numbers"),
-        ({"kind": "steps", "levels_A": [0.3, "x"]}, "levels_A is 'x'"),
-    ],
-)
-def test_mistakes_are_one_line(given, says):
-    with pytest.raises(RigError, match=says):
-        make_current(given, "x.yaml: current")
-
-
 STEP_S = 0.5e-3
 
 FINE_TIME = np.arange(0.0, 4.0, STEP_S)
@@ -142,9 +124,3 @@ def test_the_integral_is_held_at_a_limit():
     settled = [loop.step(0.2e-3 * (2000 + n), 1200.0) for n in range(30)]
     assert settled[0] < 0.70, "no wind-up: the command leaves the limit at once"
     assert settled[-1] < settled[0]
-
-
-def test_a_reference_that_drives_the_motion_is_refused():
-    given = {"kind": "reg1", "speeds_m_s": [-0.1, 0.0, 0.1], "forces_N": [-10.0, 0.0, -5.0]}
-    with pytest.raises(RigError, match=r"x.yaml: current: curve: -5 N at 0\.1 m/s would drive the motion"):
-        make_current(given, "x.yaml: current")

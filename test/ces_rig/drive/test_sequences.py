@@ -42,26 +42,6 @@ def test_currents_follow_one_another():
     assert i[[round(1000 * t) for t in at]].tolist() == [0.7, 0.3, 0.5, 0.3, 0.5, 0.7, 0.3]
 
 
-@pytest.mark.parametrize(
-    ("parts", "expected"),
-    [
-        ([], "expected a list of 1 to 1000 parts"),
-        ([3], "part 1 is 3; expected a mapping with kind and duration_s"),
-        ([{"kind": "rest"}], "part 1: 'duration_s' is missing"),
-        ([REST, {"kind": "sequence", "parts": [REST], "duration_s": 1.0}], "part 2 .* no sequence in it"),
-        ([{"kind": "wave", "duration_s": 1.0}], "part 1: kind is 'wave'"),
-    ],
-)
-def test_mistakes_name_the_part(parts, expected):
-    with pytest.raises(RigError, match=expected):
-        stroke(*parts)
-
-
-def test_a_controller_of_the_damper_is_no_part():
-    with pytest.raises(RigError, match="part 1: kind is 'reg1', which needs the damper"):
-        current({"kind": "reg1", "duration_s": 1.0})
-
-
 GOOD = "time_s,position_m,current_A\n" + "".join(f"{0.1 * n},{0.01 * np.sin(n)},0.5\n" for n in range(8))
 
 

@@ -10,7 +10,6 @@ from ces_rig.dampers.stepper import simulate
 from ces_rig.drive.currents import ConstantLevel
 from ces_rig.drive.kernels import MOTION_SIZE, STROKE, STROKE_SPEED, ServoNumbers, servo_step
 from ces_rig.drive.servo_actuator import ServoActuator
-from ces_rig.errors import RigError
 from ces_rig.experiment import drive_damper, parse_experiment, run, simulate_truth, with_seed
 from ces_rig.sensors import GRID_S
 
@@ -102,17 +101,3 @@ def test_the_command_is_logged_on_demand():
     assert command.values.max() == pytest.approx(0.012, abs=1e-4)
     assert np.abs(position.values[:1400] - command.values[:1400]).max() > 1e-3
     assert "command" not in run(actuated()).channels
-
-
-@pytest.mark.parametrize(
-    ("actuator", "says"),
-    [
-        ({"bandwidth": 3.0}, "e.yaml: actuator: unknown key 'bandwidth'; known are gain"),
-        ({"delay_s": -1.0}, "e.yaml: actuator: delay_s is -1.0; expected a number from 0 to 0.2 s"),
-        (None, "e.yaml: actuator: expected a mapping"),
-        ({"stroke_m": 0.08}, r"actuator: stroke_m is 0\.08; the damper's ends are at ±0\.06 m"),
-    ],
-)
-def test_mistakes_in_an_actuator_are_one_line(actuator, says):
-    with pytest.raises(RigError, match=says):
-        run(parse_experiment({**SHORT, "actuator": actuator}, "e.yaml"))

@@ -6,7 +6,6 @@ from scipy.integrate import solve_ivp
 from scipy.signal import hilbert, welch
 
 from ces_rig.drive.strokes import KINDS, ROUGHNESS_M3, QuarterVehicle, make_stroke, road_stroke
-from ces_rig.errors import RigError
 
 STEP = 0.5e-3
 
@@ -81,28 +80,6 @@ def test_frequency_modulation_swings_between_its_frequencies():
     frequency = np.gradient(np.unwrap(np.angle(hilbert(x))))[2000:-2000] / (2 * np.pi * STEP)
     assert np.percentile(frequency, 2) == pytest.approx(1.5, abs=0.3)
     assert np.percentile(frequency, 98) == pytest.approx(8.0, abs=0.3)
-
-
-@pytest.mark.parametrize(
-    ("given", "says"),
-    [
-        ({"kind": "sinus"}, "kind is 'sinus'; expected one of rest, sine"),
-        ({}, "kind is None"),
-        ("sine", "kind is 'sine'; expected one of"),
-        ({"kind": "sine", "amplitude_m": 0.01}, "'frequency_Hz' is missing; expected a number above 0 to 100 Hz"),
-        ({"kind": "sine", "amplitude_m": 0, "frequency_Hz": 4}, "amplitude_m is 0; expected a number above 0"),
-        ({"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 4, "phase": 1}, "unknown key 'phase'"),
-        ({"kind": "road", "road_class": "E"}, "road_class is 'E'; expected one of A, B, C, D"),
-        ({"kind": "noise", "order": 2.5}, "order is 2.5; expected a whole number"),
-        ({"kind": "noise", "fade_s": -1}, "fade_s is -1"),
-        ({"kind": "sum_of_sines", "amplitudes_m": [0.01], "frequencies_Hz": [1, 2]}, "expected equal lengths"),
-        ({"kind": "sum_of_sines", "amplitudes_m": 0.01, "frequencies_Hz": [1]}, "expected a list of numbers"),
-    ],
-)
-def test_mistakes_are_one_line(given, says):
-    with pytest.raises(RigError, match=says) as caught:
-        make_stroke(given, "x.yaml: stroke")
-    assert "\n" not in str(caught.value)
 
 
 ROAD_STEP, SPEED = 1e-3, 16.7

@@ -110,26 +110,6 @@ def test_effects_are_given_by_name_and_numbers():
     assert damper.sensor_effects == (("force_offset", {"offset_N": 12.0}),)
 
 
-@pytest.mark.parametrize(
-    ("text", "says"),
-    [
-        ("frction", "no effect 'frction' on a live hydraulic damper; expected one of friction,"),
-        ("cell_resonance", "no effect 'cell_resonance'"),
-        ("foaming", "no effect 'foaming'"),
-        ("friction: {coulomb: 3}", "unknown key 'coulomb'; known are severity, coulomb_N"),
-        ("friction: {severity: -1}", "severity -1.0; expected a number of at least 0"),
-        ("friction: 3", "expected a name, or for example"),
-        ("friction: {severity: high}", "expected a name, or for example"),
-        ("[", "expected a name, or for example"),
-        ("inertia: {severity: 1000}", "moving_mass_kg is"),
-    ],
-)
-def test_mistakes_in_effects_are_one_line(text, says):
-    with pytest.raises(RigError, match=says) as caught:
-        with_effects(DamperDescription(), [text])
-    assert "\n" not in str(caught.value)
-
-
 def test_a_kind_that_is_none(tmp_path):
     (tmp_path / "rig.yaml").write_text("kind: leaf_spring")
     with pytest.raises(RigError, match="kind is 'leaf_spring'; expected one of hydraulic, bouc_wen, calibration"):
