@@ -50,6 +50,7 @@ def test_order_of_convergence():
         for n in (10, 20)
     )
     assert 3.5 < coarse / fine < 4.5  # second order
+    assert pytest.approx(GRID / 10) == STEP_S and coarse < 0.002, "the step that is used"
 
 
 @pytest.mark.slow
