@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from campaign_parts import CAMPAIGN, DEFAULT, furnish, made
+from campaign_parts import CAMPAIGN, RATE_HZ, furnish
 from programs import ces, run_here
+from small_recordings import make_columns, write_columns
 
 from ces_cli.identify.campaign import describe_cell, result_tables
-from ces_data.bags.writer import recording_topics, write_bag
 from ces_identify.campaign.rows import CampaignRows, CellNames
 from ces_identify.jobs import JobResult, ResultsFolder
 
@@ -131,7 +131,7 @@ def test_ctrl_c_writes_the_finished_cells(
 
 
 def test_failed_cells_are_reported_and_not_tried_again(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    write_bag(work / "short", recording_topics(made(3, seconds=1.0, name="short"), DEFAULT))
+    write_columns(work / "short", *make_columns(1.0, 3, RATE_HZ))
     text = SMALL.replace("both: [one, two]", "short: short").replace("seed: 1", "").replace("terms: [2, 3]", "terms: 2")
     Path("some.yaml").write_text(text)
     for _ in range(2):
