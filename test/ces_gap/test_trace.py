@@ -11,7 +11,7 @@ from engine_plant import NOISE_N, RATE_HZ, SIMULATION, F, recorded, traced
 from ces_data.recording import Channel, Recording
 from ces_gap.errors import GapError
 from ces_gap.grid import GRID_HZ, bridge_gaps, derivative, find_low_pass_Hz, interpolate, smooth_out
-from ces_gap.trace import Trace, TraceInputs, make_trace, open_trace, require_usable, resample_to_grid, smooth_recording
+from ces_gap.trace import Trace, TraceInputs, make_trace, open_trace, require_usable, smooth_recording
 
 
 def sine(rate_Hz: float = 1000.0, seconds: float = 4.0, noise_m: float = 0.0, force_N: float = 0.0) -> Recording:
@@ -124,9 +124,8 @@ def test_the_simulation_runs_on_the_smoothed_and_the_logged_position() -> None:
     np.testing.assert_allclose(once.simulated, trace.simulated, atol=1e-6)
 
 
-@pytest.mark.parametrize("motion_Hz", [80.0])
-def test_smoothing_keeps_motion_above_the_noise_of_the_position(motion_Hz: float) -> None:
-    rate_Hz = 1000.0
+def test_smoothing_keeps_motion_above_the_noise_of_the_position() -> None:
+    rate_Hz, motion_Hz = 1000.0, 80.0
     time_s = np.arange(0.0, 10.0, 1.0 / rate_Hz)
     motion = 1e-4 * np.sin(2.0 * np.pi * motion_Hz * time_s)
     logged = motion + 1e-6 * np.random.default_rng(1).standard_normal(len(time_s))
@@ -145,13 +144,6 @@ def test_the_smoothed_recording_keeps_stamps_and_gaps() -> None:
     assert np.flatnonzero(np.isnan(made.values)).tolist() == [700]
     inside = np.delete(np.arange(10, len(position) - 10), 690)
     np.testing.assert_allclose(made.values[inside], position.values[inside], atol=5e-5)
-
-
-def test_a_force_at_the_samples_is_resampled_like_the_simulated_force() -> None:
-    recording = sine(2000.0)
-    force = recording.channel("force").values
-    trace = make_trace(recording, force)
-    np.testing.assert_array_equal(resample_to_grid(trace, force), trace.simulated)
 
 
 def test_a_changed_position_changes_the_speed_consistently() -> None:

@@ -112,28 +112,17 @@ def test_numbers_are_those_of_the_diagnosis() -> None:
     assert energies == sorted(energies, reverse=True) and len(energies) == len(d.where.regions)
 
 
-def test_indistinguishable_effects_have_an_experiment_that_separates_them() -> None:
-    document = gap_document(ambiguous())
-    assert document["indistinguishable"] == [["valve_lag", "current_hysteresis"]]
-    assert document["next_experiment"]["separates"] == ["valve_lag", "current_hysteresis"]
-    assert document["surrogate"] == {"cost_J": 2.7, "difference_error": 0.15}
-
-
-def test_recipes_become_plain_json() -> None:
-    recipe = gap_document(named())["next_experiment"]["recipe"]
+def test_what_only_some_verdicts_have() -> None:
+    pair, missing, nothing, found = (gap_document(make()) for make in (ambiguous, unknown, no_gap, named))
+    assert pair["indistinguishable"] == [["valve_lag", "current_hysteresis"]]
+    assert pair["next_experiment"]["separates"] == ["valve_lag", "current_hysteresis"]
+    assert pair["surrogate"] == {"cost_J": 2.7, "difference_error": 0.15}
+    recipe = found["next_experiment"]["recipe"]  # as plain JSON
     assert recipe["stroke"]["amplitude_m"] == 0.02 and type(recipe["stroke"]["amplitude_m"]) is float
     assert recipe["current"] == {"kind": "steps", "levels_A": [0.3, 1.2], "hold_s": 4}
-
-
-def test_rest_is_located_for_unknown_only() -> None:
-    assert gap_document(unknown())["rest"]
-    assert gap_document(named())["rest"] is None
-
-
-def test_no_gap_has_no_shrink_and_no_experiment() -> None:
-    document = gap_document(no_gap())
-    assert document["composition"]["shrink"] is None and document["composition"]["effects"] == []
-    assert document["next_experiment"] == {"purpose": "", "recipe": {}}
+    assert missing["rest"] and found["rest"] is None
+    assert nothing["composition"]["shrink"] is None and nothing["composition"]["effects"] == []
+    assert nothing["next_experiment"] == {"purpose": "", "recipe": {}}
 
 
 def test_numbers_have_six_digits_and_are_finite() -> None:
