@@ -86,9 +86,9 @@ def estimate_of(noise: MeasuredNoise, source: str) -> NoiseEstimate:
     ("motion", "source", "rate_Hz", "passes"),
     [
         (sine, CYCLES, 1000.0, smooth),
-        (sine, CYCLES, 200.0, pass_all),
+        (sine, CYCLES, 200.0, smooth),
         (rest, STANDSTILL, 1000.0, average),
-        (rest, STANDSTILL, 200.0, smooth),
+        (rest, STANDSTILL, 200.0, pass_all),
     ],
 )
 def test_cycles_and_standstill_show_the_noise_behind_any_filter(
@@ -153,3 +153,10 @@ def test_a_recording_without_force_has_no_noise() -> None:
     for recording in (bare, still):
         noise = make_trace(recording, np.zeros(4000)).measured_noise
         assert noise.source == NO_SOURCE and noise.rms_N == 0.0 and not noise.known
+
+
+def test_a_short_recording_does_not_know_its_noise() -> None:
+    time = np.arange(150) / 100.0
+    short = recording_of(time, position=sine(time), current=time, force=1e3 * sine(time))
+    noise = make_trace(short, np.zeros(150)).measured_noise
+    assert not noise.known and estimate_of(noise, HIGH_FREQUENCIES).problem == "150 samples"
