@@ -18,6 +18,7 @@ from typing import Any
 
 import pytest
 from doc_pages import QUICK_EFFECTS, ROOT, PageRunner, in_folder, make_parser, make_standard_files, plain_line
+from programs import NO_SHORT_FITS, run_here
 
 import ces_gap.pipeline
 import ces_identify.api
@@ -66,7 +67,7 @@ def runner(standard_files: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 
 
 def shorten(patch: pytest.MonkeyPatch) -> None:
-    """Let examples in Python search for a second, and every diagnosis fit two effects."""
+    """Let examples in Python search for a second, fits of other structures be left out, diagnoses fit two effects."""
     effects = tuple(library_effect(*one) for one in QUICK_EFFECTS)
     patch.setattr(ces_gap.pipeline, "library", lambda: effects)
     identify = ces_identify.api.identify
@@ -77,6 +78,8 @@ def shorten(patch: pytest.MonkeyPatch) -> None:
         return identify(*recordings, **{**options, "time": 1.0, "starts": 1, "band": False})
 
     patch.setattr(ces_identify.api, "identify", identify_quickly)
+    patch.setattr("ces_identify.jobs.run_in_processes", run_here)
+    patch.setattr(*NO_SHORT_FITS)
     patch.setenv("MPLBACKEND", "Agg")
 
 

@@ -55,7 +55,9 @@ PARSED_ONLY = {  # these commands are not run, nor those that read what they wou
     "--each": "a diagnosis for each vehicle; test/ces_gap/test_fleet.py runs it",
     "--identify": "a search of every structure; test/ces_gap/baseline runs it",
 }
-SLOW_SIMULATION = re.compile(r"--sim \S+\.yaml")  # a damper of the rig: 10 s; test/ces_gap/test_pipeline.py runs one
+SLOW = re.compile(
+    r"^rig characterise|^diagnose .*--sim \S+\.yaml"
+)  # 5 and 10 s; test/ces_rig and test/ces_gap run these
 QUICK = ("--template", "--list", "--show-candidates", "--help")  # such commands run all the same
 OUTPUTS = ("--out", "--report", "--picture", "--ros-package", "--rows")
 NEEDS_ROS = re.compile(r"^\s*(from|import) (launch|launch_ros|rclpy|ros2launch)\b|\bNode\(package=", re.MULTILINE)
@@ -258,7 +260,7 @@ class PageRunner:
         """Whether a command takes too long, reads what such a command writes, or needs a program that is missing."""
         if set(words) & set(PARSED_ONLY) and not set(words) & set(QUICK):
             return True
-        if words[0] == "diagnose" and SLOW_SIMULATION.search(" ".join(words)):
+        if SLOW.search(" ".join(words)):
             return True
         if any(word == name or word.startswith(f"{name}/") for word in words for name in self.not_made):
             return True
