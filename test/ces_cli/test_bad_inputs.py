@@ -1,314 +1,306 @@
-"""What goes wrong in practice: insufficient data, recordings that do not belong together, Ctrl-C at
-any moment, a full disk. Each ends in one clear line, and nothing is ever half written."""
+"""Every mistake of a user: one line that says what is wrong and what to do, exit status 2, and nothing written."""
 
-import os
-import resource
+from __future__ import annotations
+
+import shlex
 import shutil
-import signal
-import subprocess
-import sys
-from contextlib import contextmanager
+from collections.abc import Iterator
 from pathlib import Path
 
-import numpy as np
 import pytest
+from mistaken_files import fill_with_mistakes
+from programs import error_line
+from shared_results import SharedResults
 
-from ces_cli.main import main
-from ces_cli.terminal import terminal
-from ces_cli.terminal.progress import SearchProgress
-from ces_data.bags.writer import recording_topics, write_bag
-from ces_data.recording import Channel, Recording
-from ces_observer.errors import CesError
-from ces_observer.json_text import write_all_atomically
-from ces_observer.model import load_model
-from ces_observer.signals import Signals
-
-DEFAULT = Signals.from_mapping({}, "defaults")
-INPUTS = ("speed", "current", "position")
-RULES = """\
-force: {lags: [1]}
-speed: {lags: [0], powers: [0.5, 1.0], forms: [signed, magnitude]}
-current: {lags: [0], powers: [1.0], forms: [magnitude]}
-products: [[], [speed], [speed, current], [force]]
+# Words of `ces`, in the folder that mistaken_files fills, and a part of the line that they must give.
+TABLE = """\
+identify | no recording given
+identify nowhere --out m.json | nowhere: no such file
+identify b.csv --out m.json | b.csv: is a CSV table, not a rosbag2 bag; convert it: ces import b.csv --out BAG
+identify one --terms 0 | --terms
+identify one --split 2 | --split
+identify one | model.json: exists; choose another name for --out, or replace it
+identify one --candidates none.yaml --out m.json | none.yaml
+identify one --candidates explode.yaml --out m.json | 4096000000 terms; at most
+identify one --out nowhere/m.json | the folder nowhere does not exist
+identify one --out full | full: is a folder; expected the name of a file
+identify one --out m.json --report taken | taken: exists; choose another name for --report
+identify one --out m.json --report m.json | m.json: is named by --out and --report
+identify one --out m.json --picture nowhere/x.png | the folder nowhere does not exist
+identify one --teacher model.json --overwrite | model.json: is an input, too
+identify one --validate two --out mine.json --report empty | empty/mine_on_two.html: exists; choose another name for
+identify one two --folds 3 --out m.json | --folds 3: 2 recordings
+identify one two --folds 1 --out m.json | expected at least 2
+identify one --folds 9 --out m.json | use fewer folds
+identify one --validate one --out m.json | one: the same recording, for identification and for validation
+identify one --validate copy --out m.json | one and copy: the same recording, for identification and for validation
+identify one copy --out m.json | one and copy: the same recording, twice for identification
+identify one one --out m.json | one: the same recording, twice for identification
+identify still --out m.json | position: constant
+identify spotted --out m.json | samples are NaN
+identify infinite --out m.json | force
+identify unfed --out m.json | current
+identify half --out m.json | current
+identify back --out m.json | backward
+identify rates --out m.json | Hz
+identify other --out m.json | /other (std_msgs/msg/Float64)
+identify s06 --candidates rules.yaml --out m.json | 0 ticks with a measured force past warm-up; expected at least 50
+identify s12 --candidates rules.yaml --out m.json | too short for estimation and selection; expected more than 4 s
+identify coarse --candidates rules.yaml --terms 100 --out m.json | estimation ticks; expected at least 200: record
+identify one mm --out m.json | mm: position: spans 27
+identify one mA --out m.json | mA: current: reaches 6
+identify one kN --out m.json | by 1000 if it is in kN
+identify one turned --out m.json | turned: force: acts with the motion
+identify one --validate mirrored --out m.json | --ignore-findings identifies all the same
+identify --campaign campaign.yaml --out o --terms 9 | --terms has no effect with --campaign; set it in
+identify --campaign campaign.yaml | add --out DIR
+identify --campaign campaign.yaml --out campaign.yaml | campaign.yaml: is not a folder
+identify --campaign absent.yaml --out o | nowhere: no such file
+identify --campaign reversed.yaml --out o | turned: force: acts with the motion
+identify --campaign twice.yaml --out o | one and copy: the same recording, twice for identification
+identify one --jobs 2 | --jobs applies to campaigns; add --campaign FILE.yaml
+identify one --dask here:1 | --dask applies to campaigns; add --campaign FILE.yaml
+identify one --campaign c.yaml | BAG has no effect with --campaign; set it in c.yaml instead
+identify --campaign c.yaml --seed 1 | --seed has no effect with --campaign
+identify --campaign c.yaml --dask a:1 --jobs 1 | --jobs applies to this machine
+identify --show-candidates one | BAG does not apply with --show-candidates
+identify one --structure sigmoid --terms 25 | --terms applies to --structure polynomial or auto, not to sigmoid
+identify one --structure sigmoid --method both | --method applies to --structure polynomial or auto, not to sigmoid
+identify one --structure sigmoid --candidates rules.yaml | --candidates applies to --structure polynomial or auto
+identify one --structure anfis --construct frequency | --construct applies to --structure polynomial or auto
+identify one --structure anfis --blend speed:0,1 | --blend applies to --structure polynomial or auto
+identify one --units 9 | --units applies to --structure sigmoid or auto, not to polynomial
+identify one --lags 2,2,2 | --lags applies to --structure sigmoid or auto
+identify one --rules 5x2 | --rules applies to --structure anfis or auto
+identify one --memberships 3x3 | --memberships applies to --structure anfis or auto
+identify one --springs 2 | --springs applies to --structure relaxation or auto
+identify one --curves 3 | --curves applies to --structure chambers or auto
+identify one --structure sigmoid --lags 2,4 | '2,4' is not Y,C,V
+identify one --structure sigmoid --lags 2,-1,3 | not Y,C,V
+identify one --structure sigmoid --lags 21,1,1 | from 0 to 20
+identify one --structure sigmoid --lags 2,0,0 | leaves no input
+identify one --structure anfis --memberships 4 | '4' is not AxB
+identify one --structure anfis --memberships 4x1 | at least 2 of speed
+identify one --structure anfis --memberships 9x9 | makes 81 rules
+identify one --structure anfis --rules axb | not VxI
+identify one --structure anfis --rules 1x2 | at least 2
+identify one --structure anfis --rules 20x4 | makes 80 rules
+identify one --structure anfis --rules 5x2 --memberships 4x4 --out m.json | --rules 5x2 and --memberships 4x4: give one
+validate model.json | no recording given
+validate model.json b.csv | convert it: ces import b.csv --out BAG
+validate model.json two --part 1:0 | --part
+validate model.json two --weight everything=2 | --weight 'everything=2'
+validate model.json two --picture p.bmp | p.bmp
+validate model.json two --report taken | taken: exists; choose another name for --report, or replace it with --overwrite
+validate model.json two --report new.pdf | a report is an HTML page; expected a name that ends in .html
+validate model.json two --report empty | empty/model_on_two.html: exists; choose another name for --report
+validate model.json --certificate --report r.html | --report applies to recordings; name them
+validate two model.json | two: not a regular file; expected a JSON file
+validate no_envelope.json two | key 'force_envelope_N' is missing
+validate old.json two | schema is 'ces-model/0'
+validate nan.json two | coefficient is nan
+validate lag.json two | lag is 1000000
+validate cut.json two | cut.json: not a JSON file
+simulate --sim model.json b.csv --out x.csv | convert it: ces import b.csv --out BAG
+simulate --sim what one --out x.csv | 'what' is no simulation; expected MODEL.json, AUGMENTED.json
+simulate --sim topic:/none one --out x.csv | no topic /none; it has /joint_states
+simulate --sim no_module:f one --out x.csv | cannot be imported
+simulate --sim my/sim.py one --out x.csv | 'my/sim.py' is a file; expected sim:FUNCTION
+simulate --sim topic:/measured_force one --out x.csv --band | --band: only a model
+simulate --sim model.json one --out taken | taken: exists; choose another name for --out, or replace it
+simulate --sim model.json one --out model.json --overwrite | model.json: is an input, too
+simulate --sim none.fmu one --out x.csv | none.fmu: no such file
+simulate --sim broken.fmu one --out x.csv | not a zip file
+replay model.json b.csv --out x | convert it: ces import b.csv --out BAG
+replay model.json one --out full | full: exists; choose another name for --out, or replace it
+replay model.json one --out full --overwrite | full: is a folder but not a bag
+replay model.json one --out one --overwrite | one: is an input, too
+export model.json --out m.cpp | m.cpp: expected a name that ends in .c (C99, with its header
+export model.json --out m.c --format fmu | m.c: expected a name that ends in .fmu (FMI 2.0 co-simulation)
+export model.json --out m --format c | m: expected a name that ends in .c
+export model.json --out m.c --sources-only | --sources-only applies to an FMU only
+export model.json --out m.c --signals front.yaml | --signals applies to --ros-package only
+export model.json --out missing/m.fmu --sources-only | missing/m.fmu: the folder
+export model.json --out missing/m.c | missing does not exist; make it first
+export model.json --out math.c | not a standard header
+export model.json --out m.c --name '2; x' | name '2; x': not usable in C; choose one such as 'model_2_x'
+export model.json --out m.fmu --name '2; x' | name '2; x': not usable in C
+export model.json --out taken.c | taken.c: exists; choose another name for --out, or replace it
+export model.json --out head.c | head.h: exists; choose another name for the header of --out
+export none.json --out m.c | no such model file
+export model.json --ros-package full | full: exists; choose another name for --ros-package, or replace it
+export model.json --ros-package full --overwrite | full: is not a ROS 2 package, so it is not replaced
+export model.json --ros-package taken/damper | taken is not a folder; expected a folder to write into
+export model.json --ros-package damper --name 'Damper 1' | package 'Damper 1': expected lower-case letters
+export model.json --ros-package class | package 'class': expected lower-case letters, digits and _
+export model.json --ros-package damper --format c | --format does not apply to --ros-package
+export model.json --ros-package damper --signals still.yaml | signal 'position' is constant
+compare model.json one | one model given (model.json); taken as recordings: one
+compare one | no model given; taken as recordings: one
+compare model.json law:force one --report page.pdf | a report is an HTML page
+compare model.json law:force | no recording given
+compare model.json model.json one | model.json is given twice
+compare model.json law:force one --report page.html | page.html: exists; choose another name
+compare model.json law:force one --report model.json | model.json:
+compare model.json law:force nowhere | nowhere
+compare model.json nothing.json one | nothing.json: no such model file
+compare model.json topic:/prediction one | no topic /prediction
+compare model.json law:force one two --report empty | empty/model_and_law-force_on_one_and_two.html: exists
+diagnose --sim law:force --real b.csv --out o | convert it: ces import b.csv --out BAG
+diagnose --sim law:force --real nowhere --out o | nowhere: no such file
+diagnose --sim law:force --real x* --out o | x*: no bag matches
+diagnose --sim nowhere.json --real one --out o | nowhere.json: no such model file
+diagnose --sim what --real one --out o | 'what' is no simulation; expected MODEL.json, AUGMENTED.json
+diagnose --sim law:force --real one two --held-out two --out o | recordings must not be fitted
+diagnose --sim law:force --real one two --reference two --out o | references must be free of
+diagnose --sim law:force --real one --effects law:force --out o | not an effect
+diagnose --sim law:force --real one --effects nowhere:Own --out o | cannot be imported
+diagnose --sim law:force --real one --jobs 2 --out o | --jobs applies to fleets
+diagnose --sim law:force --real one --each recording --held-out two --out o | --held-out has no effect with --each
+diagnose --sim law:force --real one --each vehicle --overwrite --out o | --overwrite has no
+diagnose --sim law:force --real one --each recording --jobs 2 --dask x:1 --out o | --jobs applies
+diagnose --sim law:force --real one --seed -1 --out o | whole number from 0 to
+diagnose --sim topic:/none --real one --out o | no topic /none; it has /joint_states
+diagnose --sim broken.fmu --real one --out o | broken.fmu:
+diagnose --sim law:force --real one --out taken | taken: is not a folder
+diagnose --sim law:force --real one --each recording --out taken | taken: is not a folder
+diagnose --sim law:force --real one --out full | full: exists; choose another name for --out
+diagnose --sim model.json --real one --out o --report empty | empty/model_on_one.html: exists; choose another name for
+diagnose --sim law:raises --real one --out o | law:raises: raised RuntimeError: no licence
+diagnose --sim law:nothing --real one --out o | law:nothing: returned nan at 0.000 s; expected finite forces
+diagnose --sim law:short --real one --out o | law:short: returned shape (1999,); expected (2000,), one for each
+diagnose --sim law:turned --real one --out o | opposite sign of the measured one (measured over simulated is
+diagnose --sim law:force --real kN --out o | the measured force is in kN
+diagnose --sim law:force --real one --reference kN --out o | expected one unit: is one of them in kN?
+diagnose --sim law:force --real clipped --out o | force: the channel saturates
+diagnose --sim law:force --real loose --out o | the measured force is constant
+diagnose --sim law:force --real s03 --out o | 75 position samples; expected at least 100
+diagnose --sim law:force --real s06 --out o | s with position, current, force and a simulated force together
+diagnose --sim law:force --real s3 --out o | s remain for the fit; expected at least 4 s
+diagnose --sim narrow.json --real one --out o | narrow.json: outside the range it was identified on for 100%
+diagnose --identify --real one --out o | --identify needs --reference
+diagnose --identify --sim m.json --reference two --real one --out o | --sim does not apply with --identify
+diagnose --real one --out o | no simulation: give --sim SIM, or --identify
+diagnose --real one --each recording --out o | no simulation: give --sim SIM, or --identify
+diagnose --sim model.json --structure chambers --real one --out o | --structure applies to --identify
+blind | the following arguments are required: make|run|score
+blind make --out x --seed 1 --effects magic | --effects: invalid choice: 'magic'
+blind make --out x --seed 1 --kind odd | --kind: invalid choice: 'odd'
+blind make --out . --seed 1 --cases 1 | .: exists; choose another name for --out, or replace it with
+blind make --out full --seed 1 --cases 1 --overwrite | more than blind cases (note)
+blind make --out o --seed 1 --grid small --gap-to-noise 3 | --gap-to-noise does not
+blind run x --out y --simulation identified --references 0 | add --references 1 or 2
+blind run nowhere --out y | nowhere: contains no cases/NNNN/case.json
+blind run full --out taken | taken: is not a folder
+blind score nowhere y | nowhere: not a sealed blind test
+blind score full full --rows taken | taken: exists; choose another name for --rows, or replace it
+info nowhere | nowhere: no such file
+info cut.mcap | cut.mcap:
+info torn_bag | the file ends early
+info empty.mcap | empty.mcap
+info none | none
+info other | no topic 'joint_states' for position; the bag has /other (std_msgs/msg/Float64)
+info one --signals front.yaml | front_damper
+info one --picture x.bmp | x.bmp: cannot draw a '.bmp' picture; use one of .png, .svg
+info one --picture nowhere/x.png | nowhere does not exist; make it first, or choose another
+info one --picture taken.png | taken.png: exists; choose another name for --picture, or replace it
+info still | still: position: constant at 0.01 m
+info spotted | position: 667 of 2000 samples are NaN
+info infinite --json | force: 2000 of 2000 samples are NaN or infinite
+signals nowhere | nowhere
+signals README.md | README.md
+signals empty | no bag in this folder
+import | expected
+import a.csv | expected
+import a.csv --propose --out o | ces import: error:
+import log.csv --propose --json | --json does not apply with --propose, which prints a mapping
+import --template --out o | --out does not apply with --template
+import one --out o | one: a bag needs no import: ces info one
+import one/one.mcap --out o | one/one.mcap: a bag needs no import: ces info one/one.mcap
+import b.csv --mapping signals.yaml --out o | is a signals file (--signals); --mapping takes a mapping of columns
+import b.csv a.csv --mapping map.yaml --out o | a.csv:3: column 'F' is 'oops'; expected a number
+import b.csv sub/b.csv --mapping map.yaml --out o | 2 files are named 'b'
+import b.csv --mapping map.yaml --out one | one: exists; choose another name for --out, or replace it with --overwrite
+import b.csv --mapping map.yaml --out o --signals load.yaml | give the log's scale in map.yaml, and none here
+export-data one --out taken.csv | taken.csv: exists; choose another name for --out, or replace it with --overwrite
+export-data one --out run.xlsx | expected a name that ends in .csv, .parquet, .pq, or a folder
+export-data one --out run.csv --format parquet | is a csv file by its name; omit --format
+export-data one --out run.csv --model none.json | none.json
+export-data one --out run.csv --as-logged --rate 100 | give one of them
+export-data one --out run.csv --rate 5000 | more than twice the 250 Hz of its fastest channel; nothing was recorded
+export-data one two --out one.csv | 2 bags need a folder, which gets a file for each
+export-data other --out other.csv | 'ces signals
+characterise one --model none.json | none.json
+characterise one --model a:b --model a:b | given twice
+characterise one --out full | or replace it with --overwrite
+rig none.yaml --out x | none.yaml: no such file or packaged experiment
+rig | expected EXPERIMENT and --out BAG
+rig sweep | expected EXPERIMENT and --out BAG
+rig sweep --out x --seed -1 | expected a whole number from 0 to 2147483648
+rig sine_4hz --out full | full: exists; choose another name for --out, or replace it
+rig --list --seed 1 | --seed does not apply with --list
+iterate i1.yaml --out o | 'limits' is missing or not a mapping
+iterate i2.yaml --out o | expected one of virtual, folder, ros
+iterate i3.yaml --out o | budget_s is -3
+iterate i4.yaml --out o | missing
+iterate i5.yaml --out o | not valid YAML
+iterate i6.yaml --out taken | is not a folder
+iterate --template plan.yaml | PLAN does not apply with --template
+learn-stroke p1.yaml --out o | 'experiment' is None; expected a packaged name or a file
+learn-stroke p2.yaml --out o | nothing.yaml: no such file or packaged experiment
+learn-stroke p3.yaml --out o | has no actuator, so its stroke is exact; add 'actuator: {}'
+learn-stroke p4.yaml --out o | unknown key 'seed'; known are description, experiment
+learn-stroke p5.yaml --out o | rig is 3; expected a mapping with kind: one of virtual, folder, ros
+learn-stroke p6.yaml --out o | wanted stroke: its stroke reaches 0.009999 m, the limit is
+learn-stroke p7.yaml --out o | limits: stroke_m is -1; expected a number from 0.0001 to
+learn-stroke p8.yaml --out o | is not a mapping; expected a plan of a stroke to learn
+learn-stroke p9.yaml --out o | learning: max_iterations is 'none'; expected
+learn-stroke p10.yaml --out o | model: gain is 0; expected a number from 0.1 to 10
+learn-stroke p11.yaml --out o | probe: duration_s is 'nan'; expected
+learn-stroke p12.yaml --out o | does not begin and end at rest in one place
+learn-stroke stroke.yaml --out taken | taken: is not a folder; expected the name of a folder to write
+learn-stroke stroke.yaml --out torn | run_00.npz: cannot be read as a stored run
+schema signals --list | NAME does not apply with --list
+schema --list --path | --path does not apply with --list
+schema signals --json | --json applies to --list
+serve nowhere --port 0 | no such folder
+serve taken --port 0 | is not a folder
+serve empty --port 0 --host 203.0.113.7 | cannot listen on 203.0.113.7
+serve empty --port 0 --host 'no name at all' | cannot listen on no name at all
+serve empty --port 0 --signals none.yaml | none.yaml
 """
-COLLINEAR = """\
-force: {lags: [1]}
-speed: {lags: [0, 0], powers: [1.0, 1.0], forms: [signed]}
-position: {lags: [0], powers: [1.0], forms: [signed]}
-current: {lags: [0], powers: [1.0], forms: [signed, magnitude]}
-products: [[], [speed], [position], [current], [speed, current], [force]]
-"""
-
-
-def make_channels(seconds=12.0, seed=1, rate=500.0, driven=None, **scales):
-    """Return the channels of an invented damper, multiplied by `scales`; `driven` computes the current."""
-    dice = np.random.default_rng(seed)
-    t = np.arange(round(seconds * rate)) / rate
-    x = 0.01 * np.sin(2 * np.pi * 3 * t) + 0.004 * np.sin(2 * np.pi * 7.3 * t + seed)
-    v = np.gradient(x, t)
-    i = 0.5 + 0.15 * np.sin(2 * np.pi * 0.7 * t) if driven is None else driven(x)
-    force = np.sign(v) * np.abs(v) ** 0.5 * (400 + 1500 * i) + 100 * v + dice.normal(0, 3, len(t))
-    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
-    columns = {"position": (x, "m"), "current": (i, "A"), "force": (force, "N")}
-    return {n: Channel(n, unit, stamps, scales.get(n, 1.0) * values) for n, (values, unit) in columns.items()}
-
-
-def bag(path, **how):
-    write_bag(path, recording_topics(Recording(path.name, make_channels(**how)), DEFAULT))
-    return path
+ROWS = [tuple(row.split(" | ")) for row in TABLE.splitlines()]
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory):
-    """A folder with two bags that belong together, rules, and a model."""
-    folder = tmp_path_factory.mktemp("work")
-    (folder / "rules.yaml").write_text(RULES)
-    bag(folder / "one"), bag(folder / "two", seed=2)
-    assert ces(*identify(folder, "one"), "--out", folder / "model.json") == 0
-    return folder
+def folder(tmp_path_factory: pytest.TempPathFactory, shared_model: SharedResults) -> Iterator[Path]:
+    """The working folder."""
+    here = tmp_path_factory.mktemp("bad_inputs")
+    fill_with_mistakes(here, shared_model)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(here)
+        patch.syspath_prepend(here)
+        yield here
 
 
-def ces(*words):
-    return main([str(word) for word in words])
+@pytest.mark.parametrize(("words", "expected"), ROWS, ids=[row[0] for row in ROWS])
+def test_a_mistake_is_one_line_and_writes_nothing(
+    folder: Path, capsys: pytest.CaptureFixture[str], words: str, expected: str
+) -> None:
+    before = snapshot(folder)
+    line = error_line(capsys, *shlex.split(words))
+    assert ": error: " in line and expected in line
+    assert snapshot(folder) == before
 
 
-def identify(folder, *bags, terms=4):
-    words = ["identify", *(folder / name for name in bags), "--candidates", folder / "rules.yaml", "--terms", terms]
-    return [*words, "--starts", 2, "--time", 10, "--threads", 2]
+@pytest.fixture(autouse=True)
+def without_what_was_written(folder: Path) -> Iterator[None]:
+    """Remove what a program wrote in spite of a mistake, so that it does not disturb the next."""
+    before = snapshot(folder)
+    yield
+    for path in snapshot(folder).keys() - before.keys():
+        shutil.rmtree(path) if path.is_dir() else path.unlink(missing_ok=True)
 
 
-def run_and_get_line(capsys, status, *words):
-    """Run a program that must end with `status`; return its error line without warnings."""
-    capsys.readouterr()
-    assert ces(*words) == status
-    lines = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
-    assert len(lines) == 1
-    return lines[0]
-
-
-# ------------------------------------------------------------------------------------------------- insufficient data
-
-
-@pytest.mark.parametrize(
-    ("how", "message"),
-    [
-        ({"seconds": 0.6}, "0 ticks with a measured force past warm-up; expected at least 50"),
-        ({"seconds": 1.2}, "too short for estimation and selection; expected more than 4 s"),
-        ({"seconds": 6.0, "rate": 40.0}, "estimation ticks; expected at least 200: record longer"),
-    ],
-)
-def test_too_few_samples(work, tmp_path, capsys, how, message):
-    bag(tmp_path / "short", **how)
-    words = [*identify(work, tmp_path / "short", terms=100), "--out", tmp_path / "m.json"]
-    assert message in run_and_get_line(capsys, 2, *words)
-    assert not (tmp_path / "m.json").exists()
-
-
-def test_more_terms_than_candidates_gives_fewer_terms(work, tmp_path):
-    assert ces(*identify(work, "one", terms=200), "--out", tmp_path / "m.json") == 0
-    assert 1 <= len(load_model(tmp_path / "m.json").body.terms) <= 10
-
-
-@pytest.mark.parametrize("driven", [lambda x: 0.5 + 0.0 * x, lambda x: 0.5 + 20.0 * x], ids=["constant", "as position"])
-def test_collinear_candidates_give_a_model_with_finite_coefficients(tmp_path, driven):
-    (tmp_path / "rules.yaml").write_text(COLLINEAR)
-    bag(tmp_path / "one", driven=driven)
-    assert ces(*identify(tmp_path, "one", terms=8), "--out", tmp_path / "m.json") == 0
-    model = load_model(tmp_path / "m.json")
-    assert max(abs(term.coefficient) for term in model.body.terms) < 1e6
-    assert len({term.factors for term in model.body.terms}) == len(model.body.terms)
-
-
-def test_rules_that_explode_are_refused_with_their_count(work, tmp_path, capsys):
-    lags, powers = list(range(200)), [0.5, 1.0, 1.5, 2.0]
-    rows = [f"{name}: {{lags: {lags}, powers: {powers}, forms: [signed, magnitude]}}" for name in INPUTS]
-    (tmp_path / "rules.yaml").write_text(
-        "\n".join(["force: {lags: [1]}", *rows, "products: [[speed, current, position]]"])
-    )
-    line = run_and_get_line(
-        capsys, 2, *identify(work, "one"), "--candidates", tmp_path / "rules.yaml", "--out", tmp_path / "m.json"
-    )
-    assert f"{1600**3} terms; at most" in line.replace(",", "")
-
-
-# ------------------------------------------------------------------------- recordings that do not belong together
-
-
-@pytest.mark.parametrize(
-    ("scales", "message"),
-    [
-        ({"position": 1000.0}, "odd: position: spans 27"),
-        ({"current": 1000.0}, "odd: current: reaches 6"),
-        ({"force": 1e-3}, "by 1000 if it is in kN"),
-        ({"force": -1.0}, "odd: force: acts with the motion"),
-        ({"position": -1.0}, "odd: force: acts with the motion"),
-    ],
-)
-def test_recordings_in_other_units_or_of_another_sign_are_refused(work, tmp_path, capsys, scales, message):
-    odd = bag(tmp_path / "odd", seed=2, **scales)
-    for words in ([*identify(work, "one", odd)], [*identify(work, "one"), "--validate", odd]):
-        line = run_and_get_line(capsys, 2, *words, "--out", tmp_path / "m.json")
-        assert message in line
-        assert " odd" in line
-        assert "--ignore-findings" in line
-    assert not (tmp_path / "m.json").exists()
-
-
-def test_with_force_such_recordings_are_a_warning(work, tmp_path, capsys):
-    bag(tmp_path / "odd", force=-1.0, position=1000.0)
-    assert ces(*identify(work, tmp_path / "odd"), "--ignore-findings", "--out", tmp_path / "m.json") == 0
-    err = capsys.readouterr().err
-    assert "warning: odd: position: spans 27" in err
-    assert "warning: odd: force: acts with the motion" in err
-
-
-# --------------------------------------------------------------------------------------------- Ctrl-C at any moment
-
-
-def interrupt(*_, **__):
-    raise KeyboardInterrupt
-
-
-@pytest.mark.parametrize(
-    "moment",
-    [
-        "ces_cli.terminal.terminal.read_recording",
-        "ces_identify.identification.choose_sampling",
-        "ces_identify.structures.polynomial.assemble_problem",
-        "ces_identify.identification.evaluate",
-        "ces_observer.json_text.os.fsync",
-        "ces_identify.report.page.page_template",
-    ],
-)
-def test_ctrl_c_leaves_nothing_half_written(work, tmp_path, capsys, monkeypatch, moment):
-    monkeypatch.setattr(moment, interrupt)
-    words = [*identify(work, "one"), "--out", tmp_path / "m.json", "--report", tmp_path / "r.html"]
-    assert run_and_get_line(capsys, 130, *words) == "ces identify: interrupted"
-    finished = ["m.json"] if moment == "ces_identify.report.page.page_template" else []
-    assert [path.name for path in tmp_path.iterdir()] == finished
-
-
-def test_ctrl_c_leaves_an_old_file_as_it_was(work, tmp_path, capsys, monkeypatch):
-    (tmp_path / "m.json").write_text("old")
-    monkeypatch.setattr(Path, "replace", interrupt)
-    run_and_get_line(capsys, 130, *identify(work, "one"), "--out", tmp_path / "m.json", "--overwrite")
-    assert (tmp_path / "m.json").read_text() == "old"
-    assert len(list(tmp_path.iterdir())) == 1
-
-
-def test_ctrl_c_in_the_search_writes_the_best_so_far(work, tmp_path, monkeypatch):
-    pressed = []
-
-    def listen(self, result):
-        if not pressed:
-            pressed.append(True)
-            os.kill(os.getpid(), signal.SIGINT)
-
-    monkeypatch.setattr(SearchProgress, "listen", listen)
-    words = ["identify", work / "one", "--terms", 60, "--time", 600, "--starts", 4, "--threads", 2]
-    assert ces(*words, "--out", tmp_path / "m.json", "--report", tmp_path / "r.html") == 0
-    model = load_model(tmp_path / "m.json")
-    assert model.certificate is not None and model.provenance["selection"]["ended"] == "interrupted"
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["m.json", "r.html"]
-
-
-@pytest.mark.parametrize(
-    "words", [("replay", "model.json", "one", "--out"), ("simulate", "--sim", "model.json", "one", "--out")]
-)
-def test_ctrl_c_while_a_bag_or_table_is_written(work, tmp_path, capsys, monkeypatch, words):
-    monkeypatch.setattr("ces_data.bags.writer._move_into_place", interrupt)
-    monkeypatch.setattr("ces_observer.json_text.os.fsync", interrupt)
-    paths = [work / word if word in ("model.json", "one") else word for word in words]
-    assert run_and_get_line(capsys, 130, *paths, tmp_path / "out") == f"ces {words[0]}: interrupted"
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_programs_turn_ctrl_c_into_an_exception_whatever_it_was_before():
-    before = signal.signal(signal.SIGINT, lambda *_: None)
-    try:
-        assert terminal.run("x", lambda _: os.kill(os.getpid(), signal.SIGINT) or 0) == 130
-        signal.signal(signal.SIGINT, signal.SIG_IGN)  # as under nohup and in background shells
-        assert terminal.run("x", lambda _: os.kill(os.getpid(), signal.SIGINT) or 0) == 0
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-# ------------------------------------------------------------------------------------------------------- a full disk
-
-
-@contextmanager
-def files_of_at_most(size):
-    """Limit the files of this process to `size` bytes, as a full disk would."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-
-
-@pytest.mark.parametrize(
-    ("words", "name", "size"),
-    [
-        (("simulate", "--sim", "model.json", "one", "--out"), "x.csv", 5000),
-        (("replay", "model.json", "one", "--out"), "x", 5000),
-        (("export", "model.json", "--out"), "x.c", 6000),
-        (("export", "model.json", "--sources-only", "--out"), "x.fmu", 3000),
-        (("validate", "model.json", "one", "--report"), "x.html", 5000),
-    ],
-)
-def test_a_full_disk_gives_one_line_and_leaves_nothing(work, tmp_path, capsys, words, name, size):
-    given = [work / word if word in ("model.json", "one") else word for word in words]
-    with files_of_at_most(size):
-        line = run_and_get_line(capsys, 2, *given, tmp_path / name)
-    assert "cannot be written: File too large" in line
-    assert str(tmp_path / "x") in line
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_full_disk_keeps_the_old_model(work, tmp_path, capsys, monkeypatch):
-    def full(_):
-        raise OSError(28, "No space left on device")
-
-    (tmp_path / "m.json").write_text("old")
-    monkeypatch.setattr("ces_observer.json_text.os.fsync", full)
-    line = run_and_get_line(capsys, 2, *identify(work, "one"), "--out", tmp_path / "m.json", "--overwrite")
-    assert line.endswith("m.json: cannot be written: No space left on device; choose a writable folder")
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", "old")]
-
-
-def test_several_files_are_written_together_or_not_at_all(tmp_path):
-    (tmp_path / "a").write_text("old")
-    with pytest.raises(CesError, match="missing/b: cannot be written"):
-        write_all_atomically({tmp_path / "a": "new", tmp_path / "missing" / "b": b"new"})
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("a", "old")]
-    write_all_atomically({tmp_path / "a": "new", tmp_path / "b": b"\x00"})
-    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == {"a": b"new", "b": b"\x00"}
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full on this system")
-def test_a_full_output_stream_gives_one_line(work):
-    with Path("/dev/full").open("w") as full:
-        words = [sys.executable, "-m", "ces_cli.main", "info", str(work / "one")]
-        done = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert done.returncode == 2
-    lines = [line for line in done.stderr.splitlines() if not line.startswith("warning: ")]
-    assert lines == ["ces info: error: No space left on device, while reading or writing"]
-
-
-# -------------------------------------------------------------------------------------------------- times of messages
-
-
-def test_a_current_without_a_header_is_said_once_and_only_of_other_recorders(work, tmp_path, capsys):
-    words = ["identify", work / "one", "--validate", work / "two", "--terms", 2, "--starts", 1, "--time", 1]
-    assert ces(*words, "--candidates", work / "rules.yaml", "--out", tmp_path / "own.json") == 0
-    assert "has no header" not in capsys.readouterr().err
-    for name in ("one", "two"):  # a file alone does not say who wrote it
-        shutil.copyfile(next((work / name).glob("*.mcap")), tmp_path / f"{name}.mcap")
-    words[1], words[3] = tmp_path / "one.mcap", tmp_path / "two.mcap"
-    assert ces(*words, "--candidates", work / "rules.yaml", "--out", tmp_path / "other.json") == 0
-    said = [line for line in capsys.readouterr().err.splitlines() if "has no header" in line]
-    assert said == [
-        "warning: one: current: std_msgs/msg/Float64 on /valve_current has no header; stamped with the bag's log time "
-        "(said once for all recordings)"
-    ]
+def snapshot(folder: Path) -> dict[Path, int]:
+    return {path: path.stat().st_mtime_ns for path in folder.rglob("*") if "__pycache__" not in path.parts}

@@ -4,10 +4,10 @@ import json
 import shutil
 from pathlib import Path
 
+import programs
 import pytest
 from browser import find_faults, open_page
 
-from ces_cli.main import main
 from ces_gap.augmented import save_augmented
 from ces_gap.effects.effect import Composition
 from ces_identify import read_recording
@@ -18,16 +18,7 @@ SAMPLE, ROAD, SINE = ROOT / "config/models/sample.json", ROOT / "bags/road", ROO
 
 
 def ces(*words):
-    return main(["compare", *map(str, words)])
-
-
-def error_line(capsys, *words):
-    capsys.readouterr()
-    assert ces(*words) == 2
-    shown = capsys.readouterr()
-    lines = [line for line in shown.err.splitlines() if not line.startswith("warning: ")]
-    assert len(lines) == 1 and shown.out == "", lines
-    return lines[0]
+    return programs.ces("compare", *words)
 
 
 @pytest.fixture(scope="module")
@@ -119,31 +110,7 @@ def test_the_front_of_a_campaign_is_compared(folder, monkeypatch, capsys):
     assert ces("sizes", SINE, "--json") == 0
     names = [model["name"] for model in json.loads(capsys.readouterr().out)["models"]]
     assert names == ["polynomial 8 terms", "polynomial 4 terms"]
-    assert "no recording given" in error_line(capsys, "sizes")
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (("ours/model.json", SINE), "one model given (ours/model.json); taken as recordings: "),
-        ((SINE,), "no model given; taken as recordings: "),
-        (("ours/model.json", "theirs/model.json", SINE, "--report", "page.pdf"), "a report is an HTML page"),
-        (("ours/model.json", "theirs/model.json"), "no recording given"),
-        (("ours/model.json", "ours/model.json", SINE), "ours/model.json is given twice"),
-        (("ours/model.json", "theirs/model.json", SINE, SINE, "--report", "page.html"), "exists; choose another name"),
-        (("ours/model.json", "theirs/model.json", SINE, "--report", "ours/model.json"), "ours/model.json: "),
-        (("ours/model.json", "theirs/model.json", "nowhere"), "nowhere"),
-        (("ours/model.json", "nothing.json", SINE), "nothing.json: no such model file"),
-        (("ours/model.json", "topic:/prediction", SINE), "no topic /prediction"),
-    ],
-)
-def test_mistakes_are_one_line_and_write_nothing(folder, compared, monkeypatch, capsys, words, expected):
-    monkeypatch.chdir(folder)
-    before = {path: path.stat().st_mtime_ns for path in folder.rglob("*")}
-    assert expected in error_line(capsys, *words)
-    assert {path: path.stat().st_mtime_ns for path in folder.rglob("*") if "__pycache__" not in path.parts} == {
-        path: stamp for path, stamp in before.items() if "__pycache__" not in path.parts
-    }
+    assert "no recording given" in programs.error_line(capsys, "compare", "sizes")
 
 
 def test_the_page_names_everything(compared):

@@ -8,15 +8,17 @@ from __future__ import annotations
 import argparse
 import json
 import math
+from contextlib import redirect_stdout
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from small_recordings import RULES, write_small_bag, write_small_csv
+from programs import NO_SHORT_FITS, ces, document_of, text_of
+from small_recordings import RULES, make_columns, write_columns, write_small_csv
 
 from ces_cli.completion import build_whole_parser
-from ces_cli.main import PROGRAMS, main
+from ces_cli.main import PROGRAMS
 from ces_cli.terminal.options import list_actions
 from ces_cli.terminal.outputs import as_plain, print_document, without_text
 from ces_observer import __version__
@@ -34,8 +36,8 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("documents")
     (folder / "rules.yaml").write_text(RULES)
     for seed, name in enumerate(("one", "two"), start=1):
-        write_small_bag(folder / name, seed)
-    write_small_csv(folder / "log.csv")
+        write_columns(folder / name, *make_columns(8.0, seed, 250.0))
+    write_small_csv(folder / "log.csv", seconds=4.0)
     (folder / "map.yaml").write_text(
         "time: {column: time_s}\nposition: {column: position_m}\n"
         "current: {column: current_A}\nforce: {column: force_N}\n"
@@ -48,26 +50,11 @@ def identified(work: Path) -> tuple[dict[str, Any], Path]:
     """The document of an identification with folds, and its model."""
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(work)
-        lines: list[str] = []
-        patch.setattr("builtins.print", lambda *words, **how: lines.append(" ".join(map(str, words))))
-        words = ["identify", "one", "--validate", "two", "--out", "model.json", "--candidates", "rules.yaml"]
-        options = ["--terms", "4", "--starts", "1", "--time", "10", "--threads", "1", "--folds", "2", "--json"]
-        assert main([*words, *options]) == 0
-    return json.loads(lines[-1]), work / "model.json"
-
-
-def document_of(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str, Any]:
-    capsys.readouterr()
-    assert main([*map(str, words), "--json"]) == 0
-    document: dict[str, Any] = json.loads(capsys.readouterr().out)
-    assert document["schema"] == f"ces-{words[0]}/1" and document["ces_observer"] == __version__
-    return document
-
-
-def text_of(capsys: pytest.CaptureFixture[str], *words: object) -> str:
-    capsys.readouterr()
-    assert main(list(map(str, words))) == 0
-    return capsys.readouterr().out
+        patch.setattr(*NO_SHORT_FITS)
+        words = ("identify", "one", "--validate", "two", "--out", "model.json", "--candidates", "rules.yaml")
+        with (work / "document").open("w") as out, redirect_stdout(out):
+            assert ces(*words, "--terms", 4, "--starts", 1, "--threads", 1, "--folds", 2, "--json") == 0
+    return json.loads((work / "document").read_text()), work / "model.json"
 
 
 def test_every_program_with_tables_has_the_option() -> None:
@@ -88,6 +75,7 @@ def test_validate(work: Path, identified: object, capsys: pytest.CaptureFixture[
         "zero_crossing=3",
     )
     document, text = document_of(capsys, *words), text_of(capsys, *words)
+    assert document["ces_observer"] == __version__
     for row in document["recordings"]:
         low, high = row["ci95_percent"]
         cells = (f"{row['J_percent']:.2f}", f"{low:.2f}-{high:.2f}", f"{row['weighted_J_percent']:.2f}")
@@ -142,7 +130,7 @@ def test_import_rig_and_export(
     imported = document_of(
         capsys, "import", work / "log.csv", "--mapping", work / "map.yaml", "--out", tmp_path / "log"
     )
-    assert imported["bags"][0]["samples"] == 6000 and imported["bags"][0]["rate_Hz"] == pytest.approx(500.0)
+    assert imported["bags"][0]["samples"] == 2000 and imported["bags"][0]["rate_Hz"] == pytest.approx(500.0)
     (tmp_path / "short.yaml").write_text(
         "duration_s: 1\nstroke: {kind: rest}\ncurrent: {kind: constant, current_A: 0.4}\n"
     )
@@ -155,7 +143,7 @@ def test_import_rig_and_export(
 
 
 def test_a_mistake_prints_no_document(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["validate", str(work / "nothing.json"), str(work / "two"), "--json"]) == 2
+    assert ces("validate", work / "nothing.json", work / "two", "--json") == 2
     printed = capsys.readouterr()
     assert printed.out == "" and len(printed.err.splitlines()) == 1
 

@@ -16,11 +16,12 @@ from urllib.parse import urlsplit
 
 import pytest
 from patience import PATIENCE_S, wait_until
+from programs import error_line
 from served_folders import BAGS
 
-from ces_cli.main import main
 from ces_cli.serve import make_parser
 
+pytestmark = pytest.mark.slow
 pytest.importorskip("flask", reason="Flask is not installed")
 
 BROWSER = """\
@@ -53,13 +54,6 @@ def serving(folder: Path, *words: str, **environment: str) -> Iterator[tuple[sub
                 process.kill()
 
 
-def error_line(capsys: pytest.CaptureFixture[str], *words: object) -> str:
-    assert main(["serve", *map(str, words)]) == 2
-    line, *more = capsys.readouterr().err.splitlines()
-    assert more == []
-    return line
-
-
 def test_it_serves_until_ctrl_c(tmp_path: Path) -> None:
     with serving(tmp_path) as (process, url):
         with urllib.request.urlopen(url) as answer:
@@ -70,14 +64,13 @@ def test_it_serves_until_ctrl_c(tmp_path: Path) -> None:
     assert (process.returncode, out, err) == (0, "stopped\n", "")
 
 
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_it_ends_in_order_when_its_connection_breaks(tmp_path: Path, number: signal.Signals) -> None:
+def test_it_ends_in_order_when_its_connection_breaks(tmp_path: Path) -> None:
     shutil.copytree(BAGS / "sine_4hz", tmp_path / "results" / "sine_4hz")
     running = serving(tmp_path / "results", TMPDIR=str(tmp_path))
     with running as (process, url), urllib.request.urlopen(f"{url}view/recording/sine_4hz") as answer:
         assert b"eading the bag" in answer.read()
         wait_until(lambda: bool(list(tmp_path.glob("ces-serve-*"))), "the work has begun")
-        process.send_signal(number)
+        process.send_signal(signal.SIGHUP)
         assert process.communicate(timeout=PATIENCE_S) == ("stopped\n", "")
     assert list(tmp_path.glob("ces-serve-*")) == []
 
@@ -93,24 +86,21 @@ def test_open_starts_the_chosen_browser_while_it_serves(tmp_path: Path) -> None:
         assert process.communicate(timeout=PATIENCE_S) == ("stopped\n", "")
 
 
-def test_open_without_a_desktop_says_how_to_see_the_page(tmp_path: Path) -> None:
-    with serving(tmp_path, "--open", BROWSER="", DISPLAY="", WAYLAND_DISPLAY="") as (process, url):
-        port = urlsplit(url).port
-        assert process.stderr is not None
-        line = process.stderr.readline()
-    tunnel = f"ssh -N -L {port}:localhost:{port} {socket.gethostname()} and open http://localhost:{port}/"
-    assert line == f"warning: --open: no desktop here; on yours, run {tunnel}\n"
-
-
-def test_another_address_gives_a_warning(tmp_path: Path) -> None:
-    with serving(tmp_path, "--host", "0.0.0.0") as (process, url):
+def test_another_address_gives_a_warning_and_open_without_a_desktop_says_how_to_see_the_page(tmp_path: Path) -> None:
+    nowhere = {"BROWSER": "", "DISPLAY": "", "WAYLAND_DISPLAY": ""}
+    with serving(tmp_path, "--host", "0.0.0.0", "--open", **nowhere) as (process, url):
         assert url.startswith(f"http://{socket.gethostname()}:")
-        local = f"http://127.0.0.1:{url.rpartition(':')[2]}"
-        asked = urllib.request.Request(local, headers={"Host": url.split("/")[2]})
+        port = urlsplit(url).port
+        asked = urllib.request.Request(f"http://127.0.0.1:{port}/", headers={"Host": url.split("/")[2]})
         with urllib.request.urlopen(asked) as answer:
             assert answer.status == 200
         process.terminate()
-        assert f"warning: --host 0.0.0.0: everyone on that network can read {tmp_path}" in process.communicate()[1]
+        errors = process.communicate(timeout=PATIENCE_S)[1].splitlines()
+    tunnel = f"ssh -N -L {port}:localhost:{port} {socket.gethostname()} and open http://localhost:{port}/"
+    assert errors == [
+        f"warning: --host 0.0.0.0: everyone on that network can read {tmp_path}",
+        f"warning: --open: no desktop here; on yours, run {tunnel}",
+    ]
 
 
 def test_a_port_in_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -119,23 +109,14 @@ def test_a_port_in_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture
         other.listen()
         port = other.getsockname()[1]
         said = f"cannot listen on 127.0.0.1, port {port}: Address already in use; choose another with --port"
-        assert said in error_line(capsys, tmp_path, "--port", port)
-
-
-def test_mistakes_are_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "file").write_text("")
-    assert "no such folder" in error_line(capsys, tmp_path / "missing", "--port", 0)
-    assert "is not a folder" in error_line(capsys, tmp_path / "file", "--port", 0)
-    assert "cannot listen on 203.0.113.7" in error_line(capsys, tmp_path, "--port", 0, "--host", "203.0.113.7")
-    assert "cannot listen on no name at all" in error_line(capsys, tmp_path, "--port", 0, "--host", "no name at all")
-    assert "signals.yaml" in error_line(capsys, tmp_path, "--port", 0, "--signals", tmp_path / "signals.yaml")
+        assert said in error_line(capsys, "serve", tmp_path, "--port", port)
 
 
 def test_without_flask_it_names_the_extra(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("ces_cli.serve.find_spec", lambda name: None)
-    assert "pip install 'ces_observer[serve]'" in error_line(capsys, tmp_path)
+    assert "pip install 'ces_observer[serve]'" in error_line(capsys, "serve", tmp_path)
 
 
 def test_it_listens_on_this_computer_only_by_default() -> None:

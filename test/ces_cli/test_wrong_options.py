@@ -1,4 +1,4 @@
-"""Every program with 100 wrong command lines from its own option table: exit status 2, one line, nothing written."""
+"""Every program with 30 wrong command lines from its own option table: exit status 2, one line, nothing written."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ces_data.recording import Channel, Recording
 from ces_observer.signals import Signals
 
 ROOT = Path(__file__).resolve().parents[2]
-EXAMPLES, DRAWN = 100, 400  # different lines tried, of the drawn ones
+EXAMPLES, DRAWN = 30, 150  # different lines tried, of the drawn ones
 LIMIT_S = 60.0  # of the processor for one command line: it is refused before any work
 
 

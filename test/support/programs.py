@@ -47,7 +47,7 @@ def document_of(capsys: pytest.CaptureFixture[str], *words: object) -> dict[str,
     return document
 
 
-def run_here(function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], *_: int) -> Iterator[Any]:
+def run_here(function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], *_: int, **__: int) -> Iterator[Any]:
     """Run jobs in this process, in place of `ces_identify.jobs.run_in_processes`, whose own tests start processes."""
     for task in tasks:
         yield function(*task)
@@ -55,3 +55,10 @@ def run_here(function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], *_:
 
 # Without the fits of other structures that `ces identify` compares with: `monkeypatch.setattr(*NO_SHORT_FITS)`.
 NO_SHORT_FITS = ("ces_identify.structures.auto.physical_structures", tuple)
+
+
+def only_effects(*names: str) -> tuple[str, Callable[[], tuple[object, ...]]]:
+    """Return what makes a diagnosis search among these effects alone: `monkeypatch.setattr(*only_effects(...))`."""
+    from ces_gap.effects.library import library
+
+    return "ces_gap.pipeline.library", lambda: tuple(form for form in library() if form.name in names)

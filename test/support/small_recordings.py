@@ -33,17 +33,26 @@ def make_columns(
     return t, {"position": x, "current": i, "force": force}
 
 
-def write_small_bag(path: Path, seed: int = 1, seconds: float = 12.0) -> Path:
+def columns_as_channels(t: NDArray[np.float64], columns: dict[str, NDArray[np.float64]]) -> dict[str, Channel]:
+    """Return the channels of columns that were sampled at times `t` [s]."""
+    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
+    return {name: Channel(name, UNITS[name], stamps, values) for name, values in columns.items()}
+
+
+def write_channels(path: Path, channels: dict[str, Channel]) -> Path:
     """Write a bag with the default topics, and return its path."""
-    return write_columns(path, *make_columns(seconds, seed))
+    write_bag(path, recording_topics(Recording(path.name, channels), Signals.from_mapping({}, "defaults")))
+    return path
 
 
 def write_columns(path: Path, t: NDArray[np.float64], columns: dict[str, NDArray[np.float64]]) -> Path:
-    """Write a bag of these columns, sampled at times `t` [s], and return its path."""
-    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
-    channels = {name: Channel(name, UNITS[name], stamps, values) for name, values in columns.items()}
-    write_bag(path, recording_topics(Recording(path.name, channels), Signals.from_mapping({}, "defaults")))
-    return path
+    """Write a bag of columns that were sampled at times `t` [s], and return its path."""
+    return write_channels(path, columns_as_channels(t, columns))
+
+
+def write_small_bag(path: Path, seed: int = 1, seconds: float = 12.0) -> Path:
+    """Write a bag of `make_columns`, and return its path."""
+    return write_columns(path, *make_columns(seconds, seed))
 
 
 def write_small_csv(path: Path, seed: int = 1, seconds: float = 12.0, in_mm: bool = False) -> Path:

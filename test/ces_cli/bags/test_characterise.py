@@ -79,17 +79,3 @@ def test_an_existing_folder_is_kept(dyno, tmp_path, capsys):
     assert [p.name for p in tmp_path.iterdir()] == ["mine.txt"]
     assert run(capsys, dyno, "--out", tmp_path, "--overwrite")[0] == 0
     assert (tmp_path / "mine.txt").read_text() == "mine"
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["--model", "none.json"], "none.json"),
-        (["--model", "a:b", "--model", "a:b"], "given twice"),
-    ],
-)
-def test_mistakes_are_one_line(dyno, capsys, words, expected):
-    status, out, err = run(capsys, dyno, *words)
-    assert (status, out) == (2, "")
-    assert expected in err
-    assert len([line for line in err.splitlines() if line.startswith("ces characterise: error")]) == 1

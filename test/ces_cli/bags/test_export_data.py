@@ -8,7 +8,7 @@ import pytest
 from ces_cli.bags import export_data, import_
 from ces_cli.terminal import terminal
 from ces_data.bags.reader import read_recording
-from ces_data.bags.writer import TopicData, recording_topics, write_bag
+from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.recording import Channel, Recording
 from ces_data.signals_file import load_signals
 from ces_observer.model import load_model
@@ -130,32 +130,3 @@ def test_a_model_adds_its_estimates(tmp_path):
     speed = np.gradient(table["position_m"], table["time_s"])
     assert np.corrcoef(speed[there], table["estimated_speed_m_s"][there])[0, 1] > 0.9
     assert ("estimated_force_lower_N" in table) == (load_model(model).band is not None)
-
-
-def test_several_bags_go_into_a_folder(bag, tmp_path, capsys):
-    write_bag(
-        tmp_path / "two", [TopicData("x", "std_msgs/msg/Float64", np.arange(3), {"data": np.zeros(3)})], overwrite=True
-    )
-    write_bag(tmp_path / "three", recording_topics(read_recording(bag, load_signals()), load_signals()))
-    assert run(bag, tmp_path / "three", "--out", tmp_path / "tables") == 0
-    assert sorted(path.name for path in (tmp_path / "tables").iterdir()) == ["run.csv", "three.csv"]
-    assert run(bag, tmp_path / "three", "--out", tmp_path / "one.csv") == 2
-    assert "2 bags need a folder, which gets a file for each" in capsys.readouterr().err
-    assert run(bag, bag, tmp_path / "two", "--out", tmp_path / "others") == 2
-    assert "'ces signals" in capsys.readouterr().err
-
-
-def test_mistakes_are_found_before_the_work(bag, tmp_path, capsys):
-    (tmp_path / "there.csv").write_text("mine")
-    for words, message in (
-        (("--out", tmp_path / "there.csv"), "exists; choose another name for --out, or replace it with --overwrite"),
-        (("--out", tmp_path / "run.xlsx"), "expected a name that ends in .csv, .parquet, .pq, or a folder"),
-        (("--out", tmp_path / "run.csv", "--format", "parquet"), "is a csv file by its name; omit --format"),
-        (("--out", tmp_path / "run.csv", "--model", tmp_path / "none.json"), "none.json"),
-    ):
-        assert run(bag, *words) == 2
-        assert message in capsys.readouterr().err
-    assert (tmp_path / "there.csv").read_text() == "mine"
-    with pytest.raises(SystemExit):
-        run(bag, "--out", tmp_path / "run.csv", "--as-logged", "--rate", 100)
-    assert "give one of them" in capsys.readouterr().err

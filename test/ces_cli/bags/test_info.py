@@ -1,5 +1,4 @@
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,7 +7,6 @@ from ces_cli.bags import info
 from ces_cli.terminal import terminal
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.recording import Channel, Recording
-from ces_observer.errors import CesError
 from ces_observer.signals import Signals
 
 DEFAULT = Signals.from_mapping({}, "defaults")
@@ -78,60 +76,3 @@ def test_picture(tmp_path, suffix, magic):
     assert info.main([bag(tmp_path / "run"), "--picture", str(path)]) == 0
     assert path.read_bytes().startswith(magic)
     assert sorted(p.name for p in tmp_path.iterdir()) == [path.name, "run"]
-
-
-def outcome(capsys, *words):
-    """Run as the program does; return exit status and the lines on stderr."""
-    status = terminal.run("info", info.main, [str(word) for word in words])
-    return status, capsys.readouterr().err.splitlines()
-
-
-def test_picture_of_unknown_kind_or_in_no_folder(tmp_path, capsys):
-    run = bag(tmp_path / "run")
-    assert outcome(capsys, run, "--picture", "x.bmp") == (
-        2,
-        ["ces info: error: x.bmp: cannot draw a '.bmp' picture; use one of .png, .svg, .pdf"],
-    )
-    status, lines = outcome(capsys, run, "--picture", tmp_path / "none" / "x.png")
-    assert status == 2
-    assert "none does not exist; make it first, or choose another" in lines[-1]
-
-
-BAD = {
-    "constant position": ({"position": np.full(N, 0.1)}, "position: constant at 0.1 m"),
-    "NaN": ({"force": np.where(np.arange(N) < 200, np.nan, 1.0)}, "force: 200 of 4000 samples are NaN or infinite"),
-    "infinite": ({"current": np.where(np.arange(N) < 200, np.inf, 1.0)}, "current: 200 of 4000 samples are NaN"),
-}
-
-
-@pytest.mark.parametrize("bad", BAD)
-def test_unusable_bag_is_shown_and_ends_with_one_line_and_status_2(tmp_path, capsys, bad):
-    changed, text = BAD[bad]
-    status, lines = outcome(capsys, bag(tmp_path / "run", **changed))
-    assert status == 2
-    assert len(lines) == 1
-    assert lines[0].startswith(f"ces info: error: {tmp_path / 'run'}: {text}")
-
-
-def test_all_positions_missing_is_still_shown(tmp_path, capsys):
-    status, lines = outcome(capsys, bag(tmp_path / "run", position=np.full(N, np.nan)), "--json")
-    assert status == 2
-    assert "position: 4000 of 4000 samples are NaN" in lines[0]
-
-
-def test_bags_that_cannot_be_read(tmp_path, capsys):
-    status, lines = outcome(capsys, tmp_path / "none")
-    assert (status, len(lines)) == (2, 1)
-    run = Path(bag(tmp_path / "run"))
-    file = run / "run.mcap"
-    file.write_bytes(file.read_bytes()[:5000])
-    status, lines = outcome(capsys, run)
-    assert (status, len(lines)) == (2, 1)
-    assert "the file ends early" in lines[0]
-    write_bag(tmp_path / "odd", [TopicData("x", "std_msgs/msg/Float64", np.arange(3), {"data": np.zeros(3)})])
-    status, lines = outcome(capsys, tmp_path / "odd")
-    text = "no topic 'joint_states' for position; the bag has /x (std_msgs/msg/Float64)"
-    advice = f"'ces signals {tmp_path / 'odd'} --out my_signals.yaml' proposes a file for --signals"
-    assert lines == [f"ces info: error: {tmp_path / 'odd'}: {text}; {advice}"]
-    with pytest.raises(CesError):
-        info.main([str(tmp_path / "none")])

@@ -1,7 +1,6 @@
 """`ces signals` from end to end: file, table, JSON, and the errors that point to it."""
 
 import json
-from pathlib import Path
 
 import proposal_bags as bags
 import pytest
@@ -69,12 +68,6 @@ def test_a_missing_topic_names_the_program_and_what_it_writes_ends_the_error(bag
     assert f"'ces signals {bag} --out my_signals.yaml' proposes a file for --signals" in line
     assert run(bag, "--out", tmp_path / "my.yaml") == 0
     assert terminal.run("info", info.main, [str(bag), "--signals", str(tmp_path / "my.yaml")]) == 0
-
-
-def test_mistakes_are_one_line(tmp_path, capsys):
-    for words in ((tmp_path / "none",), (Path(__file__),), (tmp_path,)):
-        assert run(*words) == 2
-        assert len(capsys.readouterr().err.strip().splitlines()) == 1
 
 
 def test_a_file_without_a_force_is_to_be_completed_by_hand(tmp_path, capsys):

@@ -1,46 +1,55 @@
 """`ces blind`: cases are created and sealed; right answers score fully, wrong ones not at all."""
 
+from __future__ import annotations
+
 import json
 import shutil
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from programs import ces, error_line, only_effects, run_here, text_of
 
 from ces_cli.blind.diagnosing import AUGMENTED, MODEL
-from ces_cli.blind.program import main
-from ces_cli.terminal.terminal import run as run_program
-from ces_gap import pipeline
-from ces_gap.effects.library import library
 from ces_rig.blind.cases import open_arrays, open_seal
 from ces_rig.blind.scoring import DECISION, GAP, REPLAY, ROW
 
-CASES, SECONDS = 6, "3"
+pytestmark = pytest.mark.slow
+CASES, SECONDS = 6, 3
 SETTINGS = {"simulation": "run", "references": 2}
 QUICK = ("friction", "force_scale", "inertia", "leakage")
 
 
 @pytest.fixture(scope="module")
-def cases(tmp_path_factory):
+def cases(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder of six sealed cases; diagnoses run in this process, with the few effects that were withheld."""
     folder = tmp_path_factory.mktemp("cases") / "dev"
-    words = ["make", "--out", str(folder), "--seed", "5", "--cases", str(CASES), "--seconds", SECONDS, "--jobs", "1"]
-    assert main([*words, "--gap-to-noise", "3", "--plants", "bouc_wen", "--effects", *QUICK]) == 0
-    return folder
+    words = ("--out", folder, "--seed", 5, "--cases", CASES, "--seconds", SECONDS, "--jobs", 1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ces_cli.blind.diagnosing.run_in_processes", run_here)
+        patch.setattr("ces_cli.blind.diagnosing.physical_structures", lambda: ("relaxation",))
+        patch.setattr(*only_effects(*QUICK))
+        assert ces("blind", "make", *words, "--gap-to-noise", 3, "--plants", "bouc_wen", "--effects", *QUICK) == 0
+        yield folder
 
 
-def test_a_case_with_a_recording_twice_fails_by_name(cases, tmp_path, capsys):
+def test_a_case_with_a_recording_twice_fails_by_name(
+    cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     planted = tmp_path / "planted"
     shutil.copytree(cases, planted)
     first = planted / "cases" / "0001"
     shutil.rmtree(first / "reference" / "f1")
     shutil.copytree(first / "real" / "r1", first / "reference" / "f1")
-    words = ["run", str(planted), "--out", str(tmp_path / "results"), "--limit", "1", "--jobs", "1"]
-    assert run_program("blind", main, [*words, "--simulation", "run", "--references", "2"]) == 2
+    words = ("blind", "run", planted, "--out", tmp_path / "results", "--limit", 1, "--jobs", 1)
+    assert ces(*words, "--simulation", "run", "--references", 2) == 2
     row = json.loads((tmp_path / "results" / "run_2" / "0001" / ROW).read_text())
     assert row["status"] == "failed" and "r1 and f1: the same recording, under --real and --reference" in row["reason"]
 
 
-def make_gap(label, knows):
+def make_gap(label: dict[str, Any], knows: bool) -> dict[str, Any]:
     """Return the gap.json of a diagnosis that knows the label, or names a wrong effect with certainty."""
     truth = [effect["name"] for effect in label["effects"]]
     named = truth if knows else ["bump_stop"]
@@ -60,7 +69,7 @@ def make_gap(label, knows):
     }
 
 
-def write_results(folder: Path, results: Path, knows: bool):
+def write_results(folder: Path, results: Path, knows: bool) -> Path:
     """Write results of the default mode as `run` does, with answers from the opened seal; return their folder."""
     results = results / "run_2"
     results.mkdir(parents=True)
@@ -82,7 +91,7 @@ def write_results(folder: Path, results: Path, knows: bool):
     return results
 
 
-def figures(text):
+def figures(text: str) -> dict[str, str]:
     """Return the values of the headline table by the figure's name."""
     rows = [
         [cell.strip() for cell in line.strip("|").split("|")] for line in text.splitlines() if line.startswith("| ")
@@ -90,7 +99,7 @@ def figures(text):
     return {row[0]: row[1] for row in rows if len(row) == 5}
 
 
-def test_the_sealed_cases_match_the_request(cases):
+def test_the_sealed_cases_match_the_request(cases: Path) -> None:
     about, labels = open_seal(cases)
     assert about["seed"] == 5
     assert [label["case"] for label in labels] == [f"{i:04d}" for i in range(1, CASES + 1)]
@@ -98,10 +107,9 @@ def test_the_sealed_cases_match_the_request(cases):
     assert all(label["gap_N"] == pytest.approx(24.0, rel=0.11) for label in labels if label["kind"] != "none")
 
 
-def test_perfect_scores_for_right_answers(cases, tmp_path, capsys):
-    results = write_results(cases, tmp_path / "results", knows=True)
-    assert main(["score", str(cases), str(results), "--out", str(tmp_path / "report.md")]) == 0
-    printed = capsys.readouterr().out
+def test_perfect_scores_for_right_answers(cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    words = ("blind", "score", cases, write_results(cases, tmp_path / "results", knows=True))
+    printed = text_of(capsys, *words, "--out", tmp_path / "report.md")
     assert (tmp_path / "report.md").read_text().strip() == printed.strip()
     got = figures(printed)
     full = ("top-1", "top-3", "verdict names exactly the effect", "outside called `unknown`", "both of a pair")
@@ -111,16 +119,14 @@ def test_perfect_scores_for_right_answers(cases, tmp_path, capsys):
     assert got["abs(claimed − true shrink), median"] == "0.000"
     assert got["ECE of the first candidate"] == got["Brier score"] == "0.000"
     assert "not met" not in printed
-    assert main(["score", str(cases), str(results), "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(text_of(capsys, *words, "--json"))
     shares = {row["figure"]: row["value"] for row in document["modes"]["run_2"]["all"]}
     assert document["schema"] == "ces-blind-score/1"
     assert [shares[name] for name in full] == [1.0] * 5 and shares["Brier score"] == pytest.approx(0.0)
 
 
-def test_zero_scores_for_wrong_answers(cases, tmp_path, capsys):
-    assert main(["score", str(cases), str(write_results(cases, tmp_path / "results", knows=False))]) == 0
-    got = figures(capsys.readouterr().out)
+def test_zero_scores_for_wrong_answers(cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    got = figures(text_of(capsys, "blind", "score", cases, write_results(cases, tmp_path / "results", knows=False)))
     assert [got[name] for name in ("top-1", "top-3", "outside called `unknown`", "both of a pair")] == ["0.0 %"] * 4
     assert [got[name] for name in ("confidently wrong", "false alarms")] == ["100.0 %"] * 2
     assert got["closure, median"] == "0.0 %"
@@ -128,68 +134,28 @@ def test_zero_scores_for_wrong_answers(cases, tmp_path, capsys):
     assert got["ECE of the first candidate"] == "1.000"
 
 
-def test_the_diagnosis_itself(cases, tmp_path, capsys, monkeypatch):
+def test_the_diagnosis_itself(cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """One case from the recordings alone, with a model in place of the simulation; a second run has nothing to do."""
-    monkeypatch.setattr(pipeline, "library", lambda: tuple(form for form in library() if form.name in QUICK))
     blind, results = tmp_path / "blind", tmp_path / "results"
     shutil.copytree(cases / "cases", blind / "cases")
-    words = ["run", str(blind), "--out", str(results), "--limit", "1", "--jobs", "1"]
-    words += ["--simulation", "identified", "--references", "0", "1"]  # the first is impossible
-    assert main(words) == 0
+    words = ("blind", "run", blind, "--out", results, "--limit", 1, "--jobs", 1)
+    words += ("--simulation", "identified", "--references", 0, 1)  # the first is impossible
+    assert ces(*words) == 0
     made = results / "identified_1" / "0001"
     assert {path.name for path in made.iterdir()} == {GAP, AUGMENTED, DECISION, REPLAY, ROW, MODEL}
     assert json.loads((made / GAP).read_text())["simulation"].endswith(MODEL)
     before = (made / ROW).stat().st_mtime_ns
-    capsys.readouterr()
-    assert main([*words, "--json"]) == 0
-    document = json.loads(capsys.readouterr().out)
+    document = json.loads(text_of(capsys, *words, "--json"))
     assert (document["modes"], document["diagnoses"], document["failed"]) == (["identified_1"], 1, [])
     assert (made / ROW).stat().st_mtime_ns == before
     (blind / "cases" / "seal.sha256").write_text("another")
-    assert run_program("blind", main, words) == 2
-    assert "identified_1: holds results of other cases; choose another folder" in capsys.readouterr().err
-    assert main(["score", str(cases), str(results)]) == 0
-    printed = capsys.readouterr().out
+    assert "identified_1: holds results of other cases; choose another folder" in error_line(capsys, *words)
+    printed = text_of(capsys, "blind", "score", cases, results)
     assert f"1 of {CASES} sealed cases" in printed and "| `identified_1` | 1 |" in printed
     assert "model identified from the references as simulation, one reference;" in printed
 
 
-def test_results_of_other_cases_are_refused(cases, tmp_path, capsys):
+def test_results_of_other_cases_are_refused(cases: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     results = write_results(cases, tmp_path / "results", knows=True)
     (results / "run.json").write_text(json.dumps({**SETTINGS, "seal": "another"}))
-    assert run_program("blind", main, ["score", str(cases), str(results)]) == 2
-    assert "holds results of other cases" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (
-            ["make", "--out", "x", "--seed", "1", "--effects", "magic"],
-            "--effects: invalid choice: 'magic'",
-        ),
-        (
-            ["make", "--out", "x", "--seed", "1", "--kind", "odd"],
-            "--kind: invalid choice: 'odd'",
-        ),
-        (
-            ["make", "--out", ".", "--seed", "1", "--cases", "1"],
-            ".: exists; choose another name for --out, or replace it with --overwrite",
-        ),
-        (["run", "x", "--out", "y", "--simulation", "identified", "--references", "0"], "add --references 1 or 2"),
-        (["run", "nowhere", "--out", "y"], "nowhere: contains no cases/NNNN/case.json"),
-        (["score", "nowhere", "y"], "nowhere: not a sealed blind test"),
-        ([], "the following arguments are required: make|run|score"),
-    ],
-)
-def test_mistakes(words, message, capsys, tmp_path, monkeypatch):
-    (tmp_path / "here").write_text("")
-    monkeypatch.chdir(tmp_path)
-    try:
-        status = run_program("blind", main, words)
-    except SystemExit as leaving:
-        status = leaving.code
-    assert status == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1
+    assert "holds results of other cases" in error_line(capsys, "blind", "score", cases, results)

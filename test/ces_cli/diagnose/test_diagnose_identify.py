@@ -3,33 +3,40 @@
 import json
 
 import pytest
+from programs import ces, only_effects, run_here
 from rig_rides import SLOW, rig_ride
 from schema_rules import faults
 
-from ces_cli.main import main
 from ces_cli.terminal.simulations import open_simulation
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_gap.augmented import load_augmented
+from ces_gap.baseline.identified import identify_baseline
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
+pytestmark = pytest.mark.slow
 DEFAULT = Signals.from_mapping({}, "defaults")
 WORDS = ("--identify", "--structure", "relaxation", "--reference", "new1", "new2", "--threads", 1)
 
 
-def ces(*words):
-    return main([str(word) for word in words])
-
-
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Rides of the new damper and of the one with the slow valve."""
+    """Rides of the new damper and of the one with the slow valve; the model is fitted once, and few effects."""
+    baselines = []
+
+    def identify_once(*references, **options):
+        baselines.extend([] if baselines else [identify_baseline(*references, **options)])
+        return baselines[0]
+
     path = tmp_path_factory.mktemp("identified")
     for ride in (rig_ride(1), rig_ride(2), *(rig_ride(seed, SLOW) for seed in (7, 8, 9))):
         write_bag(path / ride.name, recording_topics(ride, DEFAULT))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path)
+        patch.setattr("ces_cli.diagnose.diagnosis.identify_baseline", identify_once)
+        patch.setattr("ces_identify.jobs.run_in_processes", run_here)
+        patch.setattr(*only_effects("friction", "valve_lag"))
         yield path
 
 
@@ -54,19 +61,3 @@ def test_a_fleet_has_one_model_beside_its_units(folder, capsys):
     assert load_model("many/model.json").structure == "relaxation"
     augmented = json.loads((folder / "many" / row["folder"] / "augmented.json").read_text())
     assert augmented["sim"]["spec"] == "../../model.json"
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("--identify",), "--identify needs --reference"),
-        (("--identify", "--sim", "m.json", "--reference", "new1"), "--sim does not apply with --identify"),
-        ((), "no simulation: give --sim SIM, or --identify"),
-        (("--sim", "m.json", "--structure", "chambers"), "--structure applies to --identify"),
-    ],
-)
-@pytest.mark.parametrize("each", [(), ("--each", "recording")], ids=["one", "fleet"])
-def test_a_missing_or_double_source_is_an_error_of_one_line(folder, capsys, words, message, each):
-    assert ces("diagnose", *words, *each, "--real", "slow7", "--out", "none") == 2
-    error = capsys.readouterr().err.strip()
-    assert message in error and "\n" not in error

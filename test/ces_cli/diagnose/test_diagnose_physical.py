@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 from physical_examples import make_chambers, make_model, make_relaxation, make_valve
+from programs import NO_SHORT_FITS, ces, only_effects
 from schema_rules import faults
 
-from ces_cli.main import main
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.recording import Channel, Recording
@@ -16,13 +16,10 @@ from ces_identify.simulations.simulate import sample_force
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
-RATE, NOISE_N, COULOMB_N, SECONDS = 1000.0, 6.0, 40.0, 8.0
+RATE, NOISE_N, COULOMB_N, SECONDS = 1000.0, 6.0, 40.0, 7.0
+pytestmark = pytest.mark.slow
 DEFAULT = Signals.from_mapping({}, "defaults")
 MODELS = {"relaxation": make_model(make_relaxation(make_valve())), "chambers": make_model(make_chambers(make_valve()))}
-
-
-def ces(*words):
-    return main([str(word) for word in words])
 
 
 def ride(name, model, seed, coulomb_N):
@@ -49,6 +46,8 @@ def diagnosed(request, tmp_path_factory):
     model.save(folder / "model.json")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        patch.setattr(*NO_SHORT_FITS)
+        patch.setattr(*only_effects("friction", "leakage", "force_scale", "inertia"))
         words = ("--real", "one", "two", "--held-out", "held", "--reference", "new", "--threads", 1)
         assert ces("diagnose", "--sim", "model.json", *words, "--out", "gap") == 0
         yield folder, json.loads((folder / "gap" / "gap.json").read_text())
@@ -73,8 +72,9 @@ def test_its_repair_closes_the_gap_as_claimed(diagnosed, tmp_path):
     assert left_N == pytest.approx(gap["composition"]["gap_after_N"], abs=0.1 * COULOMB_N)
 
 
+@pytest.mark.parametrize("diagnosed", ["relaxation"], indirect=True)
 def test_its_repair_is_distilled(diagnosed, capsys):
-    words = ("--teacher", "gap/augmented.json", "--structure", "relaxation", "--time", 3, "--no-band")
+    words = ("--teacher", "gap/augmented.json", "--structure", "relaxation", "--time", 3, "--starts", 1, "--no-band")
     assert ces("identify", "one", "two", "--validate", "held", *words, "--out", "repaired.json") == 0
     assert load_model("repaired.json").structure == "relaxation"
     assert "model to teacher" in capsys.readouterr().out

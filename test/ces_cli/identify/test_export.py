@@ -93,28 +93,6 @@ def test_structures_with_physics_inside_state_both_bounds(tmp_path, capsys, stru
     assert structure.size in description
 
 
-@pytest.mark.parametrize(
-    ("out", "more", "message"),
-    [
-        ("m.cpp", (), "m.cpp: expected a name that ends in .c (C99, with its header beside it) or .fmu (FMI 2.0"),
-        ("m.c", ("--format", "fmu"), "m.c: expected a name that ends in .fmu (FMI 2.0 co-simulation)"),
-        ("m", ("--format", "c"), "m: expected a name that ends in .c"),
-        ("m.c", ("--sources-only",), "--sources-only applies to an FMU only"),
-        ("missing/m.fmu", ("--sources-only",), "missing/m.fmu: the folder"),
-        ("m.fmu", ("--name", "2; x"), "name '2; x': not usable in C"),
-        ("missing/m.c", (), "missing does not exist; make it first"),
-        ("math.c", (), "not a standard header"),
-        ("m.c", ("--name", "2; x"), "name '2; x': not usable in C; choose one such as 'model_2_x'"),
-    ],
-)
-def test_a_name_that_cannot_be_used(tmp_path, capsys, out, more, message):
-    assert message in error_line(capsys, model_file(tmp_path / "m.json"), "--out", tmp_path / out, *more)
-
-
-def test_no_model_file(tmp_path, capsys):
-    assert "no such model file" in error_line(capsys, tmp_path / "none.json", "--out", tmp_path / "m.c")
-
-
 @pytest.mark.needs("cc")
 def test_an_fmu_by_its_suffix(tmp_path, capsys):
     assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "Rear-Damper.fmu") == 0
@@ -180,29 +158,3 @@ def test_the_same_model_gives_the_same_package(tmp_path):
     one, other = ({p.relative_to(tmp_path / k): p.read_bytes() for p in (tmp_path / k).rglob("*.*")} for k in "ab")
     assert one == other
     assert len(one) > 20
-
-
-@pytest.mark.parametrize(
-    ("folder", "more", "message"),
-    [
-        ("taken", (), "taken: exists; choose another name for --ros-package, or replace it with --overwrite"),
-        ("taken", ("--overwrite",), "taken: is not a ROS 2 package, so it is not replaced"),
-        ("m.json/damper", (), "m.json is not a folder; expected a folder to write into"),
-        ("damper", ("--name", "Damper 1"), "package 'Damper 1': expected lower-case letters"),
-        ("class", (), "package 'class': expected lower-case letters, digits and _, and no word of C++"),
-        ("damper", ("--format", "c"), "--format does not apply to --ros-package"),
-    ],
-)
-def test_a_package_that_cannot_be_written(tmp_path, capsys, folder, more, message):
-    (tmp_path / "taken").mkdir()
-    (tmp_path / "taken" / "own.txt").touch()
-    assert message in error_line(capsys, model_file(tmp_path / "m.json"), "--ros-package", tmp_path / folder, *more)
-
-
-def test_a_package_needs_a_measured_position(tmp_path, capsys):
-    (tmp_path / "signals.yaml").write_text("position: {constant: 0.0}\n")
-    words = (model_file(tmp_path / "m.json"), "--ros-package", tmp_path / "damper", "--signals")
-    assert "signal 'position' is constant" in error_line(capsys, *words, tmp_path / "signals.yaml")
-    assert "--signals applies to --ros-package only" in error_line(
-        capsys, tmp_path / "m.json", "--out", tmp_path / "m.c", "--signals", tmp_path / "signals.yaml"
-    )

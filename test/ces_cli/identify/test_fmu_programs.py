@@ -1,87 +1,114 @@
-"""An exported FMU as a SIM: `ces simulate` and `ces identify --teacher`, and its one-line errors."""
+"""An exported FMU as a SIM: simulated, as teacher, and diagnosed; and what a diagnosis writes, replayed."""
+
+from __future__ import annotations
 
 import csv
+import json
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from needs import skip_without
+from numpy.typing import NDArray
+from programs import NO_SHORT_FITS, ces, only_effects, text_of
+from schema_rules import faults
+from shared_results import COULOMB_N, SharedResults
 
-from ces_cli.main import main
-from ces_data.bags.writer import recording_topics, write_bag
-from ces_data.recording import Channel, Recording
-from ces_observer.model import Envelope, Model, Sampling, load_model
+from ces_data.bags.reader import read_recording
+from ces_observer.model import load_model
 from ces_observer.signals import Signals
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Factor, Term
 
-RULES = "force: {lags: [1]}\nspeed: {lags: [0], powers: [1.0], forms: [signed]}\nproducts: [[force], [speed]]\n"
-
-
-def ces(*words):
-    return main([str(word) for word in words])
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def work(tmp_path_factory):
-    """A folder with a bag, a model and the model's FMU."""
+def work(shared_gap: SharedResults, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The working folder, with the shared results and the model's FMU."""
+    folder = tmp_path_factory.mktemp("work")
+    for path in shared_gap.folder.iterdir():
+        (folder / path.name).symlink_to(path)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr(*NO_SHORT_FITS)
+        patch.setattr(*only_effects("friction", "leakage", "force_scale"))
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def fmu(work: Path) -> str:
     pytest.importorskip("fmpy")
     skip_without("cc")
-    folder = tmp_path_factory.mktemp("work")
-    terms = (Term(0.5, (Factor("force", 1),)), Term(900.0, (Factor("speed", 0),)))
-    envelope = Envelope((-0.1, 0.1), (-2.0, 2.0), (0.0, 2.0))
-    Model(Sampling(500.0, 60.0, 0.02), Polynomial(terms), envelope, (-3e4, 3e4)).save(folder / "model.json")
-    t = np.arange(5000) / 500.0
-    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
-    columns = {"position": ("m", 0.01 * np.sin(19.0 * t) + 0.004 * np.sin(50.0 * t)), "current": ("A", 0.5 + 0.0 * t)}
-    channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in columns.items()}
-    write_bag(folder / "bag", recording_topics(Recording("bag", channels), Signals.from_mapping({}, "defaults")))
-    (folder / "rules.yaml").write_text(RULES)
-    assert ces("export", folder / "model.json", "--format", "fmu", "--out", folder / "damper.fmu") == 0
-    return folder
+    assert ces("export", "model.json", "--format", "fmu", "--out", "damper.fmu") == 0
+    return "damper.fmu"
 
 
-def forces(path):
-    with path.open() as file:
-        return np.array([float(row["force_N"]) for row in csv.DictReader(file)])
+def simulate(sim: str, bag: str, out: Path) -> NDArray[np.float64]:
+    """Return the forces [N] of a simulation at the position samples of a bag."""
+    assert ces("simulate", "--sim", sim, bag, "--out", out, "--overwrite") == 0
+    return np.array([float(row["force_N"]) for row in csv.DictReader(out.open())])
 
 
-@pytest.mark.parametrize("spec", ["damper.fmu", "damper.fmu:position=position,current=current,force=force"])
-def test_simulate_returns_the_models_force(work, tmp_path, spec):
-    assert ces("simulate", "--sim", work / "model.json", work / "bag", "--out", tmp_path / "model.csv") == 0
-    assert ces("simulate", "--sim", f"{work}/{spec}", work / "bag", "--out", tmp_path / "fmu.csv") == 0
-    expected = forces(tmp_path / "model.csv")
-    assert np.isfinite(expected).sum() > 4000
-    np.testing.assert_allclose(forces(tmp_path / "fmu.csv"), expected, rtol=1e-9, atol=1e-9)
+def gap_left(augmented: str, bag: str, out: Path, noise_N: float) -> float:
+    """Return the gap [N] of an augmented simulation on a bag, with noise subtracted."""
+    measured = read_recording(Path(bag), Signals.from_mapping({}, "test")).channel("force").values
+    gap = (measured - simulate(augmented, bag, out))[125:-50]
+    assert np.isfinite(gap).mean() > 0.95
+    return float(np.sqrt(max(np.nanmean(gap**2) - noise_N**2, 0.0)))
 
 
-def test_identify_learns_from_it(work, tmp_path):
-    words = ["identify", work / "bag", "--teacher", work / "damper.fmu", "--candidates", work / "rules.yaml"]
-    words += ["--terms", 2, "--starts", 1, "--threads", 1, "--time", 10, "--rate", 500, "--bandwidth", 60]
-    assert ces(*words, "--out", tmp_path / "learned.json") == 0
-    terms = load_model(tmp_path / "learned.json").body.terms
-    coefficients = {term.factors[0].signal: term.coefficient for term in terms}
-    assert coefficients["force"] == pytest.approx(0.5, abs=0.02)
-    assert coefficients["speed"] == pytest.approx(900.0, rel=0.04)
+@pytest.mark.parametrize("names", ["", ":position=position,current=current,force=force"])
+def test_simulate_returns_the_models_force(work: Path, fmu: str, tmp_path: Path, names: str) -> None:
+    expected = simulate("model.json", "two", tmp_path / "model.csv")
+    assert np.isfinite(expected).sum() > 1800
+    np.testing.assert_allclose(simulate(f"{fmu}{names}", "two", tmp_path / "fmu.csv"), expected, rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("spec", "message"),
-    [
-        ("none.fmu", "no such file"),
-        ("damper.fmu:position=x", "no real input 'x' for the position"),
-        ("broken.fmu", "not a zip file"),
-    ],
-)
-def test_an_unusable_fmu_gives_one_line(work, tmp_path, capsys, spec, message):
-    (work / "broken.fmu").write_text("PK")
-    assert ces("simulate", "--sim", f"{work}/{spec}", work / "bag", "--out", tmp_path / "x.csv") == 2
-    lines = capsys.readouterr().err.splitlines()
-    assert len(lines) == 1
-    assert lines[0].startswith("ces simulate: error: ")
-    assert message in lines[0]
+def test_identify_learns_from_it(work: Path, fmu: str, tmp_path: Path) -> None:
+    words = ("--candidates", "rules.yaml", "--terms", 4, "--starts", 1, "--method", "gauss-newton", "--threads", 1)
+    assert ces("identify", "one", "--teacher", fmu, *words, "--no-band", "--out", tmp_path / "m.json") == 0
+    (row, *_) = load_model(tmp_path / "m.json").provenance["teacher"]["cost_J_percent"]
+    assert row["model_to_teacher"] < 2.0
 
 
-def test_the_help_says_that_an_fmu_runs_native_code(capsys):
-    with pytest.raises(SystemExit):
-        ces("simulate", "--help")
-    assert "native code" in " ".join(capsys.readouterr().out.split())
+@pytest.fixture(scope="module", params=["model.json", "damper.fmu"])
+def diagnosed(request: pytest.FixtureRequest, work: Path) -> tuple[str, dict[str, Any]]:
+    """The folder of a diagnosis and its gap.json: of the model with all effects, and of the FMU."""
+    folder = "gap"
+    if request.param == "damper.fmu":
+        request.getfixturevalue("fmu")
+        folder = "fmu_gap"
+        words = ("--real", "worn", "--held-out", "worn_again", "--reference", "two", "--threads", 1, "--out", folder)
+        assert ces("diagnose", "--sim", request.param, *words) == 0
+    return folder, json.loads(Path(folder, "gap.json").read_text())
+
+
+def test_friction_is_named(diagnosed: tuple[str, dict[str, Any]]) -> None:
+    _, gap = diagnosed
+    assert faults(gap) == []
+    assert (gap["verdict"], gap["composition"]["effects"]) == ("named", ["friction"])
+    assert gap["gap"]["corrected_N"] == pytest.approx(0.95 * COULOMB_N, rel=0.1)
+    assert gap["causes"][0]["probability"] > 0.8
+    assert gap["composition"]["shrink"] > 0.8
+
+
+def test_the_augmented_simulation_closes_the_gap_as_claimed(
+    work: Path, diagnosed: tuple[str, dict[str, Any]], tmp_path: Path
+) -> None:
+    """Also around predictions that were recorded."""
+    folder, gap = diagnosed
+    claimed, noise_N = gap["composition"]["gap_after_N"], gap["gap"]["noise_floor_N"]
+    left = gap_left(f"{folder}/augmented.json", "worn_again", tmp_path / "a.csv", noise_N)
+    assert left == pytest.approx(claimed, abs=0.1 * COULOMB_N)
+    document = json.loads(Path(folder, "augmented.json").read_text())
+    assert Path(folder, document["sim"]["spec"]).resolve() == Path(Path(gap["simulation"]).name).resolve()
+    assert ces("replay", "model.json", "worn_again", "--out", "predicted", "--overwrite") == 0
+    sim = {"spec": "topic:/observer/estimate", "sha256": None}
+    (tmp_path / "augmented.json").write_text(json.dumps({**document, "sim": sim}))
+    left = gap_left(str(tmp_path / "augmented.json"), "predicted", tmp_path / "p.csv", noise_N)
+    assert left == pytest.approx(claimed, abs=0.1 * COULOMB_N)
+
+
+def test_the_help_says_that_an_fmu_runs_native_code(capsys: pytest.CaptureFixture[str]) -> None:
+    assert "native code" in " ".join(text_of(capsys, "simulate", "--help").split())

@@ -7,17 +7,14 @@ from dataclasses import replace
 import pytest
 from planted import stroked
 from planted_dampers import planted_model
+from programs import NO_SHORT_FITS, ces
 
-from ces_cli.main import main
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
+pytestmark = pytest.mark.slow
 XHTML = "{http://www.w3.org/1999/xhtml}"
-
-
-def ces(*words):
-    return main([str(word) for word in words])
 
 
 @pytest.fixture(scope="module")
@@ -29,13 +26,14 @@ def work(tmp_path_factory):
     planted_model("relaxation").save(folder / "planted.json")
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
+        patch.setattr(*NO_SHORT_FITS)
         yield folder
 
 
 @pytest.fixture(scope="module")
 def taught(work):
     """The model that learned the planted model's force, and its report."""
-    limits = ("--starts", 2, "--time", 5, "--rate", 400, "--bandwidth", 40)
+    limits = ("--starts", 2, "--time", 5, "--rate", 400, "--bandwidth", 40, "--no-band")
     words = ("identify", "one", "--validate", "two", "--teacher", "planted.json", "--structure", "relaxation")
     assert ces(*words, *limits, "--out", "taught.json", "--report", "r.html") == 0
     return load_model(work / "taught.json"), ET.fromstring((work / "r.html").read_text(encoding="utf-8"))

@@ -47,30 +47,3 @@ def test_lags_and_memberships_are_as_in_the_thesis():
     assert fitter_in(anfis) == FuzzyShape(6, 3, 0.0, CURRENT_AND_SPEED)
     with pytest.raises(CesError, match="--rules 5x2 and --memberships 4x4: give one"):
         select_from("--structure", "anfis", "--memberships", "4x4", "--rules", "5x2")
-
-
-@pytest.mark.parametrize(
-    ("option", "message"),
-    [
-        ("--lags=2,4", "'2,4' is not Y,C,V"),
-        ("--lags=2,4,x", "not Y,C,V"),
-        ("--lags=2,-1,3", "not Y,C,V"),
-        ("--lags=21,1,1", "from 0 to 20"),
-        ("--lags=2,0,0", "leaves no input"),
-        ("--memberships=4", "'4' is not AxB"),
-        ("--memberships=4x1", "at least 2 of speed"),
-        ("--memberships=9x9", "makes 81 rules"),
-    ],
-)
-def test_invalid_lags_and_memberships_are_refused(option, message):
-    with pytest.raises(argparse.ArgumentError, match=message):
-        select_from(option)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [("7", "not VxI"), ("1x2", "at least 2"), ("axb", "not VxI"), ("-3x2", "not VxI"), ("20x4", "makes 80 rules")],
-)
-def test_an_invalid_grid_is_refused(text, message):
-    with pytest.raises(argparse.ArgumentError, match=message):
-        select_from(f"--rules={text}")

@@ -3,23 +3,23 @@
 from pathlib import Path
 
 import pytest
+from programs import ces, error_line, text_of
 
-from ces_cli.main import main
 from ces_identify.polynomial.candidates import built_in_rules
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).resolve().parents[3]
+pytestmark = pytest.mark.slow
 NOISE, PUBLISHED = ROOT / "bags" / "noise", ROOT / "config" / "thesis" / "noise.yaml"
 
 
 def identify(*words):
     limits = ("--starts", "1", "--threads", "1", "--time", "20")
-    return main(["identify", str(NOISE), "--method", "thesis", *limits, *map(str, words)])
+    return ces("identify", NOISE, "--method", "thesis", *limits, *words)
 
 
 def test_its_candidates_are_shown(capsys):
-    assert main(["identify", "--method", "thesis", "--show-candidates"]) == 0
-    first, _, rules = capsys.readouterr().out.partition("\n")
+    first, _, rules = text_of(capsys, "identify", "--method", "thesis", "--show-candidates").partition("\n")
     assert first.endswith("candidates.json") and rules == built_in_rules("thesis")
 
 
@@ -41,7 +41,7 @@ def test_an_unproved_model_is_written_and_said_to_be_unproved(tmp_path, capsys):
     assert "the gains of the past forces may sum to" in lines[0]
     assert "the observer will refuse this model unless allow_uncertified is true" in lines[0]
     assert load_model(out).certificate is None
-    assert main(["validate", str(out), "--certificate"]) == 1
+    assert ces("validate", out, "--certificate") == 1
     assert f"not proved: {out}: the gains of the past forces may sum to" in capsys.readouterr().out
 
 
@@ -56,8 +56,7 @@ def test_a_model_with_a_certificate_says_so(tmp_path, capsys):
 
 def test_initial_terms_that_diverge_are_refused_in_one_line(tmp_path, capsys):
     sweep = ROOT / "config" / "thesis" / "sweep.yaml"
-    words = ["identify", ROOT / "bags" / "sweep", "--method", "thesis", "--candidates", sweep]
-    assert main([*map(str, words), "--out", str(tmp_path / "model.json")]) == 2
-    error = capsys.readouterr().err.splitlines()[-1]
+    words = ("identify", ROOT / "bags" / "sweep", "--method", "thesis", "--candidates", sweep)
+    error = error_line(capsys, *words, "--out", tmp_path / "model.json")
     assert error.startswith("ces identify: error: no model below 100 %: the free run of the initial model diverges")
     assert not (tmp_path / "model.json").exists()

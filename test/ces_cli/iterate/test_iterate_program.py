@@ -50,32 +50,3 @@ def test_a_plan_gives_a_model_and_a_page(tmp_path: Path, capsys: pytest.CaptureF
 def test_the_template_is_printed(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["iterate", "--template"]) == 0
     assert capsys.readouterr().out == schema_line("iterate") + TEMPLATE
-
-
-@pytest.mark.parametrize(
-    ("text", "part"),
-    [
-        ("limits: [1, 2]\nrig: {kind: virtual}\n", "'limits' is missing or not a mapping"),
-        (TEMPLATE.replace("kind: virtual", "kind: cloud"), "expected one of virtual, folder, ros"),
-        (TEMPLATE.replace("budget_s: 60", "budget_s: -3"), "budget_s is -3"),
-        (TEMPLATE.replace("validate: []", "validate: [missing]"), "missing"),
-        ("limits: {", "not valid YAML"),
-    ],
-)
-def test_a_bad_plan_is_one_line_and_status_2(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, part: str
-) -> None:
-    path = tmp_path / "plan.yaml"
-    path.write_text(text)
-    assert main(["iterate", str(path), "--out", str(tmp_path / "out")]) == 2
-    error = capsys.readouterr().err
-    assert error.startswith("ces iterate: error: ")
-    assert part in error
-    assert len(error.splitlines()) == 1
-
-
-def test_an_out_that_is_a_file_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    (tmp_path / "plan.yaml").write_text(TEMPLATE)
-    (tmp_path / "out").write_text("")
-    assert main(["iterate", str(tmp_path / "plan.yaml"), "--out", str(tmp_path / "out")]) == 2
-    assert "is not a folder" in capsys.readouterr().err

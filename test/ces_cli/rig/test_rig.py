@@ -59,24 +59,3 @@ def test_list(capsys):
     listed = capsys.readouterr().out.splitlines()
     assert [line.split()[0] for line in listed] == list(packaged_experiments())
     assert "20 s  4 Hz sine, current following the stroke" in listed[[*packaged_experiments()].index("sine_4hz")]
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (["none", "--out", "x"], "ces rig: error: none: no such file or packaged experiment"),
-        ([], "expected EXPERIMENT and --out BAG"),
-        (["sweep"], "expected EXPERIMENT and --out BAG"),
-        (["sweep", "--out", "x", "--seed", "-1"], "expected a whole number from 0 to 2147483648"),
-    ],
-)
-def test_mistakes(words, message, capsys, tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    try:
-        status = run_program("rig", main, words)
-    except SystemExit as leaving:
-        status = leaving.code
-    assert status == 2
-    error = capsys.readouterr().err
-    assert message in error
-    assert error.count("\n") == 1

@@ -88,22 +88,6 @@ def test_closed_streams_are_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
     assert main(["schema", "signals", "--list"]) == 2
 
 
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["signals", "--list"], "NAME does not apply with --list"),
-        (["--list", "--path"], "--path does not apply with --list"),
-        (["signals", "--json"], "--json applies to --list"),
-    ],
-)
-def test_options_of_schema_that_do_not_apply(
-    words: list[str], expected: str, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["schema", *words]) == 2
-    captured = capsys.readouterr()
-    assert expected in captured.err and not captured.out
-
-
 def test_a_read_only_installation_without_a_home_keeps_compiled_code_for_one_run(tmp_path: Path) -> None:
     environment = {"PATH": os.environ["PATH"], "HOME": "/proc/nowhere", "TMPDIR": str(tmp_path)}
     root = Path(__file__).resolve().parents[3]

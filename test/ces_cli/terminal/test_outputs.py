@@ -54,21 +54,6 @@ def test_a_report_in_a_folder_says_which_simulation_and_recordings(here):
     assert name_report(ROAD, ["m"], ["a"]) == ROAD  # a bag is no folder for reports
 
 
-@pytest.mark.parametrize(
-    ("words", "name"),
-    [
-        (["validate", MODEL, ROAD], "sample_on_road"),
-        (["identify", NOISE, "--validate", ROAD, "--out", "mine.json"], "mine_on_road"),
-        (["compare", MODEL, "x:f", ROAD, NOISE], "sample_and_x-f_on_road_and_noise"),
-        (["diagnose", "--sim", MODEL, "--real", ROAD, "--out", "gap"], "sample_on_road"),
-    ],
-)
-def test_programs_name_their_reports_before_they_begin(here, capsys, words, name):
-    (here / "empty" / f"{name}.html").write_text("mine")
-    assert main([*map(str, words), "--report", "empty"]) == 2
-    assert f"empty/{name}.html: exists; choose another name for --report" in capsys.readouterr().err
-
-
 def test_files(here):
     require_new_file(None, False)
     require_new_file(Path("new"), False)
@@ -124,72 +109,6 @@ def test_two_outputs_of_one_name_and_an_output_that_is_an_input(here):
     require_outputs(
         False, names | {"--report": None}, {"--bag": Path("new")}, {"--dir": Path("empty")}, [Path("taken")]
     )
-
-
-@pytest.mark.parametrize(
-    ("words", "expected"),
-    [
-        (["info", ROAD, "--picture", "taken.png"], f"taken.png: exists; choose another name for --picture, {REPLACE}"),
-        (["identify", NOISE, "--out", "full"], "full: is a folder; expected the name of a file"),
-        (["identify", NOISE], f"model.json: exists; choose another name for --out, {REPLACE}"),
-        (
-            ["identify", NOISE, "--out", "m.json", "--report", "taken"],
-            "taken: exists; choose another name for --report",
-        ),
-        (["identify", NOISE, "--out", "m.json", "--report", "m.json"], "m.json: is named by --out and --report"),
-        (["identify", NOISE, "--out", "m.json", "--picture", "none/x.png"], "the folder none does not exist"),
-        (["identify", NOISE, "--teacher", "model.json", "--overwrite"], "model.json: is an input, too"),
-        (["validate", MODEL, ROAD, "--report", "taken"], f"taken: exists; choose another name for --report, {REPLACE}"),
-        (
-            ["validate", MODEL, ROAD, "--report", "new.pdf"],
-            "a report is an HTML page; expected a name that ends in .html",
-        ),
-        (["validate", ROAD, MODEL], "road: not a regular file; expected a JSON file"),
-        (["replay", MODEL, ROAD, "--out", "full"], f"full: exists; choose another name for --out, {REPLACE}"),
-        (["replay", MODEL, ROAD, "--out", "full", "--overwrite"], "full: is a folder but not a bag"),
-        (["replay", MODEL, ROAD, "--out", ROAD, "--overwrite"], "road: is an input, too"),
-        (
-            ["simulate", "--sim", MODEL, ROAD, "--out", "taken"],
-            f"taken: exists; choose another name for --out, {REPLACE}",
-        ),
-        (
-            ["simulate", "--sim", "model.json", ROAD, "--out", "model.json", "--overwrite"],
-            "model.json: is an input, too",
-        ),
-        (["rig", "sine_4hz", "--out", "full"], f"full: exists; choose another name for --out, {REPLACE}"),
-        (["export", MODEL, "--out", "taken.c"], f"taken.c: exists; choose another name for --out, {REPLACE}"),
-        (
-            ["export", MODEL, "--out", "head.c"],
-            f"head.h: exists; choose another name for the header of --out, {REPLACE}",
-        ),
-        (["export", MODEL, "--ros-package", "full"], "full: exists; choose another name for --ros-package"),
-        (["diagnose", "--sim", MODEL, "--real", ROAD, "--out", "full"], "full: exists; choose another name for --out"),
-        (["diagnose", "--sim", MODEL, "--real", ROAD, "--out", "taken"], "taken: is not a folder"),
-        (
-            ["diagnose", "--sim", MODEL, "--real", ROAD, "--each", "recording", "--out", "taken"],
-            "taken: is not a folder",
-        ),
-        (["blind", "make", "--seed", "1", "--cases", "1", "--out", "full"], "full: exists; choose another name"),
-        (
-            ["blind", "make", "--seed", "1", "--cases", "1", "--out", "full", "--overwrite"],
-            "more than blind cases (note)",
-        ),
-        (["blind", "run", "full", "--out", "taken"], "taken: is not a folder"),
-        (
-            ["blind", "score", "full", "full", "--rows", "taken"],
-            f"taken: exists; choose another name for --rows, {REPLACE}",
-        ),
-    ],
-    ids=lambda value: " ".join(map(str, value[:1] + value[-2:])) if isinstance(value, list) else "",
-)
-def test_programs_check_their_outputs_before_the_work(here, capsys, words, expected):
-    for name in ("model.json", "taken.c", "head.h", "taken.png"):
-        (here / name).write_text("mine")
-    before = {path: path.read_text() for path in here.rglob("*") if path.is_file()}
-    assert main([str(word) for word in words]) == 2
-    err = capsys.readouterr().err
-    assert expected in err and err.count("\n") == 1
-    assert {path: path.read_text() for path in here.rglob("*") if path.is_file()} == before
 
 
 def test_with_overwrite_what_exists_is_replaced(here):
