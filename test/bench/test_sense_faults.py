@@ -7,6 +7,8 @@ from bench import sense_faults
 from bench.sense_faults import FAULTS, Count, count_findings, delay_rows, format_table
 from ces_rig.experiment import find_experiment, load_experiment, run
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def recording():
@@ -39,7 +41,6 @@ def test_faults_that_differ_by_a_number_share_a_row():
     assert "| force 2, 20 ms late | 0, 29 of 30 | 0, 25 | 3 of 4 |" in table
 
 
-@pytest.mark.slow
 def test_delays_are_compared_with_the_truth(recording):
     (table,) = delay_rows([recording])
     (row,) = (line for line in table.splitlines() if line.startswith("| force -20 ms"))

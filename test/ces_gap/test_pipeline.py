@@ -143,6 +143,7 @@ def test_an_unknown_cause_is_reported_and_located() -> None:
     assert sum_of_probabilities(found) == pytest.approx(1.0)
 
 
+@pytest.mark.slow
 def test_a_wrong_simulation_without_an_effect_has_no_gap_whatever_the_threads(few_effects: None) -> None:
     found, again = run_diagnosis(wrong), run_diagnosis(wrong, threads=2)
     assert found.verdict == NO_GAP and found.probability_none > 0.5
@@ -187,6 +188,7 @@ def count(monkeypatch: pytest.MonkeyPatch, places: list[Any], name: str) -> list
     return calls
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("references", [True, False])
 def test_each_step_is_computed_once(monkeypatch: pytest.MonkeyPatch, few_effects: None, references: bool) -> None:
     """The ceiling is learnt from the gap and from the rest; each explanation has its held-out forces once."""
@@ -200,6 +202,7 @@ def test_each_step_is_computed_once(monkeypatch: pytest.MonkeyPatch, few_effects
         assert len(compositions) >= len(FEW) and all(compositions.count(c) == 1 for c in compositions)
 
 
+@pytest.mark.slow
 def test_the_verdict_stands_if_no_experiment_can_be_simulated(few_effects: None) -> None:
     def short_memory(time_s: F, position_m: F, current_A: F) -> F:
         if time_s[-1] - time_s[0] > 9.0:

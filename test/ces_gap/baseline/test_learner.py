@@ -160,6 +160,7 @@ def test_planted_weights_are_recovered_within_their_covariance(pole: float) -> N
     assert learnt.noise.innovation_N == pytest.approx(8.0 * np.sqrt(1.0 - pole**2), rel=0.05)
 
 
+@pytest.mark.slow
 def test_the_covariance_matches_the_scatter_over_repetitions() -> None:
     features, _ = make_data()
     rng = np.random.default_rng(5)

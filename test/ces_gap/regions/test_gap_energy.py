@@ -48,6 +48,7 @@ def test_bands_sum_to_the_energy_of_the_ticks(noise):
     assert energy.tick.mean() == pytest.approx(true, rel=0.06)
 
 
+@pytest.mark.slow
 def test_each_recording_may_have_its_own_noise():
     traces = [drive(1), drive(2)]
     gap = [ar_noise(len(t), rms, 0.6, np.random.default_rng(3)) for t, rms in zip(traces, (4.0, 12.0), strict=True)]
@@ -56,6 +57,7 @@ def test_each_recording_may_have_its_own_noise():
     assert abs(energy.tick[half:].mean()) < 0.1 * 12.0**2
 
 
+@pytest.mark.slow
 def test_a_predictable_gap_does_not_count_as_noise():
     """The noise's spectrum is found from what cannot be predicted: a 40 N gap at low frequency does not hide in it."""
     traces = [drive(1), drive(2)]

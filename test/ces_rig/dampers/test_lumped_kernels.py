@@ -50,6 +50,7 @@ def test_a_damper_agrees_with_its_slow_twin(damper):
     assert relative_rms(force[1:], twin[type(damper)](damper, stroke, current, GRID)) < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("kind", "high"), list(HIGH_A.items()))
 def test_half_the_step_gives_the_same_force(kind, high):
     _, stroke, current = drive(high)
