@@ -64,20 +64,14 @@ def test_constant_current_and_bad_samples():
     assert result.share.sum() == pytest.approx(1.0)
 
 
-def test_one_spike_does_not_set_the_scale():
-    position = triangle()
-    position[5000] += 1.0
-    assert coverage([recording(position, np.ones(10_000))]).speed_edges[-1] < 1.0
-
-
-def test_several_recordings_add_up_by_time():
-    slow, fast = recording(triangle(0.05, 30.0), np.zeros(30_000)), recording(triangle(0.2), np.ones(10_000))
-    result = coverage([slow, fast], current_cells=2)
+def test_several_recordings_add_up_by_time_and_one_spike_does_not_set_the_scale():
+    fast = triangle()
+    fast[5000] += 1.0
+    result = coverage(
+        [recording(triangle(0.05, 30.0), np.zeros(30_000)), recording(fast, np.ones(10_000))], current_cells=2
+    )
     np.testing.assert_allclose(result.share.sum(axis=1), [0.75, 0.25], atol=0.01)
-
-
-@pytest.mark.parametrize("count", [0, 1, 3, 8])
-def test_hardly_any_samples(count):
-    result = coverage([recording(np.arange(count) * 1.0, np.ones(count))])
-    assert np.isfinite(result.share).all()
-    assert np.isfinite(result.speed_edges).all()
+    assert result.speed_edges[-1] < 1.0
+    for count in (0, 3):
+        result = coverage([recording(np.arange(count) * 1.0, np.ones(count))])
+        assert np.isfinite(result.share).all() and np.isfinite(result.speed_edges).all()

@@ -50,12 +50,6 @@ def test_a_piece_that_is_not_there_is_not_drawn(recorded, solid, dashed):
     assert (classes.count("curve c1"), classes.count("curve c1 beyond")) == (solid, dashed)
 
 
-def test_without_errors_there_is_no_ribbon():
-    for half, count in ((0.0, 0), (0.5, 1)):
-        ribbons = [p for p in drawn_paths(drawn(curve((-1.0, 1.0), half))) if p.get("class") == "interval c1 area"]
-        assert len(ribbons) == count
-
-
 def test_each_curve_is_one_entry_of_the_legend_with_all_its_pieces():
     root = drawn(*(curve((-0.4, 0.3), name=f"{n} A") for n in range(4)))
     assert [entry.get("data-name") for entry in root.iter("li")] == ["0 A", "1 A", "2 A", "3 A"]

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import find_low_contrast, open_page
+from browser import open_page
 from diagnoses import named
 from report_examples import damper, model
 
@@ -16,6 +15,7 @@ from ces_gap.report.page import report_page
 from ces_identify.report.page import write_report
 from ces_identify.validation.evaluate import VALIDATION, evaluate
 
+pytestmark = pytest.mark.slow
 FIRST_FRAME = "#tp0-plot .plot-frame"
 NEXT_FRAMES = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(true))))"
 STEP_S, HELD = 0.02, 8  # between two events of a touch; events at its end
@@ -29,80 +29,29 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def constant(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A report of a recording with one current: its maps are bars over speed."""
-    path = tmp_path_factory.mktemp("constant") / "report.html"
-    write_report(path, "Model a.json", model(), evaluate(model(), [damper("road", current_A=0.4)], VALIDATION), {})
-    return path
-
-
-@pytest.fixture(scope="module")
 def gap(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("gap") / "report.html"
     path.write_text(report_page(named(), "Gap of model.json", {}))
     return path
 
 
-class Fingers:
-    """Touches of a page, as the browser gets them from a touch screen."""
+class Finger:
+    """A finger on a page, as the browser gets it from a touch screen."""
 
     def __init__(self, page: Any) -> None:
-        self.page, self.session = page, page.context.new_cdp_session(page)
+        self.session = page.context.new_cdp_session(page)
 
-    def slide(self, *paths: tuple[tuple[float, float], tuple[float, float]], steps: int = 6) -> None:
-        """Move a finger along each path, all at the same time, and hold them at its end, so that nothing rolls on."""
+    def slide(self, start: tuple[float, float], end: tuple[float, float], steps: int = 6) -> None:
+        """Move the finger and hold it at the end, so that nothing rolls on."""
         begin = time.time() - 10.0
         for k in [*range(steps + 1), *[steps] * HELD]:
-            points = [
-                {"x": a[0] + (b[0] - a[0]) * k / steps, "y": a[1] + (b[1] - a[1]) * k / steps, "id": i}
-                for i, (a, b) in enumerate(paths)
-            ]
+            x, y = (a + (b - a) * k / steps for a, b in zip(start, end, strict=True))
             begin += STEP_S
-            self._send("touchMove" if k else "touchStart", points, begin)
+            self._send("touchMove" if k else "touchStart", [{"x": x, "y": y}], begin)
         self._send("touchEnd", [], begin + STEP_S)
 
     def _send(self, kind: str, points: list[dict[str, float]], at_s: float) -> None:
         self.session.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points, "timestamp": at_s})
-
-
-@pytest.fixture
-def touched(report: Path) -> Iterator[tuple[Any, Fingers]]:
-    with open_page(report, touch=True, width=900, height=700) as page:
-        page.locator(FIRST_FRAME).evaluate("e => e.scrollIntoView({block: 'center'})")
-        yield page, Fingers(page)
-
-
-def view(page: Any) -> list[float]:
-    shown: list[float] = page.evaluate("document.getElementById('tp0-plot').interactivePlot.data && "
-                                       "[...document.getElementById('tp0-plot').interactivePlot.view]")  # fmt: skip
-    return shown
-
-
-def middle(page: Any) -> tuple[float, float]:
-    box = page.locator(FIRST_FRAME).bounding_box()
-    return box["x"] + 0.5 * box["width"], box["y"] + 0.25 * box["height"]
-
-
-def test_one_finger_scrolls_the_page_and_then_moves_the_chart(touched: tuple[Any, Fingers]) -> None:
-    page, fingers = touched
-    first, top = view(page), page.evaluate("scrollY")
-    x, y = middle(page)
-    fingers.slide(((x, y), (x, y - 150)), steps=12)
-    page.evaluate(NEXT_FRAMES)
-    assert page.evaluate("scrollY") > top + 50
-    assert view(page) == first
-    page.locator(FIRST_FRAME).evaluate("e => e.scrollIntoView({block: 'center'})")
-    x, y = middle(page)
-    fingers.slide(((x, y), (x + 120, y)))
-    moved = view(page)
-    assert moved[0] < first[0] and moved[1] - moved[0] == pytest.approx(first[1] - first[0])
-
-
-def test_a_touched_cell_of_a_map_says_its_value(report: Path) -> None:
-    with open_page(report, touch=True, width=900, height=700) as page:
-        cell = page.locator("#coverage .value-frame").first.locator(".value").first
-        cell.tap()
-        assert "% of the time" in page.locator(".value-label").first.inner_text()
 
 
 def test_keys_go_from_cell_to_cell_of_a_map(report: Path) -> None:
@@ -119,56 +68,6 @@ def test_keys_go_from_cell_to_cell_of_a_map(report: Path) -> None:
         assert label.get_attribute("aria-live") == "polite"
         page.keyboard.press("Escape")
         assert label.inner_text() == ""
-
-
-def test_the_label_stays_inside_the_page(gap: Path) -> None:
-    with open_page(gap, width=420) as page:
-        for value in page.locator(".share-charts .value-frame").last.locator(".value").all():
-            value.hover()
-            box = page.locator(".value-label:not(:empty)").bounding_box()
-            assert box["x"] >= 0 and box["x"] + box["width"] <= 420
-
-
-def test_a_share_chart_reads_what_its_table_says(gap: Path) -> None:
-    with open_page(gap) as page:
-        figure = page.locator("#where .share-charts figure").first
-        figure.locator(".value").nth(1).hover()
-        name, values = figure.locator(".value-label").inner_text().split(": ")
-        row = figure.locator(".plot-table tbody tr").nth(1)
-        assert row.locator("th").text_content() == name
-        energy, time, rms = row.locator("td").all_text_contents()
-        assert values.startswith(f"{energy} % of the energy, {time} % of the time; RMS {rms} N (")
-
-
-def test_correlations_zoom_together_and_are_read_together(report: Path) -> None:
-    with open_page(report, height=1800) as page:
-        plot = page.locator(".correlations .plot")
-        labels = plot.locator("g.area").last.locator("text.mid")
-        before = labels.all_text_contents()
-        plot.locator(".plot-frame").focus()
-        page.keyboard.press("Home")
-        read = plot.locator(".plot-readout").inner_text()
-        assert read.startswith("Lag 0") and "residual with itself * 1.000" in read and "speed → residual" in read
-        page.keyboard.press("+")
-        page.keyboard.press("+")
-        page.keyboard.press("+")
-        assert labels.all_text_contents() != before
-
-
-def test_bars_over_speed_zoom_and_read_every_bar(constant: Path) -> None:
-    with open_page(constant) as page:
-        plot = page.locator("#coverage-plot")
-        plot.locator(".plot-frame").focus()
-        read = []
-        page.keyboard.press("Home")
-        for _ in range(8):
-            read.append(plot.locator(".plot-readout").inner_text())
-            page.keyboard.press("ArrowRight")
-        assert len(set(read)) == 8 and all("Share of time" in text for text in read)
-        before = plot.locator("text.mid").all_text_contents()
-        page.keyboard.press("+")
-        page.keyboard.press("+")
-        assert plot.locator("text.mid").all_text_contents() != before
 
 
 def test_tab_reaches_every_chart_in_the_order_of_the_page(gap: Path) -> None:
@@ -196,17 +95,30 @@ def test_a_screen_reader_finds_every_chart_by_name(report: Path) -> None:
         assert seen.count("Values of this chart") >= len(names)
 
 
-def test_forced_colours_keep_bars_lines_and_texts(gap: Path) -> None:
+def test_forced_colours_keep_bars_and_lines_apart(gap: Path) -> None:
+    parts = (".length.before", "backgroundColor"), (".length.after", "backgroundColor"), ("path.measured", "stroke")
     with open_page(gap) as page:
-        for scheme in ("light", "dark"):
-            page.emulate_media(forced_colors="active", color_scheme=scheme)
-            assert page.evaluate("matchMedia('(forced-colors: active)').matches")
-            assert find_low_contrast(page) == []
-            colours = page.evaluate(
-                """() => {
-                  const colour = (e, what) => getComputedStyle(document.querySelector(e))[what];
-                  return [colour('body', 'backgroundColor'), colour('.length.before', 'backgroundColor'),
-                    colour('.length.after', 'backgroundColor'), colour('path.measured', 'stroke')];
-                }"""
-            )
-            assert len(set(colours)) == len(colours)
+        page.emulate_media(forced_colors="active")
+        script = "([e, what]) => getComputedStyle(document.querySelector(e))[what]"
+        assert len({page.evaluate(script, list(part)) for part in (("body", "backgroundColor"), *parts)}) == 4
+
+
+VIEW = "() => [...document.getElementById('tp0-plot').interactivePlot.view]"
+
+
+def test_one_finger_scrolls_the_page_then_moves_the_chart_and_reads_a_cell(report: Path) -> None:
+    with open_page(report, touch=True, width=900, height=700) as page:
+        frame, finger = page.locator(FIRST_FRAME), Finger(page)
+        for way_x, way_y, steps in ((0, -150, 12), (120, 0, 6)):
+            frame.evaluate("e => e.scrollIntoView({block: 'center'})")
+            page.wait_for_function("document.getElementById('tp0-plot').interactivePlot.data")
+            first, top, box = page.evaluate(VIEW), page.evaluate("scrollY"), frame.bounding_box()
+            x, y = box["x"] + 0.5 * box["width"], box["y"] + 0.25 * box["height"]
+            finger.slide((x, y), (x + way_x, y + way_y), steps)
+            page.evaluate(NEXT_FRAMES)
+            moved = page.evaluate(VIEW)
+            if way_y:
+                assert page.evaluate("scrollY") > top + 50 and moved == first
+        assert moved[0] < first[0] and moved[1] - moved[0] == pytest.approx(first[1] - first[0])
+        page.locator("#coverage .value-frame").first.locator(".value").first.tap()
+        assert "% of the time" in page.locator(".value-label").first.inner_text()

@@ -12,19 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_report.plot import (
-    Plot,
-    PlotArea,
-    PlotBand,
-    PlotBars,
-    PlotDots,
-    PlotLine,
-    PlotShade,
-    curve_css,
-    draw_plot,
-    series_css,
-    share_points,
-)
+from ces_report.plot import Plot, PlotArea, PlotBand, PlotBars, PlotDots, PlotLine, PlotShade, draw_plot
 
 SVG = "{http://www.w3.org/2000/svg}"
 TIME = np.arange(5000) / 1000.0
@@ -94,42 +82,12 @@ def test_no_group_of_samples_spans_a_gap_or_a_break() -> None:
     np.testing.assert_allclose(pairs[:, 0], pairs[:, 1], atol=0.01)  # none holds values of both sides
 
 
-def test_arrays_that_marks_share_are_stored_once() -> None:
-    root = drawn(one_area(PlotLine("a", TIME, WAVE), PlotLine("b", TIME, -WAVE), PlotDots("a", TIME, WAVE)))
-    assert len(json.loads(root.find("script").text)["arrays"]) == 3
-
-
 def test_an_x_that_equals_a_y_keeps_its_resolution() -> None:
     """Of a span of 1000 s, 16 bits resolve 15 ms, and 32 bits less than a microsecond."""
     x = np.cumsum(np.random.default_rng(1).random(2000))
     marks = data_of(drawn(one_area(PlotDots("a", np.arange(2000.0), x), PlotDots("b", x, x))))["areas"][0]["marks"]
     assert np.abs(marks[1]["x"] - x).max() < 1e-6
     assert np.abs(marks[1]["y"] - x).max() > 1e-4
-
-
-def test_lines_share_what_a_page_may_weigh() -> None:
-    assert share_points(3, 1) == 60_000
-    for lines, recordings in ((60, 12), (300, 12), (40, 4)):
-        assert share_points(lines, recordings) * lines * 8 / 3 + 200_000 * recordings < 2_900_000
-
-
-def test_the_figure_shows_the_window_and_the_data_hold_the_rest() -> None:
-    plot = one_area(PlotLine("a", TIME, WAVE), x_view=(1.0, 1.5))
-    root = drawn(plot)
-    path = next(p for p in root.find(f"{SVG}svg").iter(f"{SVG}path") if p.get("class") == "measured")
-    assert path.get("d").count(",") == pytest.approx(500, abs=3)
-    data = data_of(root)
-    assert data["view"] == [1.0, 1.5] and data["full"] == pytest.approx([0.0, 4.999])
-    assert len(data["areas"][0]["marks"][0]["y"]) == 5000
-
-
-def test_each_name_is_one_entry_of_the_legend() -> None:
-    areas = [
-        PlotArea("Force [N]", [PlotLine("model", TIME, WAVE), PlotDots("model", TIME[::9], WAVE[::9])]),
-        PlotArea("Error [N]", [PlotLine("model", TIME, -WAVE, "error"), PlotLine("", TIME, WAVE, "error thin")]),
-    ]
-    root = drawn(Plot("p", "A chart", "About it.", "Time [s]", areas))
-    assert [entry.get("data-name") for entry in root.iter("li")] == ["model"]
 
 
 def test_names_cannot_end_the_data_or_the_page() -> None:
@@ -171,23 +129,8 @@ def test_the_table_has_the_extremes_of_every_mark() -> None:
     assert rows["share: Force [N]"][3:5] == ["70", "1.5"]
 
 
-def test_what_is_shown_twice_is_in_the_table_once() -> None:
-    error = PlotLine("error", TIME, WAVE, "error")
-    whole = PlotArea("Error over the whole run [N]", [PlotLine("", TIME, WAVE)], whole=True)
-    root = drawn(Plot("p", "A chart", "About it.", "Time [s]", [PlotArea("Error [N]", [error]), whole]))
-    assert [row.find("th").text for row in root.find("details").find(".//tbody")] == ["Error [N]"]
-
-
 @pytest.mark.parametrize("values", [np.zeros(0), np.full(10, np.nan), np.full(10, 3.0), np.ones(1)])
 def test_nothing_and_constants_are_drawn(values: np.ndarray) -> None:
     text = str(draw_plot(one_area(PlotLine("a", np.arange(float(len(values))), values))))
     assert "nan" not in text.lower()
     assert ("no values" in text) == (not np.isfinite(values).any())
-
-
-def test_colours_are_classes_only() -> None:
-    text = str(
-        draw_plot(one_area(PlotLine("a", TIME, WAVE, series_css(9)), PlotLine("b", TIME, WAVE, curve_css(2, 3))))
-    )
-    assert "series s1" in text and "curve c3" in text
-    assert "style=" not in text and "#1f" not in text

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import errno
 import os
-import shutil
-import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from served_folders import described_model, fill_folder
 
-from ces_identify.progress_file import SearchProgressFile
 from ces_serve import items
 from ces_serve.catalogue import Catalogue, Listing, ServedFolder
 
@@ -41,14 +38,6 @@ def test_every_kind_is_found_with_its_facts(tmp_path: Path) -> None:
     assert summaries["learned stroke"] == "error 2.300 mm before, 0.028 mm after 2 runs; converged"
     assert summaries[items.RECORDING].startswith("20.0 s, ")
     assert "friction" in summaries["diagnosis"]
-
-
-def test_what_belongs_to_a_result_is_not_among_the_outermost(tmp_path: Path) -> None:
-    paths = {one.path for one in look(fill_folder(tmp_path, bags=False)).outermost()}
-    assert paths == {
-        "first.json", "second.json", "first.html", "worn/gap.json", "sizes/results.jsonl", "fleet/fleet.jsonl",
-        "loop/iterations.jsonl", "stroke/result.json",
-    }  # fmt: skip
 
 
 def test_files_that_cannot_be_read_are_named_with_the_reason(tmp_path: Path) -> None:
@@ -81,19 +70,11 @@ def test_files_of_other_programs_are_left_out(tmp_path: Path) -> None:
     (tmp_path / "page.html").write_text("<title>other</title>")
     (tmp_path / "notes.txt").write_text("text")
     os.mkfifo(tmp_path / "pipe.json")  # opening it would wait for ever
+    os.mkfifo(tmp_path / ".model.json.progress")
+    (tmp_path / "results.json").mkdir()
     listing = look(tmp_path)
     assert [(one.path, one.problem) for one in listing.items] == [("pipe.json", "not a regular file")]
-
-
-def test_a_pipe_in_place_of_a_progress_file_is_no_search(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / ".model.json.progress")  # opening it would wait for ever
-    assert look(tmp_path).searches == ()
-
-
-def test_a_folder_named_like_a_file_of_ours_is_a_folder(tmp_path: Path) -> None:
-    (tmp_path / "results.json").mkdir()
-    described_model().save(tmp_path / "results.json" / "model.json")
-    assert [(one.kind, one.path) for one in look(tmp_path).items] == [(items.MODEL, "results.json/model.json")]
+    assert listing.searches == ()
 
 
 def test_an_incomplete_last_line_is_one_that_is_being_written(tmp_path: Path) -> None:
@@ -128,16 +109,6 @@ def test_a_changed_file_is_read_again_and_others_are_not(tmp_path: Path, monkeyp
     assert after["a.json"].facts["cost_J"] == 5.0
     (tmp_path / "a.json").unlink()
     assert [one.path for one in catalogue.listing().items] == ["b.json"]
-
-
-def test_a_running_search_is_listed_until_it_ends(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("ces_serve.catalogue.FRESH_S", 0.0)
-    monkeypatch.setattr("ces_serve.catalogue.WALKS", 0.0)
-    catalogue = Catalogue(ServedFolder(tmp_path))
-    with SearchProgressFile("identify", tmp_path / "model.json", {}), SearchProgressFile("iterate", tmp_path, {}):
-        assert sorted(search.path for search in catalogue.listing().searches) == [".", "model.json"]
-        assert catalogue.listing().items == ()
-    assert catalogue.listing().searches == ()
 
 
 def test_a_folder_that_is_gone_is_said_to_be_gone(tmp_path: Path) -> None:
@@ -175,12 +146,3 @@ def test_depth_and_number_of_files_are_limited(tmp_path: Path, monkeypatch: pyte
     described_model().save(tmp_path / "z" / "c.json")
     listing = look(tmp_path)
     assert listing.cut and {one.path for one in listing.items} == {"a.json", "z/c.json"}  # what follows is there
-
-
-def test_a_thousand_models_are_listed_within_a_second(tmp_path: Path) -> None:
-    described_model().save(tmp_path / "0.json")
-    for number in range(1, 1000):
-        shutil.copy(tmp_path / "0.json", tmp_path / f"{number}.json")
-    began = time.process_time()
-    assert len(look(tmp_path).items) == 1000
-    assert time.process_time() - began < 1.0

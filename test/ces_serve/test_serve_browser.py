@@ -1,4 +1,4 @@
-"""`ces serve` in a real browser: lists, keys, comparing by clicking, a search that grows; no error, no other server."""
+"""`ces serve` in a real browser: lists, keys, comparing by clicking; no error, no other server."""
 
 from __future__ import annotations
 
@@ -7,26 +7,41 @@ import pytest
 pytest.importorskip("flask", reason="Flask is not installed")
 
 import re
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from browser import find_clipped, find_low_contrast, open_page, start_browser
-from page_servers import serving
-from served_folders import described_model, fill_folder
+from served_folders import fill_folder
 
-from ces_identify.progress_file import SearchProgressFile
+from ces_serve.server import PageServer
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 from playwright.sync_api import expect
 
+pytestmark = pytest.mark.slow
+
 
 @contextmanager
-def own_page(url: str, **look: Any) -> Iterator[Any]:
-    """Yield a page that asks this server only, and has no error; `look` as of `open_page`."""
+def serving(folder: Path) -> Iterator[str]:
+    """Yield the address of a server of `folder`."""
+    server = PageServer(folder, "127.0.0.1", 0)
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        yield server.url
+    finally:
+        server.stop()
+        thread.join()
+
+
+@contextmanager
+def own_page(url: str) -> Iterator[Any]:
+    """Yield a page that asks this server only, and has no error."""
     asked: list[str] = []
-    with open_page("about:blank", network=True, **look) as page:
+    with open_page("about:blank", network=True) as page:
         page.on("request", lambda request: asked.append(request.url))
         page.goto(url)
         yield page
@@ -70,51 +85,25 @@ def test_two_models_are_compared_by_clicking(url: str) -> None:
         assert page.locator(".plot-frame").count() >= 2  # the overlaid forces, with their script running in the sandbox
 
 
-def test_a_running_search_grows_and_ends(tmp_path: Path) -> None:
-    facts = {"starts": 2, "seconds": 60.0}
-    with serving(tmp_path) as address, SearchProgressFile("identify", tmp_path / "new.json", facts) as file:
-        file.write({"seed": 1, "cost": 30.0, "size": 2, "ended": "running"})
-        with own_page(address) as page:
-            page.locator(".running a").click()
-            expect(page.locator(".headline")).to_contain_text("J = 30.00 %")
-            for cost in (20.0, 12.0, 8.25, 80.0):
-                file.write({"seed": 1, "cost": cost, "size": 5, "ended": "running"})
-            expect(page.locator(".headline")).to_contain_text("J = 8.25 %")
-            expect(page.locator("#search-plot")).to_contain_text("up to 5 times the best")
-            described_model().save(tmp_path / "new.json")
-            file.__exit__(None, None, None)
-            page.get_by_role("link", name=re.compile("new.json, changed")).click()
-            expect(page.locator(".headline")).to_contain_text("olynomial, 3 terms")
-
-
-def test_a_recording_shows_its_signals(url: str) -> None:
-    with own_page(f"{url}view/recording/recordings/sine_4hz") as page:
-        expect(page.locator("#signals-plot g.area")).to_have_count(3)
-        expect(page.locator(".block tbody tr").first).to_contain_text("1000.0")
-
-
-def test_a_report_runs_its_own_script_in_an_origin_of_its_own(url: str) -> None:
-    with own_page(f"{url}files/worn/report.html") as page:
-        assert page.evaluate("typeof plots") == "object"
-        assert page.evaluate("self.origin") == "null"
-
-
-NARROW = ("", "list/model", "view/model/first.json", "view/result/sizes/results.jsonl", "compare?model=first.json")
-LISTS = ("list/result", "list/report", "list/recording")
-THINGS = ("view/result/fleet/fleet.jsonl", "view/result/loop/iterations.jsonl")
-LOOKS = [
-    (390, "light", (*NARROW, *LISTS, *THINGS)),
-    (800, "dark", NARROW),
+RESULTS = ("sizes/results.jsonl", "fleet/fleet.jsonl", "loop/iterations.jsonl")
+LOOKS = (
+    (390, "light", ("", "list/model", "list/result", "list/report", "list/recording", "compare?model=first.json")),
+    (390, "light", ("view/model/first.json", *(f"view/result/{path}" for path in RESULTS))),
+    (800, "dark", ("", "list/model", "view/model/first.json", f"view/result/{RESULTS[0]}", "compare?model=first.json")),
     (1280, "light", ("list/model",)),
-]
+)
 SCROLLED = "tables => tables.filter(e => e.scrollWidth > e.clientWidth).map(e => e.textContent)"
 
 
-@pytest.mark.parametrize(("width", "scheme", "paths"), LOOKS)
-def test_pages_fit_and_have_contrast(url: str, width: int, scheme: Any, paths: tuple[str, ...]) -> None:
-    with own_page(url, width=width, scheme=scheme) as page:
-        for path in paths:
-            page.goto(f"{url}{path}")
-            assert find_clipped(page) == [], path
-            assert find_low_contrast(page) == [], path
-            assert page.locator("main .wide:not(.plot-table *)").evaluate_all(SCROLLED) == [], path
+def test_pages_fit_and_have_contrast_and_reports_run_their_script(url: str) -> None:
+    with own_page(url) as page:
+        for width, scheme, paths in LOOKS:
+            page.set_viewport_size({"width": width, "height": 900})
+            page.emulate_media(color_scheme=scheme)
+            for path in paths:
+                page.goto(f"{url}{path}")
+                wrong = find_clipped(page) + find_low_contrast(page)
+                wrong += page.locator("main .wide:not(.plot-table *)").evaluate_all(SCROLLED)
+                assert wrong == [], (width, scheme, path)
+        page.goto(f"{url}files/worn/report.html")
+        assert page.evaluate("[typeof plots, self.origin]") == ["object", "null"]  # in an origin of its own

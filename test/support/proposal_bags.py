@@ -8,7 +8,6 @@ import tiny_bags as tiny
 SAMPLES, PERIOD_NS = 1500, 2_000_000
 CUSTOM = "lab_msgs/msg/Float64Stamped"
 ARRAY, SCALAR = "std_msgs/msg/Float32MultiArray", "std_msgs/msg/Float64"
-IMU, TEMPERATURE = "sensor_msgs/msg/Imu", "sensor_msgs/msg/Temperature"
 
 
 def motion(seed=0.0, samples=SAMPLES):
@@ -63,34 +62,3 @@ def array(topic, *columns):
         return tiny.TYPES[ARRAY](layout=layout, data=np.array(values, dtype=np.float32))
 
     return stream(topic, ARRAY, make, *columns)
-
-
-def distractors(x, force):
-    """An IMU, a temperature, a commanded stroke and force, a counter, and a battery's current."""
-    vector = tiny.TYPES["geometry_msgs/msg/Vector3"]
-    zeros = np.zeros(9)
-    random = np.random.default_rng(3)
-
-    def imu(t, a):
-        return tiny.TYPES[IMU](
-            header=tiny.header(t),
-            orientation=tiny.TYPES["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
-            orientation_covariance=zeros,
-            angular_velocity=vector(x=0.0, y=0.01, z=0.0),
-            angular_velocity_covariance=zeros,
-            linear_acceleration=vector(x=0.0, y=0.0, z=a),
-            linear_acceleration_covariance=zeros,
-        )
-
-    def temperature(t, value):
-        return tiny.TYPES[TEMPERATURE](header=tiny.header(t), temperature=value, variance=0.0)
-
-    n = len(x)
-    return [
-        stream("/imu", IMU, imu, 9.81 + np.gradient(np.gradient(x)) * 1e4 + random.normal(0, 0.1, n)),
-        stream("/oil", TEMPERATURE, temperature, 40.0 + np.arange(n) * 1e-3),
-        numbers("/stroke_cmd", x),
-        numbers("/desired_force", force),
-        numbers("/cycle_counter", np.arange(float(n))),
-        numbers("/battery/current", 4.0 + random.normal(0, 0.05, n)),
-    ]

@@ -18,15 +18,8 @@ from ces_observer.model import Model
 from ces_report.shell import page_template
 
 BAGS = Path(__file__).resolve().parent.parent.parent / "bags"
-ROW = {
-    "status": DONE,
-    "bags": "noise",
-    "seed": 1,
-    "gain": 0.9,
-    "force_bound_N": 2e3,
-    "seconds": 3.0,
-    "structure": "polynomial",
-}
+ROW = {"status": DONE, "bags": "noise", "structure": "polynomial", "seed": 1}
+ROW |= {"gain": 0.9, "force_bound_N": 2e3, "seconds": 3.0}
 STROKE = {
     "schema": "ces-learned-stroke/1",
     "stopped": "converged",
@@ -80,8 +73,8 @@ def _write_campaign(folder: Path) -> None:
     with open_results(folder / "results.jsonl", "a campaign") as results:
         for key, terms, J in (("aa11", 4, 12.0), ("bb22", 9, 5.0)):
             costs = [
-                {"set": "identification", "recording": "noise", "J": J},
-                {"set": "sine", "recording": "sine", "J": J + 1.0},
+                {"set": role, "recording": bag, "J": J + more}
+                for role, bag, more in (("identification", "noise", 0.0), ("sine", "sine", 1.0))
             ]
             row = {**ROW, "key": key, "size": f"{terms} terms", "parameters": terms, "selection_J": J, "costs": costs}
             results.add(JobResult(row, {f"models/{key}.json": described_model(J).to_json()}))
@@ -89,14 +82,8 @@ def _write_campaign(folder: Path) -> None:
 
 
 def _write_fleet(folder: Path) -> None:
-    said = {
-        "verdict": "named",
-        "effects": ["friction"],
-        "probability": 0.9,
-        "gap_N": 40.0,
-        "gap_after_N": 6.0,
-        "shrink": 0.85,
-    }
+    said = {"verdict": "named", "effects": ["friction"], "probability": 0.9, "shrink": 0.85}
+    said |= {"gap_N": 40.0, "gap_after_N": 6.0}
     row = {"key": "a", "name": "car_1", "status": DONE, "sentence": "Friction.", "folder": "units/car_1", **said}
     with open_results(folder / "fleet.jsonl", "a fleet") as results:
         results.add(JobResult(row))
@@ -112,20 +99,6 @@ def _write_iterations(folder: Path) -> None:
             model = f"iteration_{number:02d}/model.json"
             (folder / model).parent.mkdir()
             described_model(fit).save(folder / model)
-            line = Iteration(
-                number,
-                f"experiment_{number:02d}",
-                15.0,
-                15.0 * number,
-                0.0,
-                20.0,
-                fresh,
-                fit,
-                {},
-                0.5,
-                0.1,
-                0.3,
-                [],
-                model,
-            )
+            times, costs, spreads = (15.0, 15.0 * number, 0.0, 20.0), (fresh, fit), (0.5, 0.1, 0.3)
+            line = Iteration(number, f"experiment_{number:02d}", *times, *costs, {}, *spreads, [], model)
             append_row(file, line.to_row())

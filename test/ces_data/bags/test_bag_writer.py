@@ -1,5 +1,3 @@
-import os
-import time
 from operator import itemgetter
 from pathlib import Path
 
@@ -26,10 +24,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::ces_data.bags.reader.RecordingW
 def recording_of(n=200, **stamps):
     rng = np.random.default_rng(7)
     units = {"position": "m", "current": "A", "force": "N"}
-    times = {name: np.sort(rng.integers(0, 10**10, n)) for name in units}
-    return Recording(
-        "run", {k: Channel(k, u, stamps.get(k, times[k]), rng.standard_normal(n)) for k, u in units.items()}
-    )
+    times = {name: np.sort(rng.integers(0, 10**10, n)) for name in units} | stamps
+    return Recording("run", {k: Channel(k, u, times[k], rng.standard_normal(n)) for k, u in units.items()})
 
 
 def same(a, b):
@@ -45,21 +41,6 @@ def test_recording_comes_back_to_the_bit(tmp_path):
     same(read_recording(tmp_path / "deep" / "run", DEFAULT), recording)
     assert [p.name for p in (tmp_path / "deep").iterdir()] == ["run"]
     assert sorted(p.name for p in (tmp_path / "deep" / "run").iterdir()) == ["metadata.yaml", "run.mcap"]
-
-
-def test_messages_are_what_ros_expects_and_in_time_order(tmp_path):
-    recording = recording_of(50)
-    write_bag(tmp_path / "run", recording_topics(recording, DEFAULT))
-    with AnyReader([tmp_path / "run"]) as reader:
-        read = [(c.topic, log_ns, reader.deserialize(raw, c.msgtype)) for c, log_ns, raw in reader.messages()]
-    assert [log_ns for _, log_ns, _ in read] == sorted(log_ns for _, log_ns, _ in read)
-    joints = [(log_ns, m) for topic, log_ns, m in read if topic == "/joint_states"]
-    for (log_ns, m), value in zip(joints, recording.channel("position").values, strict=True):
-        assert (m.name, m.position.tolist(), len(m.velocity), len(m.effort)) == (["rear_damper"], [value], 0, 0)
-        assert m.header.stamp.sec * tiny.SECOND + m.header.stamp.nanosec == log_ns
-    forces = [m.wrench for topic, _, m in read if topic == "/measured_force"]
-    assert [w.force.z for w in forces] == recording.channel("force").values.tolist()
-    assert all(w.force.x == w.force.y == w.torque.z == 0 for w in forces)
 
 
 def test_scale_and_offset_are_undone(tmp_path):
@@ -85,14 +66,14 @@ def test_replay_topic_with_named_columns(tmp_path):
     with AnyReader([tmp_path / "b"]) as reader:
         last = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()][-1]
     assert (last.name, last.position[0], last.velocity[0], last.effort[0]) == (["rear_damper"], 0.0, 1.0, 2.0)
+    assert (last.header.stamp.sec, last.header.stamp.nanosec) == (0, 8)
     metadata = yaml.safe_load((tmp_path / "b" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
     assert metadata["custom_data"] == {"model": "m.json", "written_by": f"ces_observer {__version__}"}
 
 
 def test_nested_arrays(tmp_path):
-    kind = "trajectory_msgs/msg/JointTrajectory"
     columns = {"points[1].positions[0]": np.array([1.5, 2.5])}
-    write_bag(tmp_path / "b", [TopicData("t", kind, np.array([1, 2]), columns)])
+    write_bag(tmp_path / "b", [TopicData("t", "trajectory_msgs/msg/JointTrajectory", np.array([1, 2]), columns)])
     with AnyReader([tmp_path / "b"]) as reader:
         read = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()]
     assert [m.points[1].positions[0] for m in read] == [1.5, 2.5]
@@ -110,25 +91,12 @@ def test_channels_that_share_a_topic_need_the_same_stamps(tmp_path):
         recording_topics(recording_of(), signals)
 
 
-def test_constant_signals_are_not_written(tmp_path):
-    signals = Signals.from_mapping({"current": {"constant": 0.0}}, "signals.yaml")
-    write_bag(tmp_path / "run", recording_topics(recording_of(), signals))
-    assert [t.name for t in list_topics(tmp_path / "run")] == ["/joint_states", "/measured_force"]
-
-
 def test_stamps_that_run_backwards_and_bad_samples_survive(tmp_path):
     stamps = np.array([5, 3, 9, 9, 7]) * 1_000_000_000
     values = np.array([np.nan, 1, np.inf, -np.inf, 2])
     channels = {k: Channel(k, "", stamps, values) for k in ("position", "current")}
     write_bag(tmp_path / "run", recording_topics(Recording("run", channels), DEFAULT))
     same(read_recording(tmp_path / "run", DEFAULT), Recording("run", channels))
-
-
-def test_empty_recording_is_a_bag_without_messages(tmp_path):
-    empty = np.empty(0)
-    channels = {k: Channel(k, "", empty, empty) for k in ("position", "current")}
-    write_bag(tmp_path / "run", recording_topics(Recording("run", channels), DEFAULT))
-    assert [t.count for t in list_topics(tmp_path / "run")] == [0, 0]
 
 
 def test_existing_bag_is_overwritten_only_on_request(tmp_path):
@@ -140,28 +108,26 @@ def test_existing_bag_is_overwritten_only_on_request(tmp_path):
     write_bag(tmp_path / "run", topics, overwrite=True)
     assert len(list_topics(tmp_path / "run")) == 3
     assert [p.name for p in tmp_path.iterdir()] == ["run"]
-
-
-def test_folder_that_is_no_bag_is_never_overwritten(tmp_path):
     (tmp_path / "home").mkdir()
     (tmp_path / "home" / "letter").write_text("dear")
     with pytest.raises(RecordingError, match="is not a bag, so it is not overwritten"):
-        write_bag(tmp_path / "home", recording_topics(recording_of(), DEFAULT), overwrite=True)
+        write_bag(tmp_path / "home", topics, overwrite=True)
+    with pytest.raises(RecordingError, match=r"run: cannot be written: .*; choose another place"):
+        write_bag(tmp_path / "home" / "letter" / "run", topics)
     assert (tmp_path / "home" / "letter").read_text() == "dear"
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-@pytest.mark.parametrize("interrupt", [KeyboardInterrupt, RuntimeError])
-def test_interrupted_write_leaves_nothing_half_written(tmp_path, monkeypatch, interrupt, overwrite):
+def test_interrupted_write_leaves_nothing_half_written(tmp_path, monkeypatch, overwrite):
     topics = recording_topics(recording_of(), DEFAULT)
     if overwrite:
         write_bag(tmp_path / "run", topics[:1])
 
     def stop(encoder, index, part):
-        raise interrupt
+        raise KeyboardInterrupt
 
     monkeypatch.setattr(writer._Encoder, "messages", stop)
-    with pytest.raises(interrupt):
+    with pytest.raises(KeyboardInterrupt):
         write_bag(tmp_path / "run", topics, overwrite=overwrite)
     assert [p.name for p in tmp_path.iterdir()] == (["run"] if overwrite else [])
     assert not overwrite or len(list_topics(tmp_path / "run")) == 1
@@ -181,19 +147,6 @@ def test_failed_rename_brings_the_old_bag_back(tmp_path, monkeypatch):
     with pytest.raises(RecordingError, match=r"run: cannot be written: No space left on device"):
         write_bag(tmp_path / "run", topics, overwrite=True)
     assert len(list_topics(tmp_path / "run")) == 1
-
-
-@pytest.mark.skipif(os.geteuid() == 0, reason="the superuser may write anywhere")
-def test_read_only_folder(tmp_path):
-    tmp_path.chmod(0o500)
-    with pytest.raises(RecordingError, match=r"run: cannot be written: Permission denied; choose another place"):
-        write_bag(tmp_path / "run", recording_topics(recording_of(), DEFAULT))
-
-
-def test_folder_that_cannot_be_written_whoever_asks(tmp_path):
-    (tmp_path / "file").touch()
-    with pytest.raises(RecordingError, match=r"run: cannot be written: .*; choose another place"):
-        write_bag(tmp_path / "file" / "run", recording_topics(recording_of(), DEFAULT))
 
 
 @pytest.mark.parametrize(
@@ -219,28 +172,15 @@ def test_topic_data_is_checked_at_the_door():
         TopicData("t", tiny.FLOAT, np.arange(-1, 2), {"data": np.zeros(3)})
 
 
-def test_half_a_minute_at_1_khz_takes_seconds_at_most(tmp_path):
-    stamps = np.arange(30_000) * 1_000_000
-    channels = {k: Channel(k, "", stamps, np.zeros(30_000)) for k in ("position", "current", "force")}
-    start = time.process_time()
-    write_bag(tmp_path / "run", recording_topics(Recording("run", channels), DEFAULT))
-    assert time.process_time() - start < 10
-
-
 def test_messages_of_several_topics_are_in_time_order(tmp_path, monkeypatch):
     """A topic begins late, one runs backwards; the share that is written is said on the way."""
     monkeypatch.setattr(writer, "BATCH", 100)
     rng = np.random.default_rng(3)
     stamps = [np.sort(rng.integers(0, 10**9, 700)), np.arange(0, 10**9, 10**7), rng.integers(9 * 10**8, 10**9, 60)]
+    kinds = {"a": (tiny.FLOAT, "data"), "b": (tiny.WRENCH, "wrench.force.z"), "c": ("std_msgs/msg/Float32", "data")}
     topics = [
-        TopicData(name, kind, stamps[i], {field: rng.standard_normal(len(stamps[i]))})
-        for i, (name, kind, field) in enumerate(
-            (
-                ("a", "std_msgs/msg/Float64", "data"),
-                ("b", "geometry_msgs/msg/WrenchStamped", "wrench.force.z"),
-                ("c", "std_msgs/msg/Float32", "data"),
-            )
-        )
+        TopicData(name, kind, times, {field: rng.standard_normal(len(times))})
+        for times, (name, (kind, field)) in zip(stamps, kinds.items(), strict=True)
     ]
     shares = []
     write_bag(tmp_path / "bag", topics, progress=shares.append)
@@ -262,9 +202,3 @@ def test_messages_of_several_topics_are_in_time_order(tmp_path, monkeypatch):
         for late, s in zip(np.maximum.accumulate(t), t, strict=True)
     ]
     assert stored == [(f"/{'abc'[i]}", stamp) for _, i, stamp in sorted(order, key=itemgetter(0))]
-    for i, topic in enumerate(topics[:2]):
-        with AnyReader([tmp_path / "bag"]) as reader:
-            mine = [c for c in reader.connections if c.topic == f"/{topic.name}"]
-            raw = [reader.deserialize(data, c.msgtype) for c, _, data in reader.messages(mine)]
-        values = [m.data if i == 0 else m.wrench.force.z for m in raw]
-        np.testing.assert_array_equal(values, next(iter(topic.columns.values())))

@@ -75,14 +75,6 @@ def test_numbers_without_header(little_endian):
 
 
 @pytest.mark.parametrize("little_endian", [True, False])
-@pytest.mark.parametrize("frames", [[""], ["base", "load_cell", "a"], ["abcd", "wxyz"]])
-def test_frame_of_changing_length_and_letters(frames, little_endian):
-    messages = [tiny.wrench(-5 + 7 * i, 0.1 * i, frames[i % len(frames)]) for i in range(60)]
-    singles, _ = compare(messages, tiny.WRENCH, *STAMP, "wrench.force.z", little_endian=little_endian)
-    assert singles == (0 if little_endian else len(messages))
-
-
-@pytest.mark.parametrize("little_endian", [True, False])
 def test_joint_order_that_changes_between_messages(little_endian):
     names = [["rear", "fork"], ["fork", "rear"], ["axle", "rear"]]
     messages = [tiny.joints(i, names[i % 3], [i, -i], efforts=[5 * i, 0.5]) for i in range(60)]
@@ -129,7 +121,7 @@ def test_more_layouts_than_are_worth_learning_are_read_singly():
     assert singles == 2 * LAYOUTS_PER_LENGTH
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=40, deadline=None)
 @given(
     st.lists(
         st.tuples(
@@ -146,16 +138,6 @@ def test_more_layouts_than_are_worth_learning_are_read_singly():
 def test_any_joint_states(rows, little_endian):
     messages = [tiny.joints(stamp, names, values, frame) for names, frame, values, stamp in rows]
     compare(messages, tiny.JOINTS, *STAMP, "position[rear]", "position[1]", little_endian=little_endian)
-
-
-def test_layout_of_an_integer_array_and_bool():
-    imu = tiny.TYPES["std_msgs/msg/Int16MultiArray"]
-    layout = tiny.TYPES["std_msgs/msg/MultiArrayLayout"](dim=[], data_offset=0)
-    messages = [imu(layout=layout, data=np.array([i, -i, 300], dtype=np.int16)) for i in range(30)]
-    singles, _ = compare(messages, "std_msgs/msg/Int16MultiArray", "data[1]", "data[2]")
-    assert singles == 0
-    flags = [tiny.TYPES["std_msgs/msg/Bool"](data=bool(i % 2)) for i in range(9)]
-    assert compare(flags, "std_msgs/msg/Bool", "data")[0] == 0
 
 
 def test_text_that_reads_as_a_number_is_left_to_rosbags():

@@ -14,7 +14,7 @@ from mcap.writer import MCAP0_MAGIC, CompressionType, IndexType
 from mcap.writer import Writer as McapWriter
 
 from ces_data.bags import mcap
-from ces_data.bags.mcap import blocks, require_complete, split_messages
+from ces_data.bags.mcap import blocks, split_messages
 from ces_data.bags.reader import list_topics
 from ces_observer.errors import RecordingError
 
@@ -43,22 +43,15 @@ def record(opcode, body):
     return struct.pack("<BQ", opcode, len(body)) + body
 
 
-@pytest.mark.parametrize("cut", [0, 1, 5, 9, 12, 400])
-def test_split_is_that_of_the_slow_twin(cut):
+def test_split_is_that_of_the_slow_twin():
     rng = np.random.default_rng(2)
     data = b"".join(record(int(rng.integers(1, 15)), rng.bytes(rng.integers(22, 300))) for _ in range(200))
-    data = data[: len(data) - cut]
-    assert split(data) == slow_twin(data)
-    assert len(split(data)[0]) > 5
-
-
-def test_length_beyond_all_memory_is_an_unfinished_record():
-    data = record(5, bytes(22)) + b"\x05" + b"\xff" * 8 + b"x"
+    for cut in (0, 1, 9, 12, 400):
+        part = data[: len(data) - cut]
+        assert split(part) == slow_twin(part) and len(split(part)[0]) > 5
+    data = record(5, bytes(22)) + b"\x05" + b"\xff" * 8 + b"x"  # a length beyond all memory is an unfinished record
     assert split(data) == ([(0, 0, 31, 0)], 31)
-
-
-def test_message_too_short_for_its_header_ends_the_split():
-    data = record(3, b"abc") + record(5, bytes(21)) + record(5, bytes(22))
+    data = record(3, b"abc") + record(5, bytes(21)) + record(5, bytes(22))  # too short for its header
     assert split(data) == slow_twin(data) == ([], 12)
 
 
@@ -84,32 +77,19 @@ WAYS = {
 }
 
 
-@pytest.mark.parametrize("size", [64, 3000, 4 << 20])
 @pytest.mark.parametrize("way", WAYS)
-def test_every_way_of_storing_gives_the_messages_in_recorded_order(tmp_path, monkeypatch, way, size):
-    monkeypatch.setattr(mcap, "BLOCK", size)
+def test_every_way_of_storing_gives_the_messages_in_recorded_order(tmp_path, monkeypatch, way):
     rng = np.random.default_rng(4)
     messages = [(int(rng.integers(2)), int(rng.integers(10**15)), rng.bytes(rng.integers(0, 90))) for _ in range(400)]
     channels = write(tmp_path / "x.mcap", messages, **WAYS[way])
-    rows = [
-        (channels.index(int(block.topics[i])), int(block.log_ns[i]), block.payload(i))
-        for block in blocks(tmp_path / "x.mcap")
-        for i in range(len(block))
-    ]
-    assert rows == messages
-
-
-@pytest.mark.parametrize("way", ["zstd", "no chunks"])
-def test_file_cut_anywhere_is_reported_as_cut(tmp_path, way):
-    path = tmp_path / "x.mcap"
-    write(path, [(0, i, bytes(30)) for i in range(50)], **WAYS[way])
-    whole = path.read_bytes()
-    require_complete(path)
-    for size in range(1, len(whole), 7):
-        path.write_bytes(whole[:size])
-        with pytest.raises(RecordingError, match=r"ends early|not an MCAP file") as caught:
-            require_complete(path)
-        assert size < 8 or "mcap recover x.mcap" in str(caught.value)
+    for size in (64, 3000, 4 << 20):
+        monkeypatch.setattr(mcap, "BLOCK", size)
+        rows = [
+            (channels.index(int(block.topics[i])), int(block.log_ns[i]), block.payload(i))
+            for block in blocks(tmp_path / "x.mcap")
+            for i in range(len(block))
+        ]
+        assert rows == messages
 
 
 def test_footer_pasted_onto_a_cut_file_does_not_hide_the_cut(tmp_path):
@@ -121,7 +101,7 @@ def test_footer_pasted_onto_a_cut_file_does_not_hide_the_cut(tmp_path):
         list(blocks(path))
 
 
-@pytest.mark.parametrize("way", ["zstd", "lz4", "none"])
+@pytest.mark.parametrize("way", ["zstd", "none"])
 def test_damaged_chunk_is_never_read(tmp_path, way):
     path = tmp_path / "x.mcap"
     rng = np.random.default_rng(5)
@@ -135,12 +115,6 @@ def test_damaged_chunk_is_never_read(tmp_path, way):
         list(blocks(path))
 
 
-def test_empty_file(tmp_path):
-    (tmp_path / "x.mcap").touch()
-    with pytest.raises(RecordingError, match="the file is empty"):
-        require_complete(tmp_path / "x.mcap")
-
-
 BOMB = {"zstd": zstandard.compress(bytes(50_000_000)), "lz4": lz4.frame.compress(bytes(1_000_000)), "": bytes(101)}
 
 
@@ -152,13 +126,10 @@ def test_chunk_with_more_data_than_it_states_is_refused(tmp_path, compression):
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 10_000_000
-
-
-def test_chunk_in_an_unknown_compression_is_refused(tmp_path):
     assert "compression 'br' is none of zstd and lz4" in refusal(tmp_path / "x.mcap", Chunk("br", b"abc", 0, 0, 0, 3))
 
 
-@pytest.mark.parametrize("stated", [10**6, 2**62, 2**64 - 1])
+@pytest.mark.parametrize("stated", [10**6, 2**64 - 1])
 @pytest.mark.parametrize("at", [1, 9 + 32])  # length of the record, length of the data in it
 def test_length_beyond_the_file_is_refused(tmp_path, stated, at):
     path = tmp_path / "x.mcap"

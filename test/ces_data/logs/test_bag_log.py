@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from log_examples import I_SLOW, START_NS, T_SLOW, F, T, X, assert_recording
+from log_examples import I_SLOW, START_NS, T_SLOW, F, T, X, assert_proposed, assert_recording
 from rosbags.rosbag1 import Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from ces_data.bags.reader import read_recording
-from ces_data.logs.log_import import import_log, to_recording
+from ces_data.logs.log_import import import_log
 from ces_data.logs.log_mapping import parse_dyno_mapping
-from ces_data.mapping.proposals import propose_mapping, propose_signals
+from ces_data.mapping.proposals import propose_signals
 from ces_data.signals_file import load_signals
 from ces_observer.errors import CesError
 
@@ -74,9 +74,7 @@ def test_import_with_a_mapping(path):
 
 
 def test_a_proposal_needs_no_mapping(path):
-    proposal = propose_mapping(path)
-    assert proposal.doubts == ()
-    assert_recording(to_recording(proposal.log, proposal.mapping), START_NS, rtol=1e-6)
+    assert_proposed(path, start_ns=START_NS, rtol=1e-6)
 
 
 def test_mistakes_are_one_line(path, tmp_path):

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 import scipy.io
-from log_examples import CURRENT, I_SLOW, T_SLOW, F, T, X, assert_recording
+from log_examples import CURRENT, I_SLOW, T_SLOW, F, T, X, assert_proposed, assert_recording
 from scipy.io.matlab import MatlabOpaque
 
 from ces_data.logs.log_import import import_log, to_recording
@@ -60,23 +60,20 @@ def column(values):
     return np.asarray(values)[:, None]  # n x 1, as MATLAB's columns
 
 
-@pytest.mark.parametrize("shape", [column, np.asarray], ids=["columns", "rows"])
-def test_variables_as_columns_and_as_rows(tmp_path, shape):
-    path = save(
-        tmp_path / "log.mat", {"t": shape(T), "x_mm": shape(1000 * X), "i": shape(CURRENT), "F": shape(F), "rig": "7"}
-    )
+def test_variables_as_columns_and_as_rows(tmp_path):
+    variables = {"t": column(T), "x_mm": 1000 * X, "i": column(CURRENT), "F": F, "rig": "7"}
+    path = save(tmp_path / "log.mat", variables)
     assert_recording(import_log(path, mapping(TABLE)), slow=False)
 
 
 def test_a_structure_and_a_matrix(tmp_path):
-    matrix = np.column_stack([T, 1000 * X, CURRENT, F])
-    path = save(
-        tmp_path / "log.mat",
-        {"run": {"name": "sweep", "log": {"t": T, "x_mm": 1000 * X, "i": CURRENT, "F": F}}, "m": matrix},
-    )
+    run = {"name": "sweep", "log": {"t": T, "x_mm": 1000 * X, "i": CURRENT, "F": F}}
+    path = save(tmp_path / "log.mat", {"run": run, "m": np.column_stack([T, 1000 * X, CURRENT, F])})
     assert_recording(import_log(path, mapping(TABLE + "rows: run.log\n")), slow=False)
-    numbered = TABLE.replace("column: t}", "column: 0}").replace("x_mm,", "1,").replace("column: i}", "column: 2}")
-    assert_recording(import_log(path, mapping(numbered.replace("column: F}", "column: 3}") + "rows: m\n")), slow=False)
+    numbered = TABLE
+    for number, name in enumerate(("t", "x_mm", "i", "F")):
+        numbered = numbered.replace(f"column: {name}", f"column: {number}")
+    assert_recording(import_log(path, mapping(numbered + "rows: m\n")), slow=False)
 
 
 def test_time_series_keep_their_own_times(tmp_path):
@@ -90,10 +87,7 @@ def test_time_series_keep_their_own_times(tmp_path):
         "rows: out\nposition: {column: position_mm, unit: mm}\ncurrent: {column: current_A}\nforce: {column: force_N}\n"
     )
     assert_recording(import_log(path, mapping(text)))
-    proposal = propose_mapping(path)
-    assert proposal.doubts == ()
-    assert_recording(to_recording(proposal.log, proposal.mapping))
-    (tmp_path / "map.yaml").write_text(proposal.text)
+    proposal = assert_proposed(path)
     assert_recording(import_log(path, mapping(proposal.text)))
 
 
@@ -109,71 +103,51 @@ def test_time_series_of_older_files_and_json(tmp_path, suffix):
         path.write_text(json.dumps(series))
     else:
         scipy.io.savemat(path, series)
-    proposal = propose_mapping(path)
-    assert proposal.doubts == ()
-    assert_recording(to_recording(proposal.log, proposal.mapping))
+    assert_proposed(path)
 
 
-def test_a_cell_of_columns(tmp_path):
-    path = save(tmp_path / "log.mat", {"log": [column(T), column(1000 * X), column(CURRENT), column(F)]})
-    with pytest.raises(CesError):
-        import_log(path, mapping(TABLE + "rows: log\n"))
-
-
-def test_a_proposal_needs_no_mapping(tmp_path):
-    path = save(tmp_path / "log.mat", {"time_s": T, "stroke_mm": 1000 * X, "current_A": CURRENT, "force_N": F})
-    proposal = propose_mapping(path)
-    assert proposal.doubts == ()
-    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
-
-
-@pytest.mark.parametrize("more", [{}, {"gain": 3.0, "position_offset_mm": 1.0}], ids=["alone", "among_others"])
-def test_a_rate_beside_arrays_without_times(tmp_path, more):
+def test_a_rate_beside_arrays_without_times(tmp_path):
     rate = 1.0 / (T[1] - T[0])
     arrays = {"x_mm": 1e3 * X, "i_A": CURRENT, "F_N": F}
-    scipy.io.savemat(tmp_path / "run.mat", {"fs": rate, **more, **arrays})
+    scipy.io.savemat(tmp_path / "run.mat", {"fs": rate, "gain": 3.0, "position_offset_mm": 1.0, **arrays})
     proposal = propose_mapping(tmp_path / "run.mat")
     assert proposal.doubts == () and "rate from 'fs'" in proposal.found
     assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
 
 
-def test_an_object_is_refused_with_what_to_save_instead(tmp_path):
-    path = save(tmp_path / "log.mat", {"t": T, "x_mm": X, "i": CURRENT, "F": F})
+def save_objects(path, names, kind, **numbers):
+    save(path, {**numbers, **dict.fromkeys(names, np.zeros(6))})
     with h5py.File(path, "r+") as file:
-        file["F"].attrs["MATLAB_class"] = np.bytes_("timeseries")
-        file["F"].attrs["MATLAB_object_decode"] = np.int32(3)
-    with pytest.raises(
-        CesError,
-        match=r"'F' is a MATLAB object \(timeseries\), which is not read; in MATLAB: F = struct\('time', F.Time,",
-    ):
+        for name in names:
+            file[name].attrs["MATLAB_class"] = np.bytes_(kind)
+            file[name].attrs["MATLAB_object_decode"] = np.int32(3)
+    return path
+
+
+def test_an_object_is_refused_with_what_to_save_instead(tmp_path):
+    path = save_objects(tmp_path / "log.mat", ["F"], "timeseries", t=T, x_mm=X, i=CURRENT)
+    refused = r"'F' is a MATLAB object \(timeseries\), which is not read; in MATLAB: F = struct\('time', F.Time,"
+    with pytest.raises(CesError, match=refused):
         import_log(path, mapping(TABLE))
+    alone = save_objects(tmp_path / "alone.mat", ["stroke", "force"], "timeseries")
+    with pytest.raises(CesError, match=r"'force' is a MATLAB object \(timeseries\).*likewise 'stroke' \(timeseries\)"):
+        propose_mapping(alone)
 
 
-def test_a_damaged_file(tmp_path):
-    path = save(tmp_path / "log.mat", {"t": T})
+def test_a_cell_of_columns_and_a_damaged_file(tmp_path):
+    path = save(tmp_path / "log.mat", {"log": [column(T), column(X)]})
+    with pytest.raises(CesError, match="no column 'x_mm'; the table has columns 0"):
+        import_log(path, mapping(TABLE + "rows: log\n"))
     path.write_bytes(path.read_bytes()[:700])
     with pytest.raises(CesError, match=r"not a MATLAB 7\.3 file, or damaged"):
         import_log(path, mapping(TABLE))
 
 
-def test_objects_alone_are_named_and_nothing_else_is_said(tmp_path):
-    path = save(tmp_path / "log.mat", {"stroke": np.zeros(6), "force": np.zeros(6)})
-    with h5py.File(path, "r+") as file:
-        for name in ("stroke", "force"):
-            file[name].attrs["MATLAB_class"] = np.bytes_("timeseries")
-            file[name].attrs["MATLAB_object_decode"] = np.int32(3)
-    with pytest.raises(CesError, match=r"'force' is a MATLAB object \(timeseries\).*likewise 'stroke' \(timeseries\)"):
-        propose_mapping(path)
-
-
 def test_objects_beside_numbers_are_the_reason_why_a_signal_is_not_found(tmp_path):
-    path = save(tmp_path / "log.mat", {"tout": T, "logsout": np.zeros(6)})
-    with h5py.File(path, "r+") as file:
-        file["logsout"].attrs["MATLAB_class"] = np.bytes_("Simulink.SimulationData.Dataset")
-        file["logsout"].attrs["MATLAB_object_decode"] = np.int32(3)
-    doubts = propose_mapping(path, rate=500.0).doubts
-    assert "for k = 1:logsout.numElements, e = logsout{k};" in doubts[0]
-    assert doubts[0] in propose_mapping(path, rate=500.0).faults
+    path = save_objects(tmp_path / "log.mat", ["logsout"], "Simulink.SimulationData.Dataset", tout=T)
+    proposal = propose_mapping(path, rate=500.0)
+    assert "for k = 1:logsout.numElements, e = logsout{k};" in proposal.doubts[0]
+    assert proposal.doubts[0] in proposal.faults
 
 
 @pytest.mark.parametrize(("cells", "own"), [((b"F", b"MCOS", b"table", 1), "F"), (("MCOS", "table", 1), "")])
@@ -183,13 +157,6 @@ def test_objects_of_older_files_have_the_names_that_either_scipy_gives(cells, ow
     tree = {"None" if own else "F": MatlabOpaque(record), "t": T}
     found = replace_objects(tree)
     assert found["F"] == MatlabObject("table") and found["t"] is T
-
-
-def test_complex_numbers_are_refused(tmp_path):
-    scipy.io.savemat(tmp_path / "log.mat", {"t": T, "x_mm": 1e3 * X + 0j, "current_A": CURRENT, "F_N": F})
-    assert propose_mapping(tmp_path / "log.mat").doubts == (
-        "position: 'x_mm' holds complex numbers; expected real ones",
-    )
 
 
 SIMULINK = {
@@ -215,17 +182,8 @@ CONTROL_DESK = {
 @pytest.mark.parametrize("content", [SIMULINK, CONTROL_DESK], ids=["simulink", "controldesk"])
 def test_arrays_of_named_series(tmp_path, content):
     scipy.io.savemat(tmp_path / "log.mat", content)
-    proposal = propose_mapping(tmp_path / "log.mat")
-    assert proposal.doubts == ()
-    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
+    proposal = assert_proposed(tmp_path / "log.mat", slow=False)
     assert_recording(import_log(tmp_path / "log.mat", parse_dyno_mapping(proposal.text, "map.yaml")), slow=False)
-
-
-def test_columns_of_different_lengths_are_named(tmp_path):
-    scipy.io.savemat(tmp_path / "log.mat", {"t": T, "x_mm": 1e3 * X[:-5], "current_A": CURRENT, "F_N": F})
-    assert propose_mapping(tmp_path / "log.mat").doubts == (
-        f"position: 'x_mm' has {len(T) - 5} values for {len(T)} rows",
-    )
 
 
 def test_numbers_beyond_memory_and_those_of_other_files_are_refused(tmp_path):
@@ -250,3 +208,12 @@ def test_numbers_beyond_memory_and_those_of_other_files_are_refused(tmp_path):
     ):
         with pytest.raises(RecordingError, match=phrase):
             tree[name]
+
+
+def test_columns_that_are_no_columns_of_numbers_are_named(tmp_path):
+    for x, doubt in (
+        (1e3 * X + 0j, "holds complex numbers; expected real ones"),
+        (1e3 * X[:-5], f"has {len(T) - 5} values for {len(T)} rows"),
+    ):
+        scipy.io.savemat(tmp_path / "log.mat", {"t": T, "x_mm": x, "current_A": CURRENT, "F_N": F})
+        assert propose_mapping(tmp_path / "log.mat").doubts == (f"position: 'x_mm' {doubt}",)

@@ -4,11 +4,10 @@ import datetime
 
 import numpy as np
 import pytest
-from log_examples import CURRENT, I_SLOW, START_NS, T_SLOW, F, T, X, assert_recording
+from log_examples import CURRENT, I_SLOW, START_NS, T_SLOW, F, T, X, assert_proposed, assert_recording
 
-from ces_data.logs.log_import import import_log, to_recording
+from ces_data.logs.log_import import import_log
 from ces_data.logs.log_mapping import parse_dyno_mapping
-from ces_data.mapping.proposals import propose_mapping
 from ces_observer.errors import CesError
 
 asammdf = pytest.importorskip("asammdf", reason="asammdf is not installed")
@@ -34,7 +33,7 @@ def write(path, version="4.10", more=(), invalid=None):
     return saved.rename(path)
 
 
-@pytest.mark.parametrize(("name", "version"), [("run.mf4", "4.10"), ("run.mdf", "3.30"), ("run.dat", "3.30")])
+@pytest.mark.parametrize(("name", "version"), [("run.mf4", "4.10"), ("run.dat", "3.30")])
 def test_channels_keep_their_own_times_and_units(tmp_path, name, version):
     recording = import_log(write(tmp_path / name, version), mapping())
     assert_recording(recording, START_NS, rtol=1e-5)
@@ -42,9 +41,7 @@ def test_channels_keep_their_own_times_and_units(tmp_path, name, version):
 
 
 def test_a_proposal_needs_no_mapping(tmp_path):
-    proposal = propose_mapping(write(tmp_path / "run.mf4"))
-    assert proposal.doubts == ()
-    assert_recording(to_recording(proposal.log, proposal.mapping), START_NS, rtol=1e-5)
+    assert_proposed(write(tmp_path / "run.mf4"), start_ns=START_NS, rtol=1e-5)
 
 
 def test_invalid_samples_are_left_out(tmp_path):
@@ -61,9 +58,7 @@ def test_a_channel_with_a_second_name_is_one_candidate(tmp_path):
         mdf.append([asammdf.Signal(values, T, name=name, unit=unit) for name, values, unit in names])
         mdf.start_time = datetime.datetime(2024, 5, 1, 12, 0, 0, 250_000, tzinfo=datetime.UTC)
         mdf.save(path)
-    proposal = propose_mapping(path)
-    assert proposal.doubts == ()
-    assert_recording(to_recording(proposal.log, proposal.mapping), START_NS, slow=False)
+    assert_proposed(path, start_ns=START_NS, slow=False)
 
 
 def test_a_name_in_two_groups_is_selected_by_its_group(tmp_path):

@@ -2,11 +2,10 @@
 
 import numpy as np
 import pytest
-from log_examples import CURRENT, START_NS, F, T, X, assert_recording
+from log_examples import CURRENT, START_NS, F, T, X, assert_proposed, assert_recording
 
-from ces_data.logs.log_import import import_log, to_recording
+from ces_data.logs.log_import import import_log
 from ces_data.logs.log_mapping import parse_dyno_mapping
-from ces_data.mapping.proposals import propose_mapping
 from ces_observer.errors import CesError
 
 pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
@@ -26,9 +25,7 @@ def write(path, **columns):
 def test_units_come_from_the_metadata(tmp_path):
     path = write(tmp_path / "log.parquet")
     assert_recording(import_log(path, parse_dyno_mapping(MAPPING, "map.yaml")), slow=False)
-    proposal = propose_mapping(path)
-    assert proposal.doubts == ()
-    assert_recording(to_recording(proposal.log, proposal.mapping), slow=False)
+    assert_proposed(path, slow=False)
 
 
 def test_timestamps_are_absolute(tmp_path):

@@ -30,7 +30,7 @@ TREES = st.recursive(
     max_leaves=20,
 )
 settings.register_profile("proposals", deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-FEW = settings(settings.get_profile("proposals"), max_examples=60, derandomize=True)
+FEW = settings(settings.get_profile("proposals"), max_examples=40, derandomize=True)
 
 
 def propose(path):
@@ -48,14 +48,6 @@ def propose(path):
 def test_text_tables(tmp_path, names, rows, mark):
     path = tmp_path / "log.csv"
     path.write_text("\n".join(mark.join(row) for row in [names, *rows]), encoding="utf-8")
-    propose(path)
-
-
-@FEW
-@given(text=st.text(max_size=200))
-def test_any_text(tmp_path, text):
-    path = tmp_path / "log.csv"
-    path.write_text(text, encoding="utf-8", errors="ignore")
     propose(path)
 
 

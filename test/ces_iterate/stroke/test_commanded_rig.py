@@ -44,6 +44,7 @@ class BagOperator:
                 self.count += 1
 
 
+@pytest.mark.slow
 def test_a_stroke_is_learned_on_a_dyno_behind_a_folder(tmp_path):
     operator = BagOperator(tmp_path)
     folder_rig = FolderRig(None, load_signals(None), 0.01, note=lambda text: None, sleep=operator.sleep)

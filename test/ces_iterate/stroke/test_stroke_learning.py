@@ -18,7 +18,6 @@ from ces_iterate.stroke.learning import (
     ProbeSettings,
     StrokeGoal,
     StrokeLearner,
-    find_repeatability,
     learn_stroke,
 )
 from ces_iterate.stroke.limits import StrokeLimits, measure_peaks
@@ -30,7 +29,6 @@ SECONDS = 3.0
 TIME = np.arange(round(SECONDS / INTERVAL_S) + 1) * INTERVAL_S
 ACTUATOR = ActuatorModel(1.0, 0.004, 35.0, 0.8, 0.001)  # the virtual rig's default
 SINE = {"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 4.0}
-WRONG = ((0.7, 0.7, 1.3), (1.3, 1.3, 0.7))
 
 pytestmark = pytest.mark.slow
 
@@ -54,21 +52,17 @@ def test_an_unknown_actuator_is_learned_to_its_repeatability(learned):
     assert learned.confirmation.error_m < 0.1 * learned.first.error_m
     assert learned.confirmation.error_m < 1.5 * learned.repeatability_m
     assert learned.first.error_m > 1e-3
+    assert learned.repeatability_m == pytest.approx((20e-6**2 + 11e-6**2) ** 0.5, rel=0.25)  # noise after the spline
+    f = learned.learning_filter
+    left = f.share * np.abs(1.0 - f.learning(f.frequency_Hz) * ACTUATOR.response(f.frequency_Hz))
+    assert left.max() < 1.0 and f.contraction.max() < 1.0  # the condition holds for the actuator of the rig
 
 
-@pytest.fixture(scope="module")
-def page_file(learned, tmp_path_factory):
-    path = tmp_path_factory.mktemp("stroke") / "report.html"
+def test_its_page_is_legible_on_screen_in_print_and_by_keys_and_reads_the_error_of_every_run(learned, tmp_path):
+    path = tmp_path / "report.html"
     path.write_text(stroke_page(learned, "Learned stroke e", {"command": "ces learn-stroke e.yaml --out learned"}))
-    return path
-
-
-def test_the_page_is_legible_on_screen_in_print_and_by_keys(page_file):
-    assert find_faults(page_file) == []
-
-
-def test_the_page_reads_the_error_of_every_run(page_file, learned):
-    with open_page(page_file) as page:
+    assert find_faults(path) == []
+    with open_page(path) as page:
         frame = page.locator(".value-frame").first
         for number, run in enumerate(learned.runs):
             frame.locator(".value").nth(number).hover()
@@ -76,24 +70,12 @@ def test_the_page_reads_the_error_of_every_run(page_file, learned):
             assert read == f"run {number + 1}, {describe_kind(run)}: {1e6 * run.error_m:.0f} µm RMS"
 
 
-def test_the_repeatability_is_that_of_sensor_and_disturbance(learned):
-    assert learned.repeatability_m == pytest.approx((20e-6**2 + 11e-6**2) ** 0.5, rel=0.25)  # noise after the spline
-
-
-def test_the_condition_holds_for_the_actuator_of_the_rig(learned):
-    f = learned.learning_filter
-    left = f.share * np.abs(1.0 - f.learning(f.frequency_Hz) * ACTUATOR.response(f.frequency_Hz))
-    assert left.max() < 1.0 and f.contraction.max() < 1.0
-
-
-@pytest.mark.parametrize("factors", WRONG)
-def test_a_model_that_is_30_percent_wrong_is_enough(factors):
+def test_a_model_that_is_30_percent_wrong_is_enough():
     rig, wanted = rig_and_wanted()
-    goal = StrokeGoal(wanted, INTERVAL_S, StrokeLimits(), model=ACTUATOR.scale(*factors))
+    goal = StrokeGoal(wanted, INTERVAL_S, StrokeLimits(), model=ACTUATOR.scale(0.7, 0.7, 1.3))
     learned = learn_stroke(rig, goal)
     assert learned.probe is None and learned.iterations <= 8
-    assert learned.confirmation.error_m < 0.1 * learned.first.error_m
-    assert learned.confirmation.error_m < 1.5 * learned.repeatability_m
+    assert learned.confirmation.error_m < min(0.1 * learned.first.error_m, 1.5 * learned.repeatability_m)
 
 
 def test_a_wrong_model_that_is_kept_still_converges_in_every_run():
@@ -154,12 +136,6 @@ def test_noise_is_not_learned():
     assert 0.0 < np.std(command - wanted) < 0.25 * np.std(noise(0))
 
 
-def test_the_repeatability_is_unbiased_in_power():
-    runs = [[LearningRun(TIME, noise(10 * k + n), 0.0, FIRST) for n in range(2)] for k in range(20)]
-    found = [find_repeatability(pair) ** 2 for pair in runs]
-    assert np.mean(found) ** 0.5 == pytest.approx(30e-6, rel=0.02)
-
-
 @pytest.mark.parametrize(
     ("stroke", "limits", "says"),
     [
@@ -173,9 +149,6 @@ def test_strokes_that_cannot_be_learned_are_refused_before_the_rig_moves(stroke,
     with pytest.raises(StrokeError, match=says) as caught:
         learn_stroke(rig, StrokeGoal(wanted, INTERVAL_S, limits))
     assert "\n" not in str(caught.value)
-
-
-def test_a_rig_without_actuator_has_nothing_to_learn():
     still = parse_experiment({"stroke": {"kind": "rest"}, "current": {"kind": "constant", "current_A": 0.5}}, "e")
     with pytest.raises(StrokeError, match="has no actuator, so its stroke is exact"):
         VirtualStrokeRig(still)
