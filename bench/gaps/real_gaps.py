@@ -22,12 +22,9 @@ from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN, Diagnosis, Estimate
 from ces_gap.inference.verdict import CALIBRATION, TIMING
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 
-HEADER = (
-    "simulation and recordings", "in truth", "answer", "judged",
-    "gap N", "shrink", "parameters", "independent value",
-)  # fmt: skip
-ALIGN = "|---|---|---|---|---:|---:|---|---|"
-RIGHT, PARTLY, DOUBT, NOTHING, WRONG = "right", "partly right", "in doubt", "nothing named", "**wrong**"
+HEADER = ("simulation and recordings", "in truth", "answer", "judged", "shrink %", "parameters", "independent")
+ALIGN = "|---|---|---|---|---:|---|---|"
+RIGHT, PARTLY, DOUBT, NOTHING, WRONG = "right", "partly", "in doubt", "none", "**wrong**"
 
 
 def all_cases(data: Data) -> dict[str, RealCase]:
@@ -71,17 +68,17 @@ def cells(case: RealCase, diagnosis: Diagnosis) -> tuple[str, ...]:
         for e in estimates
         if effect in case.causes and diagnosis.verdict != UNKNOWN
     )
-    shrink = "" if diagnosis.verdict == NO_GAP else f"{100.0 * best.shrink:.0f} %"
+    shrink = "" if diagnosis.verdict == NO_GAP else f"{100.0 * best.shrink:.0f}"
     judged = judge(case.causes, diagnosis.verdict, best.effects)
-    verdict, gap = diagnosis.verdict.replace("_", " "), f"{diagnosis.gap.rms_N:,.0f}"
+    verdict = diagnosis.verdict.replace("_", " ")
     answer = verdict if diagnosis.verdict == UNKNOWN else f"{verdict}: {names}"
-    return case.setup, case.truth, answer, judged, gap, shrink, parameters, case.measure()
+    return case.setup, case.truth, answer, judged, shrink, parameters, case.measure()
 
 
 def _format_estimate(estimate: Estimate) -> str:
     low, high = estimate.ci95
     doubt = " at its bound" if estimate.at_bound else ""
-    return f"{estimate.name} {estimate.value:.3g} ({low:.3g} to {high:.3g}){doubt}"
+    return f"{estimate.name} {estimate.value:.3g} ({low:.3g}…{high:.3g}){doubt}"
 
 
 def main() -> None:

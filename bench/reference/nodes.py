@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -17,7 +17,7 @@ from ces_rig.live.rig import OF_THE_RIG
 
 ROOT = Path(__file__).resolve().parents[2]
 POLICY, PACKAGE = ROOT / "config" / "security" / "policy.xml", ROOT / "ces_observer"
-UNIT = re.compile(r" \[([^\],]+)\]")
+UNIT = re.compile(r" \[(?!-)([^\],]+)\]")
 HEAD = """
 Parameters are in the files of `config/`, with advice. † marks those that may change while the node runs. Names of
 topics without `/` are in the node's namespace; topics of the signals are those of the signals file.
@@ -28,7 +28,10 @@ NODES = {  # and what each does
     "rig": "The virtual rig in real time (synthetic data).",
     "identify": "Identifies a model and publishes it.",
 }
-SIGNALS = "`position`, `current`, `force`, `temperature`, `speed`, `acceleration`, each with"
+SIGNALS = (
+    "`position`, `current`, `force`, `temperature`, `speed`, `acceleration`, each with `topic`, `type`, `field`, "
+    "`scale`, `offset` and `delay` ([meaning](files.md#signals))."
+)
 KEYS = re.compile(r'yield f?"([^"]+)", ')
 SPEAKERS = ("health", "running_cost", "streams")
 OF_THE_PROCESS = (
@@ -75,13 +78,12 @@ def nodes_page() -> str:
         "rig": (*OF_THE_RIG_NODE, *OF_THE_RIG),
         "identify": (EXIT_WHEN_DONE,),
     }
-    text = ["# Nodes", HEAD]
+    text, described = ["# Nodes", HEAD], set[str]()
     for name, about in NODES.items():
         text += [f"## `{name}`\n\n{about}\n", _topics(name)]
-        text.append(table(("parameter", "default", "range", "meaning"), map(_row, tables[name])))
+        text.append(table(("parameter", "default", "range", "meaning"), _rows(tables[name], described)))
         if name == "observer":
             text.append(f"`{wanted.DAMPERS}`: {wanted.DAMPERS_MEANING}. Signals: {SIGNALS}\n")
-            text.append(table(("key", "meaning"), ((f"`{key}`", about) for key, about in wanted.SIGNAL_KEYS.items())))
         if name == "identify":
             text.append("`bags` and all [options of `ces identify`](programs.md#identify), with `_` for `-`.\n")
     require_keys_of_the_code()
@@ -109,6 +111,14 @@ def _topics(name: str) -> str:
                 names: Iterable[str] = (one.text or "" for one in group)
                 found.append(f"{word} {codes(one.replace('~/*', '~/NAME') for one in names)}")
     return "; ".join(found) + ".\n"
+
+
+def _rows(options: Iterable[Option], described: set[str]) -> Iterator[tuple[str, str, str, str]]:
+    """Yield the rows of a node; what an earlier node has, too, is not described again."""
+    for option in options:
+        row = _row(option)
+        yield (*row[:3], "as above") if "|".join(row) in described else row
+        described.add("|".join(row))
 
 
 def _row(option: Option) -> tuple[str, str, str, str]:
