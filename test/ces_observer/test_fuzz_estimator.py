@@ -68,6 +68,7 @@ def stamped(steps: list[tuple[int, float, float]]) -> list[tuple[int, float, flo
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MODELS)
 def test_a_force_is_within_the_envelope_or_withheld(name: str) -> None:
     model = MODELS[name]
@@ -100,6 +101,7 @@ def test_a_force_between_ticks_stays_within_the_envelope() -> None:
     assert max(kept) == 20.0
 
 
+@pytest.mark.slow
 def test_it_recovers_from_whatever_came() -> None:
     @QUICK
     @given(samples, st.sampled_from(sorted(MODELS)))
@@ -114,6 +116,7 @@ def test_it_recovers_from_whatever_came() -> None:
     recovers()
 
 
+@pytest.mark.slow
 @QUICK
 @given(samples, st.booleans(), st.floats(0.0, 1.0))
 def test_a_damper_always_says_what_it_does(

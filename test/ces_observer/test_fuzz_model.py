@@ -44,6 +44,7 @@ def path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return tmp_path_factory.mktemp("fuzz") / "model.json"
 
 
+@pytest.mark.slow
 def test_spoilt_files_are_read_or_refused(path: Path) -> None:
     seen = set()
 
@@ -71,6 +72,7 @@ anything = st.recursive(
 )
 
 
+@pytest.mark.slow
 @QUICK
 @given(value=anything, seed=st.sampled_from(sorted(SEEDS)), data=st.data())
 def test_any_value_in_any_place_is_read_or_refused(path: Path, value: object, seed: str, data: st.DataObject) -> None:
@@ -174,6 +176,7 @@ def widest() -> str:
     return changed("tight", fill)
 
 
+@pytest.mark.slow
 def test_the_largest_model_is_read_and_judged_in_bounded_time(monkeypatch: pytest.MonkeyPatch) -> None:
     start = process_time()
     model = parse_model(widest(), "m.json")

@@ -51,18 +51,21 @@ def rough_samples(seed):
 
 
 @pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize(("rate", "order"), [(400.0, 3), (2500.0, 2)])
+@pytest.mark.parametrize(("rate", "order"), [(400.0, 3), (1000.0, 3), (2500.0, 2)])
 def test_offline_twin_gives_the_same_ticks(kind, rate, order):
     stamps, positions, motions = rough_samples(5)
     s = sampling_of(kind, rate, 3 if kind == FUSED else order)
     motion = motions[s.motion_signal] if s.motion_signal else np.zeros(len(stamps))
-    ticks, _, _, status, _, _ = kernels.track(
+    ticks, _, total, status, ahead, _ = kernels.track(
         stamps, positions, rate, s.bandwidth_Hz, 50 * MS, s.outlier_m, s.order, motion, kind, s.noise_m
     )
     tracker, slow = Tracker(s), []
     for i, sample in enumerate(zip(stamps.tolist(), positions.tolist(), motion.tolist(), strict=True)):
         assert STATUS[tracker.advance(*sample)] == status[i]
         slow += tracker.ticks
+        assert total[i] == len(slow)
+        if status[i] == kernels.STATUS_OK:
+            assert ahead[i] == tracker.ahead
     assert set(status.tolist()) >= {0, 1, 2, 3}
     np.testing.assert_allclose(ticks, slow, rtol=1e-10, atol=1e-12)
 

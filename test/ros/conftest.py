@@ -23,6 +23,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "support"))
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 NUMBERS = count()
+MODULES = {
+    "rig": "ces_rig.live.node",
+    "observer": "ces_observer.nodes.observer",
+    "controller": "ces_observer.nodes.controller",
+}
 
 
 def new_namespace() -> str:
@@ -96,6 +101,28 @@ def starting(namespace: str, model_path: Path) -> Iterator[Callable[..., NodePro
     yield start_node
     for node in started:
         node.kill()
+
+
+@pytest.fixture(scope="session")
+def laid_out(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Lay this checkout out as if it were installed, so that the kernels compiled for it are used."""
+    folder = tmp_path_factory.mktemp("prefix")
+    share, programs = folder / "share", folder / "lib" / "ces_observer"
+    index = share / "ament_index" / "resource_index" / "packages"
+    for made in (index, share / "ces_observer", programs):
+        made.mkdir(parents=True)
+    (index / "ces_observer").touch()
+    for name in ("launch", "config"):
+        shutil.copytree(ROOT / name, share / "ces_observer" / name)
+    for name, module in MODULES.items():
+        program = programs / name
+        program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {module} "$@"\n', encoding="utf-8")
+        program.chmod(0o755)
+    return {
+        "AMENT_PREFIX_PATH": f"{folder}:{os.environ['AMENT_PREFIX_PATH']}",
+        "PYTHONPATH": f"{ROOT}:{os.environ['PYTHONPATH']}",  # launch files import from the package
+        "ROS_LOG_DIR": str(folder / "log"),
+    }
 
 
 @pytest.fixture(scope="session")

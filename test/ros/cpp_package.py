@@ -33,7 +33,11 @@ class CppPackage:
         (workspace / "src").mkdir(parents=True)
         assert export.main([str(model), "--ros-package", str(workspace / "src" / PACKAGE)]) == 0
         words = ["colcon", "build", "--event-handlers", "console_direct+", "--cmake-args", *FLAGS]
-        done = subprocess.run(words, cwd=workspace, capture_output=True, text=True, check=False)
+        env = dict(os.environ)
+        if shutil.which("ccache") is not None:  # wherever the workspace is
+            words += [f"-DCMAKE_{language}_COMPILER_LAUNCHER=ccache" for language in ("C", "CXX")]
+            env |= {"CCACHE_BASEDIR": str(workspace), "CCACHE_NOHASHDIR": "1"}
+        done = subprocess.run(words, cwd=workspace, capture_output=True, text=True, check=False, env=env)
         self.log = done.stdout + done.stderr
         assert done.returncode == 0, self.log
         script = f". {workspace}/install/local_setup.sh && env -0"

@@ -76,11 +76,11 @@ TEXTS = ("", "{}", "[" * 100_000, "nonsense", '{"schema": NaN}', "\u00e4\U0001f6
 
 
 class Misuser(Party):
-    """Misuses the nodes of these names in its namespace, which must be there."""
+    """Misuses the nodes of these names in its namespace, which must be there, with its part of the attacks."""
 
-    def __init__(self, namespace: str, nodes: Sequence[str]) -> None:
+    def __init__(self, namespace: str, nodes: Sequence[str], part: slice = slice(None)) -> None:
         super().__init__("misuser", namespace)
-        self.nodes = nodes
+        self.nodes, self.part = nodes, part
         self._random = random.Random(1)
         self.values: dict[str, dict[str, ParameterValue]] = {}
         self.unexpected: dict[str, str] = {}
@@ -97,7 +97,7 @@ class Misuser(Party):
         yield "inputs"
         self._attack_clock()
         yield "clock"
-        self._attack_models([*TEXTS, model])
+        self._attack_models([*TEXTS[self.part], model])
         yield "models"
         for name in self.nodes:
             self.restore(name)
@@ -140,10 +140,10 @@ class Misuser(Party):
         return {one: answer.values[0] for one, answer in zip(names, answers, strict=True) if answer.values}
 
     def _attack_services(self, name: str) -> Iterator[str]:
-        for field, kind, value in (*VALUES, *HUGE_VALUES):
+        for field, kind, value in (*VALUES, *HUGE_VALUES)[self.part]:
             self._set_all(name, ParameterValue(**{"type": kind, field: value}), len(str(value)) < MILLION)
         yield f"{name}: parameters"
-        for names in NAMES:
+        for names in NAMES[self.part]:
             for kind, service in (
                 (GetParameters, "get_parameters"),
                 (DescribeParameters, "describe_parameters"),

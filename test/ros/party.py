@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from types import TracebackType
 from typing import Self
 
 import rclpy
+from patience import PATIENCE_S, wait_until
+from rcl_interfaces.msg import SetParametersResult
 from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.parameter_client import AsyncParameterClient
 
 from ces_observer.nodes.executors import EventsExecutor
 
@@ -38,6 +42,24 @@ class Party:
         self._thread.join()
         self.node.destroy_node()
         self._context.shutdown()
+
+    def set_parameters(self, name: str, values: Mapping[str, object]) -> SetParametersResult:
+        """Set parameters of the node `name` in this namespace together; return its answer."""
+        changed = [Parameter(one, value=value) for one, value in values.items()]
+        answer = self._parameters_of(name).set_parameters_atomically(changed)
+        wait_until(answer.done, f"no answer to {values}")
+        return answer.result().result
+
+    def get_parameter(self, name: str, parameter: str) -> object:
+        """Return the value of a parameter of the node `name` in this namespace."""
+        answer = self._parameters_of(name).get_parameters([parameter])
+        wait_until(answer.done, f"no answer about {parameter}")
+        return parameter_value_to_python(answer.result().values[0])
+
+    def _parameters_of(self, name: str) -> AsyncParameterClient:
+        client = AsyncParameterClient(self.node, f"{self.namespace}/{name}")
+        assert client.wait_for_services(PATIENCE_S)
+        return client
 
     @contextmanager
     def repeating(self, period_s: float, act: Callable[[], None]) -> Iterator[None]:

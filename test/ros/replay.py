@@ -6,8 +6,9 @@ import random
 from bisect import bisect_right
 from math import nan
 
+import pytest
 from damper_models import plain_damper
-from vehicle import stroke
+from vehicle import Vehicle, stroke, wait
 
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model
@@ -42,3 +43,14 @@ def offline(positions: Samples, currents: Samples, model: Model | None = None) -
         if force is not None:
             found[stamp] = (estimator.position, estimator.speed, force)
     return found
+
+
+def require_equal(vehicle: Vehicle, expected: dict[int, tuple[float, float, float]]) -> None:
+    """Wait for the estimates of `expected`, and for no others: stamps, positions, speeds and forces are the same."""
+    wait(lambda: len(vehicle.estimates) >= len(expected), "all estimates")
+    assert vehicle.stamps() == list(expected)
+    for message, numbers in zip(vehicle.estimates, expected.values(), strict=True):
+        found = (message.position[0], message.velocity[0], message.effort[0])
+        assert found == pytest.approx(numbers, rel=1e-9)
+    assert len(expected) > 1500
+    assert max(abs(force) for _, _, force in expected.values()) > 100.0

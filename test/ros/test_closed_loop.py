@@ -2,21 +2,18 @@
 
 from __future__ import annotations
 
-import os
-import shutil
-import sys
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 import numpy as np
+from conftest import MODULES
 from damper_models import plain_damper
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import WrenchStamped
-from node_process import ROOT, NodeProcess
+from node_process import NodeProcess
 from party import Party
 from rclpy.qos import QoSProfile
 from std_msgs.msg import String
@@ -24,37 +21,11 @@ from vehicle import stamp_of, wait
 
 from ces_observer.nodes.outputs import LATCHED
 
-MODULES = {
-    "rig": "ces_rig.live.node",
-    "observer": "ces_observer.nodes.observer",
-    "controller": "ces_observer.nodes.controller",
-}
 DEEP = QoSProfile(depth=50_000)
 RUN = 3000  # forces to be heard, one every millisecond of the rig's time
 SETTLED_NS = 1.5e9
 MOST_ERROR = 0.20  # 0.18 as a rule; 0.19 without feedback, 0.27 at a constant current
 FELT_N = 300.0  # desired forces below are those of reversals, when the valve has no say
-
-
-@pytest.fixture
-def prefix(tmp_path: Path) -> dict[str, str]:
-    """Lay this checkout out as if it were installed, so that the kernels compiled for it are used."""
-    share, programs = tmp_path / "share", tmp_path / "lib" / "ces_observer"
-    index = share / "ament_index" / "resource_index" / "packages"
-    for folder in (index, share / "ces_observer", programs):
-        folder.mkdir(parents=True)
-    (index / "ces_observer").touch()
-    for name in ("launch", "config"):
-        shutil.copytree(ROOT / name, share / "ces_observer" / name)
-    for name, module in MODULES.items():
-        program = programs / name
-        program.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m {module} "$@"\n', encoding="utf-8")
-        program.chmod(0o755)
-    return {
-        "AMENT_PREFIX_PATH": f"{tmp_path}:{os.environ['AMENT_PREFIX_PATH']}",
-        "PYTHONPATH": f"{ROOT}:{os.environ['PYTHONPATH']}",  # launch files import from the package
-        "ROS_LOG_DIR": str(tmp_path / "log"),
-    }
 
 
 class Ears(Party):
@@ -89,11 +60,11 @@ def ears(namespace: str) -> Iterator[Ears]:
 
 
 def test_the_force_follows_its_curve_all_follow_a_model_and_ctrl_c_ends_all(
-    prefix: dict[str, str], ears: Ears, namespace: str
+    laid_out: dict[str, str], ears: Ears, namespace: str
 ) -> None:
     """In lockstep: then how busy the computer is with other tests does not change the force."""
     words = [f"namespace:={namespace}", "use_sim_time:=true", "real_time_factor:=0.0", "model_topic:=identify/model"]
-    process = NodeProcess(["ros2", "launch", "ces_observer", "closed_loop.launch.py", *words], prefix)
+    process = NodeProcess(["ros2", "launch", "ces_observer", "closed_loop.launch.py", *words], laid_out)
     try:
         wait(lambda: len(ears.desired_N) >= RUN or not process.is_running(), "forces to follow")
         assert "controlling" in ears.told

@@ -11,26 +11,19 @@ from pathlib import Path
 
 import pytest
 
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Term
-
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from conftest import new_namespace
-from damper_models import plain_damper
+from damper_models import damper_with_past
 from diagnostic_msgs.msg import DiagnosticArray
 from model_reloads import ModelReloads
 from node_process import NodeProcess, ros_args
 from party import Party
-from patience import PATIENCE_S
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
 from vehicle import wait
 
-from ces_observer.model import Model
 from ces_observer.nodes.outputs import LATCHED
 
 DEEP = QoSProfile(depth=50_000)
@@ -40,15 +33,8 @@ TUNING = {"low_A": 0.0, "high_A": 2.0, "safe_A": 0.0, "recovery_s": RECOVERY_S, 
 CURVE = {"curve.speeds_m_s": [-2.0, 0.0, 2.0], "curve.forces_N": [-5600.0, 0.0, 5600.0]}
 
 
-def damper(past: float) -> Model:
-    """Return a model whose steady force [N] at 1 m/s is (200 + 100 current) / (1 - past)."""
-    model = plain_damper()
-    first, *others = model.body.terms
-    return replace(model, body=Polynomial((Term(past, first.factors), *others)))
-
-
 def current_A(past: float) -> float:
-    """Return the current at which such a model gives the 2800 N that are desired at 1 m/s."""
+    """Return the current at which 2800 N are the steady force at 1 m/s: (200 + 100 current) / (1 - past)."""
     return (2800.0 * (1.0 - past) - 200.0) / 100.0
 
 
@@ -62,7 +48,6 @@ class Loop(Party):
         self.told: list[dict[str, str]] = []
         self.models = self.node.create_publisher(String, "identify/model", LATCHED)
         self._estimates = self.node.create_publisher(JointState, "observer/estimate", DEEP)
-        self._parameters = AsyncParameterClient(self.node, f"{namespace}/controller")
         self.reloads = ModelReloads(self.node, "controller")
         self._name = f"{namespace}/controller: damper"
         self.node.create_subscription(Float64, "valve_command", lambda m: self.commands.append(m.data), DEEP)
@@ -77,15 +62,10 @@ class Loop(Party):
 
     def set_model(self, path: Path) -> str:
         """Set the parameter; return why it is refused, empty if it is not."""
-        assert self._parameters.wait_for_services(PATIENCE_S)
-        answer = self._parameters.set_parameters([Parameter("model", value=str(path))])
-        wait(answer.done, "an answer to the parameter")
-        return str(answer.result().results[0].reason)
+        return str(self.set_parameters("controller", {"model": str(path)}).reason)
 
-    def get_model(self) -> str:
-        answer = self._parameters.get_parameters(["model"])
-        wait(answer.done, "the parameter")
-        return str(answer.result().values[0].string_value)
+    def get_model(self) -> object:
+        return self.get_parameter("controller", "model")
 
     def commands_for(self, past: float) -> None:
         """Wait for the current of such a damper."""
@@ -111,7 +91,7 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop]:
     """Yield a loop that runs through all tests of this module, and see at their end that its current never jumped."""
     with Loop(new_namespace()) as loop:
         path = tmp_path_factory.mktemp("controlled") / "first.json"
-        damper(0.9).save(path)
+        damper_with_past(0.9).save(path)
         lossless = {
             f"qos_overrides.{loop.namespace}/observer/estimate.subscription.reliability": "reliable",
             f"qos_overrides.{loop.namespace}/observer/estimate.subscription.depth": 50_000,
@@ -132,7 +112,7 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop]:
 
 
 def test_by_latched_topic(loop: Loop) -> None:
-    model = damper(0.88)
+    model = damper_with_past(0.88)
     loop.models.publish(String(data=model.to_json()))
     loop.commands_for(0.88)
     loop.hears("model sha256", model.digest())
@@ -144,24 +124,24 @@ def test_by_latched_topic(loop: Loop) -> None:
 
 def test_by_parameter_and_by_service_which_reads_the_file_again(loop: Loop, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
-    damper(0.91).save(path)
+    damper_with_past(0.91).save(path)
     assert loop.set_model(path) == ""
     loop.commands_for(0.91)
     loop.hears("last change of the model", f"{path}: has taken over")
-    damper(0.9).save(path)
+    damper_with_past(0.9).save(path)
     answer = loop.reloads.call()
     assert answer.success, answer.message
     assert f"takes over within {RECOVERY_S:g} s" in answer.message
     loop.commands_for(0.9)
-    loop.hears("model sha256", damper(0.9).digest())
+    loop.hears("model sha256", damper_with_past(0.9).digest())
 
 
 def test_what_cannot_be_used_is_refused_with_the_reason(loop: Loop, tmp_path: Path) -> None:
     before, command = loop.get_model(), loop.commands[-1]
     assert "none.json: no such model file" in loop.set_model(tmp_path / "none.json")
     one_way, unstable = tmp_path / "one_way.json", tmp_path / "unstable.json"
-    replace(damper(0.8), envelope=replace(damper(0.8).envelope, speed_m_s=(0.0, 2.0))).save(one_way)
-    damper(1.01).save(unstable)
+    replace(damper_with_past(0.8), envelope=replace(damper_with_past(0.8).envelope, speed_m_s=(0.0, 2.0))).save(one_way)
+    damper_with_past(1.01).save(unstable)
     for path, reason in ((one_way, "a controller needs both directions"), (unstable, "not proved to be a contraction")):
         assert loop.set_model(path) == ""  # for all that can be seen at once
         loop.hears("last change of the model", reason)

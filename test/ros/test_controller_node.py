@@ -20,9 +20,6 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
 from node_process import NodeProcess, ros_args
 from party import Party
-from patience import PATIENCE_S
-from rclpy.parameter import Parameter
-from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
@@ -79,12 +76,8 @@ class Surroundings(Party):
 
     def set(self, **values: object) -> str:
         """Set parameters of the controller together; return why they are refused, empty if they are not."""
-        client = AsyncParameterClient(self.node, f"{self.namespace}/controller")
-        assert client.wait_for_services(PATIENCE_S)
-        asked = [Parameter(name.replace("__", "."), value=value) for name, value in values.items()]
-        future = client.set_parameters_atomically(asked)
-        wait(future.done, "an answer about parameters")
-        return str(future.result().result.reason)
+        asked = {name.replace("__", "."): value for name, value in values.items()}
+        return str(self.set_parameters("controller", asked).reason)
 
     def hears(self, text: str, level: bytes) -> DiagnosticStatus:
         def found() -> DiagnosticStatus | None:

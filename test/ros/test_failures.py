@@ -60,7 +60,7 @@ def test_defects_end_neither_the_node_nor_the_truth(
             assert set_twice(vehicle) == ["unexpected error in the node; see its log"]
             assert "being checked" in vehicle.reloads.answer().message
             vehicle.hears_value("last change of the model", "not checked within 0.5 s")
-            wait(lambda: len(vehicle.driven) > 4 * STEPS, "four failures of the estimator")
+            wait(lambda: len(vehicle.driven) > 3 * STEPS, "three failures of the estimator")
             vehicle.hears("unexpected errors, the last: ", None)
         node.interrupt()
         status, output = node.ended()

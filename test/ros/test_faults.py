@@ -1,4 +1,7 @@
-"""The observer under faults over real DDS: a short campaign of bench/reliability, one episode of some faults each."""
+"""The observer under faults over real DDS: a short campaign of bench/reliability, one episode of some faults each.
+
+Other faults are in test_observer_node.py (no number, no current) and test_misuse.py (garbage).
+"""
 
 from __future__ import annotations
 
@@ -24,10 +27,7 @@ if TYPE_CHECKING:
 MODEL = plain_damper()
 NAMES = (
     "rows of 1 to 5 samples lost",
-    "position NaN",
-    "current lost",
     "stamps 2 to 60 s behind",
-    "garbage among the messages",
     "observer stalls, then a burst",
     "publisher killed, another started",
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import re
 from pathlib import Path
 
 import pytest
@@ -13,6 +13,8 @@ import rclpy
 from conftest import new_namespace
 from node_process import NodeProcess, ros_args
 
+from ces_observer.nodes.executors import START_ERRORS
+from ces_observer.nodes.observer import Observer
 from ces_observer.nodes.parameters import TableNode, declare_observer
 
 MISTAKES: dict[str, dict[str, object]] = {
@@ -38,38 +40,34 @@ MISTAKES: dict[str, dict[str, object]] = {
     "has no value or is an empty list": {"dampers": "[]"},
 }
 BROKEN = {"nan.json": "NaN", "unstable.json": "1.01"}  # coefficient of the past force
-AT_ONCE = 4
 
 
-@pytest.fixture(scope="module")
-def ends(tmp_path_factory: pytest.TempPathFactory, model_path: Path) -> Iterator[dict[str, tuple[int, str]]]:
-    """Return exit status and output of a node for each mistake; a few of them start at a time."""
-    folder = tmp_path_factory.mktemp("broken")
-    text = model_path.read_text()
-    for name, number in BROKEN.items():
-        (folder / name).write_text(text.replace('"coefficient": 0.9', f'"coefficient": {number}'))
-    found: dict[str, tuple[int, str]] = {}
-    lines = list(MISTAKES)
-    for some in (lines[k : k + AT_ONCE] for k in range(0, len(lines), AT_ONCE)):
-        nodes = {line: started(MISTAKES[line], model_path, folder) for line in some}
-        try:
-            found |= {line: node.ended() for line, node in nodes.items()}
-        finally:
-            for node in nodes.values():
-                node.kill()
-    return found
-
-
-def started(mistake: dict[str, object], model_path: Path, folder: Path) -> NodeProcess:
-    given = {"model": model_path, **mistake}
-    if given["model"] in BROKEN:
-        given["model"] = folder / str(given["model"])
-    return NodeProcess.from_source(new_namespace(), given)
+def given(mistake: dict[str, object], model_path: Path, folder: Path) -> dict[str, object]:
+    """Return the parameters with this mistake; a broken model is written to the folder."""
+    if mistake.get("model") not in BROKEN:
+        return {"model": model_path, **mistake}
+    path = folder / str(mistake["model"])
+    number = BROKEN[path.name]
+    path.write_text(model_path.read_text().replace('"coefficient": 0.9', f'"coefficient": {number}'))
+    return {"model": path}
 
 
 @pytest.mark.parametrize("line", MISTAKES)
-def test_a_mistake_at_start_is_one_fatal_line_and_status_2(ends: dict[str, tuple[int, str]], line: str) -> None:
-    status, output = ends[line]
+def test_every_mistake_is_refused_while_the_node_is_built(line: str, model_path: Path, tmp_path: Path) -> None:
+    """In this process, which is quicker than a node."""
+    rclpy.init(args=ros_args(new_namespace(), given(MISTAKES[line], model_path, tmp_path)))
+    try:
+        with pytest.raises(START_ERRORS, match=re.escape(line)):
+            Observer()
+    finally:
+        rclpy.shutdown()
+
+
+@pytest.mark.parametrize("line", ["expected a finite number", "max_age_s out of range", "has no value"])
+def test_a_mistake_at_start_is_one_fatal_line_and_status_2(line: str, model_path: Path, tmp_path: Path) -> None:
+    """A model, a number and a list without type that are wrong: the three ways in which a node is not built."""
+    [mistake] = [one for text, one in MISTAKES.items() if line in text]
+    status, output = NodeProcess.from_source(new_namespace(), given(mistake, model_path, tmp_path)).ended()
     fatal = [text for text in output.splitlines() if "[WARN]" not in text]
     assert status == 2, output
     assert len(fatal) == 1, output
@@ -79,8 +77,8 @@ def test_a_mistake_at_start_is_one_fatal_line_and_status_2(ends: dict[str, tuple
 def test_parameters_that_are_not_set_may_be_null(model_path: Path) -> None:
     """As `ros2 param dump` writes them, so that the node starts with the file."""
     unset = ("dampers", "current.constant", "acceleration.topic", "acceleration.scale", "speed.field")
-    given = {"model": model_path, "max_age_s": 0.2, **dict.fromkeys(unset, "null")}
-    rclpy.init(args=ros_args("/dumped", given))
+    dumped = {"model": model_path, "max_age_s": 0.2, **dict.fromkeys(unset, "null")}
+    rclpy.init(args=ros_args("/dumped", dumped))
     try:
         _, (damper,) = declare_observer(TableNode("observer"))
     finally:

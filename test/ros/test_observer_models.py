@@ -3,18 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from math import isfinite
 from pathlib import Path
 
 import pytest
 
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Term
-
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-from damper_models import plain_damper
+from damper_models import damper_with_past
 from node_process import NodeProcess
 from std_msgs.msg import String
 from vehicle import Vehicle, reliable_inputs, stamp_of, wait
@@ -27,11 +23,9 @@ MAX_GAP_S = 5.0  # with samples that a busy computer holds up
 UNPROVED = "not proved to be a contraction"
 
 
-def damper(past: float = 0.9, warm_up_s: float = 0.1) -> Model:
+def damper(past: float = 0.9) -> Model:
     """Return the test model with another coefficient of its past force, which another digest names."""
-    model = plain_damper(warm_up_s=warm_up_s, max_gap_s=MAX_GAP_S)
-    first, *others = model.body.terms
-    return replace(model, body=Polynomial((Term(past, first.factors), *others)))
+    return damper_with_past(past, max_gap_s=MAX_GAP_S)
 
 
 @pytest.fixture(scope="module")

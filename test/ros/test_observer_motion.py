@@ -14,7 +14,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from damper_models import plain_damper
 from node_process import NodeProcess
-from replay import MS, START_NS, Samples, currents, jittered_positions
+from replay import MS, START_NS, Samples, currents, jittered_positions, require_equal
 from sensor_msgs.msg import JointState, Temperature
 from vehicle import DEEP, JOINT, Vehicle, reliable_inputs, stroke, wait
 
@@ -61,15 +61,6 @@ def offline(kind: str, positions: Samples, motions: Samples) -> dict[int, tuple[
         if force is not None:
             found[stamp] = (estimator.position, estimator.speed, force)
     return found
-
-
-def require_equal(vehicle: Vehicle, expected: dict[int, tuple[float, float, float]]) -> None:
-    wait(lambda: len(vehicle.estimates) >= len(expected), "all estimates")
-    assert vehicle.stamps() == list(expected)
-    assert len(expected) > 1500
-    for message, numbers in zip(vehicle.estimates, expected.values(), strict=True):
-        found = (message.position[0], message.velocity[0], message.effort[0])
-        assert found == pytest.approx(numbers, rel=1e-9)
 
 
 def publish_joints(vehicle: Vehicle, stamp_ns: int, position_m: float, speed_m_s: float) -> None:

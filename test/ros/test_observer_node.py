@@ -136,8 +136,9 @@ def test_a_measured_force_that_differs_asks_for_a_new_identification_and_a_snaps
         wait(lambda: len(vehicle.estimates) > before, "an estimate after it")
 
 
-@pytest.mark.parametrize("executor", ["events", "single"])
-@pytest.mark.parametrize("numbers", [[signal.SIGTERM], [signal.SIGINT, signal.SIGINT]])
+@pytest.mark.parametrize(
+    ("executor", "numbers"), [("events", [signal.SIGINT, signal.SIGINT]), ("single", [signal.SIGTERM])]
+)
 def test_a_signal_ends_the_node_in_order_under_load(
     vehicle: Vehicle, start: Start, executor: str, numbers: list[int]
 ) -> None:

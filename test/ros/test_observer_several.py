@@ -13,7 +13,6 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-from conftest import new_namespace
 from diagnostic_msgs.msg import DiagnosticStatus
 from node_process import NodeProcess
 from rclpy.qos import QoSReliabilityPolicy
@@ -123,22 +122,6 @@ def test_a_parameter_of_all_holds_unless_a_damper_has_its_own(motorcycle: Motorc
         assert not any("max_age_s allows" in s.message for s in motorcycle.statuses("rear"))
     finally:
         assert vehicle.sets("max_age_s", 60.0).successful
-
-
-def test_two_nodes_in_two_namespaces_do_not_mix(start: Start, vehicle: Vehicle, model_path: object) -> None:
-    with Vehicle(new_namespace()) as other:
-        second = NodeProcess.from_source(other.namespace, {"model": model_path, "name": "other"})
-        try:
-            start()
-            vehicle.meets_node()
-            other.meets_node()
-            vehicle.drive_until(lambda: bool(vehicle.estimates), "an estimate")
-            assert not other.estimates
-            other.drive_until(lambda: bool(other.estimates), "an estimate of the other")
-            assert list(other.estimates[0].name) == ["other"]
-            assert vehicle.stamps()[-1] < other.driven[0] <= other.stamps()[0]
-        finally:
-            second.kill()
 
 
 def test_a_message_that_only_rclpy_can_read_is_read_by_it(start: Start, vehicle: Vehicle) -> None:

@@ -87,31 +87,41 @@ def resolved(topic: str, node: str) -> str:
     return topic.replace("~", f"/{node}") if topic.startswith("~") else f"/{topic.lstrip('/')}"
 
 
+@pytest.fixture(scope="module")
+def started(model_path: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[dict[str, dict[str, NodeProcess]]]:
+    """Start all processes at once; yield those of each node by their namespaces."""
+    folder = tmp_path_factory.mktemp("out")
+    found: dict[str, dict[str, NodeProcess]] = {name: {} for name in NODES}
+    for name, processes in NODES.items():
+        for i, (module, parameters) in enumerate(processes):
+            command = [sys.executable, "-m", module]
+            space = f"/{name}_policy{i}"
+            found[name][space] = NodeProcess([*command, *words(space, given(module, parameters, model_path, folder))])
+    yield found
+    nodes = [node for spaces in found.values() for node in spaces.values()]
+    for node in nodes:
+        if node.is_running():
+            node.interrupt()
+    for node in nodes:
+        node.kill()
+
+
 @pytest.mark.parametrize("name", NODES)
 def test_a_node_is_granted_what_it_has_and_nothing_else(
-    name: str, looker: Node, model_path: Path, tmp_path: Path
+    name: str, looker: Node, started: dict[str, dict[str, NodeProcess]]
 ) -> None:
-    grants = granted()[name]
-    spaces = {f"/{name}_policy{i}": process for i, process in enumerate(NODES[name])}
-    started = [
-        NodeProcess([sys.executable, "-m", module, *words(space, given(module, parameters, model_path, tmp_path))])
-        for space, (module, parameters) in spaces.items()
-    ]
+    grants, nodes = granted()[name], started[name].values()
 
     def has() -> set[str]:
-        return set().union(*(had(looker, name, space) for space in spaces))
+        return set().union(*(had(looker, name, space) for space in started[name]))
 
     def unused() -> set[str]:
         present = has()
         return {grant for grant in grants if not any(fnmatchcase(one, grant) for one in present)}
 
-    try:
-        wait(lambda: not unused() or not all(node.is_running() for node in started), "what is granted")
-        assert not unused(), [node.ended() for node in started if not node.is_running()]
-        assert not {one for one in has() if not any(fnmatchcase(one, grant) for grant in grants)}
-    finally:
-        for node in started:
-            node.kill()
+    wait(lambda: not unused() or not all(node.is_running() for node in nodes), "what is granted")
+    assert not unused(), [node.ended() for node in nodes if not node.is_running()]
+    assert not {one for one in has() if not any(fnmatchcase(one, grant) for grant in grants)}
 
 
 def given(module: str, parameters: dict[str, object], model: Path, folder: Path) -> dict[str, object]:

@@ -15,8 +15,6 @@ from model_reloads import ModelReloads
 from party import Party
 from patience import PATIENCE_S, wait_until
 from rcl_interfaces.msg import SetParametersResult
-from rclpy.parameter import Parameter, parameter_value_to_python
-from rclpy.parameter_client import AsyncParameterClient
 from rclpy.qos import QoSProfile, QoSReliabilityPolicy
 from sensor_msgs.msg import JointState, Temperature
 from std_msgs.msg import Float64
@@ -190,19 +188,11 @@ class Vehicle(Party):
 
     def sets(self, name: str, value: object) -> SetParametersResult:
         """Set a parameter of the node; returns its answer."""
-        client = AsyncParameterClient(self.node, self._name)
-        assert client.wait_for_services(PATIENCE_S)
-        answer = client.set_parameters([Parameter(name, value=value)])
-        wait(answer.done, f"an answer to {name}: {value}")
-        return answer.result().results[0]
+        return self.set_parameters("observer", {name: value})
 
     def gets(self, name: str) -> object:
         """Return the value of a parameter of the node."""
-        client = AsyncParameterClient(self.node, self._name)
-        assert client.wait_for_services(PATIENCE_S)
-        answer = client.get_parameters([name])
-        wait(answer.done, f"an answer to {name}")
-        return parameter_value_to_python(answer.result().values[0])
+        return self.get_parameter("observer", name)
 
     def _hear_estimate(self, message: JointState) -> None:
         self.estimates.append(message)

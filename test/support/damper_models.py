@@ -11,6 +11,13 @@ from ces_observer.structures.terms import Factor, Term
 RATE_HZ = 1000.0
 
 
+def damper_with_past(coefficient: float, **sampling: float) -> Model:
+    """Return the plain damper with another coefficient of its past force: another digest, stable below 1."""
+    model = plain_damper(**sampling)
+    first, *others = model.body.terms
+    return replace(model, body=Polynomial((Term(coefficient, first.factors), *others)))
+
+
 def plain_damper(warm_up_s: float = 0.1, **sampling: float) -> Model:
     """Return F[k] = 0.9 F[k-1] + 200 v[k] + 100 v[k] i[k]: about 2.5 kN at 1 m/s and 0.5 A, slow by 10 ticks."""
     terms = (

@@ -17,6 +17,7 @@ from ces_observer.errors import SignalsError
 from ces_observer.signals import FieldPath
 
 
+@pytest.mark.slow
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from(READABLE), st.data())
 def test_truncated_and_corrupted_messages_raise(readable, data):

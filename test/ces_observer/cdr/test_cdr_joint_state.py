@@ -26,6 +26,7 @@ def joint_state(name, stamp_ns, frame_id, position, speed, force):
     )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(TEXTS, st.lists(st.tuples(STAMPS, TEXTS, FLOATS, FLOATS, FLOATS), min_size=1, max_size=5))
 def test_bytes_are_those_of_rosbags(name, estimates):

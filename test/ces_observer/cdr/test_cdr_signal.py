@@ -55,6 +55,7 @@ def outcome(read, given_message):
         return str(error)
 
 
+@pytest.mark.slow
 @settings(max_examples=100, deadline=None)
 @given(
     st.lists(any_joints(), min_size=1, max_size=8), st.sampled_from(["position[rear]", "effort[rear]", "velocity[1]"])

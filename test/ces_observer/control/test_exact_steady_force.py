@@ -27,6 +27,7 @@ def force_of_full_strokes(model: Model, speed: float, current: float, strokes: i
     return force
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FITTED)
 def test_it_is_that_of_a_long_run_of_full_strokes(name: str) -> None:
     model = fitted_model(name)

@@ -41,6 +41,7 @@ def controller(tuning: Tuning = TUNING) -> ForceController:
     return ForceController(CURVE, INVERSE, tuning)
 
 
+@pytest.mark.slow
 @settings(max_examples=150)
 @given(st.lists(STEP, max_size=60))
 def test_any_input_gives_a_command_within_limits_and_rate(steps: list[tuple[int, float, float]]) -> None:
@@ -54,6 +55,7 @@ def test_any_input_gives_a_command_within_limits_and_rate(steps: list[tuple[int,
         newest, last = stamp, command
 
 
+@pytest.mark.slow
 @given(st.floats(-2.0, 2.0), st.integers(0, 50 * MS))
 def test_the_rate_limit_holds_over_any_step(speed: float, elapsed_ns: int) -> None:
     made = controller()

@@ -32,6 +32,7 @@ def feed(cost: RunningCost, first_s: float, last_s: float, error_N: float = 0.0)
         cost.add_measured(START + tick * MS + MS // 2, theirs)
 
 
+@pytest.mark.slow
 @settings(deadline=None, max_examples=25)
 @given(seed=st.integers(0, 2**32), delay=st.integers(-300, 300), window_s=st.integers(1, 5))
 def test_J_is_the_formula_over_the_window_in_either_order(seed: int, delay: int, window_s: int) -> None:

@@ -8,17 +8,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from damper_models import plain_damper
+from damper_models import damper_with_past, plain_damper
 from patience import command_of, wait_until
 from physical_models import CHAMBERS, RELAXATION, physical_model
 
 from ces_observer.control.inverse_map import ModelInverse
 from ces_observer.errors import ModelError
-from ces_observer.model import Model
 from ces_observer.nodes.model_check import INVERT, PROVE, ModelReload, Verdict, describe_model, require_stable
 from ces_observer.structures.curves import FlowMap, IncreasingCurve
-from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.terms import Term
 
 
 def test_a_model_that_clamps_says_so() -> None:
@@ -41,12 +38,6 @@ def test_chambers_whose_force_cannot_be_bounded_are_refused() -> None:
     body = replace(CHAMBERS, check=closed, refill=closed, map=FlowMap((-1e-4, 0.0, 1e-4), (curve, curve)))
     with pytest.raises(ModelError, match=r"m\.json: its force is not proved to be bounded for every input"):
         require_stable(replace(physical_model(CHAMBERS), body=body), "m.json")
-
-
-def unstable() -> Model:
-    model = plain_damper()
-    past, *others = model.body.terms
-    return replace(model, body=Polynomial((Term(1.01, past.factors), *others)))
 
 
 def verdict_of(reload: ModelReload) -> Verdict:
@@ -79,13 +70,13 @@ def test_nobody_waits_for_a_check(tmp_path: Path) -> None:
 
 def test_an_unstable_model_is_refused_with_the_reason() -> None:
     reload = ModelReload()
-    reload.start(unstable(), "worn.json", [PROVE])
+    reload.start(damper_with_past(1.01), "worn.json", [PROVE])
     assert verdict_of(reload).error.startswith("worn.json: it is not proved to be a contraction")
 
 
 def test_without_a_check_it_is_accepted_at_once() -> None:
     reload = ModelReload()
-    reload.start(unstable(), "worn.json", [])
+    reload.start(damper_with_past(1.01), "worn.json", [])
     verdict = reload.poll()
     assert verdict is not None and not verdict.error
 
@@ -106,7 +97,7 @@ def test_a_model_without_an_inverse_is_refused_with_the_reason() -> None:
 
 def test_a_newer_model_takes_the_place_of_the_one_being_checked() -> None:
     reload = ModelReload()
-    reload.start(unstable(), "old.json", [PROVE])
+    reload.start(damper_with_past(1.01), "old.json", [PROVE])
     reload.start(plain_damper(), "new.json", [PROVE])
     assert verdict_of(reload).source == "new.json"
     assert reload.poll() is None
@@ -135,6 +126,7 @@ def test_a_child_that_dies_or_answers_nonsense_is_no_acceptance(program: str) ->
     assert verdict.inverse == ""
 
 
+@pytest.mark.slow
 def test_a_child_that_hangs_is_ended(tmp_path: Path) -> None:
     """It ignores what it can ignore, and is gone afterwards."""
     pid = tmp_path / "pid"

@@ -41,6 +41,7 @@ def test_different_output_lags_add_up():
     assert model(output(0.5), output(-0.4, lag=2)).certify().gain == pytest.approx(0.9, rel=3e-3)
 
 
+@pytest.mark.slow
 def test_a_signal_at_two_delays_of_a_term_is_two_variables():
     """Speed and sign of different delays may take any values together; those of one delay may not."""
     size, sign = Factor("speed", 3, 0.4, signed=False), Factor("speed", 1, 0.0)

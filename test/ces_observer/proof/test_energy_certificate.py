@@ -54,6 +54,7 @@ def test_a_curve_that_overtakes_another_beyond_its_end_is_covered():
     assert max(abs(run.tick(0.0, -2.0, current)) for current in (0.0, 0.5, 1.0) * 300) <= bound
 
 
+@pytest.mark.slow
 def test_the_energy_bound_of_chambers_covers_a_dense_grid_of_pressures():
     """Every pressure with more energy dissipates more than the drive supplies, at every setting."""
     bound = bound_energy(CHAMBERS, SPEED)

@@ -48,16 +48,19 @@ def agree(model, inputs):
     assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * max(map(abs, expected)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FITTED)
 def test_fitted_models_follow_their_equations(name):
     agree(fitted_model(name), swing(fitted_model(name)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("body", [RELAXATION, CHAMBERS], ids=["relaxation", "chambers"])
 def test_small_models_follow_their_equations(body):
     agree(physical_model(body), swing(physical_model(body)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "seed"), RANDOM)
 def test_random_models_follow_their_equations_on_hostile_inputs(make, seed):
     random = Random(seed)

@@ -86,6 +86,7 @@ past_terms = st.builds(
 )
 
 
+@pytest.mark.slow
 @settings(max_examples=150, deadline=None)
 @given(terms=st.lists(input_terms | past_terms, max_size=8), seed=st.integers(0, 99))
 def test_every_tick_is_the_slow_twins(terms, seed):
