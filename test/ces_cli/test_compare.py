@@ -120,10 +120,12 @@ def test_the_page_names_everything(compared):
     assert len(text) < 3_000_000
 
 
+@pytest.mark.slow
 def test_the_page_is_legible_on_screen_in_print_and_by_keys(compared):
     assert find_faults(compared) == []
 
 
+@pytest.mark.slow
 def test_the_page_reads_forces(compared):
     with open_page(compared) as page:
         assert page.locator("#costs tbody tr").count() == 3

@@ -22,6 +22,7 @@ from ces_observer.errors import CesError
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import load_model
 
+pytestmark = pytest.mark.slow
 COLLINEAR = """\
 force: {lags: [1]}
 speed: {lags: [0, 0], powers: [1.0, 1.0], forms: [signed]}

@@ -23,6 +23,7 @@ from ces_cli.terminal.options import list_actions
 from ces_cli.terminal.outputs import as_plain, print_document, without_text
 from ces_observer import __version__
 
+pytestmark = pytest.mark.slow
 WITHOUT_TABLES = {
     "completion": "prints a script",
     "export-data": "writes the tables themselves",

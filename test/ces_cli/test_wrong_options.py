@@ -21,6 +21,7 @@ from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.recording import Channel, Recording
 from ces_observer.signals import Signals
 
+pytestmark = pytest.mark.slow
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES, DRAWN = 30, 150  # different lines tried, of the drawn ones
 LIMIT_S = 60.0  # of the processor for one command line: it is refused before any work

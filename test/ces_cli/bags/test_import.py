@@ -85,6 +85,7 @@ def test_template_makes_a_mapping(files, capsys):
     assert run(files / "log.csv", "--mapping", files / "mine.yaml", "--out", files / "bag") == 0
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")
 @pytest.mark.parametrize(
     ("name", "pattern"),

@@ -16,6 +16,7 @@ from ces_gap.effects.library import user_effect
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
+pytestmark = pytest.mark.slow
 DEFAULT = Signals.from_mapping({}, "defaults")
 RATE, PULL_N_M, NOISE_N = 500.0, 8000.0, 5.0
 PHYSICS = """\

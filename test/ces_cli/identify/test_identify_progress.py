@@ -23,6 +23,7 @@ def bag(tmp_path: Path) -> Path:
     return tmp_path / "bag"
 
 
+@pytest.mark.slow
 def test_the_search_can_be_read_while_it_runs(bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seen: list[RunProgress] = []
 

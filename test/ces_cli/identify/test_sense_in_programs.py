@@ -31,6 +31,7 @@ from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
+pytestmark = pytest.mark.slow
 RATE = 500
 SEARCH = ["--target", "60", "--starts", "1", "--terms", "2", "--threads", "1", "--no-band"]
 

@@ -19,6 +19,7 @@ from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
+pytestmark = pytest.mark.slow
 DEFAULT = Signals.from_mapping({}, "defaults")
 RATE = 500.0
 SEARCH = ("--candidates", "rules.yaml", "--starts", 1, "--threads", 1)

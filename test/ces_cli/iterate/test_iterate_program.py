@@ -23,6 +23,7 @@ PLAN = {
 }
 
 
+@pytest.mark.slow
 def test_a_plan_gives_a_model_and_a_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "damper.yaml").write_text(yaml.safe_dump(KINDS["monotube"].design.description()))
     (tmp_path / "plan.yaml").write_text(yaml.safe_dump(PLAN))
