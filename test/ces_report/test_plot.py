@@ -119,12 +119,8 @@ def test_the_table_has_the_extremes_of_every_mark() -> None:
     bars = PlotBars("share", np.array([0.0, 1.0, 2.0]), np.array([30.0, 70.0]))
     root = drawn(one_area(PlotLine("model", TIME, WAVE), PlotBand("band", TIME, WAVE - 1, WAVE + 1), bars))
     rows = {r.find("th").text: [c.text for c in r.iter("td")] for r in root.iter("tr") if r.find("td") is not None}
-    assert list(rows) == [
-        "model: Force [N]",
-        "band, lower end: Force [N]",
-        "band, upper end: Force [N]",
-        "share: Force [N]",
-    ]
+    names = ("model", "band, lower end", "band, upper end", "share")
+    assert list(rows) == [f"{name}: Force [N]" for name in names]
     assert rows["model: Force [N]"][:2] == ["5000", "−300"]
     assert rows["share: Force [N]"][3:5] == ["70", "1.5"]
 

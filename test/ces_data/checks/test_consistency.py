@@ -31,15 +31,6 @@ def without(recording, signal, **constants):
     return Recording(recording.name, channels, constants)
 
 
-def test_traits_are_spreads_and_the_sign_of_damping():
-    result = find_traits(made(hz=4.0, stroke_m=0.04))
-    assert result.stroke_m == pytest.approx(0.04, rel=0.01)
-    assert result.speed_m_s == pytest.approx(2 * 0.02 * 2 * np.pi * 4.0, rel=0.02)
-    assert result.current_A == pytest.approx(0.6, abs=0.01)
-    assert result.damping > 0.9
-    assert find_traits(made(force=-1.0)).damping < -0.9
-
-
 @pytest.mark.parametrize(
     "others",
     [

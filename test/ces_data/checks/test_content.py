@@ -10,7 +10,6 @@ from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.checks.content import (
     find_known_recording,
-    known_share,
     marks_of_copies,
     recording_marks,
     require_distinct,
@@ -130,15 +129,6 @@ def test_seconds_in_common_are_refused_by_name():
         RecordingError, match=r"bags/a and bags/part: share 2\.0 s of one recording, for identification and"
     ):
         require_distinct([made("a"), made("b", 2)], [part(made("a"), 1.0, 3.0, -START)])
-
-
-def test_marks_show_about_the_share_that_is_known():
-    whole = made(seconds=20.0)
-    marks = recording_marks(whole)
-    assert len(marks) == 64
-    assert known_share(made("copy", start_ns=0, seconds=20.0), marks) == 1.0
-    assert known_share(part(whole, 5.0, 15.0, -START), marks) == pytest.approx(0.5, abs=0.2)
-    assert known_share(made(seed=2, seconds=20.0), marks) == 0.0
 
 
 def test_a_model_knows_copies_and_parts_of_what_it_was_identified_on():

@@ -81,17 +81,11 @@ def test_a_proposal_needs_the_database_only(folder):
     assert_proposed(path, dbc=[folder / "rig.dbc"], start_ns=START_NS, rtol=1e-4)
 
 
-def test_signals_of_can_fd_frames(folder):
-    path = write(folder / "run.blf", frames(database(folder), fd=True))
-    (folder / "map.yaml").write_text(MAPPING.replace("Damper.Force", "Long.Load"))
-    assert_recording(import_log(path, load_dyno_mapping(folder / "map.yaml")), START_NS, rtol=1e-4)
-
-
-def test_two_buses_are_selected_by_number(folder):
-    path = write(folder / "run.blf", frames(database(folder), bus=0), frames(database(folder), bus=1))
+def test_signals_of_can_fd_frames_on_the_bus_that_is_selected(folder):
+    path = write(folder / "run.blf", *(frames(database(folder), bus, fd=True) for bus in (0, 1)))
     with pytest.raises(CesError, match=r"'Damper.Stroke' is on bus 0 and 1; select one in .*map.yaml: \{column:"):
         import_log(path, load_dyno_mapping(folder / "map.yaml"))
-    (folder / "map.yaml").write_text(MAPPING.replace("}", ", group: 1}"))
+    (folder / "map.yaml").write_text(MAPPING.replace("}", ", group: 1}").replace("Damper.Force", "Long.Load"))
     assert_recording(import_log(path, load_dyno_mapping(folder / "map.yaml")), START_NS, rtol=1e-4)
 
 
@@ -144,15 +138,12 @@ def test_frames_in_an_mdf_file(folder):
     assert_recording(recording, int(recording.channel("position").stamps_ns[0]), rtol=1e-4)
 
 
-@pytest.mark.parametrize(
-    ("name", "options", "message"),
-    [
-        ("run.blf", {"rate": 500.0}, "--rate does not apply: the channels of this log have their own times"),
-        ("log.csv", {}, "--dbc does not apply: this is no CAN log"),
-    ],
-)
-def test_options_that_do_not_apply(folder, name, options, message):
+def test_options_that_do_not_apply(folder):
     write(folder / "run.blf", frames(database(folder)))
     (folder / "log.csv").write_text("time_s,x_mm,current_A,F_N\n0,1,0,2\n1,2,0,3\n2,1,0,3\n")
-    with pytest.raises(CesError, match=message):
-        propose_mapping(folder / name, dbc=[folder / "rig.dbc"], **options)
+    for name, rate, message in (
+        ("run.blf", 500.0, "--rate does not apply: the channels of this log have their own times"),
+        ("log.csv", None, "--dbc does not apply: this is no CAN log"),
+    ):
+        with pytest.raises(CesError, match=message):
+            propose_mapping(folder / name, dbc=[folder / "rig.dbc"], rate=rate)

@@ -64,17 +64,14 @@ def test_series_that_begin_before_zero_keep_their_distance(tmp_path):
     assert starts == [0, 200_000_000, 500_000_000]
 
 
-@pytest.mark.parametrize(
-    ("times", "reason"),
-    [
+def test_series_without_times_are_refused_by_name(tmp_path):
+    for times, reason in (
         ([], "is empty; expected samples"),
         ([0.0, float("nan"), 0.1], "time 1 is nan; expected seconds"),
         ([0.0, 1e12, 2e12], r"time 1 is 1e\+12; expected seconds"),
-    ],
-)
-def test_series_without_times_are_refused_by_name(tmp_path, times, reason):
-    with pytest.raises(RecordingError, match=rf"log.json: 'force':? {reason}"):
-        import_series(tmp_path / "log.json", force=times)
+    ):
+        with pytest.raises(RecordingError, match=rf"log.json: 'force':? {reason}"):
+            import_series(tmp_path / "log.json", force=times)
 
 
 @pytest.mark.parametrize("form", ['{"position": [1, %s], "force": [1, 2]}', '[{"position": 1}, {"position": %s}]'])
@@ -97,18 +94,15 @@ def test_a_quote_that_is_not_closed_is_one_line(tmp_path):
         import_log(tmp_path / "log.csv", mapping)
 
 
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
+def test_what_to_do_about_files_that_are_not_read(tmp_path):
+    for name, message in (
         ("log.xlsx", "is not read: save the sheet as CSV"),
         ("log.csv.gz", "is not read: unpack it"),
         ("log.xyz", "cannot tell the format from '.xyz'; if it is one of csv, json, mat"),
-    ],
-)
-def test_what_to_do_about_files_that_are_not_read(tmp_path, name, message):
-    (tmp_path / name).write_bytes(b"abc")
-    with pytest.raises(RecordingError, match=re.escape(message)):
-        open_log(tmp_path / name, DynoMapping(source="map.yaml", signals={}))
+    ):
+        (tmp_path / name).write_bytes(b"abc")
+        with pytest.raises(RecordingError, match=re.escape(message)):
+            open_log(tmp_path / name, DynoMapping(source="map.yaml", signals={}))
 
 
 def test_an_asc_file_is_a_can_log_only_if_it_begins_like_one(tmp_path):

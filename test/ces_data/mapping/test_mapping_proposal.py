@@ -11,7 +11,7 @@ from ces_cli.bags import import_
 from ces_cli.terminal import terminal
 from ces_data.bags.reader import read_recording
 from ces_data.logs.log_import import import_log, to_recording
-from ces_data.logs.log_mapping import load_dyno_mapping
+from ces_data.logs.log_mapping import load_dyno_mapping, parse_dyno_mapping
 from ces_data.mapping.proposals import propose_mapping
 from ces_data.signals_file import load_signals
 
@@ -78,6 +78,12 @@ def test_german_names_with_a_row_of_units_and_a_turned_force(tmp_path):
     assert int(recording.channel("force").stamps_ns[1]) == bags.PERIOD_NS
     assert "sign turned" in proposal.text
     assert "# temperature:" in proposal.text
+
+
+def test_units_in_the_header_count_for_a_mapping_without_units(tmp_path):
+    path = write(tmp_path / "log.csv", {"t": T, "x": 1000 * X, "i": CURRENT, "F": F / 1000}, head=["s,mm,A,kN"])
+    text = "time: {column: t}\nposition: {column: x}\ncurrent: {column: i}\nforce: {column: F}"
+    assert_reads(import_log(path, parse_dyno_mapping(text, "map.yaml")))
 
 
 def test_a_log_without_time_needs_the_rate(tmp_path, capsys):

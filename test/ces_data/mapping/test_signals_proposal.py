@@ -142,6 +142,10 @@ READ = {  # what makes the topics, and words of the proposal for them
         "[damper]",
     ),
     "an array without names": (lambda: [bags.array("/daq", X, CURRENT, F, 40.0 + T)], "by its numbers alone"),
+    "constants beside the current": (
+        lambda: [bags.array("/valve/current", 0.0 * X + 0.5, CURRENT, 0.0 * X + 2.0), *others(current=False)],
+        "data[1]",
+    ),
     "a variance": (lambda: [bags.numbers("/current/variance", np.zeros(len(X))), *others()], "topic: /current\n"),
     "estimates of an observer": (
         lambda: [bags.joints("/observer/estimate", ["rear_damper"], X, efforts=[F * 0.98]), *others()],

@@ -62,14 +62,11 @@ def test_projecting_never_enlarges_distances():
     assert np.linalg.norm(near[0] - near[1]) <= 1.02 * np.linalg.norm(a - b)
 
 
-@pytest.mark.parametrize(
-    ("command", "says"),
-    [
+def test_a_broken_limit_is_named():
+    for command, says in (
         (sine(0.03, 0.5), r"x: its stroke reaches 0\.03 m, the limit is 0\.02 m"),
         (sine(0.015, 9.0), r"x: its speed reaches 0\.8\d+ m/s, the limit is 0\.6 m/s"),
         (sine(0.004, 20.0), r"x: its acceleration reaches 6\d\.\d+ m/s², the limit is 40 m/s²; choose"),
-    ],
-)
-def test_a_broken_limit_is_named(command, says):
-    with pytest.raises(StrokeError, match=says):
-        LIMITS.require_allowed(command, INTERVAL, "x")
+    ):
+        with pytest.raises(StrokeError, match=says):
+            LIMITS.require_allowed(command, INTERVAL, "x")
