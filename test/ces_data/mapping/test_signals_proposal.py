@@ -141,7 +141,10 @@ READ = {  # what makes the topics, and words of the proposal for them
         lambda: [bags.joints("/joint_states", ["elbow", "damper"], X + 0.1, X), *others(x=False)],
         "[damper]",
     ),
-    "an array without names": (lambda: [bags.array("/daq", X, CURRENT, F, 40.0 + T)], "by its numbers alone"),
+    "an array without names": (
+        lambda: [bags.array("/daq", X, CURRENT, F, 40.0 + T, 0.0 * T + 0.5)],
+        "by its numbers alone",
+    ),
     "constants beside the current": (
         lambda: [bags.array("/valve/current", 0.0 * X + 0.5, CURRENT, 0.0 * X + 2.0), *others(current=False)],
         "data[1]",
