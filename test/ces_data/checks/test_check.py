@@ -155,6 +155,7 @@ def test_findings_know_their_recording_and_signal_whatever_its_name_says():
         ("road", "force", -0.2, "position"),
     ],
 )
+@pytest.mark.slow
 def test_a_delay_is_estimated_and_its_signal_named_with_the_key_to_write(name, moved, late_s, late):
     recording = shifted(bag(name), moved, late_s)
     (found,) = check_recording(recording)  # no sign and no current is blamed
@@ -180,6 +181,7 @@ def test_a_delay_that_fits_better_than_none_is_likely():
         assert DelayEstimate(late_s, low_s, high_s, 0.2, least).likely == likely
 
 
+@pytest.mark.slow
 def test_sines_of_several_frequencies_show_a_delay_together():
     sines = [sine(1.0), sine(5.0), sine(12.0)]
     assert check_each(sines) == ()
@@ -250,6 +252,7 @@ def test_a_rate_too_low_for_the_force_is_named(step, severity):
     assert found.text.startswith(f"force: changes too fast for {1000 // step} Hz: half of its samples")
 
 
+@pytest.mark.slow
 def test_a_slow_sine_needs_no_high_rate_unless_the_valve_moves():
     slow = changed(sine(0.5), current=lambda i: np.full(len(i), 0.5))
     assert check_recording(thinned(slow, 20)) == ()
@@ -280,6 +283,7 @@ def test_a_piston_that_comes_to_rest_at_its_end_is_not_clipped():
     assert len(find_saturations(clipped, "position")) == 1
 
 
+@pytest.mark.slow
 def test_one_current_in_all_recordings_is_a_warning_a_passive_damper_is_none():
     fixed = [changed(bag(name), current=lambda c: np.full(len(c), 0.5)) for name in ("noise", "sweep")]
     (found,) = check_together(fixed)

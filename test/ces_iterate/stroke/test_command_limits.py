@@ -54,6 +54,7 @@ def test_the_projection_is_the_nearest_allowed_command():
     assert np.linalg.norm(command - wanted) == pytest.approx(np.linalg.norm(best.x - wanted), rel=0.02)
 
 
+@pytest.mark.slow
 def test_projecting_never_enlarges_distances():
     random = np.random.default_rng(5)
     last = np.zeros(len(TIME))
