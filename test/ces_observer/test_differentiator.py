@@ -72,7 +72,7 @@ def test_gains_for_even_intervals_equal_newly_placed_ones(order):
         assert (new.position, new.speed, new.acceleration) == (kept.position, kept.speed, kept.acceleration)
 
 
-@pytest.mark.parametrize(("order", "bandwidth"), [(2, 2.0), (2, 100.0), (2, 333.0), (3, 2.0), (3, 100.0), (3, 150.0)])
+@pytest.mark.parametrize(("order", "bandwidth"), [(2, 2.0), (2, 333.0), (3, 2.0), (3, 150.0)])
 def test_errors_die_out_at_any_mix_of_intervals(order, bandwidth):
     """Intervals 0.1 to 10 times 1 ms, even, mixed, and in the orders found worst: a disturbed filter forgets."""
     dice = random.Random(4)

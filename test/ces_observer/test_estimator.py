@@ -42,17 +42,6 @@ def test_force_is_the_sum_of_the_terms():
     assert force == pytest.approx(100.0 * abs(speeds[-4]) ** 1.5 * 0.36 + 7.0, rel=1e-9)
 
 
-def test_past_forces_are_the_models_own():
-    e = ready(make_model(terms=(Term(0.9, (Factor("force", 1),)), Term(10.0, ()))))
-    assert e.step(600 * MS, stroke(600), 0.5) == pytest.approx(100.0, rel=1e-9)
-
-
-def test_inputs_are_clamped_to_the_envelope_and_it_shows():
-    e = ready(make_model(terms=(Term(10.0, (Factor("current", 0),)),)))
-    assert e.step(600 * MS, stroke(600), 5.0) == pytest.approx(10.0)
-    assert e.clamped
-
-
 @pytest.mark.parametrize("bad", [math.nan, math.inf])
 def test_a_bad_current_withholds_and_the_next_good_one_resumes(bad):
     e = ready()

@@ -58,13 +58,6 @@ def test_spoilt_files_are_read_or_refused(path: Path) -> None:
     assert seen == {READ, REFUSED}
 
 
-@QUICK
-@given(raw=st.binary(max_size=200))
-def test_bytes_are_refused(path: Path, raw: bytes) -> None:
-    path.write_bytes(raw)
-    assert try_model(path) == REFUSED
-
-
 anything = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=9),
     lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=9), inner, max_size=4),

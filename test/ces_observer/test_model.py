@@ -22,10 +22,6 @@ def test_a_saved_model_reads_back_equal(tmp_path):
     assert again.digest() == model.digest()
 
 
-def test_longest_lag():
-    assert make_model().max_lag == 5
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -30,9 +30,11 @@ class NodeProcess:
         )
 
     @classmethod
-    def from_source(cls, namespace: str, parameters: Mapping[str, object]) -> NodeProcess:
-        """Start the node from this checkout."""
-        return cls([sys.executable, "-m", "ces_observer.nodes.observer", *ros_args(namespace, parameters)])
+    def from_source(
+        cls, namespace: str, parameters: Mapping[str, object], module: str = "ces_observer.nodes.observer"
+    ) -> NodeProcess:
+        """Start a node from this checkout."""
+        return cls([sys.executable, "-m", module, *ros_args(namespace, parameters)])
 
     @property
     def pid(self) -> int:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,12 +16,12 @@ from conftest import new_namespace
 from damper_models import damper_with_past
 from diagnostic_msgs.msg import DiagnosticArray
 from model_reloads import ModelReloads
-from node_process import NodeProcess, ros_args
+from node_process import NodeProcess
 from party import Party
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, String
-from vehicle import wait
+from vehicle import lossless_topics, wait
 
 from ces_observer.nodes.outputs import LATCHED
 
@@ -92,14 +91,9 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop]:
     with Loop(new_namespace()) as loop:
         path = tmp_path_factory.mktemp("controlled") / "first.json"
         damper_with_past(0.9).save(path)
-        lossless = {
-            f"qos_overrides.{loop.namespace}/observer/estimate.subscription.reliability": "reliable",
-            f"qos_overrides.{loop.namespace}/observer/estimate.subscription.depth": 50_000,
-            f"qos_overrides.{loop.namespace}/valve_command.publisher.depth": 50_000,
-        }
+        lossless = lossless_topics(loop.namespace, ["observer/estimate"], ["valve_command"])
         given = {"model": path, "model_topic": "identify/model", "max_age_s": 0.0, **TUNING, **CURVE, **lossless}
-        words = ros_args(loop.namespace, given)
-        node = NodeProcess([sys.executable, "-m", "ces_observer.nodes.controller", *words])
+        node = NodeProcess.from_source(loop.namespace, given, "ces_observer.nodes.controller")
         try:
             with loop.estimating():
                 loop.commands_for(0.9)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
@@ -18,18 +17,19 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 from conftest import new_namespace
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import WrenchStamped
-from node_process import NodeProcess, ros_args
+from node_process import NodeProcess
 from party import Party
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
-from vehicle import stamp_of, wait
+from vehicle import lossless_topics, stamp_of, wait
 
 from ces_observer.control.force_controller import ForceController, ForceCurve, Tuning
 from ces_observer.control.inverse_map import compute_inverse_map, current_lag_s
 from ces_observer.model import load_model
 from ces_observer.nodes.parameter_table import FORCES, SPEEDS
 
+CONTROLLER = "ces_observer.nodes.controller"
 MS = 1_000_000
 DEEP = QoSProfile(depth=5000)
 LIMITS = {"low_A": 0.1, "high_A": 1.9, "safe_A": 0.3}
@@ -106,7 +106,8 @@ def start(surroundings: Surroundings, model_path: Path) -> Iterator[Callable[...
     started: list[NodeProcess] = []
 
     def begin(**parameters: object) -> NodeProcess:
-        started.append(controller(surroundings.namespace, {"model": model_path, **LIMITS, **CURVE, **parameters}))
+        given = {"model": model_path, **LIMITS, **CURVE, **parameters}
+        started.append(NodeProcess.from_source(surroundings.namespace, given, CONTROLLER))
         surroundings.meets_node()
         return started[-1]
 
@@ -115,20 +116,11 @@ def start(surroundings: Surroundings, model_path: Path) -> Iterator[Callable[...
         node.kill()
 
 
-def controller(namespace: str, parameters: dict[str, object]) -> NodeProcess:
-    return NodeProcess([sys.executable, "-m", "ces_observer.nodes.controller", *ros_args(namespace, parameters)])
-
-
 def test_commands_are_the_pure_controllers(
     surroundings: Surroundings, start: Callable[..., NodeProcess], namespace: str, model_path: Path
 ) -> None:
     """Every estimate is answered, in order, by what the controller gives offline; speeds and forces are arbitrary."""
-    lossless = {
-        f"qos_overrides.{namespace}/observer/estimate.subscription.reliability": "reliable",
-        f"qos_overrides.{namespace}/observer/estimate.subscription.depth": 5000,
-        f"qos_overrides.{namespace}/valve_command.publisher.depth": 5000,
-    }
-    start(max_age_s=0.0, timeout_s=10.0, **lossless)
+    start(max_age_s=0.0, timeout_s=10.0, **lossless_topics(namespace, ["observer/estimate"], ["valve_command"]))
     model = load_model(model_path)
     tuning = Tuning(**LIMITS, valve_lag_s=0.0, max_gap_s=10.0)
     tuning = replace(tuning, valve_lag_s=Tuning.lead_s(current_lag_s(model), tuning.preview_s))
@@ -199,7 +191,7 @@ def test_the_measured_force_is_fed_back_and_missed(
     ],
 )
 def test_a_mistake_ends_in_one_line(model_path: Path, parameters: dict[str, object], told: str) -> None:
-    status, output = controller(new_namespace(), {"model": model_path, **parameters}).ended()
+    status, output = NodeProcess.from_source(new_namespace(), {"model": model_path, **parameters}, CONTROLLER).ended()
     fatal = [line for line in output.splitlines() if "[FATAL]" in line]
     assert (status, len(fatal), "Traceback" in output) == (2, 1, False), output
     assert told in fatal[0]

@@ -25,19 +25,16 @@ from patience import PATIENCE_S
 from replay import MS, START_NS, Samples
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
-from vehicle import DEEP, DEPTH, Vehicle, stamp_of, stroke, wait
+from vehicle import DEEP, STAMPED_CURRENT, Vehicle, lossless_topics, stamp_of, stroke, wait
 
 pytestmark = pytest.mark.skipif(bool(missing_tool()), reason=f"{missing_tool()} is missing")
 
 NODES = ("observer", "cpp_observer")
 TOPICS = ("estimate", "estimate_band")
+INPUTS = ("joint_states", "stamped_current")
+OUTPUTS = [f"{name}/{topic}" for name in NODES for topic in TOPICS]
 S = 1_000_000_000
 LISTED = ("position samples", "forces estimated", "messages without the field", "position: duplicates", "jumps of time")
-STAMPED_CURRENT = {  # of a type that is not compiled in
-    "current.topic": "stamped_current",
-    "current.type": "sensor_msgs/msg/Temperature",
-    "current.field": "temperature",
-}
 
 
 @pytest.fixture(scope="module")
@@ -123,7 +120,7 @@ def start_pair(
 
     def start(**parameters: object) -> Pair:
         pair = Pair(vehicle)
-        given = {**lossless(namespace), **parameters}
+        given = {**lossless_topics(namespace, INPUTS, OUTPUTS), **parameters}
         started.append(NodeProcess.from_source(namespace, {"model": banded_path, **given}))
         started.append(package.start(namespace, NODES[1], given))
         pair.meet()
@@ -132,16 +129,6 @@ def start_pair(
     yield start
     for node in started:
         node.kill()
-
-
-def lossless(namespace: str) -> dict[str, object]:
-    inputs = [(topic, "subscription") for topic in ("joint_states", "stamped_current")]
-    outputs = [(f"{name}/{topic}", "publisher") for name in NODES for topic in TOPICS]
-    found: dict[str, object] = {}
-    for topic, kind in inputs + outputs:
-        found[f"qos_overrides.{namespace}/{topic}.{kind}.reliability"] = "reliable"
-        found[f"qos_overrides.{namespace}/{topic}.{kind}.depth"] = DEPTH
-    return found
 
 
 def faulty_positions(count: int) -> Samples:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -12,7 +11,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from node_process import ROOT, NodeProcess, ros_args
+from node_process import ROOT, NodeProcess
 from party import Party
 from std_msgs.msg import String
 from vehicle import Vehicle, wait
@@ -57,8 +56,8 @@ def begin(namespace: str, tmp_path: Path) -> Iterator[Begin]:
     begun: list[NodeProcess] = []
 
     def begin_node(**parameters: object) -> NodeProcess:
-        words = ros_args(namespace, {**QUICK, "out": tmp_path / "model.json", **parameters})
-        begun.append(NodeProcess([sys.executable, "-m", "ces_cli.identify.node", *words]))
+        given = {**QUICK, "out": tmp_path / "model.json", **parameters}
+        begun.append(NodeProcess.from_source(namespace, given, "ces_cli.identify.node"))
         return begun[-1]
 
     yield begin_node

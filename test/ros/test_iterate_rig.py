@@ -12,7 +12,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 import numpy as np
-from node_process import NodeProcess, ros_args
+from node_process import NodeProcess
 from party import Party
 from std_msgs.msg import Float64
 from vehicle import RECOVERIES, wait
@@ -69,7 +69,7 @@ def make_rig(namespace: str, **changes: object) -> TopicRig:
 def namespace() -> Iterator[str]:
     name = "/iterate"
     parameters = {"drive": "set_points", "stamped_current": True, "noise": 0.1, "command_timeout_s": 2.0}
-    process = NodeProcess([sys.executable, "-m", "ces_rig.live.node", *ros_args(name, parameters)])
+    process = NodeProcess.from_source(name, parameters, "ces_rig.live.node")
     try:
         with SetPointListener(name) as listener:
             wait(lambda: listener.node.count_subscribers(f"{name}/stroke_command") > 0, "the rig starts")

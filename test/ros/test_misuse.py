@@ -7,7 +7,6 @@ the inputs, every other one.
 from __future__ import annotations
 
 import sys
-import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -20,17 +19,12 @@ from damper_models import plain_damper
 from misuse import Misuser
 from node_process import ROOT, NodeProcess, ros_args
 from replay import offline
-from vehicle import JOINT, Vehicle, reliable_inputs, stamp_of, stroke, wait
+from vehicle import JOINT, STAMPED_CURRENT, Vehicle, reliable_inputs, stamp_of, stroke, wait
 
 from ces_observer.model import Model
 
 CURRENT_A = 0.5
 EXECUTORS = ("events", "single")
-SIGNALS = {
-    "current.topic": "stamped_current",
-    "current.type": "sensor_msgs/msg/Temperature",
-    "current.field": "temperature",
-}
 
 
 def damper() -> Model:
@@ -49,7 +43,7 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
             "ces_observer.nodes.observer",
             {"model": model, "max_age_s": 0.0, "model_topic": "models", "snapshot_service": "''"}
             | {"executor": executor}
-            | SIGNALS
+            | STAMPED_CURRENT
             | lossless,
         ),
         "controller": (
@@ -71,20 +65,6 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
             node.kill()
 
 
-@contextmanager
-def driving(vehicle: Vehicle) -> Iterator[None]:
-    ends = threading.Event()
-    options = {"current": None, "contiguous": True, "ends": ends}
-    thread = threading.Thread(target=vehicle.drive, args=(3600.0,), kwargs=options)
-    thread.start()
-    try:
-        with vehicle.repeating(0.01, lambda: vehicle.publish_current(vehicle.driven[-1], CURRENT_A)):
-            yield
-    finally:
-        ends.set()
-        thread.join()
-
-
 @pytest.mark.parametrize("executor", EXECUTORS)
 def test_no_misuse_ends_a_node_or_changes_an_estimate(
     vehicle: Vehicle, namespace: str, executor: str, tmp_path: Path
@@ -93,7 +73,8 @@ def test_no_misuse_ends_a_node_or_changes_an_estimate(
     part = slice(EXECUTORS.index(executor), None, len(EXECUTORS))
     with running(namespace, executor, tmp_path) as nodes, Misuser(namespace, names, part) as misuser:
         vehicle.meets_node()
-        with driving(vehicle):
+        current = vehicle.repeating(0.01, lambda: vehicle.publish_current(vehicle.driven[-1], CURRENT_A))
+        with vehicle.driving(current=None, contiguous=True), current:
             wait(lambda: len(vehicle.estimates) > 100, "the first estimates")
             for done in misuser.attack_all(damper().to_json()):
                 dead = {name: node.ended() for name, node in nodes.items() if not node.is_running()}

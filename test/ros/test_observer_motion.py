@@ -16,14 +16,13 @@ from damper_models import plain_damper
 from node_process import NodeProcess
 from replay import MS, START_NS, Samples, currents, jittered_positions, require_equal
 from sensor_msgs.msg import JointState, Temperature
-from vehicle import DEEP, JOINT, Vehicle, reliable_inputs, stroke, wait
+from vehicle import DEEP, JOINT, STAMPED_CURRENT, Vehicle, reliable_inputs, stroke, wait
 
 from ces_observer.estimator import Estimator
 from ces_observer.model import FUSED, MEASURED, Model
 
 Start = Callable[..., NodeProcess]
 STAMPED = {"type": "sensor_msgs/msg/Temperature", "field": "temperature"}
-STAMPED_CURRENT = {f"current.{key}": value for key, value in {"topic": "stamped_current", **STAMPED}.items()}
 IN_JOINTS = {
     "speed.topic": "joint_states",
     "speed.type": "sensor_msgs/msg/JointState",

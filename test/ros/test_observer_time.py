@@ -12,14 +12,9 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 from node_process import NodeProcess
 from replay import MS, START_NS, Samples, currents, jittered_positions, offline, require_equal
 from rosgraph_msgs.msg import Clock
-from vehicle import Vehicle, reliable_inputs, stroke, wait
+from vehicle import STAMPED_CURRENT, Vehicle, reliable_inputs, stroke, wait
 
 S = 1_000_000_000
-STAMPED_CURRENT = {
-    "current.topic": "stamped_current",
-    "current.type": "sensor_msgs/msg/Temperature",
-    "current.field": "temperature",
-}
 JUMPS = "jumps of time"
 Start = Callable[..., NodeProcess]
 

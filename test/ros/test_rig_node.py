@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import signal
-import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -103,7 +102,7 @@ def rig(namespace: str) -> Iterator[Start]:
 
     def start(**parameters: object) -> NodeProcess:
         words = {name.replace("__", "."): value for name, value in parameters.items()}
-        started.append(NodeProcess([sys.executable, "-m", "ces_rig.live.node", *ros_args(namespace, words)]))
+        started.append(NodeProcess.from_source(namespace, words, "ces_rig.live.node"))
         return started[-1]
 
     yield start

@@ -30,7 +30,7 @@ from bag_recorders import (
 from conftest import new_namespace
 from node_process import NodeProcess
 from patience import PATIENCE_S
-from vehicle import JOINT, Vehicle, stamp_of, wait
+from vehicle import JOINT, STAMPED_CURRENT, Vehicle, stamp_of, wait
 
 from ces_data.bags.reader import read_recording
 from ces_data.findings import findings
@@ -158,9 +158,7 @@ def test_playing_a_bag_equals_the_offline_replay(
         "use_sim_time": "--clock" in options,
         "max_age_s": 0.0,
         "wait_for_current_s": 10.0,
-        "current.topic": "stamped_current",
-        "current.type": "sensor_msgs/msg/Temperature",
-        "current.field": "temperature",
+        **STAMPED_CURRENT,
         **lossless_node(namespace),
     }
     node = NodeProcess.from_source(namespace, given)

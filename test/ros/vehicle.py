@@ -23,6 +23,11 @@ DEPTH = 50_000  # nothing is lost while a busy computer holds up either side
 DEEP = QoSProfile(depth=DEPTH)  # reliable
 LOSSY = QoSProfile(depth=DEPTH, reliability=QoSReliabilityPolicy.BEST_EFFORT)  # hears any publisher
 JOINT = "rear_damper"
+STAMPED_CURRENT = {  # parameters of a current whose messages have stamps
+    "current.topic": "stamped_current",
+    "current.type": "sensor_msgs/msg/Temperature",
+    "current.field": "temperature",
+}
 RATE_HZ = 1000
 RECOVERIES = 5
 LATE_S = 0.2  # less than the age of a sample that a node allows
@@ -212,9 +217,16 @@ def wait(condition: Callable[[], bool], what: str) -> None:
 
 
 def reliable_inputs(namespace: str, topics: Iterable[str]) -> dict[str, object]:
-    """Return parameters that make the node's inputs lossless, for tests that compare sample by sample."""
-    found: dict[str, object] = {}
-    for topic, kind in [*((topic, "subscription") for topic in topics), ("observer/estimate", "publisher")]:
-        found[f"qos_overrides.{namespace}/{topic}.{kind}.reliability"] = "reliable"
-        found[f"qos_overrides.{namespace}/{topic}.{kind}.depth"] = DEPTH
-    return found
+    """Return parameters that make the observer's inputs lossless, for tests that compare sample by sample."""
+    return lossless_topics(namespace, topics, ["observer/estimate"])
+
+
+def lossless_topics(namespace: str, heard: Iterable[str], published: Iterable[str]) -> dict[str, object]:
+    """Return parameters of a node that hears and publishes these topics without loss."""
+    ends = [*((topic, "subscription") for topic in heard), *((topic, "publisher") for topic in published)]
+    policies = {"reliability": "reliable", "depth": DEPTH}
+    return {
+        f"qos_overrides.{namespace}/{topic}.{end}.{policy}": value
+        for topic, end in ends
+        for policy, value in policies.items()
+    }

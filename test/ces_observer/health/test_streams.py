@@ -113,17 +113,6 @@ def test_shuffled_messages_are_out_of_order_and_not_dropped(seed: int, apart: in
     assert figures.total_dropped == 0
 
 
-def test_a_late_message_makes_up_for_the_gap_it_left() -> None:
-    arrivals = Arrivals()
-    regular(arrivals, 0, 100)
-    for k in (101, 102):
-        arrivals.take(START + k * MS, START + k * MS)
-    assert arrivals.roll(0.1).dropped == 1
-    arrivals.take(START + 100 * MS, START + 102 * MS)
-    figures = arrivals.roll(0.1)
-    assert (figures.dropped, figures.total_dropped, figures.total_out_of_order) == (0, 0, 1)
-
-
 def test_duplicates_are_counted() -> None:
     arrivals = Arrivals()
     regular(arrivals, 0, 100)

@@ -91,13 +91,6 @@ def test_a_lag_starts_at_its_signal_and_answers_a_step_in_its_time_constant(rate
     assert text[3:] == pytest.approx(expected, rel=1e-12)
 
 
-def test_a_lag_is_the_sum_it_is_defined_by():
-    currents, gain, last = [0.7, 0.1, 0.4, 1.3, 1.3], 1.0 - math.exp(-1.0 / 8.0), 0.7
-    for k, text in enumerate(lagged(currents)):
-        last += gain * (currents[k] - last)
-        assert text == last
-
-
 @given(st.lists(st.floats(-1.5, 1.5), min_size=1, max_size=60), st.sampled_from([1e-4, 1e-3, 0.008, 5.0]))
 def test_a_lag_stays_within_the_range_of_its_signal(currents, time_constant_s):
     one = replace(LAG, time_constant_s=time_constant_s)

@@ -27,7 +27,7 @@ from ces_observer.structures.relaxation import YieldingSpring
 from ces_observer.structures.structure import OperatingRange
 
 REFERENCES = {"relaxation": relaxation_forces, "chambers": chambers_forces}
-RANDOM = [(make, seed) for make in (random_relaxation, random_chambers) for seed in range(4)]
+RANDOM = [(make, seed) for make in (random_relaxation, random_chambers) for seed in range(2)]
 
 
 def swing(model, count=60):

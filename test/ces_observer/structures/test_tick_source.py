@@ -18,22 +18,9 @@ from ces_observer.structures.constructed_inputs import RESERVED, Hysteresis, Tri
 from ces_observer.structures.polynomial import tick_source
 from ces_observer.structures.terms import Factor, Term
 
-WORDS = {"def", "if", "else", "and", "not", "return", "make", "tick", "run", "clamped", "update", "forces", "force"}
-WORDS |= {
-    "deque",
-    "maxlen",
-    "appendleft",
-    "extend",
-    "abs",
-    "min",
-    "max",
-    "sqrt",
-    "copysign",
-    "inf",
-    "_",
-    "True",
-    "False",
-}
+PYTHON = "def if else and not return abs min max sqrt copysign inf _ True False deque maxlen appendleft extend"
+OWN = "make tick run clamped update forces force"
+WORDS = {*PYTHON.split(), *OWN.split()}
 COUNTED = re.compile(r"(past_)?(size_)?(position|speed|current|made\d+|power\d+)(_\d+)?|force_\d+")
 LAYOUT = {token.OP, token.NEWLINE, token.NL, token.INDENT, token.DEDENT, token.ENDMARKER}
 HOSTILE = ["__import__('os').system('true')", "x\n    import os", '"""', "speed_2", "power0", "made0", "run", "\\", "é"]
@@ -64,6 +51,7 @@ def model_with(name):
     return make_model(terms=(Term(123.25, factors), Term(-7.5, (Factor("current", 4, 1.5),))))
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(name=names, said=texts)
 def test_nothing_a_model_says_reaches_the_text(name, said):
@@ -77,7 +65,7 @@ def test_every_number_in_the_text_is_the_models_or_a_count():
     assert numbers(source_of(model_with("plain"))) - bounds - set(range(6)) == {123.25, 7.5, 0.7}
 
 
-class LoudFloat(float):
+class Loud:
     def __repr__(self):
         return "print('loud')"
 
@@ -87,14 +75,12 @@ class LoudFloat(float):
         return repr(self)
 
 
-class LoudInt(int):
-    def __repr__(self):
-        return "print('loud')"
+class LoudFloat(Loud, float):
+    pass
 
-    __str__ = __repr__
 
-    def __format__(self, spec):
-        return repr(self)
+class LoudInt(Loud, int):
+    pass
 
 
 def test_numbers_that_print_as_code_come_in_as_numbers():
