@@ -20,7 +20,7 @@ HEAD = """
 What a damper, its mounting and its sensors do that a simulation may lack. `ces diagnose` fits every form of every
 effect around the simulation. F is the force inside an effect (the oil's, or that of the effects further inside), an
 expression its force outside; x, v and i drive the simulation, which an effect may change to x', v' and i'. All are
-positive in compression. "None at" is the value without any effect. Bounds are no priors: a value at a bound is flagged.
+positive in compression. "Neutral" is the value without any effect. Bounds are no priors: a value at a bound is flagged.
 """
 
 
@@ -31,7 +31,7 @@ def effects_page() -> str:
         (f"[`{e.name}`](#{e.name})", e.summary, _acts_on(e), e.visible, codes(e.mistaken_for))
         for e in (forms[0] for forms in groups)
     ]
-    overview = table(("effect", "what", "acts on", "visible", "most easily mistaken for"), rows)
+    overview = table(("effect", "what", "on", "visible", "mistaken for"), rows)
     errors = [e for e in simulation_errors() if e.stage == SIMULATION]
     return "\n".join(
         [
@@ -52,12 +52,13 @@ def _acts_on(effect: Effect) -> str:
 
 def _section(forms: Sequence[Effect]) -> str:
     lines = [f"## `{forms[0].name}`\n"]
-    told: set[type] = {Effect}
+    described: set[type] = {Effect}
     for form in forms:
         for base in reversed(type(form).__mro__[1:-1]):
-            if base not in told and paragraphs(base) and base.__module__ == type(form).__module__:
+            if base not in described and paragraphs(base) and base.__module__ == type(form).__module__:
                 lines.append(f"* {' '.join(paragraphs(base))}")
-            told.add(base)
+            described.add(base)
+        described.add(type(form))
         lines.append(f"* `{form.form}`: {' '.join(paragraphs(type(form)))}")
     by_parameter: dict[tuple[str, str, str, str], list[str]] = {}
     for form in forms:
@@ -68,7 +69,7 @@ def _section(forms: Sequence[Effect]) -> str:
         (f"`{name}`", "" if len(of) == len(forms) else codes(of), bounds, none, what)
         for (name, bounds, none, what), of in by_parameter.items()
     ]
-    return "\n".join(lines) + "\n\n" + table(("parameter", "only in", "bounds", "none at", "meaning"), rows)
+    return "\n".join(lines) + "\n\n" + table(("parameter", "forms", "bounds", "neutral", "meaning"), rows)
 
 
 def _bounds(parameter: EffectParameter) -> str:

@@ -19,14 +19,14 @@ OF_SIGNALS = ("signals", "import", "candidates")  # files whose first keys are s
 SIGNAL = re.compile(rf"^({'|'.join(NAMES)})\b")
 SENSOR = re.compile(rf"^sensors\.({'|'.join(NAMES)})\b")
 SKIPPED = re.compile(
-    r"\.parts\[\]|\.again\.|^(time|rate)\.(?!date)|^(name|description)$|^damper\.|^identify\.|^(stroke|current|rig)\.kind$"
+    r"^structures\.|\.parts\[\]|\.again\.|^(time|rate)\.(?!date)|^(name|description)$|^damper\.|^identify\.|^(stroke|current|rig)\.kind$"
 )
 SHARED = ("rig.", "actuator.")  # alike in all files
 HEAD = """
 `ces schema NAME` prints the JSON Schema of a kind of file, with ranges and required keys; an editor that uses it
 completes and checks the file. SIGNAL is a signal's name (or `time`). Keys `rig` and
-`actuator` are alike in all files. Other files: parameters of [nodes](nodes.md), dampers of
-[the virtual rig](../rig.md).
+`actuator` are alike in all files, `structures` has [options of `ces identify`](programs.md#identify). Other files:
+parameters of [nodes](nodes.md), dampers of [the virtual rig](../rig.md).
 """
 MODEL = (
     ("schema", "`ces-model/1`"),

@@ -10,12 +10,13 @@ from importlib import import_module
 
 from bench.reference.tables import as_text, codes, table
 from ces_cli.main import PROGRAMS
+from ces_cli.terminal.simulations import HELP as SIM
 
-SHARED_BY = 3  # programs from which on an option is described once, at the top
+SHARED_BY = 2  # programs from which on an option is described once, at the top
 DEFAULT = re.compile(r"[;,]? ?\(?default:? ([^()]*(?:\([^()]*\))?[^()]*?)\)?$")
-HEAD = """
+HEAD = f"""
 Without ROS 2 `ces NAME`, with it sourced also `ros2 run ces_observer NAME`; `ces NAME --help` has examples. A mistake
-ends a program with status 2 and one line that says what to do.
+ends a program with status 2 and one line that says what to do. SIM is a simulation: {SIM}.
 """
 
 
@@ -26,10 +27,8 @@ def programs_page() -> str:
         for name, (module, _) in PROGRAMS.items()
     }
     counts = Counter(_key(action) for parts in parsers.values() for p in parts.values() for action in _options(p))
-    shared = {key for key, count in counts.items() if count >= SHARED_BY}
-    examples = {_key(a): a for parts in parsers.values() for p in parts.values() for a in _options(p)}
-    rows = [_row(examples[key]) for key in sorted(shared)]
-    text = ["# Programs", HEAD, table(("option of several programs", "default", "meaning"), rows)]
+    shared = {key for key, count in counts.items() if count >= SHARED_BY and key[2]}
+    text = ["# Programs", HEAD, table(("option of several programs", "default", "meaning"), sorted(shared))]
     for name, (_, summary) in PROGRAMS.items():
         text.append(f"## `{name}`\n\n{summary[0].upper()}{summary[1:]}.")
         for words, parser in parsers[name].items():
@@ -64,12 +63,13 @@ def _arguments(parser: argparse.ArgumentParser) -> str:
     return words
 
 
-def _key(action: argparse.Action) -> tuple[str, str]:
-    return action.option_strings[-1], action.help or ""
+def _key(action: argparse.Action) -> tuple[str, str, str]:
+    option, default, meaning = _row(action)
+    return option, default, meaning
 
 
 def _row(action: argparse.Action) -> tuple[str, str, str]:
-    text = (action.help or "").replace("%%", "%")
+    text = (action.help or "").replace("%%", "%").replace(SIM, "see above")
     default = DEFAULT.search(text)
     value = default[1] if default else ("required" if action.required else "")
     meaning = text[: default.start()] if default else text
