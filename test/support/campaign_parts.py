@@ -1,9 +1,8 @@
 """Small recordings and a small campaign for the tests of campaigns."""
 
-import numpy as np
-from small_recordings import RULES, UNITS, make_columns, write_columns
+from small_recordings import RULES, columns_as_channels, make_columns, write_columns
 
-from ces_data.recording import Channel, Recording
+from ces_data.recording import Recording
 
 RATE_HZ = 250.0
 CAMPAIGN = """\
@@ -22,9 +21,7 @@ limits: {time: 600}
 
 def made(seed, seconds=8.0, name="made"):
     """A recording of a damper whose force depends on the root of speed and on current."""
-    t, columns = make_columns(seconds, seed, RATE_HZ)
-    stamps = 10**18 + np.rint(t * 1e9).astype(np.int64)
-    channels = {key: Channel(key, UNITS[key], stamps, values) for key, values in columns.items()}
+    channels = columns_as_channels(*make_columns(seconds, seed, RATE_HZ))
     return Recording(name, channels, sha256=f"made from {seed}")
 
 

@@ -50,11 +50,6 @@ def write_columns(path: Path, t: NDArray[np.float64], columns: dict[str, NDArray
     return write_channels(path, columns_as_channels(t, columns))
 
 
-def write_small_bag(path: Path, seed: int = 1, seconds: float = 12.0) -> Path:
-    """Write a bag of `make_columns`, and return its path."""
-    return write_columns(path, *make_columns(seconds, seed))
-
-
 def write_small_csv(path: Path, seed: int = 1, seconds: float = 12.0, in_mm: bool = False) -> Path:
     """Write a CSV file with a header, and return its path; with `in_mm` the position is in millimetres."""
     t, columns = make_columns(seconds, seed)
