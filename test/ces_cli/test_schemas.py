@@ -272,12 +272,7 @@ def test_what_the_loader_refuses_the_schema_refuses(
 
 
 @pytest.mark.parametrize(
-    ("name", "keys"),
-    [
-        ("import", (*LAYOUT_KEYS, *NAMES)),
-        ("campaign", CAMPAIGN_KEYS),
-        ("experiment", EXPERIMENT_KEYS),
-    ],
+    ("name", "keys"), [("import", (*LAYOUT_KEYS, *NAMES)), ("campaign", CAMPAIGN_KEYS), ("experiment", EXPERIMENT_KEYS)]
 )
 def test_schema_and_loader_know_the_same_keys(name: str, keys: tuple[str, ...]) -> None:
     assert set(schema_of(name)["properties"]) == set(keys)

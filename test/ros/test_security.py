@@ -96,11 +96,7 @@ def security(keystore: Path | None) -> dict[str, str]:
     """Return the environment of docs/security.md."""
     if keystore is None:
         return {"ROS_SECURITY_ENABLE": "false"}
-    return {
-        "ROS_SECURITY_KEYSTORE": str(keystore),
-        "ROS_SECURITY_ENABLE": "true",
-        "ROS_SECURITY_STRATEGY": "Enforce",
-    }
+    return {"ROS_SECURITY_KEYSTORE": str(keystore), "ROS_SECURITY_ENABLE": "true", "ROS_SECURITY_STRATEGY": "Enforce"}
 
 
 @pytest.fixture

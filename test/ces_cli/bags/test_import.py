@@ -88,8 +88,7 @@ def test_template_makes_a_mapping(files, capsys):
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")
 @pytest.mark.parametrize(
-    ("name", "pattern"),
-    [("dyke_mr", "ranran_50.csv"), ("utfsm_mr", "sine_5mm*.csv"), ("brfd_backlash", "1Hz*.json")],
+    ("name", "pattern"), [("dyke_mr", "ranran_50.csv"), ("utfsm_mr", "sine_5mm*.csv"), ("brfd_backlash", "1Hz*.json")]
 )
 def test_measured_logs_become_bags_without_loss(tmp_path, name, pattern):
     log = min((DATA / name).glob(pattern))

@@ -4,13 +4,7 @@ import numpy as np
 import pytest
 from residual_series import coloured
 
-from ces_identify.numerics.correlation import (
-    MIN_SHARE,
-    SLOWEST_S,
-    SumError,
-    add_errors,
-    estimate_sum_error,
-)
+from ces_identify.numerics.correlation import MIN_SHARE, SLOWEST_S, SumError, add_errors, estimate_sum_error
 
 
 def process(seed, share, n=2_000):

@@ -155,9 +155,7 @@ def test_a_repeated_experiment_improves_the_parameters_until_the_cost_stops_fall
 def test_a_repeated_experiment_outside_the_limits_is_refused(tmp_path: Path) -> None:
     write_commands(tmp_path / "mine.csv", sine_commands())
     plan = make_plan(
-        tmp_path,
-        experiments={"kind": "repeated", "commands": "mine.csv"},
-        limits={**LIMITS, "stroke_m": 0.005},
+        tmp_path, experiments={"kind": "repeated", "commands": "mine.csv"}, limits={**LIMITS, "stroke_m": 0.005}
     )
     with pytest.raises(CesError, match=r"mine: stroke 0.01 m exceeds"):
         Iterations(plan, monotube_rig(), tmp_path / "out")

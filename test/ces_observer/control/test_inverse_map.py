@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -20,37 +21,44 @@ from ces_observer.structures.terms import Factor, Term
 MODELS = Path(__file__).resolve().parents[3] / "config" / "models"
 SPEEDS = st.floats(-3.0, 3.0)
 CURRENTS = st.floats(0.0, 2.0)
-PLAIN = compute_inverse_map(plain_damper())
-SAMPLE = compute_inverse_map(load_model(MODELS / "sample.json"))
+
+
+@cache
+def inverse_of(name: str) -> InverseMap:
+    """Return the map of the plain damper or of a packaged model."""
+    return compute_inverse_map(load_model(MODELS / f"{name}.json") if name != "plain" else plain_damper())
 
 
 def test_it_is_the_models_steady_force() -> None:
     """The plain damper settles at F = (2000 + 1000 i) v."""
+    plain = inverse_of("plain")
     for speed in (-2.0, -0.3, -0.01, 0.004, 0.05, 1.7):
         for current in (0.0, 0.6, 2.0):
-            assert PLAIN.force(speed, current) == pytest.approx((2000.0 + 1000.0 * current) * speed, rel=2e-3)
+            assert plain.force(speed, current) == pytest.approx((2000.0 + 1000.0 * current) * speed, rel=2e-3)
 
 
 @given(SPEEDS.filter(lambda v: abs(v) > 1e-3), CURRENTS)
 def test_current_undoes_force(speed: float, current: float) -> None:
-    assert PLAIN.current(speed, PLAIN.force(speed, current)) == pytest.approx(current, abs=1e-6)
+    assert inverse_of("plain").current(speed, inverse_of("plain").force(speed, current)) == pytest.approx(
+        current, abs=1e-6
+    )
 
 
 @given(SPEEDS, st.floats(-1e9, 1e9))
 def test_the_current_stays_inside_the_envelope(speed: float, force: float) -> None:
-    low, high = SAMPLE.currents_A[0], SAMPLE.currents_A[-1]
-    assert low <= SAMPLE.current(speed, force) <= high
+    low, high = inverse_of("sample").currents_A[0], inverse_of("sample").currents_A[-1]
+    assert low <= inverse_of("sample").current(speed, force) <= high
 
 
 @given(SPEEDS, st.floats(-4000.0, 4000.0), st.floats(0.0, 500.0))
 def test_a_request_for_more_damping_never_reduces_the_current(speed: float, force: float, more: float) -> None:
     firmer = force + more if speed >= 0.0 else force - more
-    assert SAMPLE.current(speed, firmer) >= SAMPLE.current(speed, force)
+    assert inverse_of("sample").current(speed, firmer) >= inverse_of("sample").current(speed, force)
 
 
 @given(SPEEDS, st.floats(0.25, 0.75))
 def test_the_slope_has_the_sign_of_the_speed(speed: float, current: float) -> None:
-    assert SAMPLE.slope(speed, current) * speed >= 0.0
+    assert inverse_of("sample").slope(speed, current) * speed >= 0.0
 
 
 def test_what_is_not_monotone_in_the_model_is_in_the_map() -> None:
