@@ -131,3 +131,13 @@ def test_a_message_that_only_rclpy_can_read_is_read_by_it(start: Start, vehicle:
     with vehicle.driving(current=None):
         wait(lambda: vehicle.current.publish(big_endian) or len(vehicle.estimates) > 100, "estimates")
         vehicle.hears_value("unexpected errors", "0, the last: none")
+
+
+def test_messages_that_are_none_do_not_end_the_node(start: Start, vehicle: Vehicle) -> None:
+    start()
+    vehicle.meets_node()
+    for raw in (b"", b"\x00", b"\x00\x01\x00\x00", b"\xff" * 7, b"\x00\x01\x00\x00" + b"\xff" * 500):
+        for _ in range(20):
+            vehicle.position.publish(raw)
+            vehicle.current.publish(raw)
+    vehicle.drive_until(lambda: bool(vehicle.estimates), "an estimate")
