@@ -84,6 +84,7 @@ def shorten(patch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.parametrize("name", PAGES)
+@pytest.mark.slow
 def test_commands_and_examples_of_a_page_run(name: str, runner: PageRunner) -> None:
     runner.run(PAGES[name].read_text(encoding="utf-8"))
 
@@ -99,6 +100,7 @@ def parsers() -> Iterator[tuple[str, argparse.ArgumentParser]]:
 
 
 @pytest.mark.parametrize("name", PROGRAMS)
+@pytest.mark.slow
 def test_examples_in_the_help_of_a_program_run(name: str, runner: PageRunner) -> None:
     for program, parser in parsers():
         if program.split()[0] == name:
@@ -140,6 +142,7 @@ def test_every_page_is_in_the_navigation_once() -> None:
 
 
 @pytest.mark.parametrize("name", REFERENCE)
+@pytest.mark.slow
 def test_the_reference_is_that_of_the_declarations(name: str) -> None:
     page = (DOCS / "reference" / f"{name}.md").read_text(encoding="utf-8")
     written = plain_line(page) if name == "checks" else page  # computed figures may differ in their last digits

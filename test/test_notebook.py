@@ -30,6 +30,7 @@ def test_the_notebook_is_stored_without_outputs(nbformat: ModuleType) -> None:
         assert not cell.get("outputs") and not cell.get("execution_count")
 
 
+@pytest.mark.slow
 def test_the_notebook_runs(nbformat: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     from nbclient import NotebookClient
 

@@ -284,6 +284,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory, shared_model: SharedResults
 
 
 @pytest.mark.parametrize(("words", "expected"), ROWS, ids=[row[0] for row in ROWS])
+@pytest.mark.slow
 def test_a_mistake_is_one_line_and_writes_nothing(
     folder: Path, capsys: pytest.CaptureFixture[str], words: str, expected: str
 ) -> None:

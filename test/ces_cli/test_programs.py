@@ -54,6 +54,7 @@ def test_identify_writes_a_model_and_a_report(work: Path) -> None:
     assert "<html" in Path("report.html").read_text()
 
 
+@pytest.mark.slow
 def test_validate_and_identify_agree_on_the_cost(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = json.loads(Path("model.json").read_text())["provenance"]["cost_J_percent"]
     expected = next(row["J"] for row in rows if row["role"] == "validation")
@@ -68,6 +69,7 @@ def test_validate_and_identify_agree_on_the_cost(work: Path, capsys: pytest.Capt
     assert 80.0 < share < 99.0 and 'id="band"' in Path("v.html").read_text()
 
 
+@pytest.mark.slow
 def test_replay_and_simulate_agree(work: Path) -> None:
     assert ces("replay", "model.json", "two", "--out", "replayed") == 0
     assert ces("simulate", "--sim", "model.json", "two", "--out", "two.csv", "--band") == 0
@@ -88,6 +90,7 @@ def test_replay_and_simulate_agree(work: Path) -> None:
     assert np.isfinite(forces_in("p.csv")).mean() > 0.9  # predictions in a bag are a simulation
 
 
+@pytest.mark.slow
 def test_a_model_without_a_band_is_used_as_before(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
     replace(load_model("model.json"), band=None).save("plain.json")
     text = text_of(capsys, "validate", "plain.json", "two", "--report", "n.html")
@@ -97,6 +100,7 @@ def test_a_model_without_a_band_is_used_as_before(work: Path, capsys: pytest.Cap
     assert "the model has no band; identify it again without --no-band" in line
 
 
+@pytest.mark.slow
 def test_a_function_is_a_simulation_and_a_teacher(work: Path) -> None:
     Path("passive.py").write_text("def force(time_s, position_m, current_A):\n    return 1e4 * position_m + 1.0\n")
     assert ces("simulate", "--sim", "passive:force", "one", "--out", "f.csv") == 0

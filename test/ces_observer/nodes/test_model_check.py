@@ -81,6 +81,7 @@ def test_without_a_check_it_is_accepted_at_once() -> None:
     assert verdict is not None and not verdict.error
 
 
+@pytest.mark.slow
 def test_the_inverse_survives_a_round_trip_as_text() -> None:
     reload, model = ModelReload(), plain_damper()
     reload.start(model, "model.json", [PROVE, INVERT])

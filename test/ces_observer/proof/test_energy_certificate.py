@@ -104,6 +104,7 @@ MODELS = [*FITTED, *((make, seed) for make in (random_relaxation, random_chamber
 
 
 @pytest.mark.parametrize("which", MODELS)
+@pytest.mark.slow
 def test_the_energy_of_a_difference_never_grows(which):
     """Two runs with the same currents and other speeds, then with the same inputs."""
     model = fitted_model(which) if isinstance(which, str) else physical_model(which[0](Random(which[1])))

@@ -95,6 +95,7 @@ def test_severity_0_is_none_and_a_vanishing_severity_makes_a_vanishing_gap(kind)
 
 
 @pytest.mark.parametrize("kind", PLANTS)
+@pytest.mark.slow
 def test_the_description_simulates_the_plant(kind, tmp_path):
     plant, inputs = plant_of(kind), drive(kind)
     true = simulate_signals(plant, (), *inputs)
