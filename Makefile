@@ -2,7 +2,7 @@
 #              a report of each, without ROS
 # make test    lint, types, tests; the ROS tests too where ROS 2 is sourced. What needs a program that is not installed
 #              is skipped, and a line at the end says what to install
-# make test-fast  lint and the tests that are not marked slow: a developer's loop, within a minute
+# make test-fast  lint and the tests that are not marked slow: a developer's loop, a good minute
 # make test-bare  a part of the tests without those programs, as on a bare machine; .ci/run does this and then `test`
 # make bench   speed, each beside what it is compared with
 # make tables  the tables of figures in docs/, or those of TABLES='thesis read', by the commands in the pages; all take
