@@ -47,14 +47,14 @@ def run_command(command: str) -> str:
     print(command, file=sys.stderr, flush=True)
     words = shlex.split(os.path.expandvars(command))
     words[0] = sys.executable if words[0] == "python" else words[0]
-    text = _printed(words)
+    text = _output_of(words)
     table = text if re.search(r"^\|", text, re.MULTILINE) else f"```\n{text}\n```"
-    changed = " with changes" if _printed(["git", "status", "--porcelain", "-uno"]) else ""
+    changed = " with changes" if _output_of(["git", "status", "--porcelain", "-uno"]) else ""
     where = "" if processor() in text else f"; {machine()}"
-    return f"{table}\n\nCommit {_printed(['git', 'rev-parse', '--short=8', 'HEAD'])}{changed}{where or '.'}"
+    return f"{table}\n\nCommit {_output_of(['git', 'rev-parse', '--short=8', 'HEAD'])}{changed}{where or '.'}"
 
 
-def _printed(words: list[str]) -> str:
+def _output_of(words: list[str]) -> str:
     return subprocess.run(words, cwd=ROOT, check=True, stdout=subprocess.PIPE, text=True).stdout.strip()
 
 

@@ -6,6 +6,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from mistaken_files import STROKE
 
 from ces_cli.main import main
 from ces_rig.drive.sequences import read_stroke_file
@@ -16,16 +17,9 @@ duration_s: 2.5
 stroke: {kind: sine, amplitude_m: 0.01, frequency_Hz: 4}
 current: {kind: constant, current_A: 0.5}
 """
-PLAN = """\
-experiment: sine.yaml
-actuator: {compliance_m_N: 2.0e-7}
-limits: {stroke_m: 0.03, speed_m_s: 1.0, acceleration_m_s2: 60.0}
-probe: {duration_s: 3.0, to_Hz: 40.0}
-learning: {max_iterations: 3}
-"""
 
 
-def write_plan(folder, plan=PLAN, experiment=EXPERIMENT):
+def write_plan(folder, plan=STROKE, experiment=EXPERIMENT):
     (folder / "sine.yaml").write_text(experiment)
     (folder / "plan.yaml").write_text(plan)
     return str(folder / "plan.yaml")
