@@ -1,9 +1,9 @@
 """Time per step of the exported C estimator, called in a C loop, and of the Python estimator on the same samples.
 
-Usage: python bench/bench_export.py. Needs a C compiler (`cc`, or what CC names). Steady stamps let the C keep the
-differentiator's gains from step to step; jittered ones make it compute an exponential and a cosine each time. Ticks
-alone are also timed on inputs that jump between the ends of their ranges: structures that solve an equation at each
-tick then need most steps.
+Usage: python bench/bench_export.py. Needs a C compiler (`cc`, or what CC names). A step is the bank of the speed, the
+tracker and a tick of the model, and with a delay also the smoothing and a tick of the delayed model. Ticks alone are
+also timed on inputs that jump between the ends of their ranges: structures that solve an equation at each tick then
+need most steps.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +29,8 @@ from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial
 
 N = 30_000
-TARGET_US = {"polynomial_narx": 0.1, "relaxation": 0.2, "chambers": 0.2}  # of a step
+TARGET_US = {"polynomial_narx": 0.1, "relaxation": 0.2, "chambers": 0.2}  # of a step without a delay
+DELAY_S = 0.003
 LOOP = """
 #include "damper.h"
 double steps(int64_t n, const int64_t *stamps, const double *positions, const double *currents)
@@ -135,15 +136,17 @@ def print_ticks(model: Model, library: ctypes.CDLL) -> None:
 
 
 def make_models() -> dict[str, Model]:
+    """Return models without a delay, with one, and the first also with both in one file."""
     terms, envelope = ten_terms(), Envelope((-1.0, 1.0), (-2.0, 2.0), (0.0, 1.0))
-    polynomials = {
-        f"polynomial, {len(terms)} terms, differentiator of order {order}": Model(
-            Sampling(1000.0, 100.0, 0.01, order=order), Polynomial(terms), envelope, (-1e6, 1e6)
-        )
-        for order in (2, 3)
-    }
+    sampling = Sampling(1000.0, 1e-5, 0.35, (-0.1, 0.1), 0.01)
+    polynomial = Model(sampling, Polynomial(terms), envelope, (-1e6, 1e6))
+    late = replace(polynomial, sampling=replace(sampling, delay_s=DELAY_S))
     physical = [load_model(FITTED / f"{name}_hysteretic.json") for name in ("relaxation", "chambers")]
-    return polynomials | {f"{one.structure}, {one.size}": one for one in physical}
+    return {
+        f"polynomial, {len(terms)} terms": polynomial,
+        f"the same and another {DELAY_S:g} s late": replace(polynomial, delayed=late),
+        **{f"{one.structure}, {one.size}": one for one in physical},
+    }
 
 
 def main() -> int:

@@ -1,5 +1,4 @@
-"""Speed of the batch free run and of the polynomial's tick, beside plain readings of the same
-equations in one run; and of the ticks of models with physics inside, beside the polynomial's.
+"""Speed of the batch free run, of the polynomial's tick, and of the ticks of models with physics inside beside it.
 
 Usage: python bench/bench_free_run.py. Prints medians over repetitions; the free run works on 30,000 samples and 10
 terms, once from ready power tables and once with their computation.
@@ -7,8 +6,6 @@ terms, once from ready power tables and once with their computation.
 
 from __future__ import annotations
 
-import math
-from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -44,23 +41,6 @@ def inputs() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return 0.02 * np.sin(25 * t), 0.5 * np.cos(25 * t), 0.5 + 0.1 * np.sin(3 * t)
 
 
-def plain_free_run(terms: tuple[Term, ...], x: np.ndarray, v: np.ndarray, i: np.ndarray) -> np.ndarray:
-    """Compute the same recursion in plain Python, with NumPy for the input products."""
-    signals = {"position": x, "speed": v, "current": i}
-    products = []
-    for term in terms:
-        product = np.full(N, term.coefficient)
-        for f in term.inputs:
-            s = signals[f.signal]
-            power = np.abs(s) ** f.power * (np.sign(s) if f.signed else 1.0)
-            product[f.lag :] *= power[: N - f.lag]
-        products.append((product, term.output_lag))
-    force = np.zeros(N)
-    for k in range(20, N):
-        force[k] = sum(p[k] * (force[k - lag] if lag else 1.0) for p, lag in products)
-    return force
-
-
 def main() -> None:
     terms = ten_terms()
     x, v, i = inputs()
@@ -78,27 +58,21 @@ def main() -> None:
         return free_run(made, segments, compiled.arrays, coefficients, (-1e6, 1e6))
 
     ready, whole = median_seconds(batch, 200), median_seconds(batch_with_tables, 50)
-    plain = median_seconds(lambda: plain_free_run(terms, x, v, i), 3)
     print(f"free run, {N} samples, {len(terms)} terms")
     print(f"  kernel                  {1e3 * ready:8.3f} ms   {1e9 * ready / N / len(terms):6.2f} ns a sample and term")
     print(f"  kernel + power tables   {1e3 * whole:8.3f} ms")
-    print(f"  plain Python            {1e3 * plain:8.1f} ms   ratio {plain / ready:.0f}")
-    model = Model(Sampling(1000.0, 100.0, 0.01), Polynomial(terms), envelope, (-1e6, 1e6))
+    model = Model(Sampling(1000.0, 1e-5, 0.35, (-0.1, 0.1), 0.01), Polynomial(terms), envelope, (-1e6, 1e6))
     bench_tick(model)
     bench_physical_ticks(model)
 
 
 def bench_tick(model: Model) -> None:
-    """Time the polynomial alone: compiled, and as a plain Python tick."""
-    polynomial, plain = model.make_predictor(), PlainTick(model)
+    """Time the polynomial alone."""
     rows = list(zip(*(column.tolist() for column in inputs()), strict=True))
-
-    mean = median_seconds(through(polynomial.tick, rows), 21) / len(rows)
-    slow = median_seconds(through(plain.tick, rows[:3000]), 5) / 3000
+    mean = median_seconds(through(model.make_predictor().tick, rows), 21) / len(rows)
     begin = median_seconds(model.make_predictor, 51)
     print(f"polynomial tick, {len(model.body.terms)} terms, position + speed + current in, force out")
     print(f"  mean                    {1e6 * mean:8.2f} us   (its compilation, once at start: {1e3 * begin:.1f} ms)")
-    print(f"  plain Python            {1e6 * slow:8.2f} us   ratio {slow / mean:.1f}")
 
 
 def through(tick: Callable[..., object], rows: Sequence[tuple[float, ...]]) -> Callable[[], None]:
@@ -129,29 +103,6 @@ def lively_rows(model: Model) -> list[tuple[float, ...]]:
     middles, halves = zip(*((0.5 * (a + b), 0.5 * (b - a)) for a, b in model.envelope.by_signal.values()), strict=True)
     columns = ((m + h * s).tolist() for m, h, s in zip(middles, halves, shapes, strict=True))
     return list(zip(*columns, strict=True))
-
-
-class PlainTick:
-    """A tick directly from the terms: every factor is looked up and raised to its power each time."""
-
-    def __init__(self, model: Model) -> None:
-        self.terms, self.depth = model.body.terms, model.max_lag + 1
-        self.past: dict[str, deque[float]] = {}
-
-    def tick(self, position: float, speed: float, current: float) -> float:
-        new = {"position": position, "speed": speed, "current": current}
-        if not self.past:
-            self.past = {name: deque([value] * self.depth, self.depth) for name, value in new.items()}
-            self.past["force"] = deque([0.0] * self.depth, self.depth)
-        for name, value in new.items():
-            self.past[name].appendleft(value)
-        force = sum(t.coefficient * math.prod(self.factor(f) for f in t.factors) for t in self.terms)
-        self.past["force"].appendleft(force)
-        return force
-
-    def factor(self, f: Factor) -> float:
-        value = self.past[f.signal][f.lag - (f.signal == "force")]
-        return math.copysign(abs(value) ** f.power, value) if f.signed else abs(value) ** f.power
 
 
 if __name__ == "__main__":

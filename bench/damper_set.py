@@ -22,7 +22,7 @@ F = NDArray[np.float64]
 
 RATE = 1000.0
 OVERSAMPLING = 10
-SAMPLING = Sampling(RATE, 100.0, 0.01)  # the speed is an input: no differentiator is involved
+SAMPLING = Sampling(RATE, 15e-6, 0.3, (-0.1, 0.1), 0.01)  # the speed is an input: no bank estimates it
 WARM_UP = 100  # ticks excluded from every evaluation
 
 
@@ -61,7 +61,7 @@ def position_of(speed: F) -> F:
 
 
 def series(seed: int, seconds: float = 30.0) -> Series:
-    """Return a recording as prepared ticks: with the true speed, without a differentiator."""
+    """Return a recording as prepared ticks: with the true speed."""
     current, speed, force = make(seed, seconds)
     ticks = np.arange(len(speed))
     return Series(

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import identification_peers as peers
@@ -62,22 +62,24 @@ def rig_case() -> RecordedCase:
     return RecordedCase(sampling, [prepare(noise, sampling), prepare(sweep, sampling)], tests)
 
 
-def make_case(recordings: Sequence[Recording], row: str) -> RecordedCase:
-    """Return the first SHARE of each recording for training, the rest for tests."""
+def make_case(recordings: Sequence[Recording], row: str, delay_s: float = 0.0) -> RecordedCase:
+    """Return the first SHARE of each recording for training, the rest for tests; the delay is rounded to ticks."""
     sampling = choose_sampling([recording.part(0.0, SHARE) for recording in recordings])
+    sampling = replace(sampling, delay_s=round(delay_s * sampling.rate_Hz) / sampling.rate_Hz)
     whole = [prepare(recording, sampling) for recording in recordings]
     return RecordedCase(sampling, [s.part(0.0, SHARE) for s in whole], {row: [s.part(SHARE, 1.0) for s in whole]})
 
 
-def dyke_case() -> RecordedCase:
-    return make_case([load_dyke(data_folder() / "dyke_mr" / "ranran_50.csv")], "Dyke, last 40 %")
+def dyke_case(delay_s: float = 0.0) -> RecordedCase:
+    return make_case([load_dyke(data_folder() / "dyke_mr" / "ranran_50.csv")], "Dyke, last 40 %", delay_s)
 
 
-def utfsm_case() -> RecordedCase:
+def utfsm_case(delay_s: float = 0.0) -> RecordedCase:
     paths = sorted((data_folder() / "utfsm_mr").glob("sweep_15Hz_*A.csv"))
-    return make_case([load_utfsm(path) for path in paths], "UTFSM sweeps, last 40 %")
+    return make_case([load_utfsm(path) for path in paths], "UTFSM sweeps, last 40 %", delay_s)
 
 
+MEASURED_CASES: dict[str, Callable[[float], RecordedCase]] = {"dyke": dyke_case, "utfsm": utfsm_case}
 CASES: dict[str, Callable[[], RecordedCase]] = {"rig": rig_case, "dyke": dyke_case, "utfsm": utfsm_case}
 MEASURED = {"dyke": "dyke_mr/ranran_50.csv", "utfsm": "utfsm_mr"}
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,12 @@ from ces_cli.terminal.simulations import find_file, open_simulation, with_predic
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.campaign.rows import read_campaign
-from ces_identify.comparison.compared_models import ComparedModel, make_compared_model, name_sources
+from ces_identify.comparison.compared_models import (
+    ComparedModel,
+    make_compared_model,
+    make_compared_models,
+    name_sources,
+)
 from ces_identify.comparison.comparison import MAX_DRAWN, Comparison, compare, cost_table, headline, join
 from ces_identify.comparison.comparison_report import (
     comparison_document,
@@ -26,9 +31,10 @@ from ces_identify.comparison.comparison_report import (
     write_comparison,
 )
 from ces_identify.simulations.fmu import SPEC
-from ces_identify.simulations.simulation import Simulation, find_predictions
+from ces_identify.simulations.simulation import ModelSimulation, Simulation, find_predictions
 from ces_identify.validation.cost_table import NONE
 from ces_observer.errors import CesError
+from ces_observer.model import load_model
 from ces_observer.signals import Signals
 from ces_report.table import Table
 
@@ -47,9 +53,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     inputs = [*map(find_file, simulations), *campaigns, *map(Path, bags), options.signals]
     require_outputs(options.overwrite, {"--report": options.report}, inputs=inputs)
     chosen = front_models(campaigns, max(MAX_DRAWN - len(simulations), 1))
-    given = [*simulations, *chosen.values()]
-    if len(given) < 2:
-        one = f"one model given ({given[0]})" if given else "no model given"
+    models = open_models(simulations, chosen)
+    if len(models) < 2:
+        one = f"one model given ({models[0].source})" if models else "no model given"
         others = f"; taken as recordings: {', '.join(bags)}" if bags else ""
         raise CesError(f"{one}{others}; expected at least two models or other simulations; {USAGE}")
     if not bags:
@@ -57,7 +63,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     signals = terminal.load_described_signals(options)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(bags)}
     found = print_findings(list(recordings.values()))
-    models = _open_models(simulations, chosen, recordings, signals)
+    models = [with_recorded_predictions(model, recordings, signals) for model in models]
     with terminal.err.status("comparing") as status:
         comparison = compare(models, list(recordings.values()), options.part, announce=status.update)
     if options.report is not None:
@@ -145,20 +151,28 @@ def front_models(folders: Sequence[Path], count: int) -> dict[str, str]:
     return {name: file for _, name, file in found[:count]}
 
 
-def _open_models(
-    simulations: Sequence[str], chosen: Mapping[str, str], recordings: Mapping[Path, Recording], signals: Signals
-) -> list[ComparedModel]:
-    """Return the simulations and the `chosen` files by name; predictions are read from the recordings' bags."""
+def open_models(simulations: Sequence[str], chosen: Mapping[str, str]) -> list[ComparedModel]:
+    """Return the simulations and the `chosen` files by name; a file with two models gives both."""
     specs = [*simulations, *chosen.values()]
     known = {path: name for name, path in chosen.items()}
     models = []
-    for name, spec in zip(name_sources(specs), specs, strict=True):
-        simulation = open_simulation(spec)
-        if find_predictions(simulation) is not None:
-            extended = {one.source: with_predictions(simulation, p, one, signals) for p, one in recordings.items()}
-            simulation = PredictedSimulation(simulation, extended)
-        models.append(make_compared_model(known.get(spec, name), simulation, spec))
+    for stem, spec in zip(name_sources(specs), specs, strict=True):
+        simulation, name = open_simulation(spec), known.get(spec, stem)
+        if isinstance(simulation, ModelSimulation):
+            models += make_compared_models(name, load_model(spec), spec)
+        else:
+            models.append(make_compared_model(name, simulation, spec))
     return models
+
+
+def with_recorded_predictions(
+    model: ComparedModel, recordings: Mapping[Path, Recording], signals: Signals
+) -> ComparedModel:
+    """Return the model with the predictions in the recordings' bags, if its force is there."""
+    if find_predictions(model.simulation) is None:
+        return model
+    extended = {one.source: with_predictions(model.simulation, p, one, signals) for p, one in recordings.items()}
+    return replace(model, simulation=PredictedSimulation(model.simulation, extended))
 
 
 @dataclass(frozen=True)

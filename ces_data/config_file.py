@@ -34,10 +34,7 @@ _Loader.add_implicit_resolver(
 def read_yaml_mapping(
     path: Path, what: str, keys: Collection[str] | None = None, error: type[CesError] = CesError
 ) -> dict[str, Any]:
-    """Return the mapping in a file; errors describe the expected content as `what`.
-
-    With `keys`, raises at any other key at the top level.
-    """
+    """Return the mapping in a file, which errors describe as `what`; raises at other top-level keys than `keys`."""
     return parse_yaml_mapping(_read_text(path, what, error), str(path), what, keys, error)
 
 

@@ -8,8 +8,8 @@ from functools import reduce
 from itertools import chain, combinations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ces_data.arrays import I
 from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_observer.errors import RecordingError
 
@@ -100,9 +100,10 @@ def _check_channel(channel: Channel, start_ns: int) -> Iterator[Finding]:
 
 def _check_stamps(name: str, stamps: Stamps, at: Values) -> Iterator[Finding]:
     steps = np.diff(stamps)
-    equal, first = _longest_run(steps == 0)
-    if equal >= MAX_EQUAL_STAMPS:
-        text = f"{name}: {equal + 1} samples in a row have the same stamp, at {at[first]:.3f} s; expected a stamp for"
+    runs = runs_of_equal(stamps)
+    first, end = runs[np.argmax(runs[:, 1] - runs[:, 0])]
+    if end - first > MAX_EQUAL_STAMPS:
+        text = f"{name}: {end - first} samples in a row have the same stamp, at {at[first]:.3f} s; expected a stamp for"
         yield Finding(ERROR, f"{text} each sample (is the header's stamp filled in?)", name)
     elif len(steps) and (steps == 0).mean() > MAX_EQUAL_SHARE:
         text = f"{name}: {(steps == 0).mean():.0%} of the samples have the same stamp as the one before: times are"
@@ -116,14 +117,10 @@ def _check_stamps(name: str, stamps: Stamps, at: Values) -> Iterator[Finding]:
         yield Finding(ERROR, f"{name}: time runs backwards {times}; {hint}", name)
 
 
-def _longest_run(mask: NDArray[np.bool_]) -> tuple[int, int]:
-    """Return length and first index of the longest run of true values."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], mask.astype(np.int8), [0]])))
-    if not len(edges):
-        return 0, 0
-    lengths = edges[1::2] - edges[::2]
-    longest = int(np.argmax(lengths))
-    return int(lengths[longest]), int(edges[2 * longest])
+def runs_of_equal(values: Values | Stamps) -> I:
+    """Return begin and end (n, 2) of the runs of equal values."""
+    changes = np.flatnonzero(np.diff(values) != 0) + 1
+    return np.stack([np.concatenate([[0], changes]), np.concatenate([changes, [len(values)]])], axis=1)
 
 
 def _check_position_and_rates(recording: Recording) -> Iterator[Finding]:
@@ -142,10 +139,7 @@ def _check_position_and_rates(recording: Recording) -> Iterator[Finding]:
 
 
 def _check_gaps(recording: Recording, start_ns: int) -> Iterator[Finding]:
-    """Report once that all signals pause, as the recorder did, and the longest stretch without current besides.
-
-    That is an error if all such stretches together exceed MISSING_SHARE.
-    """
+    """Report once that all signals pause, and the longest stretch without current: beyond MISSING_SHARE, an error."""
     stamps = [channel.stamps_ns for channel in recording.channels.values() if len(channel)]
     pauses = reduce(_intersect, [missing_stretches(one, one) for one in stamps] if len(stamps) > 1 else [[]])
     if pauses:

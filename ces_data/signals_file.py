@@ -96,10 +96,7 @@ def _signals_of(damper: str, sections: _Sections, path: Path) -> dict[str, tuple
 
 
 def _refuse_typo(name: str, rest: str, value: yaml.Node, where: str) -> None:
-    """Raise SignalsError for a description of a signal whose name is almost a signal's.
-
-    Another name is one of the node's other parameters.
-    """
+    """Raise SignalsError for a signal's description under almost a signal's name; others are the node's own."""
     keys = {str(key.value) for key, _ in value.value} if isinstance(value, yaml.MappingNode) else {rest}
     similar = difflib.get_close_matches(name.lower(), NAMES, n=1, cutoff=SIMILAR)
     if similar and not keys.isdisjoint(KEYS):

@@ -92,11 +92,11 @@ def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: floa
         DataColumn.of(name, UNITS[name], np.full(len(stamps), value)) for name, value in recording.constants.items()
     ]
     for name, channel in more.items():
-        rows = np.searchsorted(stamps, channel.stamps_ns)
-        there = rate_Hz is None
-        columns.append(
-            DataColumn.at_rows(name, channel, rows, len(stamps)) if there else _column(name, channel, stamps)
-        )
+        if rate_Hz is None:
+            rows = np.searchsorted(stamps, channel.stamps_ns)
+            columns.append(DataColumn.at_rows(name, channel, rows, len(stamps)))
+        else:
+            columns.append(_column(name, channel, stamps))
     return DataTable(stamps, tuple(columns), _notes(recording))
 
 

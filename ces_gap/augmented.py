@@ -18,7 +18,7 @@ import numpy as np
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_gap.baseline.learner import LearnedCorrection
-from ces_gap.baseline.plant import Correction, DirectSimulator, Plant, TraceSimulator
+from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.baseline.surrogate import Surrogate
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.library import class_of, library_effect, user_effect
@@ -46,7 +46,7 @@ class AugmentedSimulation(Simulation):
     name: str
     simulation: Simulation
     composition: Composition
-    correction: Correction | None = None
+    correction: LearnedCorrection | None = None
     surrogate: TraceSimulator | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
@@ -182,7 +182,8 @@ def _digest(file: Path) -> str:
 def _effect_as_json(setting: Setting) -> dict[str, Any]:
     user_class = class_of(setting.effect)
     code = {} if user_class is None else {"class": user_class}
-    return {"effect": setting.name, "form": setting.effect.form, **code, "parameters": setting.values_by_name()}
+    parameters = {p.name: v for p, v in zip(setting.effect.parameters, setting.values, strict=True)}
+    return {"effect": setting.name, "form": setting.effect.form, **code, "parameters": parameters}
 
 
 def _read_setting(node: JsonObject) -> Setting:

@@ -129,7 +129,8 @@ def format_verdict(diagnosis: Diagnosis) -> str:
     if after_N >= gap.rms_N:
         shrink = f"the gap does not shrink ({gap.rms_N:.0f} N RMS before, {after_N:.0f} N after)"
     if diagnosis.verdict == AMBIGUOUS:
-        return f"{_describe_ambiguity(diagnosis)}; with {_join(effects, 'and')}, {shrink}."
+        ambiguity = _describe_ambiguity(diagnosis)
+        return f"{ambiguity[:1].upper()}{ambiguity[1:]}; with {_join(effects, 'and')}, {shrink}."
     if tuple(effects) == (CALIBRATION,):
         cell = max(calibration_cells(diagnosis), key=lambda c: abs(c.force_N))
         speed, current = "{:.2g} to {:.2g} m/s".format(*cell.speed_m_s), f"{np.mean(cell.current_A):.2g} A"
@@ -178,16 +179,12 @@ def _describe_ambiguity(diagnosis: Diagnosis) -> str:
         return f"These recordings do not rule out {_join(others, 'or')}"
     imitated = [e for e in _causes(diagnosis) if e in diagnosis.not_separable]
     if imitated and len(effects) > 1:
-        return f"{_capitalize(_join(imitated, 'and'))} may be an error of the simulation itself"
+        return f"{_join(imitated, 'and')} may be an error of the simulation itself"
     if diagnosis.refit_finding:
-        return _capitalize(diagnosis.refit_finding)
+        return diagnosis.refit_finding
     if diagnosis.composition.shrink_ci95[0] <= 0.0:
         return "The held-out recordings do not confirm the best explanation"
     return "The best explanation is not certain enough to be named"
-
-
-def _capitalize(text: str) -> str:
-    return text[:1].upper() + text[1:]
 
 
 def _join(effects: Sequence[str], last: str) -> str:

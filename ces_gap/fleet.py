@@ -33,9 +33,6 @@ from ces_observer import __version__
 UNITS = "units"
 OURS = ("ces_observer", "ces_identify", "ces_gap", "ces_rig", "ces_cli")
 
-Diagnose = Callable[..., Diagnosis]
-Files = Callable[..., Mapping[str, str]]
-
 
 @dataclass(frozen=True)
 class DiagnosisRequest:
@@ -49,8 +46,8 @@ class DiagnosisRequest:
     spec: str
     reference: tuple[Recording, ...]
     options: DiagnoseOptions
-    diagnose: Diagnose
-    files: Files
+    diagnose: Callable[..., Diagnosis]
+    files: Callable[..., Mapping[str, str]]
 
     def pack(self) -> bytes:
         """Return the request as bytes that a worker unpacks without the user's modules."""
@@ -79,7 +76,6 @@ class DiagnosisRequest:
         return hashlib.sha256(json.dumps(inputs).encode()).hexdigest()
 
     def _user_modules(self) -> list[Any]:
-        """Return the modules with code of the user."""
         names = {type(effect).__module__ for effect in self.options.effects}
         if isinstance(self.simulation, FunctionSimulation):
             names.add(str(getattr(self.simulation.function, "__module__", "")))

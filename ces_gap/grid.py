@@ -28,11 +28,13 @@ def derivative(values: F, rate_Hz: float) -> F:
 
 def number_blocks(times: Sequence[F], block_s: float) -> list[I]:
     """Return the number of the block of `block_s` seconds of each tick (n,), counted through all of the `times`."""
-    first, numbers = 0, []
-    for time_s in times:
-        numbers.append(first + (time_s / block_s).astype(np.int64))
-        first = int(numbers[-1][-1]) + 1
-    return numbers
+    return count_through([(time_s / block_s).astype(np.int64) for time_s in times])
+
+
+def count_through(parts: Sequence[I]) -> list[I]:
+    """Return the numbers (n,) of each part, rising from 0, counted on from one part to the next."""
+    firsts = np.cumsum([0, *(part[-1] + 1 for part in parts[:-1])])
+    return [first + part for first, part in zip(firsts, parts, strict=True)]
 
 
 def rms(values: F) -> float:

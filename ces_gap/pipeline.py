@@ -125,8 +125,11 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
     experiment = None
     if options.experiment and result.best is not None and stages.verdict not in (NO_GAP, NAMED):
         progress("choosing the next experiment", 0.0)
+        known, noise_N = result.evidence.traces, result.evidence.noise.rms_N
         experiment = optional.run(
-            "next experiment", lambda: propose_experiment(baseline.plant, result, ambiguities, inputs.exact), None
+            "next experiment",
+            lambda: propose_experiment(baseline.plant, known, ambiguities.pairs, noise_N, inputs.exact),
+            None,
         )
     return Diagnosis(
         verdict=stages.verdict,

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ces_data.arrays import F
 from ces_gap.baseline.identified import IdentifiedBaseline
-from ces_gap.baseline.plant import Correction
+from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.errors import GapError
@@ -171,7 +171,7 @@ class RefitTarget:
 
 
 def build_target(
-    model: Model, body: PhysicalStructure, traces: Sequence[Trace], correction: Correction | None
+    model: Model, body: PhysicalStructure, traces: Sequence[Trace], correction: LearnedCorrection | None
 ) -> RefitTarget | None:
     """Return the target on the usable ticks of the traces; None if the model was not made by these models.
 

@@ -60,20 +60,15 @@ class NoiseEstimate:
 
 @dataclass(frozen=True)
 class MeasuredNoise:
-    """The noise of the measured force on the grid, RMS [N], its `source`, and what the `others` say.
+    """The noise of the measured force on the grid, RMS [N], its `source`, and the `estimates` of all sources.
 
     It is `known` if at least one source limits it from above; otherwise `rms_N` is only the best guess.
-    `quantum_N` [N] is the step of the logged values, 0 if none is found. `lag1` is the autocorrelation from tick to
-    tick (NaN if unknown), `white_lag1` that of white noise on the same grid.
     """
 
     rms_N: float
     source: str
-    others: tuple[NoiseEstimate, ...] = ()
+    estimates: tuple[NoiseEstimate, ...] = ()
     known: bool = False
-    quantum_N: float = 0.0
-    lag1: float = math.nan
-    white_lag1: float = 0.0
 
     def describe_source(self) -> str:
         """Return the source in a few words, as in `8.1 N from repeated cycles`."""
@@ -108,9 +103,7 @@ def measure_noise(samples: F, resample: Callable[[F], F], signals: GridSignals) 
     best = min(valid, key=lambda e: e.rms_N) if valid else max([*estimates, floor], key=lambda e: e.rms_N)
     if best.rms_N < floor.rms_N:
         best = floor
-    others = tuple(e for e in (*estimates, floor) if e is not best)
-    lag1 = next((e.lag1 for e in (best, *valid) if math.isfinite(e.lag1)), math.nan)
-    return MeasuredNoise(best.rms_N, best.source, others, bool(valid), quantum, lag1, white_lag1)
+    return MeasuredNoise(best.rms_N, best.source, (*estimates, floor), bool(valid))
 
 
 SEGMENT = 64  # samples of a spectrum

@@ -63,10 +63,9 @@ class Trace:
     Arrays over n ticks: `time_s` from the first position sample; `inputs`; `acceleration` [m/s2]; measured `force` [N];
     `simulated` force [N] on the smoothed position, `simulated_as_logged` [N] on the logged position. `usable` (n,)
     marks the ticks at which all of them are known and filters have settled; elsewhere they are interpolated.
-    `low_pass_Hz` is the corner of the position's low-pass, `noise_N` the RMS of the force noise on the grid,
-    `measured_noise` where it is from. `simulated_left_out` [N] is the force by models that were not fitted to this
-    recording, if the simulation was. `sprung_map` and `pumped_map` are learnt on `map_ticks` (n,), on the usable ticks
-    if None.
+    `noise_N` is the RMS of the force noise on the grid, `measured_noise` where it is from. `simulated_left_out` [N] is
+    the force by models that were not fitted to this recording, if the simulation was. `sprung_map` and `pumped_map` are
+    learnt on `map_ticks` (n,), on the usable ticks if None.
     """
 
     name: str
@@ -79,7 +78,6 @@ class Trace:
     simulated_as_logged: F
     usable: Mask
     recording: Recording
-    low_pass_Hz: float
     noise_N: float
     map_ticks: Mask | None = None
     measured_noise: MeasuredNoise = UNMEASURED
@@ -147,12 +145,12 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
     base, base_Hz, factor = lay_base_grid(seconds, recording.name)
     base_ns = clock[0] + np.round(base * 1e9).astype(np.int64)
     position, known_x = bridge_gaps(seconds, recording.channel("position").values, base)
-    low_pass = find_low_pass_Hz(position, base_Hz)
-    position = smooth_out(position, low_pass, base_Hz)
+    position = smooth_out(position, find_low_pass_Hz(position, base_Hz), base_Hz)
     force, known_f, measured = np.zeros_like(base), np.zeros(len(base), bool), np.zeros(len(base), bool)
-    if "force" in recording.channels:
-        channel = recording.channel("force")
-        force, known_f = bridge_gaps((channel.stamps_ns - clock[0]) * 1e-9, channel.values, base)
+    channel = recording.channels.get("force")
+    if channel is not None:
+        force_s = (channel.stamps_ns - clock[0]) * 1e-9
+        force, known_f = bridge_gaps(force_s, channel.values, base)
         measured = without_edges(measured_at(channel, base_ns), factor - 1)  # what decimation mixes into a tick
     simulated, known_s = bridge_gaps(seconds, simulated_N, base)
     current = hold_current(recording, base_ns, CURRENT_AGE_S)
@@ -165,12 +163,10 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
     acceleration = derivative(speed, base_Hz)[keep]
     inputs = TraceInputs(position[keep], speed[keep], current[keep], current_as_logged=True)
     force = thin_out(force, factor)
-    noise = noise or _measure_noise(
-        recording,
-        base,
-        factor,
-        GridSignals(rate, inputs.position, inputs.speed, acceleration, inputs.current, force, usable[keep]),
-    )
+    if noise is None and channel is not None:
+        signals = GridSignals(rate, inputs.position, inputs.speed, acceleration, inputs.current, force, usable[keep])
+        noise = measure_noise(channel.values, lambda v: thin_out(interpolate(force_s, v, base), factor), signals)
+    noise = noise or UNMEASURED
     return Trace(
         name=recording.name,
         rate_Hz=rate,
@@ -182,18 +178,9 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
         simulated_as_logged=thin_out(simulated, factor),
         usable=usable[keep],
         recording=recording,
-        low_pass_Hz=low_pass,
         noise_N=noise.rms_N,
         measured_noise=noise,
     )
-
-
-def _measure_noise(recording: Recording, base: F, factor: int, signals: GridSignals) -> MeasuredNoise:
-    if "force" not in recording.channels:
-        return UNMEASURED
-    channel = recording.channel("force")
-    seconds = (channel.stamps_ns - recording.channel("position").stamps_ns[0]) * 1e-9
-    return measure_noise(channel.values, lambda v: thin_out(interpolate(seconds, v, base), factor), signals)
 
 
 def open_trace(simulation: Simulation, recording: Recording, also_as_logged: bool = True) -> Trace:

@@ -7,24 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
 from ces_data.checks.content import marks_of_copies, require_distinct
 from ces_data.recording import Recording
-from ces_identify.polynomial.search_limits import Listener, SearchResult
-from ces_identify.prepare.sampling import choose_sampling
+from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchResult
+from ces_identify.prepare.sampling import choose_sampling, require_delay
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.band import fit_band
 from ces_identify.validation.cost_table import RULE, cost_table, usage
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size, evaluate
 from ces_observer import __version__
-from ces_observer.model import Model
+from ces_observer.errors import RecordingError
+from ces_observer.model import Model, Sampling
 
 MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
+COSTS, DELAYED_SELECTION = "cost_J_percent", "selection_delayed"  # keys of the provenance
 
 
 @dataclass(frozen=True)
@@ -43,8 +46,10 @@ class IdentificationResult:
 
     def _describe(self) -> str:
         """Return what the model is in a line."""
-        proof = "proved stable" if self.model.certificate is not None else "stability not proved"
-        return f"{self.model.structure}: {self.model.size} at {self.model.sampling.rate_Hz:g} Hz, {proof}; costs J:"
+        model = self.model
+        proved = all(one.certificate is not None for one in model.each)
+        proof = "proved stable" if proved else "stability not proved"
+        return f"{model.structure}: {describe_size(model)} at {model.sampling.rate_Hz:g} Hz, {proof}; costs J:"
 
     def with_ignored_findings(self, findings: Sequence[str]) -> IdentificationResult:
         """Return the result with the findings in spite of which it was identified in the model's provenance."""
@@ -63,12 +68,58 @@ def identify(
     """Identify a model on the first `options.split` of every recording with the structure's `fitter`.
 
     Validation data are the rest of the recordings and all of the `validation` recordings; neither fit nor selection
-    uses them. Raises CesError if the data hold too little, or if recordings have seconds in common.
+    uses them. With two delays, the result is that of the first with the model of the second as its `delayed`. Raises
+    CesError if the data hold too little, or if recordings have seconds in common.
     """
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
-    first_parts = [recording.part(0.0, options.split) for recording in recordings]
-    sampling = choose_sampling(first_parts, options.rate, options.bandwidth, options.differentiator)
+    parts = [recording.part(0.0, options.split) for recording in recordings]
+    delays = sorted(set(require_delays(options.delay)))
+    sampling = choose_sampling(parts, options.rate)
+    samplings = [replace(sampling, delay_s=require_delay(one, sampling.rate_Hz)) for one in delays]
+    result = _identify_at(samplings[0], recordings, validation, options, listener, fitter)
+    if len(samplings) > 1 and result.search_results[0].ended != INTERRUPTED:
+        result = _join(result, _identify_at(samplings[1], recordings, validation, options, listener, fitter))
+    return result
+
+
+def require_delays(delays: Sequence[float]) -> Sequence[float]:
+    """Return the delays of a model file; raises RecordingError unless it is one, or 0 and another."""
+    if len(delays) not in (1, 2) or (len(delays) == 2 and min(delays) > 0.0):
+        given = " ".join(f"{one:g}" for one in delays)
+        raise RecordingError(f"--delay {given}: expected one delay, or 0 and another")
+    return delays
+
+
+def _join(first: IdentificationResult, other: IdentificationResult) -> IdentificationResult:
+    """Return the first result with the model of the other one, for the same samples with a delay, in its file.
+
+    The evaluations of a recording follow each other.
+    """
+    mine, late, order = first.model.provenance, other.model.provenance, [(e.role, e.name) for e in first.evaluations]
+    evaluations = sorted(
+        (*first.evaluations, *(e for e in other.evaluations if (e.role, e.name) in order)),
+        key=lambda e: order.index((e.role, e.name)),
+    )
+    provenance = {**mine, COSTS: [_cost_row(e) for e in evaluations], DELAYED_SELECTION: late["selection"]}
+    model = replace(first.model, delayed=replace(other.model, provenance={}), provenance=provenance)
+    return replace(first, model=model, evaluations=tuple(evaluations))
+
+
+def _cost_row(e: Evaluation) -> dict[str, Any]:
+    J = round(e.cost, 4) if np.isfinite(e.cost) else None
+    return {"recording": e.name, "role": e.role, "delay_s": e.delay_s, "J": J}
+
+
+def _identify_at(
+    sampling: Sampling,
+    recordings: Sequence[Recording],
+    validation: Sequence[Recording],
+    options: IdentifyOptions,
+    listener: Listener,
+    fitter: Fitter,
+) -> IdentificationResult:
+    """Identify a model on the samples as `sampling` has them, with its delay."""
     whole = [prepare(recording, sampling) for recording in recordings]
     identified = [series.part(0.0, options.split) for series in whole]
     fitted = fitter(identified, sampling, options, listener)
@@ -81,16 +132,14 @@ def identify(
     provenance = {
         "tool": f"ces_observer {__version__}",
         "identification": [
-            _describe_origin(r) | {"share": [0.0, options.split], "marks": " ".join(marks_of_copies(part))}
-            for r, part in zip(recordings, first_parts, strict=True)
+            _describe_origin(r)
+            | {"share": [0.0, options.split], "marks": " ".join(marks_of_copies(r.part(0.0, options.split)))}
+            for r in recordings
         ],
         "validation": [_describe_origin(r) for r in validation],
         "usage": usage(identified, held_out),
         "usage_rule": RULE,
-        "cost_J_percent": [
-            {"recording": e.name, "role": e.role, "J": round(e.cost, 4) if np.isfinite(e.cost) else None}
-            for e in evaluations
-        ],
+        COSTS: [_cost_row(e) for e in evaluations],
         "selection": {
             **fitted.how,
             "starts": options.limits.starts,

@@ -7,7 +7,7 @@ meanings from here; the sizes of a structure are declared in its kit.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +16,7 @@ from ces_identify.prepare.cost import FORMS
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO
 from ces_identify.structures.kit import IdentifyOptions
-from ces_observer.model import DIFFERENTIATORS
+from ces_observer.model import MAX_DELAY_S
 from ces_observer.options import Option, in_group
 
 FROM_DATA = "from the data"
@@ -86,16 +86,21 @@ WEIGHT = Option(
     metavar="REGION=W",
 )
 RATE = Option("rate", None, "rate of the model", 1.0, 1e5, "Hz", kind=float, none=FROM_DATA, metavar="HZ")
-BANDWIDTH = Option(
-    "bandwidth", None, "bandwidth of the differentiator", 0.01, 5e4, "Hz", kind=float, none=FROM_DATA, metavar="HZ"
+ONE_DELAY = Option(
+    "delay",
+    0.0,
+    "how long after a sample its force is estimated, whole ticks up to 0.02 s: the speed is known better then",
+    0.0,
+    MAX_DELAY_S,
+    "s",
+    metavar="S",
 )
-DIFFERENTIATOR = Option(
-    "differentiator",
-    AUTO,
-    "source of the speed: the position through a Kalman filter or through three of them (adaptive), the position fused "
-    "with the signal acceleration, or the signal speed (measured). auto: measured or fused if all recordings have the "
-    "signal, else kalman",
-    choices=(AUTO, *DIFFERENTIATORS),
+DELAY = replace(
+    ONE_DELAY,
+    default=(0.0,),
+    meaning=f"{ONE_DELAY.meaning}. Two values, 0 and another, identify two models into one file, in twice the time",
+    min_count=1,
+    together=True,
 )
 TEACHER = Option("teacher", None, "simulation whose force to learn instead of the measured force", metavar="SIM")
 IGNORE_FINDINGS = Option(
@@ -119,12 +124,18 @@ def list_options() -> tuple[Option, ...]:
         *in_group("search", STARTS, SEED, TARGET, THREADS, CERTIFICATE, BAND),
         *in_group(POLYNOMIALS, METHOD, TERMS, CANDIDATES, CONSTRUCT, BLEND),
         *in_group("sizes of other structures", *sizes),
-        *in_group("data", SPLIT, WEIGHT, RATE, BANDWIDTH, DIFFERENTIATOR, TEACHER, IGNORE_FINDINGS),
+        *in_group("data", SPLIT, WEIGHT, RATE, DELAY, TEACHER, IGNORE_FINDINGS),
     )
+
+
+def as_delays(given: Any) -> tuple[float, ...]:
+    """Return the delays [s] of the models in a file; a single one needs no list."""
+    return tuple(given) if isinstance(given, list | tuple) else (given,)
 
 
 def build_identify_options(values: Mapping[str, Any]) -> IdentifyOptions:
     """Return the settings of an identification for values by the names of options; it leaves out other names."""
     limits = Limits(**{f.name: values[f.name] for f in fields(Limits) if f.name in values})
     own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
+    own |= {"delay": as_delays(own["delay"])} if "delay" in own else {}
     return IdentifyOptions(**{**own, "limits": limits})

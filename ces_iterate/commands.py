@@ -17,6 +17,7 @@ from ces_iterate.errors import IterateError
 from ces_observer.json_text import write_atomically
 
 INTERVAL_S = 1e-3  # [s] grid of all designed experiments
+NEED = ("position", "current", "force")  # channels of every recording
 HEADER = "time_s,stroke_m,current_A"
 FORMAT = ("%.4f", "%.9f", "%.5f")
 
@@ -78,7 +79,7 @@ def write_commands(path: Path, commands: RigCommands) -> None:
     write_atomically(path, text.getvalue())
 
 
-def read_commands(path: Path, seed: int = 1) -> RigCommands:
+def read_commands(path: Path) -> RigCommands:
     """Return the commands of a CSV file; raises IterateError naming the file and what is wrong."""
     try:
         with path.open(encoding="utf-8") as file:
@@ -92,4 +93,4 @@ def read_commands(path: Path, seed: int = 1) -> RigCommands:
         raise IterateError(f"{path}: the first line is '{header[:60]}'; expected {HEADER}")
     if np.abs(rows[:, 0] - np.arange(len(rows)) * INTERVAL_S).max() > 0.1 * INTERVAL_S:
         raise IterateError(f"{path}: times are not every {INTERVAL_S:g} s from 0; resample the experiment")
-    return RigCommands(path.stem, rows[:, 1], rows[:, 2], seed)
+    return RigCommands(path.stem, rows[:, 1], rows[:, 2])

@@ -58,7 +58,6 @@ def write_page(path: Path, iterations: Iterations) -> None:
         experiments=[
             _experiment(k, one, commands, plan.limits) for k, (one, commands) in enumerate(runs) if commands is not None
         ],
-        limits=plan.limits,
     )
     write_atomically(path, replace_unencodable(page))
 

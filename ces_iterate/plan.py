@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from ces_data.arrays import F
 from ces_data.config_file import read_yaml_mapping
-from ces_identify.options import STARTS, TERMS, THREADS, TIME, build_identify_options, structure_option
+from ces_identify.options import ONE_DELAY, STARTS, TERMS, THREADS, TIME, build_identify_options, structure_option
 from ces_identify.structures.kit import IdentifyOptions
 from ces_iterate.commands import RigCommands
 from ces_iterate.errors import IterateError
@@ -126,6 +126,7 @@ class IdentifyPlan:
     starts: int = declare(replace(STARTS, default=4))
     terms: int = declare(replace(TERMS, default=25))
     threads: int = declare(replace(THREADS, default=2))
+    delay: float = declare(ONE_DELAY)
 
     def options(self, seed: int) -> IdentifyOptions:
         """Return the options of an identification on the whole of all recordings."""
@@ -176,9 +177,8 @@ def parse_plan(content: Mapping[str, Any], source: str, folder: Path) -> Plan:
     for key in ("limits", "rig"):
         if not isinstance(content.get(key), Mapping):
             raise IterateError(f"{source}: '{key}' is missing or not a mapping; ces iterate --template shows it")
-    settings = read_record(
-        PlanSettings, {key: value for key, value in content.items() if key != "rig"}, source, IterateError
-    )
+    without_rig = {key: value for key, value in content.items() if key != "rig"}
+    settings = read_record(PlanSettings, without_rig, source, IterateError)
     return Plan(**vars(settings), source=source, folder=folder, rig=content["rig"])
 
 
@@ -232,6 +232,7 @@ identify:                 # as the options of `ces identify`
   starts: 4
   terms: 25
   threads: 2
+  delay: 0.0              # [s] after a sample, at which its force is known: 0, or whole ticks up to 0.02
 
 seed: 1
 recordings: []            # bags that exist already: identified first, their seconds do not count

@@ -12,9 +12,9 @@ from math import isfinite
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.errors import ModelError
-from ces_observer.estimator import UNBOUNDED, Estimator
+from ces_observer.estimator import UNBOUNDED, WARMING_UP, Estimator, LateEstimate
 from ces_observer.model import Model
-from ces_observer.tracker import OK, OUT_OF_ORDER
+from ces_observer.tracker import BEYOND_STROKE, OK, OUT_OF_ORDER
 
 SILENT = "no position samples arrive"
 POSITION_NOT_FINITE = "position is not finite"
@@ -25,11 +25,13 @@ OFF_CLOCK = "position stamps are off the node's clock"
 
 @dataclass
 class Tally:
-    """Counts since the start: position samples, forces, forces outside the envelope, and withheld forces by reason."""
+    """Counts since the start: position samples, forces, those from outside the envelopes, withheld ones by reason."""
 
     samples: int = 0
     estimates: int = 0
+    late: int = 0  # forces of earlier samples, that a model with a delay gives
     clamped: int = 0  # inputs outside the envelope: clamped, unless the structure extrapolates
+    held: int = 0  # forces outside the force envelope: held at its end
     unreadable: int = 0  # position or current messages without the configured field
     withheld: dict[str, int] = field(default_factory=dict)
 
@@ -44,9 +46,11 @@ _NO_SIGNAL = ConstantCurrent(0.0)  # for a model that needs the position only
 class DamperObserver:
     """The estimator and current hold of one damper.
 
-    After `step`: `reason` is "ok" or why the force was withheld; `position` [m] and `speed` [m/s] are the values used.
+    After `step`: `reason` is "ok" or why the force was withheld; `position` [m] and `speed` [m/s] are the values used;
+    `late` holds the estimates of earlier samples that a model with a delay gives now, each stamp once.
     `max_age_s` is the largest difference between a position's stamp and the node's clock, in either direction, at
-    which its force is returned; 0 switches the check off. The estimator runs on while forces are withheld.
+    which its force is returned, plus the delay in `late`; 0 switches the check off. The estimator runs on while forces
+    are withheld.
     `motions` holds the signals that a model may need beside the position, "speed" [m/s] or "acceleration" [m/s2].
     Raises ModelError if the model needs another.
     """
@@ -66,7 +70,9 @@ class DamperObserver:
         self._estimator = Estimator(model)
         self._next: Estimator | None = None
         self._next_current, self._next_motion = current, self.motion
-        self.position = self.speed = 0.0
+        self.position = self.speed = self._position_m = 0.0
+        self.late: list[LateEstimate] = []
+        self._late_ns = 0  # the stamp of the last of them
         self.set_max_age(max_age_s)
 
     def set_max_age(self, max_age_s: float) -> None:
@@ -95,6 +101,7 @@ class DamperObserver:
         self._estimator.reset()
         if self._next is not None:
             self._next.reset()
+        self.late, self._late_ns = [], 0
         if self.reason != SILENT:
             self.reason = self._estimator.reason
 
@@ -115,13 +122,12 @@ class DamperObserver:
 
         Raises ModelError if it is not there.
         """
-        name = model.sampling.motion_signal
+        name = model.sampling.motion
         if not name:
             return _NO_SIGNAL
         if name not in self.motions:
             raise ModelError(
-                f"the model needs the signal '{name}' (differentiator {model.sampling.differentiator}); "
-                f"set {name}.topic, {name}.type and {name}.field"
+                f"the model needs the signal '{name}', too; set {name}.topic, {name}.type and {name}.field"
             )
         return self.motions[name].with_max_age(model.sampling.max_gap_s)
 
@@ -132,24 +138,40 @@ class DamperObserver:
         self._errors["position"] = ""
         current = self.current.at(stamp_ns)
         motion = self.motion.at(stamp_ns)
+        self._position_m = position_m
         force = self._estimator.step(stamp_ns, position_m, current, motion)
         if self._next is not None:
             next_current = self._next_current.at(stamp_ns)
             next_motion = self._next_motion.at(stamp_ns)
             next_force = self._next.step(stamp_ns, position_m, next_current, next_motion)
-            if next_force is not None and isfinite(next_force):
+            if self._next.is_warm:
                 force, current, motion = next_force, next_current, next_motion
+                self._next.skip_late(self._late_ns)
                 self._estimator, self._next = self._next, None
                 self.model, self.current = self._estimator.model, self._next_current
                 self.motion = self._next_motion
-        self.position, self.speed = self._estimator.position, self._estimator.speed
-        self.reason = self._reason_for(force, position_m, current, motion)
+        estimator = self._estimator
+        self.position, self.speed = estimator.position, estimator.speed
+        self.late = self._usable(estimator.late) if estimator.late else estimator.late
+        # A model with a delay alone has no force here, but is well if `late` has those of earlier samples.
+        known = force if force is not None or estimator.reason != OK else 0.0
+        self.reason = self._reason_for(known, position_m, current, motion)
         if self.reason != OK:
             self.tally.withheld[self.reason] = self.tally.withheld.get(self.reason, 0) + 1
             return None
         self.tally.estimates += 1
-        self.tally.clamped += self._estimator.clamped
+        self.tally.clamped += estimator.clamped
+        self.tally.held += estimator.held
         return force
+
+    def _usable(self, late: list[LateEstimate]) -> list[LateEstimate]:
+        """Return the estimates of earlier samples that may be published; `age_ns` is that of the newest sample."""
+        now_ns, limit_ns = self.stamp_ns + self.age_ns, self._max_age_ns + self._estimator.delay_ns
+        fresh = [one for one in late if not self._max_age_ns or abs(now_ns - one.stamp_ns) <= limit_ns]
+        usable = [one for one in fresh if isfinite(one.position + one.speed + one.force)]
+        self.tally.late += len(usable)
+        self._late_ns = late[-1].stamp_ns
+        return usable
 
     def half_width(self) -> float | None:
         """Return the half-width [N] of the band around the force that `step` has just returned, None without one."""
@@ -166,7 +188,7 @@ class DamperObserver:
     @property
     def motion_name(self) -> str:
         """The signal that the running model needs beside the position; empty: none."""
-        return self.model.sampling.motion_signal
+        return self.model.sampling.motion
 
     def take_motion(self, name: str, stamp_ns: int, value: float) -> None:
         """Add a sample of "speed" [m/s] or "acceleration" [m/s2]."""
@@ -179,21 +201,27 @@ class DamperObserver:
 
     def explain(self) -> str:
         """Return details of `reason`, empty if there are none."""
+        text = ""
         if self.reason == SILENT:
-            return self._errors["position"]
-        if self.reason == NO_CURRENT:
-            return self._errors["current"] or self.current.explain(self.stamp_ns)
-        if self.reason == NO_MOTION:
-            return self._errors["motion"] or self.motion.explain(self.stamp_ns, self.motion_name)
-        if self.reason in (OFF_CLOCK, OUT_OF_ORDER) and self.stamp_ns == 0:
-            return "the header stamp is 0: the publisher does not fill it in"
-        if self.reason != OFF_CLOCK:
-            return ""
-        side = "behind" if self.age_ns > 0 else "ahead of"
-        return (
-            f"{abs(self.age_ns) * 1e-9:.3g} s {side} it, max_age_s allows {self._max_age_ns * 1e-9:g} s; "
-            "for a replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0"
-        )
+            text = self._errors["position"]
+        elif self.reason == NO_CURRENT:
+            text = self._errors["current"] or self.current.explain(self.stamp_ns)
+        elif self.reason == NO_MOTION:
+            text = self._errors["motion"] or self.motion.explain(self.stamp_ns, self.motion_name)
+        elif self.reason == WARMING_UP:
+            text = self._estimator.cause
+        elif self.reason == BEYOND_STROKE:
+            low, high = self.model.sampling.stroke_m
+            text = f"{self._position_m:g} m, the model takes {low:g} to {high:g} m; check scale and offset"
+        elif self.reason in (OFF_CLOCK, OUT_OF_ORDER) and self.stamp_ns == 0:
+            text = "the header stamp is 0: the publisher does not fill it in"
+        elif self.reason == OFF_CLOCK:
+            side = "behind" if self.age_ns > 0 else "ahead of"
+            text = (
+                f"{abs(self.age_ns) * 1e-9:.3g} s {side} it, max_age_s allows {self._max_age_ns * 1e-9:g} s; for a "
+                "replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0"
+            )
+        return text
 
     def _reason_for(self, force: float | None, position: float, current: float, motion: float) -> str:
         """Return OK for a force that may be published, else why it is withheld: the fast path of the rule below."""

@@ -10,11 +10,12 @@ import hashlib
 import json
 import os
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
 from ces_observer.band import Band
+from ces_observer.bank_design import ACCELERATION, SPEED, Stroke
 from ces_observer.errors import ModelError
 from ces_observer.json_text import JsonObject, parse_json, read_bounded, write_atomically
 from ces_observer.proof.certificate import Certificate
@@ -24,12 +25,15 @@ from ces_observer.structures.structure import OperatingRange, Predictor, Range, 
 SCHEMA = "ces-model/1"
 BAND = "band"  # optional key
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
-KEYS = ("schema", "structure", "units", "sampling", "input_envelope", "force_envelope_N", "certificate", "provenance")
+DELAYED = "delayed"  # optional key
+PART_KEYS = ("structure", "input_envelope", "force_envelope_N", "certificate")
 MAX_BYTES = 1_000_000
-KALMAN, ADAPTIVE, FUSED, MEASURED = "kalman", "adaptive", "fused", "measured"
-DIFFERENTIATORS = {KALMAN: "", ADAPTIVE: "", FUSED: "acceleration", MEASURED: "speed"}  # and the signal each needs
+MOTIONS = (SPEED, ACCELERATION)  # signals that may be measured beside the position
+MAX_DELAY_S = 0.02
 MAX_INPUT = 1e6  # [m, m/s, A]: beyond any damper, and far from where powers overflow
 MAX_FORCE_N = 1e9
+FREQUENCIES_HZ = (3.0, 6.0, 12.0, 24.0, 48.0)  # of the bank's modes: strokes of vehicles and rigs
+MAX_MODES, MAX_FREQUENCY_HZ = 12, 5e3
 MAX_GAP_TICKS = 20_000  # that one position sample may have to compute, after the longest bridged gap
 
 
@@ -38,28 +42,40 @@ class Sampling:
     """How irregular samples become the model's uniform ticks, both offline and on the vehicle."""
 
     rate_Hz: float
-    bandwidth_Hz: float  # [Hz] of the differentiator
+    noise_m: float  # [m] RMS noise of the positions
+    speed_m_s: float  # [m/s] RMS speed of the identification recordings
+    stroke_m: Range  # [m] positions outside are not believed
     outlier_m: float  # [m] a position further than this from its prediction is dropped
+    frequencies_Hz: tuple[float, ...] = FREQUENCIES_HZ  # of the modes of the bank
     max_gap_s: float = 0.05  # [s] a longer silence restarts the estimator
     max_current_age_s: float = 0.2  # [s] an older current is not used
     warm_up_s: float = 0.5  # [s] after each restart: forces are withheld, and not scored
-    order: int = 3  # of the differentiator: 2 (white acceleration) or 3 (white jerk)
-    differentiator: str = KALMAN  # where the speed comes from, one of DIFFERENTIATORS
-    noise_m: float = 0.0  # [m] RMS noise of the positions, for the adaptive differentiator
+    delay_s: float = 0.0  # [s] after a sample, at which its speed is taken and its force comes out
+    motion: str = ""  # the signal measured beside the position, one of MOTIONS, if any
+    motion_noise: float = 0.0  # [m/s or m/s2] its RMS noise
 
     @property
-    def motion_signal(self) -> str:
-        """The signal that is measured beside the position for the speed; empty: none."""
-        return DIFFERENTIATORS[self.differentiator]
+    def delay_ticks(self) -> int:
+        """The delay in ticks."""
+        return round(self.delay_s * self.rate_Hz)
+
+    @property
+    def stroke(self) -> Stroke:
+        """What the bank of the speed needs to know."""
+        return Stroke(
+            self.rate_Hz,
+            self.noise_m,
+            self.speed_m_s,
+            self.frequencies_Hz,
+            self.max_gap_s,
+            self.motion,
+            self.motion_noise,
+        )
 
     def to_json(self) -> dict[str, Any]:
-        """Return the object in the model file; a plain Kalman filter needs no further keys."""
+        """Return the object in the model file; without a measured motion it has no keys for it."""
         content = asdict(self)
-        if self.differentiator != ADAPTIVE:
-            del content["noise_m"]
-        if self.differentiator == KALMAN:
-            del content["differentiator"]
-        return content
+        return content if self.motion else {k: v for k, v in content.items() if not k.startswith("motion")}
 
 
 @dataclass(frozen=True)
@@ -81,7 +97,8 @@ class Model:
     """A force model: force [N] from position [m], speed [m/s] and current [A] at `sampling.rate_Hz`.
 
     `body` is the structure that computes the force; the rest is the same for every structure. `band` says how far the
-    measured force may lie from it, None if that is not known.
+    measured force may lie from it, None if that is not known. `delayed` is a model for the same samples with a delay,
+    beside one without: its `sampling` differs in the delay only.
     """
 
     sampling: Sampling
@@ -91,6 +108,19 @@ class Model:
     certificate: Mapping[str, Any] | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
     band: Band | None = None
+    delayed: Model | None = None
+
+    @property
+    def each(self) -> tuple[Model, ...]:
+        """The models of the file, each as if it were alone in it; the one with the longest delay is the last."""
+        if self.delayed is None:
+            return (self,)
+        return replace(self, delayed=None), replace(self.delayed, provenance=self.provenance)
+
+    @property
+    def best(self) -> Model:
+        """The model with the longest delay of the file, for what need not know the force at once."""
+        return self.each[-1]
 
     @property
     def structure(self) -> str:
@@ -126,19 +156,31 @@ class Model:
 
     def to_json(self) -> str:
         """Return the text of the model file."""
+        delayed = (
+            {}
+            if self.delayed is None
+            else {DELAYED: {"delay_s": self.delayed.sampling.delay_s, **self.delayed._part_to_json()}}
+        )
         content = {
             "schema": SCHEMA,
-            "structure": self.structure,
             "units": UNITS,
             "sampling": self.sampling.to_json(),
+            **self._part_to_json(),
+            **delayed,
+            "provenance": self.provenance,
+        }
+        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+    def _part_to_json(self) -> dict[str, Any]:
+        """Return what a model has of its own beside another for the same samples."""
+        return {
+            "structure": self.structure,
             **self.body.to_json(),
             "input_envelope": asdict(self.envelope),
             "force_envelope_N": self.force_envelope_N,
             "certificate": self.certificate,
             **({} if self.band is None else {BAND: self.band.to_json()}),
-            "provenance": self.provenance,
         }
-        return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
     def save(self, path: str | Path) -> None:
         """Write the model file, as a whole or not at all; raises CesError."""
@@ -173,42 +215,76 @@ def parse_model(text: str, source: str) -> Model:
         raise ModelError(
             f"{source}: schema is {schema[:40]!r}; this version reads '{SCHEMA}': identify the model again"
         )
-    structure = STRUCTURES[root.choice("structure", tuple(STRUCTURES))]
     if root.value.get("units", UNITS) != UNITS:
         raise ModelError(f"{source}: units are not those of '{SCHEMA}'; expected {UNITS}")
-    inputs, names = root.at("input_envelope"), [one.name for one in fields(Envelope)]
+    sampling = _sampling(root.at("sampling"))
+    model = _part(root, sampling, ("schema", "units", "sampling", "provenance", DELAYED))
+    provenance = root.mapping_or_none("provenance") or {}
+    return replace(
+        model, provenance=provenance, delayed=_delayed(root.at(DELAYED), sampling) if DELAYED in root.value else None
+    )
+
+
+def _part(node: JsonObject, sampling: Sampling, other_keys: tuple[str, ...]) -> Model:
+    """Return the model in an object, which may have other keys, too."""
+    structure = STRUCTURES[node.choice("structure", tuple(STRUCTURES))]
+    inputs, names = node.at("input_envelope"), [one.name for one in fields(Envelope)]
     inputs.require_only_keys(*names)
     envelope = Envelope(*(inputs.range(name, MAX_INPUT) for name in names))
     model = Model(
-        sampling=_sampling(root.at("sampling")),
-        body=structure.from_json(root, envelope.by_signal),
+        sampling=sampling,
+        body=structure.from_json(node, envelope.by_signal),
         envelope=envelope,
-        force_envelope_N=root.range("force_envelope_N", MAX_FORCE_N),
-        certificate=root.mapping_or_none("certificate"),
-        provenance=root.mapping_or_none("provenance") or {},
-        band=Band.from_json(root.at(BAND)) if BAND in root.value else None,
+        force_envelope_N=node.range("force_envelope_N", MAX_FORCE_N),
+        certificate=node.mapping_or_none("certificate"),
+        band=Band.from_json(node.at(BAND)) if BAND in node.value else None,
     )
-    root.require_only_keys(*KEYS, BAND, *structure.keys)
+    node.require_only_keys(*PART_KEYS, BAND, *structure.keys, *other_keys)
     return model
 
 
+def _delayed(node: JsonObject, sampling: Sampling) -> Model:
+    """Return the delayed model beside one without a delay."""
+    delayed = _check_delay(replace(sampling, delay_s=node.number("delay_s", 0.0, MAX_DELAY_S)), node.where)
+    if sampling.delay_ticks or not delayed.delay_ticks:
+        raise ModelError(f"{node.where}: expected a delay_s above 0 beside a model whose delay_s is 0")
+    return _part(node, delayed, ("delay_s",))
+
+
 def _sampling(node: JsonObject) -> Sampling:
-    kind = node.choice("differentiator", tuple(DIFFERENTIATORS)) if "differentiator" in node.value else KALMAN
-    node.require_only_keys(*(one.name for one in fields(Sampling) if one.name != "noise_m" or kind == ADAPTIVE))
+    if "bandwidth_Hz" in node.value:
+        raise ModelError(
+            f"{node.where}: written by a version that estimated the speed otherwise: identify the model again"
+        )
+    motion = node.choice("motion", MOTIONS) if "motion" in node.value else ""
+    node.require_only_keys(*(one.name for one in fields(Sampling) if motion or not one.name.startswith("motion")))
+    listed = node.value.get("frequencies_Hz")
+    count = min(len(listed), MAX_MODES) if isinstance(listed, list) and listed else 1
     sampling = Sampling(
         rate_Hz=node.number("rate_Hz", 1.0, 100e3),
-        bandwidth_Hz=node.number("bandwidth_Hz", 1e-3, 50e3),
+        noise_m=node.number("noise_m", 1e-12, 1.0),
+        speed_m_s=node.number("speed_m_s", 1e-9, 1e3),
+        stroke_m=node.range("stroke_m", MAX_INPUT),
         outlier_m=node.number("outlier_m", 1e-9, 1e3),
+        frequencies_Hz=node.numbers("frequencies_Hz", count, MAX_FREQUENCY_HZ),
         max_gap_s=node.number("max_gap_s", 1e-4, 10.0),
         max_current_age_s=node.number("max_current_age_s", 1e-4, 1e6),
         warm_up_s=node.number("warm_up_s", 0.0, 60.0),
-        order=node.integer("order", 2, 3),
-        differentiator=kind,
-        noise_m=node.number("noise_m", 1e-12, 1.0) if kind == ADAPTIVE else 0.0,
+        delay_s=node.number("delay_s", 0.0, MAX_DELAY_S),
+        motion=motion,
+        motion_noise=node.number("motion_noise", 1e-9, 1e6) if motion else 0.0,
     )
-    if kind == FUSED and sampling.order != 3:
-        raise ModelError(f"{node.where}: order is {sampling.order}; expected 3 with differentiator {FUSED}")
+    if not all(0.0 < f < 0.5 * sampling.rate_Hz for f in sampling.frequencies_Hz):
+        raise ModelError(f"{node.where}: frequencies_Hz are {sampling.frequencies_Hz}; expected 0 to half the rate")
     ticks = sampling.rate_Hz * sampling.max_gap_s
     if ticks > MAX_GAP_TICKS:
         raise ModelError(f"{node.where}: max_gap_s spans {ticks:.0f} ticks; expected at most {MAX_GAP_TICKS}")
+    return _check_delay(sampling, node.where)
+
+
+def _check_delay(sampling: Sampling, where: str) -> Sampling:
+    """Return the sampling; raises ModelError if its delay is not a whole number of ticks."""
+    if abs(sampling.delay_ticks - sampling.delay_s * sampling.rate_Hz) > 1e-6:
+        tick_s = 1.0 / sampling.rate_Hz
+        raise ModelError(f"{where}: delay_s is {sampling.delay_s:g}; expected whole ticks of {tick_s:g} s")
     return sampling

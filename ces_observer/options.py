@@ -83,7 +83,7 @@ def command_words(options: Iterable[Option], values: Mapping[str, Any]) -> list[
         if option.kind is bool:
             words.append(option.flag)
         elif option.many:
-            texts = [_as_word(option, one) for one in value if one]
+            texts = [_as_word(option, one) for one in value if one != ""]
             words += [option.flag, *texts] if option.together else [f"{option.flag}={text}" for text in texts]
         else:
             words.append(f"{option.flag}={_as_word(option, value)}")

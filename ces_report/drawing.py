@@ -73,9 +73,8 @@ class Panel:
         left, right = np.sort(self.x.px(np.array([x0, x1])))
         low, high = self.y.low if y0 is None else y0, self.y.high if y1 is None else y1
         top, bottom = np.sort(self.y.px(np.array([low, high])))
-        return (
-            f'<rect class="{css}" x="{left:.1f}" y="{top:.1f}" width="{right - left:.1f}" height="{bottom - top:.1f}"/>'
-        )
+        size = f'width="{right - left:.1f}" height="{bottom - top:.1f}"'
+        return f'<rect class="{css}" x="{left:.1f}" y="{top:.1f}" {size}/>'
 
 
 def panel(x_range: tuple[float, float], y_range: tuple[float, float], box: tuple[float, float, float, float]) -> Panel:
@@ -186,10 +185,7 @@ def line(p: Panel, x: F, y: F, css: str, breaks: Mask | None = None) -> str:
 
 
 def band(p: Panel, x: F, y: F, css: str) -> str:
-    """Return the area between the extremes of y (n,) in each pixel column, interrupted at columns without a point.
-
-    A column reaches to the first point of the next one, so a jump between two columns is drawn as well.
-    """
+    """Return the area between extremes of y (n,) in pixel columns, interrupted at empty ones; jumps are drawn."""
     finite, column, starts = _pixel_columns(p, x, y)
     if not len(starts):
         return ""
@@ -202,7 +198,17 @@ def band(p: Panel, x: F, y: F, css: str) -> str:
     return _area(css, column[starts], top - 0.5, bottom + 0.5)
 
 
-def corridor(p: Panel, x: F, low: F, high: F, css: str) -> str:
+def between(p: Panel, x: F, low: F, high: F, css: str) -> str:
+    """Return the area between two lines: by pixel columns if it has more points than these, else point by point."""
+    if len(x) > p.x.stop - p.x.start:
+        return _corridor(p, x, low, high, css)
+    finite = np.isfinite(low + high)
+    pieces = np.split(np.arange(len(x)), np.flatnonzero(np.diff(finite)) + 1)
+    shown = [some for some in pieces if len(some) > 1 and finite[some[0]] and (high > low)[some].any()]
+    return "".join(_ribbon(p, x[some], low[some], high[some], f"{css} area") for some in shown)
+
+
+def _corridor(p: Panel, x: F, low: F, high: F, css: str) -> str:
     """Return the area between `low` and `high` (n,), interrupted at pixel columns without a finite point."""
     finite, column, starts = _pixel_columns(p, x, low + high)
     if not len(starts):
@@ -219,10 +225,7 @@ def _pixel_columns(p: Panel, x: F, y: F) -> tuple[I, I, I]:
     return finite, column, np.flatnonzero(np.diff(column, prepend=column[:1] - 1))
 
 
-def ribbon(p: Panel, x: F, low: F, high: F, css: str) -> str:
-    """Return the area between two curves over x (n,); nothing if it has no height."""
-    if not (high > low).any():
-        return ""
+def _ribbon(p: Panel, x: F, low: F, high: F, css: str) -> str:
     there, back = zip(p.x.px(x), p.y.px(high), strict=True), zip(p.x.px(x)[::-1], p.y.px(low)[::-1], strict=True)
     return _path(css, "M" + "L".join(f"{a:.1f},{b:.1f}" for a, b in (*there, *back)) + "Z")
 

@@ -8,21 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from markupsafe import Markup
 
-from ces_report.drawing import (
-    F,
-    Mask,
-    Panel,
-    around_zero,
-    axes,
-    corridor,
-    dots,
-    line,
-    note,
-    panel,
-    ribbon,
-    span_of,
-    svg,
-)
+from ces_report.drawing import F, Mask, Panel, around_zero, axes, between, dots, line, note, panel, span_of, svg
 
 SERIES = 8  # classes s0 to s7: colours of things that have no order
 CURVES = 4  # classes c0 to c3: colours that rise with their order, such as currents
@@ -224,17 +210,7 @@ def draw_mark(p: Panel, mark: PlotMark) -> str:
         some = slice(int(np.searchsorted(mark.x, p.x.low)), int(np.searchsorted(mark.x, p.x.high, "right")))
     if isinstance(mark, PlotLine):
         return line(p, mark.x[some], mark.y[some], mark.css, None if mark.breaks is None else mark.breaks[some])
-    return _band(p, mark.x[some], mark.low[some], mark.high[some], mark.css)
-
-
-def _band(p: Panel, x: F, low: F, high: F, css: str) -> str:
-    """Return the area between two lines: by pixel columns if it has more points than these, else point by point."""
-    if len(x) > p.x.stop - p.x.start:
-        return corridor(p, x, low, high, css)
-    finite = np.isfinite(low + high)
-    pieces = np.split(np.arange(len(x)), np.flatnonzero(np.diff(finite)) + 1)
-    shown = [some for some in pieces if len(some) > 1 and finite[some[0]]]
-    return "".join(ribbon(p, x[some], low[some], high[some], f"{css} area") for some in shown)
+    return between(p, mark.x[some], mark.low[some], mark.high[some], mark.css)
 
 
 def _values(marks: Sequence[PlotMark], view: tuple[float, float]) -> Iterator[F]:

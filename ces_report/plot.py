@@ -34,19 +34,9 @@ from ces_report.figure import (
 from ces_report.typesetting import minus
 
 __all__ = [
-    "Plot",
-    "PlotArea",
-    "PlotBand",
-    "PlotBars",
-    "PlotDots",
-    "PlotLine",
-    "PlotMark",
-    "PlotShade",
-    "curve_css",
-    "draw_plot",
-    "series_css",
-    "share_points",
-]
+    "Plot", "PlotArea", "PlotBand", "PlotBars", "PlotDots", "PlotLine", "PlotMark", "PlotShade", "curve_css",
+    "draw_plot", "series_css", "share_points",
+]  # fmt: skip
 
 MAX_POINTS = 60_000  # of a line
 PAGE_BYTES = 2_700_000  # of a page with the data of all its charts
@@ -61,10 +51,7 @@ SWATCHES = {"line": "M1,5h20", "dots": "M5,5h0M11,5h0M17,5h0"}
 
 
 def share_points(lines: int, recordings: int = 4) -> int:
-    """Return the points that each line may have on a page of `lines` lines in all, so that it stays below 3 MB.
-
-    A band counts as two lines. `recordings` is the number of those with figures of their own.
-    """
+    """Return the points of each of `lines` lines (a band is two) on a page below 3 MB with figures of `recordings`."""
     data = max(PAGE_BYTES - FIGURE_BYTES * recordings, MIN_BYTES)
     return int(min(MAX_POINTS, data / (POINT_BYTES * max(lines, 1))))
 
@@ -115,10 +102,7 @@ def _swatch(mark: PlotMark) -> Markup:
 
 
 def _pack(plot: Plot, panels: Sequence[Panel], max_points: int) -> tuple[Markup, int]:
-    """Return the JSON of a plot whose areas were drawn in `panels`, and how many samples two of its points stand for.
-
-    Lines that are longer keep their extremes. The JSON is the same text in HTML and in XML.
-    """
+    """Return a plot's JSON, the same text in HTML and XML, and how many samples two points of a long line stand for."""
     packer = _Packer(max_points)
     areas = []
     for number, (area, p) in enumerate(zip(plot.areas, panels, strict=True)):
@@ -173,7 +157,8 @@ class _Packer:
             room = float(np.ptp(mark.x)) / MAX_POINTS if len(mark.x) else 0.0
             return {**head, "kind": "shade", "spans": [[float(a), float(b)] for a, b in mark.spans(room)]}
         breaks = mark.breaks if isinstance(mark, PlotLine) else None
-        starts, size = self._groups(mark.x, breaks)
+        size = 1 if len(mark.x) <= self._max_points else -(-2 * len(mark.x) // self._max_points)
+        starts, self.samples = _group_starts(mark.x, breaks, size), max(self.samples, size)
         x = self._add(mark.x if size == 1 else _centres(mark.x, starts), wide=True)
         if isinstance(mark, PlotBand):
             low, high = mark.low, mark.high
@@ -185,12 +170,6 @@ class _Packer:
         at = at if size == 1 else 2 * np.searchsorted(starts, at)
         return {**head, "kind": "line", "x": x, "y": y, "breaks": [int(b) for b in at if b]}
 
-    def _groups(self, x: F, breaks: Mask | None) -> tuple[I, int]:
-        """Return the first sample of each group that becomes two points, and the size of the groups (1: none)."""
-        size = 1 if len(x) <= self._max_points else -(-2 * len(x) // self._max_points)
-        self.samples = max(self.samples, size)
-        return _group_starts(x, breaks, size), size
-
     def _add(self, values: F, wide: bool = False) -> int:
         key = wide, values.tobytes()
         if key not in self._known:
@@ -200,7 +179,7 @@ class _Packer:
 
 
 def _group_starts(x: F, breaks: Mask | None, size: int) -> I:
-    """Return the first sample of each group; no group spans a gap of x or a break."""
+    """Return the first sample of each group that becomes two points; none spans a gap of x or a break."""
     step = np.diff(x)
     usual = float(np.median(np.abs(step))) if len(step) else 0.0
     apart = np.concatenate([[True], np.abs(step) > GAP * usual])[: len(x)]

@@ -1,11 +1,9 @@
-"""A table declared once: columns with headings, text and meaning over rows; rendered for pages, CSV and terminals."""
+"""A table declared once: columns with headings, text and meaning over rows; rendered for pages and terminals."""
 
 from __future__ import annotations
 
-import csv
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from io import StringIO
 from typing import Generic, TypeVar
 
 from markupsafe import Markup
@@ -38,10 +36,7 @@ class Column(Generic[R]):
 
 @dataclass(frozen=True)
 class Table(Generic[R]):
-    """Columns over rows, with a title for the terminal; `left_out` is the number of rows that are not in this table.
-
-    A terminal draws a line between rows of which `group` is not the same.
-    """
+    """Columns over rows; a terminal shows `title`, and lines between groups; `left_out` rows are not in this table."""
 
     columns: Sequence[Column[R]]
     rows: Sequence[R]
@@ -52,10 +47,7 @@ class Table(Generic[R]):
     def to_html(
         self, css: str = "plain", row_css: Callable[[R], str] = lambda row: "", repeat_heads: bool = True
     ) -> Markup:
-        """Return the table of class `css`; `row_css` names the class of a row.
-
-        With `repeat_heads`, cells of figures hold their heading, for narrow screens that hide the headings.
-        """
+        """Return the table of class `css` with rows of `row_css`; `repeat_heads` in cells, for narrow screens."""
         columns = [c for c in self.columns if not c.terminal_only]
         heads = Markup("").join(map(_head, columns))
         body = Markup("").join(
@@ -66,13 +58,6 @@ class Table(Generic[R]):
         )
         head = Markup("<thead><tr>{}</tr></thead>").format(heads) if any(c.heading for c in columns) else ""
         return Markup('<table class="{}">{}<tbody>\n{}</tbody></table>').format(css, head, body)
-
-    def to_csv(self) -> str:
-        """Return the headings and a line for each row, without the columns for pages only."""
-        text, columns = StringIO(), [c for c in self.columns if not c.page_only]
-        rows = [[c.heading for c in columns], *([c.text(row) for c in columns] for row in self.rows)]
-        csv.writer(text, lineterminator="\n").writerows(rows)
-        return text.getvalue()
 
     def __str__(self) -> str:
         """Return the table as plain text, as a terminal shows it."""

@@ -23,8 +23,6 @@ MEANINGS = {
     "position": "position [m], positive in compression",
     "force": "force [N]: on the right-hand side the model’s own past output",
 }
-
-
 Symbols = tuple[tuple[Markup, str], ...]
 
 

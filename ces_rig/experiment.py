@@ -51,10 +51,7 @@ class ExperimentSettings:
 
 @dataclass(frozen=True)
 class Experiment:
-    """Stroke, current, damper and sensors; with `tare` the load cell reads 0 under the gas force alone.
-
-    With an `actuator` the stroke is its command; without one the stroke is exactly as described.
-    """
+    """Stroke (an actuator's command if any), current, damper, sensors; `tare`: the cell reads 0 under gas alone."""
 
     settings: ExperimentSettings
     stroke: Stroke
@@ -177,10 +174,7 @@ def with_seed(experiment: Experiment, seed: int) -> Experiment:
 
 @dataclass(frozen=True)
 class DamperDescription:
-    """A damper of any kind, its sensors, and the load cell's reading at mid-stroke [N].
-
-    `sensor_effects` are names and physical numbers of effects of the sensors.
-    """
+    """A damper of any kind, its sensors and their effects' physical numbers, and the reading at mid-stroke [N]."""
 
     model: DamperModel = field(default_factory=lambda: Hydraulic(Damper()))
     sensors: Sensors = field(default_factory=Sensors)

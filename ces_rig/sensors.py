@@ -34,10 +34,7 @@ class Sensor:
     dropout: float = quantity(0.0, "1", "probability that a sample is not logged", 0.0, 0.9)
 
     def sample(self, time_s: F, true: F) -> tuple[F, F]:
-        """Return sampling times [s] and noise-free values of the signal `true` at uniform `time_s`.
-
-        Interpolation is monotone (PCHIP), so that a switched current does not overshoot.
-        """
+        """Return sampling times [s] and noise-free values of `true` (PCHIP: a switched current does not overshoot)."""
         at = np.arange(time_s[0] + self.phase_s, time_s[-1] + 1e-9, 1.0 / self.rate_Hz)
         return at, np.asarray(PchipInterpolator(time_s, true)(at))
 

@@ -39,10 +39,7 @@ class ServedFolder:
         self.root = path.resolve()
 
     def find(self, relative: str) -> Path:
-        """Return the path of a file or folder below the folder; raises NotServedError.
-
-        Symbolic links are followed only to places inside the folder; hidden names are refused.
-        """
+        """Return a path below the folder; raises NotServedError if hidden, outside (links followed) or not there."""
         parts = PurePosixPath(relative).parts
         odd = not 0 < len(relative) <= MAX_PATH or "\0" in relative or "\\" in relative
         if odd or any(part == ".." or part.startswith((".", "/")) for part in parts):
@@ -79,10 +76,7 @@ class RunningSearch:
 
 @dataclass(frozen=True)
 class Listing:
-    """What one walk found, newest first; `cut` says that there is more than the limits allow.
-
-    `problem` is why the folder itself cannot be read, empty if it can.
-    """
+    """What one walk found, newest first; `cut`: there is more; `problem`: why the folder cannot be read, else empty."""
 
     items: tuple[Item, ...]
     searches: tuple[RunningSearch, ...]

@@ -14,6 +14,7 @@ from typing import Any, TypedDict
 import numpy as np
 from flask import url_for
 
+from ces_identify.prepare.sampling import delay_text
 from ces_identify.progress_file import RUNNING, RunProgress
 from ces_observer.model import Model, load_model
 from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, series_css
@@ -23,10 +24,8 @@ from ces_serve.items import MODEL, REPORT, RESULT, WRONG_CONTENT, Item, format_n
 WIDTH = 760.0
 MAX_OVER_BEST = 5.0  # of a search: the first costs, which are far higher, would leave the rest a flat line
 MAX_BESIDE = 40
-OF_FOLDER = (  # sent because of the results that stand beside them
-    *("results.csv", "fleet.csv", "plan.yaml", "augmented.json"),
-    *("command.csv", "learned.yaml"),
-)
+# Sent because of the results that stand beside them.
+OF_FOLDER = ("results.csv", "fleet.csv", "plan.yaml", "augmented.json", "command.csv", "learned.yaml")
 
 
 class PageTable(TypedDict):
@@ -100,15 +99,18 @@ def _model_content(model: Model, one: Item) -> PageContent:
     facts = [(heading, text) for heading, text, _ in list_facts(MODEL, one)]
     facts += [
         ("rate", format_number(model.sampling.rate_Hz, "g", "Hz")),
-        ("speed from", f"{model.sampling.differentiator}, {model.sampling.bandwidth_Hz:.4g} Hz"),
+        ("force known", " and ".join(delay_text(one.sampling.delay_s) for one in model.each)),
         ("validated on", ", ".join(one.facts["validation"]) or "–"),
         ("written by", str(model.provenance.get("tool", "–"))),
         *((f"{name} of the recordings", f"{low:.4g} to {high:.4g} {unit}") for name, (low, high), unit in named),
         ("bound of the force", "{:.4g} to {:.4g} N".format(*model.force_envelope_N)),
     ]
     costs = model.provenance.get("cost_J_percent") or []
-    rows = [(str(c["recording"]), str(c["role"]), format_number(c["J"], ".2f")) for c in costs]
-    headings = ("recording", "role", "J %")
+    rows = [
+        (str(c["recording"]), str(c["role"]), delay_text(c.get("delay_s", 0.0)), format_number(c["J"], ".2f"))
+        for c in costs
+    ]
+    headings = ("recording", "role", "force known", "J %")
     tables = [PageTable(caption="Cost of a free run", headings=headings, rows=rows)] if rows else []
     return PageContent(
         f"{one.facts['structure']}, {model.size}. {one.facts['certificate']}.", facts=facts, tables=tables

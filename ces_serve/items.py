@@ -57,10 +57,7 @@ class UnreadableError(CesError):
 
 @dataclass(frozen=True)
 class Item:
-    """A thing at `path` (relative, with /), last changed at `modified_s` (Unix time).
-
-    `facts` hold what its kind has to say; `problem` is why it cannot be read, empty if it can.
-    """
+    """A thing at `path` (relative, with /), changed at `modified_s` (Unix time); `problem` is why it cannot be read."""
 
     kind: str
     path: str
@@ -185,6 +182,8 @@ def _model_facts(path: Path) -> tuple[str, Facts]:
     content = _read_object(path)
     provenance = content.get("provenance") or {}
     costs = provenance.get("cost_J_percent") or []
+    shortest = min((float(c.get("delay_s", 0.0)) for c in costs), default=0.0)
+    costs = [c for c in costs if c.get("delay_s", 0.0) == shortest]
 
     def mean_J(role: str) -> float | None:
         values = [value for c in costs if c["role"] == role and (value := number(c["J"])) is not None]

@@ -16,6 +16,7 @@ from ces_identify import make_recording, read_log, read_recording, simulate, sim
 from ces_observer import CesError, load_model
 
 ROOT = Path(__file__).resolve().parents[1]
+ROAD, SINE = ROOT / "bags/road", ROOT / "bags/sine_4hz"
 PACKAGES = (ces_observer, ces_identify, ces_gap)
 
 
@@ -84,6 +85,12 @@ def test_mistakes_are_one_line(tmp_path):
         (lambda: ces_identify.identify(tmp_path / "none"), "none: no such file or folder"),
         (lambda: ces_identify.identify(recording, time="ten"), "time is 'ten'; expected a number from"),
         (lambda: ces_identify.identify(recording, weight="much"), "--weight 'much': expected"),
+        (lambda: ces_identify.identify(recording, delay="late"), "delay is 'late'; expected a number from 0 to 0.02 s"),
+        (
+            lambda: ces_identify.identify(recording, delay=[0.0, 0.5]),
+            "delay is 0.5; expected a number from 0 to 0.02 s",
+        ),
+        (lambda: ces_identify.identify(ROAD, delay=(0.001, 0.002)), "expected one delay, or 0 and another"),
         (lambda: ces_identify.identify(recording, options=5), "options: expected IdentifyOptions"),
         (lambda: validate(tmp_path / "x.json"), "x.json: no such model file"),
         (lambda: validate(model), "no recording given"),
@@ -118,3 +125,16 @@ def test_a_log_is_read_without_a_mapping_and_its_result_prints_itself(tmp_path):
     evaluations = validate(str(tmp_path / "model.json"), [log, read_log(log)])
     assert len(repr(evaluations).splitlines()) == 3 and evaluations._repr_html_().count("<tr>") == 3
     assert "J = " in repr(evaluations[0])
+
+
+def test_a_delay_is_a_number_or_zero_and_another():
+    quick = {"time": 5.0, "terms": 3, "starts": 1, "band": False}
+    later = ces_identify.identify(ROAD, delay=0.003, **quick).model
+    assert later.sampling.delay_s == 0.003 and later.delayed is None
+    two = ces_identify.identify(ROAD, delay=(0, 0.003), **quick).model
+    assert (two.sampling.delay_s, two.best.sampling.delay_s) == (0.0, 0.003)
+    evaluations = validate(two, SINE)
+    assert [e.delay_s for e in evaluations] == [0.0, 0.003] and "3 ms later" in repr(evaluations)
+    compared = ces_identify.compare_models({"mine": two}, SINE, timing=False)
+    assert [one.name for one in compared.models] == ["mine", "mine 3 ms later"] and "delay ms" in repr(compared)
+    np.testing.assert_array_equal(simulate(two, SINE), simulate(two.delayed, SINE))

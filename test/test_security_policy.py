@@ -26,7 +26,7 @@ MAKERS = (
     "_subscribe",
     "_make_patched",
     "_make_wrench",
-    "JointStateOutput",
+    "EstimateOutput",
 )
 PROFILES = list(ElementTree.parse(FOLDER / "policy.xml").getroot().iter("profile"))
 COMMON = ElementTree.parse(FOLDER / "node.xml").getroot()
@@ -62,6 +62,8 @@ def test_nothing_is_granted_wholesale() -> None:
     assert {name for element in (COMMON, *PROFILES) for name in names(element) if "*" in name} == {
         "~/*/estimate",
         "~/*/estimate_band",
+        "~/*/estimate_delayed",
+        "~/*/estimate_delayed_band",
         "~/*/model_status",
         "~/*/reload_model",
     }

@@ -12,6 +12,7 @@ from pathlib import Path
 from unittest.mock import patch
 
 from ces_data.signals_file import load_signals
+from ces_observer.bank_design import ACCELERATION, SPEED
 from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.errors import CesError
@@ -68,6 +69,7 @@ def try_estimator(estimator: Estimator, samples: Iterable[FuzzSample]) -> dict[s
         force = estimator.step(s.stamp_ns, s.position_m, 0.0 if s.current_A is None else s.current_A)
         assert (force is None) == (estimator.reason != OK)
         assert force is None or low <= force <= high, force
+        assert all(low <= late.force <= high and isfinite(late.position + late.speed) for late in estimator.late)
         half_width = estimator.half_width()
         assert half_width is None or 0.0 <= half_width < inf, half_width
         assert isfinite(estimator.position) and isfinite(estimator.speed)
@@ -77,7 +79,8 @@ def try_estimator(estimator: Estimator, samples: Iterable[FuzzSample]) -> dict[s
 
 def try_damper(model: Model, samples: Iterable[FuzzSample], max_age_s: float) -> dict[str, int]:
     """Feed the whole damper observer, with a clock that follows the stamps."""
-    damper = DamperObserver(model, CurrentHold(model.sampling.max_current_age_s), max_age_s)
+    motions = {name: CurrentHold(model.sampling.max_gap_s) for name in (SPEED, ACCELERATION)}
+    damper = DamperObserver(model, CurrentHold(model.sampling.max_current_age_s), max_age_s, motions)
     low, high = model.force_envelope_N
     count = {FORCE: 0, WITHHELD: 0}
     now_ns = 0
@@ -85,6 +88,7 @@ def try_damper(model: Model, samples: Iterable[FuzzSample], max_age_s: float) ->
         now_ns = s.stamp_ns if i % 50 == 0 else now_ns + 1_000_000
         if s.current_A is not None:
             damper.take_current(s.stamp_ns, s.current_A)
+        damper.take_motion(ACCELERATION, s.stamp_ns, 100.0 * s.position_m)
         force = damper.step(s.stamp_ns, s.position_m, now_ns)
         assert (force is None) == (damper.reason != OK)
         assert force is None or low <= force <= high, force

@@ -32,11 +32,12 @@ MODEL = (
     ("schema", "`ces-model/1`"),
     ("structure", "name of the [structure](structures.md), whose own keys hold its parameters"),
     ("units", "of all numbers"),
-    ("sampling", "rate [Hz], bandwidth and order of the differentiator, limits of outliers, gaps and warm-up"),
+    ("sampling", "rate [Hz], bank and delay of the speed, limits of stroke, outliers, gaps and warm-up"),
     ("input_envelope", "range of position, speed and current in the identification data"),
     ("force_envelope_N", "range of the force that the observer publishes"),
     ("certificate", "claim, method and bounds of the proof; the observer proves it anew"),
     ("band", "half-width of the force's band, if one was fitted"),
+    ("delayed", "a second model for the same samples with a delay: the keys of its own, and `delay_s`"),
     ("provenance", "recordings with hashes, costs, options, version, findings that were ignored"),
 )
 

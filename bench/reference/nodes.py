@@ -37,6 +37,7 @@ SPEAKERS = ("health", "running_cost", "streams")
 OF_THE_PROCESS = (
     "model",
     "model sha256",
+    "delay_s",
     "last change of the model",
     "models refused",
     "scheduling",
@@ -52,6 +53,8 @@ DIAGNOSTICS = (  # keys of the observer as the code writes them, with {} for wha
     (("age of the last position on arrival [s]",), "clock of the node minus its stamp"),
     (("share outside the envelope", "inputs outside the envelope"), "of the last second; what becomes of them"),
     (("position samples", "forces estimated", "withheld: {}"), "since the start; withheld by reason"),
+    (("delayed forces estimated",), "since the start, by a model with a delay"),
+    (("forces held at the force envelope",), "since the start, if any"),
     (("messages without the field",), "received messages in which the signal's field is missing"),
     (("episodes of withholding", "episodes: {}", "last episode {}"), "number; length by reason; the last ones"),
     (("position has not changed, times", "position has not changed, last for [s]"), "at rest, or its sensor is stuck"),

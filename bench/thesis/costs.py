@@ -10,7 +10,6 @@ of the thesis' procedure has no such clamps.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import cache
@@ -156,7 +155,7 @@ def percent(evaluation: Evaluation | None) -> str:
     """Return the cost in percent, or why there is none."""
     if evaluation is None:
         return "none stable"
-    return f"{evaluation.cost:.2f}" if math.isfinite(evaluation.cost) else "unstable"
+    return "unstable" if evaluation.run.held.any() else f"{evaluation.cost:.2f}"
 
 
 if __name__ == "__main__":

@@ -133,7 +133,7 @@ def format_one_model(outcomes: Outcomes, recordings: Mapping[str, Recording]) ->
         ratio = f"{judged[-1].cost / plant:.2f}" if judged[-1] else "-"
         unseen = " (another run)" if name in SOURCES else ""
         rows.append([name + unseen, *map(percent, judged), f"{plant:.2f}", ratio, f"{noise_floor(name):.2f}"])
-    speed = f"differentiator of order {sampling.order} at {sampling.bandwidth_Hz:g} Hz"
+    speed = f"speed from modes up to {sampling.frequencies_Hz[-1]:g} Hz"
     sizes = " and ".join(o.model.size if o.model else o.why_none for o in models)
     return f'{markdown(rows)}\n\n{sizes}, {speed}; "ratio" is the last model over the damper itself.'
 

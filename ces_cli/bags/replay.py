@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 
@@ -17,14 +18,14 @@ from ces_cli.terminal.recordings import find_bag
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
 from ces_data.recording import Recording
 from ces_identify.prepare.series import hold_current, hold_motion
-from ces_identify.validation.evaluate import describe_outside, find_outside
+from ces_identify.validation.evaluate import describe_held, describe_outside, find_outside
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model
 from ces_observer.options import Option
 from ces_observer.signals import Signal
+from ces_observer.tracker import OK
 
-ESTIMATE_TOPIC = "/observer/estimate"
-BAND_TOPIC = "/observer/estimate_band"
+ESTIMATE_TOPIC, DELAYED_TOPIC = "/observer/estimate", "/observer/estimate_delayed"
 TYPE = "sensor_msgs/msg/JointState"
 KEYS = ("position", "velocity", "effort")
 
@@ -38,30 +39,55 @@ def main(argv: Sequence[str] | None = None) -> int:
     model = load_model(options.model)
     recording = terminal.read_one(path, signals)
     with terminal.err.status(f"replaying {recording.name}"):
-        rows, reasons = estimate_forces(model, recording)
+        replayed = estimate_forces(model, recording)
         position = signals["position"]
         steps = position.field.steps if isinstance(position, Signal) else ()
         joint = next((element for _, element in steps if isinstance(element, str)), "damper")
         topics = [*recording_topics(recording, signals)]
-        topics.append(_joint_states(ESTIMATE_TOPIC, rows, {f"{key}[{joint}]": i for i, key in enumerate(KEYS, 1)}))
-        if model.band is not None:
-            bounds = {f"effort[{joint}_lower]": 4, f"effort[{joint}_upper]": 5}
-            topics.append(_joint_states(BAND_TOPIC, rows, bounds))
+        for topic, one, rows in replayed.by_topic(model):
+            topics.append(_joint_states(topic, rows, {f"{key}[{joint}]": i for i, key in enumerate(KEYS, 1)}))
+            if one.band is not None:
+                bounds = {f"effort[{joint}_lower]": 4, f"effort[{joint}_upper]": 5}
+                topics.append(_joint_states(f"{topic}_band", rows, bounds))
         write_bag(options.out, topics, overwrite=options.overwrite, notes={"model_sha256": model.digest()})
-    samples = len(recording.channel("position"))
+    samples, reasons = len(recording.channel("position")), dict(replayed.reasons.most_common())
     if options.json:
-        force = [float(row[3]) for row in rows]
-        facts = {"recording": recording.name, "bag": options.out, "position_samples": samples, "estimates": len(rows)}
-        facts |= {"withheld": dict(reasons.most_common()), "force_N": [min(force), max(force)] if force else None}
-        print_document("replay", facts)
+        force = [float(row[3]) for row in (replayed.now if len(replayed.now) else replayed.late)]
+        facts = {"recording": recording.name, "bag": options.out, "position_samples": samples}
+        facts |= {"estimates": len(replayed.now), "delayed_estimates": len(replayed.late), "withheld": reasons}
+        print_document("replay", facts | {"force_N": [min(force), max(force)] if force else None})
         return 0
-    print(f"{len(rows)} forces estimated from {samples} position samples")
-    for reason, count in reasons.most_common():
+    for _, one, rows in replayed.by_topic(model):
+        delay = f" {1e3 * one.sampling.delay_s:g} ms late" if one.sampling.delay_ticks else ""
+        print(f"{len(rows)} forces estimated{delay} from {samples} position samples")
+    for reason, count in reasons.items():
         print(f"  withheld {count}: {reason}")
-    if len(rows):
-        _warn_outside(model, recording, rows)
+    if len(replayed.best):
+        _warn_outside(model.best, recording, replayed.best)
     print(f"bag: {options.out}")
     return 0
+
+
+@dataclass(frozen=True)
+class Replayed:
+    """Rows (n, 6) of stamp [ns], position [m], speed [m/s], force [N] and its bounds [N], NaN without a band.
+
+    `now` are those known at once, `late` those of a model with a delay; `reasons` count why there is none.
+    """
+
+    now: NDArray[np.float64]
+    late: NDArray[np.float64]
+    reasons: Counter[str]
+
+    @property
+    def best(self) -> NDArray[np.float64]:
+        """The rows of the best model in the file."""
+        return self.late if len(self.late) else self.now
+
+    def by_topic(self, model: Model) -> list[tuple[str, Model, NDArray[np.float64]]]:
+        """Return the topics with the model in the file that each is of, and its rows."""
+        both = (ESTIMATE_TOPIC, model, self.now), (DELAYED_TOPIC, model.best, self.late)
+        return [entry for entry in both if (entry[0] == DELAYED_TOPIC) == (entry[1].sampling.delay_ticks > 0)]
 
 
 def _warn_outside(model: Model, recording: Recording, rows: NDArray[np.float64]) -> None:
@@ -71,29 +97,33 @@ def _warn_outside(model: Model, recording: Recording, rows: NDArray[np.float64])
     if uses:
         share = max(use.outside_share for use in uses)
         terminal.print_warning(describe_outside(recording.name, share, uses))
+    force, seconds = rows[:, 3].astype(np.float64), (rows[:, 0] - recording.channel("position").stamps_ns[0]) * 1e-9
+    if text := describe_held(recording.name, model.force_envelope_N, seconds, np.isin(force, model.force_envelope_N)):
+        terminal.print_warning(text)
 
 
-def estimate_forces(model: Model, recording: Recording) -> tuple[NDArray[np.float64], Counter[str]]:
-    """Return rows (n, 6) of stamp [ns], position [m], speed [m/s], force [N] and its bounds [N]; reasons where none.
-
-    Without a band, the bounds are NaN.
-    """
+def estimate_forces(model: Model, recording: Recording) -> Replayed:
+    """Return the estimates of a recording's position samples."""
     estimator = Estimator(model)
     position = recording.channel("position")
     current = hold_current(recording, position.stamps_ns, model.sampling.max_current_age_s)
-    rows: list[tuple[int, float, float, float, float, float]] = []
+    now, late = [], []
     reasons: Counter[str] = Counter()
     motion = hold_motion(recording, position.stamps_ns, model.sampling)
     columns = (position.stamps_ns, position.values, current, motion)
     for stamp, x, c, m in zip(*(column.tolist() for column in columns), strict=True):
         force = estimator.step(stamp, x, c, m)
-        if force is None:
+        if force is not None:
+            now.append(_row(stamp, estimator.position, estimator.speed, force, estimator.half_width()))
+        elif estimator.reason != OK:
             reasons[estimator.reason] += 1
-        else:
-            half_width = estimator.half_width()
-            width = nan if half_width is None else half_width
-            rows.append((stamp, estimator.position, estimator.speed, force, force - width, force + width))
-    return np.array(rows, dtype=object).reshape(-1, 6), reasons
+        late += [_row(*one) for one in estimator.late]
+    return Replayed(np.array(now, object).reshape(-1, 6), np.array(late, object).reshape(-1, 6), reasons)
+
+
+def _row(stamp_ns: int, x: float, v: float, force: float, half_width: float | None) -> tuple[float, ...]:
+    width = nan if half_width is None else half_width
+    return stamp_ns, x, v, force, force - width, force + width
 
 
 def _joint_states(topic: str, rows: NDArray[np.float64], columns: Mapping[str, int]) -> TopicData:
@@ -106,8 +136,8 @@ def make_parser() -> terminal.Parser:
     return terminal.parser(
         "replay",
         "Run the estimator over a recording as the observer node would, and write its inputs and estimates to a bag "
-        f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort; {BAND_TOPIC}: its bounds, if "
-        "the model has a band).",
+        f"(topic {ESTIMATE_TOPIC}: position, velocity, and the estimated force as effort; {DELAYED_TOPIC}: the same of "
+        "a model with a delay; with _band: their bounds, if the model has a band).",
         "ces replay model.json bags/road --out out/road_replayed",
         *(MODEL, ONE_BAG, SIGNALS),
         Option("out", meaning="bag folder to write", kind=Path, metavar="BAG2"),

@@ -12,8 +12,9 @@ from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.recordings import find_bag
 from ces_cli.terminal.simulations import HELP, find_file, open_simulation, with_predictions
-from ces_identify.simulations.simulate import sample_bounds
+from ces_identify.simulations.simulate import sample_bounds, sample_run
 from ces_identify.simulations.simulation import ModelSimulation
+from ces_identify.validation.evaluate import describe_held
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.options import Option
@@ -29,21 +30,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     simulation = open_simulation(options.sim)
     recording = terminal.read_one(path, signals)
     with terminal.err.status(f"simulating {recording.name}"):
-        columns = {"force_N": simulation.force(with_predictions(simulation, path, recording, signals))}
+        inside = simulation.innermost
+        run = sample_run(inside.model, recording) if isinstance(inside, ModelSimulation) else None
+        own = None if inside is not simulation else run  # the run of a model without effects around it
+        force = simulation.force(with_predictions(simulation, path, recording, signals)) if own is None else own.force
+        columns = {"force_N": force}
         if options.band:
-            if not isinstance(simulation, ModelSimulation):
+            if own is None:
                 raise CesError("--band: only a model file has a band; give --sim MODEL.json")
-            columns |= dict(zip(("lower_N", "upper_N"), sample_bounds(simulation.model, recording), strict=True))
+            columns |= dict(zip(("lower_N", "upper_N"), sample_bounds(own), strict=True))
     stamps = recording.channel("position").stamps_ns
+    known = np.isfinite(force)
+    if run is not None and (text := describe_held(recording.name, *run.held_at(known))):
+        terminal.print_warning(text)
     values = zip(((stamps - stamps[0]) * 1e-9).tolist(), *(c.tolist() for c in columns.values()), strict=True)
     rows = [f"{time:.9f},{','.join(map(repr, forces))}" for time, *forces in values]
     write_atomically(options.out, "\n".join([",".join(["time_s", *columns]), *rows]) + "\n")
     if options.json:
-        force = columns["force_N"]
-        known = force[np.isfinite(force)]
         facts = {"recording": recording.name, "simulation": options.sim, "csv": options.out, "rows": len(force)}
-        facts["rows_without_force"] = len(force) - len(known)
-        print_document("simulate", {**facts, "force_N": [known.min(), known.max()] if len(known) else None})
+        facts |= {"rows_without_force": int((~known).sum()), "rows_held": run and int(run.held_at(known)[2].sum())}
+        ends = [force[known].min(), force[known].max()] if known.any() else None
+        print_document("simulate", {**facts, "force_N": ends})
     else:
         print(f"{len(rows)} rows: {options.out}")
     return 0

@@ -59,10 +59,11 @@ def make_parser() -> terminal.Parser:
         "export",
         "Write a model as one self-contained C99 file with its header, as an FMU for co-simulation (FMI 2.0) that "
         "contains the same C code, compiled for this machine and as source for others, or as a ROS 2 package in C++ "
-        "around it. All are the observer's estimator with its differentiator and its reasons for withholding a force; "
-        "the C needs only math.h and allocates no memory in a step. The FMU takes position [m] and current [A] and "
-        "returns force [N], speed [m/s], valid, clamped and reason. Every communication point is a sample; any spacing "
-        "works, best is the model's rate. The ROS 2 package has the observer node as a component and as a program.",
+        "around it. All are the observer's estimator with its reasons for withholding a force, and all give the "
+        "estimates of a model with a delay; the C needs only math.h and allocates no memory in a step. The FMU takes "
+        "position [m] and current [A] and returns force [N], speed [m/s], valid, clamped and reason. Every "
+        "communication point is a sample; any spacing works, best is the model's rate. The ROS 2 package has the "
+        "observer node as a component and as a program.",
         "ces export model.json --out rear_damper.c\n  ces export model.json --format fmu --out rear_damper.fmu\n"
         "  ces export model.json --ros-package ~/ros2_ws/src/rear_damper_observer --signals vehicle.yaml",
         MODEL,
@@ -137,8 +138,10 @@ def _kind(options: argparse.Namespace) -> str:
 
 
 def _certificate(model: Model, options: argparse.Namespace) -> Certificate:
+    """Return the certificate of the model, or of the delayed one in its file if that does not hold."""
     with terminal.err.status("proving stability"):
-        certificate = model.certify()
+        certificate, *others = (one.certify() for one in model.each)
+    certificate = next((one for one in others if not one.holds), certificate)
     if not (certificate.holds or options.allow_uncertified):
         raise CesError(
             f"{options.model}: its stability cannot be proved ({certificate.doubt}); identify it again with a "

@@ -25,6 +25,7 @@ from ces_cli.terminal.results import (
     fold_rows,
     fold_table,
     held_out_row,
+    late,
     model_facts,
     print_band,
     print_costs,
@@ -37,7 +38,7 @@ from ces_data.findings import Finding
 from ces_data.recording import Recording
 from ces_gap.augmented import file_of
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
-from ces_identify.identification import IdentificationResult, count_starts, identify
+from ces_identify.identification import DELAYED_SELECTION, IdentificationResult, count_starts, identify
 from ces_identify.options import build_identify_options
 from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs
@@ -49,7 +50,7 @@ from ces_identify.structures.auto import AUTO, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions, StructureKit
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent
-from ces_identify.validation.evaluate import VALIDATION
+from ces_identify.validation.evaluate import VALIDATION, describe_size
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.proof.certificate import summarize
@@ -64,6 +65,7 @@ STRUCTURE_RULES = (
     never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
     _rule_of(POLYNOMIAL, "method candidates construct blend terms"),
     *(_rule_of(kit, " ".join(size.name for size in kit.sizes)) for kit in KITS.values()),
+    OptionRule("folds", lambda options: len(options.delay) == 1, "takes one --delay: cross-validate each model alone"),
 )
 
 
@@ -166,7 +168,6 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
             **values,
             "split": options.split if options.split is not None else 1.0 if validation else 0.75,
             "threads": options.threads or os.cpu_count() or 1,
-            "differentiator": None if options.differentiator == AUTO else options.differentiator,
         }
     )
     return Identification(options, bags, validation, measured, how, forced, found)
@@ -261,7 +262,7 @@ def describe_starts(result: IdentificationResult, options: argparse.Namespace) -
 
 def _print_result(result: IdentificationResult, options: argparse.Namespace) -> None:
     evaluations, model = result.evaluations, result.model
-    print_costs(evaluations, model.size, _weighting(result, options))
+    print_costs(evaluations, describe_size(model), _weighting(result, options))
     _print_teacher(result)
     print(RULE)
     print(f"{describe_starts(result, options)}; stopped: {result.search_results[0].ended}")
@@ -269,7 +270,8 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
         terminal.print_warning(
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
         )
-    _print_certificate(model)
+    for one, key in zip(model.each, ("selection", DELAYED_SELECTION), strict=False):
+        _print_certificate(one, model.provenance[key].get("not_proved", ""))
     selection = model.provenance["selection"]
     if costs := selection.get("structures"):
         chosen = selection["structure"]
@@ -305,14 +307,14 @@ def _print_teacher(result: IdentificationResult) -> None:
         print(f"{NONE}: a recording without a measured force, or a free run that diverged")
 
 
-def _print_certificate(model: Model) -> None:
-    """Print the certificate, or why there is none and what that means."""
+def _print_certificate(model: Model, doubt: str) -> None:
+    """Print the certificate, or why there is none and what that means; `doubt` is why a proof failed."""
+    which = late(model.sampling.delay_s)
     if model.certificate is not None:
-        print(f"stable: {summarize(model.certificate)} (proved)")
+        print(f"stable{which}: {summarize(model.certificate)} (proved)")
         return
-    doubt = model.provenance["selection"].get("not_proved")
     if doubt:
-        text = f"not proved stable: {doubt}; the"
+        text = f"not proved stable{which}: {doubt}; the"
     else:
         text = "--no-certificate: no proof of this model's stability was tried; if the observer's fails, the"
     terminal.print_warning(f"{text} observer will refuse this model unless allow_uncertified is true")
@@ -345,7 +347,7 @@ def _as_json(
 
 def make_parser() -> terminal.Parser:
     """Return the argument parser."""
-    return terminal.parser(
+    parser = terminal.parser(
         "identify",
         "Identify a model of the damping force from one or more recordings. The free-run cost selects the model, and "
         f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}.",
@@ -354,3 +356,6 @@ def make_parser() -> terminal.Parser:
         *(*list_shared(), *OF_THE_PROGRAM),
         rules=(*CAMPAIGN_RULES, *STRUCTURE_RULES),
     )
+    gone = "is gone: the speed needs no settings; --delay S takes it later, when it is known better"
+    parser.gone = {"--bandwidth": gone, "--differentiator": gone}
+    return parser

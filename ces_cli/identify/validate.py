@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +20,7 @@ from ces_cli.terminal.recordings import (
 from ces_cli.terminal.results import (
     cost_rows,
     held_out_row,
+    late,
     model_facts,
     print_band,
     print_costs,
@@ -32,7 +33,7 @@ from ces_data.recording import Recording
 from ces_identify.options import REGIONS, WEIGHT
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.series import prepare
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, by_delay, describe_size, evaluate
 from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
@@ -56,12 +57,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     if not options.bags and not options.certificate:
         raise CesError("no recording given; usage: ces validate MODEL.json BAG..., or --certificate alone")
     with without_text(options.json):
-        proof = model.certify() if options.certificate else None
-        status = 0 if proof is None else print_proof(model, proof, str(options.model))
+        proofs = [one.certify() for one in model.each] if options.certificate else []
+        status = max(
+            [print_proof(*both, str(options.model)) for both in zip(model.each, proofs, strict=False)], default=0
+        )
         evaluations, found = ([], []) if status else _evaluate_recordings(model, paths, options)
         if evaluations:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
-            title = f"{options.model}: {model.size}"
+            title = f"{options.model}: {describe_size(model)}"
             print_costs(evaluations, title, weighting, exact=False)
             print_band(model, evaluations)
             _print_details(evaluations, weighting)
@@ -74,7 +77,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             write_report(options.report, f"Validation of {options.model.name}", model, evaluations, facts, weighting)
             print(f"report: {options.report}")
     if options.json:
-        print_document("validate", {**_as_json(model, proof, evaluations, weighting, options), "findings": found})
+        print_document("validate", {**_as_json(model, proofs, evaluations, weighting, options), "findings": found})
     return status
 
 
@@ -96,10 +99,11 @@ def _evaluate_recordings(
                 f"{recording.name}: the model was identified on seconds of this recording (as '{overlaps}'): its cost "
                 "here is lower than on new data"
             )
-        series = prepare(recording, model.sampling).part(*options.part)
-        evaluations += evaluate(model, [series], IDENTIFICATION if overlaps else VALIDATION)
+        for one in model.each:
+            series = prepare(recording, one.sampling).part(*options.part)
+            evaluations += evaluate(one, [series], IDENTIFICATION if overlaps else VALIDATION)
         if not (overlaps or any(f.severity == WRONG_MODEL and f.recording == recording.name for f in found)):
-            found += print_against_model(model, recording, evaluations[-1], options.part)
+            found += print_against_model(model.best, recording, evaluations[-1], options.part)
     return evaluations, found
 
 
@@ -110,7 +114,9 @@ def print_against_model(
     scored = evaluation.series.scored
     found = list(unit_against_model(evaluation.series.force[scored], evaluation.run.force[scored]))
     if not found and evaluation.cost > 100.0 * MIN_ERROR:
-        series = prepare(reverse_signs(recording), model.sampling).part(*part)
+        low, high = model.sampling.stroke_m
+        sampling = replace(model.sampling, stroke_m=(min(low, -high), max(high, -low)))
+        series = prepare(reverse_signs(recording), sampling).part(*part)
         (turned,) = evaluate(model, [series], VALIDATION)
         found = list(signs_against_model(evaluation.cost, turned.cost))
     found = [replace(finding, text=f"{recording.name}: {finding.text}") for finding in found]
@@ -130,29 +136,32 @@ def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> N
     for e in evaluations:
         tests = residual_tests(e)
         for line in verdicts(tests) if tests else ("not tested: the free run diverged or is too short",):
-            print(f"residual of {e.name}: {line}")
-    for cell in error_cells(evaluations)[:WORST_CELLS]:
-        print(
-            f"error: {100 * cell.energy:.0f} % of its energy in {100 * cell.ticks:.0f} % of the time at {cell.region} "
-            f"(RMS {cell.rms_N:.0f} N, {cell.cost:.2f} of J)"
-        )
+            print(f"residual of {e.label}: {line}")
+    for delay_s, some in by_delay(evaluations).items():
+        for cell in error_cells(some)[:WORST_CELLS]:
+            print(
+                f"error{late(delay_s)}: {100 * cell.energy:.0f} % of its energy in {100 * cell.ticks:.0f} % of the "
+                f"time at {cell.region} (RMS {cell.rms_N:.0f} N, {cell.cost:.2f} of J)"
+            )
 
 
 def _as_json(
     model: Model,
-    proof: Certificate | None,
+    proofs: Sequence[Certificate],
     evaluations: Sequence[Evaluation],
     weighting: Weighting,
     options: argparse.Namespace,
 ) -> dict[str, Any]:
     return {
         "model": {"path": options.model, **model_facts(model)},
-        "certificate": None if proof is None else certificate_facts(model, proof),
+        "certificate": certificate_facts(model, proofs) if proofs else None,
         "weights": str(weighting) if weighting else None,
         "recordings": cost_rows(evaluations, weighting),
         "all_held_out": held_out_row(evaluations),
-        "residuals": {e.name: _residual_facts(e) for e in evaluations},
-        "error_cells": error_cells(evaluations) if evaluations else [],
+        "residuals": {e.label: _residual_facts(e) for e in evaluations},
+        "error_cells": [
+            {**asdict(cell), "delay_s": d} for d, some in by_delay(evaluations).items() for cell in error_cells(some)
+        ],
         "report": options.report,
         "picture": options.picture,
     }
@@ -178,10 +187,10 @@ def print_proof(model: Model, proof: Certificate, name: str) -> int:
     excess = _find_overclaim(model.certificate, proof) if proof.holds else ""
     if excess or not proof.holds:
         reason = f"the file claims {excess}; identify the model again" if proof.holds else proof.doubt
-        print(f"not proved: {name}: {reason}")
+        print(f"not proved: {name}{late(model.sampling.delay_s)}: {reason}")
         return NOT_PROVED
     envelope = model.envelope
-    print(f"proved: {proof.claim} ({proof.effort})")
+    print(f"proved{late(model.sampling.delay_s)}: {proof.claim} ({proof.effort})")
     for label, value in proof.rows:
         print(f"  {label:<14}  {value}")
     print(f"  {'inputs outside':<14}  the envelope are {model.body.outside}")
@@ -196,10 +205,15 @@ def print_proof(model: Model, proof: Certificate, name: str) -> int:
     return 0
 
 
-def certificate_facts(model: Model, proof: Certificate) -> dict[str, Any]:
-    """Return for --json whether a proof succeeded and covers the file's claims, and the bounds that it proves."""
+def certificate_facts(model: Model, proofs: Sequence[Certificate]) -> dict[str, Any]:
+    """Return for --json whether a proof succeeded and covers the file's claims, and the bounds that it proves.
+
+    Those of a model with a delay beside one without are in `delayed`.
+    """
+    proof, *others = proofs
     doubt = _find_overclaim(model.certificate, proof) if proof.holds else proof.doubt
-    return {"proved": not doubt, "doubt": doubt or None, "bounds": proof.bounds}
+    later = {} if model.delayed is None else {"delayed": certificate_facts(model.delayed, others)}
+    return {"proved": not doubt, "doubt": doubt or None, "bounds": proof.bounds, **later}
 
 
 def _find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str:

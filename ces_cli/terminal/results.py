@@ -15,12 +15,14 @@ from ces_cli.terminal.terminal import lay_out, make_table, print_table, print_wa
 from ces_data.samples import Coverage
 from ces_identify.folds import CrossValidation
 from ces_identify.prepare.cost import EQUAL, Weighting
+from ces_identify.prepare.sampling import delay_text
 from ces_identify.validation.cost_table import NONE, cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
     VALIDATION,
     CostInterval,
     Evaluation,
     PooledCost,
+    by_delay,
     explain_missing,
     pool_evaluations,
 )
@@ -33,42 +35,46 @@ if TYPE_CHECKING:
 def print_costs(
     evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL, exact: bool = True
 ) -> None:
-    """Print the table of costs, with a row for all held-out recordings together.
+    """Print the table of costs, with a row for all held-out recordings together at each delay.
 
-    Then why figures are missing, and a warning for each recording that leaves the model's envelope.
+    Then why figures are missing, and a warning for each recording that leaves the model's envelopes.
     """
     table = lay_out(cost_table(evaluations, title, weighting, exact))
-    table.columns[0].min_width = min(14, max(len(e.name) for e in evaluations))
+    table.columns[0].min_width = min(14, max(len(e.label) for e in evaluations))
     table.columns[1].no_wrap = True
-    if (pooled := _pool_held_out(evaluations)) is not None:
-        table.add_section()
-        use = f"test {pooled.scored_s:.1f} s"
-        table.add_row("all held out", use, percent(pooled.cost), interval_text(pooled.interval))
+    table.rows[-1].end_section = True
+    for n, (delay_s, some) in enumerate(by_delay(evaluations).items()):
+        if (pooled := _pool_held_out(some)) is not None:
+            name = f"  {delay_text(delay_s)}" if n else f"all held out{late(delay_s)}"
+            use = f"test {pooled.scored_s:.1f} s"
+            table.add_row(name, use, percent(pooled.cost), interval_text(pooled.interval))
     print_table(table)
     for line in explain_missing(evaluations, floors=any(e.floor is not None for e in evaluations)):
         print(f"{NONE}: {line}")
-    for text in filter(None, (e.outside_text for e in evaluations)):
+    for text in filter(None, (text for e in evaluations for text in (e.outside_text, e.held_text))):
         print_warning(text)
 
 
 def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -> list[dict[str, Any]]:
     """Return the costs for --json, not rounded: an object for each evaluation.
 
-    Its keys are `recording`, `role`, `scored_s`, `J_percent` and `ci95_percent` (both null if the run diverged),
-    `floor_percent` (null where cycles do not repeat), `weighted_J_percent` (null without weights), `rms_N`,
-    `outside_envelope` (share) and `inside_band` (share; null without a band).
+    Its keys are `recording`, `role`, `delay_s`, `scored_s`, `J_percent` and `ci95_percent` (both null if the run
+    diverged), `floor_percent` (null where cycles do not repeat), `weighted_J_percent` (null without weights), `rms_N`,
+    `outside_envelope` and `force_held` (shares) and `inside_band` (share; null without a band).
     """
     return [
         {
             "recording": e.name,
             "role": e.role,
+            "delay_s": e.delay_s,
             "scored_s": e.scored_s,
             "J_percent": e.cost,
             "ci95_percent": _interval_as_list(e.interval),
             "floor_percent": e.floor,
             "weighted_J_percent": e.weighted_cost(weighting) if weighting else None,
             "rms_N": e.rms_N,
-            "outside_envelope": e.clamped_share,
+            "outside_envelope": e.outside_share,
+            "force_held": e.held_share,
             "inside_band": e.coverage,
         }
         for e in evaluations
@@ -76,11 +82,13 @@ def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -
 
 
 def held_out_row(evaluations: Sequence[Evaluation]) -> dict[str, Any] | None:
-    """Return J and its interval over all recordings for validation together; None for fewer than two."""
-    pooled = _pool_held_out(evaluations)
-    if pooled is None:
-        return None
-    return {"J_percent": pooled.cost, "ci95_percent": _interval_as_list(pooled.interval)}
+    """Return J and its interval over all recordings for validation together; None for fewer than two.
+
+    Those of a second delay are in `delayed`.
+    """
+    pooled = filter(None, map(_pool_held_out, by_delay(evaluations).values()))
+    rows = [{"J_percent": one.cost, "ci95_percent": _interval_as_list(one.interval)} for one in pooled]
+    return {**rows[0], **({"delayed": rows[1]} if rows[1:] else {})} if rows else None
 
 
 def fold_table(result: CrossValidation) -> Table:
@@ -110,13 +118,23 @@ def fold_rows(folds: CrossValidation) -> dict[str, Any]:
 
 
 def model_facts(model: Model) -> dict[str, Any]:
-    """Return what a document says of a model: size, rate, whether its stability is proved, and the band's level."""
+    """Return what a document says of a model: size, rate, delay, whether its stability is proved, the band's level.
+
+    The same of a model with a delay beside one without is in `delayed`.
+    """
     return {
         "size": model.size,
         "rate_Hz": model.sampling.rate_Hz,
+        "delay_s": model.sampling.delay_s,
         "proved_stable": model.certificate is not None,
         "band_level": None if model.band is None else model.band.level,
+        **({} if model.delayed is None else {"delayed": model_facts(model.delayed)}),
     }
+
+
+def late(delay_s: float) -> str:
+    """Return ` (3 ms later)` for a delay, nothing without one."""
+    return f" ({delay_text(delay_s)})" if delay_s else ""
 
 
 def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:

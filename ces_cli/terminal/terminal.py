@@ -12,11 +12,12 @@ import sys
 import textwrap
 import threading
 import warnings
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from traceback import walk_tb
+from types import MappingProxyType
 from typing import Any, NoReturn, TextIO, TypeVar
 
 from rich.box import SIMPLE_HEAD
@@ -53,10 +54,11 @@ err = Console(stderr=True)
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, with `rules` on the options that apply together.
 
-    With `intermixed`, arguments may follow options.
+    With `intermixed`, arguments may follow options. `gone` says of options of earlier versions what replaced them.
     """
 
     rules: Sequence[OptionRule] = ()
+    gone: Mapping[str, str] = MappingProxyType({})
     intermixed = False
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
@@ -65,6 +67,8 @@ class Parser(argparse.ArgumentParser):
         for before, word in zip(["", *words], words, strict=False):
             if not word or (word.startswith("--") and word.endswith("=")):
                 self.error(f"{word.rstrip('=') or before or 'the first argument'}: a value is empty")
+            if (name := word.partition("=")[0]) in self.gone:
+                self.error(f"{name} {self.gone[name]}")
         parse = super().parse_intermixed_args if self.intermixed else super().parse_args
         options: argparse.Namespace = parse(words, namespace)
         require_applicable(find_given(self, words, options), options, self.rules)

@@ -8,8 +8,7 @@ one by one.
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -119,17 +118,12 @@ class MessageLayout:
     numbers: tuple[NumberField | str, ...]
 
 
-def describe_layout(
-    raw: bytes, typename: str, paths: Sequence[FieldPath], typestore: Typestore
-) -> MessageLayout | None:
-    """Return the layout of a message, None if it cannot be found or disagrees with rosbags.
-
-    Raises rosbags' SerdeError if the message cannot be read.
-    """
-    message = typestore.deserialize_cdr(raw, typename)
-    record, buffer = _make_part((Nodetype.NAME, typename), typestore), np.frombuffer(raw, dtype=np.uint8)
+def describe_layout(raw: bytes, kind: str, paths: Sequence[FieldPath], typestore: Typestore) -> MessageLayout | None:
+    """Return the layout of a message, None if none is found or rosbags disagrees; raises rosbags' SerdeError."""
+    message = typestore.deserialize_cdr(raw, kind)
+    record, buffer = _make_part((Nodetype.NAME, kind), typestore), np.frombuffer(raw, dtype=np.uint8)
     try:
-        walk = Walk(raw, typename)
+        walk = Walk(raw, kind)
         walk.skip(record)
     except (CdrUnsupportedError, SignalsError):
         return None
@@ -199,7 +193,10 @@ class MessageDecoder:
             rows = np.flatnonzero(block.lengths == length)
             for layout in self._layouts.setdefault(length, []):
                 rows = self._fill(layout, block, rows, values, present)
-            self._learn(length, block, rows, values, present)
+            try:
+                self._learn(length, block, rows, values, present)
+            except DAMAGED as error:
+                raise RecordingError(f"{self.where}: a message cannot be decoded as {self.kind}: {error}") from None
         stamps = np.zeros(len(block), dtype=np.int64)
         if self.stamp:
             stamps += values[:, 0].astype(np.int64) * 1_000_000_000 + values[:, 1].astype(np.int64)
@@ -208,21 +205,19 @@ class MessageDecoder:
     def read_one(self, raw: bytes) -> list[float | str]:
         """Return the numbers of a raw message, or the reason (str) for each that it does not have."""
         numbers: list[float | str] = []
-        with self._naming_the_topic():
-            message = self.typestore.deserialize_cdr(raw, self.kind)
-            for path in self.paths:
-                try:
-                    numbers.append(path.read(message))
-                except SignalsError as error:
-                    numbers.append(str(error))
+        message = self.typestore.deserialize_cdr(raw, self.kind)
+        for path in self.paths:
+            try:
+                numbers.append(path.read(message))
+            except SignalsError as error:
+                numbers.append(str(error))
         return numbers
 
     def _learn(self, length: int, block: Block, rows: Index, values: Floats, present: Mask) -> None:
         """Read the rows by new layouts, or one by one if there is none."""
         known = self._layouts[length]
         while len(rows) and len(known) < LAYOUTS_PER_LENGTH and length not in self._one_by_one:
-            with self._naming_the_topic():
-                layout = describe_layout(block.payload(rows[0]), self.kind, self.paths, self.typestore)
+            layout = describe_layout(block.payload(rows[0]), self.kind, self.paths, self.typestore)
             if layout is None:
                 self._one_by_one.add(length)
                 break
@@ -250,13 +245,6 @@ class MessageDecoder:
     def _note(self, numbers: Sequence[NumberField | float | str]) -> None:
         for i, number in enumerate(numbers):
             self._reasons[i] = self._reasons[i] or (number if isinstance(number, str) else "")
-
-    @contextmanager
-    def _naming_the_topic(self) -> Iterator[None]:
-        try:
-            yield
-        except DAMAGED as error:
-            raise RecordingError(f"{self.where}: a message cannot be decoded as {self.kind}: {error}") from None
 
 
 class TopicSamples:

@@ -117,10 +117,7 @@ def format_fields(message: object, typename: str, typestore: Typestore) -> str:
 def list_numbers(
     message: Any, typename: str, typestore: Typestore, max_elements: int = MAX_ELEMENTS, before: str = ""
 ) -> Iterator[str]:
-    """Yield the field path of each number in a message, without headers.
-
-    Elements of arrays go by joint name if there is one for each, else by index up to `max_elements`.
-    """
+    """Yield the paths of a message's numbers, not headers'; elements by joint names, else `max_elements` indices."""
     fields = typestore.get_msgdef(typename).fields
     joints = next((list(getattr(message, name)) for name, _ in fields if name in JOINT_NAMES), [])
     for name, description in fields:

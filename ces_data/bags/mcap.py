@@ -74,10 +74,7 @@ def truncation_error(path: Path, size: int) -> RecordingError:
 
 
 def blocks(path: Path, *, interrupted: bool = False) -> Iterator[Block]:
-    """Yield the messages of a file in its order; raises RecordingError if it is truncated or damaged.
-
-    With `interrupted`, the messages end with the last whole one, also within a chunk.
-    """
+    """Yield the messages in the file's order, if `interrupted` up to the last whole one; raises RecordingError."""
     for records in record_buffers(path, interrupted=interrupted):
         buffer = np.frombuffer(records, dtype=np.uint8)
         messages, end = split_messages(buffer)
@@ -154,10 +151,7 @@ def _unpack_unfinished(record: bytes) -> bytes:
 
 
 def split_messages(buffer: Bytes) -> tuple[Index, int]:
-    """Return the messages among the records in a buffer, int64 of shape (n, 4), and the end of the last whole record.
-
-    A row holds a message's channel, log time [ns], and the start and length of its payload in the buffer.
-    """
+    """Return each message's channel, log time [ns], payload start and length (n, 4), and where the last record ends."""
     messages = np.empty((len(buffer) // (PREFIX + MESSAGE_HEADER) + 1, 4), dtype=np.int64)
     count, end = _scan(buffer, messages)
     return messages[:count], end

@@ -87,7 +87,10 @@ def _find_topic(bag: Bag, signal: Signal, signals: Signals, needed: bool) -> Top
     for topic in topics:
         if topic.type == signal.type:
             return topic
-    advice = _advice(bag.path, signal, signals)
+    advice = f"'ces signals {bag.path} --out my_signals.yaml' proposes a file for --signals"
+    if signal.name in signals.assumed and len(signals.assumed) < len(signals.by_name):
+        missing = f"{signals.source} has no key '{signal.name}', so its default was looked for"
+        advice = f"{missing}: add it, with topic, type and field"
     if topics:
         raise SignalsError(
             f"{signals.source}: signal '{signal.name}': topic '{signal.topic}' is {topics[0].type} in {bag.path}, not"
@@ -99,14 +102,6 @@ def _find_topic(bag: Bag, signal: Signal, signals: Signals, needed: bool) -> Top
     more = [f"{len(bag.topics) - MAX_TOPICS_LISTED} more"] if len(bag.topics) > MAX_TOPICS_LISTED else []
     has = ", ".join(shown + more) or "none"
     raise RecordingError(f"{bag.path}: no topic '{signal.topic}' for {signal.name}; the bag has {has}; {advice}")
-
-
-def _advice(path: Path, signal: Signal, signals: Signals) -> str:
-    """Return what to do about a topic that is not found: complete the signals file, or let a program propose one."""
-    if signal.name in signals.assumed and len(signals.assumed) < len(signals.by_name):
-        missing = f"{signals.source} has no key '{signal.name}', so its default was looked for"
-        return f"{missing}: add it, with topic, type and field"
-    return f"'ces signals {path} --out my_signals.yaml' proposes a file for --signals"
 
 
 class _TopicReader(TopicSamples):
@@ -162,10 +157,7 @@ class LateSamples:
 
 
 def sort_late_samples(channel: Channel) -> tuple[Channel, LateSamples | None]:
-    """Return the channel in the order of its stamps and what was late; unchanged and None if time ran backwards.
-
-    The order of equal stamps is kept. A channel in order is returned as it is, with None.
-    """
+    """Return the channel sorted stably by stamp and what was late; as it is and None if in order or time ran back."""
     stamps = channel.stamps_ns
     if not (stamps[1:] < stamps[:-1]).any():
         return channel, None

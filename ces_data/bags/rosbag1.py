@@ -19,9 +19,7 @@ SUFFIX = ".bag"
 BATCH = 5_000  # messages per block
 SEPARATOR = "=" * 80 + "\n"
 HEADER_SECTION, SEQUENCE = "MSG: std_msgs/Header\n", "uint32 seq\n"
-TIMES = "".join(
-    f"{SEPARATOR}MSG: builtin_interfaces/{name}\nint32 sec\nuint32 nanosec\n" for name in ("Time", "Duration")
-)
+TIMES = "".join(f"{SEPARATOR}MSG: builtin_interfaces/{t}\nint32 sec\nuint32 nanosec\n" for t in ("Time", "Duration"))
 
 
 def list_topics(path: Path) -> tuple[StoredTopic, ...]:

@@ -52,10 +52,7 @@ class Topic:
 
 @dataclass(frozen=True)
 class DataFile:
-    """A data file: `path` is read, `stored` are the files of the bag that it is or was made of.
-
-    `interrupted`: the file's recorder was killed, and the file ends with the last whole message.
-    """
+    """A data file at `path`, made of the bag's files `stored`; an `interrupted` one ends with a whole message."""
 
     path: Path
     stored: tuple[Path, ...]
@@ -73,10 +70,7 @@ class DataFile:
 
 @dataclass(frozen=True)
 class Bag:
-    """An open bag; `stored_topics` are those of all its files, `warning` is what the user should know about it.
-
-    `exact_log_times`: the log time of a message is its sample's stamp, as in the bags that `writer` writes.
-    """
+    """An open bag: topics of all files, a `warning` for the user, whether log times are the samples' stamps."""
 
     path: Path
     stored_topics: tuple[StoredTopic, ...]

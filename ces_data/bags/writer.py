@@ -80,20 +80,14 @@ def recording_topics(recording: Recording, signals: Signals) -> tuple[TopicData,
 
 
 def write_bag(
-    path: Path,
-    topics: Sequence[TopicData],
-    *,
-    overwrite: bool = False,
-    notes: Mapping[str, str] | None = None,
+    path: Path, topics: Sequence[TopicData], *, overwrite: bool = False, notes: Mapping[str, str] | None = None,
     progress: Callable[[float], None] = lambda share: None,
-) -> None:
+) -> None:  # fmt: skip
     """Write a bag folder with these topics, in time order; `notes` become the bag's custom metadata.
 
-    `progress` is called with the share of the messages that is written.
-
-    The order within a topic is kept even if its stamps run backwards. Raises RecordingError if `path` holds
-    anything but a bag to overwrite, or if the folder cannot be written; SignalsError if a type or field path cannot be
-    written.
+    `progress` is called with the share of the messages that is written. The order within a topic is kept even if its
+    stamps run backwards. Raises RecordingError if `path` holds anything but a bag to overwrite, or if the folder cannot
+    be written; SignalsError if a type or field path cannot be written.
     """
     used = path.exists() and not (path.is_dir() and not any(path.iterdir()))
     if used and not overwrite:
@@ -123,9 +117,7 @@ def _move_into_place(part: Path, path: Path) -> None:
         raise
 
 
-def _write(
-    path: Path, topics: Sequence[TopicData], notes: Mapping[str, str], progress: Callable[[float], None]
-) -> None:
+def _write(path: Path, topics: Sequence[TopicData], notes: Mapping[str, str], report: Callable[[float], None]) -> None:
     typestore = get_typestore(Stores.ROS2_JAZZY)
     encoders = [_Encoder(topic, typestore) for topic in topics]
     writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
@@ -143,14 +135,11 @@ def _write(
                 writer.write(connections[i], stamp, payload)
                 count += 1
                 if count % BATCH == 0 or count == total:
-                    progress(count / total)
+                    report(count / total)
 
 
 def _batches(encoders: Sequence[_Encoder]) -> Iterator[list[tuple[int, int, bytes]]]:
-    """Yield index of the topic, stamp and payload of all messages in time order; 1,000 a batch of the longest topic.
-
-    Messages at the same time are in the order of the topics.
-    """
+    """Yield topic index, stamp and payload of all messages by time, then topic; 1,000 of the longest a batch."""
     longest = max((encoder.order for encoder in encoders), key=len, default=np.empty(0, dtype=np.int64))
     edges = [*longest[BATCH::BATCH].tolist(), None]
     begins = [0] * len(encoders)

@@ -97,10 +97,7 @@ def check_together(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
 
 
 def require_sound(findings: Sequence[Finding], ignore_findings: bool = False) -> tuple[str, ...]:
-    """Return the texts of the findings that a model is identified in spite of: none, unless `ignore_findings`.
-
-    Raises RecordingError with the first finding because of which a model would be wrong, if not `ignore_findings`.
-    """
+    """Return the texts of "wrong model" findings if `ignore_findings`, else raise RecordingError with the first."""
     wrong = tuple(f.text for f in findings if f.severity == WRONG_MODEL)
     if wrong and not ignore_findings:
         more = f" (and {len(wrong) - 1} more findings like this)" if len(wrong) > 1 else ""
@@ -110,10 +107,7 @@ def require_sound(findings: Sequence[Finding], ignore_findings: bool = False) ->
 
 @dataclass(frozen=True)
 class Traits:
-    """The compared quantities: spreads in SI units, and the correlation of force with speed (-1 to 1).
-
-    `current_A` is the 99th percentile of the magnitude. NaN where the recording lacks the data.
-    """
+    """Spreads in SI units (`current_A`: 99th percentile), correlation of force with speed (-1 to 1); NaN if unknown."""
 
     name: str
     stroke_m: float
@@ -139,10 +133,7 @@ def find_traits(recording: Recording) -> Traits:
 
 
 def find_differences(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
-    """Return the inconsistencies between recordings, each a "wrong model" that names them.
-
-    They are strokes, currents or forces in different units, and opposite signs of the force.
-    """
+    """Return "wrong model" findings between recordings: different units of a signal, opposite signs of the force."""
     traits = [find_traits(recording) for recording in recordings]
     units = list(_compare_units(traits))
     ratios = () if any(f.signal == "force" for f in units) else ratio_findings(recordings)
@@ -158,10 +149,7 @@ def require_consistent(recordings: Sequence[Recording]) -> tuple[Finding, ...]:
 
 
 def _compare_units(traits: Sequence[Traits]) -> Iterator[Finding]:
-    """Yield a finding for each trait beyond the limit of any damper in one recording and far smaller in another.
-
-    Forces have no such limit, but they count at similar speeds only.
-    """
+    """Yield a finding per trait beyond any damper's limit and far smaller elsewhere; forces at like speeds only."""
     for signal, trait, limit, verb, unit in COMPARED:
         known = sorted((t for t in traits if getattr(t, trait) > 0.0), key=attrgetter(trait)) or [traits[0]]
         low, high = known[0], known[-1]

@@ -66,10 +66,7 @@ def shared_content(one: Recording, other: Recording) -> SharedContent | None:
 
 def require_distinct(identification: Sequence[Recording], validation: Sequence[Recording] = ()) -> None:
     """Raise RecordingError if a recording is given twice, or if validation recordings were given for identification."""
-    for one, other in combinations(identification, 2):
-        if shared := shared_content(one, other):
-            text = f"{shared}, twice for identification: its seconds would count twice; give it once"
-            raise RecordingError(f"{_names(one, other)}: {text}")
+    require_once(identification, ", twice for identification")
     for one in identification:
         for other in validation:
             if shared := shared_content(one, other):
@@ -78,11 +75,11 @@ def require_distinct(identification: Sequence[Recording], validation: Sequence[R
                 raise RecordingError(f"{_names(one, other)}: {text}; {remedy}")
 
 
-def require_once(recordings: Sequence[Recording]) -> None:
-    """Raise RecordingError if two recordings to be judged on have seconds in common."""
+def require_once(recordings: Sequence[Recording], use: str = "") -> None:
+    """Raise RecordingError if two recordings for one use have seconds in common."""
     for one, other in combinations(recordings, 2):
         if shared := shared_content(one, other):
-            raise RecordingError(f"{_names(one, other)}: {shared}: its seconds would count twice; give it once")
+            raise RecordingError(f"{_names(one, other)}: {shared}{use}: its seconds would count twice; give it once")
 
 
 def recording_marks(recording: Recording) -> list[str]:
@@ -92,10 +89,7 @@ def recording_marks(recording: Recording) -> list[str]:
 
 
 def marks_of_copies(recording: Recording) -> list[str]:
-    """Return the marks of a recording, and those of its force at the position's stamps, as tables hold it.
-
-    So a copy is recognised that went through a table (`ces export-data`, then `ces import`).
-    """
+    """Return the marks of a recording, and of its force at the position's stamps, as in a table (ces export-data)."""
     if not {"position", "force"} <= recording.channels.keys():
         return recording_marks(recording)
     stamps, force = recording.channels["position"].stamps_ns, recording.channels["force"]

@@ -48,10 +48,7 @@ MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these sig
 
 @dataclass(frozen=True)
 class DelayEstimate:
-    """How late a signal is logged [s], with the interval of the shifts that fit; `errors` at zero and at the best.
-
-    Shifts of up to `reach_s` were tried.
-    """
+    """How late a signal is [s], the interval of shifts (up to `reach_s`) that fit, and the errors at zero and best."""
 
     late_s: float
     low_s: float
@@ -89,10 +86,7 @@ class DelayEstimate:
 
 
 def force_delay(motion: Motion, far: bool = True) -> DelayEstimate | None:
-    """Return how late the force is logged relative to the position, None if that cannot be known.
-
-    With `far`, also a delay of more than MAX_DELAY_S if none up to that fits.
-    """
+    """Return how late the force is after the position, None if unknown; `far`: beyond MAX_DELAY_S if none fits."""
     if len(motion) < MIN_TICKS or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
         return None
     near = _force_delay_within(motion, MAX_DELAY_S)
@@ -118,10 +112,7 @@ def _force_delay_within(motion: Motion, reach_s: float) -> DelayEstimate | None:
 
 
 def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | None:
-    """Return how late the current is logged relative to the force, None if that cannot be known.
-
-    `force_late_s` is the delay of the force relative to the position, which is taken out first.
-    """
+    """Return how late the current is after the force, which is `force_late_s` after the position; None if unknown."""
     if len(motion) < MIN_TICKS or is_constant(motion.current) or motion.speed.std() == 0.0:
         return None
     reach, late = round(MAX_DELAY_S * RATE_HZ), round(force_late_s * RATE_HZ)

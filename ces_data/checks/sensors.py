@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F, I, Mask
 from ces_data.checks.motion import RATE_HZ, Motion, fit_errors, force_features, is_constant
-from ces_data.findings import WARNING, WRONG_MODEL, Finding, SaturationFinding, mean_rate
+from ces_data.findings import WARNING, WRONG_MODEL, Finding, SaturationFinding, mean_rate, runs_of_equal
 from ces_data.recording import Channel, Recording
 
 MIN_SAMPLES = 1000
@@ -52,10 +52,7 @@ def sensor_findings(recording: Recording) -> Iterator[Finding]:
 
 
 def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[float]) -> Iterator[Finding]:
-    """Yield the stretches in which a noisy channel repeats one value while the other signal changes.
-
-    Those at a limit at which it saturates again and again are no fault of their own.
-    """
+    """Yield stretches in which a noisy channel repeats a value, not its usual limit, while the other changes."""
     long, noisy = _long_runs(channel, runs, STUCK_S)
     lengths = np.diff(runs, axis=1)[:, 0]
     if other is None or noisy is None:
@@ -143,12 +140,6 @@ def _describe_disturbance(channel: Channel, quantum: float) -> str:
 def _count_times(count: int) -> str:
     """Return how often, before the time of the first."""
     return "once, at" if count == 1 else f"{count} times, first at"
-
-
-def runs_of_equal(values: F) -> I:
-    """Return begin and end (n, 2) of the runs of equal values."""
-    changes = np.flatnonzero(np.diff(values) != 0.0) + 1
-    return np.stack([np.concatenate([[0], changes]), np.concatenate([changes, [len(values)]])], axis=1)
 
 
 def _change(channel: Channel, begin: int, end: int) -> float:
@@ -273,10 +264,8 @@ def _without_noise(channel: Channel) -> Iterator[Finding]:
     if noisy:
         first = (channel.stamps_ns[int(runs[long][0, 0])] - channel.stamps_ns[0]) * 1e-9
         total = np.diff(runs[long], axis=1).sum() / len(channel)
-        times = f"{_count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time"
-        yield Finding(
-            WARNING, f"current: stuck {times}, although noise changes it everywhere else; {REMEDY}", "current"
-        )
+        when = f"{_count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time"
+        yield Finding(WARNING, f"current: stuck {when}, although noise changes it everywhere else; {REMEDY}", "current")
 
 
 def _error(motion: Motion, ticks: I) -> float:
@@ -319,10 +308,7 @@ def rate_findings(recording: Recording) -> Iterator[Finding]:
 
 
 def interpolation_miss(channel: Channel) -> float:
-    """Return the RMS error of every second sample, interpolated from the others, relative to the channel's own.
-
-    Samples beside gaps do not count; NaN if too few are left, or if the channel is constant.
-    """
+    """Return the relative RMS error of every second sample, interpolated, gaps apart; NaN if constant or few."""
     sound = channel.in_order()
     stamps, values = sound.stamps_ns, sound.values
     if len(values) < MIN_RATE_SAMPLES or np.ptp(values) == 0.0:

@@ -86,10 +86,7 @@ def half_span(values: F, without: float = 0.0) -> float:
 
 
 def find_exchange(recording: Recording, motion: Motion | None) -> Finding | None:
-    """Return a finding if both ranges are those of the other signal, and the work of the force has changed its sign.
-
-    Interchanged signals return the work that the damper takes; mm and kN alone do not.
-    """
+    """Return a finding if both ranges are the other signal's and the force returns work; mm and kN do not."""
     stroke, force = (half_span(finite_values(recording, name)) for name in ("position", "force"))
     if motion is None or 2.0 * stroke < MAX_STROKE_M or force > FORCE_N or not is_reversed(motion, None):
         return None

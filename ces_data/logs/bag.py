@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ces_data.bags.fields import FieldSeries, read_fields, read_series
-from ces_data.logs.log_file import LogSeries, TimedLog
+from ces_data.logs.log_file import LogSeries, Progress, TimedLog
 from ces_data.logs.log_mapping import DynoMapping, LogColumn, MappingError
 
 
-def open_log(path: Path, _: DynoMapping, __: Callable[[float], None]) -> BagLog:
+def open_log(path: Path, _: DynoMapping, __: Progress) -> BagLog:
     """Open a ROS 1 bag."""
     return BagLog(path)
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from array import array
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -15,7 +15,7 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ces_data.config_file import first_line
-from ces_data.logs.log_file import LogSeries, TimedLog, import_reader, join_names
+from ces_data.logs.log_file import LogSeries, Progress, TimedLog, import_reader, join_names
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.logs.mdf import read_frames
 from ces_observer.errors import RecordingError
@@ -23,11 +23,10 @@ from ces_observer.errors import RecordingError
 EXTRA = "can"
 MAX_PROPOSAL_FRAMES = 500_000
 BUS_LOGS = (".blf", ".asc", ".log", ".trc")
-FrameId = tuple[int, bool]  # arbitration id, and whether it is an extended one
 Samples: TypeAlias = "dict[str, dict[str, tuple[array[int], array[float]]]]"  # by MESSAGE.SIGNAL and bus
 
 
-def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> CanLog:
+def open_log(path: Path, mapping: DynoMapping, _: Progress) -> CanLog:
     """Open a CAN log; raises RecordingError without its database, or if a library is missing."""
     return CanLog(path, mapping)
 
@@ -94,7 +93,7 @@ class CanLog(TimedLog):
     def _decode(self, messages: Sequence[Any], limit: int | None = None) -> Samples:
         """Return the samples of all signals of these messages, in so many frames."""
         samples: Samples = defaultdict(lambda: defaultdict(lambda: (array("q"), array("d"))))
-        by_id: dict[FrameId, Any] = {(message.frame_id, message.is_extended_frame): message for message in messages}
+        by_id: dict[tuple[int, bool], Any] = {(m.frame_id, m.is_extended_frame): m for m in messages}
         for frame in islice(self._frames(), limit):
             message = by_id.get((frame.arbitration_id, frame.is_extended_id))
             if message is None or frame.is_error_frame or frame.is_remote_frame:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import re
 from array import array
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from io import TextIOWrapper
@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.logs import csv_form
-from ces_data.logs.log_file import LogTable
+from ces_data.logs.log_file import LogTable, Progress
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
 from ces_observer.errors import RecordingError
@@ -30,7 +30,7 @@ LINE_BREAK = re.compile("\r\n|\r|\n")
 EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
 
 
-def open_log(path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> CsvTable:
+def open_log(path: Path, mapping: DynoMapping, progress: Progress) -> CsvTable:
     """Read a text table; raises RecordingError if it has no rows of numbers, or a quote that is not closed."""
     try:
         return CsvTable(path, mapping, progress)
@@ -40,10 +40,7 @@ def open_log(path: Path, mapping: DynoMapping, progress: Callable[[float], None]
 
 @dataclass
 class _Cells:
-    """The cells of one column: numbers, NaN where there is none; the rows without a number; the first bad cell.
-
-    `texts` are kept of dates and long whole numbers.
-    """
+    """A column: numbers (NaN: none), rows without one, the first bad cell; `texts` of dates and long numbers."""
 
     texts: list[str] | None
     numbers: array[float] = field(default_factory=lambda: array("d"))
@@ -55,7 +52,7 @@ class _Cells:
 class CsvTable(LogTable):
     """A table of text cells. Memory is 8 bytes a cell, and the text of columns that hold dates."""
 
-    def __init__(self, path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> None:
+    def __init__(self, path: Path, mapping: DynoMapping, progress: Progress) -> None:
         self.path, self.mapping, self._progress = path, mapping, progress
         self.dialect = csv_form.find_dialect(path, mapping)
         self.names = mapping.names or self.dialect.names
@@ -92,6 +89,7 @@ class CsvTable(LogTable):
     def stamps(self, column: LogColumn) -> Stamps | None:
         """Return the times of a column of dates or of long whole numbers of nanoseconds; None for other numbers."""
         cells, name = self._cells(column.key)
+        where = f"{self.path}: column {name}"
         if cells.texts is None:
             return None
         try:
@@ -102,12 +100,10 @@ class CsvTable(LogTable):
                     raise ValueError(text, row)
             return np.array([int(text) * EXACT_UNITS[column.unit] for text in cells.texts], dtype=np.int64)
         except OverflowError:
-            raise RecordingError(
-                f"{self.path}: column {name} has a time beyond the year 2262; check its unit"
-            ) from None
+            raise RecordingError(f"{where} has a time beyond the year 2262; check its unit") from None
         except csv_form.AmbiguousDateError as error:
             raise RecordingError(
-                f"{self.path}: column {name}: {str(error)!r} may be month/day or day/month; set date: "
+                f"{where}: {str(error)!r} may be month/day or day/month; set date: "
                 f"'%m/%d/%Y %H:%M:%S.%f' or '%d/%m/%Y %H:%M:%S.%f' in {self.mapping.source}"
             ) from None
         except ValueError as error:

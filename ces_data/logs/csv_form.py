@@ -12,7 +12,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from datetime import UTC, date, datetime
+from datetime import UTC, date, datetime, timedelta
 from functools import cache
 from pathlib import Path
 
@@ -157,17 +157,11 @@ def _find_header(rows: Rows, stated: int | None, decimal: str) -> Header:
         for i, cell in enumerate([] if at in block else _strip_mark(rows[at][1])[: len(names)]):
             names[i] = names[i] or cell.strip()
     below = [rows[at][1] for at in block if at > names_at and not _is_unit_row(rows[at][1])]
-    if (
-        len(set(names)) < len(names) and below
-    ):  # several columns share the name of a group, before that in the next line
+    if len(set(names)) < len(names) and below:  # columns share the name of a group, before that in the next line
         joined = [" ".join(pair).strip() for pair in zip(names, _strip_names(below[0]), strict=False)]
         names = joined if len(set(joined)) == len(names) else names
-    units = _strip_mark(rows[units_at][1] if units_at is not None else [])
-    return (
-        names_at + 1 if first is None else first,
-        tuple(names),
-        tuple(cell.strip().strip("[]()") for cell in units),
-    )
+    units = [] if units_at is None else [cell.strip().strip("[]()") for cell in _strip_mark(rows[units_at][1])]
+    return names_at + 1 if first is None else first, tuple(names), tuple(units)
 
 
 def _find_first_row(rows: Rows, width: int, decimal: str) -> int | None:
@@ -309,8 +303,7 @@ def _offset_s(zone: str) -> int:
 
 def _since_1970(moment: datetime) -> int:
     known = moment if moment.tzinfo else moment.replace(tzinfo=UTC)
-    since = known - datetime(1970, 1, 1, tzinfo=UTC)
-    return (since.days * 86_400 + since.seconds) * 1_000_000_000 + since.microseconds * 1_000
+    return (known - datetime(1970, 1, 1, tzinfo=UTC)) // timedelta(microseconds=1) * 1_000
 
 
 def parse_number(cell: str, decimal: str) -> float:

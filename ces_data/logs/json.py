@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog
+from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, Progress, TimedLog
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Values
 from ces_observer.errors import RecordingError
@@ -47,7 +47,7 @@ class TimedValues(NamedTuple):
     unit: str = ""
 
 
-def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> LogTable | TimedLog:
+def open_log(path: Path, mapping: DynoMapping, _: Progress) -> LogTable | TimedLog:
     """Read a JSON file."""
     return open_tree(path, mapping, json.loads(path.read_bytes()))
 
@@ -100,10 +100,6 @@ class TreeTable(LogTable):
             raise RecordingError(f"{self.path}: column {key!r} has shape {numbers.shape}; expected one number a row")
         return numbers
 
-    def place(self, row: int) -> str:
-        """Return the row in the table."""
-        return f"row {row}"
-
     @property
     def width(self) -> int:
         """The number of columns by name, or of the first row."""
@@ -154,9 +150,7 @@ class TreeSeries(TimedLog):
     def read(self, columns: Sequence[LogColumn]) -> list[LogSeries]:
         """Return the series at the columns' paths."""
         listed, keys = dict(_list_series(self.root)), [str(column.key) for column in columns]
-        return self._stamp(
-            [(key, listed.get(key) or _find_series(_follow_route(self.path, self.root, key))) for key in keys]
-        )
+        return self._stamp([(k, listed.get(k) or _find_series(_follow_route(self.path, self.root, k))) for k in keys])
 
     def read_all(self) -> list[LogSeries]:
         """Return every series in the tree."""
@@ -279,10 +273,7 @@ def _is_complex(value: Any) -> bool:
 
 
 def _find_rows(tree: Any, prefix: str = "") -> str:
-    """Return the path to the first table of rows in a tree that has no columns by name, '' if it has or has none.
-
-    A table of rows is a matrix, or a list of rows or of mappings.
-    """
+    """Return the path to the first matrix, or list of rows or mappings, in a tree without named columns, else ''."""
     if not isinstance(tree, Mapping) or next(_list_arrays(tree), None) is not None:
         return ""
     for name, value in tree.items():

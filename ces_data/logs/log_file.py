@@ -35,6 +35,7 @@ REMEDIES = {  # what to do about files that are not read
 }
 CAN_ASC = re.compile(rb"^\s*(date\s|base\s+(hex|dec)|//\s*version|Begin\s+Trigger)", re.IGNORECASE | re.MULTILINE)
 BAGS = (".mcap", ".db3")
+Progress = Callable[[float], None]  # is called with the share that is read
 
 
 @dataclass(frozen=True)
@@ -65,10 +66,7 @@ class LogTable(ABC):
 
     @abstractmethod
     def column(self, key: str | int) -> Values:
-        """Return a column, shape (n,), NaN where a sample is missing.
-
-        Raises RecordingError if the column is missing or has a cell that is not a number.
-        """
+        """Return a column (n,), NaN where a sample is missing; raises RecordingError if it is none, or no numbers."""
 
     def missing(self, key: str | int) -> NDArray[np.bool_] | None:
         """Return which rows have no sample in a column, (n,); None if all have one."""
@@ -86,9 +84,9 @@ class LogTable(ABC):
         """Return the number in the first row of a column."""
         return float(self.column(key)[0])
 
-    @abstractmethod
     def place(self, row: int) -> str:
         """Return the position of row `row` (from 0) for a message."""
+        return f"row {row}"
 
     def _index(self, key: str | int, width: int) -> int:
         if isinstance(key, int) and key < width:
@@ -130,13 +128,8 @@ def import_reader(module: str, package: str, extra: str, path: Path) -> Any:
         ) from None
 
 
-def open_log(
-    path: Path, mapping: DynoMapping, progress: Callable[[float], None] = lambda share: None
-) -> LogTable | TimedLog:
-    """Open a log; raises RecordingError if it does not have the format of the mapping or the suffix.
-
-    `progress` is called with the share of a text table that is read.
-    """
+def open_log(path: Path, mapping: DynoMapping, progress: Progress = lambda share: None) -> LogTable | TimedLog:
+    """Open a log, text tables with `progress`; raises RecordingError if it lacks the mapping's or suffix's format."""
     refuse_bag(path)
     if not path.exists():
         raise RecordingError(f"{path}: cannot be read: No such file or directory")
@@ -151,7 +144,7 @@ def open_log(
     )
 
 
-def open_format(kind: str, path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> LogTable | TimedLog:
+def open_format(kind: str, path: Path, mapping: DynoMapping, progress: Progress) -> LogTable | TimedLog:
     """Open a log of a known format."""
     module = import_module(f"ces_data.logs.{kind}")
     try:

@@ -91,10 +91,7 @@ def _read_series(log: TimedLog, mapping: DynoMapping) -> Recording:
 
 
 def find_factors(signal: str, column: LogColumn, unit: str, where: str, source: str) -> tuple[float, float]:
-    """Return scale and offset of a column: those of the mapping, or else of the unit that the log states.
-
-    Raises MappingError if that unit is unknown or not one of this signal.
-    """
+    """Return scale and offset: the mapping's, or the stated unit's; raises MappingError if it is not the signal's."""
     if column.scaled or not unit.strip():
         return column.scale, column.offset
     known = find_unit(unit)

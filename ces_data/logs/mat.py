@@ -8,7 +8,7 @@ own, which is not read.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ import scipy.io
 from scipy.io.matlab import MatlabOpaque, MatReadWarning, varmats_from_mat
 
 from ces_data.logs.json import MatlabObject, open_tree
-from ces_data.logs.log_file import LogTable, TimedLog, import_reader
+from ces_data.logs.log_file import LogTable, Progress, TimedLog, import_reader
 from ces_data.logs.log_mapping import DynoMapping
 from ces_observer.errors import RecordingError
 
@@ -26,7 +26,7 @@ HEAD = b"MATLAB 7.3"
 MAX_BYTES = 4_000_000_000  # of one variable in memory
 
 
-def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> LogTable | TimedLog:
+def open_log(path: Path, mapping: DynoMapping, _: Progress) -> LogTable | TimedLog:
     """Read a MATLAB file; raises RecordingError if it is damaged or a library is missing."""
     with path.open("rb") as file:
         if file.read(len(HEAD)) == HEAD:
@@ -56,10 +56,7 @@ def replace_objects(tree: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def open_mat73(path: Path) -> Mapping[str, Any]:
-    """Open a file as a nested mapping, which keeps it open.
-
-    Raises RecordingError if it is damaged or h5py is missing.
-    """
+    """Open a file as a nested mapping, which keeps it open; raises RecordingError if damaged or without h5py."""
     h5py = import_reader("h5py", "h5py", "mat73", path)
     try:
         return _Structure(path, h5py.File(path, "r"), h5py)

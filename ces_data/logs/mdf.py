@@ -5,7 +5,7 @@ from __future__ import annotations
 import gc
 import logging
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.config_file import first_line
-from ces_data.logs.log_file import LogSeries, LogTable, TimedLog, import_reader, join_names, open_format
+from ces_data.logs.log_file import LogSeries, LogTable, Progress, TimedLog, import_reader, join_names, open_format
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_observer.errors import RecordingError
 
@@ -23,7 +23,7 @@ MAX_PROPOSAL_RECORDS = 200_000
 Place = tuple[int, int]  # numbers of a channel group and of a channel in it
 
 
-def open_log(path: Path, mapping: DynoMapping, progress: Callable[[float], None]) -> LogTable | TimedLog:
+def open_log(path: Path, mapping: DynoMapping, progress: Progress) -> LogTable | TimedLog:
     """Open an MDF file, one of CAN frames with the database that the mapping names."""
     return open_format("can", path, mapping, progress) if mapping.dbc else MdfLog(path)
 

@@ -2,20 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_data.logs.log_file import LogTable, import_reader
+from ces_data.logs.log_file import LogTable, Progress, import_reader
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
 
-def open_log(path: Path, mapping: DynoMapping, _: Callable[[float], None]) -> ParquetTable:
+def open_log(path: Path, mapping: DynoMapping, _: Progress) -> ParquetTable:
     """Open a Parquet file; raises RecordingError if it is damaged or pyarrow is missing."""
     return ParquetTable(path, mapping)
 
@@ -70,10 +69,6 @@ class ParquetTable(LogTable):
         """Return the unit in the field's metadata."""
         metadata = self._schema.field(self._index(key, len(self.names))).metadata or {}
         return bytes(metadata.get(b"unit", b"")).decode("utf-8", "replace")
-
-    def place(self, row: int) -> str:
-        """Return the row in the table."""
-        return f"row {row}"
 
     def _read(self, key: str | int) -> tuple[Any, str]:
         i = self._index(key, len(self.names))

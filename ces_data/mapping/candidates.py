@@ -30,8 +30,6 @@ TIME_AXES = (("s",), ("x", "value"), ("x", "axis"))  # `X_Value` is LabVIEW's, `
 BETWEEN_BAGS_NS = 10_000_000_000
 ANY = ""  # key of what may be any signal
 RATE_WORDS = frozenset({"fs", "rate", "hz", "frequency", "samplerate"})
-
-
 CALENDARS = (  # times as numbers from low to high that count from a date: scale * number + offset is s since 1970
     (2e4, 8e4, 86_400.0, -25_569 * 86_400.0, "days since 30 December 1899, as Excel counts"),
     (7e5, 8e5, 86_400.0, -719_529 * 86_400.0, "days since the year 0, as MATLAB counts"),
@@ -100,10 +98,7 @@ class _TableColumn:
 
 
 def find_bag_candidates(paths: Sequence[Path]) -> tuple[tuple[Candidate, ...], dict[str, str]]:
-    """Return the candidates that all bags have, one bag after the other, and why topics were not examined.
-
-    Raises RecordingError if there are none.
-    """
+    """Return the candidates in all bags, joined in time, and why topics were skipped; raises RecordingError if none."""
     bags = [read_fields(path) for path in paths]
     series = [{(s.topic, s.type, s.field): s for s in bag.series} for bag in bags]
     common = [key for key in series[0] if all(key in one for one in series)]
@@ -157,10 +152,8 @@ def _of_series(log: TimedLog) -> LogCandidates:
             continue
         name, unit = split_unit(DIALLED_PATH.sub("", key))
         stated = find_unit(series.unit)
-        where = "that the log states for it" if stated else "from its name" if unit else ""
-        found.append(
-            Candidate(series.label, (name,), series.stamps_ns, series.values, unit=stated or unit, stated=where)
-        )
+        how = "that the log states for it" if stated else "from its name" if unit else ""
+        found.append(Candidate(series.label, (name,), series.stamps_ns, series.values, unit=stated or unit, stated=how))
         keys[series.label] = LogColumn(key, group=series.group)
     return LogCandidates(tuple(found), keys, time_text="the channels' own times", unread=unread)
 
@@ -305,13 +298,8 @@ def _doubt_time(table: LogTable, time: LogColumn, stamps: Stamps, candidates: Se
             f"{where} has only {different} different times in {rows} rows, too coarse to tell one row from the next "
             "(or are rows repeated?); give --rate HZ"
         )
-    if (
-        time.unit
-        or time.scaled
-        or table.stamps(time) is not None
-        or MIN_STEP_S <= usual < MAX_USUAL_STEP_S
-        or not usual
-    ):
+    stated = time.unit or time.scaled or table.stamps(time) is not None
+    if stated or not usual or MIN_STEP_S <= usual < MAX_USUAL_STEP_S:
         return ""
     other = "in hours or days" if usual < MIN_STEP_S else "in ms, or a number"
     return f"{where} states no unit; in seconds its steps are {usual:g} s (is it {other}?)"

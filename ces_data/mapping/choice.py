@@ -158,10 +158,7 @@ SI = {"m", "N", "A", "V", "m/s", "m/s2", "degC"}
 
 
 def choose(candidates: Sequence[Candidate]) -> Selection:
-    """Choose candidates for position, current, force and temperature; for each damper if names tell several apart.
-
-    What all dampers share is under '', the rest of each under its side.
-    """
+    """Choose position, current, force and temperature for each damper, under its side; what all share is under ''."""
     chooser = _Chooser(candidates)
     sides = chooser.sides()
     if not sides:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from ces_data.logs.can import CanLog
 from ces_data.logs.csv import CsvTable
-from ces_data.logs.log_file import LogTable, TimedLog, open_log
+from ces_data.logs.log_file import LogTable, Progress, TimedLog, open_log
 from ces_data.logs.log_import import to_recording
 from ces_data.logs.log_mapping import DynoMapping, LogColumn, parse_dyno_mapping
 from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates, find_log_candidates
@@ -79,9 +79,8 @@ def _signals_lines(selection: Selection) -> Iterator[str]:
             c, remark = choice.candidate, describe_scale(choice)
             yield from _explain(choice, indent)
             yield f"{indent}{choice.signal}:"
-            yield f"{indent}  topic: {_name_yaml(c.topic)}"
-            yield f"{indent}  type: {_name_yaml(c.kind)}"
-            yield f"{indent}  field: {_name_yaml(c.field)}"
+            for key, text in (("topic", c.topic), ("type", c.kind), ("field", c.field)):
+                yield f"{indent}  {key}: {_name_yaml(text)}"
             yield f"{indent}  scale: {_format_number(choice.scale)}" + (f"  # {remark}" if remark else "")
             yield f"{indent}  offset: {_format_number(choice.offset)}"
         for missing in damper.missing.values():
@@ -117,11 +116,7 @@ class MappingProposal:
 
 
 def propose_mapping(
-    path: Path,
-    *,
-    rate: float | None = None,
-    dbc: Sequence[Path] = (),
-    progress: Callable[[float], None] = lambda share: None,
+    path: Path, *, rate: float | None = None, dbc: Sequence[Path] = (), progress: Progress = lambda share: None
 ) -> MappingProposal:
     """Return a mapping for a log from the names, units and numbers of its columns; raises RecordingError.
 
@@ -146,10 +141,7 @@ def propose_mapping(
 
 
 class _MappingWriter:
-    """Writes the lines of a proposed mapping; `missing` is what it needs, `doubts` what a person should check.
-
-    `remarks` are signs that cannot be checked, which are taken as logged.
-    """
+    """Writes a proposed mapping: `missing` is needed, `doubts` a person checks, `remarks` are taken as logged."""
 
     def __init__(
         self, log: LogTable | TimedLog, found: LogCandidates, selection: Selection, dbc: Sequence[Path]

@@ -161,10 +161,7 @@ def join_words(names: Sequence[str]) -> tuple[str, ...]:
 
 
 def read_meaning(names: Sequence[str]) -> NameMeaning:
-    """Return what the names say, the most specific first: strong words of any before weak ones.
-
-    The last word of a name says what it is.
-    """
+    """Return what the names say, the most specific first: strong words before weak ones, in a name the last first."""
     for table, weight in ((STRONG, 3.0), (WEAK, 1.5)):
         for word in (word for name in names for word in reversed(split_words(name))):
             for quantity, texts in table.items():
@@ -194,10 +191,7 @@ def find_side(names: Sequence[str], others: Sequence[str]) -> str:
 
 
 def name_sides(group: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Return a name for each of several dampers whose names have one form: the words that are not the same in all.
-
-    `front_left`, `front_right`, `rear_left` and `rear_right` for the four of a car.
-    """
+    """Return the words by which dampers' names of one form differ, such as `front_left` and `rear_left`."""
     words = [join_words(names) for names in group]
     different = [len(set(column)) > 1 for column in zip(*words, strict=True)]
     return tuple("_".join(dict.fromkeys(compress(mine, different))) for mine in words)
@@ -222,10 +216,7 @@ USUAL = {  # units to try where none is stated, the likeliest first
 
 
 def guess_unit(candidate: Candidate, signal: str) -> tuple[Unit | None, str]:
-    """Return the unit of a candidate if it is this signal, and how it is known: stated, or the likeliest by its range.
-
-    It is None if no usual unit makes the range plausible.
-    """
+    """Return the unit of a candidate if it is this signal, stated or likeliest by its range (None: none), and why."""
     if candidate.unit is not None:
         return candidate.unit, f"unit {candidate.unit.text} {candidate.stated}".strip()
     usual = USUAL[signal]

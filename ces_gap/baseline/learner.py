@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_toeplitz
 
 from ces_data.arrays import F, Mask
 from ces_gap.baseline.learner_kernels import fill_features
-from ces_gap.grid import is_constant
+from ces_gap.grid import count_through, is_constant
 from ces_gap.trace import Trace, TraceInputs, usable_inputs, usable_values
 
 ORDER = 6
@@ -91,9 +91,8 @@ def learn(
     for _ in range(passes):
         gram, moment, penalty = _normal_equations(features, targets, usable, folds, noise)
         by_fold = [_solve(gram.sum(0) - gram[k], moment.sum(0) - moment[k], penalty) for k in range(len(gram))]
-        crossfitted = tuple(
-            np.einsum("nq,nq->n", x, np.stack(by_fold)[f]) for x, f in zip(features, folds, strict=True)
-        )
+        weights = np.stack(by_fold)
+        crossfitted = tuple(np.einsum("nq,nq->n", x, weights[f]) for x, f in zip(features, folds, strict=True))
         residuals = [y - p for y, p in zip(targets, crossfitted, strict=True)]
         noise = noise_of(residuals, usable)
     gram, moment, penalty = _normal_equations(features, targets, usable, folds, noise)
@@ -104,12 +103,8 @@ def learn(
 
 def _folds(features: Sequence[F], rate_Hz: float) -> list[NDArray[np.int64]]:
     """Return the fold of every tick (n,) of each trace; blocks are numbered through all traces."""
-    length, first, folds = max(1, round(BLOCK_S * rate_Hz)), 0, []
-    for x in features:
-        block = first + np.arange(len(x)) // length
-        folds.append((block % FOLDS).astype(np.int64))
-        first = int(block[-1]) + 1
-    return folds
+    length = max(1, round(BLOCK_S * rate_Hz))
+    return [block % FOLDS for block in count_through([np.arange(len(x)) // length for x in features])]
 
 
 def _normal_equations(
@@ -233,13 +228,9 @@ class Dictionary:
         heat = heat / max(float(heat[-1]), 1e-9)
         return np.stack([t, t * t, t * f, heat * f, heat], axis=1)
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the dictionary as plain values."""
-        return asdict(self)
-
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> Dictionary:
-        """Return the dictionary from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
+        """Return the dictionary from `asdict`; raises KeyError, TypeError or ValueError if the document is not one."""
         s = document["scales"]
         pair = {k: (float(s[k][0]), float(s[k][1])) for k in ("position", "current", "force")}
         scales = Scales(pair["position"], float(s["speed"]), pair["current"], pair["force"], bool(s["varies"]))
@@ -259,7 +250,7 @@ class LearnedCorrection:
 
     def as_json(self) -> dict[str, Any]:
         """Return the correction as plain values."""
-        return {"dictionary": self.dictionary.as_json(), "weights": self.weights.tolist()}
+        return {"dictionary": asdict(self.dictionary), "weights": self.weights.tolist()}
 
     @classmethod
     def from_json(cls, document: dict[str, Any]) -> LearnedCorrection:
@@ -297,9 +288,8 @@ def learn_correction(references: Sequence[Trace]) -> tuple[LearnedCorrection, Le
 def _learn(references: Sequence[Trace]) -> tuple[LearnedCorrection, LearnerResult]:
     dictionary = Dictionary(Scales.of(references, [t.simulated for t in references]))
     features = [dictionary.features(t, t.inputs, t.simulated) for t in references]
-    learnt = learn(
-        features, [t.force - t.simulated for t in references], [t.usable for t in references], references[0].rate_Hz
-    )
+    targets = [t.force - t.simulated for t in references]
+    learnt = learn(features, targets, [t.usable for t in references], references[0].rate_Hz)
     return LearnedCorrection(dictionary, learnt.weights), learnt
 
 
@@ -312,10 +302,8 @@ class Ceiling:
 
     def add_to(self, traces: Sequence[Trace], forces: Sequence[F]) -> list[F]:
         """Return the modelled forces [N] (n,) of the traces plus the learner's prediction."""
-        return [
-            f + self.dictionary.features(t, t.inputs, f) @ self.learnt.weights
-            for t, f in zip(traces, forces, strict=True)
-        ]
+        rows = zip(traces, forces, strict=True)
+        return [f + self.dictionary.features(t, t.inputs, f) @ self.learnt.weights for t, f in rows]
 
 
 def learn_ceiling(traces: Sequence[Trace], forces: Sequence[F]) -> Ceiling:

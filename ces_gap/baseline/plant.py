@@ -13,6 +13,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
+from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.effects.effect import Composition
 from ces_gap.trace import Trace, TraceInputs, resample_to_grid
 from ces_identify.simulations.simulation import Simulation
@@ -34,13 +35,6 @@ class TraceSimulator(Protocol):
         return self
 
 
-class Correction(Protocol):
-    """The baseline error as a function of inputs and simulated force."""
-
-    def force(self, trace: Trace, inputs: TraceInputs, simulated: F) -> F:
-        """Return the force [N] (n,) to be added to the simulated one."""
-
-
 @dataclass(frozen=True)
 class DirectSimulator(TraceSimulator):
     """A simulation that can be called with any inputs."""
@@ -57,7 +51,7 @@ class Plant:
     """A simulation with its correction."""
 
     simulation: TraceSimulator
-    correction: Correction | None = None
+    correction: LearnedCorrection | None = None
 
     def prepare_for(self, trace: Trace) -> Plant:
         """Return the plant for this trace only, with its simulator prepared."""

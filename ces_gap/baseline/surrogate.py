@@ -11,7 +11,7 @@ is kept unless the other is clearly better on blocks left out.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -27,9 +27,7 @@ from ces_observer.json_text import JsonObject
 SCHEMA = "ces-surrogate/2"
 UNKNOWN_ERROR = 1.0  # share of a difference: nothing is known about the error
 MAX_MODELS = 4
-INTERPOLATION_ERROR = (
-    0.4  # share of a change of force at currents far from recorded ones: measured on hydraulic dampers
-)
+INTERPOLATION_ERROR = 0.4  # of a change of force, at currents far from recorded ones: measured on hydraulic dampers
 
 
 @dataclass(frozen=True)
@@ -90,7 +88,7 @@ class Surrogate(TraceSimulator):
         return {
             "schema": SCHEMA,
             "models": [{"share": one.share, **one.model.as_json()} for one in self.models],
-            "dictionary": None if self.dictionary is None else self.dictionary.as_json(),
+            "dictionary": None if self.dictionary is None else asdict(self.dictionary),
             "weights": self.weights.tolist(),
             "cost_J": self.cost_J,
             "difference_error": self.difference_error,
@@ -125,11 +123,9 @@ class _Prepared(TraceSimulator):
     error: F
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
-        """Return the simulated force [N] (n,) for the inputs."""
         return self.surrogate.predict(trace, inputs) + carry_error(self.error, trace, inputs)
 
     def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
-        """Return the standard error [N] (n,) of the change of force."""
         return self.surrogate.error_of_change(trace, inputs)
 
 
@@ -176,10 +172,9 @@ def estimate_difference_error(surrogate: Surrogate, traces: Sequence[Trace]) -> 
     kinds = zip(*(change_one_by_one(t) for t in traces), strict=True)
     shares = []
     for kind in kinds:
-        changes = usable_values(
-            traces, [surrogate.force(t, i) - t.simulated for t, i in zip(traces, kind, strict=True)]
-        )
-        errors = usable_values(traces, [surrogate.error_of_change(t, i) for t, i in zip(traces, kind, strict=True)])
+        pairs = list(zip(traces, kind, strict=True))
+        changes = usable_values(traces, [surrogate.force(t, inputs) - t.simulated for t, inputs in pairs])
+        errors = usable_values(traces, [surrogate.error_of_change(t, inputs) for t, inputs in pairs])
         if rms(changes) > MIN_CHANGE * rms(usable_values(traces, [t.simulated for t in traces])):
             shares.append(rms(errors) / rms(changes))
     return float(np.median(shares)) if shares else UNKNOWN_ERROR
@@ -191,10 +186,10 @@ def _with_error(surrogate: Surrogate, other: Surrogate, traces: Sequence[Trace])
         return surrogate
     kinds = [(t, inputs) for t in traces for inputs in change_one_by_one(t)]
     one, two = (
-        [s.force(t, inputs)[t.usable] - t.simulated[t.usable] for t, inputs in kinds] for s in (surrogate, other)
+        np.concatenate([s.force(t, inputs)[t.usable] - t.simulated[t.usable] for t, inputs in kinds])
+        for s in (surrogate, other)
     )
-    apart, size = np.concatenate(one) - np.concatenate(two), np.concatenate(one)
-    return replace(surrogate, difference_error=rms(apart) / max(rms(size), 1e-9))
+    return replace(surrogate, difference_error=rms(one - two) / max(rms(one), 1e-9))
 
 
 def _add_models(examples: Sequence[SurrogateExample]) -> _Candidate:
@@ -222,9 +217,8 @@ def _learn_rest(examples: Sequence[SurrogateExample], physical: _Candidate) -> _
     features = [dictionary.features(e.trace, e.inputs, p) for e, p in zip(examples, physical.predicted, strict=True)]
     learnt = learn(features, targets, [t.usable for t in traces], traces[0].rate_Hz, passes=1)
     predicted = tuple(p + rest for p, rest in zip(physical.predicted, learnt.crossfitted, strict=True))
-    surrogate = replace(
-        physical.surrogate, dictionary=dictionary, weights=learnt.weights, cost_J=cost_on_left_out(examples, predicted)
-    )
+    cost_J = cost_on_left_out(examples, predicted)
+    surrogate = replace(physical.surrogate, dictionary=dictionary, weights=learnt.weights, cost_J=cost_J)
     return _Candidate(surrogate, predicted)
 
 

@@ -127,10 +127,6 @@ class Setting:
         """The effect's name."""
         return self.effect.name
 
-    def values_by_name(self) -> dict[str, float]:
-        """Return the values by parameter name."""
-        return {p.name: v for p, v in zip(self.effect.parameters, self.values, strict=True)}
-
 
 @dataclass(frozen=True)
 class Composition:

@@ -129,24 +129,29 @@ def _strain_rate(
 
     The residual decreases with g, so there is one root.
     """
-    low, high = -np.inf, np.inf
-    g = guess
+    g, low, high = guess, -np.inf, np.inf
     whole = inertia_s[0] + inertia_s[1]
     for _ in range(40):
         value, slope = map_force_and_slope(v - g, s, plant[0], plant[1], plant[2])
         stroke, compliance = _law(value + m, law[0], law[1], law[2])
         wrong = stroke - z - whole * g
-        if wrong > 0.0:
-            low = g
-        else:
-            high = g
-        move = wrong / (compliance * slope + whole)
-        if not low < g + move < high and abs(low) < np.inf and abs(high) < np.inf:
-            move = 0.5 * (low + high) - g
-        g += move
+        g, low, high, move = move_in_bracket(g, low, high, wrong, compliance * slope + whole)
         if abs(move) < RATE_TOLERANCE:
             break
     return g
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def move_in_bracket(g: float, low: float, high: float, wrong: float, fall: float) -> tuple[float, float, float, float]:
+    """Return g after a Newton step towards the root of a falling residual, its bracket ]low, high[, and the step.
+
+    The residual is `wrong` at g and falls by `fall` per unit. A step out of a closed bracket halves it instead.
+    """
+    low, high = (g, high) if wrong > 0.0 else (low, g)
+    move = wrong / fall
+    if not low < g + move < high and abs(low) < np.inf and abs(high) < np.inf:
+        move = 0.5 * (low + high) - g
+    return g + move, low, high, move
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -249,16 +254,10 @@ def _solve_squeeze_rate(
     v: float, s: float, before: float, guess: float, whole: float, plant: tuple[float, float, F]
 ) -> tuple[float, float]:
     """Return g [m/s] = whole·(f(v - g) - before), by bracketed Newton iteration, and the force f [N]."""
-    low, high = -np.inf, np.inf
-    g = guess
+    g, low, high = guess, -np.inf, np.inf
     for _ in range(40):
         value, slope = map_force_and_slope(v - g, s, plant[0], plant[1], plant[2])
-        wrong = whole * (value - before) - g
-        low, high = (g, high) if wrong > 0.0 else (low, g)
-        move = wrong / (whole * slope + 1.0)
-        if not low < g + move < high and abs(low) < np.inf and abs(high) < np.inf:
-            move = 0.5 * (low + high) - g
-        g += move
+        g, low, high, move = move_in_bracket(g, low, high, whole * (value - before) - g, whole * slope + 1.0)
         if abs(move) < RATE_TOLERANCE:
             break
     return g, map_force_and_slope(v - g, s, plant[0], plant[1], plant[2])[0]

@@ -42,10 +42,7 @@ CURVE: tuple[Term, ...] = (
     _term("per_square_N_s2_m2", 2e4, "force over signed speed squared", lambda x, v, i: v * np.abs(v)),
     _term("asymmetry_N_s2_m2", 2e4, "force over speed squared, the same in both directions", lambda x, v, i: v * v),
     _term(
-        "direction_N",
-        3000.0,
-        "force in the direction of motion, rounded below 0.05 m/s",
-        lambda x, v, i: _direction(v),
+        "direction_N", 3000.0, "force in the direction of motion, rounded below 0.05 m/s", lambda x, v, i: _direction(v)
     ),
 )
 STROKE: tuple[Term, ...] = (
@@ -81,7 +78,6 @@ class _Calibration(Effect):
     terms: ClassVar[tuple[Term, ...]] = ()
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        """Return the corrected force [N] (n,)."""
         at = inputs.position, inputs.speed, inputs.current
         return np.asarray(force + sum(value * of(*at) for value, (_, of) in zip(values, self.terms, strict=True)))
 

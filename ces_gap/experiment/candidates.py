@@ -81,7 +81,6 @@ def list_candidate_experiments(reach: Reach) -> list[Recipe]:
 
 
 def _constant_current_experiments(r: Reach) -> list[Recipe]:
-    """Return the experiments at constant current."""
     soft, middle, hard = ({"kind": "constant", "current_A": level} for level in (r.low_A, r.middle_A, r.high_A))
     slow_Hz, fast_Hz = _sine_Hz(r, 0.6, 0.4), r.top_Hz(0.5)
     fast_m = _amplitude(r, 0.35, 0.5, fast_Hz)
@@ -108,7 +107,6 @@ def _constant_current_experiments(r: Reach) -> list[Recipe]:
 
 
 def _changing_current_experiments(r: Reach) -> list[Recipe]:
-    """Return the experiments with a changing current."""
     steps = [r.low_A, r.high_A, r.middle_A, r.high_A, r.low_A, r.middle_A]
     levels = {"low_A": r.low_A, "high_A": r.high_A}
     return [

@@ -39,31 +39,16 @@ MAX_REFINED_PAIRS = 8  # the nearest pairs
 
 
 @dataclass(frozen=True)
-class Signature:
-    """The force that an effect adds on each trace, `forces` [N] (n,), and its derivatives, `columns` [N] (n, p).
+class Tangent:
+    """A whitened signature on all traces, concatenated: `force` (m,), derivatives (m, p) = `q` (m, p) @ `r` (p, p).
 
-    Unusable ticks are zero; `ticks` counts the usable ones.
+    It touches the effect at `setting`.
     """
 
     setting: Setting
-    forces: tuple[F, ...]
-    columns: tuple[F, ...]
-    ticks: int
-
-
-@dataclass(frozen=True)
-class Tangent:
-    """A whitened signature on all traces, concatenated: `force` (m,), derivatives (m, p) = `q` (m, p) @ `r` (p, p)."""
-
-    signature: Signature
     force: F
     q: F
     r: F
-
-    @property
-    def setting(self) -> Setting:
-        """The effect and the values at the point of contact."""
-        return self.signature.setting
 
     @property
     def size(self) -> float:
@@ -89,29 +74,23 @@ class Probe:
         rows = zip(self.traces, forces, self._forces_without, strict=True)
         return tuple(np.where(t.usable, force - without, 0.0) for t, force, without in rows)
 
-    def compute_signature(self, setting: Setting) -> Signature:
-        """Return the signature at `setting`; the simulation runs 1 + p times on each trace if the effect reruns it."""
-        forces, point = self.forces(setting), to_unit(setting)
-        columns = [np.zeros((len(t), len(point))) for t in self.traces]
-        for j in range(len(point)):
-            step = STEP if point[j] + STEP <= 1.0 else -STEP
-            shifted = self.forces(from_unit(setting.effect, point + step * np.eye(len(point))[j]))
-            for column, f, g in zip(columns, forces, shifted, strict=True):
-                column[:, j] = (g - f) / step
-        return Signature(setting, forces, tuple(columns), sum(int(t.usable.sum()) for t in self.traces))
-
     def tangent(self, setting: Setting) -> Tangent:
-        """Return the tangent at `setting`."""
-        signature = self.compute_signature(setting)
-        force = _whiten_forces(signature.forces, self.whiten)
-        shares = range(len(setting.values))
-        columns = [_whiten_forces([c[:, j] for c in signature.columns], self.whiten) for j in shares]
+        """Return the tangent at `setting`; the simulation runs 1 + p times on each trace if the effect reruns it."""
+        forces, point = self.forces(setting), to_unit(setting)
+        force, columns = self._whiten_all(forces), []
+        for share, axis in zip(point, np.eye(len(point)), strict=True):
+            step = STEP if share + STEP <= 1.0 else -STEP
+            shifted = self.forces(from_unit(setting.effect, point + step * axis))
+            columns.append(self._whiten_all([(g - f) / step for f, g in zip(forces, shifted, strict=True)]))
         q, r = np.linalg.qr(np.array(columns).T.reshape(len(force), -1))
-        return Tangent(signature, force, q, r)
+        return Tangent(setting, force, q, r)
 
     def size(self, setting: Setting) -> float:
         """Return the norm of the whitened signature."""
-        return float(np.linalg.norm(_whiten_forces(self.forces(setting), self.whiten)))
+        return float(np.linalg.norm(self._whiten_all(self.forces(setting))))
+
+    def _whiten_all(self, forces: Sequence[F]) -> F:
+        return np.concatenate([self.whiten(k, f) for k, f in enumerate(forces)])
 
     def _forces(self, composition: Composition) -> list[F]:
         return [p.with_effects(composition, t, alone=a) for t, (p, a) in zip(self.traces, self._plants, strict=True)]
@@ -165,21 +144,12 @@ def _scale_setting(setting: Setting, factor: float) -> Setting:
     return Setting(setting.effect, tuple(values))
 
 
-def _whiten_forces(forces: Sequence[F], whiten: Whiten) -> F:
-    return np.concatenate([whiten(k, f) for k, f in enumerate(forces)])
-
-
 @dataclass(frozen=True)
 class Match:
-    """The nearest that B comes to A: at `setting` of B, ‖W(s_A − s_B)‖ is `index` and the RMS of s_A − s_B is `rms_N`.
-
-    If not `refined`, s_B lies on a tangent: B itself was not evaluated at these values.
-    """
+    """The nearest that B comes to A: at `setting` of B, ‖W(s_A − s_B)‖ is `index`."""
 
     setting: Setting
     index: float
-    rms_N: float
-    refined: bool = False
 
     @property
     def evidence(self) -> float:
@@ -211,7 +181,7 @@ def refine_match(
         converged, best, index, radius = now > GAIN * index, moved, now, 2.0 * radius
         if converged:
             break
-    return Match(best.setting, index, _rms(a.signature, best.signature), refined=True)
+    return Match(best.setting, index)
 
 
 def _match_on_tangent(a: Tangent, b: Tangent, trust: float, free: bool = True) -> Match:
@@ -224,7 +194,7 @@ def _match_on_tangent(a: Tangent, b: Tangent, trust: float, free: bool = True) -
     low, high = np.maximum(-point, -reach), np.minimum(1.0 - point, reach)
     move = _solve_bounded_step(b.r, b.q.T @ apart, low, high)
     index = float(np.linalg.norm(apart - b.q @ (b.r @ move)))
-    return Match(from_unit(b.setting.effect, point + move), index, _rms(a.signature, b.signature, move))
+    return Match(from_unit(b.setting.effect, point + move), index)
 
 
 def _solve_bounded_step(r: F, goal: F, low: F, high: F) -> F:
@@ -243,26 +213,16 @@ def _whitened_distance(a: Tangent, b: Tangent) -> float:
     return float(np.linalg.norm(a.force - b.force))
 
 
-def _rms(a: Signature, b: Signature, move: F | None = None) -> float:
-    """Return the RMS [N] of s_A − s_B over the usable ticks, B moved along its tangent."""
-    energy = 0.0
-    for f, g, columns in zip(a.forces, b.forces, b.columns, strict=True):
-        rest = f - g if move is None else f - g - columns @ move
-        energy += float(rest @ rest)
-    return float(np.sqrt(energy / max(a.ticks, 1)))
-
-
 @dataclass(frozen=True)
 class IndistinguishableEffects:
     """Which effects the recordings can distinguish; `matches` by (A, B) say how near B comes to A.
 
-    In each of the `classes`, every effect can replace every other. `silent` effects are so small at their fitted values
-    that the data cannot detect them; they are in no class.
+    In each of the `classes`, every effect can replace every other. Effects that are so small at their fitted values
+    that the data cannot detect them are in no class.
     """
 
     matches: Mapping[tuple[str, str], Match]
     classes: tuple[tuple[str, ...], ...]
-    silent: tuple[str, ...]
 
     def clearest_match(self, a: str, b: str) -> Match:
         """Return the match of two effects in the direction that distinguishes them better."""
@@ -290,13 +250,12 @@ def find_indistinguishable_effects(
     fans: dict[str, list[Tangent]] = {}
     for tangent in tangents:
         fans.setdefault(tangent.setting.name, []).extend(sample_tangents(probe, tangent, size))
-    silent = tuple(name for name, fan in fans.items() if fan[0].size ** 2 / 2.0 < EVIDENCE)
-    visible = [name for name in fans if name not in silent]
+    visible = [name for name, fan in fans.items() if fan[0].size ** 2 / 2.0 >= EVIDENCE]
     matches = {(a, b): find_nearest(fans[a][0], fans[b]) for a, b in permutations(visible, 2)}
     for a, b in _pairs_to_refine({name: fans[name][0].size for name in visible}, matches):
         matches[a, b] = refine_match(fans[a][0], fans[b], probe.tangent)
     index = {(a, b): m.index / max(1.0, FORM * fans[a][0].size / LIMIT) for (a, b), m in matches.items()}
-    return IndistinguishableEffects(matches, group_effects(visible, index), silent)
+    return IndistinguishableEffects(matches, group_effects(visible, index))
 
 
 def make_evidence_whitening(evidence: Evidence) -> Whiten:

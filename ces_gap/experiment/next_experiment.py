@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from io import StringIO
 from math import sqrt
@@ -57,13 +57,11 @@ def experiment_files(experiment: NextExperiment) -> dict[str, str]:
     columns = np.stack([experiment.time_s, experiment.position_m, experiment.current_A], axis=1)
     np.savetxt(table, columns, fmt=("%.3f", "%.7f", "%.4f"), delimiter=",", header=header, comments="")
     purpose = " ".join(experiment.purpose.split())
-    recipe = f"{schema_line('experiment')}# {purpose}\n" + yaml.safe_dump(
-        experiment.recipe, sort_keys=False, allow_unicode=True
-    )
-    return {"next_experiment.csv": table.getvalue(), "next_experiment.yaml": recipe}
+    recipe = yaml.safe_dump(experiment.recipe, sort_keys=False, allow_unicode=True)
+    text = f"{schema_line('experiment')}# {purpose}\n{recipe}"
+    return {"next_experiment.csv": table.getvalue(), "next_experiment.yaml": text}
 
 
-TraceWhitening = Callable[[Trace], Callable[[F], F]]  # trace -> whitening of forces (n,) on it
 Pair = tuple[Setting, Setting]
 
 FINALISTS = 3  # experiments on which effects are evaluated again instead of along tangents
@@ -91,7 +89,7 @@ class _Candidate:
         return self.match.index / sqrt(max(int(self.trace.usable.sum()), 1))
 
 
-def choose_next_experiment(
+def propose_experiment(
     plant: Plant,
     traces: Sequence[Trace],
     pairs: Sequence[Pair],
@@ -109,10 +107,9 @@ def choose_next_experiment(
     """
     if not pairs:
         return None
-    whiten = make_white_noise_whitening(noise_N)
     recipes = list_candidate_experiments(reach_of(traces)) if recipes is None else recipes
-    compared = list(_compare_candidates(plant, exact or plant.simulation, recipes, pairs, whiten, budget_s))
-    best = max(_evaluate_again(plant, compared, pairs, whiten), key=lambda t: t.rate, default=None)
+    compared = list(_compare_candidates(plant, exact or plant.simulation, recipes, pairs, noise_N, budget_s))
+    best = max(_evaluate_again(plant, compared, pairs, noise_N), key=lambda t: t.rate, default=None)
     if best is None:
         raise GapError(f"the simulation refuses all {len(recipes)} candidate experiments")
     first, second = (setting.name for setting in best.nearest)
@@ -126,19 +123,6 @@ def choose_next_experiment(
     purpose = f"distinguishes {pair}: expected difference {size} over {float(best.recipe['duration_s']):.0f} s"
     waveforms = generate_waveforms(best.recipe)
     return NextExperiment(str(best.recipe["name"]), purpose, best.recipe, *waveforms, (first, second), distance_N)
-
-
-def make_white_noise_whitening(noise_N: float) -> TraceWhitening:
-    """Return the whitening for white noise of this RMS [N] on a force with unknown zero."""
-
-    def whitening(trace: Trace) -> Callable[[F], F]:
-        def whiten(force: F) -> F:
-            usable = force[trace.usable]
-            return np.asarray((usable - usable.mean()) / noise_N)
-
-        return whiten
-
-    return whitening
 
 
 def simulate_experiment(simulation: TraceSimulator, recipe: Recipe) -> Trace:
@@ -160,7 +144,7 @@ def _compare_candidates(
     simulation: TraceSimulator,
     recipes: Sequence[Recipe],
     pairs: Sequence[Pair],
-    whitening: TraceWhitening,
+    noise_N: float,
     budget_s: float,
 ) -> Iterator[_Candidate]:
     """Yield experiments compared along tangents until the time is up, at least one if any can run."""
@@ -170,14 +154,14 @@ def _compare_candidates(
             return
         try:
             trace = simulate_experiment(simulation, recipe)
-            yield _compare_effects(plant, recipe, trace, pairs, whitening, rerun=False)
+            yield _compare_effects(plant, recipe, trace, pairs, noise_N, rerun=False)
         except CesError:
             continue
         any_done = True
 
 
 def _evaluate_again(
-    plant: Plant, compared: Sequence[_Candidate], pairs: Sequence[Pair], whitening: TraceWhitening
+    plant: Plant, compared: Sequence[_Candidate], pairs: Sequence[Pair], noise_N: float
 ) -> Iterator[_Candidate]:
     """Yield the fastest experiments with the effects evaluated again; the simulation may refuse what effects change."""
     done = 0
@@ -185,18 +169,22 @@ def _evaluate_again(
         if done == FINALISTS:
             return
         try:
-            yield _compare_effects(plant, candidate.recipe, candidate.trace, pairs, whitening, rerun=True)
+            yield _compare_effects(plant, candidate.recipe, candidate.trace, pairs, noise_N, rerun=True)
         except CesError:
             continue
         done += 1
 
 
 def _compare_effects(
-    plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], whitening: TraceWhitening, rerun: bool
+    plant: Plant, recipe: Recipe, trace: Trace, pairs: Sequence[Pair], noise_N: float, rerun: bool
 ) -> _Candidate:
     """Return the match of the nearest pair, each in the direction in which its effects are nearer."""
-    whiten = whitening(trace)
-    probe = Probe(plant, [trace], lambda _, force: whiten(force))
+
+    def whiten(_: int, force: F) -> F:  # white noise on a force with unknown zero
+        usable = force[trace.usable]
+        return np.asarray((usable - usable.mean()) / noise_N)
+
+    probe = Probe(plant, [trace], whiten)
     at = {s: probe.tangent(s) for pair in pairs for s in pair}
 
     def match(a: Setting, b: Setting) -> Match:
@@ -239,14 +227,3 @@ def find_ambiguities(
         first, second = (f.composition.settings[0] for f in result.alone[:2])
         pairs = ((first, second),)
     return Ambiguities(merge_groups(interchangeable, classes), pairs)
-
-
-def propose_experiment(
-    plant: Plant, result: EffectSearchResult, ambiguities: Ambiguities, exact: TraceSimulator | None
-) -> NextExperiment | None:
-    """Return the experiment that resolves the ambiguities fastest, None without any.
-
-    Raises GapError if no candidate would resolve them.
-    """
-    evidence = result.evidence
-    return choose_next_experiment(plant, evidence.traces, ambiguities.pairs, evidence.noise.rms_N, exact=exact)

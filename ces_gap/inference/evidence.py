@@ -24,7 +24,7 @@ from ces_gap.baseline.learner import (
 )
 from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition
-from ces_gap.grid import rms
+from ces_gap.grid import count_through, rms
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.trace import Trace, noise_floor_N, usable_values
 
@@ -88,11 +88,7 @@ class Evidence:
     @property
     def block_of_row(self) -> NDArray[np.int64]:
         """The block of each whitened row, numbered through all units."""
-        first, blocks = 0, []
-        for unit in self.units:
-            blocks.append(first + unit.block)
-            first = int(blocks[-1][-1]) + 1
-        return np.concatenate(blocks)
+        return np.concatenate(count_through([unit.block for unit in self.units]))
 
 
 def gather(

@@ -126,7 +126,6 @@ class _Objective:
         }
 
     def forces(self, searched: F) -> list[F]:
-        """Return the modelled force [N] (n,) on each trace."""
         return self.evidence.forces(make_composition(self.effects, searched))
 
     def __call__(self, searched: F) -> F:

@@ -94,7 +94,7 @@ def score_held_out(
     together = nothing if best is None else _add_gain(scorer.explain(best, forces), result, best)
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     return HeldOutScores(
-        gap=replace(_gap(scorer, bool(inputs.reference)), noise_source=_find_noise_source(blocks.traces, limits)),
+        gap=_gap(scorer, bool(inputs.reference), _find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
         causes=_causes(scorer, result, decision, {} if best is None else {best.composition: forces}, progress),
         composition=together,
@@ -140,7 +140,7 @@ def _add_gain(explanation: Explanation, result: EffectSearchResult, fit: EffectF
     return replace(explanation, gain=gain.energy / result.gap_energy, gain_error=gain.error / result.gap_energy)
 
 
-def _gap(scorer: HeldOutScorer, corrected: bool) -> Gap:
+def _gap(scorer: HeldOutScorer, corrected: bool, noise_source: str) -> Gap:
     blocks = scorer.blocks
     rms, ci95 = blocks.rms(scorer.before)
     rest, rest_ci95 = blocks.rms(blocks.energy(scorer.alone)) if corrected else (rms, ci95)
@@ -148,7 +148,7 @@ def _gap(scorer: HeldOutScorer, corrected: bool) -> Gap:
     force = usable_values(blocks.traces, [t.force for t in blocks.traces])
     simulated = usable_values(blocks.traces, [t.simulated_as_logged for t in blocks.traces])
     cost_J = 100.0 * float(np.linalg.norm(force - simulated) / max(float(np.linalg.norm(force - force.mean())), 1e-9))
-    return Gap(rms, ci95, noise, cost_J, rest, rest_ci95)
+    return Gap(rms, ci95, noise, cost_J, rest, rest_ci95, noise_source)
 
 
 def review(verdict: str, scores: HeldOutScores) -> tuple[str, HeldOutScores]:
@@ -258,10 +258,9 @@ def cut_into_blocks(traces: Sequence[Trace], seed: int, max_noise_N: float = np.
     """
     number = number_blocks([t.time_s for t in traces], BLOCK_S)
     count = int(number[-1][-1]) + 1
-    ticks = sum(np.bincount(n, t.usable.astype(np.float64), count) for t, n in zip(traces, number, strict=True))
-    noise = sum(
-        np.bincount(n, t.usable * min(t.noise_N, max_noise_N) ** 2, count) for t, n in zip(traces, number, strict=True)
-    )
+    rows = list(zip(traces, number, strict=True))
+    ticks = sum(np.bincount(n, t.usable.astype(np.float64), count) for t, n in rows)
+    noise = sum(np.bincount(n, t.usable * min(t.noise_N, max_noise_N) ** 2, count) for t, n in rows)
     resamples = np.random.default_rng(seed).integers(0, count, (RESAMPLES, count))
     return Blocks(tuple(traces), np.asarray(ticks), np.asarray(noise), tuple(number), resamples)
 
@@ -298,9 +297,8 @@ class HeldOutScorer:
         score = self.blocks.rms(after)[0], *self.blocks.shrink(self.before, after)
         if fit is None:
             return Explanation((), (), Composition(), (), *score)
-        return Explanation(
-            fit.names, tuple(e.form for e in fit.effects), fit.composition, estimate_parameters(fit), *score
-        )
+        forms = tuple(e.form for e in fit.effects)
+        return Explanation(fit.names, forms, fit.composition, estimate_parameters(fit), *score)
 
 
 def build_scorer(blocks: Blocks, plant: Plant, exact: TraceSimulator) -> HeldOutScorer:

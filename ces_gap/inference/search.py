@@ -33,9 +33,7 @@ MAX_EFFECTS = 3
 MAX_ADDITIONS = 3  # additions refitted jointly for each composition in the beam
 MAX_SWAPS = 3  # replacements fitted for each effect
 MAX_REFINED_SWAPS = 2  # the best of these
-REFINE_SWAPS_WITHIN_SHARE = (
-    0.2  # of the gap's energy by which a replacement may leave more than the best, to be refined
-)
+REFINE_SWAPS_WITHIN_SHARE = 0.2  # of the gap's energy, by which one that is refined may leave more than the best
 MAX_REFINED_FORMS = 10
 REFINE_FORMS_WITHIN_SHARE = 0.4  # the same for the forms of single effects
 MIN_GAP_ENERGY = 0.02  # share of the noise's energy: a smaller gap counts as this large
@@ -233,14 +231,12 @@ class CompositionSearch:
 
     def grow(self, alone: Sequence[EffectFit], progress: Progress) -> EffectFit | None:
         """Return the best composition, None if no single effect gains more than its error."""
-        beam = list(alone[:BEAM])
+        beam, residual = list(alone[:BEAM]), self.baseline_residual
         best = next(iter(beam), None)
-        if best is not None and not is_worthwhile(
-            self.evidence, self.baseline_residual, best, prior_cost(best, self.energy)
-        ):
+        if best and not is_worthwhile(self.evidence, residual, best, prior_cost(best, self.energy)):
             best = None
         for size in range(2, MAX_EFFECTS + 1):
-            if best is None or best.cost - len(self.baseline_residual) < self.min_gain_share * self.energy:
+            if best is None or best.cost - len(residual) < self.min_gain_share * self.energy:
                 break
             progress(f"trying {size} effects together", (size - 1) / MAX_EFFECTS)
             limit = best.cost
@@ -317,8 +313,8 @@ def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     An alternative counts only for the effect that it adds, not for those that it shares with the best. An effect that
     loses to a nested form counts as leaving clearly more.
     """
-    best, clear = result.best, MIN_GAIN_SHARE * result.gap_energy
-    energy = result.gap_energy
+    best, energy = result.best, result.gap_energy
+    clear = MIN_GAIN_SHARE * energy
     costs = {fit.names[0]: fit.cost + prior_cost(fit, energy) for fit in result.alone if not fit.effects[0].nuisance}
     if best is not None and len(best.effects) == 1:
         lost = [f for f in result.alone if loses_to_nested_form(result.evidence, f, best)]
@@ -326,7 +322,7 @@ def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     for fit in (*find_alternatives(result), *([best] if best is not None else [])):
         names = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
         costs.update({name: min(costs[name], fit.cost + prior_cost(fit, energy)) for name in names if name in costs})
-    return {name: (cost - len(result.baseline_residual)) / result.gap_energy for name, cost in costs.items()}
+    return {name: (cost - len(result.baseline_residual)) / energy for name, cost in costs.items()}
 
 
 def interchangeable_effects(

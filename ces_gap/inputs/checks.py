@@ -21,15 +21,16 @@ from ces_gap.effects.effect import Effect
 from ces_gap.errors import GapError
 from ces_gap.grid import is_constant, rms
 from ces_gap.trace import Trace, usable_inputs, usable_values
+from ces_identify.simulations.simulate import sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
-from ces_identify.validation.evaluate import find_outside
+from ces_identify.validation.evaluate import describe_held, find_outside
 from ces_observer.model import Model
 
 MAX_SATURATED_SHARE = 0.25  # of samples at a limit; a diagnosis needs fewer
 AROUND_S = 0.01  # [s] on both sides of a saturated sample that filters spread it over
 MAX_OUTSIDE_SHARE = 0.5  # share of the time outside the range of a model, above which a comparison is refused
 NOTED_OUTSIDE_SHARE = 0.05  # share from which there is a note
-SLACK = 0.02  # of a range: the differentiators of model and trace differ
+SLACK = 0.02  # of a range: the speeds of model and trace differ
 MIN_CORRELATION = 0.5  # correlation of the forces from which its sign and the scale count
 SURE = 0.9  # correlation from which a factor that is physically plausible counts as a unit
 NEAR = 0.06  # relative tolerance of such a factor
@@ -207,6 +208,7 @@ def _find_unit(agreement: ForceAgreement) -> ForceUnit | None:
 def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) -> Iterator[str]:
     """Yield a note, with the worst input, for each recording that is often outside the range of the simulation.
 
+    And one for each on which the force of the model inside it was held at its envelope.
     Raises GapError if all together are outside for more than `MAX_OUTSIDE_SHARE` of the time.
     """
     model = model_inside(simulation)
@@ -235,6 +237,9 @@ def outside_notes(traces: Sequence[Trace], simulation: Simulation, name: str) ->
                 f"{recording}: {share:.0%} of the time outside the range {name} was identified on ({where}); part of "
                 "the gap is extrapolation"
             )
+    for recording, run in {trace.name: sample_run(model, trace.recording) for trace in traces}.items():
+        if text := describe_held(recording, *run.held_at(np.isfinite(run.force))):
+            yield text
 
 
 def missing_force_notes(traces: Sequence[Trace], name: str) -> Iterator[str]:

@@ -31,12 +31,11 @@ class GapRegion:
 
 @dataclass(frozen=True)
 class GapMap:
-    """The gap over two axes: `rms_N` (b, a), NaN where there are too few samples; edges (a+1,), (b+1,)."""
+    """The gap over two axes: `rms_N` (b, a), NaN where there are too few ticks; edges (a+1,), (b+1,)."""
 
     axes: tuple[str, str]
     edges: tuple[F, F]
     rms_N: F
-    samples: F
 
 
 @dataclass(frozen=True)
@@ -197,12 +196,9 @@ def _decimal(multiples: F, step: float) -> F:
     return np.round(multiples * step, max(0, 2 - int(np.floor(np.log10(step))))) + 0.0  # no negative zero
 
 
-def compute_gap_maps(values: Mapping[str, F], energy: F) -> tuple[GapMap, ...]:
-    """Return the maps of a gap's energy [N²] (n,), without noise, over axes with these values (n,)."""
-    return tuple(_map(axes, values, energy) for axes in MAPS)
+def compute_gap_map(axes: tuple[str, str], values: Mapping[str, F], energy: F) -> GapMap:
+    """Return the map of a gap's energy [N²] (n,), without noise, over two axes with these values (n,)."""
 
-
-def _map(axes: tuple[str, str], values: Mapping[str, F], energy: F) -> GapMap:
     def edges_of(axis: str) -> F:
         if axis == REVERSAL or is_constant(values[axis]):
             return axis_edges(axis, values[axis])
@@ -212,7 +208,6 @@ def _map(axes: tuple[str, str], values: Mapping[str, F], energy: F) -> GapMap:
     a, b = (region_indices(e, values[name]) for e, name in zip(edges, axes, strict=True))
     shape = len(edges[1]) - 1, len(edges[0]) - 1
     field = b * shape[1] + a
-    samples, total = (np.bincount(field, w, minlength=shape[0] * shape[1]) for w in (np.ones(len(field)), energy))
-    rms = np.sqrt(np.maximum(total, 0.0) / np.maximum(samples, 1.0))
-    shown = np.where(samples >= MIN_FIELD_TICKS, rms, np.nan)
-    return GapMap(axes, edges, shown.reshape(shape), samples.reshape(shape))
+    ticks, total = (np.bincount(field, w, minlength=shape[0] * shape[1]) for w in (np.ones(len(field)), energy))
+    rms = np.sqrt(np.maximum(total, 0.0) / np.maximum(ticks, 1.0))
+    return GapMap(axes, edges, np.where(ticks >= MIN_FIELD_TICKS, rms, np.nan).reshape(shape))

@@ -9,14 +9,12 @@ import numpy as np
 from scipy.fft import dct, idct
 
 from ces_data.arrays import F, I
-from ces_gap.baseline.learner import Dictionary, NoiseModel, Scales, learn
+from ces_gap.baseline.learner import NoiseModel
 from ces_gap.errors import GapError
 from ces_gap.trace import Trace, require_usable
 
 OCTAVES_HZ = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0, 64.0)
 MIN_LINES = 8  # spectral lines of the shortest recording in a band
-
-NoiseSpec = NoiseModel | float | Sequence[float] | None  # autocorrelated; RMS [N], of all or each trace; unknown
 
 
 @dataclass(frozen=True)
@@ -64,23 +62,6 @@ def ar_spectrum(noise: NoiseModel, frequency_Hz: F, rate_Hz: float) -> F:
     return np.asarray(np.abs(1.0 - lag @ noise.ar) ** -2.0)
 
 
-def estimate_noise_variance(whole: Spectra, rest: Spectra, noise_energy: float) -> F:
-    """Return the noise's variance (m,) [N² per line] in each band from the unpredictable part `rest`.
-
-    This part may contain more than noise. Its density is therefore limited to a level at which the noise sums to
-    `noise_energy` [N²] (reverse water-filling: Cover and Thomas, Elements of Information Theory, 2nd ed., section
-    10.3.3).
-    """
-    count = np.maximum(whole.sums(np.ones_like(whole.line)), 1.0)
-    density = np.minimum(whole.sums(whole.line**2), rest.sums(rest.line**2)) / count
-    order = np.argsort(density)
-    below = np.concatenate([[0.0], np.cumsum((density * count)[order])[:-1]])
-    above = np.cumsum(count[order][::-1])[::-1]
-    level = (noise_energy - below) / above
-    reached = np.flatnonzero(level <= density[order])
-    return np.minimum(density, level[reached[0]]) if len(reached) else density
-
-
 @dataclass(frozen=True)
 class Energy:
     """The energy of a gap [N²] on the usable ticks of all recordings, concatenated; means may be negative.
@@ -99,7 +80,7 @@ class Energy:
     force: F
 
 
-def gap_energy(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, edges_Hz: F | None = None) -> Energy:
+def gap_energy(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseModel, edges_Hz: F | None = None) -> Energy:
     """Return the energy of gaps [N] (n,) on the grids of traces, in bands between `edges_Hz` (octaves by default).
 
     Raises GapError if a gap is not finite at usable ticks.
@@ -107,19 +88,9 @@ def gap_energy(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, edge
     series, rates = [_usable(t, g) for t, g in zip(traces, gap, strict=True)], [t.rate_Hz for t in traces]
     edges = octaves(series, rates) if edges_Hz is None else edges_Hz
     spectra, lengths = spectra_of(series, rates, edges), [len(y) for y in series]
-    if isinstance(noise, NoiseModel):
-        rms, shape = np.full(len(series), noise.rms_N), ar_spectrum(noise, spectra.frequency, rates[0])
-    else:
-        predicted = cross_fit_gap(traces, gap)
-        rests = [y - p[t.usable] for t, y, p in zip(traces, series, predicted, strict=True)]
-        if noise is None:  # the RMS of the learner's residual
-            rms = np.full(len(series), np.sqrt(min(float((np.concatenate(y) ** 2).mean()) for y in (rests, series))))
-        else:
-            rms = np.array(np.broadcast_to(np.asarray(noise, dtype=np.float64), (len(series),)))
-        noise_energy = float(np.repeat(rms**2, lengths).sum())
-        shape = estimate_noise_variance(spectra, spectra_of(rests, rates, edges), noise_energy)[spectra.band]
+    variance, shape = noise.rms_N * noise.rms_N, ar_spectrum(noise, spectra.frequency, rates[0])
     mean = np.add.reduceat(shape, np.cumsum([0, *lengths[:-1]])) / np.asarray(lengths)
-    floor = shape * np.repeat(rms**2 / np.maximum(mean, 1e-300), lengths)  # of this shape, with each trace's noise
+    floor = shape * np.repeat(variance / np.maximum(mean, 1e-300), lengths)  # of this shape, with each trace's noise
     parts = [split_into_bands(y, r, edges) ** 2 for y, r in zip(series, rates, strict=True)]
     owner = np.repeat(np.arange(len(series)), lengths)
     measured = spectra_of([t.force[t.usable] for t in traces], rates, edges)
@@ -127,20 +98,13 @@ def gap_energy(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, edge
     floors = np.stack([spectra.sums(floor * (owner == k)) / n for k, n in enumerate(lengths)])
     return Energy(
         step_s=np.repeat([t.step_s for t in traces], lengths),
-        tick=np.concatenate(series) ** 2 - (rms**2)[owner],
+        tick=np.concatenate(series) ** 2 - variance,
         band=np.concatenate(parts) - floors[owner],
         edges_Hz=edges,
         noise_error=np.sqrt(np.maximum(spectra.sums(4.0 * floor * spectra.line**2 - 2.0 * floor**2), 0.0)) / len(owner),
         lines=spectra.sums(np.ones_like(floor)),
         force=force / max(float(force.sum()), 1e-300),
     )
-
-
-def cross_fit_gap(traces: Sequence[Trace], gap: Sequence[F]) -> tuple[F, ...]:
-    """Return predictions [N] (n,) of gaps from the inputs; each block is predicted from the other blocks."""
-    dictionary = Dictionary(Scales.of(traces, [t.simulated for t in traces]), by_time=True)
-    features = [dictionary.features(t, t.inputs, t.simulated) for t in traces]
-    return learn(features, gap, [t.usable for t in traces], traces[0].rate_Hz, passes=1).crossfitted
 
 
 def _usable(trace: Trace, gap: F) -> F:

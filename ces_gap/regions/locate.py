@@ -20,19 +20,21 @@ from scipy.stats import false_discovery_control, norm
 from scipy.stats import t as student
 
 from ces_data.arrays import F, I
+from ces_gap.baseline.learner import NoiseModel
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.held_out import HeldOutSeries
 from ces_gap.regions.axes import (
     FREQUENCY,
+    MAPS,
     OPERATING,
     GapRegion,
     Where,
     axis_edges,
     axis_values,
-    compute_gap_maps,
+    compute_gap_map,
     region_indices,
 )
-from ces_gap.regions.energy import Energy, NoiseSpec, gap_energy
+from ces_gap.regions.energy import Energy, gap_energy
 from ces_gap.trace import Trace
 
 BLOCK_S = (0.25, 1.0)
@@ -157,7 +159,7 @@ class _Cells:
     band: F
 
 
-def locate(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, seed: int = 1) -> Where:
+def locate(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseModel, seed: int = 1) -> Where:
     """Return where gaps [N] (n,), measured minus simulated force on the grids of traces, lie.
 
     `share_of_samples` is the share of the time; for frequency bands, that of the measured force's energy. `strongest`
@@ -190,12 +192,12 @@ def locate(traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec, seed: in
         tuple(sorted(regions, key=lambda r: -r.share_of_energy)),
         regions[int(np.argmax(scores))] if scores.max() > 0.0 else None,
         p_value_of_largest(scores, draws),
-        compute_gap_maps(values, energy.tick),
+        tuple(compute_gap_map(axes, values, energy.tick) for axes in MAPS),
     )
 
 
 def rms_within_regions(
-    regions: Sequence[GapRegion], traces: Sequence[Trace], gap: Sequence[F], noise: NoiseSpec
+    regions: Sequence[GapRegion], traces: Sequence[Trace], gap: Sequence[F], noise: NoiseModel
 ) -> tuple[float, ...]:
     """Return the RMS [N] of another gap in each region, without noise, which shows where the gap shrank."""
     values = _values(traces)

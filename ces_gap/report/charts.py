@@ -90,9 +90,7 @@ def _draw_shares(ident: str, regions: Sequence[GapRegion]) -> Markup:
 
 def shares_ci95(regions: Sequence[GapRegion]) -> F:
     """Return intervals (r, 2) of the shares of energy on one axis, from those of the RMS with the total fixed."""
-    part = np.array(
-        [1.0 if r.axis == "frequency_hz" else r.share_of_samples for r in regions]
-    )  # a band has all samples
+    part = np.array([1.0 if r.axis == "frequency_hz" else r.share_of_samples for r in regions])  # bands: all samples
     fullest = max(range(len(regions)), key=lambda k: regions[k].share_of_energy)
     whole = regions[fullest].rms_N ** 2 * part[fullest] / max(regions[fullest].share_of_energy, 1e-12)
     ends = np.array([r.ci95_N for r in regions]) ** 2 * part[:, None]
@@ -228,10 +226,8 @@ def time_plot(ident: str, worst: LargestErrors, effects: str) -> Markup:
 def experiment_plot(ident: str, experiment: NextExperiment) -> Markup:
     """Return stroke [mm] and current [A] of an experiment over time."""
     time, current = experiment.time_s, experiment.current_A
-    stroke, feed = (
-        PlotLine("stroke", time, 1e3 * experiment.position_m, "stroke"),
-        PlotLine("current", time, current, "feed"),
-    )
+    stroke = PlotLine("stroke", time, 1e3 * experiment.position_m, "stroke")
+    feed = PlotLine("current", time, current, "feed")
     areas = [
         PlotArea("Stroke [mm]", [stroke], height=124.0, y_ticks=4),
         PlotArea("Current [A]", [feed], height=64.0, y_range=span_of(current, np.zeros(1)), y_ticks=2),

@@ -42,10 +42,10 @@ def effect_name(effect: str) -> str:
     return " ".join(PROPER.get(word, word) for word in effect.split("_"))
 
 
-def join_effect_names(effects: Sequence[str], last: str = "and") -> str:
+def join_effect_names(effects: Sequence[str]) -> str:
     """Return `a, b and c`."""
     names = [effect_name(e) for e in effects]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} {last} {names[-1]}" if names else "nothing"
+    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else "nothing"
 
 
 def sentence_case(text: str) -> str:

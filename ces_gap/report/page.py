@@ -106,10 +106,8 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
     gap, c, ceiling = d.gap, d.composition, d.ceiling_after_N
     ends = [gap.rms_N, gap.ci95_N[1], gap.corrected_N, gap.corrected_ci95_N[1], gap.noise_floor_N]
     longest = max([v for v in ends if math.isfinite(v)] + [1e-9])
-    others = [
-        v for v in (c.gap_after_N, ceiling, math.nan if d.wrong is None else d.wrong.gap_after_N) if math.isfinite(v)
-    ]
-    scale = STEP_ROOM * min(max([longest, *others]), MAX_CONTROL * longest)
+    others = [c.gap_after_N, ceiling] + ([] if d.wrong is None else [d.wrong.gap_after_N])
+    scale = STEP_ROOM * min(max([longest, *filter(math.isfinite, others)]), MAX_CONTROL * longest)
     steps = [_bar(scale, "before", "Original simulation", "", gap.rms_N, gap.ci95_N)]
     if has_correction(d):
         remark = "learned from the reference recordings"

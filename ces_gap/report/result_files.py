@@ -36,10 +36,8 @@ def result_files(
     experiment = optional.run("next experiment", lambda: experiment_files(proposed) if proposed else nothing, nothing)
     document = gap_document(replace(diagnosis, notes=(*diagnosis.notes, *optional.notes)))
     provenance = {role: [{"recording": r.name, "sha256": r.sha256} for r in recordings] for role, recordings in sources}
-    found, said = (
-        diagnosis.composition.composition,
-        {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance},
-    )
+    found = diagnosis.composition.composition
+    said = {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance}
     augmented = augmented_text(sim, found, diagnosis.correction, diagnosis.surrogate, said)
     return {GAP: format_document(document), AUGMENTED: augmented, **page, **experiment}
 

@@ -82,20 +82,11 @@ def parameter_list(parameters: Sequence[ParameterText]) -> Markup:
     return Markup('<ul class="parameters">{}</ul>').format(Markup("").join(p.to_html() for p in parameters))
 
 
-def _probability_html(row: CauseRow) -> Markup:
-    bar = '<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>'
-    return Markup(bar).format(percent(row.probability), 100.0 * row.probability)
-
-
-def _of_cause(text: Callable[[Explanation], str]) -> Callable[[CauseRow], str]:
-    """Return a text for the rows of effects, and none for the other rows."""
-    return lambda row: "" if row.cause is None else text(row.cause)
-
-
 def _with_small(text: str, small: str) -> Markup:
     return Markup("{}<small>{}</small>").format(text, small)
 
 
+BAR = Markup('<span class="figure">{}</span><span class="track"><span class="bar" style="width:{:.1f}%"></span></span>')
 CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
     Column(
         "Single effect",
@@ -103,17 +94,22 @@ CAUSE_COLUMNS: tuple[Column[CauseRow], ...] = (
         html=lambda r: _with_small(r.effect, " · ".join(filter(None, (r.what, r.form)))),
         css="cause",
     ),
-    Column("Probability [%]", lambda r: percent(r.probability), html=_probability_html, css="chance-of"),
+    Column(
+        "Probability [%]",
+        lambda r: percent(r.probability),
+        html=lambda r: BAR.format(percent(r.probability), 100.0 * r.probability),
+        css="chance-of",
+    ),
     Column(
         "Parameters (95\N{NO-BREAK SPACE}% interval)",
         lambda r: ", ".join(map(str, r.parameters)),
         html=lambda r: parameter_list(r.parameters) if r.cause is not None else Markup(""),
         page_only=True,
     ),
-    Column("Gap left [N]", _of_cause(lambda c: three_figures(c.gap_after_N)), figure=True),
+    Column("Gap left [N]", lambda r: three_figures(r.cause.gap_after_N) if r.cause else "", figure=True),
     Column(
         "Shrink [%]",
-        _of_cause(lambda c: f"{percent(c.shrink)} ({percents(c.shrink_ci95)})"),
+        lambda r: f"{percent(c.shrink)} ({percents(c.shrink_ci95)})" if (c := r.cause) else "",
         figure=True,
         html=lambda r: _with_small(percent(c.shrink), percents(c.shrink_ci95)) if (c := r.cause) else Markup(""),
         css="shrunk",
@@ -187,7 +183,10 @@ def composition_table(d: Diagnosis) -> Table[Part] | None:
     return Table(columns, rows)
 
 
-def calibration_table(d: Diagnosis) -> Table[tuple[CalibrationCell, ...]] | None:
+CellRow = tuple[CalibrationCell, ...]  # those of one range of speed
+
+
+def calibration_table(d: Diagnosis) -> Table[CellRow] | None:
     """Return the map of a calibration [N]: ranges of current as columns, of speed as rows; None without one."""
     cells = calibration_cells(d)
     if not cells:
@@ -196,12 +195,10 @@ def calibration_table(d: Diagnosis) -> Table[tuple[CalibrationCell, ...]] | None
     speeds = list(dict.fromkeys(c.speed_m_s for c in cells))
     rows = [tuple(c for c in cells if c.speed_m_s == speed) for speed in speeds]
 
-    def force_at(current_A: tuple[float, float]) -> Callable[[tuple[CalibrationCell, ...]], str]:
+    def force_at(current_A: tuple[float, float]) -> Callable[[CellRow], str]:
         return lambda row: next((f"{c.force_N:+.1f}" for c in row if c.current_A == current_A), "")
 
-    columns: list[Column[tuple[CalibrationCell, ...]]] = [
-        Column("Speed [m/s]", lambda row: "{:.2f} to {:.2f}".format(*row[0].speed_m_s))
-    ]
+    columns: list[Column[CellRow]] = [Column("Speed [m/s]", lambda row: "{:.2f} to {:.2f}".format(*row[0].speed_m_s))]
     columns += [Column(f"{i[0]:.2f} to {i[1]:.2f}\N{NO-BREAK SPACE}A", force_at(i), figure=True) for i in currents]
     return Table(columns, rows, "what the recalibration adds to the simulated force [N]")
 
@@ -236,9 +233,6 @@ def region_table(d: Diagnosis) -> Table[RegionGap] | None:
         bar = Markup('<i class="was" style="width:{:.1f}%"></i><i class="is" style="width:{:.1f}%"></i>')
         return bar.format(100.0 * row[0].rms_N / longest, 100.0 * row[1] / longest)
 
-    def before_after(row: RegionGap) -> Markup:
-        return Markup("{} → <b>{}</b>").format(three_figures(row[0].rms_N), three_figures(row[1]))
-
     columns: tuple[Column[RegionGap], ...] = (
         Column("Region", lambda row: region_name(row[0])),
         Column("", lambda row: "", html=bars, css="pairbar", page_only=True),
@@ -246,7 +240,7 @@ def region_table(d: Diagnosis) -> Table[RegionGap] | None:
             "RMS gap, before and after [N]",
             lambda row: f"{three_figures(row[0].rms_N)} to {three_figures(row[1])}",
             figure=True,
-            html=before_after,
+            html=lambda row: Markup("{} → <b>{}</b>").format(three_figures(row[0].rms_N), three_figures(row[1])),
         ),
     )
     return Table(columns, regions) if regions else None

@@ -15,11 +15,11 @@ from ces_identify.comparison.compared_models import measure_tick_times
 from ces_identify.identification import identify
 from ces_identify.jobs import DONE, JobResult, Row, run_job
 from ces_identify.options import build_identify_options
+from ces_identify.polynomial.search_limits import INTERRUPTED
 from ces_identify.structures import KITS
 from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation, cost_interval, pooled_cost
 
 REST = "rest"  # the part of a recording after `split`, as a validation set
-INTERRUPTED = "interrupted"
 
 
 def compute_cell(job: CampaignJob, recordings: Sequence[Recording], _: Sequence[object] = ()) -> JobResult:
@@ -32,9 +32,9 @@ def compute_cell(job: CampaignJob, recordings: Sequence[Recording], _: Sequence[
 
 def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResult:
     began, count, settings = time.monotonic(), len(job.recordings), job.cell.settings
-    sampling = {key: None if settings[key] == AUTO else float(settings[key]) for key in ("rate", "bandwidth")}
+    rate = None if settings["rate"] == AUTO else float(settings["rate"])
     options = build_identify_options(
-        {**asdict(job.limits), **settings, **sampling, "split": job.split, "candidates": job.rules}
+        {**asdict(job.limits), **settings, "rate": rate, "split": job.split, "candidates": job.rules}
     )
     fitter = KITS[job.cell.structure].fitter(settings)
     result = identify(recordings[:count], recordings[count:], options, fitter=fitter).with_ignored_findings(job.forced)

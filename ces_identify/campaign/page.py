@@ -13,7 +13,7 @@ from urllib.parse import quote
 import numpy as np
 from markupsafe import Markup
 
-from ces_identify.campaign.rows import CampaignRows, front, is_proved, pooled_cost
+from ces_identify.campaign.rows import CampaignRows, front, is_proved, pooled_cost, recommend_model
 from ces_identify.jobs import Row
 from ces_identify.structures import KITS
 from ces_observer.json_text import write_atomically
@@ -22,6 +22,7 @@ from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, serie
 from ces_report.shell import command_block, page_template, replace_unencodable
 
 PAGE = "campaign.html"
+SELECTION = "selection"
 REFRESH_S = 10  # between reloads of a page whose campaign is running
 
 
@@ -47,6 +48,7 @@ def write_campaign_page(
         ],
         panels=[_panel(results, n, name) for n, name in enumerate(results.bags) if results.of_bags(name)],
         sets=results.sets,
+        delays="delay" in results.varied,
         several=len(results.bags) > 1,
         rows=[_row(results, row, row["key"] in recommended) | _links(row, folder, start) for row in results.done],
         failed=[{**row, "name": results.names.full_name(row)} for row in results.failed],
@@ -111,6 +113,7 @@ def _panel(results: CampaignRows, number: int, bags: str) -> dict[str, Any]:
         ],
         "size": _pareto(results, rows, f"size{number}", "parameters", "size", "Size [parameters]"),
         "tick": _pareto(results, rows, f"tick{number}", "tick_us", "time of a tick", "Time of a tick [µs]"),
+        "delay": _draw_delays(results, f"delay{number}", bags),
         "effects": [
             draw_intervals(
                 f"axis{number}-{axis}",
@@ -152,12 +155,36 @@ def _pareto(results: CampaignRows, rows: list[Row], ident: str, column: str, wha
                 validation.append(PlotDots(f"{model}: {name}", np.array([x]), np.array([cost]), "validation dots"))
             if interval is not None:
                 validation.append(PlotLine(f"{model}: {name}", np.array([x, x]), np.array(interval), "validation"))
-    best = front(rows, column)
-    steps = np.repeat([[float(row[column]), row["selection_J"]] for row in best], 2, axis=0)
-    line = PlotLine("front, by selection cost", steps[1:, 0], steps[:-1, 1], "outline")
+    lines = []
+    for group in results.of_delay(rows[0]["bags"]).values():
+        points = [[float(row[column]), row["selection_J"]] for row in front(group, column)]
+        steps = np.repeat(np.array(points).reshape(-1, 2), 2, axis=0)
+        lines.append(PlotLine("front, by selection cost", steps[1:, 0], steps[:-1, 1], "outline"))
     text = (
         f"Selection cost of {len(rows)} models; vertical lines are intervals of their costs on validation recordings."
     )
-    area = PlotArea("Cost J [%]", [*dots, *validation, line], 300)  # values are read at the first of equal points
+    area = PlotArea("Cost J [%]", [*dots, *validation, *lines], 300)  # values are read at the first of equal points
     title = f"Cost against {what}, identified on {rows[0]['bags']}"
     return draw_plot(Plot(ident, title, text, x_label, [area], 560, free=True, legend=False))
+
+
+def _draw_delays(results: CampaignRows, ident: str, bags: str) -> Markup | None:
+    """Return the chart of the recommended models' costs, with their intervals, over the delay; None with one delay."""
+    models = {1e3 * d: row for d, rows in results.of_delay(bags).items() if (row := recommend_model(rows)) is not None}
+    if len(models) < 2:
+        return None
+    delays, nothing, marks = np.array(list(models)), (np.nan, np.nan), list[PlotLine | PlotDots]()
+    for n, name in enumerate((SELECTION, *results.sets)):
+        css, found = series_css(n), [pooled_cost(row, name) for row in models.values()]
+        costs = [
+            row["selection_J"] if name == SELECTION else J for row, (J, _) in zip(models.values(), found, strict=True)
+        ]
+        values = np.array(costs, np.float64)
+        ends = np.array([nothing if interval is None else interval for _, interval in found])
+        x = np.repeat(delays, 2)
+        marks += [PlotLine(name, delays, values, css), PlotDots(name, delays, values, f"{css} spot")]
+        marks.append(PlotLine(name, x, ends.ravel(), css, np.arange(len(x)) % 2 == 0))
+    title = f"Cost over delay, identified on {bags}"
+    text = f"Costs of the recommended models of {len(models)} delays."
+    area = PlotArea("Cost J [%]", marks, 260)
+    return draw_plot(Plot(ident, title, text, "Delay [ms]", [area], 560, free=True))

@@ -21,10 +21,10 @@ from ces_data.config_file import read_yaml_mapping
 from ces_data.recording import Recording
 from ces_identify.campaign.rows import CellNames
 from ces_identify.options import (
-    BANDWIDTH,
     CANDIDATES,
     CERTIFICATE,
     METHOD,
+    ONE_DELAY,
     RATE,
     SEED,
     SPLIT,
@@ -43,7 +43,7 @@ from ces_observer.fields import Field, Schema, declare, read_record, require_kno
 from ces_observer.options import Option
 
 BUILT_IN = "built-in"  # candidate rules of the method
-AUTO = "auto"  # a rate or bandwidth chosen from the data
+AUTO = "auto"  # a rate chosen from the data
 MAX_CELLS = 100_000
 NOMINAL_HZ = 1000.0  # rate for counting candidates
 _NAME = re.compile(r"[\w.+-]+\Z")
@@ -61,7 +61,7 @@ STRUCTURES: Mapping[str, Mapping[str, Option]] = {  # the axes of each structure
     **{kit.option: _by_name(*kit.sizes) for kit in KITS.values()},
     POLYNOMIAL.option: _by_name(replace(TERMS, default=15), METHOD, RULES),
 }
-COMMON = _by_name(replace(RATE, default=AUTO), replace(BANDWIDTH, default=AUTO), CERTIFICATE, SEED)
+COMMON = _by_name(replace(RATE, default=AUTO), ONE_DELAY, CERTIFICATE, SEED)
 KEYS = ("bags", "validate", "structures", *COMMON, "limits", "split", "signals")
 
 

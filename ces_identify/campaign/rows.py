@@ -19,7 +19,7 @@ RESULT_COLUMNS = (
     "force_bound_N", "seconds", "trials", "ended", "tick_us",
 )  # fmt: skip
 IDENTIFICATION = "identification"
-COMMON_AXES = ("seed", "rate", "bandwidth", "certificate")
+COMMON_AXES = ("seed", "rate", "delay", "certificate")
 
 
 @dataclass(frozen=True)
@@ -47,6 +47,8 @@ def describe_setting(key: str, row: Row) -> str:
     value = row[key]
     if isinstance(value, bool):
         return f"{key} {'yes' if value else 'no'}"
+    if key == "delay":
+        return f"delay {1e3 * value:g} ms"
     return f"{value} {key}" if key in COUNTED else f"{key} {value}"
 
 
@@ -127,13 +129,24 @@ class CampaignRows:
         """Return the cells with a model that was identified on one set of bags."""
         return [row for row in self.done if row["bags"] == name]
 
+    def of_delay(self, bags: str) -> dict[float, list[Row]]:
+        """Return the same by their delay [s]: a model that is known at once has no rival among later ones."""
+        rows = self.of_bags(bags)
+        delays = sorted({row.get("delay", 0.0) for row in rows})
+        return {delay: [row for row in rows if row.get("delay", 0.0) == delay] for delay in delays}
+
     def front_keys(self) -> set[str]:
-        """Return the keys of the models on the front of their set of bags."""
-        return {row["key"] for name in self.bags for row in front(self.of_bags(name))}
+        """Return the keys of the models on the front of their set of bags and delay."""
+        return {row["key"] for name in self.bags for rows in self.of_delay(name).values() for row in front(rows)}
 
     def recommended(self) -> dict[str, Row]:
-        """Return the recommended model of each set of bags that has one."""
-        found = {name: recommend_model(self.of_bags(name)) for name in self.bags}
+        """Return the recommended model of each set of bags, and of each delay if there are several."""
+        found = {}
+        for bags in self.bags:
+            groups = self.of_delay(bags)
+            for delay, rows in groups.items():
+                name = f"{bags}, delay {1e3 * delay:g} ms" if len(groups) > 1 else bags
+                found[name] = recommend_model(rows)
         return {name: row for name, row in found.items() if row is not None}
 
     def effects(self, bags: str) -> dict[str, list[tuple[str, list[float]]]]:

@@ -1,8 +1,8 @@
 """What is compared: models with the recordings that they know, their forces at the same stamps, the time of a tick.
 
-Each model runs freely at its own rate, with its own differentiator, over the whole recording. Its force at a position
-sample is the one that the observer would publish for it, so all forces have the recording's own position stamps; the
-measured force is interpolated to them. Only stamps count at which every model has a force.
+Each model runs freely at its own rate and delay over the whole recording. Its force at a position sample is the one
+that the observer would publish for it, so all forces have the recording's own position stamps; the measured force is
+interpolated to them. Only stamps count at which every model has a force.
 """
 
 from __future__ import annotations
@@ -20,14 +20,16 @@ import numpy as np
 from ces_data.arrays import F, Mask
 from ces_data.checks.content import find_known_recording, identification_rows
 from ces_data.recording import Recording
+from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import force_at, hold_current, usable_samples
 from ces_identify.simulations.simulate import SampleRun, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.validation.evaluate import UNITS as SIGNAL_UNITS
-from ces_identify.validation.evaluate import RangeUse, find_outside
+from ces_identify.validation.evaluate import RangeUse, describe_held, find_outside
+from ces_observer.bank_design import SPEED
 from ces_observer.errors import RecordingError
 from ces_observer.estimator import Estimator
-from ces_observer.model import MEASURED, Model
+from ces_observer.model import Model
 
 TRAINED, TEST, UNKNOWN = "identified on", "test", "not known"
 FITTED_ROLES = ("identification", "real", "reference")  # of recordings in a model's and an augmented.json's provenance
@@ -80,6 +82,12 @@ def make_compared_model(name: str, simulation: Simulation, source: str = "") -> 
     return ComparedModel(name, simulation, source, rows, known)
 
 
+def make_compared_models(name: str, model: Model, source: str = "") -> list[ComparedModel]:
+    """Return the models of a file; the second one has the delay in its name."""
+    names = [name, *(f"{name} {delay_text(one.sampling.delay_s)}" for one in model.each[1:])]
+    return [make_compared_model(n, ModelSimulation(one), source) for n, one in zip(names, model.each, strict=True)]
+
+
 def name_sources(sources: Sequence[str]) -> list[str]:
     """Return a name for each path or specification: the file's stem, with its folders where stems are equal."""
 
@@ -102,9 +110,10 @@ class AlignedRecording:
 
     `time_s` counts from the first sample; `position` [m] and `speed` [m/s] are shown only. `measured` (n,) and `forces`
     (models, n) [N] are NaN where there is none; `scored` (n,) is true where all of them count. `diverged` says which
-    models left their force envelope, or have none and exceed MAX_RATIO times the measured force. `exits` lists the
-    signals outside each model's input envelope, `ranges` holds the lowest and highest position [m], speed [m/s] and
-    current [A] at the scored samples.
+    models have a force that is not finite or, of those without an envelope, exceeds MAX_RATIO times the measured force.
+    `exits` lists the signals outside each model's input envelope, `holds` tells of forces held at its force envelope
+    (empty if none was), `ranges` has the lowest and highest position [m], speed [m/s] and current [A] at the scored
+    samples.
     """
 
     name: str
@@ -120,6 +129,7 @@ class AlignedRecording:
     diverged: tuple[bool, ...]
     exits: tuple[tuple[RangeUse, ...], ...]
     ranges: Mapping[str, tuple[float, float]]
+    holds: tuple[str, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -173,6 +183,7 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
         scored=counted,
         diverged=diverged,
         exits=tuple(_find_exits(model, run, counted) for model, (_, run, _) in zip(models, runs, strict=True)),
+        holds=tuple("" if run is None else describe_held(recording.name, *run.held_at(counted)) for _, run, _ in runs),
         ranges={
             name: (float(np.nanmin(values[counted])), float(np.nanmax(values[counted])))
             for name, values in signals.items()
@@ -184,7 +195,7 @@ def _run(model: ComparedModel, recording: Recording, measured: F) -> tuple[F, Sa
     """Return the force, the run if it is a model, and whether it diverged; others do far beyond the measured force."""
     if model.model is not None:
         run = sample_run(model.model, recording)
-        return run.force, run, run.run.diverged >= 0
+        return run.force, run, not np.isfinite(run.run.force).all()
     force = model.simulation.force(recording)
     limit = MAX_RATIO * float(np.nanmax(np.abs(measured), initial=0.0))
     diverged = limit > 0.0 and bool(np.nanmax(np.abs(force), initial=0.0) > limit)
@@ -243,7 +254,7 @@ def _samples_at_rate(model: Model, recording: Recording) -> list[Sample]:
     at = np.mod(stamps * 1e-9, max(seconds[-1], 1.0 / rate))
     at = np.where(np.floor(stamps * 1e-9 / max(seconds[-1], 1.0 / rate)) % 2 == 1, seconds[-1] - at, at)  # to and fro
     position, current = np.interp(at, seconds, samples.position), np.interp(at, seconds, samples.current)
-    motion = np.gradient(position, 1.0 / rate) if model.sampling.differentiator == MEASURED else np.zeros(count)
+    motion = np.gradient(position, 1.0 / rate) if model.sampling.motion == SPEED else np.zeros(count)
     return list(zip(stamps.tolist(), position.tolist(), current.tolist(), motion.tolist(), strict=True))
 
 

@@ -83,6 +83,11 @@ class ModelResult:
     tick: TickTime | None
     force_bound_N: float | None
 
+    @property
+    def delay_ms(self) -> str:
+        """How long after a sample the force is known [ms], as text; a dash for a simulation that is not a model."""
+        return NONE if self.model.model is None else f"{1e3 * self.model.model.sampling.delay_s:g}"
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -270,12 +275,16 @@ def _exit_notes(comparison: Comparison) -> list[str]:
 
 
 def _divergence_notes(comparison: Comparison) -> Iterator[str]:
+    """Yield where models have no cost, or one with a force held at its envelope."""
     other = f"diverged, to more than {MAX_RATIO:g} times the measured force,"
     for recording in comparison.recordings:
         for model, lost in zip(comparison.models, recording.diverged, strict=True):
             if lost:
-                how = other if model.model.model is None else "left its force envelope"
+                how = other if model.model.model is None else "has a force that is not finite"
                 yield f"{model.name} {how} on {recording.name}: it has no cost there"
+        for model, text in zip(comparison.models, recording.holds, strict=False):
+            if text:
+                yield f"{model.name}, {text}"
 
 
 def join(names: Sequence[str]) -> str:
@@ -330,6 +339,7 @@ def cost_table(comparison: Comparison) -> Table[int]:
 
     columns: list[Column[int]] = [
         Column("Model", lambda i: models[i].name, short="model"),
+        Column("Delay [ms]", lambda i: models[i].delay_ms, figure=True, short="delay ms"),
         Column("J [%]", lambda i: percent(models[i].pooled), figure=True, short="J %"),
         Column("95 % interval [%]", lambda i: interval_text(models[i].pooled_interval), figure=True, short="95 %"),
         Column("Above the lowest [%]", above, figure=True, short="above the lowest"),

@@ -161,6 +161,7 @@ def _model_facts(i: int, comparison: Comparison) -> dict[str, Any]:
         "structure": None if model is None else model.structure,
         "size": None if model is None else model.size,
         "rate_Hz": None if model is None else model.sampling.rate_Hz,
+        "delay_s": None if model is None else model.sampling.delay_s,
         "costs": [
             {
                 "recording": cost.recording,
@@ -266,6 +267,7 @@ def _model_row(comparison: Comparison, i: int) -> dict[str, Any]:
         "swatch": _swatch(comparison, i),
         "size": "not a model" if model is None else model.size,
         "rate": "–" if model is None else f"{model.sampling.rate_Hz:g}",
+        "delay": result.delay_ms.replace(NONE, "–"),
         "cost": percent(result.pooled),
         "interval": _page_interval(result.pooled_interval),
         "above": lowest if difference is None else format_signed(difference.value),

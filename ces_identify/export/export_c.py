@@ -2,8 +2,9 @@
 
 A checked `Model` goes in, two texts come out. They do what `ces_observer.estimator.Estimator` does, operation by
 operation, so that forces and reasons agree; a tick that solves an equation may do so by another method, as its solution
-is unique. templates/estimator.{c,h}.j2 hold the C around the tick of a structure, which its kit describes. Only numbers
-of the model reach the texts. Templates are filled by `render`, also for the FMU and the ROS 2 package.
+is unique. templates/run.{c,h}.j2 hold the C around the tick of a structure, which its kit describes, for each model of
+the file; speed_bank.c.j2, late.c.j2 and estimator.{c,h}.j2 hold the rest. Only numbers of the model reach the texts.
+Templates are filled by `render`, also for the FMU and the ROS 2 package.
 """
 
 from __future__ import annotations
@@ -11,19 +12,23 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from importlib import resources
-from math import ceil, exp, pi, sqrt
+from math import ceil, exp
 from typing import Any
 
+import numpy as np
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
+from ces_data.arrays import F
+from ces_identify.numerics.speed_kernels import make_bank
 from ces_identify.structures import KITS, kit_of
-from ces_identify.structures.kit import CTick, constructed_variable, number
+from ces_identify.structures.kit import ConstantTable, CTick, constructed_variable, number
 from ces_observer import __version__, estimator, tracker
-from ces_observer.adaptive_differentiator import MAX_SQUARE, MEMORY_S, NOISE_SHARE, SHARES
 from ces_observer.band import Band
+from ces_observer.bank_design import BINS, EARLIEST, SHIFTS
 from ces_observer.errors import ModelError
-from ces_observer.model import ADAPTIVE, FUSED, Model, Sampling
+from ces_observer.model import Model, Sampling
 from ces_observer.proof.certificate import Certificate
+from ces_observer.speed_bank import LOST, SpeedBank
 
 REASONS: Mapping[str, str] = {
     "OK": tracker.OK,
@@ -32,36 +37,75 @@ REASONS: Mapping[str, str] = {
     "OUT_OF_ORDER": tracker.OUT_OF_ORDER,
     "OUTLIER": tracker.OUTLIER,
     "UNBOUNDED": estimator.UNBOUNDED,
+    "BEYOND_STROKE": tracker.BEYOND_STROKE,
 }
 LONGEST_NAME = 31  # significant characters of an external identifier in C99
 NAME_ENDING = "_past_reset"  # the longest that is added to a name
 STANDARD_HEADERS = ("float", "math", "stdbool", "stdint")
+DELAYED = "delayed_"  # begins names of the delayed model beside one without a delay
+AT_FILE_SCOPE = re.compile(
+    r"^(?:#define (\w+)|(?:static|enum|void|double)\b[^;=(\[]*?(\w+)(?= ?[(\[=])|\} (\w+);)", re.MULTILINE
+)  # names that a C text defines
+PUBLIC = re.compile(r"^(?=(?:enum|void|double)\b)", re.MULTILINE)  # where a function with external linkage begins
 
 
 def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) -> tuple[str, str]:
     """Return the texts of FILE_STEM.c and FILE_STEM.h, whose identifiers begin with `name`.
 
-    Comments state the `certificate`. Raises ModelError if the model cannot be written in C or a name is not usable.
+    Comments state the `certificate`, which holds only if that of a second, delayed model does, too. Raises ModelError
+    if the model cannot be written in C or a name is not usable.
     """
     tick = require_exportable(model, name, file_stem)
+    sources, headers = zip(*_runs(model, name), strict=True)
     facts = {
-        "name": name,
-        "NAME": name.upper(),
         "source_file": f"{file_stem}.c",
         "header_file": f"{file_stem}.h",
         "version": __version__,
         "digest": model.digest(),
         "certificate": certificate,
-        "model": model,
         "reasons": REASONS,
+        "now": not model.sampling.delay_ticks,
+        "delayed_band": model.best.band is not None,
+        "prefix": DELAYED if model.delayed else "",
+        **_run_facts(model, name, tick),
+        **_sampling(model),
+        **_bank(model.best.sampling),
+    }
+    return render("estimator.c", facts | {"runs": sources}), render("estimator.h", facts | {"runs": headers})
+
+
+def _runs(model: Model, name: str) -> list[tuple[str, str]]:
+    """Return the C of each model's tick with its band and warm-up, and what the header has of it."""
+    facts = [_run_facts(one, name, require_exportable(one, name, name)) for one in model.each]
+    first, *others = [(render("run.c", one), render("run.h", one)) for one in facts]
+    return [first, *(_rename(*texts, name) for texts in others)]
+
+
+def _rename(source: str, header: str, name: str) -> tuple[str, str]:
+    """Return the same C with other names for all that it defines, and without public functions."""
+    names = {one for found in AT_FILE_SCOPE.findall(source + header) for one in found if one}
+
+    def renamed(found: re.Match[str]) -> str:
+        word = found[0]
+        public = f"{name}_" if word.startswith(f"{name}_") else ""
+        new = public + (DELAYED.upper() if word.isupper() else DELAYED) + word.removeprefix(public)
+        return new if word in names else word
+
+    return PUBLIC.sub("static ", re.sub(r"\w+", renamed, source)), re.sub(r"\w+", renamed, header)
+
+
+def _run_facts(model: Model, name: str, tick: CTick[Any]) -> dict[str, object]:
+    """Return what the templates of a model's tick need."""
+    return {
+        "name": name,
+        "NAME": name.upper(),
+        "model": model,
         "tick": tick.template,
         "noun": tick.noun,
         "constants": {},
         "band": _band(model.band, model.sampling.rate_Hz),
-        **_sampling(model),
         **tick.facts(model.body, model),
     }
-    return render("estimator.c", facts), render("estimator.h", facts)
 
 
 def require_exportable(model: Model, name: str, file_stem: str) -> CTick[Any]:
@@ -85,16 +129,14 @@ def identifier(text: str) -> str:
 
 
 def _sampling(model: Model) -> dict[str, object]:
-    """Return the constants of the tracker, computed as the tracker and its differentiator compute them."""
+    """Return the constants of the tracker, computed as the tracker computes them."""
     s = model.sampling
-    damping = 0.5 if s.order == 3 else sqrt(0.5)
-    settling_s = tracker.SETTLING / (2.0 * pi * s.bandwidth_Hz)
+    settling_s = tracker.SETTLING * SpeedBank(s.stroke).response_s
+    settling_ticks = settling_s * s.rate_Hz
     return {
-        "order": s.order,
-        "motion": s.motion_signal,
-        "unit": {"speed": "m_s", "acceleration": "m_s2"}.get(s.motion_signal, ""),
-        "coasts": s.order == 3 and s.differentiator != FUSED,
-        **(_filters(s) if s.differentiator == ADAPTIVE else {"adaptive": False}),
+        "motion": s.motion,
+        "max_motion": tracker.MAX_MOTION,
+        "unit": {"speed": "m_s", "acceleration": "m_s2"}.get(s.motion, ""),
         "ticks_per_ns": s.rate_Hz * 1e-9,
         "max_gap_s": s.max_gap_s,
         "max_gap_ns": round(s.max_gap_s * 1e9),
@@ -102,29 +144,44 @@ def _sampling(model: Model) -> dict[str, object]:
         "patience": tracker.PATIENCE,
         "overdue_s": tracker.OVERDUE / s.rate_Hz,
         "settling_s": settling_s,
-        "settling_ticks": settling_s * s.rate_Hz,
+        "settling_ticks": settling_ticks,
         "doubt_s": tracker.DOUBT * settling_s,
-        "doubt_ticks": tracker.DOUBT * (settling_s * s.rate_Hz),
-        "largest_change_m_s": tracker.LARGEST_CHANGE * 2.0 * pi * s.bandwidth_Hz * s.outlier_m,
+        "doubt_ticks": tracker.DOUBT * settling_ticks,
+        "largest_change_m_s": tracker.MAX_CHANGE * s.speed_m_s,
         "warm_up_ticks": round(s.warm_up_s * s.rate_Hz),
-        "decay": -damping * 2.0 * pi * s.bandwidth_Hz,
-        "turn": sqrt(1.0 - damping * damping) * 2.0 * pi * s.bandwidth_Hz,
     }
 
 
-def _filters(s: Sampling) -> dict[str, object]:
-    """Return the constants of the adaptive differentiator's filters."""
-    damping = 0.5 if s.order == 3 else sqrt(0.5)
-    turn = sqrt(1.0 - damping * damping) * 2.0 * pi
+def _bank(sampling: Sampling) -> dict[str, object]:
+    """Return the constants of the speed bank; without a measured motion, without what belongs to its innovation."""
+    bank = make_bank(sampling)
+    pairs, likelihoods, weights = slice(0, 16), slice(16, 20), slice(20, 28)
+    smoothing, modes = bank.smoothing, len(bank.moves)
+    if not sampling.motion:
+        pairs, likelihoods, weights, smoothing = slice(0, 14, 2), slice(16, 20, 3), slice(20, 24), smoothing[:, :1]
+    late = EARLIEST - BINS // 2  # the first time of a sample that begins a tick
+    gains = [bank.gains[0], *bank.gains[1:, late:]]
     return {
-        "adaptive": True,
-        "shares": SHARES,
-        "memory_s": MEMORY_S,
-        "variance": NOISE_SHARE * s.noise_m * s.noise_m,
-        "max_square": MAX_SQUARE,
-        "decays": [-damping * 2.0 * pi * (share * s.bandwidth_Hz) for share in SHARES],
-        "turns": [turn * (share * s.bandwidth_Hz) for share in SHARES],
+        "delay": sampling.delay_ticks,
+        "modes": modes,
+        "spans": bank.spans.tolist(),
+        "bins": BINS,
+        "earliest": EARLIEST,
+        "late_bins": len(SHIFTS) - late,
+        "tick_s": bank.tick_s,
+        "stay": bank.stay,
+        "leave": bank.leave,
+        "lost": LOST,
+        "moves": _rows("BANK_MOVES", bank.moves),
+        "weights": _rows("BANK_WEIGHTS", bank.gains[0, ..., weights]),
+        "gains": _rows("BANK_GAINS", np.concatenate(gains)[..., pairs]),
+        "likelihoods": _rows("BANK_LIKELIHOODS", bank.gains[:, 0, :, likelihoods]),
+        "smoothing": _rows("SMOOTHING", smoothing.reshape(modes, -1)),
     }
+
+
+def _rows(name: str, rows: F) -> ConstantTable:
+    return ConstantTable(name, rows.ravel().tolist(), rows.shape[-1])
 
 
 def _band(band: Band | None, rate_Hz: float) -> dict[str, object] | None:

@@ -19,8 +19,8 @@ import tempfile
 import uuid
 import zipfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from ces_identify.export.export_c import REASONS, export_c, render
 from ces_observer import __version__
@@ -30,35 +30,43 @@ from ces_observer.proof.certificate import Certificate
 
 FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-fPIC", "-shared")
 COMPILE_S = 300.0  # [s] time limit of a compiler
+NEWTON = '<Real unit="N"/>'
 EPOCH = (1980, 1, 1, 0, 0, 0)  # date of every file in the zip: the same model gives the same bytes
 
 
-@dataclass(frozen=True)
-class Variable:
-    """A variable of the FMU; its index in VARIABLES is its value reference. `kind` is the XML element of its type."""
+class Variable(NamedTuple):
+    """A variable of the FMU; its place is its value reference. `kind` is the XML element of its type."""
 
     name: str
-    causality: str
-    variability: str
     kind: str
     description: str
+    causality: str = "output"
+    variability: str = "continuous"
 
 
-VARIABLES = (
-    Variable(
-        "position", "input", "continuous", '<Real unit="m" start="0.0"/>', "piston position, positive in compression"
-    ),
-    Variable("current", "input", "continuous", '<Real unit="A" start="0.0"/>', "valve current"),
-    Variable(
-        "force", "output", "continuous", '<Real unit="N"/>', "damping force, positive in compression; 0 unless valid"
-    ),
-    Variable("speed", "output", "continuous", '<Real unit="m/s"/>', "speed that the model used"),
-    Variable("valid", "output", "discrete", "<Boolean/>", "the force may be used"),
-    Variable("clamped", "output", "discrete", "<Boolean/>", "inputs were outside the envelope of the model"),
-    Variable(
-        "reason", "output", "discrete", '<Enumeration declaredType="Reason"/>', "why the force is given or withheld"
-    ),
-)
+def list_variables(model: Model) -> tuple[Variable, ...]:
+    """Return the variables: reals, Booleans, and the reason; forces at once, with the delay, or both."""
+    now, delay_s = not model.sampling.delay_s, model.best.sampling.delay_s
+    reals = [
+        Variable("position", '<Real unit="m" start="0.0"/>', "piston position, positive in compression", "input"),
+        Variable("current", '<Real unit="A" start="0.0"/>', "valve current", "input"),
+    ]
+    booleans = []
+    if now:
+        reals.append(Variable("force", NEWTON, "damping force, positive in compression; 0 unless valid"))
+        booleans.append(Variable("valid", "<Boolean/>", "the force may be used", variability="discrete"))
+    reals.append(Variable("speed", '<Real unit="m/s"/>', "speed as it is known at once"))
+    what = "inputs were outside the envelope of the model"
+    booleans.append(Variable("clamped", "<Boolean/>", what, variability="discrete"))
+    if delay_s:
+        valid = "valid_delayed" if now else "valid"
+        what = f"damping force {delay_s:g} s ago, as it is known now, positive in compression; 0 unless {valid}"
+        reals.append(Variable("force_delayed", NEWTON, what))
+        what = "how long ago force_delayed was"
+        reals.append(Variable("delay", f'<Real unit="s" start="{delay_s!r}"/>', what, "local", "constant"))
+        booleans.append(Variable(valid, "<Boolean/>", "force_delayed may be used", variability="discrete"))
+    kind = '<Enumeration declaredType="Reason"/>'
+    return (*reals, *booleans, Variable("reason", kind, "why the force is given or withheld", variability="discrete"))
 
 
 def export_fmu(model: Model, name: str, certificate: Certificate, compiler: Sequence[str] = ()) -> bytes:
@@ -76,10 +84,10 @@ def export_fmu(model: Model, name: str, certificate: Certificate, compiler: Sequ
 
 def sources(model: Model, name: str, certificate: Certificate) -> dict[str, str]:
     """Return the texts in the FMU's folder sources/ by file name."""
-    if model.sampling.motion_signal:
+    if motion := model.sampling.motion:
         raise ModelError(
-            f"the model needs the signal '{model.sampling.motion_signal}', and an FMU has position and current only; "
-            "identify with --differentiator kalman or adaptive"
+            f"the model needs the signal '{motion}', and an FMU has position and current only; "
+            f"identify it with a signals file without '{motion}'"
         )
     source, header = export_c(model, name, name, certificate)
     facts = _facts(model, name, certificate)
@@ -106,7 +114,7 @@ def binary_path(name: str) -> str:
 
 
 def _facts(model: Model, name: str, certificate: Certificate) -> dict[str, object]:
-    digest = model.digest()
+    digest, variables = model.digest(), list_variables(model)
     kind = f"ces_observer {__version__} {name} {digest} {certificate.to_mapping()}".encode()
     promise = (
         f"stable for every input (proved), in a tick {certificate.force_claim}"
@@ -122,7 +130,11 @@ def _facts(model: Model, name: str, certificate: Certificate) -> dict[str, objec
         "model": model,
         "promise": promise,
         "reasons": REASONS,
-        "variables": VARIABLES,
+        "variables": variables,
+        "reals": sum(variable.kind.startswith("<Real") for variable in variables),
+        "now": not model.sampling.delay_s,
+        "delay_s": model.best.sampling.delay_s,
+        "max_known_ns": round(1e9 * (model.best.sampling.delay_s + model.sampling.max_gap_s)),
         "command": " ".join(["cc", *_arguments(name, f"{name}.so")]),
     }
 

@@ -22,7 +22,7 @@ MAX_SAMPLES = 6000
 WAIT_S = 0.02
 MAX_AGE_S = 0.5
 NO_WIDTH = -1.0
-FAR_M = 0.2  # of an outlier
+FAR_M = (0.03, 100.0)  # of a position that is an outlier or beyond the stroke
 OFF_CLOCK_NS = round(1.2e9 * MAX_AGE_S)
 
 
@@ -30,7 +30,7 @@ class ReplaySequence:
     """A recorded sequence; positions wait for their current at most `wait_s`, `max_age_s` is as in the node."""
 
     def __init__(self, model: Model, wait_s: float = WAIT_S, max_age_s: float = MAX_AGE_S) -> None:
-        motion = model.sampling.motion_signal
+        motion = model.sampling.motion
         motions = {motion: CurrentHold(model.sampling.max_gap_s)} if motion else {}
         self.damper = DamperObserver(model, CurrentHold(model.sampling.max_current_age_s), max_age_s, motions)
         self._motion = motion
@@ -102,10 +102,16 @@ class ReplaySequence:
         damper = self.damper
         force = damper.step(stamp_ns, position_m, now_ns)
         if force is not None:
-            width = damper.half_width()
-            numbers = (force, NO_WIDTH if width is None else width, damper.position, damper.speed)
-            self._lines.append(f"e {stamp_ns} {' '.join(f'{number:.15g}' for number in numbers)}")
-        self._lines.append(f"x {damper.tally.clamped} {damper.reason}")
+            self._record_estimate("e", stamp_ns, damper.position, damper.speed, force, damper.half_width())
+        for one in damper.late:
+            self._record_estimate("l", *one)
+        counts = damper.tally
+        self._lines.append(f"x {counts.clamped} {counts.held} {counts.late} {damper.reason}")
+
+    def _record_estimate(self, kind: str, stamp_ns: int, *numbers: float | None) -> None:
+        *known, width = numbers
+        texts = (f"{number:.15g}" for number in (*known, NO_WIDTH if width is None else width))
+        self._lines.append(f"{kind} {stamp_ns} {' '.join(texts)}")
 
 
 @dataclass(frozen=True)
@@ -126,7 +132,7 @@ class _Ride:
         """Return the speed [m/s] or acceleration [m/s2]."""
         step = 1e-4
         before, at, after = (self.position(time_s + k * step) for k in (-1, 0, 1))
-        if self.model.sampling.motion_signal == "speed":
+        if self.model.sampling.motion == "speed":
             return (after - before) / (2.0 * step)
         return (after - 2.0 * at + before) / step**2
 
@@ -195,7 +201,7 @@ def _positions(position_m: float, chance: Random, stamp_ns: int, now_ns: int) ->
     if dice < 0.005:
         return
     if dice < 0.01:
-        position_m += FAR_M
+        position_m += chance.choice(FAR_M)
     elif dice < 0.02:
         now_ns += OFF_CLOCK_NS
     yield stamp_ns, _spoil(position_m, chance), now_ns

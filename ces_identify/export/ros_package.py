@@ -19,8 +19,9 @@ from typing import Any
 
 from ces_identify.export.export_c import REASONS, export_c, identifier, render_text, text_literal
 from ces_identify.export.replay_sequence import record_faults
-from ces_observer import __version__, damper_observer
+from ces_observer import __version__, damper_observer, tracker
 from ces_observer.errors import CesError, ModelError
+from ces_observer.estimator import Estimator
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model
 from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, SIGNAL_KEYS
@@ -175,8 +176,12 @@ def _find_facts(model: Model, package: str, name: str, signals: Signals, certifi
         "certificate": certificate,
         "reasons": REASONS,
         "words": WORDS,
-        "motion": model.sampling.motion_signal,
-        "band": model.band,
+        "motion": model.sampling.motion,
+        "delay": model.best.sampling.delay_ticks,
+        "delay_ns": Estimator(model).delay_ns,
+        "own": "delayed" if model.sampling.delay_s else "now",
+        "bands": [one.band for one in model.each],
+        "causes": (tracker.RESTARTED, tracker.UNSETTLED),
         "signals": described,
         "parameters": _list_parameters(described),
         "cpp_value": _cpp_value,
@@ -199,7 +204,7 @@ def _describe_signals(model: Model, signals: Signals) -> dict[str, NodeSignal]:
     if position.constant is not None:
         raise CesError(f"{signals.source}: signal 'position' is constant; expected topic, type and field")
     described = {"position": position, "current": NodeSignal.from_signal(signals["current"])}
-    if name := model.sampling.motion_signal:
+    if name := model.sampling.motion:
         motion = signals.by_name.get(name)
         described[name] = NodeSignal.from_signal(motion) if isinstance(motion, Signal) else NodeSignal(name)
     return described

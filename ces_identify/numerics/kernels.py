@@ -7,21 +7,16 @@ start the inputs equal those of its first tick and the forces are zero, exactly 
 
 from __future__ import annotations
 
-from math import cos, exp, floor, inf, log, pi, sqrt
+from math import inf, isfinite, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-from ces_data.arrays import F, I
-from ces_observer.adaptive_differentiator import MAX_SQUARE, MEMORY_S, NOISE_SHARE, SHARES
-from ces_observer.model import ADAPTIVE, FUSED, KALMAN, MEASURED
-from ces_observer.tracker import DOUBT, LARGEST_CHANGE, OVERDUE, PATIENCE, SETTLING
+from ces_data.arrays import F, I, Mask
 
 BLOCK = 1024  # ticks per pass, which fit into the first-level cache
 Bounds = tuple[float, float]  # lowest and highest force of a free run [N]
-STATUS_OK, STATUS_ORDER, STATUS_OUTLIER, STATUS_RESTART, STATUS_UNSETTLED = 0, 1, 2, 3, 4
 
 
 class TermArrays(NamedTuple):
@@ -49,219 +44,6 @@ class ScoredRun(NamedTuple):
     weights: F
     measured: F
     bounds: Bounds
-
-
-def track(
-    stamps: I,
-    positions: F,
-    rate: float,
-    bandwidth: float,
-    max_gap_ns: int,
-    outlier: float,
-    order: int = 3,
-    motion: F | None = None,
-    differentiator: str = KALMAN,
-    noise_m: float = 0.0,
-) -> tuple[F, I, I, NDArray[np.int8], F, float]:
-    """Twin of `ces_observer.tracker.Tracker` over n finite samples; `motion` (n,) as in its `advance`.
-
-    Returns ticks (m, 2) of position and speed, tick stamps (m,) [ns], for each sample the number of ticks so far,
-    its status and its time after the last tick [ticks], and the sum of squared innovations [m2].
-    """
-    adaptive = differentiator == ADAPTIVE
-    shares = np.array(SHARES if adaptive else (1.0,))
-    variance = NOISE_SHARE * noise_m * noise_m if adaptive else 1.0
-    result: tuple[F, I, I, NDArray[np.int8], F, float] = _track(
-        stamps,
-        positions,
-        np.zeros(len(stamps)) if motion is None else motion,
-        rate,
-        bandwidth,
-        max_gap_ns,
-        outlier,
-        order,
-        shares,
-        variance,
-        differentiator == FUSED,
-        differentiator == MEASURED,
-    )
-    return result
-
-
-@njit(cache=True, nogil=True)
-def _correct(
-    filters: F, scores: F, shares: F, bandwidth: float, order: int, variance: float, interval: float, position: float
-) -> tuple[float, float, float]:
-    """Correct the filters (f, 3) of position, speed and acceleration; return the same of their weighted mean."""
-    damping = 0.5 if order == 3 else sqrt(0.5)
-    fade = exp(-interval / MEMORY_S)
-    for i in range(len(shares)):
-        radius = exp(-damping * 2.0 * pi * (shares[i] * bandwidth) * interval)
-        turn = sqrt(1.0 - damping * damping) * 2.0 * pi * (shares[i] * bandwidth)
-        pair = 2.0 * radius * cos(turn * interval)
-        square = radius * radius
-        x, v, a = filters[i, 0], filters[i, 1], filters[i, 2]
-        innovation = position - (x + interval * (v + 0.5 * interval * a))
-        product = square
-        second = 1.0 - pair + square
-        if order == 3:
-            product = square * square
-            third = 0.5 * (1.0 - square) * (1.0 - pair + square)
-            second = product + 2.0 - pair - square - third
-            filters[i, 2] = a + 2.0 * third * innovation / (interval * interval)
-        filters[i, 1] = v + (interval * a + second * innovation / interval)
-        filters[i, 0] = position - product * innovation
-        surprise = min(innovation * innovation * product / variance, MAX_SQUARE)
-        scores[i] = fade * scores[i] - 0.5 * (surprise - log(product))
-    if len(shares) == 1:
-        return filters[0, 0], filters[0, 1], filters[0, 2]
-    x, v, a = _weighted_mean(filters, scores)
-    return x, v, a
-
-
-@njit(cache=True, nogil=True)
-def _weighted_mean(filters: F, scores: F) -> tuple[float, float, float]:
-    """Return the mean of the filters (f, 3), weighted by exp(scores); loops compile faster than sums of arrays."""
-    top = scores[0]
-    for i in range(1, len(scores)):
-        top = max(top, scores[i])
-    x = v = a = total = 0.0
-    for i in range(len(scores)):
-        weight = exp(scores[i] - top)
-        total += weight
-        x += weight * filters[i, 0]
-        v += weight * filters[i, 1]
-        a += weight * filters[i, 2]
-    return x / total, v / total, a / total
-
-
-@njit(cache=True, nogil=True)
-def _track(
-    stamps: I,
-    positions: F,
-    motion: F,
-    rate: float,
-    bandwidth: float,
-    max_gap_ns: int,
-    outlier: float,
-    order: int,
-    shares: F,
-    variance: float,
-    fused: bool,
-    measured: bool,
-) -> tuple[F, I, I, NDArray[np.int8], F, float]:
-    """Do the work of `track`, with a Kalman filter for each of the `shares` of the bandwidth."""
-    n = len(stamps)
-    room = n + 2
-    for i in range(1, n):
-        step = abs(stamps[i] - stamps[i - 1])
-        room += int(min(step, (PATIENCE + 2) * max_gap_ns) * rate * 1e-9) + 2
-    ticks = np.empty((room, 2))
-    times = np.empty(room, np.int64)
-    total = np.zeros(n, np.int64)
-    status = np.zeros(n, np.int8)
-    ahead = np.zeros(n)
-    largest_change = LARGEST_CHANGE * 2.0 * pi * bandwidth * outlier
-    overdue = OVERDUE / rate
-    settling = SETTLING / (2.0 * pi * bandwidth)
-    m = 0
-    last = 0
-    rejected = 0
-    squares = 0.0
-    x = v = a = tau = settled = doubted = innovation = heard = lost = 0.0
-    speed = bias = newest_motion = mean = 0.0
-    filters, scores = np.zeros((len(shares), 3)), np.zeros(len(shares))
-    stamp = origin = np.int64(0)
-    for i in range(n):
-        status[i] = STATUS_OK
-        gap = stamps[i] - stamp
-        restart = i == 0 or gap > max_gap_ns or gap < -max_gap_ns
-        if not restart and gap <= 0:
-            status[i] = STATUS_ORDER
-            total[i] = m
-            continue
-        interval = gap * 1e-9
-        doubtful = unsettled = guessed = False
-        if not restart:
-            if fused:
-                mean = 0.5 * (newest_motion + motion[i])
-                a = filters[0, 2] = bias + mean
-            innovation = positions[i] - (x + interval * (v + 0.5 * interval * a))
-            doubtful = interval > overdue or abs(innovation) > outlier
-        if doubtful:
-            if rejected == 0:
-                heard = lost = 0.0
-            lost += max(interval - heard - overdue, 0.0)
-            heard = interval
-            unsettled = lost > 0.0
-            guessed = lost > DOUBT * settling
-        if doubtful and abs(innovation) > outlier:
-            coasted = positions[i] - (x + interval * v)
-            coasts = abs(coasted) < abs(innovation) and not fused
-            innovation = coasted if coasts else innovation
-            changed = lost - 0.5 * settling if lost > settling else 0.5 * lost * lost / settling
-            changed = interval if tau < settled else changed
-            if changed > 0.0 and abs(innovation) <= outlier + largest_change * changed:
-                if coasts:
-                    filters[:, 2] = 0.0
-                unsettled = guessed = True
-            else:
-                rejected += 1
-                restart = rejected > PATIENCE
-                if not restart:
-                    status[i] = STATUS_OUTLIER
-                    total[i] = m
-                    continue
-        rejected = 0
-        if restart:
-            status[i] = STATUS_RESTART
-            x, v, a = positions[i], 0.0, 0.0
-            filters[:, 0], filters[:, 1], filters[:, 2], scores[:] = x, 0.0, 0.0, 0.0
-            speed = motion[i] if measured else 0.0
-            newest_motion, bias = motion[i], 0.0
-            stamp = origin = stamps[i]
-            tau = 0.0
-            settled = settling * rate
-            doubted = 0.0
-            last = 0
-            ticks[m, 0] = x
-            ticks[m, 1] = speed
-            times[m] = stamp
-            m += 1
-            total[i] = m
-            continue
-        old_x, old_v, old_tau = x, speed, tau
-        squares += innovation * innovation
-        x, v, a = _correct(filters, scores, shares, bandwidth, order, variance, interval, positions[i])
-        if fused:
-            bias = a - mean
-            newest_motion = motion[i]
-            a = filters[0, 2] = bias + newest_motion
-        speed = motion[i] if measured else v
-        stamp = stamps[i]
-        tau = (stamp - origin) * (rate * 1e-9)
-        if unsettled:
-            settled = tau + settling * rate
-        if guessed:
-            doubted = tau + DOUBT * (settling * rate)
-        if tau < doubted:
-            status[i] = STATUS_UNSETTLED
-        newest = floor(tau + 0.5)
-        for tick in range(last + 1, newest + 1):
-            if tick <= tau:
-                share = (tick - old_tau) / (tau - old_tau)
-                ticks[m, 0] = old_x + share * (x - old_x)
-                ticks[m, 1] = old_v + share * (speed - old_v)
-            else:
-                lead = (tick - tau) / (tau - old_tau) * interval
-                ticks[m, 0] = x + lead * speed
-                ticks[m, 1] = speed + lead * a
-            times[m] = origin + np.int64(floor(tick * (1e9 / rate) + 0.5))
-            m += 1
-        last = newest
-        ahead[i] = tau - newest
-        total[i] = m
-    return ticks[:m].copy(), times[:m].copy(), total, status, ahead, squares
 
 
 @njit(cache=True, nogil=True)
@@ -325,11 +107,14 @@ def _add_product(
 
 @njit(cache=True, nogil=True)
 def _run_block(
-    powers: F, terms: TermArrays, coefficients: F, start: int, k0: int, k1: int, bounds: Bounds, force: F, work: F
-) -> int:
-    """Free-run ticks k0 to k1 of a segment that starts at `start`; returns the first tick out of bounds, or k1.
+    powers: F, terms: TermArrays, coefficients: F, start: int, k0: int, k1: int, bounds: Bounds, force: F, work: F,
+    held: Mask,
+) -> int:  # fmt: skip
+    """Free-run ticks k0 to k1 of a segment that starts at `start`; returns the tick at which it ended, or k1.
 
-    `work` (1 + output lags, BLOCK) receives the inputs' part of the force and the gain of each distinct output lag.
+    A force out of bounds ends it if `held` is empty; else it is held at its bound and marked there. One that is not
+    finite always does. `work` (1 + output lags, BLOCK) receives the inputs' part of the force and the gain of each
+    distinct output lag.
     """
     n = k1 - k0
     inputs = work[0]
@@ -349,9 +134,9 @@ def _run_block(
                 n_used += 1
                 work[1 + slot, :n] = 0.0
         _add_product(powers, terms, t, coefficients[t], start, k0, k1, work[1 + slot])
-    if n_used == 1 and k0 - used[0] >= start:
-        end: int = _recursion_of_one(inputs[:n], work[1, :n], force[k0 - used[0] : k1], used[0], k0, low, high)
-        return end
+    one = n_used == 1 and k0 - used[0] >= start
+    if one and _recursion_of_one(inputs[:n], work[1, :n], force[k0 - used[0] : k1], used[0], low, high):
+        return k1
     for i in range(n):
         y = inputs[i]
         k = k0 + i
@@ -359,50 +144,46 @@ def _run_block(
             back = k - used[slot]
             if back >= start:
                 y += work[1 + slot, i] * force[back]
-        force[k] = y
         if not low <= y <= high:
-            return k
+            if len(held) == 0 or not isfinite(y):
+                return k
+            held[k] = True
+            y = min(max(y, low), high)
+        force[k] = y
     return k1
 
 
 @njit(cache=True, nogil=True)
-def _recursion_of_one(inputs: F, gain: F, force: F, lag: int, k0: int, low: float, high: float) -> int:
-    """Run the recursion with one output lag; `force` begins `lag` ticks before the block."""
+def _recursion_of_one(inputs: F, gain: F, force: F, lag: int, low: float, high: float) -> bool:
+    """Run the recursion with one output lag, `force` from `lag` ticks before the block; return if it kept to bounds."""
     bounded = True
     for i in range(len(inputs)):
         y = inputs[i] + gain[i] * force[i]
         force[i + lag] = y
         bounded &= low <= y <= high
-    if bounded:
-        return k0 + len(inputs)
-    for i in range(len(inputs)):
-        if not low <= force[i + lag] <= high:
-            break
-    return k0 + i
+    return bounded
 
 
 @njit(cache=True, nogil=True)
-def free_run(powers: F, segments: I, terms: TermArrays, coefficients: F, bounds: Bounds) -> tuple[F, int]:
-    """Simulate every segment from its own past forces.
+def free_run(powers: F, segments: I, terms: TermArrays, coefficients: F, bounds: Bounds) -> tuple[F, Mask]:
+    """Simulate every segment from its own past forces, which are held in `bounds`.
 
-    Returns force (ticks,) [N], NaN from where it left `bounds` to the end of that segment, and the first such tick,
-    or -1.
+    Returns force (ticks,) [N], NaN from where it is not finite to the end of that segment, and where it was held.
     """
     force = np.zeros(powers.shape[1])
+    held = np.zeros(len(force), np.bool_)
     work = np.empty((1 + len(coefficients), BLOCK))
-    first = -1
     for s in range(len(segments)):
         start, stop = segments[s, 0], segments[s, 1]
         k0 = start
         while k0 < stop:
             k1 = min(k0 + BLOCK, stop)
-            end = _run_block(powers, terms, coefficients, start, k0, k1, bounds, force, work)
+            end = _run_block(powers, terms, coefficients, start, k0, k1, bounds, force, work, held)
             if end < k1:
                 force[end:stop] = np.nan
-                first = end if first < 0 else first
                 break
             k0 = k1
-    return force, first
+    return force, held
 
 
 @njit(cache=True, nogil=True)
@@ -410,6 +191,7 @@ def free_run_cost(run: ScoredRun, terms: TermArrays, coefficients: F, best: floa
     """Return the mean over recordings of the free-run cost J [%], or infinity as soon as it must exceed `best`."""
     powers, segments, recordings, weights, measured, bounds = run
     n_recordings = recordings[-1] + 1
+    never_held = np.zeros(0, np.bool_)
     done = 0.0
     share = 0.0
     for s in range(len(segments)):
@@ -420,7 +202,7 @@ def free_run_cost(run: ScoredRun, terms: TermArrays, coefficients: F, best: floa
         k0 = start
         while k0 < stop:
             k1 = min(k0 + BLOCK, stop)
-            end = _run_block(powers, terms, coefficients, start, k0, k1, bounds, force, work)
+            end = _run_block(powers, terms, coefficients, start, k0, k1, bounds, force, work, never_held)
             if end < k1:
                 return inf
             for k in range(k0, k1):

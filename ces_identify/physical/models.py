@@ -13,7 +13,7 @@ from typing import Any, Generic, Self, TypeVar
 
 import numpy as np
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F, I, Mask
 from ces_identify.physical.layout import CURRENTS, POSITIONS, DataScales, Layout
 from ces_identify.physical.valve_kernels import RunData, Score
 from ces_identify.trained.training import Training
@@ -156,17 +156,13 @@ def free_run(kernel: Kernel, arrays: Any, data: RunData) -> F:
     return force
 
 
-def run_model(models: type[PhysicalModels[Body]], body: Body, model: Model, inputs: F, segments: I) -> tuple[F, int]:
+def run_model(models: type[PhysicalModels[Body]], body: Body, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
     """Return the batch run of a physical model, as `StructureKit.batch_run` describes it."""
     ranges = widen(model.envelope.by_signal, body.reach)
     limited = [np.ascontiguousarray(np.clip(row, *ranges[name])) for row, name in zip(inputs, INPUTS, strict=True)]
     data = RunData(limited[0], limited[1], limited[2], np.asarray(segments, np.int64))
     force = free_run(models.kernel(), models.arrays_of(body, 1.0 / model.sampling.rate_Hz), data)
-    low, high = model.force_envelope_N
-    first = -1
     for start, stop in segments:
-        outside = np.flatnonzero(~((force[start:stop] >= low) & (force[start:stop] <= high)))
-        if len(outside):
-            force[start + outside[0] : stop] = np.nan
-            first = start + int(outside[0]) if first < 0 else first
-    return force, first
+        force[start:stop][np.logical_or.accumulate(~np.isfinite(force[start:stop]))] = np.nan
+    low, high = model.force_envelope_N
+    return np.clip(force, low, high), (force < low) | (force > high)

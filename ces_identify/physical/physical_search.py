@@ -18,7 +18,7 @@ from ces_data.arrays import F
 from ces_identify.numerics import search_clock
 from ces_identify.numerics.levenberg import BoundedProblem, descend_within_bounds
 from ces_identify.physical.models import PhysicalModels
-from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
+from ces_identify.polynomial.search_limits import INTERRUPTED, Limits, Listener, SearchResult
 
 MAX_STARTS = 2
 SPREAD = 0.7  # of the logarithms of a perturbed start's groups
@@ -169,7 +169,7 @@ class PhysicalSearch:
 
     def _find_stop_reason(self) -> str:
         if self.stop.is_set():
-            return "interrupted"
+            return INTERRUPTED
         if self._best <= self.limits.target:
             return "target cost reached"
         return "time is up" if search_clock.now() > self._deadline else ""

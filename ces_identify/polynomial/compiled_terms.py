@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F, I, Mask
 from ces_identify.numerics import kernels
 from ces_identify.numerics.kernels import TermArrays
 from ces_identify.polynomial import constructed_kernels
@@ -123,13 +123,10 @@ def _power(factor: Factor) -> Power:
     return factor.signal, float(factor.power), factor.signed
 
 
-def run_polynomial(polynomial: Polynomial, model: Model, inputs: F, segments: I) -> tuple[F, int]:
-    """Return the force (ticks,) [N] and the first tick outside the force envelope, -1 if there is none.
-
-    `inputs` (3, ticks) are position [m], speed [m/s] and current [A].
-    """
+def run_polynomial(polynomial: Polynomial, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
+    """Return the batch run of a polynomial, as `StructureKit.batch_run` describes it."""
     terms = compile_terms(polynomial.terms)
     powers = terms.power_table(model.envelope, inputs, segments, model.sampling.rate_Hz)
     coefficients = np.array([term.coefficient for term in polynomial.terms])
-    force, diverged = kernels.free_run(powers, segments, terms.arrays, coefficients, model.force_envelope_N)
-    return force, int(diverged)
+    force, held = kernels.free_run(powers, segments, terms.arrays, coefficients, model.force_envelope_N)
+    return np.asarray(force), np.asarray(held)

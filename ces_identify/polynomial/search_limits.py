@@ -19,6 +19,7 @@ from ces_observer.structures.terms import MAX_TERMS
 
 RANDOM, GAUSS_NEWTON, BOTH, THESIS = "random", "gauss-newton", "both", "thesis"
 DEFAULT_TERMS = 25
+INTERRUPTED = "interrupted"  # by Ctrl-C: why a start ended
 POLL_S = 0.1  # between two checks for Ctrl-C
 METHODS = (BOTH, RANDOM, GAUSS_NEWTON, THESIS)
 
@@ -67,7 +68,7 @@ Listener = Callable[[SearchResult], None]
 def reason_to_end(limits: Limits, cost: float, deadline: float, stop: threading.Event) -> str:
     """Return why a start ends whose lowest cost is `cost` [%]; empty if it goes on."""
     if stop.is_set():
-        return "interrupted"
+        return INTERRUPTED
     if cost <= limits.target:
         return "target cost reached"
     return "time is up" if search_clock.now() > deadline else ""

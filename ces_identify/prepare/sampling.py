@@ -1,29 +1,27 @@
-"""Chooses rate, differentiator and outlier threshold from the position samples, without the force.
+"""Chooses how positions become the model's ticks: rate, the bank of the speed and its limits, without the force.
 
-The differentiator (docs/speed.md) has an order and a bandwidth. They minimise the predicted error of the
-speed, distortion of the stroke plus transmitted noise, on the recordings' spectra. As a model also runs on other
-strokes, the prediction adds a little wide-band speed to each recording.
-
-The spectra bear jitter, gaps, late samples and spikes. A measured speed or acceleration is checked against the
-position, differentiated without delay in the frequency band of the stroke: wrong units and signs are found here.
+The bank (docs/speed.md) needs the noise of the position, the RMS speed and the frequencies of its modes. Noise and
+speed come from the recordings' spectra, which bear jitter, gaps, late samples and spikes; the frequencies are those
+with the greatest likelihood. A measured speed or acceleration is compared with the position, differentiated without
+delay in the frequency band of the stroke: wrong units and signs are found here, and its noise.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.signal import butter, sosfiltfilt, welch
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_data.samples import remove_spikes
+from ces_identify.numerics.speed_kernels import Tracked, track
 from ces_identify.prepare.series import select_samples, usable_samples
-from ces_observer.adaptive_differentiator import SHARES
+from ces_observer.bank_design import ACCELERATION, SPEED
 from ces_observer.errors import RecordingError
-from ces_observer.model import ADAPTIVE, DIFFERENTIATORS, FUSED, KALMAN, MEASURED, Sampling
+from ces_observer.model import FREQUENCIES_HZ, MAX_DELAY_S, Sampling
 
 WINDOW_S = 4.0  # [s] of a Welch segment
 MIN_SAMPLES = 64  # of a stretch that enters the spectrum
@@ -86,18 +84,22 @@ MAX_MEAN = 0.3  # of the signal over its standard deviation; more is gravity or 
 MIN_CORRELATION = 0.5
 
 
-def require_consistent_motion(recording: Recording, sampling: Sampling) -> None:
-    """Raise RecordingError if the signal that the differentiator measures does not fit the recorded position."""
-    signal = sampling.motion_signal
+def measure_motion_noise(recording: Recording, sampling: Sampling) -> float:
+    """Return the RMS noise of the speed [m/s] or acceleration [m/s2] that `sampling` names; 0 if it names none.
+
+    It is that above the stroke and the difference from the derivative of the position. Raises RecordingError if the
+    signal does not fit the position.
+    """
+    signal = sampling.motion
     if not signal:
-        return
+        return 0.0
     samples = select_samples(recording, sampling)
     time = (samples.stamps_ns - samples.stamps_ns[0]) * 1e-9
     rate = (len(time) - 1) / time[-1]
     even = np.linspace(0.0, time[-1], len(time))
     position, raw = (np.interp(even, time, values) for values in (samples.position, samples.motion))
     expected = np.gradient(_pass_band(position, rate)) * rate
-    if signal == "acceleration":
+    if signal == ACCELERATION:
         expected = np.gradient(expected) * rate
     measured = _pass_band(raw, rate)
     scale = float(measured @ expected / (expected @ expected))
@@ -105,8 +107,7 @@ def require_consistent_motion(recording: Recording, sampling: Sampling) -> None:
     if not abs(correlation) >= MIN_CORRELATION:
         raise RecordingError(
             f"{recording.name}: {signal} does not follow the position (correlation {correlation:.2f} in "
-            f"{BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz); check its topic, field and stamps, or identify with "
-            "--differentiator kalman"
+            f"{BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz); check its topic, field and stamps, or drop it from the signals file"
         )
     if not SCALE_RANGE[0] <= scale <= SCALE_RANGE[1]:
         raise RecordingError(
@@ -118,6 +119,7 @@ def require_consistent_motion(recording: Recording, sampling: Sampling) -> None:
             f"{recording.name}: {signal} has a mean of {raw.mean():.3g}, {abs(raw.mean()) / raw.std():.1f} times its "
             f"standard deviation; add {-raw.mean():.3g} to its offset in the signals file"
         )
+    return float(np.hypot(np.std(measured - expected), noise_rms(_spectrum(raw, rate))))
 
 
 def _pass_band(values: F, rate: float) -> F:
@@ -125,155 +127,166 @@ def _pass_band(values: F, rate: float) -> F:
     return np.asarray(sosfiltfilt(band, values - values.mean()))
 
 
-C = NDArray[np.complex128]
+def _spectrum(values: F, rate: float) -> Spectrum:
+    window = min(2 ** round(np.log2(WINDOW_S * rate)), len(values))
+    frequency, power = welch(values, rate, nperseg=window, detrend="linear")
+    return Spectrum(rate, frequency[1:], power[1:])
+
 
 RATE_SLACK = 1.01  # a nominal rate is a little above that of the stamps
-HIGHEST_RATE = 1000.0  # [Hz] enough for damping forces, except that
-TICKS_A_BANDWIDTH = 8.0  # a differentiator needs so many ticks per period of its bandwidth
-OUTLIER_FACTOR = 25.0  # times the standard deviation of the differentiator's innovations
-WIDEST = {2: 1.0 / 3.0, 3: 0.15}  # of the sampling rate, by order; docs/speed.md: stable under any jitter
+MIN_RATE, TICKS_A_PERIOD = 1000.0, 20.0  # [Hz] enough for damping forces, or so many ticks in a period of the stroke
 NOISE_FROM_HZ = 100.0  # [Hz] the stroke has no content above this, or a quarter of the sampling rate if lower
-EXTRA_SHARE = 0.02  # power of the added wide-band speed, relative to the recording's speed
-EXTRA_HZ = 40.0  # [Hz] corner frequency of the added speed
-FUSED_HZ = 3.0  # [Hz] with an accelerometer: below, the position determines the speed; above, the acceleration does
+MIN_NOISE, MIN_SPEED_M_S = 1e-6, 1e-4  # noise over the RMS speed in a tick
+OUTLIER_FACTOR = 25.0  # times the RMS of the innovations
+OUTLIER_S = 2.5e-3  # [s] or the RMS speed in this time, or in two ticks, so that a restart in motion succeeds
+STROKE_MARGIN_M = 0.05  # [m] beyond the recorded stroke, or its length if that is more: positions that are believed
+WIDER_HZ = ((3.0, 7.5, 18.75, 46.9, 117.2), (6.0, 15.0, 37.5, 93.8, 234.4))  # modes for strokes beyond vehicles'
+MIN_GAIN = 0.1  # of the log likelihood per tick, for these
+NOISES = (2.0, 1.0, 0.5, 0.25, 0.125, 0.0625, 0.03125)  # over that just above the stroke, extrapolated as white
+HIGHEST_SHARE = 0.125  # of the rate: the modes' frequencies
+MAX_SAMPLES = 30_000  # of a recording, for the likelihood
+LIKELIHOOD_GAP_TICKS = 3.5
+DELAY_SLACK = 0.02  # ticks
 
 
-def choose_sampling(
-    recordings: Sequence[Recording],
-    rate_Hz: float | None = None,
-    bandwidth_Hz: float | None = None,
-    differentiator: str | None = None,
-) -> Sampling:
+def choose_sampling(recordings: Sequence[Recording], rate_Hz: float | None = None, delay_s: float = 0.0) -> Sampling:
     """Return the sampling rules for models of these recordings; arguments that are not None are kept.
 
-    The rate is the lowest position rate among the recordings, at most 1000 Hz or 8 times the differentiator's
-    bandwidth; a gap is more than 50 ms or ten sampling intervals. With a bandwidth, the order is 3. Without one of
-    DIFFERENTIATORS, the differentiator is the one that `default_differentiator` returns. Raises RecordingError if a
-    position has too few samples or is constant, if the rate is above the data's or the bandwidth above half the rate,
-    or if a recording lacks the signal that the differentiator needs.
+    Noise and modes have the greatest likelihood of the positions. The rate is the lowest position rate among the
+    recordings, at most 1000 Hz or 20 times the highest mode; a gap is more than 50 ms or ten sampling intervals. A
+    speed or acceleration that all recordings hold is a second measurement. Raises RecordingError if a position has too
+    few samples or is constant, if the rate is above the data's, if the delay is not a whole number of ticks up to
+    20 ms, or if a measured speed or acceleration does not fit the position.
     """
-    kind = differentiator if differentiator in DIFFERENTIATORS else default_differentiator(recordings)
     rates = [sample_rate(recording) for recording in recordings]
-    _require_within_rate(recordings, rates, rate_Hz, bandwidth_Hz)
-    gap = max(0.05, 10.0 / min(rates))
+    _require_rate(recordings, rates, rate_Hz)
+    slowest, gap = min(float(f"{r:.4g}") for r in rates), max(0.05, 10.0 / min(rates))
     spectra = [position_spectrum(recording, gap) for recording in recordings]
-    bandwidth, order = bandwidth_Hz, 3
-    if bandwidth is None or kind == FUSED:
-        bandwidth, order = best_differentiator(spectra)
-    highest = max(HIGHEST_RATE, TICKS_A_BANDWIDTH * bandwidth)
-    rate = min([highest, *(float(f"{r:.4g}") for r in rates)]) if rate_Hz is None else rate_Hz
-    if kind == ADAPTIVE:
-        bandwidth = min(bandwidth, min(rates) * WIDEST[order] / max(SHARES))
-    elif kind == FUSED:
-        bandwidth, order = bandwidth_Hz or FUSED_HZ, 3
-    outlier = max(outlier_distance(s, bandwidth, order) for s in spectra)
+    speed = max(float(f"{_rms([speed_rms(s) for s in spectra]):.3g}"), MIN_SPEED_M_S)
+    density = float(np.mean([noise_density(s) for s in spectra]))
+    widest = min(slowest, TICKS_A_PERIOD * WIDER_HZ[-1][-1]) if rate_Hz is None else rate_Hz
     sampling = Sampling(
-        rate,
-        round(bandwidth, 2),
-        float(f"{outlier:.3g}"),
-        gap,
-        order=order,
-        differentiator=kind,
-        noise_m=float(f"{max(map(noise_rms, spectra)):.3g}") if kind == ADAPTIVE else 0.0,
+        widest, 1.0, speed, believed_stroke(recordings), 1.0, max_gap_s=gap, motion=default_motion(recordings)
     )
-    for recording in recordings:
-        require_consistent_motion(recording, sampling)
-    return sampling
+    if sampling.motion:
+        noise = _rms([measure_motion_noise(recording, sampling) for recording in recordings])
+        sampling = replace(sampling, motion_noise=float(f"{max(noise, 1e-9):.3g}"))
+    chosen, innovation = _most_likely(recordings, sampling, density, (FREQUENCIES_HZ, *WIDER_HZ))
+    rate = min(widest, max(MIN_RATE, TICKS_A_PERIOD * chosen.frequencies_Hz[-1])) if rate_Hz is None else rate_Hz
+    if rate != widest:
+        slower = replace(sampling, rate_Hz=rate)
+        chosen, innovation = _most_likely(recordings, slower, density, (chosen.frequencies_Hz,))
+    outlier = max(OUTLIER_FACTOR * innovation, max(OUTLIER_S, 2.0 / rate) * speed)
+    return replace(chosen, outlier_m=float(f"{outlier:.3g}"), delay_s=require_delay(delay_s, rate))
 
 
-def _require_within_rate(
-    recordings: Sequence[Recording], rates: Sequence[float], rate_Hz: float | None, bandwidth_Hz: float | None
-) -> None:
-    """Raise RecordingError for a rate above that of the slowest positions, or a bandwidth above half the rate."""
-    slowest, name = min(zip(rates, (recording.name for recording in recordings), strict=True), key=lambda one: one[0])
-    data = f"the positions in {name} are at {slowest:.5g} Hz"
-    if rate_Hz is not None and rate_Hz > RATE_SLACK * slowest:
-        raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
-    rate = slowest if rate_Hz is None else rate_Hz
-    if bandwidth_Hz is not None and bandwidth_Hz > RATE_SLACK * rate / 2.0:
-        limit = f"above half the model's rate of {rate:.5g} Hz ({data})"
-        raise RecordingError(f"--bandwidth {bandwidth_Hz:g}: {limit}; choose less, or leave --bandwidth out")
+def _most_likely(
+    recordings: Sequence[Recording], sampling: Sampling, density: float, modes: Sequence[tuple[float, ...]]
+) -> tuple[Sampling, float]:
+    """Return the sampling with the noise and modes of the greatest likelihood, and the RMS [m] of its innovations.
 
-
-def default_differentiator(recordings: Sequence[Recording]) -> str:
-    """Return the differentiator for these recordings: a signal that all of them have is used.
-
-    A measured speed needs no differentiator; a measured acceleration supports it.
+    `density` [m2/Hz] is that of the noise. The first modes are kept unless others are clearly likelier.
     """
-    for kind in (MEASURED, FUSED):
-        if all(DIFFERENTIATORS[kind] in recording.channels for recording in recordings):
-            return kind
-    return KALMAN
+    white = max(np.sqrt(0.5 * density * sampling.rate_Hz), MIN_NOISE * sampling.speed_m_s / sampling.rate_Hz, 1e-9)
+    limit, found = HIGHEST_SHARE * sampling.rate_Hz, []
+    for frequencies in modes:
+        known = tuple(f for f in frequencies if f <= limit) or (limit,)
+        found.append(_most_likely_noise(recordings, replace(sampling, frequencies_Hz=known), white))
+    likeliest = max(found, key=lambda one: one[0])
+    _, innovation, chosen = likeliest if likeliest[0] > found[0][0] + MIN_GAIN else found[0]
+    return chosen, innovation
+
+
+def _most_likely_noise(
+    recordings: Sequence[Recording], sampling: Sampling, white: float
+) -> tuple[float, float, Sampling]:
+    """Return the greatest likelihood over NOISES, the RMS [m] of the innovations there, and the sampling."""
+    best = (-np.inf, 0.0, sampling)
+    for share in NOISES:
+        one = replace(sampling, noise_m=float(f"{share * white:.3g}"))
+        runs = [_track(recording, one) for recording in recordings]
+        innovation = max(float(np.sqrt(np.nanmean(run.innovations**2))) for run in runs)
+        likelihood = float(np.mean([run.likelihood for run in runs])) - np.log(one.noise_m)
+        if likelihood < best[0]:
+            break  # it has one maximum
+        best = likelihood, innovation, one
+    return best
+
+
+def _track(recording: Recording, sampling: Sampling) -> Tracked:
+    """Return the ticks of the beginning of a recording without spikes; short gaps need fewer gains."""
+    samples, n = select_samples(recording, sampling), MAX_SAMPLES
+    sampling = replace(sampling, max_gap_s=min(sampling.max_gap_s, LIKELIHOOD_GAP_TICKS / sampling.rate_Hz))
+    return track(samples.stamps_ns[:n], remove_spikes(samples.position)[:n], sampling, samples.motion[:n])
+
+
+def _rms(values: Sequence[float]) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def require_delay(delay_s: float, rate_Hz: float) -> float:
+    """Return the delay; raises RecordingError unless it is a whole number of ticks up to MAX_DELAY_S."""
+    ticks = delay_s * rate_Hz
+    if not (0.0 <= delay_s <= MAX_DELAY_S and abs(ticks - round(ticks)) <= DELAY_SLACK):
+        near = round(ticks) if np.isfinite(ticks) else 1
+        raise RecordingError(
+            f"--delay {delay_s:g}: expected whole ticks of {1.0 / rate_Hz:g} s (the model's rate is {rate_Hz:g} Hz) "
+            f"from 0 to {MAX_DELAY_S:g} s, such as {min(max(near, 1) / rate_Hz, MAX_DELAY_S):g}"
+        )
+    return round(ticks) / rate_Hz
+
+
+def delay_text(delay_s: float) -> str:
+    """Return how long after its sample a force is known, in words."""
+    return f"{1e3 * delay_s:g} ms later" if delay_s else "at once"
+
+
+def believed_stroke(recordings: Sequence[Recording]) -> tuple[float, float]:
+    """Return the range [m] in which positions are believed: the recorded stroke, without spikes, and a margin."""
+    strokes = [remove_spikes(usable_samples(recording, 1e6).position) for recording in recordings]
+    low, high = min(float(x.min()) for x in strokes), max(float(x.max()) for x in strokes)
+    margin = max(high - low, STROKE_MARGIN_M)
+    return float(f"{low - margin:.4g}"), float(f"{high + margin:.4g}")
+
+
+def _require_rate(recordings: Sequence[Recording], rates: Sequence[float], rate_Hz: float | None) -> None:
+    """Raise RecordingError for a rate above that of the slowest positions."""
+    slowest, name = min(zip(rates, (recording.name for recording in recordings), strict=True), key=lambda one: one[0])
+    if rate_Hz is not None and rate_Hz > RATE_SLACK * slowest:
+        data = f"the positions in {name} are at {slowest:.5g} Hz"
+        raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
+
+
+def default_motion(recordings: Sequence[Recording]) -> str:
+    """Return the signal beside the position that all recordings have; the speed if they have both, empty if none."""
+    return next((name for name in (SPEED, ACCELERATION) if all(name in r.channels for r in recordings)), "")
 
 
 def noise_rms(spectrum: Spectrum) -> float:
-    """Return the RMS noise [m] of the position samples: the noise is as strong as between 100 Hz and the limit."""
+    """Return the RMS noise of the samples: the noise is as strong as between 100 Hz and the limit."""
     _, noise = split_spectrum(spectrum)
     return float(np.sqrt(noise.sum() * spectrum.frequency[0]))
 
 
-def best_differentiator(spectra: Sequence[Spectrum], orders: Sequence[int] = tuple(WIDEST)) -> tuple[float, int]:
-    """Return the bandwidth [Hz] and order with the least mean square of the recordings' predicted speed errors."""
-    rate = min(s.rate_Hz for s in spectra)
-    choices = [(float(b), order) for order in orders for b in np.geomspace(rate / 200.0, rate * WIDEST[order], 60)]
-    errors = [np.mean([speed_error(s, b, order) ** 2 for s in spectra]) for b, order in choices]
-    return choices[int(np.argmin(errors))]
+def noise_density(spectrum: Spectrum) -> float:
+    """Return the density [m2/Hz] of the noise just above the stroke."""
+    return float(split_spectrum(spectrum)[1].max(initial=0.0, where=spectrum.frequency < _knee(spectrum)))
 
 
-def speed_error(spectrum: Spectrum, bandwidth: float, order: int) -> float:
-    """Return the predicted RMS error of the speed, relative to the RMS speed."""
-    stroke, noise = split_spectrum(spectrum)
-    omega = 2.0 * np.pi * spectrum.frequency
-    speed = omega**2 * stroke
-    shape = (stroke > 0.0) / (1.0 + (spectrum.frequency / EXTRA_HZ) ** 4)
-    with_extra = speed + EXTRA_SHARE * speed.sum() * shape / shape.sum()
-    response, _ = responses(spectrum, bandwidth, order)
-    error = abs(1.0 - response / (1j * omega)) ** 2 * with_extra + abs(response) ** 2 * noise
-    return float(np.sqrt(error.sum() / speed.sum()))
+def _knee(spectrum: Spectrum) -> float:
+    return min(NOISE_FROM_HZ, 0.25 * spectrum.rate_Hz)
 
 
-def outlier_distance(spectrum: Spectrum, bandwidth: float, order: int) -> float:
-    """Return the distance [m] from the prediction beyond which a position is an outlier.
-
-    It covers the error of the RMS speed after a restart, so that a restart in motion succeeds.
-    """
+def speed_rms(spectrum: Spectrum) -> float:
+    """Return the RMS speed [m/s] of the stroke."""
     stroke, _ = split_spectrum(spectrum)
-    speed = np.sqrt(((2.0 * np.pi * spectrum.frequency) ** 2 * stroke).sum() * spectrum.frequency[0])
-    return max(OUTLIER_FACTOR * innovation_rms(spectrum, bandwidth, order), float(speed) / (2.0 * np.pi * bandwidth))
-
-
-def innovation_rms(spectrum: Spectrum, bandwidth: float, order: int) -> float:
-    """Return the RMS [m] of the differentiator's one-step prediction errors."""
-    _, innovation = responses(spectrum, bandwidth, order)
-    return float(np.sqrt((abs(innovation) ** 2 * spectrum.power).sum() * spectrum.frequency[0]))
+    return float(np.sqrt(((2.0 * np.pi * spectrum.frequency) ** 2 * stroke).sum() * spectrum.frequency[0]))
 
 
 def split_spectrum(spectrum: Spectrum) -> tuple[F, F]:
     """Return the densities of stroke and noise; below NOISE_FROM_HZ the noise has its level just above."""
-    knee = min(NOISE_FROM_HZ, 0.25 * spectrum.rate_Hz)
+    knee = _knee(spectrum)
     below = spectrum.frequency < knee
     level = np.median(spectrum.power[~below & (spectrum.frequency < 2.0 * knee)])
     noise = np.where(below, np.minimum(level, spectrum.power), spectrum.power)
     return spectrum.power - noise, noise
-
-
-def responses(spectrum: Spectrum, bandwidth: float, order: int) -> tuple[C, C]:
-    """Return the differentiator's frequency responses (n,) from position to speed [1/s] and to innovation [1]."""
-    gains = _gains(bandwidth / spectrum.rate_Hz, order)
-    z: C = np.asarray(np.exp(2j * np.pi * spectrum.frequency / spectrum.rate_Hz), np.complex128)
-    d = z - 1.0
-    innovation = 1.0 / (1.0 + gains[0] / d + gains[1] * z / d**2 + gains[2] * z * (z + 1.0) / d**3)
-    speed = (gains[1] * z / d + 2.0 * gains[2] * z / d**2) * innovation * spectrum.rate_Hz
-    return speed, innovation
-
-
-def _gains(cycles: float, order: int) -> tuple[float, float, float]:
-    """Return the gains of position, speed and half acceleration; `cycles` is bandwidth over sampling rate."""
-    damping = 0.5 if order == 3 else np.sqrt(0.5)
-    pole = np.exp(2.0 * np.pi * cycles * (-damping + 1j * np.sqrt(1.0 - damping**2)))
-    real = np.exp(-2.0 * np.pi * cycles) if order == 3 else 0.0
-    product, at_one = abs(pole) ** 2 * (real if order == 3 else 1.0), abs(1.0 - pole) ** 2
-    if order == 2:
-        return 1.0 - product, at_one, 0.0
-    third = 0.5 * (1.0 - real) * at_one
-    return 1.0 - product, 2.0 + product - 2.0 * pole.real - real - third, third

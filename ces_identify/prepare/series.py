@@ -10,14 +10,22 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Channel, Recording
 from ces_data.samples import measured_at
-from ces_identify.numerics import kernels
+from ces_identify.numerics.speed_kernels import (
+    STATUS_BEYOND,
+    STATUS_ORDER,
+    STATUS_OUTLIER,
+    STATUS_RESTART,
+    Tracked,
+    track,
+)
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
+from ces_observer.structures.structure import Range
+from ces_observer.tracker import MAX_MOTION
 
 
 @dataclass(frozen=True)
@@ -60,8 +68,8 @@ class Series:
 class PositionSamples:
     """The usable position samples of a recording with the current held at each.
 
-    `index` (n,) are their indices in the position channel; `motion` (n,) is the signal that the sampling's
-    differentiator measures beside the position, zero if there is none.
+    `index` (n,) are their indices in the position channel; `motion` (n,) is the signal that the sampling names beside
+    the position, zero if there is none.
     """
 
     index: I
@@ -78,10 +86,10 @@ def select_samples(recording: Recording, sampling: Sampling) -> PositionSamples:
     A speed or acceleration older than the longest gap is not used. Raises RecordingError if it was not recorded.
     """
     samples = usable_samples(recording, sampling.max_current_age_s)
-    motion, name = hold_motion(recording, samples.stamps_ns, sampling), sampling.motion_signal
+    motion, name = hold_motion(recording, samples.stamps_ns, sampling), sampling.motion
     if not name:
         return samples
-    good = np.isfinite(motion)
+    good = np.abs(motion) <= MAX_MOTION  # not NaN
     if not good.any():
         raise RecordingError(f"{recording.name}: no position sample with a {name} at most {sampling.max_gap_s:g} s old")
     arrays = {key: getattr(samples, key)[good] for key in ("index", "stamps_ns", "position", "current")}
@@ -110,17 +118,17 @@ def hold_current(recording: Recording, stamps_ns: I, max_age_s: float) -> F:
 
 
 def hold_motion(recording: Recording, stamps_ns: I, sampling: Sampling) -> F:
-    """Return the speed [m/s] or acceleration [m/s2] that the differentiator needs at each stamp; zero if it needs none.
+    """Return the speed [m/s] or acceleration [m/s2] that `sampling` names at each stamp; zero if it names none.
 
     It is NaN where the newest value is older than the longest gap. Raises RecordingError if it was not recorded.
     """
-    name = sampling.motion_signal
+    name = sampling.motion
     if not name:
         return np.zeros(len(stamps_ns))
     if name not in recording.channels:
         raise RecordingError(
-            f"{recording.name}: no '{name}' channel, which the differentiator '{sampling.differentiator}' needs; "
-            f"describe '{name}' in the signals file, or identify with --differentiator kalman"
+            f"{recording.name}: no '{name}' channel, which the model needs for its speed; "
+            f"describe '{name}' in the signals file, or identify on recordings without it"
         )
     return hold_signal(recording.channel(name), stamps_ns, sampling.max_gap_s)
 
@@ -138,14 +146,27 @@ def hold_signal(logged: Channel, stamps_ns: I, max_age_s: float) -> F:
 
 
 def prepare(recording: Recording, sampling: Sampling) -> Series:
-    """Return the series of `recording`; raises RecordingError if no segment is longer than the warm-up."""
+    """Return the series of `recording`; raises RecordingError if no segment is longer than the warm-up.
+
+    With a delay, speeds are those known after it; the last ticks of a segment, whose speed is never known, have the
+    speed known at once, and are not scored.
+    """
     samples = select_samples(recording, sampling)
-    ticks, times, total, status, _, _ = track_samples(samples, sampling)
-    starts = total[status == kernels.STATUS_RESTART] - 1
+    tracked = track_samples(samples, sampling)
+    ticks, total, status = tracked.late, tracked.total, tracked.status
+    known = np.isfinite(ticks[:, 1])
+    ticks = np.where(known[:, None], ticks, tracked.ticks)
+    starts = total[status == STATUS_RESTART] - 1
+    if not len(starts):
+        low, high = sampling.stroke_m
+        raise RecordingError(
+            f"{recording.name}: no position lies between {low:g} and {high:g} m, where the model believes them; check "
+            "sign, unit and offset of the position in the signals file"
+        )
     segments = np.stack([starts, np.append(starts[1:], len(ticks))], axis=1)
-    force = force_at(recording, times, sampling.max_gap_s)
+    force = force_at(recording, tracked.stamps_ns, sampling.max_gap_s)
     warm_up = round(sampling.warm_up_s * sampling.rate_Hz)
-    longest = np.diff(segments).max()
+    longest = np.diff(segments).max() - sampling.delay_ticks
     if longest <= warm_up:
         raise RecordingError(
             f"{recording.name}: longest stretch without a gap is {longest} ticks of "
@@ -153,39 +174,28 @@ def prepare(recording: Recording, sampling: Sampling) -> Series:
         )
     since_start = np.arange(len(ticks)) - np.repeat(segments[:, 0], np.diff(segments)[:, 0])
     dropped = samples.dropped | {
-        "out of order": int((status == kernels.STATUS_ORDER).sum()),
-        "outlier": int((status == kernels.STATUS_OUTLIER).sum()),
+        "out of order": int((status == STATUS_ORDER).sum()),
+        "outlier": int((status == STATUS_OUTLIER).sum()),
+        "beyond the stroke": int((status == STATUS_BEYOND).sum()),
     }
     return Series(
         name=recording.name,
         rate_Hz=sampling.rate_Hz,
-        time_s=(times - samples.stamps_ns[0]) * 1e-9,
+        time_s=(tracked.stamps_ns - samples.stamps_ns[0]) * 1e-9,
         position=np.ascontiguousarray(ticks[:, 0]),
         speed=np.ascontiguousarray(ticks[:, 1]),
         current=np.repeat(samples.current, np.diff(total, prepend=0)),
         force=force,
         segments=segments.astype(np.int64),
-        scored=(since_start >= warm_up) & np.isfinite(force),
+        scored=(since_start >= warm_up) & np.isfinite(force) & known,
         warm_up=warm_up,
         dropped=dropped,
     )
 
 
-def track_samples(samples: PositionSamples, sampling: Sampling) -> tuple[F, I, I, NDArray[np.int8], F, float]:
-    """Return the result of `kernels.track` for the samples."""
-    tracked: tuple[F, I, I, NDArray[np.int8], F, float] = kernels.track(
-        samples.stamps_ns,
-        samples.position,
-        sampling.rate_Hz,
-        sampling.bandwidth_Hz,
-        round(sampling.max_gap_s * 1e9),
-        sampling.outlier_m,
-        sampling.order,
-        samples.motion,
-        sampling.differentiator,
-        sampling.noise_m,
-    )
-    return tracked
+def track_samples(samples: PositionSamples, sampling: Sampling) -> Tracked:
+    """Return the ticks of the samples."""
+    return track(samples.stamps_ns, samples.position, sampling, samples.motion)
 
 
 def force_at(recording: Recording, stamps_ns: I, max_gap_s: float) -> F:
@@ -217,14 +227,15 @@ def _finite(channel: Channel) -> Channel:
 
 @dataclass(frozen=True)
 class FreeRun:
-    """Simulated force [N] of shape (ticks,), NaN from where it left the force envelope.
+    """Simulated force [N] of shape (ticks,), NaN from where it is not finite to the end of the segment.
 
-    `clamped` marks the ticks with inputs outside the envelope; `diverged` is the first tick out of bounds, -1 if none.
+    `clamped` marks the ticks with inputs outside the envelope, `held` those with a force held at an end of its own.
     """
 
     force: F
     clamped: Mask
-    diverged: int
+    held: Mask
+    force_envelope_N: Range
 
 
 class SimulatedSeries(Protocol):

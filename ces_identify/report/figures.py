@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LENGTH_S = 1.5
-BEFORE_DIVERGENCE = 0.8  # share of the window
+BEFORE_EXIT = 0.8  # share of the window
 WORKING = 0.5  # of the work done where the damper works most: windows with less are not shown
 MOST = 0.9  # quantile of the work over all windows that counts as most
 MAX_ROWS = 6
@@ -75,15 +75,15 @@ def choose_window(evaluation: Evaluation) -> Window:
 
     The local J is 100 times the RMS error in the window over the standard deviation of the whole scored force. The
     damper works where the product of RMS speed and RMS variation of the force is large. Only windows with the most
-    scored ticks count. A run that diverged shows where.
+    scored ticks count. A run whose force leaves its envelope shows where.
     """
     series, run = evaluation.series, evaluation.run
     length = max(2, round(LENGTH_S * series.rate_Hz))
     if length >= len(series):
         return Window(0, len(series), "the whole run")
-    if run.diverged >= 0:
-        start = int(np.clip(run.diverged - BEFORE_DIVERGENCE * length, 0, len(series) - length))
-        return Window(start, start + length, f"where the free run diverged, at {series.time_s[run.diverged]:.2f} s")
+    if len(exits := np.flatnonzero(run.held | ~np.isfinite(run.force))):
+        start = int(np.clip(exits[0] - BEFORE_EXIT * length, 0, len(series) - length))
+        return Window(start, start + length, f"where the force left its envelope, at {series.time_s[exits[0]]:.2f} s")
     scored = series.scored
     force = np.where(scored, series.force, 0.0)
     square = np.where(scored, (force - run.force) ** 2, 0.0)

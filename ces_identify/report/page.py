@@ -8,8 +8,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from ces_identify.identification import DELAYED_SELECTION
 from ces_identify.physical.quantities import ERRORS
 from ces_identify.prepare.cost import EQUAL, Weighting
+from ces_identify.prepare.sampling import delay_text
 from ces_identify.report.figures import (
     MAX_DOTS,
     choose_window,
@@ -30,6 +32,8 @@ from ces_identify.validation.evaluate import (
     VALIDATION,
     CostInterval,
     Evaluation,
+    by_delay,
+    describe_size,
     explain_missing,
     pool_evaluations,
 )
@@ -48,6 +52,10 @@ MARKS = "marks"  # key of the hashes in the provenance by which copies and parts
 SHOWN_ABOVE = (ERRORS, "structure", "structures")  # of the provenance's selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 WORST_CELLS = 6  # rows in the table of errors
+NO_CERTIFICATE = (
+    "None: this model comes without a proof of stability. The observer tries one itself; if that fails, it refuses the "
+    "model unless allow_uncertified is true."
+)
 
 
 def write_report(
@@ -65,78 +73,116 @@ def write_report(
     """
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
     held_out = [e for e in ordered if e.role == VALIDATION]
-    shown = held_out or ordered
-    drawn = sorted(sorted(range(len(ordered)), key=lambda i: -ordered[i].cost)[:MAX_DRAWN])  # the highest costs
+    drawn = _choose_drawn(ordered)
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
-    table = model_table(model, shown, VALIDATION if held_out else IDENTIFICATION)
-    kind = model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
     selection = model.provenance.get("selection", {})
     structures, kinds = selection.get("structures") or {}, {selection.get("structure"): "this model"}
+    names = " and ".join(dict.fromkeys(map(_kind, model.each)))
     page = page_template("report.html.j2", "ces_identify.report").render(
         title=title,
         subject=_describe_recordings(ordered),
         headline=_format_headline(ordered, held_out),
         warnings=_format_warnings(ordered),
-        facts={"Model": f"{kind}, {model.size}, {model.sampling.rate_Hz:g} Hz", **facts},
+        facts={"Model": f"{names}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **facts},
         model=model,
+        delays=len({e.delay_s for e in ordered}) > 1,
+        delayed=model.best.sampling.delay_s > 0.0,
         rows=_cost_rows(ordered, weighting),
         weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
         outside=_outside_rows(ordered),
-        pooled=_pooled_row(held_out),
+        pooled=[row for some in by_delay(held_out).values() if (row := _pooled_row(some)) is not None],
         structures=[(name, three_figures(cost), kinds.get(name, "short fit")) for name, cost in structures.items()],
         advice=advise(structures, selection["structure"]) if structures else "",
-        recordings=[_draw_recording(i, ordered[i], model, points) for i in drawn],
+        parts=[_draw_model(one, ordered, drawn, points) for one in model.each],
         drawn=drawn,
         most_dots=MAX_DOTS,
-        table=table,
-        charts=[
-            (draw_chart(f"chart{n}", chart, size), chart.caption)
-            for n, (chart, size) in enumerate(zip(table.charts, SIZES, strict=False))
-        ],
-        maps=_draw_maps(ordered, model),
-        cells=error_cells(shown)[:WORST_CELLS],
-        regions=error_regions(shown),
-        coverage=coverage_regions(shown),
+        outside_is=" or ".join(dict.fromkeys(one.body.outside for one in model.each)),
         settings=_settings(model),
         history=_history(model),
     )
     write_atomically(path, replace_unencodable(page))
 
 
+def _choose_drawn(ordered: Sequence[Evaluation]) -> list[int]:
+    """Return the evaluations with charts: of each delay those with the highest costs."""
+    groups = by_delay(ordered)
+    most = MAX_DRAWN // max(len(groups), 1)
+    chosen = [e for some in groups.values() for e in sorted(some, key=lambda e: -e.cost)[:most]]
+    return [i for i, e in enumerate(ordered) if any(e is one for one in chosen)]
+
+
+def _kind(model: Model) -> str:
+    return model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
+
+
+def late(model: Model) -> str:
+    """Return `, 3 ms later` for a model with a delay, nothing without one."""
+    return f", {delay_text(model.sampling.delay_s)}" if model.sampling.delay_s else ""
+
+
+def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int], points: int) -> dict[str, Any]:
+    """Return the sections about one model; those of a model with a delay have it in their headings."""
+    delay_s = model.sampling.delay_s
+    mine = [e for e in ordered if e.delay_s == delay_s]
+    held_out = [e for e in mine if e.role == VALIDATION]
+    shown, suffix = held_out or mine, "-late" if delay_s else ""
+    table = model_table(model, shown, VALIDATION if held_out else IDENTIFICATION)
+    return {
+        "model": model,
+        "suffix": suffix,
+        "late": late(model),
+        "count": len(mine),
+        "recordings": [_draw_recording(i, ordered[i], model, points) for i in drawn if ordered[i].delay_s == delay_s],
+        "table": table,
+        "charts": [
+            (draw_chart(f"chart{n}{suffix}", chart, size), chart.caption)
+            for n, (chart, size) in enumerate(zip(table.charts, SIZES, strict=False))
+        ],
+        "maps": _draw_maps(mine, model, suffix),
+        "cells": error_cells(shown)[:WORST_CELLS],
+        "regions": error_regions(shown),
+        "coverage": coverage_regions(shown),
+    }
+
+
 def _describe_recordings(evaluations: Sequence[Evaluation]) -> str:
     """Return the recordings of the report in a phrase, such as `road (validation); noise, sweep (identification)`."""
-    named = ((role, join_names([e.name for e in evaluations if e.role == role])) for role in ROLES)
+    named = ((role, join_names(list(dict.fromkeys(e.name for e in evaluations if e.role == role)))) for role in ROLES)
     return "; ".join(f"{names} ({role})" for role, names in named if names)
 
 
 def _format_headline(evaluations: Sequence[Evaluation], held_out: Sequence[Evaluation]) -> str:
     """Return one sentence about the costs of the evaluations `held_out`, else of all."""
-    finite = sorted((e for e in held_out or evaluations if math.isfinite(e.cost)), key=lambda e: e.cost)
-    lost = len(held_out or evaluations) - len(finite)
-    if finite:
-        best, worst = (f"{three_figures(e.cost)} % ({e.name})" for e in (finite[0], finite[-1]))
-        costs = f"cost J = {best}" if len(finite) == 1 else f"cost J from {best} to {worst}, {len(finite)} recordings"
-        costs += f"; the free run diverged on {lost} more" if lost else ""
-    else:
-        costs = f"the free run diverged on every recording ({lost})"
+    groups = by_delay(held_out or evaluations)
+    costs = "; ".join(f"{delay_text(d)}: {_describe_costs(some)}" for d, some in groups.items())
+    costs = f", {costs}" if any(groups) else costs.removeprefix(delay_text(0.0))
     if held_out:
-        return f"Validation: {costs}."
+        return f"Validation{costs}."
     if not evaluations:
         return "Not validated, and not run on any recording."
-    return f"Not validated: fit and selection used all recordings below. On these: {costs}."
+    return f"Not validated: fit and selection used all recordings below. On these{costs}."
+
+
+def _describe_costs(evaluations: Sequence[Evaluation]) -> str:
+    """Return the lowest and the highest cost in a phrase."""
+    finite = sorted((e for e in evaluations if math.isfinite(e.cost)), key=lambda e: e.cost)
+    lost = len(evaluations) - len(finite)
+    if not finite:
+        return f"the free run diverged on every recording ({lost})"
+    best, worst = (f"{three_figures(e.cost)} % ({e.name})" for e in (finite[0], finite[-1]))
+    costs = f"cost J = {best}" if len(finite) == 1 else f"cost J from {best} to {worst}, {len(finite)} recordings"
+    return costs + (f"; the free run diverged on {lost} more" if lost else "")
 
 
 def _format_warnings(evaluations: Sequence[Evaluation]) -> list[str]:
-    """Return warnings about runs that diverged and inputs outside the envelope, with the signals' ranges.
+    """Return warnings about forces held at their envelope and inputs outside theirs, with the signals' ranges.
 
     Of more than MAX_WARNED recordings outside, `_outside_rows` has the ranges.
     """
-    diverged = [
-        f"{e.name} ({e.role}) at {e.series.time_s[e.run.diverged]:.2f} s" for e in evaluations if e.run.diverged >= 0
-    ]
-    texts = [f"Diverged: the simulated force left the force envelope on {', '.join(diverged)}."] if diverged else []
+    held = sorted((e for e in evaluations if e.held_text), key=lambda e: -e.held_share)
+    texts = [minus(f"{e.held_text} ({e.role}).") for e in held[:MAX_WARNED]]
     outside = [e for e in evaluations if e.outside]
     if len(outside) <= MAX_WARNED:
         return texts + [minus(f"{e.outside_text} ({e.role}).") for e in outside]
@@ -150,7 +196,12 @@ def _outside_rows(evaluations: Sequence[Evaluation]) -> list[tuple[str, ...]]:
     if sum(bool(e.outside) for e in evaluations) <= MAX_WARNED:
         return []
     return [
-        (e.name, f"{use.signal} [{UNITS[use.signal]}]", *map(minus, use.as_texts()), f"{100.0 * use.outside_share:.1f}")
+        (
+            e.label,
+            f"{use.signal} [{UNITS[use.signal]}]",
+            *map(minus, use.as_texts()),
+            f"{100.0 * use.outside_share:.1f}",
+        )
         for e in evaluations
         for use in e.outside
     ]
@@ -174,11 +225,12 @@ def _cost_row(e: Evaluation, scale: float, weighting: Weighting) -> dict[str, An
         "role": e.role,
         "span": f"{e.series.time_s[0]:.1f}\N{EN DASH}{e.series.time_s[-1]:.1f}",
         "duration": f"{e.scored_s:.1f}",
+        "delay": f"{1e3 * e.delay_s:g}",
         "cost": three_figures(e.cost),
         "bar": scale * e.cost if finite else 100.0,
-        "diverged": not finite or e.run.diverged >= 0,
+        "diverged": not finite,
         "rms": three_figures(e.rms_N),
-        "outside": three_figures(100.0 * e.clamped_share) if e.clamped_share else "0",
+        "outside": three_figures(100.0 * e.outside_share) if e.outside_share else "0",
         "coverage": "" if e.coverage is None else three_figures(100.0 * e.coverage),
         "dropped": f"{sum(e.series.dropped.values())} / {gaps}",
         "reasons": ", ".join(f"{reason}: {n}" for reason, n in reasons.items() if n),
@@ -197,6 +249,7 @@ def _pooled_row(held_out: Sequence[Evaluation]) -> dict[str, Any] | None:
     return {
         "number": pooled.number,
         "duration": f"{pooled.scored_s:.1f}",
+        "delay": f"{1e3 * held_out[0].delay_s:g}",
         "cost": three_figures(pooled.cost),
         "interval": _format_interval(pooled.interval),
     }
@@ -223,7 +276,7 @@ def _draw_recording(number: int, evaluation: Evaluation, model: Model, max_point
     }
 
 
-def _draw_maps(evaluations: Sequence[Evaluation], model: Model) -> dict[str, Any] | None:
+def _draw_maps(evaluations: Sequence[Evaluation], model: Model, suffix: str) -> dict[str, Any] | None:
     """Return the two maps; if identification or validation is missing, the other replaces it."""
     if not evaluations:
         return None
@@ -233,17 +286,24 @@ def _draw_maps(evaluations: Sequence[Evaluation], model: Model) -> dict[str, Any
         "one_current": grid.one_current,
         "fitted": bool(fitted),
         "held_out": bool(held_out),
-        "coverage": coverage_map("coverage", grid, fitted or held_out, held_out if fitted else [], model),
-        "error": error_map("error", grid, held_out or fitted, fitted if held_out else [], model),
+        "coverage": coverage_map(f"coverage{suffix}", grid, fitted or held_out, held_out if fitted else [], model),
+        "error": error_map(f"error{suffix}", grid, held_out or fitted, fitted if held_out else [], model),
     }
 
 
 def _settings(model: Model) -> dict[str, Any]:
     """Return the model's settings for the page's last section, with readable names."""
-    ends = {**asdict(model.envelope), "force_N": model.force_envelope_N}
+    delays = [one.sampling.delay_s for one in model.each]
+    sampling = asdict(model.sampling) | ({"delay_s": delays} if len(delays) > 1 else {})
+    settings: dict[str, Any] = {"Sampling": {format_key(key): value for key, value in sampling.items()}}
+    for one in model.each:
+        ends = {**asdict(one.envelope), "force_N": one.force_envelope_N}
+        settings[f"Envelope{late(one)}"] = {
+            format_key(key): minus(f"{low:.4g} to {high:.4g}") for key, (low, high) in ends.items()
+        }
+        settings[f"Stability certificate{late(one)}"] = one.certificate or NO_CERTIFICATE
     return {
-        "Sampling": {format_key(key): value for key, value in asdict(model.sampling).items()},
-        "Envelope": {format_key(key): minus(f"{low:.4g} to {high:.4g}") for key, (low, high) in ends.items()},
+        **settings,
         "Origin": {
             **{k: v for k, v in model.provenance.items() if _fits_on_line(v) and k != USAGE_RULE},
             "model_file_sha256": model.digest(),
@@ -255,7 +315,8 @@ def _history(model: Model) -> dict[str, Any]:
     """Return the longer entries of the provenance, without those shown in sections of their own."""
     longer = {key: _without_marks(value) for key, value in model.provenance.items() if not _fits_on_line(value)}
     shown = {key: value for key, value in longer.pop("selection", {}).items() if key not in SHOWN_ABOVE}
-    return longer | ({"selection": shown} if shown else {})
+    late = {key: longer.pop(key) for key in [DELAYED_SELECTION] if key in longer}
+    return longer | ({"selection": shown} if shown else {}) | late
 
 
 def _without_marks(entry: Any) -> Any:

@@ -125,6 +125,7 @@ class _Variables:
             matches = matches or [v for v in named if self.dimension(v) is None]
             if len(matches) > 1:
                 matches = [v for v in matches if v in named] or matches
+                matches = [v for v in matches if _words(v.name) <= WORDS[role]] or matches
         if len(matches) > 1:
             raise self.unclear_error(f"{' and '.join(v.name for v in matches)} may each be the {role}; name one", role)
         if not matches:

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Recording
-from ces_identify.numerics import kernels
+from ces_identify.numerics.speed_kernels import STATUS_OK, STATUS_RESTART
 from ces_identify.prepare.series import FreeRun, Series, prepare, select_samples, track_samples
 from ces_identify.structures import run_batch
 from ces_observer.band import STATE, Band
@@ -26,8 +26,8 @@ from ces_observer.structures.structure import Range
 def simulate_series(model: Model, series: Series) -> FreeRun:
     """Return the free run of `model` on a prepared series."""
     inputs = np.stack([series.position, series.speed, series.current])
-    force, diverged = run_batch(model, inputs, series.segments)
-    return FreeRun(force, outside_envelope(model, series), diverged)
+    force, held = run_batch(model, inputs, series.segments)
+    return FreeRun(force, outside_envelope(model, series), held, model.force_envelope_N)
 
 
 def outside_envelope(model: Model, series: Series) -> Mask:
@@ -41,15 +41,21 @@ def outside_envelope(model: Model, series: Series) -> Mask:
 class SampleRun:
     """The free run of a model at the position samples of a recording, as the estimator returns it.
 
-    `force` (n,) [N] is NaN where the estimator withholds it: at unusable samples, in the warm-up, and from a divergence
-    to the segment's end (where the estimator would restart its warm-up). `newest` (n,) is the newest tick of `series`
-    at each sample, -1 without one; `run` is the free run on the ticks.
+    `force` (n,) [N] is NaN where the estimator withholds it: at unusable samples, in the warm-up, and from a force that
+    is not finite to the segment's end (where the estimator would restart its warm-up). `newest` (n,) is the newest tick
+    of `series` at each sample, -1 without one; `run` is the free run on the ticks.
     """
 
+    model: Model
     force: F
     newest: I
     series: Series
     run: FreeRun
+
+    def held_at(self, samples: Mask) -> tuple[Range, F, Mask]:
+        """Return the force envelope [N], and for some samples their time [s] and where the force was held at it."""
+        ticks = self.newest[samples]
+        return self.model.force_envelope_N, self.series.time_s[ticks], self.run.held[ticks]
 
 
 def sample_force(model: Model, recording: Recording) -> F:
@@ -57,15 +63,14 @@ def sample_force(model: Model, recording: Recording) -> F:
     return sample_run(model, recording).force
 
 
-def sample_bounds(model: Model, recording: Recording) -> tuple[F, F]:
+def sample_bounds(at: SampleRun) -> tuple[F, F]:
     """Return the lower and upper bound [N] of the band at every position sample (n,), NaN where there is no force.
 
     Raises ModelError if the model has no band.
     """
-    if model.band is None:
+    if at.model.band is None:
         raise ModelError("the model has no band; identify it again without --no-band")
-    at = sample_run(model, recording)
-    widths = np.append(band_half_width(model.band, at.series, at.run.force), np.nan)[at.newest]
+    widths = np.append(band_half_width(at.model.band, at.series, at.run.force), np.nan)[at.newest]
     return at.force - widths, at.force + widths
 
 
@@ -75,17 +80,18 @@ def sample_run(model: Model, recording: Recording) -> SampleRun:
     run = simulate_series(model, series)
     force = run.force
     samples = select_samples(recording, model.sampling)
-    *_, total, status, ahead, _ = track_samples(samples, model.sampling)
-    newest = total - 1
+    tracked = track_samples(samples, model.sampling)
+    newest = tracked.total - 1
     slope = force[newest] - force[np.maximum(newest - 1, 0)]
-    at_samples = np.clip(force[newest] + slope * ahead, *model.force_envelope_N)
-    taken = (status == kernels.STATUS_OK) | (status == kernels.STATUS_RESTART)
+    at_samples = np.clip(force[newest] + slope * tracked.ahead, *model.force_envelope_N)
+    taken = (tracked.status == STATUS_OK) | (tracked.status == STATUS_RESTART)
+    taken &= np.isfinite(tracked.late[newest, 1])
     starts = series.segments[:, 0]
     since = newest - starts[np.searchsorted(starts, newest, side="right") - 1]
     at_samples[~taken | (since < series.warm_up)] = np.nan
     out, ticks = np.full(len(recording.channel("position")), np.nan), np.full(len(recording.channel("position")), -1)
     out[samples.index], ticks[samples.index] = at_samples, newest
-    return SampleRun(out, ticks, series, run)
+    return SampleRun(model, out, ticks, series, run)
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from typing import Any
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F, I, Mask
 from ces_identify.physical.models import PhysicalModels
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
@@ -40,7 +40,7 @@ def physical_models_of(body: Structure) -> type[PhysicalModels[Any]] | None:
     return kit_of(body).models
 
 
-def run_batch(model: Model, inputs: F, segments: I) -> tuple[F, int]:
+def run_batch(model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
     """Return the batch run of a model, as `StructureKit.batch_run` describes it."""
     return kit_of(model.body).batch_run(model.body, model, inputs, segments)
 

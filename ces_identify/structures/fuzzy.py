@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F, I, Mask
 from ces_identify.numerics.levenberg import Evaluate, damped_step
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
@@ -252,7 +252,7 @@ def choose_shape(rules: str, memberships: str) -> FuzzyShape:
     return FuzzyShape(*static, current_delay_s=0.0, lags=CURRENT_AND_SPEED)
 
 
-def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, int]:
+def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
     """Return the batch run of neuro-fuzzy rules, as `StructureKit.batch_run` describes it."""
     table = regressor_table(fuzzy.regressors, model.envelope, inputs, segments)
     premises = unscaled_inputs([(p.signal, p.lag) for p in fuzzy.premises], model.envelope, inputs, segments)
@@ -267,8 +267,8 @@ def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, in
         np.array([(rule.constant, *rule.linear) for rule in fuzzy.rules]),
         np.array(bells),
     )
-    force, diverged = lagged_free_run(table, segments, arrays, *model.force_envelope_N)
-    return np.asarray(force), int(diverged)
+    force, held = lagged_free_run(table, segments, arrays, *model.force_envelope_N)
+    return np.asarray(force), np.asarray(held)
 
 
 def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:

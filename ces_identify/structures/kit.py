@@ -12,7 +12,7 @@ from itertools import pairwise
 from math import isfinite
 from typing import Any, Generic, TypeVar
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F, I, Mask
 from ces_identify.physical.models import PhysicalModels
 from ces_identify.polynomial.candidates import CandidateRules
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
@@ -33,21 +33,21 @@ class IdentifyOptions:
     """Options of an identification, named as those of `ces identify`.
 
     `split` is the share of each recording to identify on. Without `candidates`, the built-in rules of the search method
-    apply. `rate` [Hz] and `bandwidth` [Hz] fix the sampling. `weight` sets which ticks matter more in fit and
-    selection. With `certificate`, only models with one (ces_observer.proof.certificate) are considered; the thesis'
-    procedure considers all and gives a certificate to the model that it finds, if the proof succeeds. With `band`, the
-    model gets a band (ces_observer.band).
+    apply. `rate` [Hz] fixes the ticks. `delay` [s] is how long after a sample its speed is taken, or 0 and another
+    delay for two models in one file. `weight` sets which ticks matter more in fit and selection. With `certificate`,
+    only models with one (ces_observer.proof.certificate) are considered; the thesis' procedure considers all and gives
+    a certificate to the model that it finds, if the proof succeeds. With `band`, the model gets a band
+    (ces_observer.band).
     """
 
     split: float = 0.75
     candidates: CandidateRules | None = None
     limits: Limits = field(default_factory=Limits)
     rate: float | None = None
-    bandwidth: float | None = None
+    delay: tuple[float, ...] = (0.0,)
     certificate: bool = True
     weight: Weighting = EQUAL
     band: bool = True
-    differentiator: str | None = None
 
 
 @dataclass(frozen=True)
@@ -90,8 +90,8 @@ class StructureKit(Generic[S]):
     """One structure, offline: `about` is a short description, `body` its class in a model.
 
     `fitter` returns the fitter for the values of `sizes`. `batch_run` takes inputs (3, ticks), which are position [m],
-    speed [m/s] and current [A], and segments; it returns the force (ticks,) [N], NaN from where it left the force
-    envelope, and the first such tick or -1. `table` shows the parameters; its runs are of the role named.
+    speed [m/s] and current [A], and segments; it returns `force` and `held` of a `FreeRun`. `table` shows the
+    parameters; its runs are of the role named.
 
     `c_tick` is None for a structure that cannot be exported, `models` for one without physics inside. A structure is
     `quick` if a fit in seconds is worth a comparison.
@@ -101,7 +101,7 @@ class StructureKit(Generic[S]):
     body: type[S]
     sizes: tuple[Option, ...]
     fitter: Callable[[Mapping[str, Size]], Fitter]
-    batch_run: Callable[[S, Model, F, I], tuple[F, int]]
+    batch_run: Callable[[S, Model, F, I], tuple[F, Mask]]
     table: Callable[[S, Model, Sequence[SimulatedSeries], str], ModelTable]
     c_tick: CTick[S] | None = None
     models: type[PhysicalModels[Any]] | None = None

@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F, I, Mask
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
 from ces_identify.structures.lagged import LaggedShape, lagged_facts
@@ -123,14 +123,14 @@ def read_lags(text: str) -> Lags | LagCounts:
     return lags
 
 
-def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple[F, int]:
+def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
     """Return the batch run of a sigmoid network, as `StructureKit.batch_run` describes it."""
     table = regressor_table(network.regressors, model.envelope, inputs, segments)
     units = [number for unit in network.units for number in (unit.weight, unit.bias, *unit.slopes)]
     params = np.array([network.constant, *network.linear, *units])
     arrays = NetworkArrays(network.scale_N, params, len(network.units))
-    force, diverged = lagged_free_run(table, segments, arrays, *model.force_envelope_N)
-    return np.asarray(force), int(diverged)
+    force, held = lagged_free_run(table, segments, arrays, *model.force_envelope_N)
+    return np.asarray(force), np.asarray(held)
 
 
 def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:

@@ -121,9 +121,9 @@ def _run_block(
         share(grades, rules, shares)
         blended = fuzzy_tick(phi, consequents, shares, outputs)
         y = scale * blended
+        past[now + i] = y
         if not low <= y <= high:
             return i
-        past[now + i] = y
         if len(slopes) > 0:
             row = slopes[now + i]
             rest = row[consequents.size :]

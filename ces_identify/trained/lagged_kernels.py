@@ -7,14 +7,14 @@ been called beside its arrays. `segments[s] = (start, stop)` are ticks without a
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf
+from math import inf, isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from ces_data.arrays import F, I
+from ces_data.arrays import F, I, Mask
 from ces_identify.numerics.normal_matrix import BLOCK, accumulate, longest_lag, mirror
 
 
@@ -35,8 +35,8 @@ def register(arrays: type, count: Callable[..., int], run_block: Callable[..., i
 
     `count(arrays)` is the number of parameters. `run_block(arrays, table, k0, n, past, now, low, high, slopes)` runs
     the `n` ticks from `k0` and returns how many it completed: all, or those before the force left [low, high]. It
-    writes the force [N] of tick k0 + i to past[now + i] and, unless `slopes` is empty, its sensitivities to slopes[now
-    + i]; earlier ticks precede them.
+    writes the force [N] of tick k0 + i, also of the first outside, to past[now + i] and, unless `slopes` is empty, its
+    sensitivities to slopes[now + i]; earlier ticks precede them.
     """
 
     def choose(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -57,25 +57,29 @@ def _run_block(
 
 
 @njit(cache=True, nogil=True)
-def lagged_free_run(table: RegressorTable, segments: I, arrays: Any, low: float, high: float) -> tuple[F, int]:
-    """Simulate every segment from its own past forces.
+def lagged_free_run(table: RegressorTable, segments: I, arrays: Any, low: float, high: float) -> tuple[F, Mask]:
+    """Simulate every segment from its own past forces, which are held in [low, high].
 
-    Returns force (ticks,) [N], NaN from where it left [low, high] to the end of that segment, and the first such tick,
-    or -1.
+    Returns force (ticks,) [N], NaN from where it is not finite to the end of that segment, and where it was held.
     """
     depth = longest_lag(table.past_lags)
-    force = np.zeros(len(table.values))
+    force, held = np.zeros(len(table.values)), np.zeros(len(table.values), np.bool_)
     none = np.empty((0, 0))
-    first = -1
     for s in range(len(segments)):
         start, stop = segments[s, 0], segments[s, 1]
-        past = np.zeros(depth + stop - start)
-        end = start + _run_block(arrays, table, start, stop - start, past, depth, low, high, none)
-        force[start:end] = past[depth : depth + end - start]
-        if end < stop:
-            force[end:stop] = np.nan
-            first = end if first < 0 else first
-    return force, first
+        past, k = np.zeros(depth + stop - start), start
+        while k < stop:
+            k += _run_block(arrays, table, k, stop - k, past, depth + k - start, low, high, none)
+            if k < stop:
+                y = past[depth + k - start]
+                if not isfinite(y):
+                    past[depth + k - start :] = np.nan
+                    break
+                past[depth + k - start] = min(max(y, low), high)
+                held[k] = True
+                k += 1
+        force[start:stop] = past[depth:]
+    return force, held
 
 
 @njit(cache=True, nogil=True)

@@ -77,9 +77,9 @@ def _run_block(
     for i in range(n):
         fill_regressors(phi, values[k0 + i], past_lags, past_means, past_spreads, past, now + i)
         y = scale * network_tick(phi, params, sigmoids)
+        past[now + i] = y
         if not low <= y <= high:
             return i
-        past[now + i] = y
         if len(slopes) > 0:
             network_slopes(phi, params, sigmoids, scale, past_lags, past_spreads, slopes[now + i], gains)
             propagate(slopes, now + i, past_lags, gains)

@@ -233,10 +233,10 @@ class Family(ABC):
         return error, matrix, gradient
 
     def force(self, params: F) -> F:
-        """Return the free run (ticks,) [N], NaN from where it left the force envelope."""
+        """Return the free run (ticks,) [N], NaN where it would leave the force envelope."""
         t = self.training
-        force, _ = lagged_free_run(self.table, t.segments, self.kernel_arrays(params), *t.force_envelope)
-        return np.asarray(force)
+        force, held = lagged_free_run(self.table, t.segments, self.kernel_arrays(params), *t.force_envelope)
+        return np.where(held, np.nan, force)
 
     def model(self, params: F, sampling: Sampling) -> Model:
         """Return the model with these parameters."""

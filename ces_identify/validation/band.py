@@ -28,6 +28,7 @@ CHANGE_S = 0.01  # [s] over which speed, current and force change: valve and oil
 REVERSAL_S = 0.02  # [s] after a reversal, in which friction and pressure build up
 MAX_DISTANCE = 4.0  # beyond it nothing is known about the error, and the band does not grow further
 CONSTANT_SHARE = 0.2  # of the squared error, which does not grow with the distance
+PHYSICAL_SHARE = 0.75  # the same for a structure with physics inside, whose error hardly grows
 MAX_RECORDING_PARTS = 6  # recordings left out in turn, or groups of them
 STRETCHES = 3  # of each recording, left out in turn
 MIN_TICKS = 200  # of errors, for a band
@@ -61,12 +62,14 @@ def fit_band(
 ) -> Band | None:
     """Return the band of `model`, which was identified on `series`; None if these hold too little.
 
-    Without `leave_out_recordings`, only stretches are left out.
+    Without `leave_out_recordings`, the structure has physics inside: only stretches are left out, and the band hardly
+    grows with the distance from the recordings.
     """
     scored = [s.scored for s in series]
     if sum(int(mask.sum()) for mask in scored) < MIN_TICKS:
         return None
-    band = _describe_state(series, scored)
+    share = CONSTANT_SHARE if leave_out_recordings else PHYSICAL_SHARE
+    band = _describe_state(series, scored, share)
     ways: list[_Errors] = []
     if refit is not None:
         for parts in _ways_to_hold_out(series, leave_out_recordings):
@@ -94,7 +97,7 @@ def _errors_without(refit: Refit, series: Sequence[Series], band: Band, out: Seq
     if model is None:
         return None
     scored = [s.scored & mask for s, mask in zip(series, out, strict=True)]
-    return _errors_on(model, series, scored, band, _describe_state(series, kept))
+    return _errors_on(model, series, scored, band, _describe_state(series, kept, band.constant_share))
 
 
 def _errors_on(model: Model, series: Sequence[Series], ticks: Sequence[Mask], band: Band, known: Band) -> _Errors:
@@ -117,7 +120,7 @@ def _join(rows: Sequence[_Errors]) -> _Errors:
     return _Errors(sizes, np.concatenate([np.empty((len(PARTS), 0)), *(row.parts for row in rows)], axis=1))
 
 
-def _describe_state(series: Sequence[Series], ticks: Sequence[Mask]) -> Band:
+def _describe_state(series: Sequence[Series], ticks: Sequence[Mask], constant_share: float) -> Band:
     """Return a band with the mean and spread of the states on some ticks, all weights zero."""
     states = [band_state(s, CHANGE_S)[:, mask] for s, mask in zip(series, ticks, strict=True)]
     state = np.concatenate(states, axis=1)
@@ -132,7 +135,7 @@ def _describe_state(series: Sequence[Series], ticks: Sequence[Mask]) -> Band:
         mean=_round_all(mean),
         whitening=tuple(_round_all(row[i:]) for i, row in enumerate(_whitening(state - mean[:, None]))),
         max_distance=MAX_DISTANCE,
-        constant_share=CONSTANT_SHARE,
+        constant_share=constant_share,
     )
 
 

@@ -17,6 +17,7 @@ from ces_data.arrays import F, Mask
 from ces_data.recording import Recording
 from ces_identify.polynomial.problem import BLOCK_S, ESTIMATION_BLOCKS, PERIOD_BLOCKS, estimation_ticks
 from ces_identify.prepare.cost import EQUAL, Weighting, cost
+from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, CostInterval, Evaluation
 from ces_observer.model import Model
@@ -34,13 +35,18 @@ RULE = (
 def cost_table(
     evaluations: Sequence[Evaluation], title: str = "", weighting: Weighting = EQUAL, exact: bool = True
 ) -> Table[Evaluation]:
-    """Return a table with a row for each evaluation.
+    """Return a table with a row for each evaluation; that of a second delay follows the first.
 
     Columns: use of the scored seconds, J and its 95 % interval, the noise floor of J where cycles repeat, the weighted
     J if there are weights, the RMS error, the share of ticks outside the envelope, and that of measured forces inside
     the band, if the model has one. With `exact` the evaluations are those of the identification itself, whose seconds
     of estimation and selection are known.
     """
+
+    first = {(e.name, e.role): e for e in reversed(evaluations)}
+
+    def name(e: Evaluation) -> str:
+        return e.label if first[e.name, e.role] is e else f"  {delay_text(e.delay_s)}"
 
     def weighted(e: Evaluation) -> str:
         value = e.weighted_cost(weighting)
@@ -53,7 +59,7 @@ def cost_table(
         return NONE if not math.isfinite(e.rms_N) else f"{e.rms_N:.1f}" if e.rms_N < 1e4 else f"{e.rms_N:.0f}"
 
     columns: list[Column[Evaluation] | None] = [
-        Column("Recording", lambda e: e.name, short="recording"),
+        Column("Recording", name, short="recording"),
         Column("Used for", lambda e: _describe_use(e, exact), short="used for"),
         Column("J [%]", lambda e: percent(e.cost), figure=True, short="J %"),
         Column("95 % interval [%]", lambda e: interval_text(e.interval), figure=True, short="95 %"),
@@ -62,7 +68,7 @@ def cost_table(
         else None,
         Column("Weighted J [%]", weighted, figure=True, short="weighted") if weighting else None,
         Column("RMS error [N]", rms, figure=True, short="RMS N"),
-        Column("Outside envelope [%]", lambda e: f"{100 * e.clamped_share:.1f}", figure=True, short="out %"),
+        Column("Outside envelope [%]", lambda e: f"{100 * e.outside_share:.1f}", figure=True, short="out %"),
         Column("Inside band [%]", coverage, figure=True, short="band %")
         if any(e.coverage is not None for e in evaluations)
         else None,
@@ -81,7 +87,7 @@ class Evaluations(list[Evaluation]):
 
 
 def percent(cost: float) -> str:
-    """Return a cost J as text; a run that left its force envelope has none."""
+    """Return a cost J as text; a force that is not finite has none."""
     return f"{cost:.2f}" if math.isfinite(cost) else "diverged"
 
 
@@ -120,14 +126,15 @@ def compare_with_teacher(
     model: Model, evaluations: Sequence[Evaluation], measured: Sequence[Recording]
 ) -> tuple[DistillationCosts, ...]:
     """Return the costs on evaluations with the teacher's force; `measured` are the original recordings."""
-    prepared = [prepare(recording, model.sampling) for recording in measured if "force" in recording.channels]
+    with_force = [recording for recording in measured if "force" in recording.channels]
+    prepared = {one.sampling.delay_s: [prepare(r, one.sampling) for r in with_force] for one in model.each}
     costs = []
     for e in evaluations:
-        force, both = _find_measured_force(e.series, prepared), e.series.scored
+        force, both = _find_measured_force(e.series, prepared[e.delay_s]), e.series.scored
         both = both & np.isfinite(force)
         truth, known = force[both], bool(both.sum() >= MIN_TICKS and np.ptp(force[both]) > 0.0)
         teacher, own = (cost(truth, x[both]) if known else np.nan for x in (e.series.force, e.run.force))
-        costs.append(DistillationCosts(e.name, e.role, e.cost, teacher, own))
+        costs.append(DistillationCosts(e.label, e.role, e.cost, teacher, own))
     return tuple(costs)
 
 

@@ -18,13 +18,15 @@ from functools import cached_property
 
 import numpy as np
 
-from ces_data.arrays import F
+from ces_data.arrays import F, Mask
 from ces_identify.numerics.correlation import MIN_BINS, add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
+from ces_identify.prepare.sampling import delay_text
 from ces_identify.prepare.series import FreeRun, Series
 from ces_identify.simulations.simulate import band_half_width, simulate_series
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_observer.model import Model
+from ces_observer.structures.structure import Range
 
 IDENTIFICATION, VALIDATION = "identification", "validation"
 UNITS = {"position": "m", "speed": "m/s", "current": "A"}
@@ -32,7 +34,7 @@ MIN_SHARE = 0.005  # of the ticks: a model's own recordings are outside for hard
 FIGURES = 4  # of the largest number of a range; the others have as many decimals
 LEVEL = 0.95
 MAX_FACTOR = 3.0  # between J and an end of its interval; beyond it, the recordings are too short
-DIVERGED = "no interval and no RMS error (the free run diverged)"
+DIVERGED = "no interval and no RMS error (the simulated force is not finite)"
 SHORT = f"no interval (too short: it would reach beyond {MAX_FACTOR:g} times the cost)"
 
 
@@ -67,7 +69,7 @@ class Evaluation:
     """The free run of a model on one series. `role` is IDENTIFICATION if fit or selection used it, else VALIDATION.
 
     `half_width` (ticks,) [N] is that of the model's band, None if it has none. `outside` are the signals that leave the
-    model's envelope.
+    model's envelope. `delay_s` [s] is the model's: how long after a sample its force is known.
     """
 
     name: str
@@ -77,11 +79,17 @@ class Evaluation:
     cost: float
     half_width: F | None = None
     outside: tuple[RangeUse, ...] = ()
+    delay_s: float = 0.0
 
     def __repr__(self) -> str:
         ends = "" if self.interval is None else f" ({self.interval.low:.2f} to {self.interval.high:.2f})"
         cost = f"J = {self.cost:.2f} %{ends}, RMS error {self.rms_N:.1f} N" if math.isfinite(self.cost) else "diverged"
-        return f"<{self.name}, {self.role}: {cost}>"
+        return f"<{self.label}, {self.role}: {cost}>"
+
+    @property
+    def label(self) -> str:
+        """The name of the recording, with the delay if there is one."""
+        return f"{self.name} ({delay_text(self.delay_s)})" if self.delay_s else self.name
 
     @property
     def error(self) -> F:
@@ -120,9 +128,25 @@ class Evaluation:
         return float(self.run.clamped[self.series.scored].mean())
 
     @property
+    def held_share(self) -> float:
+        """Share of the scored ticks whose force was held at an end of the force envelope."""
+        return float(self.run.held[self.series.scored].mean())
+
+    @property
+    def outside_share(self) -> float:
+        """Share of the scored ticks with inputs or force outside the model's envelopes."""
+        return float((self.run.clamped | self.run.held)[self.series.scored].mean())
+
+    @property
     def outside_text(self) -> str:
         """The share of the time outside the envelope, with the ranges of the signals; empty if hardly any."""
-        return describe_outside(self.name, self.clamped_share, self.outside) if self.outside else ""
+        return describe_outside(self.label, self.clamped_share, self.outside) if self.outside else ""
+
+    @property
+    def held_text(self) -> str:
+        """The share of the time with the force held at its envelope; empty if there is none."""
+        scored = self.series.scored
+        return describe_held(self.label, self.run.force_envelope_N, self.series.time_s[scored], self.run.held[scored])
 
     @property
     def coverage(self) -> float | None:
@@ -139,6 +163,21 @@ class Evaluation:
         )
 
 
+def describe_size(model: Model) -> str:
+    """Return the sizes of the models in a file, with their delays if there is any, in words."""
+    if not model.best.sampling.delay_s:
+        return model.size
+    delays: dict[str, list[str]] = {}
+    for one in model.each:
+        delays.setdefault(one.size, []).append(delay_text(one.sampling.delay_s))
+    return "; ".join(f"{size} ({' and '.join(texts)})" for size, texts in delays.items())
+
+
+def by_delay(evaluations: Sequence[Evaluation]) -> dict[float, list[Evaluation]]:
+    """Return the evaluations by their delay [s], the shortest first."""
+    return {d: [e for e in evaluations if e.delay_s == d] for d in sorted({e.delay_s for e in evaluations})}
+
+
 def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluation]:
     """Return the evaluation of `model` on each series; raises RecordingError for a series without a force."""
     for one in series:
@@ -153,6 +192,7 @@ def evaluate(model: Model, series: Sequence[Series], role: str) -> list[Evaluati
             cost=series_cost(one, run.force),
             half_width=None if model.band is None else band_half_width(model.band, one, run.force),
             outside=outside_ranges(model, one),
+            delay_s=model.sampling.delay_s,
         )
         for one, run in zip(series, runs, strict=True)
     ]
@@ -249,9 +289,9 @@ def explain_missing(evaluations: Sequence[Evaluation], floors: bool = True) -> l
     names: dict[str, list[str]] = {}
     for one in evaluations:
         if not math.isfinite(one.cost):
-            names.setdefault(DIVERGED, []).append(one.name)
+            names.setdefault(DIVERGED, []).append(one.label)
         elif one.interval is None:
-            names.setdefault(SHORT, []).append(one.name)
+            names.setdefault(SHORT, []).append(one.label)
         if floors and isinstance(one.noise, str):
             names.setdefault(f"no noise floor ({one.noise})", []).append(one.name)
     return [
@@ -283,3 +323,13 @@ def find_outside(model: Model, signals: Mapping[str, F]) -> tuple[RangeUse, ...]
 def describe_outside(name: str, share: float, uses: Sequence[RangeUse]) -> str:
     """Return as text that recording `name` is outside for a share of the time, with the ranges of its signals."""
     return f"{name} is outside the model's envelope for {100.0 * share:.1f} % of the time: {'; '.join(map(str, uses))}"
+
+
+def describe_held(name: str, force_envelope_N: Range, time_s: F, held: Mask) -> str:
+    """Return as text for how much of the times (n,) [s] on recording `name` the force was held; empty if never."""
+    if not held.any():
+        return ""
+    ends = "{:.0f} to {:.0f} N".format(*force_envelope_N)
+    share = f"{100.0 * held.mean():.3g} % of the time, first at {time_s[held.argmax()]:.2f} s"
+    doubt = ": the model does not fit this recording" if held.mean() > MIN_SHARE else ""
+    return f"{name}: the force was held at its envelope ({ends}) for {share}{doubt}"

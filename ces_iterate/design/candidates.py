@@ -24,7 +24,6 @@ MIN_HZ = 0.3
 SINES = 24
 LEVELS = (0.06, 0.92)  # range of a motion's peak, as a share of the limits; the rest is for the transitions
 FULL_SHARE = 0.5  # of the motions that use the range up to its end
-LOW_PASS_PERIODS = 1.0  # length of the window that rounds corners, in periods of the highest frequency
 
 
 def draw_motion(limits: RigLimits, count: int, rng: Generator) -> F:
@@ -71,7 +70,7 @@ def _constant_speeds(limits: RigLimits, count: int, rng: Generator) -> F:
     """Return straight strokes between turning points on alternating sides, each at its own speed, corners rounded."""
     top = float(np.exp(rng.uniform(np.log(0.08), 0.0))) * limits.speed_m_s
     reach = float(rng.uniform(0.2, 1.0)) * limits.stroke_m
-    window = np.hanning(round(LOW_PASS_PERIODS / limits.frequency_Hz / INTERVAL_S) + 2)[1:-1]
+    window = np.hanning(round(1.0 / limits.frequency_Hz / INTERVAL_S) + 2)[1:-1]  # one period rounds the corners
     points, times, side = [0.0], [0.0], 1.0
     while times[-1] < (count + len(window)) * INTERVAL_S:
         points.append(side * reach * float(rng.uniform(0.1, 1.0)))

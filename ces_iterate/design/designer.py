@@ -72,7 +72,6 @@ class _Candidate:
 
     @property
     def slot(self) -> F:
-        """Stroke in the slot, (count,)."""
         return self.stroke_m[: self.count]
 
 
@@ -185,18 +184,16 @@ def recorded_power(recording: Recording) -> F:
 
 def make_power_model(model: Model | None, heat: HeatLimits) -> PowerModel:
     """Return what predicts the dissipated power: the model, or without one the expected force times the speed."""
-
-    def expected(stroke_m: F, current_A: F) -> F:
-        return np.asarray(heat.force_N * np.abs(np.gradient(stroke_m, INTERVAL_S)))
+    if model is None:
+        return lambda stroke_m, _: np.asarray(heat.force_N * np.abs(np.gradient(stroke_m, INTERVAL_S)))
 
     def simulated(stroke_m: F, current_A: F) -> F:
-        assert model is not None
         series = series_of(RigCommands("candidate", stroke_m, current_A), model.sampling.rate_Hz)
         power = dissipated_W(simulate_series(model, series).force, series.speed)
         power = np.where(np.isfinite(power), power, heat.force_N * np.abs(series.speed))
         return np.asarray(np.interp(np.arange(len(stroke_m)) * INTERVAL_S, series.time_s, power))
 
-    return expected if model is None else simulated
+    return simulated
 
 
 def plan_rest(heat: HeatLimits, load_W: float) -> tuple[float, float]:

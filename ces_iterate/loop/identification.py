@@ -21,7 +21,7 @@ from ces_data.recording import Recording
 from ces_identify.folds import cross_fit
 from ces_identify.polynomial.gauss_newton import fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem
-from ces_identify.polynomial.search_limits import Listener, SearchResult
+from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchResult
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import default_sizes, select_fitter
@@ -33,7 +33,6 @@ from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
 REFIT_STEPS = 20
-INTERRUPTED = "interrupted"  # why a start of a search ended
 REFITTED = "parameters of the model before, improved"
 
 
@@ -50,9 +49,7 @@ def identify_all(
     # the costs of other structures, which `ces identify` adds, are left out
     fitter = KITS[plan.structure].fitter(sizes) if plan.structure in KITS else select_fitter(plan.structure, sizes)
     if previous is not None and isinstance(previous.body, Polynomial):
-        kept = previous.sampling
-        bandwidth = kept.bandwidth_Hz if kept.order == 3 else None
-        options, fitter = replace(options, rate=kept.rate_Hz, bandwidth=bandwidth), refitter(previous)
+        options, fitter = replace(options, rate=previous.sampling.rate_Hz), refitter(previous)
     with interruptible():
         crossed = cross_fit(recordings, options, listener, fitter)
     if any(one.ended == INTERRUPTED for one in crossed.result.search_results):

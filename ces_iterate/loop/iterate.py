@@ -16,7 +16,7 @@ from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_identify.jobs import append_row, open_rows, read_rows
 from ces_identify.polynomial.search_limits import SearchResult
-from ces_iterate.commands import INTERVAL_S, RigCommands, read_commands
+from ces_iterate.commands import INTERVAL_S, NEED, RigCommands, read_commands
 from ces_iterate.design.designer import (
     DesignTask,
     design_experiment,
@@ -38,7 +38,7 @@ from ces_iterate.design.information import (
 )
 from ces_iterate.errors import IterateError
 from ces_iterate.loop.identification import evaluate_fresh, identify_all, score_fresh
-from ces_iterate.loop.store import MODEL, NEED, RECORDING, ROWS, Iteration, Step
+from ces_iterate.loop.store import MODEL, RECORDING, ROWS, Iteration, Step
 from ces_iterate.plan import REPEATED, Plan
 from ces_iterate.rigs.kinds import RigAdapter
 from ces_observer.model import Model

@@ -21,7 +21,7 @@ from typing import Any
 from ces_data.bags.reader import RecordingWarning, read_recording
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
-from ces_iterate.commands import RigCommands, read_commands, write_commands
+from ces_iterate.commands import NEED, RigCommands, read_commands, write_commands
 from ces_iterate.errors import IterateError
 from ces_iterate.plan import Plan, load_plan
 from ces_observer.json_text import write_atomically
@@ -31,7 +31,6 @@ ROWS = "iterations.jsonl"
 RECORDING = "recording"
 SAME = ("rig", "seed", "recordings", "experiments")  # of a plan that goes on
 MODEL, REPORT, PLAN = "model.json", "report.html", "plan.yaml"
-NEED = ("position", "current", "force")
 MAY_BE_NONE = ("fresh_J", "fresh_high_J")
 
 
@@ -71,11 +70,11 @@ class Iteration:
     def from_row(row: dict[str, Any], where: Path) -> Iteration:
         """Return the iteration of a line; raises IterateError if it is not one."""
         known: dict[str, Any] = {
-            key: nan if value is None and key not in MAY_BE_NONE else value for key, value in row.items()
+            k: nan if v is None and k not in MAY_BE_NONE else v for k, v in row.items() if k != "key"
         }
         try:
             known["validation_J"] = {k: nan if v is None else v for k, v in known["validation_J"].items()}
-            return Iteration(**{key: value for key, value in known.items() if key != "key"})
+            return Iteration(**known)
         except (TypeError, KeyError, AttributeError):
             raise IterateError(f"{where}: a line is not from this version; start with another --out") from None
 

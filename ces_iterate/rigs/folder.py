@@ -17,14 +17,13 @@ from ces_data.findings import require_usable
 from ces_data.logs.log_import import import_log
 from ces_data.logs.log_mapping import DynoMapping
 from ces_data.recording import Recording
-from ces_iterate.commands import RigCommands
+from ces_iterate.commands import NEED, RigCommands
 from ces_iterate.errors import IterateError
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.signals import Signals
 
 DROP = "log"  # folder in an iteration's folder, for the operator
-NEED = ("position", "current", "force")
 MIN_SHARE = 0.9  # of the experiment's length that a log must hold
 TEMPORARY = (".tmp", ".part", ".partial", ".crdownload", ".filepart", "~")
 

@@ -22,7 +22,6 @@ from ces_iterate.errors import IterateError
 from ces_iterate.plan import Plan
 from ces_iterate.rigs.folder import FolderRig
 from ces_observer.fields import quantity, read_record
-from ces_observer.signals import Signals
 from ces_rig.dampers.hydraulic.parameters import Damper, Hydraulic
 from ces_rig.dampers.model import DamperModel
 from ces_rig.dampers.stepper import simulate
@@ -92,7 +91,7 @@ class FolderRigSettings:
     def open(self, plan: Plan, where: str) -> RigAdapter:
         """Return the rig."""
         mapping = load_dyno_mapping(plan.path(self.mapping)) if self.mapping else None
-        return FolderRig(mapping, _load_signals(plan, self.signals), self.poll_s)
+        return FolderRig(mapping, load_signals(plan.path(self.signals) if self.signals else None), self.poll_s)
 
 
 @dataclass(frozen=True)
@@ -110,17 +109,13 @@ class RosRigSettings:
 
     def open(self, plan: Plan, where: str) -> RigAdapter:
         """Return the rig; raises IterateError if ROS 2 is not there."""
-        signals = _load_signals(plan, self.signals)
+        signals = load_signals(plan.path(self.signals) if self.signals else None)
         try:
             node_module = import_module(TOPIC_RIG)
         except ModuleNotFoundError as error:
             raise IterateError(f"{where}: kind is ros, but {error.name} is missing; source ROS 2 first") from None
         rig: RigAdapter = node_module.TopicRig(self, signals)
         return rig
-
-
-def _load_signals(plan: Plan, text: str) -> Signals:
-    return load_signals(plan.path(text) if text else None)
 
 
 RIG_SETTINGS: Mapping[str, type[Any]] = {

@@ -24,13 +24,12 @@ from std_msgs.msg import Float64
 from ces_data.arrays import F
 from ces_data.findings import require_usable
 from ces_data.recording import Channel, Recording
-from ces_iterate.commands import RigCommands
+from ces_iterate.commands import NEED, RigCommands
 from ces_iterate.errors import IterateError
 from ces_iterate.rigs.kinds import RosRigSettings, RunWatch, smooth_move
 from ces_observer.nodes.inputs import header_stamp_ns, is_stamped, message_class
 from ces_observer.signals import Constant, Signal, Signals
 
-NEED = ("position", "current", "force")
 FIND_S = 30.0  # longest wait for the rig's topics
 AFTER_S = 0.2  # recorded after the last set point, and before the first
 SAFE_TIMES = 10  # set points of the safe current at the end: one alone may be lost

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from typing import NamedTuple
 
 import numpy as np
@@ -65,11 +66,8 @@ def fit_model(frequency_Hz: F, response: ComplexArray, spread: F) -> ActuatorMod
         error = weight * (ActuatorModel(*parameters).response(frequency_Hz) / response - 1.0)
         return np.concatenate([error.real, error.imag])
 
-    starts = [
-        np.array([float(np.abs(response[0])), delay, bandwidth, 0.7, 0.001])
-        for delay in START_DELAYS_S
-        for bandwidth in START_BANDWIDTHS_HZ
-    ]
+    grid, gain = product(START_DELAYS_S, START_BANDWIDTHS_HZ), float(np.abs(response[0]))
+    starts = [np.array([gain, delay, bandwidth, 0.7, 0.001]) for delay, bandwidth in grid]
     starts.sort(key=lambda start: float(np.sum(residuals(start) ** 2)))
     fits = [
         least_squares(residuals, np.clip(start, LOWER, UPPER), bounds=(LOWER, UPPER), x_scale=SCALES, loss="soft_l1")
@@ -99,12 +97,11 @@ class CommandedRun:
 
 @dataclass(frozen=True)
 class MeasuredResponse:
-    """Response, relative standard deviation, coherence and width of bands, each (n,), by their mean frequencies."""
+    """Response, relative standard deviation and width of bands, each (n,), by their mean frequencies."""
 
     frequency_Hz: F
     response: ComplexArray
     spread: F
-    coherence: F
     width_Hz: F
 
     def covers(self, frequency_Hz: F) -> Mask:
@@ -153,9 +150,9 @@ def measure_response(groups: RunGroups, to_Hz: float, model: ActuatorModel) -> M
             "use a probe (probe: {duration_s: 10}), or give a model"
         )
     found = [best[band] for band in sorted(best)]
-    at, spread, coherence, width = np.array([(r.frequency_Hz, r.spread, r.coherence, r.width_Hz) for r in found]).T
+    at, spread, width = np.array([(r.frequency_Hz, r.spread, r.width_Hz) for r in found]).T
     ratio = np.array([row.ratio for row in found])
-    return MeasuredResponse(at, ratio * model.response(at), spread, coherence, width)
+    return MeasuredResponse(at, ratio * model.response(at), spread, width)
 
 
 class BandEstimate(NamedTuple):

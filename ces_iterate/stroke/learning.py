@@ -18,7 +18,7 @@ from ces_iterate.stroke.actuator import (
     measure_response,
 )
 from ces_iterate.stroke.learning_filter import LearningFilter, design_filter
-from ces_iterate.stroke.limits import StrokeLimits, measure_peaks, project_command
+from ces_iterate.stroke.limits import NAMES, StrokeLimits, measure_peaks, project_command
 from ces_iterate.stroke.rigs import StrokeRig, position_on_grid
 from ces_observer.fields import quantity
 from ces_rig.drive.strokes import fade
@@ -116,7 +116,7 @@ def command_peaks(learned: LearnedStroke) -> Iterator[tuple[str, float, float, f
     goal = learned.goal
     wanted = measure_peaks(goal.wanted_m, goal.interval_s)
     all_peaks = np.array([measure_peaks(run.command_m, goal.interval_s) for run in learned.runs])
-    names, highest = ("stroke [m]", "speed [m/s]", "acceleration [m/s²]"), map(float, all_peaks.max(axis=0))
+    names, highest = (f"{name} [{unit}]" for name, unit in NAMES.items()), map(float, all_peaks.max(axis=0))
     yield from zip(names, wanted, highest, goal.limits.as_tuple(), strict=True)
 
 

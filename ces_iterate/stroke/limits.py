@@ -34,10 +34,10 @@ class StrokeLimits:
 
     def require_allowed(self, command_m: F, interval_s: float, what: str) -> None:
         """Raise StrokeError naming the first limit that `command_m` (n,) breaks; `what` begins the message."""
-        for name, peak, limit in zip(NAMES, measure_peaks(command_m, interval_s), self.as_tuple(), strict=True):
+        peaks = measure_peaks(command_m, interval_s)
+        for (name, unit), peak, limit in zip(NAMES.items(), peaks, self.as_tuple(), strict=True):
             if peak > limit * (1.0 + NEAR):
-                unit = name.rpartition(" ")[2]
-                text = f"{what}: its {name.partition(' ')[0]} reaches {peak:.4g} {unit}, the limit is {limit:g} {unit}"
+                text = f"{what}: its {name} reaches {peak:.4g} {unit}, the limit is {limit:g} {unit}"
                 raise StrokeError(f"{text}; choose a gentler stroke or, if the rig allows it, a wider limit")
 
     def as_tuple(self) -> tuple[float, float, float]:
@@ -45,7 +45,7 @@ class StrokeLimits:
         return self.stroke_m, self.speed_m_s, self.acceleration_m_s2
 
 
-NAMES = ("stroke m", "speed m/s", "acceleration m/s²")
+NAMES = {"stroke": "m", "speed": "m/s", "acceleration": "m/s²"}  # of the limits, with their units
 
 
 def measure_peaks(command_m: F, interval_s: float) -> tuple[float, float, float]:
@@ -62,36 +62,29 @@ def project_command(wanted_m: F, last_m: F, interval_s: float, limits: StrokeLim
     a blend with `last_m` then keeps them exactly, because the allowed commands are convex. The share is that of the
     samples moved by more than 1 % of the largest move.
     """
-    bounds = _bounds(len(last_m), interval_s, limits)
-    if _inside(wanted_m, bounds):
+    bounds = _bounds(interval_s, limits)
+    if all((np.abs(np.diff(wanted_m, order)) <= bound).all() for order, bound in enumerate(bounds)):
         return wanted_m, 0.0
     shrunk = StrokeLimits(*((1.0 - MARGIN) * limit for limit in limits.as_tuple()))
-    near = _split(wanted_m, _bounds(len(last_m), interval_s, shrunk))
+    near = _split(wanted_m, _bounds(interval_s, shrunk))
     command = last_m + _largest_share(last_m, near - last_m, bounds) * (near - last_m)
     moved = np.abs(command - wanted_m)
     return command, float(np.mean(moved > 0.01 * moved.max()))
 
 
-Bounds = tuple[tuple[F, F], ...]  # of the command and of its first and second difference: low and high
+Bounds = tuple[float, ...]  # of the magnitudes of the command and of its first and second difference
 
 
-def _bounds(n: int, interval_s: float, limits: StrokeLimits) -> Bounds:
-    sizes = (limit * interval_s**order for order, limit in enumerate(limits.as_tuple()))
-    rooms = [np.full(n - order, size) for order, size in enumerate(sizes)]
-    return tuple((-room, room) for room in rooms)
-
-
-def _inside(command_m: F, bounds: Bounds) -> bool:
-    rows = (command_m, np.diff(command_m), np.diff(command_m, 2))
-    return all(bool(((low <= r) & (r <= high)).all()) for r, (low, high) in zip(rows, bounds, strict=True))
+def _bounds(interval_s: float, limits: StrokeLimits) -> Bounds:
+    return tuple(limit * interval_s**order for order, limit in enumerate(limits.as_tuple()))
 
 
 def _largest_share(start: F, move: F, bounds: Bounds) -> float:
     """Return the largest factor up to 1 by which `move` may be added to the allowed `start`."""
     share = 1.0
-    for order, (low, high) in enumerate(bounds):
+    for order, bound in enumerate(bounds):
         at, change = np.diff(start, order), np.diff(move, order)
-        room = np.where(change > 0.0, high - at, at - low)
+        room = np.where(change > 0.0, bound - at, at + bound)
         active = np.abs(change) > 0.0
         share = min(share, float((np.maximum(room, 0.0)[active] / np.abs(change)[active]).min(initial=1.0)))
     return share
@@ -103,9 +96,9 @@ def _split(wanted: F, bounds: Bounds) -> F:
     The limited differences `z`, scaled to norm 1, and their multipliers are lists over the orders; each order has its
     own weight, adapted to balance both residuals.
     """
-    rooms = [(scale * low, scale * high) for scale, (low, high) in zip(SCALES, bounds, strict=True)]
+    rooms = [scale * bound for scale, bound in zip(SCALES, bounds, strict=True)]
     command, weights = wanted, list(WEIGHTS)
-    z = [np.clip(row, *room) for row, room in zip(_rows(wanted), rooms, strict=True)]
+    z = [np.clip(row, -room, room) for row, room in zip(_rows(wanted), rooms, strict=True)]
     multipliers = [np.zeros_like(part) for part in z]
     factor = _factorise(len(wanted), weights)
     for n in range(1, PASSES + 1):
@@ -116,7 +109,7 @@ def _split(wanted: F, bounds: Bounds) -> F:
         rows, last, z = _rows(command), z, list(z)
         for k, row in enumerate(rows):
             mixed = RELAXATION * row + (1.0 - RELAXATION) * last[k]
-            z[k] = np.clip(mixed + multipliers[k] / weights[k], *rooms[k])
+            z[k] = np.clip(mixed + multipliers[k] / weights[k], -rooms[k], rooms[k])
             multipliers[k] += weights[k] * (mixed - z[k])
         if n % CHECK_EVERY:
             continue

@@ -90,9 +90,8 @@ def as_json(learned: LearnedStroke) -> dict[str, Any]:
 
 def summary_sentence(learned: LearnedStroke) -> str:
     """Return what was reached, in one sentence."""
-    first, last, floor = (
-        1e6 * e for e in (learned.first.error_m, learned.confirmation.error_m, learned.repeatability_m)
-    )
+    errors_m = learned.first.error_m, learned.confirmation.error_m, learned.repeatability_m
+    first, last, floor = (1e6 * error_m for error_m in errors_m)
     return (
         f"The tracking error fell from {first:.0f} to {last:.0f} µm RMS in {learned.iterations} iterations: "
         f"{100.0 * last / first:.1f} % of the first error, {last / floor:.2f} times the repeatability ({floor:.0f} µm)."

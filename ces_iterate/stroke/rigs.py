@@ -104,10 +104,9 @@ class VirtualStrokeRig:
     """The virtual rig: an experiment with its current, damper, sensors and actuator, under other commands."""
 
     def __init__(self, experiment: virtual.Experiment) -> None:
+        name = experiment.settings.name
         if experiment.actuator is None:
-            raise StrokeError(
-                f"{experiment.settings.name}: has no actuator, so its stroke is exact; add 'actuator: {{}}' to the plan"
-            )
+            raise StrokeError(f"{name}: has no actuator, so its stroke is exact; add 'actuator: {{}}' to the plan")
         self._experiment = replace(experiment, sensors=replace(experiment.sensors, log_command=True))
 
     def run(self, command_m: F, number: int) -> Recording:
@@ -160,12 +159,10 @@ class CommandedRig:
     """Runs commands with the current of an experiment; every run has a folder of its own in `folder`."""
 
     def __init__(self, rig: RigAdapter, experiment: Experiment, limits: RigLimits, folder: Path) -> None:
-        if isinstance(experiment.current, Reg1):
-            raise StrokeError(
-                f"{experiment.settings.name}: reg1 answers a measured force; choose another kind of current"
-            )
-        self._rig, self._current, self._limits, self._folder = rig, experiment.current, limits, folder
         self._name, self._seed = experiment.settings.name, experiment.settings.seed
+        if isinstance(experiment.current, Reg1):
+            raise StrokeError(f"{self._name}: reg1 answers a measured force; choose another kind of current")
+        self._rig, self._current, self._limits, self._folder = rig, experiment.current, limits, folder
 
     def run(self, command_m: F, number: int) -> Recording:
         """Return what the rig recorded under the command (n,) every INTERVAL_S; raises CesError."""

@@ -61,7 +61,7 @@ def steady_force(model: Model, run: Predictor, speed_m_s: float, current_A: floa
 def run_to_steady(model: Model, run: Predictor, speed_m_s: float, current_A: float) -> float:
     """Return the model's force [N] at mid-stroke after a long approach at constant speed and current.
 
-    The model clamps a stroke beyond its envelope. A force outside the force envelope counts as that envelope's end.
+    The model clamps a stroke beyond its envelope, and holds a force beyond its own.
     """
     rate = model.sampling.rate_Hz
     ticks = round(SETTLING_S * rate)
@@ -70,8 +70,6 @@ def run_to_steady(model: Model, run: Predictor, speed_m_s: float, current_A: flo
     force = 0.0
     for tick in range(-ticks, 1):
         force = run.tick(middle + speed_m_s * tick / rate, speed_m_s, current_A)
-        if not isfinite(force):
-            return model.force_envelope_N[speed_m_s > 0.0]
     return force
 
 
@@ -199,7 +197,12 @@ class ModelInverse:
 
     @classmethod
     def from_model(cls, model: Model, source: str = "model") -> ModelInverse:
-        """Compute it; raises ModelError, naming `source`, if the model's envelope does not suffice for control."""
+        """Compute it; raises ModelError, naming `source`, if the model's envelope does not suffice for control.
+
+        So does a model with a delay alone: the controller needs the force that is known at once.
+        """
+        if delay_s := model.sampling.delay_s:
+            raise ModelError(f"{source}: forces come {delay_s:g} s late; a controller needs --delay 0 {delay_s:g}")
         return cls(compute_inverse_map(model, source), current_lag_s(model))
 
     def to_json(self) -> str:

@@ -15,7 +15,7 @@ from ces_observer.estimator import UNBOUNDED
 from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
 from ces_observer.health.streams import Arrivals
-from ces_observer.tracker import OK
+from ces_observer.tracker import BEYOND_STROKE, OK
 
 Values = Iterator[tuple[str, str]]  # key and value for diagnostics
 MAX_EPISODES = 10  # ended episodes listed one by one; the totals count all
@@ -169,8 +169,8 @@ class Latencies:
 
 
 LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2  # as in diagnostic_msgs/msg/DiagnosticStatus
-ERRORS = frozenset({SILENT, POSITION_NOT_FINITE, NO_CURRENT, OFF_CLOCK, UNBOUNDED})
-OUTSIDE_WARN = 0.01  # share of forces from inputs outside the envelope that gives a warning
+ERRORS = frozenset({SILENT, POSITION_NOT_FINITE, NO_CURRENT, OFF_CLOCK, UNBOUNDED, BEYOND_STROKE})
+OUTSIDE_WARN = 0.01  # share of forces from inputs outside the envelope, or held at its own, that gives a warning
 DROPPED_WARN = 0.01  # share of missing positions that gives a warning
 STILL_WARN_S = 1.0  # time without any change of position that gives a warning
 
@@ -222,7 +222,7 @@ class Health:
         self._before = damper.tally.copy()
         self._paired = 0
         self._evaluated = self._recorded = False
-        self._rate_Hz = self._withheld = self._outside = 0.0
+        self._rate_Hz = self._withheld = self._outside = self._held = 0.0
 
     def note_change(self, now_ns: int) -> None:
         """Record a change of the damper's reason; an episode includes its first withheld sample."""
@@ -240,6 +240,7 @@ class Health:
         self._rate_Hz = samples / elapsed_s if elapsed_s > 0.0 else 0.0
         self._withheld = 1.0 - estimates / samples if samples else 0.0
         self._outside = (now.clamped - before.clamped) / estimates if estimates else 0.0
+        self._held = (now.held - before.held) / estimates if estimates else 0.0
         self._before = now.copy()
         for stream in (self.position, self.current, self.force):
             stream.roll(elapsed_s)
@@ -277,6 +278,8 @@ class Health:
             extrapolates = self._damper.model.body.extrapolates
             what = "of the forces extrapolated to inputs" if extrapolates else "of the forces from clamped inputs,"
             yield f"{self._outside:.1%} {what} outside what the model was identified on"
+        if ok and self._held >= OUTSIDE_WARN:
+            yield f"{self._held:.1%} of the forces held at the force envelope"
         if self.stillness.resting:
             yield f"the position has not changed for {self.stillness.last_s:.1f} s: at rest, or its sensor is stuck"
         elif self.stillness.count > self._reported_rests:
@@ -298,6 +301,10 @@ class Health:
         yield "inputs outside the envelope", f"are {damper.model.body.outside}"
         yield "position samples", str(tally.samples)
         yield "forces estimated", str(tally.estimates)
+        if damper.model.best.sampling.delay_ticks:
+            yield "delayed forces estimated", str(tally.late)
+        if tally.held:
+            yield "forces held at the force envelope", str(tally.held)
         yield "messages without the field", str(tally.unreadable)
         for reason, count in sorted(tally.withheld.items()):
             yield f"withheld: {reason}", str(count)

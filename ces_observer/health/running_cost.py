@@ -7,7 +7,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from math import isfinite, sqrt
-from typing import Any
 
 from ces_observer.model import Model
 
@@ -103,10 +102,10 @@ class RunningCost:
 
     @classmethod
     def from_model(cls, model: Model, warn_J: float | None = None, window_s: int = 10) -> RunningCost:
-        """Return the running cost of a model; `warn_J` defaults to `default_warn_J`."""
-        low, high = model.force_envelope_N
+        """Return the running cost of the best model in a file; `warn_J` defaults to `default_warn_J`."""
+        low, high = model.best.force_envelope_N
         min_N = max(MIN_FORCE_N, MIN_FORCE_SHARE * (high - low))
-        warn_J = default_warn_J(model.provenance) if warn_J is None else warn_J
+        warn_J = default_warn_J(model) if warn_J is None else warn_J
         return cls(window_s, warn_J, min_N, model.sampling.max_gap_s)
 
     @property
@@ -194,15 +193,17 @@ class _Second:
         return sqrt(self.error2 / self.pairs) if self.pairs else 0.0
 
 
-def default_warn_J(provenance: Mapping[str, Any]) -> float:
-    """Return twice the worst validation (else identification) cost in a model's provenance, at least 10.
+def default_warn_J(model: Model) -> float:
+    """Return twice the worst validation (else identification) cost in its provenance of the best model, at least 10.
 
     The provenance is not checked on loading: entries that are not costs are skipped.
     """
-    rows = provenance.get("cost_J_percent")
+    rows, delay_s = model.provenance.get("cost_J_percent"), model.best.sampling.delay_s
     costs: dict[object, list[float]] = {}
     for row in rows if isinstance(rows, list) else ():
-        if isinstance(row, Mapping) and isinstance(row.get("J"), int | float) and isfinite(row["J"]):
+        if not isinstance(row, Mapping) or row.get("delay_s", 0.0) != delay_s:
+            continue
+        if isinstance(row.get("J"), int | float) and isfinite(row["J"]):
             costs.setdefault(row.get("role"), []).append(float(row["J"]))
     values = costs.get("validation") or costs.get("identification") or [0.0]
     return max(MIN_WARN_J, 2.0 * max(values))

@@ -23,7 +23,7 @@ from ces_observer.nodes.executors import NodeClock
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.inputs import InputSubscriptions
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
-from ces_observer.nodes.model_check import INVERT, PROVE, Verdict
+from ces_observer.nodes.model_check import INVERT, PROVE, Verdict, model_facts
 from ces_observer.nodes.outputs import CommandOutput, DamperReport, DesiredOutput, DiagnosticsOutput, add_remark
 from ces_observer.nodes.parameters import (
     ControllerSettings,
@@ -62,7 +62,7 @@ class ControllerModel:
         """Return the model's key-value pairs for diagnostics."""
         return {
             "model": self.changes.source,
-            "model sha256": self._model.digest(),
+            **model_facts(self._model),
             "lag of the model's force behind the current [ms]": f"{self.lag_s * 1e3:.1f}",
         }
 

@@ -13,8 +13,8 @@ from ces_observer.health.streams import Arrivals
 from ces_observer.nodes.executors import NodeClock
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.inputs import Deliver, InputSubscriptions
-from ces_observer.nodes.model_check import Verdict
-from ces_observer.nodes.outputs import JointStateOutput
+from ces_observer.nodes.model_check import Verdict, model_facts
+from ces_observer.nodes.outputs import EstimateOutput
 from ces_observer.nodes.parameters import DamperSettings, live_value
 from ces_observer.signals import MOTIONS, Constant, Signal
 
@@ -51,24 +51,27 @@ class DamperTopics:
         # Guarded apart: an error in what only describes the estimates must not withhold them.
         self._note_position = node.guard.wrap(self._add_position)
         self._note_estimate = node.guard.wrap(self._add_estimate)
+        self._note_late = node.guard.wrap(self._add_late)
         self.health.stillness.warn_s = settings.values["still_warn_s"]
         self._positions = PositionQueue(0.0)
         self._wait_for_current(settings.values["wait_for_current_s"])
         self._reported_reason = self.damper.reason
         self._last_samples, self._quiet_s = 0, 0.0
-        name, bounds = settings.name, [f"{settings.name}_lower", f"{settings.name}_upper"]
-        self._publish = JointStateOutput(node, f"{settings.topics}estimate", [name]).publish
-        self._publish_band = JointStateOutput(node, f"{settings.topics}estimate_band", bounds, ["effort"]).publish
+        name, topics = settings.name, settings.topics
+        self._now = EstimateOutput(node, name, f"{topics}estimate", f"{topics}estimate_band")
+        self._late: EstimateOutput | None = None
         self._subscribe(inputs)
 
     def use_model(self, source: str) -> None:
         """Let health report the damper's model, which comes from `source`."""
-        facts = {"model": source, "model sha256": self.damper.model.digest()}
+        facts = {"model": source, **model_facts(self.damper.model)}
+        self._offer_late()
         self.health.set_damper(self.damper, facts, None if self.health.cost is None else self._make_cost())
 
     def adopt(self, verdict: Verdict) -> str:
         """Let a checked model take over, and return when."""
         self.damper.load(verdict.model)
+        self._offer_late()
         return f"when warmed up, after {verdict.model.sampling.warm_up_s:g} s of samples"
 
     def compare(self) -> None:
@@ -82,7 +85,7 @@ class DamperTopics:
         self._wait_for_current(value("wait_for_current_s"))
         self.health.stillness.warn_s = value("still_warn_s")
         if self.health.cost is not None:
-            self.health.cost.warn_J = value("cost_warn_J") or default_warn_J(self.damper.model.provenance)
+            self.health.cost.warn_J = value("cost_warn_J") or default_warn_J(self.damper.model)
 
     def watch(self, elapsed_s: float) -> None:
         """Release positions that have waited, and check for silence, `elapsed_s` after the last call."""
@@ -123,6 +126,17 @@ class DamperTopics:
         if silent.type not in types:
             return f"{topic} carries {', '.join(types)}; {silent.name}.type is {silent.type}"
         return f"{topic} has a publisher that is silent"
+
+    def _offer_late(self) -> None:
+        """Offer the topics of the delayed estimates while a model with a delay runs or is about to."""
+        models = (self.damper.model, self.damper.next_model)
+        if not any(model is not None and model.best.sampling.delay_ticks for model in models):
+            late, self._late = self._late, None
+            if late is not None:
+                late.close()
+        elif self._late is None:
+            name, topics = self.settings.name, self.settings.topics
+            self._late = EstimateOutput(self._node, name, f"{topics}estimate_delayed", f"{topics}estimate_delayed_band")
 
     def _wait_for_current(self, wait_s: float) -> None:
         """Hold positions back for at most `wait_s` [s] until their current is known; a constant current always is."""
@@ -200,11 +214,12 @@ class DamperTopics:
         damper = self.damper
         force = damper.step(stamp_ns, position_m, now_ns)
         if force is not None:
-            self._publish(stamp_ns, frame, damper.position, damper.speed, force)
+            self._now.publish(stamp_ns, frame, damper.position, damper.speed, force, damper.half_width())
             self._note_estimate(stamp_ns, force)
-            half_width = damper.half_width()
-            if half_width is not None:
-                self._publish_band(stamp_ns, frame, force - half_width, force + half_width)
+        if damper.late and self._late is not None:
+            for one in damper.late:
+                self._late.publish(one.stamp_ns, frame, *one[1:])
+                self._note_late(one.stamp_ns, one.force)
         if damper.reason != self._reported_reason:
             self._report_change()
 
@@ -215,8 +230,15 @@ class DamperTopics:
     def _add_estimate(self, stamp_ns: int, force_N: float) -> None:
         health = self.health
         health.latency.take(self._clock.now() - stamp_ns)
-        if health.cost is not None:
+        if health.cost is not None and self.damper.model.delayed is None:
             health.cost.add_estimate(stamp_ns, force_N)
+
+    def _add_late(self, stamp_ns: int, force_N: float) -> None:
+        """Add a delayed estimate; the running cost takes these if there are any, being the best."""
+        if self.damper.model.delayed is None:
+            self._add_estimate(stamp_ns, force_N)
+        elif self.health.cost is not None:
+            self.health.cost.add_estimate(stamp_ns, force_N)
 
     def _report_change(self) -> None:
         if self.damper.reason != self._reported_reason:

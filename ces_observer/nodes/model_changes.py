@@ -25,7 +25,7 @@ from std_srvs.srv import Trigger
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import MAX_BYTES, Model, load_model, parse_model
 from ces_observer.nodes.guarded_node import GuardedNode
-from ces_observer.nodes.model_check import ModelReload, Verdict
+from ces_observer.nodes.model_check import ModelReload, Verdict, model_facts
 from ces_observer.nodes.outputs import LATCHED
 from ces_observer.nodes.parameters import model_path, value_of
 
@@ -226,7 +226,7 @@ class ModelChanges:
             self.state = f"{request.source}: {state}" + (f"; {detail}" if detail else "")
         values = {"request": str(request.number), "state": state, "model": request.source}
         if request.model is not None:
-            values["model sha256"] = request.model.digest()
+            values |= model_facts(request.model)
         level = DiagnosticStatus.ERROR if state == REFUSED else DiagnosticStatus.OK
         pairs = [KeyValue(key=key, value=_clean(value)) for key, value in values.items()]
         name = f"{self._node.get_fully_qualified_name()}: request {request.number}"

@@ -46,12 +46,13 @@ MAX_REASON_LENGTH = 2000  # characters
 
 
 def require_stable(model: Model, source: str) -> None:
-    """Prove the model's stability, whatever its file claims; raises ModelError naming `source`."""
-    if not model.is_stable():
-        raise ModelError(
-            f"{source}: {model.body.unproved}; identify it again with a certificate, or set allow_uncertified: true to "
-            "run it without"
-        )
+    """Prove the stability of all models in a file, whatever it claims; raises ModelError naming `source`."""
+    for one in (model, model.delayed):
+        if one is not None and not one.is_stable():
+            raise ModelError(
+                f"{source}: {one.body.unproved}; identify it again with a certificate, or set allow_uncertified: true "
+                "to run it without"
+            )
 
 
 def describe_model(model: Model) -> str:
@@ -59,11 +60,17 @@ def describe_model(model: Model) -> str:
 
     Only a structure that extrapolates is proved here: the proof of a damper takes about 0.1 s.
     """
-    text = f"{model.structure}, {model.size}; inputs outside the envelope are {model.body.outside}"
+    delay = f"; delay_s {model.best.sampling.delay_s:g}"
+    text = f"{model.structure}, {model.size}{delay}; inputs outside the envelope are {model.body.outside}"
     if not model.body.extrapolates:
         return text
     bounds = "; ".join(f"{name} {value}".strip() for name, value in model.certify().rows)
     return f"{text}; proved: {bounds}"
+
+
+def model_facts(model: Model) -> dict[str, str]:
+    """Return the key-value pairs that name a model in diagnostics and on `~/model_status`."""
+    return {"model sha256": model.digest(), "delay_s": f"{model.best.sampling.delay_s:g}"}
 
 
 @dataclass(frozen=True)

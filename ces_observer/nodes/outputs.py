@@ -49,6 +49,7 @@ class JointStateOutput:
     """
 
     def __init__(self, node: Node, topic: str, names: Sequence[str], fields: Sequence[str] = FIELDS) -> None:
+        self._node = node
         self._publisher = create_publisher(node, JointState, topic, OUTPUT_DEPTH)
         self._message = JointState(name=list(names))
         self._fields = fields
@@ -60,12 +61,37 @@ class JointStateOutput:
         """Publish the numbers, one sequence after the other, with this stamp [ns] and frame id (UTF-8)."""
         self._publisher.publish(self._fill(stamp_ns, frame, *numbers))
 
+    def close(self) -> None:
+        """Withdraw the topic."""
+        self._node.destroy_publisher(self._publisher)
+
     def _fill_slowly(self, stamp_ns: int, frame: bytes, *numbers: float) -> bytes:
         set_header(self._message.header, stamp_ns, frame)
         count = len(self._message.name)
         for k, field in enumerate(self._fields):
             setattr(self._message, field, array("d", numbers[k * count : (k + 1) * count]))
         return bytes(serialize_message(self._message))
+
+
+class EstimateOutput:
+    """Publishers of a joint's estimates on `topic`, and of the bounds of their bands on `band_topic`."""
+
+    def __init__(self, node: Node, joint: str, topic: str, band_topic: str) -> None:
+        self._estimates = JointStateOutput(node, topic, [joint])
+        self._bands = JointStateOutput(node, band_topic, [f"{joint}_lower", f"{joint}_upper"], ["effort"])
+
+    def publish(
+        self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float, half_width: float | None
+    ) -> None:
+        """Publish an estimate [m, m/s, N], and its band if the half-width [N] is known."""
+        self._estimates.publish(stamp_ns, frame, position, speed, force)
+        if half_width is not None:
+            self._bands.publish(stamp_ns, frame, force - half_width, force + half_width)
+
+    def close(self) -> None:
+        """Withdraw both topics."""
+        for output in (self._estimates, self._bands):
+            output.close()
 
 
 class CommandOutput:

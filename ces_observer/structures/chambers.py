@@ -55,7 +55,7 @@ from ces_observer.structures.physical import (
     ValveRun,
     yield_at_mid_stroke,
 )
-from ces_observer.structures.structure import OperatingRange, Range, Ranges
+from ces_observer.structures.structure import OperatingRange, Range, Ranges, hold
 
 MAX_PRESSURE_N = 1e12
 COARSE, FINE = 64, 8192  # intervals of directions (p_c, p_r) in a turn: at the start, and where the bound is found
@@ -147,7 +147,7 @@ differ from them."""
 
 
 class ChambersRun:
-    """The free run of a model with chambers; `clamped` is True if the last inputs were outside the envelope."""
+    """The free run of a model with chambers; `clamped`, `held`: the last inputs, force were outside the envelope."""
 
     def __init__(self, model: Chambers, within: OperatingRange) -> None:
         rate = within.rate_Hz
@@ -176,10 +176,10 @@ class ChambersRun:
         self._side.reset()
         self.pressures = 0.0, 0.0
         self._pieces = 0, 0, 0
-        self._inputs.outside = False
+        self._inputs.outside = self.held = False
 
     def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick; infinite if it left the force envelope."""
+        """Return the force [N] at this tick, held in its envelope; infinite if it is not finite."""
         position, speed, current = self._inputs.limit(position, speed, current)
         drive, force = self._side.tick(position, speed)
         p_c, p_r = self.advance(drive, self._valve.tick(current))
@@ -187,7 +187,8 @@ class ChambersRun:
         if self._rubs:
             force += self._side.friction(drive) * (1.0 + self._growth * p_r if p_r > 0.0 else 1.0)
         low, high = self._limits
-        return force if low <= force <= high else inf
+        self.held = not low <= force <= high
+        return hold(force, low, high) if self.held else force
 
     def advance(self, drive: float, setting: float) -> tuple[float, float]:
         """Step both pressures [N] at a drive [m/s] and a setting of the valve."""

@@ -170,7 +170,7 @@ class FuzzyRun(LaggedRun):
         self._premises = tuple(Regressor(p.signal, p.lag, 0.0, 1.0) for p in fuzzy.premises)
 
     def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick; infinite if it left the force envelope."""
+        """Return the force [N] at this tick, held in its envelope; infinite if it is not finite."""
         fuzzy = self._fuzzy
         self.store_inputs(position, speed, current)
         phi = self.values(fuzzy.regressors)

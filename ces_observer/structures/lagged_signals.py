@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from math import inf
 from typing import Any
 
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, add, down, product, up
-from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges
+from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, hold
 
 SIGNALS = ("force", "speed", "current", "position")
 COLUMNS = {"position": 0, "speed": 1, "current": 2}
@@ -77,7 +76,7 @@ def affine(constant: float, slopes: Sequence[float], at: Sequence[Interval]) -> 
 
 
 class LaggedRun:
-    """The past of a free run; `clamped` is True if the last tick's inputs were outside the envelope.
+    """The past of a free run; `clamped`, `held`: the last tick's inputs, force were outside the envelope.
 
     Before the first tick, forces are zero and inputs equal the first ones, as in `ces_observer.structures.polynomial`.
     """
@@ -93,7 +92,7 @@ class LaggedRun:
         """Forget the past."""
         self._rows: list[tuple[float, float, float]] = []
         self._forces = [0.0] * self._depth
-        self.clamped = False
+        self.clamped = self.held = False
 
     def store_inputs(self, position: float, speed: float, current: float) -> None:
         """Store the inputs [m, m/s, A] of a new tick."""
@@ -114,8 +113,10 @@ class LaggedRun:
         ]
 
     def store_force(self, force: float) -> float:
-        """Store this tick's force [N] and return it, or infinity if it left the force envelope."""
+        """Hold this tick's force [N] in its envelope, store it and return it; infinity if it is not finite."""
+        low, high = self._limits
+        self.held = not low <= force <= high
+        force = hold(force, low, high) if self.held else force
         self._forces.insert(0, force)
         self._forces.pop()
-        low, high = self._limits
-        return force if low <= force <= high else inf
+        return force

@@ -135,7 +135,7 @@ class NetworkRun(LaggedRun):
         self._network = network
 
     def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick; infinite if it left the force envelope."""
+        """Return the force [N] at this tick, held in its envelope; infinite if it is not finite."""
         network = self._network
         self.store_inputs(position, speed, current)
         phi = self.values(network.regressors)

@@ -3,9 +3,9 @@
 The terms are affine in past forces, so the free run is y(k) = sum_j a_j(u) y(k - j) + b(u), with u the present and past
 inputs, each clamped to the envelope. If sum_j |a_j(u)| <= g < 1 for every u in the envelope, the recursion is a
 contraction: two runs from different pasts approach each other as g^(k / longest output lag), and from a past of zeros
-|y| <= max |b| / (1 - g) at all times. `ces_observer.proof.intervals` bounds both maxima; every lagged input may take
-any value in its range. Memberships are functions of their signals in these bounds, so sub-models blended by them are
-bounded together.
+|y| <= max |b| / (1 - g) at all times; holding y in a force envelope that contains zero changes neither.
+`ces_observer.proof.intervals` bounds both maxima; every lagged input may take any value in its range. Memberships are
+functions of their signals in these bounds, so sub-models blended by them are bounded together.
 
 The tick is a function whose Python source is written for the terms and compiled, as `dataclasses` and `namedtuple` do:
 without loops or look-ups it is more than three times as fast. Of a model file only numbers reach the text, as the
@@ -22,7 +22,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from math import copysign, inf, isfinite, sqrt
+from math import copysign, isfinite, sqrt
 from operator import index
 from typing import Any, ClassVar, Protocol, Self
 
@@ -31,7 +31,7 @@ from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import bound_maximum, down
 from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, InputConstructor
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure, hold
 from ces_observer.structures.terms import Factor, Term, collect_constructed, term_to_json, terms_from
 
 FORMS = {0.0: "1.0", 0.5: "sqrt({0})", 1.0: "{0}", 1.5: "{0} * sqrt({0})", 2.0: "{0} * {0}"}
@@ -42,9 +42,9 @@ Power = tuple[str, float, bool]  # name of the signal in the text, power, signed
 def tick_source(polynomial: Sequence[Term], within: OperatingRange) -> str:
     """Return the text of `make(run, update) -> tick, pasts, forces`, for one run of a polynomial's terms.
 
-    `tick(position, speed, current)` returns the force [N], infinite outside the force envelope, and sets
-    `run.clamped`; `update` is that of an InputConstructor. To restart, empty the `pasts` and fill `forces` with zeros.
-    The text uses abs, min, max, sqrt, copysign, inf and deque as globals. Raises ModelError for a number that is not
+    `tick(position, speed, current)` returns the force [N], held in the force envelope, and sets `run.clamped` and
+    `run.held`; `update` is that of an InputConstructor. To restart, empty the `pasts` and fill `forces` with zeros.
+    The text uses abs, min, max, sqrt, copysign, hold and deque as globals. Raises ModelError for a number that is not
     finite or an unknown signal.
     """
     constructed = collect_constructed(polynomial)
@@ -66,8 +66,10 @@ def tick_source(polynomial: Sequence[Term], within: OperatingRange) -> str:
         *(f"{_ago('force', lag)} = forces[{lag - 1}]" for lag in outputs),
         # one term per line: a single expression of hundreds is too deep for the compiler
         *([f"force {'+=' if i else '='} {term}" for i, term in enumerate(terms)] or ["force = 0.0"]),
+        f"run.held = held = not {low} <= force <= {high}",
+        f"if held: force = hold(force, {low}, {high})",
         *(["forces.appendleft(force)"] if outputs else []),
-        f"return force if {low} <= force <= {high} else inf",
+        "return force",
     ]
     return "\n".join(
         [
@@ -156,7 +158,7 @@ def _keep(lags: Mapping[str, int]) -> list[str]:
     return begin + [f"past_{name}.appendleft({name})" for name in lags]
 
 
-IN_REACH = {"abs": abs, "min": min, "max": max, "sqrt": sqrt, "copysign": copysign, "inf": inf, "deque": deque}
+IN_REACH = {"abs": abs, "min": min, "max": max, "sqrt": sqrt, "copysign": copysign, "hold": hold, "deque": deque}
 DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs, and its bound need not be tight
 CLAIM = "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope"
 METHOD = "interval branch and bound, outward rounding"
@@ -222,17 +224,17 @@ class Tick(Protocol):
     """The function of one tick."""
 
     def __call__(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick's inputs [m, m/s, A]; infinite if it left the force envelope."""
+        """Return the force [N] at inputs [m, m/s, A], held in its envelope; infinite if it is not finite."""
 
 
 class PolynomialRun:
-    """The free run of a polynomial; `clamped` is True if the last tick's inputs were outside the envelope.
+    """The free run of a polynomial; `clamped`, `held`: the last tick's inputs, force were outside the envelope.
 
-    `tick` is compiled from the source that `tick_source` writes. Raises ModelError for a number
-    that is not finite.
+    `tick` is compiled from the source that `tick_source` writes. Raises ModelError for a number that is not finite.
     """
 
     clamped: bool
+    held: bool
     tick: Tick
 
     def __init__(self, polynomial: Polynomial, within: OperatingRange) -> None:
@@ -247,7 +249,7 @@ class PolynomialRun:
             past.clear()
         self._forces.extend([0.0] * (self._forces.maxlen or 0))
         self._construction.reset()
-        self.clamped = False
+        self.clamped = self.held = False
 
 
 Make = Callable[[PolynomialRun, Callable[..., list[float]]], tuple[Tick, list[deque[float]], deque[float]]]

@@ -24,7 +24,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import copysign, inf
+from math import copysign
 from typing import Any, ClassVar, Self
 
 from ces_observer.errors import ModelError
@@ -40,7 +40,7 @@ from ces_observer.structures.physical import (
     ValveRun,
     yield_at_mid_stroke,
 )
-from ces_observer.structures.structure import OperatingRange, Ranges
+from ces_observer.structures.structure import OperatingRange, Ranges, hold
 
 QUICK_STEPS = 8  # from piece to piece, before the bisection
 CLOSE = 1e-13  # relative change of the passed speed that ends a step
@@ -52,7 +52,7 @@ SpringPair = tuple[int, float, float, float]
 
 
 class RelaxationRun:
-    """The free run of a relaxation model; `clamped` is True if the last inputs were outside the envelope."""
+    """The free run of a relaxation model; `clamped`, `held`: the last inputs, force were outside the envelope."""
 
     def __init__(self, model: Relaxation, within: OperatingRange) -> None:
         interval = 1.0 / within.rate_Hz
@@ -79,17 +79,18 @@ class RelaxationRun:
         self._force = self._passed = 0.0
         self._stretched = [0.0] * len(self._restoring)
         self._started = False
-        self._inputs.outside = False
+        self._inputs.outside = self.held = False
 
     def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick; infinite if it left the force envelope."""
+        """Return the force [N] at this tick, held in its envelope; infinite if it is not finite."""
         position, speed, current = self._inputs.limit(position, speed, current)
         if not self._started:
             self._start(position)
         drive, side = self._side.tick(position, speed)
         force = self._advance(drive, self._valve.tick(current)) + side
         low, high = self._limits
-        return force if low <= force <= high else inf
+        self.held = not low <= force <= high
+        return hold(force, low, high) if self.held else force
 
     def _start(self, position: float) -> None:
         self._started = True

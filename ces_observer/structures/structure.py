@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
+from math import inf, isfinite
 from typing import Any, ClassVar, Protocol, Self
 
 from ces_observer.json_text import JsonObject
@@ -24,12 +25,22 @@ Ranges = Mapping[str, Range]  # of position [m], speed [m/s] and current [A] by 
 class OperatingRange:
     """The rate and ranges for which a structure is run and proved.
 
-    Inputs are clamped to their ranges, unless the structure extrapolates; a force outside `force_N` [N] ends a run.
+    Inputs are clamped to their ranges, unless the structure extrapolates; a force outside `force_N` [N] is held at its
+    nearest end.
     """
 
     rate_Hz: float
     inputs: Ranges
     force_N: Range
+
+
+def hold(force: float, low: float, high: float) -> float:
+    """Return a force [N] held at the ends of its range, infinite if it is not finite.
+
+    The held force is also the past force of later ticks. Holding brings no two forces further apart, so that a
+    contraction stays one, and comes back by itself.
+    """
+    return min(max(force, low), high) if isfinite(force) else inf
 
 
 class Predictor(Protocol):
@@ -39,11 +50,15 @@ class Predictor(Protocol):
     def clamped(self) -> bool:
         """True if the last inputs lay outside their ranges; they were clamped, unless the structure extrapolates."""
 
+    @property
+    def held(self) -> bool:
+        """True if the last force lay outside its range and was held at its end."""
+
     def reset(self) -> None:
         """Forget the past: earlier forces are zero, earlier inputs equal the first ones to come."""
 
     def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick's inputs [m, m/s, A]; infinite if it left its range."""
+        """Return the force [N] at this tick's inputs [m, m/s, A], held in its range; infinite if it is not finite."""
 
 
 class Structure(ABC):

@@ -137,7 +137,7 @@ def write_arrays(folder: Path, case: str, arrays: Arrays) -> str:
     """Write `seal/CASE.npz` under `folder` and return its SHA-256."""
     packed = io.BytesIO()
     np.savez_compressed(packed, **arrays)  # type: ignore[arg-type]
-    path = _arrays_path(folder, case)
+    path = folder / "seal" / f"{case}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(packed.getvalue())
     return hashlib.sha256(packed.getvalue()).hexdigest()
@@ -177,7 +177,7 @@ def read_seal(folder: Path) -> str:
 
 def open_arrays(folder: Path, label: Label) -> dict[str, F]:
     """Return the sealed arrays of a case; raises RigError if they are missing or were changed after sealing."""
-    path = _arrays_path(folder, label["case"])
+    path = folder / "seal" / f"{label['case']}.npz"
     if not path.is_file():
         raise RigError(f"{path}: missing; copy it from the output of 'ces blind make'")
     data = path.read_bytes()
@@ -187,26 +187,15 @@ def open_arrays(folder: Path, label: Label) -> dict[str, F]:
         return {name: arrays[name].astype(np.float64) for name in arrays.files}
 
 
-def _arrays_path(folder: Path, case: str) -> Path:
-    return folder / "seal" / f"{case}.npz"
-
-
 def _digest(salt: str, packed: str) -> str:
     return hashlib.sha256(f"{salt}\n{packed}".encode()).hexdigest()
 
 
 def make_cases(
-    folder: Path,
-    plan: Sequence[tuple[BlindCase, SpareEffects]],
-    seconds: float,
-    processes: int,
-    about: Mapping[str, Any],
-    on_label: Callable[[Label], None],
-) -> str:
-    """Write `folder/cases/NNNN/`, `folder/seal.json` and `folder/seal/`; return the published hash.
-
-    `on_label` is called with each label when its case is ready. `folder` must be new or empty. Raises CesError.
-    """
+    folder: Path, plan: Sequence[tuple[BlindCase, SpareEffects]], seconds: float, processes: int,
+    about: Mapping[str, Any], on_label: Callable[[Label], None],
+) -> str:  # fmt: skip
+    """Write cases and seal to a new `folder`, labels to `on_label`; return the published hash. Raises CesError."""
     if folder.exists() and any(folder.iterdir()):
         raise RigError(f"{folder}: is not empty; choose another folder for the cases")
     import joblib  # type: ignore[import-untyped]

@@ -20,17 +20,7 @@ from ces_rig.dampers.effects import WithheldEffect
 from ces_rig.dampers.model import DamperModel
 from ces_rig.errors import RigError
 from ces_rig.sensors import Sensors, Truth
-from ces_rig.withheld.plants import (
-    available_effects,
-    draw_effect,
-    draw_plant,
-    perturb_to_gap,
-    rms,
-    scale_to_gap,
-    search_size,
-    simulate_expected,
-    simulate_signals,
-)
+from ces_rig.withheld import plants
 
 NOISE_N = Sensors().force.noise  # [N] RMS
 REAL, REFERENCE, HELD_OUT = ("r1", "r2"), ("f1", "f2"), ("h1",)
@@ -50,10 +40,7 @@ class IdealRecording:
 
 @dataclass(frozen=True)
 class DrawnCase:
-    """A drawn case: plant, withheld effects, and `simulated`, the plant with wrong numbers.
-
-    `recordings` and `seeds` (of the sensors' noise) are by recording name.
-    """
+    """A drawn case: plant, withheld effects, `simulated` with wrong numbers; recordings and noise `seeds` by name."""
 
     case: BlindCase
     plant: DamperModel
@@ -77,27 +64,27 @@ def draw_case(case: BlindCase, seconds: float, spare_effects: Sequence[tuple[str
 
 def _try_draw(case: BlindCase, seconds: float, attempt: int) -> DrawnCase:
     rng = np.random.default_rng([case.seed, attempt])
-    suitable = [kind for kind in case.plants if set(case.effects) <= set(available_effects(kind))]
+    suitable = [kind for kind in case.plants if set(case.effects) <= set(plants.available_effects(kind))]
     if not suitable:
         raise RigError(f"none of the plants {', '.join(case.plants)} can have {' and '.join(case.effects)}")
     kind = suitable[int(rng.integers(len(suitable)))]
-    plant = draw_plant(kind, rng)
+    plant = plants.draw_plant(kind, rng)
     drive = draw_drive(case.excitation, plant.current_A, rng)
     seeds = {role: int(rng.integers(2**31)) for role in (*REAL, *REFERENCE, *HELD_OUT)}
     commands = {role: drive.commands(seconds, seed) for role, seed in seeds.items()}
-    shapes = [draw_effect(kind, name, rng) for name in case.effects]
+    shapes = [plants.draw_effect(kind, name, rng) for name in case.effects]
     target = case.gap_to_noise * NOISE_N
     free = {role: EffectFreeRecording.from_commands(plant, c) for role, c in commands.items()}
     withheld, recordings = _size_effects(plant, shapes, target, {role: free[role] for role in REAL})
     recordings |= {role: sense_with_effects(free[role], withheld) for role in HELD_OUT}
-    smallest = min(rms(r.effect_N) for r in recordings.values())
+    smallest = min(plants.rms(r.effect_N) for r in recordings.values())
     if shapes and smallest < MIN_SHARE * target:
         raise RigError(f"the effects make only {smallest:.3g} N of {target:.3g} N in one recording")
     recordings |= {role: sense_with_effects(free[role], ()) for role in REFERENCE}
     simulated, seed, error_N = plant, int(rng.integers(2**31)), case.baseline_ratio * target
     if error_N > 0.0:
         part = commands[REAL[0]].around_peak(SEARCH_S)
-        simulated, _ = perturb_to_gap(plant, error_N, seed, part.time_s, part.stroke_m, part.command_A)
+        simulated, _ = plants.perturb_to_gap(plant, error_N, seed, part.time_s, part.stroke_m, part.command_A)
     return DrawnCase(case, plant, withheld, simulated, recordings, seeds)
 
 
@@ -113,8 +100,8 @@ class EffectFreeRecording:
     @classmethod
     def from_commands(cls, plant: DamperModel, commands: Commands) -> EffectFreeRecording:
         """Run the plant."""
-        true = simulate_signals(plant, (), commands.time_s, commands.stroke_m, commands.command_A)
-        return cls(plant, commands, true, simulate_expected(plant, true))
+        true = plants.simulate_signals(plant, (), commands.time_s, commands.stroke_m, commands.command_A)
+        return cls(plant, commands, true, plants.simulate_expected(plant, true))
 
 
 def sense_with_effects(free: EffectFreeRecording, effects: Sequence[WithheldEffect]) -> IdealRecording:
@@ -122,9 +109,9 @@ def sense_with_effects(free: EffectFreeRecording, effects: Sequence[WithheldEffe
     if not effects:
         return IdealRecording(free.true, np.zeros_like(free.force_N))
     c = free.commands
-    true = simulate_signals(free.plant, effects, c.time_s, c.stroke_m, c.command_A)
+    true = plants.simulate_signals(free.plant, effects, c.time_s, c.stroke_m, c.command_A)
     same = np.array_equal(true.stroke_m, free.true.stroke_m) and np.array_equal(true.coil_A, free.true.coil_A)
-    return IdealRecording(true, true.force_N - (free.force_N if same else simulate_expected(free.plant, true)))
+    return IdealRecording(true, true.force_N - (free.force_N if same else plants.simulate_expected(free.plant, true)))
 
 
 def _size_effects(
@@ -141,20 +128,20 @@ def _size_effects(
     scaled = list(shapes)  # an effect stays as drawn if no severity makes its share in this part
     for k, shape in enumerate(shapes):
         with suppress(RigError):
-            scaled[k] = scale_to_gap(plant, shape, share_N, part.time_s, part.stroke_m, part.command_A)
+            scaled[k] = plants.scale_to_gap(plant, shape, share_N, part.time_s, part.stroke_m, part.command_A)
     trials: list[tuple[float, tuple[WithheldEffect, ...], dict[str, IdealRecording]]] = []
 
     @cache  # the search begins at the factor 1 again
     def gap(factor: float) -> float:
         effects = tuple(replace(w, severity=factor * w.severity) for w in scaled)
         recordings = {role: sense_with_effects(f, effects) for role, f in free.items()}
-        size = rms(np.concatenate([r.effect_N for r in recordings.values()]))
+        size = plants.rms(np.concatenate([r.effect_N for r in recordings.values()]))
         trials.append((abs(size - target_N), effects, recordings))
         return size
 
     if abs(gap(1.0) - target_N) > TOLERANCE * target_N:
         with suppress(RigError):  # the search is stricter than `TOLERANCE`
-            search_size(gap, target_N, "")
+            plants.search_size(gap, target_N, "")
     error_N, effects, recordings = min(trials, key=itemgetter(0))
     if error_N > TOLERANCE * target_N:
         names = " and ".join(shape.name for shape in shapes)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import inf, nan, sqrt
+from math import inf, isfinite, nan, sqrt
 
 import numpy as np
 from scipy.stats import binom, norm, t
@@ -135,6 +135,20 @@ class Metric:
         targets = self.targets if len(self.targets) > 1 else self.targets * len(CLASSES)
         return dict(zip(CLASSES, targets, strict=False)).get(class_name)
 
+    def format(self, value: float) -> str:
+        """Return a value of the figure as text, a dash if it is not finite."""
+        return "–" if not isfinite(value) else f"{100 * value:.1f} %" if self.percent else f"{value:.3f}"
+
+    def describe(self, figure: Statistic, class_name: str = "") -> tuple[str, str, str, str]:
+        """Return value, interval, cases, a class's target and whether it is met (undecided inside the interval)."""
+        (low, high), target, goal = figure.interval, self.target(class_name), ""
+        if target is not None:
+            at_least = self.target_is_minimum
+            met, missed = (low >= target, high < target) if at_least else (high <= target, low > target)
+            decided = "met" if met else "**not met**" if missed else "undecided"
+            goal = f"{'≥' if at_least else '≤'} {self.format(target)} {decided}"
+        return self.format(figure.value), f"{self.format(low)} to {self.format(high)}", str(figure.count), goal
+
 
 def cases_with_targets(cases: Cases) -> list[CaseOutcome]:
     """Return the cases that the targets apply to: a gap of at least 3 x noise, and with an identified model a gap of
@@ -171,9 +185,7 @@ def candidates(cases: Cases) -> tuple[F, F]:
     """
     single = [case for case in cases if case.kind != "pair"]
     names = sorted({name for case in single for name in (*case.probability, case.answer)})
-    claimed = [
-        [sum(case.probability.get(one, 0.0) for one in _claims(case, name)) for name in names] for case in single
-    ]
+    claimed = [[sum(c.probability.get(one, 0.0) for one in _claims(c, name)) for name in names] for c in single]
     right = [[float(case.answer == name) for name in names] for case in single]
     return np.array(claimed).reshape(len(single), len(names)), np.array(right).reshape(len(single), len(names))
 
@@ -253,9 +265,7 @@ def baselines(cases: Cases) -> dict[str, Statistic]:
     """Return the top-1 rates of the simpler methods in the results, and of drawing a cause at random."""
     effects = cases_of_kind(cases, "effect")
     names = sorted({name for case in effects for name in case.baselines})
-    rates = {
-        name: rate([case.baselines[name] in case.truth for case in effects if name in case.baselines]) for name in names
-    }
+    rates = {name: rate([c.baselines[name] in c.truth for c in effects if name in c.baselines]) for name in names}
     rng = np.random.default_rng(0)
     hits = [bool(case.ranked) and case.ranked[int(rng.integers(len(case.ranked)))] in case.truth for case in effects]
     return {**rates, "one drawn at random": rate(hits)}

@@ -61,10 +61,7 @@ class Mode:
 
 
 def combine_modes(simulations: Sequence[str], references: Sequence[int]) -> list[Mode]:
-    """Return every mode of the two lists that is possible; raises CesError if none is.
-
-    An identified model needs references, so that mode without references is left out beside others.
-    """
+    """Return the possible modes of both lists, none identified without references; raises CesError if none is."""
     pairs = list(dict.fromkeys(product(simulations, references)))
     possible = [pair for pair in pairs if pair != (IDENTIFIED, 0)]
     return [Mode(*pair) for pair in possible or pairs]
@@ -139,8 +136,6 @@ COUNTERPARTS: Mapping[tuple[str, str], Counterpart] = {
 }
 """The true value of a parameter of the library, from the physical numbers of the sealed label. Most effects of the rig
 have no such number: they follow other laws than the forms."""
-
-
 NONE, UNKNOWN = "none", "unknown"  # candidates besides the effects
 CALIBRATION = "calibration"  # the cause "the simulation's force map is off"
 SAME = ("case", "kind", "plant", "excitation", "gap_to_noise", "baseline_ratio", "gap_N")  # in a label
@@ -256,13 +251,9 @@ class CaseOutcome:
 
 
 def build_case_outcome(
-    label: Mapping[str, Any],
-    gap: Mapping[str, Any],
-    figures: Mapping[str, float],
-    baselines: Mapping[str, str],
-    seconds: float,
-    mode: Mode,
-) -> CaseOutcome:
+    label: Mapping[str, Any], gap: Mapping[str, Any], figures: Mapping[str, float], baselines: Mapping[str, str],
+    seconds: float, mode: Mode,
+) -> CaseOutcome:  # fmt: skip
     """Return the record of a case from its label, its `gap.json` and the causes that simpler methods name."""
     causes, rest = gap["causes"], gap["probabilities"]
     return CaseOutcome(

@@ -47,10 +47,7 @@ class Commands:
 
 @dataclass(frozen=True)
 class Drive:
-    """Stroke and current of a case; the largest stroke of every recording is `reach_m`.
-
-    With equal peaks, an effect that appears only at large strokes appears in every recording.
-    """
+    """Stroke and current of a case; all recordings peak at `reach_m`: effects of large strokes appear in each."""
 
     shapes: tuple[Shape, ...]
     current: Current
@@ -115,10 +112,7 @@ INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_cr
 
 @dataclass(frozen=True)
 class BlindCase:
-    """One case: `effects` are names (none, one or two), `seed` is the seed of all its random numbers.
-
-    `gap_to_noise` is that of the effect; without an effect it only sets the size of the simulation's error.
-    """
+    """One case: none to two `effects`, `seed`; without an effect `gap_to_noise` sizes the simulation's error."""
 
     kind: str
     effects: tuple[str, ...]

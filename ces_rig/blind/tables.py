@@ -5,20 +5,9 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import isfinite
 from typing import Any
 
-from ces_rig.blind.metrics import (
-    BY_NAME,
-    IN_SLICES,
-    IN_SUMMARY,
-    METRICS,
-    Cases,
-    Metric,
-    Statistic,
-    baselines,
-    cases_of_kind,
-)
+from ces_rig.blind.metrics import BY_NAME, IN_SLICES, IN_SUMMARY, METRICS, Cases, Metric, baselines, cases_of_kind
 from ces_rig.blind.metrics import cases_with_targets as with_targets
 from ces_rig.blind.outcome import NONE, UNKNOWN, CaseOutcome
 
@@ -39,7 +28,7 @@ def summary_table(by_mode: Mapping[str, Cases]) -> ScoreTable:
     for name, cases in by_mode.items():
         row = [f"`{name}`", str(len(cases))]
         for metric in metrics:
-            value, interval, count, goal = _describe(metric, metric.count(cases), cases[0].mode.class_name)
+            value, interval, count, goal = metric.describe(metric.count(cases), cases[0].mode.class_name)
             row.append(f"{value} ({interval}; {count})" + (f"; {goal}" if goal else "") if count != "0" else "–")
         rows.append(row)
     return ScoreTable(("mode", "cases", *(metric.short or metric.name for metric in metrics)), rows)
@@ -47,10 +36,9 @@ def summary_table(by_mode: Mapping[str, Cases]) -> ScoreTable:
 
 def headline_table(cases: Cases) -> ScoreTable:
     """Return every metric with its interval and the target of the cases' mode."""
-    described = [(m.name, *_describe(m, m.count(cases), cases[0].mode.class_name)) for m in METRICS]
-    return ScoreTable(
-        ("figure", "value", "95 % interval", "cases", "target"), [row for row in described if row[3] != "0"]
-    )
+    described = [(m.name, *m.describe(m.count(cases), cases[0].mode.class_name)) for m in METRICS]
+    shown = [row for row in described if row[3] != "0"]
+    return ScoreTable(("figure", "value", "95 % interval", "cases", "target"), shown)
 
 
 def mode_facts(cases: Cases) -> dict[str, Any]:
@@ -112,7 +100,7 @@ def baseline_table(cases: Cases) -> ScoreTable:
     """Return the top-1 rates of the diagnosis and of simpler methods."""
     metric = BY_NAME["top-1"]
     methods = {"the diagnosis": metric.count(cases), **baselines(cases)}
-    rows = [[name, *_describe(metric, figure)[:3]] for name, figure in methods.items()]
+    rows = [[name, *metric.describe(figure)[:3]] for name, figure in methods.items()]
     return ScoreTable(("method", "top-1", "95 % interval", "cases"), rows)
 
 
@@ -140,26 +128,4 @@ def _format_counts(words: Iterable[str]) -> str:
 
 
 def _values(metrics: Sequence[Metric], cases: Cases) -> list[str]:
-    return [_number(metric.count(cases).value, metric.percent) for metric in metrics]
-
-
-def _describe(metric: Metric, figure: Statistic, target_class: str = "") -> tuple[str, str, str, str]:
-    """Return value, interval, number of cases, and the target of a class of modes with whether it is met.
-
-    It is undecided where the interval of the figure contains the target.
-    """
-    low, high = figure.interval
-    interval = f"{_number(low, metric.percent)} to {_number(high, metric.percent)}"
-    target, goal = metric.target(target_class), ""
-    if target is not None:
-        at_least = metric.target_is_minimum
-        met, missed = (low >= target, high < target) if at_least else (high <= target, low > target)
-        decided = "met" if met else "**not met**" if missed else "undecided"
-        goal = f"{'≥' if at_least else '≤'} {_number(target, metric.percent)} {decided}"
-    return _number(figure.value, metric.percent), interval, str(figure.count), goal
-
-
-def _number(value: float, percent: bool) -> str:
-    if not isfinite(value):
-        return "–"
-    return f"{100 * value:.1f} %" if percent else f"{value:.3f}"
+    return [metric.format(metric.count(cases).value) for metric in metrics]

@@ -17,9 +17,7 @@ from ces_rig.dampers.model import DamperKind, DamperModel, LumpedDamper
 from ces_rig.errors import RigError
 
 HYDRAULIC = Hydraulic.kind
-KINDS: Mapping[str, DamperKind] = {
-    one.KIND.design.kind: one.KIND for one in (hydraulic, bouc_wen, polyviscous, monotube)
-}
+KINDS: Mapping[str, DamperKind] = {m.KIND.design.kind: m.KIND for m in (hydraulic, bouc_wen, polyviscous, monotube)}
 LUMPED: Mapping[str, type[LumpedDamper]] = {
     name: type(kind.design) for name, kind in KINDS.items() if isinstance(kind.design, LumpedDamper)
 }

@@ -15,16 +15,8 @@ from typing import Any, ClassVar, Self, TypeVar
 import numpy as np
 
 from ces_data.arrays import F
-from ces_observer.fields import read_record
-from ces_rig.dampers.effects import (
-    Change,
-    Proportions,
-    add_to,
-    get_number,
-    interpolate_log,
-    log_spread,
-    uniform_spread,
-)
+from ces_observer.fields import quantity, read_record
+from ces_rig.dampers.effects import Change, Proportions, add_to, get_number, interpolate_log, log_spread, uniform_spread
 from ces_rig.errors import RigError
 
 T = TypeVar("T")
@@ -34,10 +26,7 @@ MIN_GAS_SHARE = 1.05  # of the volume that the rod displaces at the end of that 
 
 
 def replace_numbers(whole: T, numbers: Mapping[str, Any], where: str = "plant") -> T:
-    """Return the record `whole` with the `numbers` at their paths, such as `seal.coulomb_N`.
-
-    Raises RigError for one outside its declared range.
-    """
+    """Return `whole` with the `numbers` at their paths, such as `seal.coulomb_N`; raises RigError if out of range."""
     nested: dict[str, Any] = {}
     for path, number in numbers.items():
         *sections, last = path.split(".")
@@ -101,12 +90,19 @@ class DamperModel(ABC):
         return np.inf
 
 
+@dataclass(frozen=True)
 class LumpedDamper(DamperModel):
-    """Base of the frozen dataclasses with a flat description; raises RigError if a number is out of range."""
+    """Base of the kinds with a flat description: what all have; raises RigError if a number is out of range."""
 
     current_A: ClassVar[tuple[float, float]]
     gas_m3: float
     rod_m2: float
+    play_m: float = quantity(0.0, "m", "free play of the bushing, end to end", 0.0, 0.02)
+    start_degC: float = quantity(25.0, "°C", "initial and ambient temperature", -40.0, 150.0)
+    groove_at_m: float = quantity(0.0, "m", "stroke at the middle of the groove", -0.5, 0.5)
+    groove_m: float = quantity(0.01, "m", "half length of the groove", 1e-4, 0.5)
+    side_load_N_m: float = quantity(0.0, "N/m", "growth of friction away from `side_at_m`", 0.0, 1e5)
+    side_at_m: float = quantity(0.0, "m", "stroke without side load", -0.5, 0.5)
 
     def __post_init__(self) -> None:
         if self.gas_m3 <= MIN_GAS_SHARE * self.rod_m2 * REACH_M:
@@ -119,7 +115,7 @@ class LumpedDamper(DamperModel):
 
     def coefficients(self) -> tuple[float, ...]:
         """Return the kernel's numbers: all fields."""
-        return astuple(self)  # type: ignore[call-overload, no-any-return]
+        return astuple(self)
 
     def with_numbers(self, numbers: Mapping[str, float]) -> Self:
         """Return the damper with other numbers; raises RigError for one out of range."""
@@ -131,8 +127,11 @@ class DamperKind:
     """A kind of damper: its effect-free design, variation, simulation errors, effects and compiled equations.
 
     The `kernel` has the named tuple `Numbers` of the coefficients c, `settle(c, state, stroke, speed, current)`,
-    which returns the force at rest, `rest_force(c)`, `run` (which steps the damper by whatever moves it, see
-    `drive/kernels.py`), STATE_SIZE, the indices COIL and TEMPERATURE of the state, and STEP_S, the integrator's step.
+    which returns the force at rest, `rest_force(c)`, STATE_SIZE, the indices COIL and TEMPERATURE of the state, STEP_S,
+    the integrator's step, and `run`. This steps mover and damper through `moves` (`drive/kernels.py`) and fills `force`
+    (n,) and `states` (n, STATE_SIZE), which may have no rows. It takes the numbers as an array: as many scalars would
+    take as long as ten steps. Numba's cache watches its file only: touch that after changing a function of another
+    file that it calls.
     """
 
     design: DamperModel
@@ -148,6 +147,10 @@ LUMPED_SPREADS: Mapping[str, Proportions] = {
     "groove": {"bypass_m_Ns": log_spread(6e-5, 2e-4), "at_m": uniform_spread(-0.012, 0.012),
                "half_m": log_spread(0.004, 0.01)},
     "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": uniform_spread(-0.01, 0.01)},
+    "backlash": {"play_m": log_spread(2e-4, 6e-4), "edge_m": log_spread(3e-6, 3e-5)},
+    "gas_spring": {"pressure": uniform_spread(0.3, 1.2), "volume": log_spread(0.5, 2.0),
+                   "exponent": uniform_spread(1.05, 1.4)},
+    "foaming": {"growth_m_J": log_spread(2e-8, 2e-7)},
 }  # fmt: skip
 
 
@@ -201,4 +204,4 @@ LUMPED_CHANGES: Mapping[str, Change] = {
     "sticking_check": lambda _d, s, p: {"stick_N": s * p["adhesion_N"]},
     "late_check": add_to(closing_s="closing_s"),
 }  # fmt: skip
-"""Changes of effects whose laws several kinds share; a kind replaces those that it has of its own."""
+"""Changes of effects whose laws several kinds share, as their spreads; a kind replaces those that it has of its own."""

@@ -85,10 +85,7 @@ class DamperStepper:
 
 @dataclass(frozen=True)
 class SimulatedRun:
-    """A simulated run: `time_s`, `force_N` of shape (n,) and the kernel's `states` (n, STATE_SIZE).
-
-    The force includes the gas force; `tared_N` is without `rest_N`, the gas force at mid-stroke.
-    """
+    """A run: times, forces (n,), states (n, STATE_SIZE); `tared_N` is without the gas force at mid-stroke `rest_N`."""
 
     time_s: F
     force_N: F

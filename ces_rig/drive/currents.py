@@ -20,8 +20,6 @@ from ces_rig.drive.strokes import take_kind
 from ces_rig.errors import RigError
 
 LOW, HIGH = 0.29, 0.70  # [A] what the controller reg1 of the thesis used (section 5.1)
-
-
 SPEEDS_M_S = (-0.6, -0.4, -0.2, -0.1, -0.05, 0.0, 0.05, 0.1, 0.2, 0.4, 0.6)
 FORCES_N = (-2150.0, -2000.0, -1750.0, -1400.0, -900.0, 0.0, 400.0, 600.0, 760.0, 900.0, 1000.0)
 
@@ -211,17 +209,10 @@ class SineCurrent(CurrentRange):
 
 
 KINDS: Mapping[str, type[Any]] = {
-    "constant": ConstantLevel,
-    "ramp": Ramp,
-    "steps": Steps,
-    "prbs": Prbs,
-    "binary": Binary,
-    "filtered_noise": FilteredNoise,
-    "sine": SineCurrent,
-    "stroke_following": StrokeFollowing,
-    "reg1": Reg1,
+    "constant": ConstantLevel, "ramp": Ramp, "steps": Steps, "prbs": Prbs, "binary": Binary,
+    "filtered_noise": FilteredNoise, "sine": SineCurrent, "stroke_following": StrokeFollowing, "reg1": Reg1,
     KIND: CurrentSequence,
-}
+}  # fmt: skip
 
 
 def make_current(description: object, where: str) -> Current | Reg1:

@@ -17,8 +17,8 @@ The valve is stepped exactly for a constant command, the piston by semi-implicit
 
 from __future__ import annotations
 
-from math import exp
-from typing import NamedTuple
+from collections import namedtuple
+from math import exp, log1p
 
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
@@ -34,34 +34,11 @@ STROKE, STROKE_SPEED, CURRENT, LATE, ROWS = 0, 1, 2, 3, 4
 FORCE, BODY, WHEEL, BODY_SPEED, WHEEL_SPEED, TYRE, BLOWS, VALVE, MOTION_SIZE = 2, 3, 4, 5, 6, 7, 8, 9, 10
 GRAVITY_M_S2 = 9.81
 BLOW_M_S = 0.1  # [m/s] closing speed above which contact counts as a blow
-
-
-class VehicleNumbers(NamedTuple):
-    """The kernel's view of a vehicle: SI units."""
-
-    sprung: float
-    unsprung: float
-    spring: float
-    tyre: float
-    tyre_damping: float
-    stop_clearance: float
-    stop: float
-    stop_bend: float
-    limit: float
-
-
-class ServoNumbers(NamedTuple):
-    """The kernel's view of an actuator: SI units, angular frequency in rad/s."""
-
-    omega: float
-    damping: float
-    valve: float
-    compliance: float
-    stroke: float
-    speed: float
-    acceleration: float
-
-
+# The kernel's view of a vehicle and of an actuator: SI units, angular frequency in rad/s.
+VehicleNumbers = namedtuple(
+    "VehicleNumbers", "sprung unsprung spring tyre tyre_damping stop_clearance stop stop_bend limit"
+)
+ServoNumbers = namedtuple("ServoNumbers", "omega damping valve compliance stroke speed acceleration")
 VEHICLE_SIZE, SERVO_SIZE = len(VehicleNumbers._fields), len(ServoNumbers._fields)
 
 
@@ -94,6 +71,18 @@ def between(row: F, n: int, share: float) -> float:
 
 
 @njit(cache=True)
+def first_order_lag(value: float, target: float, lag_s: float, h: float) -> float:
+    """Return a first-order lag after `h` seconds."""
+    return target + (value - target) * exp(-h / lag_s) if lag_s > 0.0 else target
+
+
+@njit(cache=True)
+def softplus(u: float) -> float:
+    """Return log(1 + exp(u)) without overflow."""
+    return max(u, 0.0) + log1p(exp(-abs(u)))
+
+
+@njit(cache=True)
 def vehicle_step(b: VehicleNumbers, m: F, road: float, road_speed: float, h: float) -> None:
     """Advance the `motion` by `h` seconds under the damper force in it; the tyre can only push."""
     bend = m[WHEEL] - m[BODY]
@@ -116,7 +105,7 @@ def stop_force(b: VehicleNumbers, bend: float) -> float:
     into = abs(bend) - b.stop_clearance
     if into <= 0.0:
         return 0.0
-    force = b.stop * into * (1.0 + (into / b.stop_bend) ** 2)
+    force = float(b.stop * into * (1.0 + (into / b.stop_bend) ** 2))
     return force if bend > 0.0 else -force
 
 

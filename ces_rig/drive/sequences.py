@@ -116,10 +116,7 @@ MIN_ROWS = 4
 
 @dataclass(frozen=True)
 class StrokeFile:
-    """The cubic spline through the file's samples; before the first and after the last sample it rests there.
-
-    `table` raises RigError for a file that is no stroke.
-    """
+    """The cubic spline through a file's samples, at rest outside them; `table` raises RigError for an unusable file."""
 
     path: str = setting(REQUIRED, "CSV file")
 

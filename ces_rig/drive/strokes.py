@@ -50,9 +50,10 @@ class QuarterVehicle:
         return np.asarray(wheel_height * (1.0 - suspension / body), dtype=np.complex128)
 
 
-def road_stroke(
-    road_class: str, vehicle_m_s: float, time_s: F, rng: Generator, vehicle: QuarterVehicle | None = None
-) -> F:
+REAR = QuarterVehicle()
+
+
+def road_stroke(road_class: str, vehicle_m_s: float, time_s: F, rng: Generator, vehicle: QuarterVehicle = REAR) -> F:
     """Return the suspension stroke [m], positive in compression, at uniform times, shape (n,)."""
     frequency = np.fft.rfftfreq(len(time_s), time_s[1] - time_s[0])
     band = (frequency >= vehicle_m_s / MAX_WAVE_M) & (frequency <= MAX_HZ)
@@ -61,8 +62,7 @@ def road_stroke(
     complex_normal = rng.standard_normal(len(frequency)) + 1j * rng.standard_normal(len(frequency))
     step = frequency[1] - frequency[0]
     road = len(time_s) * np.sqrt(density * step) / 2.0 * complex_normal
-    response = (vehicle or QuarterVehicle()).stroke_response(frequency)
-    return np.asarray(np.fft.irfft(road * response, len(time_s)), dtype=np.float64)
+    return np.asarray(np.fft.irfft(road * vehicle.stroke_response(frequency), len(time_s)), dtype=np.float64)
 
 
 def _amplitude(default: Any = REQUIRED) -> Any:
@@ -151,7 +151,7 @@ class NoiseStroke:
 
 @dataclass(frozen=True)
 class RoadStroke:
-    """Suspension stroke of a quarter vehicle on an ISO 8608 road (quarter_vehicle.py)."""
+    """Suspension stroke of a quarter vehicle on an ISO 8608 road."""
 
     road_class: str = choice("C", "ISO 8608 road class", ("A", "B", "C", "D"))
     vehicle_m_s: float = quantity(16.7, "m/s", "driving speed", 1.0, 60.0)
@@ -198,17 +198,9 @@ class Triangle:
 
 
 KINDS: Mapping[str, type[Any]] = {
-    "rest": Rest,
-    "sine": Sine,
-    "sum_of_sines": SumOfSines,
-    "sweep": Sweep,
-    "noise": NoiseStroke,
-    "road": RoadStroke,
-    "frequency_modulated": FrequencyModulated,
-    "triangle": Triangle,
-    "file": StrokeFile,
-    KIND: StrokeSequence,
-}
+    "rest": Rest, "sine": Sine, "sum_of_sines": SumOfSines, "sweep": Sweep, "noise": NoiseStroke, "road": RoadStroke,
+    "frequency_modulated": FrequencyModulated, "triangle": Triangle, "file": StrokeFile, KIND: StrokeSequence,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)

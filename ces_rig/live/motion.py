@@ -20,17 +20,7 @@ from ces_data.arrays import F, I
 from ces_observer.fields import choice, quantity
 from ces_rig.dampers.stepper import spline_speed
 from ces_rig.drive.sequences import Shape
-from ces_rig.drive.strokes import (
-    Common,
-    NoiseStroke,
-    QuarterVehicle,
-    Rest,
-    Sine,
-    Stroke,
-    Sweep,
-    Triangle,
-    smooth_step,
-)
+from ces_rig.drive.strokes import REAR, Common, NoiseStroke, Rest, Sine, Stroke, Sweep, Triangle, smooth_step
 from ces_rig.errors import RigError
 from ces_rig.experiment import Experiment
 from ces_rig.sensors import make_rng
@@ -200,17 +190,11 @@ class Follower:
 
 
 CLASSES = ("A", "B", "C", "D", "E", "F", "G", "H")
+CLASS_A_M3 = 16e-6  # [m³] G(n0) of class A by ISO 8608; each further class has four times as much
 REFERENCE_1_M = 0.1  # n0 [cycles/m]
 MAX_WAVE_M = 100.0  # [m] waves longer than this fade out
 CONTACT_M = 0.1  # [m] length of the tyre's contact patch
 ROAD_BLOCK = 100  # grid points computed at once; a new speed or class waits for the next block
-
-
-def roughness_m3(road_class: str) -> float:
-    """Return the class's mean displacement spectral density G(n0) [m³] (ISO 8608: 16e-6 for A, four times each on)."""
-    return float(16e-6 * 4.0 ** CLASSES.index(road_class))
-
-
 AVERAGING = 2.8  # contact length over the length of a first-order filter with 3 dB attenuation at the same wave
 
 
@@ -227,7 +211,8 @@ class LiveRoad:
         """Return the next `count` heights [m] under the tyre, at most ROAD_BLOCK."""
         if self._next + count > len(self._block):
             new = self._rng.standard_normal(ROAD_BLOCK)
-            roll(self._state, roughness_m3(self.road_class), self.speed_m_s * self._interval_s, new)
+            roughness = CLASS_A_M3 * 4.0 ** CLASSES.index(self.road_class)
+            roll(self._state, roughness, self.speed_m_s * self._interval_s, new)
             self._block, self._next = np.concatenate([self._block[self._next :], new]), 0
         self._next += count
         return self._block[self._next - count : self._next]
@@ -247,7 +232,6 @@ def roll(state: F, roughness: float, distance: float, out: F) -> None:
 
 
 METAL_M = 1e-3  # [m] distance of the metal stops from the damper's end
-REAR = QuarterVehicle()
 
 
 @dataclass(frozen=True)
@@ -265,15 +249,10 @@ class Vehicle:
     road_class: str = choice("C", "ISO 8608 road class", CLASSES)
     speed_m_s: float = quantity(16.7, "m/s", "driving speed", 0.0, 80.0)
 
-
-def as_kernel_numbers(vehicle: Vehicle, reach_m: float) -> F:
-    """Return the kernel's numbers, shape (len(VehicleNumbers._fields),), for a damper whose ends are at ±`reach_m`.
-
-    Raises RigError if the bump stop begins beyond the damper's end.
-    """
-    limit = reach_m - METAL_M
-    if vehicle.stop_clearance_m >= limit:
-        raise RigError(f"vehicle: stop_clearance_m {vehicle.stop_clearance_m:g} is not below the stroke {limit:g} m")
-    v = vehicle
-    chassis = (v.sprung_kg, v.unsprung_kg, v.spring_N_m, v.tyre_N_m, v.tyre_Ns_m)
-    return np.array([*chassis, v.stop_clearance_m, v.stop_N_m, v.stop_m, limit])
+    def numbers(self, reach_m: float) -> F:
+        """Return `VehicleNumbers` (VEHICLE_SIZE,) for ends at ±`reach_m`; raises RigError if the stop begins beyond."""
+        limit = reach_m - METAL_M
+        if self.stop_clearance_m >= limit:
+            raise RigError(f"vehicle: stop_clearance_m {self.stop_clearance_m:g} is not below the stroke {limit:g} m")
+        chassis = (self.sprung_kg, self.unsprung_kg, self.spring_N_m, self.tyre_N_m, self.tyre_Ns_m)
+        return np.array([*chassis, self.stop_clearance_m, self.stop_N_m, self.stop_m, limit])

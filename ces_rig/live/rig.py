@@ -34,17 +34,7 @@ from ces_rig.experiment import (
     load_description,
     load_experiment,
 )
-from ces_rig.live.motion import (
-    Actuator,
-    Follower,
-    LiveRoad,
-    Loop,
-    Script,
-    Vehicle,
-    as_kernel_numbers,
-    make_experiment_loop,
-    make_loop,
-)
+from ces_rig.live.motion import Actuator, Follower, LiveRoad, Loop, Script, Vehicle, make_experiment_loop, make_loop
 from ces_rig.live.timing import Command
 from ces_rig.sensors import GRID_S, Sensor, Sensors, Truth, make_rng
 from ces_rig.withheld import environment, plants
@@ -141,7 +131,7 @@ class LiveRig:
         model, self.period_s = self.damper.model, 1.0 / settings.rate_hz
         self._count = ceil(self.period_s / GRID_S - 1e-9)
         self._interval_s = self.period_s / self._count
-        vehicle = Mover(VEHICLE_MOVER, as_kernel_numbers(settings.vehicle, model.reach_m))
+        vehicle = Mover(VEHICLE_MOVER, settings.vehicle.numbers(model.reach_m))
         mover = vehicle if settings.drive == VEHICLE else GIVEN_STROKE
         self._stepper = DamperStepper(model, self._interval_s, settings.step_s or None, mover)
         self.motion = self._stepper.motion
@@ -304,10 +294,7 @@ class CommandDelay:
 
 
 def with_effects(damper: DamperDescription, effects: Iterable[str]) -> DamperDescription:
-    """Return the damper with effects, each written as `name` or `name: {severity: s, proportion: p, …}`.
-
-    Raises RigError for an unknown effect and for one that this damper or a live rig cannot have.
-    """
+    """Return the damper with effects like `name: {severity: s, proportion: p}`; raises RigError for unknown ones."""
     for effect in (parse_effect(text, damper.model.kind) for text in effects):
         numbers = plants.physical_numbers(damper.model, effect)
         if effect.name in environment.SENSING:

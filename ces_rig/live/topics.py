@@ -53,12 +53,7 @@ class RigTopics:
     """Publishers and the subscription of one rig; with `keep_all`, a full history blocks the publisher."""
 
     def __init__(
-        self,
-        node: Node,
-        settings: RigNodeSettings,
-        on_command: Callable[[float], None],
-        vehicle: bool,
-        keep_all: bool,
+        self, node: Node, settings: RigNodeSettings, on_command: Callable[[float], None], vehicle: bool, keep_all: bool
     ) -> None:
         self._node = node
         self._joint = joint = settings.joint

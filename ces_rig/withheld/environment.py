@@ -180,10 +180,7 @@ def run_surrounded(
 
 
 def hold_until_free(signal: F, threshold: float) -> F:
-    """Return `signal` (n,) behind stiction: stuck after a reversal or a stop, until it is `threshold` away.
-
-    Once free, it follows at once; sliding friction is neglected.
-    """
+    """Return `signal` (n,) behind stiction: stuck after a reversal or stop until `threshold` away, then free."""
     held = np.empty_like(signal)
     level, direction, before = signal[0], 0.0, signal[0]
     for n, value in enumerate(signal):

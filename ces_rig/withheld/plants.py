@@ -57,10 +57,7 @@ def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:
 
 
 def perturb(plant: DamperModel, size: float, rng: Generator) -> DamperModel:
-    """Return the plant with several wrong parameters, by about 20 % each at size 1; size 0 changes nothing.
-
-    Equal states of `rng` give equal directions of error, so that `size` can be searched.
-    """
+    """Return the plant with wrong numbers, by about 20 % at `size` 1; equal states of `rng` give equal directions."""
     wrong = KINDS[plant.kind].wrong
     factors = {paths: float(np.exp(size * deviation * rng.standard_normal())) for paths, deviation in wrong.items()}
     numbers = {path: f * plant.number(path) for paths, f in factors.items() for path in paths}
@@ -109,10 +106,7 @@ def simulate_expected(plant: DamperModel, true: Truth) -> F:
 
 
 def gap_from(plant: DamperModel, free: Truth, true: Truth) -> float:
-    """Return the RMS [N] of the force in `true` minus that of the plant without effects, driven with its signals.
-
-    The signals `free`, of the same commands without effects, often save a simulation.
-    """
+    """Return the RMS [N] of `true`'s force less that without effects; equal signals in `free` save a simulation."""
     unmoved = np.array_equal(true.stroke_m, free.stroke_m) and np.array_equal(true.coil_A, free.coil_A)
     without = free.force_N if unmoved else simulate_expected(plant, true)
     return rms(true.force_N - without)
@@ -123,8 +117,6 @@ def _require_kind(kind: str) -> DamperKind:
         raise RigError(f"plant kind '{kind}' is unknown; expected one of {', '.join(KINDS)}")
     return KINDS[kind]
 
-
-Gap = Callable[[float], float]
 
 TOLERANCE = 0.03  # of the required gap
 MAX_RUNS = 20
@@ -198,7 +190,7 @@ class Bracket:
         return self.low + min(max(share, 0.15), 0.85) * (self.high - self.low)
 
 
-def search_size(gap: Gap, target_N: float, what: str) -> float:
+def search_size(gap: Callable[[float], float], target_N: float, what: str) -> float:
     """Return the size at which the growing function `gap` is `target_N` within TOLERANCE; raises RigError if none."""
     if not target_N > 0.0:
         raise RigError(f"{what}: gap of {target_N!r} N requested; expected a number above 0")

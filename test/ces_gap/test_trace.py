@@ -6,12 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from damper_models import delayed_damper
 from engine_plant import NOISE_N, RATE_HZ, SIMULATION, F, recorded, traced
 
 from ces_data.recording import Channel, Recording
 from ces_gap.errors import GapError
 from ces_gap.grid import GRID_HZ, bridge_gaps, derivative, find_low_pass_Hz, interpolate, smooth_out
 from ces_gap.trace import Trace, TraceInputs, make_trace, open_trace, require_usable, smooth_recording
+from ces_identify.simulations.simulation import ModelSimulation
 
 
 def sine(rate_Hz: float = 1000.0, seconds: float = 4.0, noise_m: float = 0.0, force_N: float = 0.0) -> Recording:
@@ -179,3 +181,15 @@ def test_samples_out_of_order_are_sorted_and_one_alone_gives_nothing() -> None:
         np.testing.assert_array_equal(bridged, interpolate(seconds / 100.0, known, grid / 100.0))
         np.testing.assert_allclose(bridged, [0.5, 2.5] if inside.all() else 0.0)
     assert not inside.any()
+
+
+def test_of_two_models_in_a_file_the_later_one_is_simulated_and_its_unknown_end_is_not_used() -> None:
+    simulation, late = ModelSimulation(delayed_damper(0.02)), ModelSimulation(delayed_damper(0.02, alone=True))
+    recording = sine(seconds=4.0, noise_m=1e-5)
+    force = simulation.force(recording)
+    assert np.isnan(force[-20:]).all() and np.isfinite(force[-21])
+    trace = open_trace(simulation, recording)
+    assert np.isfinite(trace.simulated).all() and np.isfinite(trace.simulated_as_logged).all()
+    assert not trace.usable[trace.time_s > 3.979].any()
+    assert trace.usable[(trace.time_s > 1.0) & (trace.time_s < 3.8)].all()
+    np.testing.assert_array_equal(force, late.force(recording))

@@ -1,27 +1,31 @@
 """Planted models are found again, and nothing held out is seen."""
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
-from identification_examples import PLANTED, RULES, planted
+from identification_examples import PLANTED, RULES
+from identification_examples import planted as planted_ride
 from planted import with_values
 
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import parse_rules
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.polynomial.search_limits import INTERRUPTED, Limits
+from ces_identify.prepare.sampling import choose_sampling
+from ces_identify.simulations.simulate import band_half_width
 from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 
 pytestmark = pytest.mark.slow
+planted = partial(planted_ride, sampling=choose_sampling([planted_ride(1)]))  # with the speed that is identified
 QUICK = Limits(6, 30.0, starts=1, threads=1, method="gauss-newton")
 
 
 def options(**changes):
-    return IdentifyOptions(
-        **{"candidates": RULES, "limits": Limits(6, 30.0, 0.0, 2, 1, 2), "bandwidth": 40.0, **changes}
-    )
+    return IdentifyOptions(**{"candidates": RULES, "limits": Limits(6, 30.0, 0.0, 2, 1, 2), **changes})
 
 
 @pytest.fixture(scope="module")
@@ -118,3 +122,48 @@ def test_weights_pull_the_model_to_their_region():
     assert weighted[0] < 0.9 * plain[0]
     assert weighted[1] > plain[1]
     assert weighted[2]["selection"]["weights"] == "zero_crossing:0.1=1000"
+
+
+def test_two_delays_give_two_models_of_the_same_samples_with_their_own_bands():
+    found = identify([planted(1)], [planted(3, name="fresh")], options(split=1.0, limits=QUICK, delay=(0.004, 0.0)))
+    first, later = found.model.each
+    assert later.sampling == replace(first.sampling, delay_s=0.004) and first.sampling.delay_s == 0.0
+    assert first.band is not None and later.band is not None and first.band != later.band
+    assert [(e.name, e.delay_s) for e in found.evaluations] == [
+        ("planted", 0.0), ("planted", 0.004), ("fresh", 0.0), ("fresh", 0.004)
+    ]  # fmt: skip
+    widths = [
+        band_half_width(m.band, e.series, e.run.force)
+        for m, e in zip(found.model.each, found.evaluations, strict=False)
+    ]
+    for e, width in zip(found.evaluations, widths, strict=False):
+        np.testing.assert_array_equal(e.half_width, width)
+    assert not found.evaluations[1].series.scored[-2:].any() and found.evaluations[0].series.scored[-1]
+    alone = identify([planted(1)], [planted(3, name="fresh")], options(split=1.0, limits=QUICK, delay=(0.004,)))
+    assert replace(alone.model, provenance={}) == replace(later, provenance={})
+
+
+@pytest.mark.parametrize(
+    ("delay", "text"),
+    [
+        ((0.0, 0.003), "--delay 0.003: expected whole ticks of 0.002 s .the model's rate is 500 Hz. from 0 to 0.02 s"),
+        ((0.03,), "--delay 0.03: expected whole ticks"),
+        ((0.002, 0.004), "--delay 0.002 0.004: expected one delay, or 0 and another"),
+        ((0.0, 0.002, 0.004), "expected one delay, or 0 and another"),
+        ((), "expected one delay, or 0 and another"),
+    ],
+)
+def test_delays_are_refused_before_the_first_search(delay, text):
+    began = []
+    with pytest.raises(CesError, match=text):
+        identify([planted(1)], (), options(limits=QUICK, delay=delay), began.append)
+    assert not began
+
+
+def test_a_search_that_was_interrupted_is_the_last_one():
+    def fit(*given):
+        fitted = fit_polynomial(*given)
+        return replace(fitted, results=[replace(one, ended=INTERRUPTED) for one in fitted.results])
+
+    found = identify([planted(1)], (), options(limits=QUICK, delay=(0.0, 0.004)), fitter=fit)
+    assert found.model.delayed is None

@@ -40,6 +40,8 @@ def test_the_template_shows_the_defaults() -> None:
         ("experiments", {"kind": "guessed"}, "one of designed, repeated"),
         ("experiments", {"commands": "mine.csv"}, "needs kind: repeated"),
         ("identify", {"structure": "oracle"}, "one of polynomial"),
+        ("identify", {"delay": 0.03}, "delay is 0.03; expected a number from 0 to 0.02 s"),
+        ("identify", {"bandwidth": 40}, "unknown key 'bandwidth'"),
         ("seed", -1, "seed is -1"),
         ("recordings", "bag", "expected a list of texts"),
         ("typo", {}, "unknown key 'typo'"),
@@ -79,3 +81,9 @@ def test_a_load_follows_the_power_and_falls_while_the_damper_rests() -> None:
     rest = heat.cool_down_s(float(load[-1]), 20.0)
     assert heat.load_after(float(load[-1]), np.zeros(round(rest * 1e3)), 1e-3)[-1] == pytest.approx(20.0, rel=1e-2)
     assert heat.cool_down_s(10.0, 20.0) == 0.0
+
+
+def test_the_delay_of_a_plan_reaches_the_identification() -> None:
+    plan = parse_plan(template() | {"identify": {"delay": 0.003}}, "plan.yaml", Path())
+    assert plan.identify.options(1).delay == (0.003,)
+    assert parse_plan(template(), "plan.yaml", Path()).identify.options(1).delay == (0.0,)

@@ -6,14 +6,14 @@ from dataclasses import replace
 from math import inf, nan, pi, sin
 
 import pytest
-from damper_models import plain_damper
+from damper_models import delayed_damper, plain_damper
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
-from ces_observer.estimator import UNBOUNDED, WARMING_UP, Estimator
+from ces_observer.estimator import WARMING_UP, Estimator, LateEstimate
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
-from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER
+from ces_observer.tracker import BEYOND_STROKE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED
 
 MS = 1_000_000
 START = 1_700_000_000_000 * MS
@@ -37,6 +37,16 @@ def run(damper: DamperObserver, first: int, last: int, current: float | None = 0
             damper.take_current(stamp, current)
         forces.append(damper.step(stamp, stroke(k), stamp + MS))
     return forces
+
+
+def run_late(damper: DamperObserver, first: int, last: int) -> list[LateEstimate]:
+    """Step through milliseconds [first, last); return the estimates that came late."""
+    return [one for k in range(first, last) for _ in run(damper, k, k + 1) for one in damper.late]
+
+
+def stamps(late: list[LateEstimate]) -> list[int]:
+    """Return the milliseconds of estimates."""
+    return [(one.stamp_ns - START) // MS for one in late]
 
 
 def test_forces_are_the_estimators() -> None:
@@ -135,12 +145,12 @@ def test_messages_of_other_joints_matter_only_when_ours_are_missing() -> None:
     assert damper.tally.unreadable == 301
 
 
-def test_a_force_beyond_its_envelope_is_never_returned() -> None:
-    runaway = plain_damper()
-    object.__setattr__(runaway, "force_envelope_N", (-10.0, 10.0))
-    damper = observer(runaway)
-    assert all(force is None or abs(force) <= 20.0 for force in run(damper, 0, 1000))
-    assert damper.tally.withheld[UNBOUNDED] > 0
+def test_a_force_beyond_its_envelope_is_held_and_counted_without_a_new_warm_up() -> None:
+    damper = observer(replace(plain_damper(), force_envelope_N=(-10.0, 10.0)))
+    forces = [force for force in run(damper, 0, 1000) if force is not None]
+    assert {min(forces), max(forces)} == {-10.0, 10.0}
+    assert set(damper.tally.withheld) == {WARMING_UP}
+    assert 0.5 * len(forces) < damper.tally.held < len(forces) == damper.tally.estimates
 
 
 def harder(factor: float = 2.0, **sampling: float) -> Model:
@@ -198,10 +208,9 @@ def test_a_loaded_model_brings_its_own_limit_for_the_current() -> None:
 
 
 def test_a_loaded_model_takes_over_from_one_that_gives_no_force() -> None:
-    narrow = replace(plain_damper(), force_envelope_N=(-1.0, 1.0))
-    damper = observer(narrow)
+    damper = observer(plain_damper(warm_up_s=60.0))
     run(damper, 0, 500)
-    assert damper.reason in (UNBOUNDED, WARMING_UP)
+    assert damper.reason == WARMING_UP
     damper.load(plain_damper())
     assert run(damper, 500, 900)[-1] is not None
 
@@ -215,3 +224,83 @@ def test_reset_begins_anew_and_keeps_the_counts() -> None:
     damper.step(START - 10**15, 0.0, START - 10**15)
     assert damper.reason == NO_CURRENT
     assert run(damper, -(10**6), -(10**6) + 500)[-1] is not None
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_delayed_estimate_comes_once_for_each_sample_with_its_stamp(alone: bool) -> None:
+    damper = observer(delayed_damper(0.003, alone))
+    late = run_late(damper, 0, 1000)
+    assert stamps(late) == list(range(100, 997))  # after 0.1 s of warm-up, 3 ms ago
+    assert damper.tally.late == len(late)
+    assert damper.tally.estimates == (897 if alone else 900)
+    assert all(abs(one.position - stroke((one.stamp_ns - START) // MS)) < 1e-4 for one in late)
+    assert (run(damper, 1000, 1001) == [None]) == alone
+    assert damper.reason == OK
+
+
+def test_delayed_estimates_that_are_old_or_would_follow_a_bad_sample_are_withheld() -> None:
+    damper = observer(delayed_damper(0.003), max_age_s=0.01)
+    run_late(damper, 0, 300)
+    for age in (20 * MS, -20 * MS):
+        damper.take_current(START + 300 * MS, 0.5)
+        assert damper.step(START + 300 * MS, stroke(300), START + 300 * MS + age) is None
+        assert damper.reason in (OFF_CLOCK, OUT_OF_ORDER) and not damper.late
+    damper.step(START + 301 * MS, nan, START + 301 * MS)
+    assert not damper.late
+    assert stamps(run_late(damper, 302, 310)) == [298, 299, 300, 302, 303, 304, 305, 306]
+
+
+def test_before_a_gap_the_last_samples_have_no_delayed_estimate() -> None:
+    damper = observer(delayed_damper(0.003))
+    run_late(damper, 0, 300)
+    late = run_late(damper, 400, 700)  # 0.1 s without samples: the estimator restarts
+    assert stamps(late) == list(range(500, 697))
+
+
+def test_a_bridged_gap_withholds_delayed_estimates_that_became_too_old() -> None:
+    damper = observer(delayed_damper(0.003, max_gap_s=0.3), max_age_s=0.05)
+    run_late(damper, 0, 300)
+    damper.take_current(START + 400 * MS, 0.5)
+    damper.step(START + 400 * MS, stroke(400), START + 400 * MS)
+    assert not damper.late  # of samples 0.1 s ago
+
+
+@pytest.mark.parametrize("delays_s", [(0.003, 0.02), (0.02, 0.003)])
+def test_a_delayed_model_follows_another_and_each_stamp_comes_once(delays_s: tuple[float, float]) -> None:
+    damper = observer(delayed_damper(delays_s[0]))
+    late = run_late(damper, 0, 500)
+    damper.load(delayed_damper(delays_s[1]))
+    late += run_late(damper, 500, 1000)
+    found = stamps(late)
+    assert found == sorted(set(found)) and found[-1] == 999 - round(1e3 * delays_s[1])
+    assert len(found) >= found[-1] - found[0] + 1 - 17  # of the shorter delay's first samples, some are left out
+
+
+def test_a_delayed_model_takes_over_from_one_without_and_the_other_way_round() -> None:
+    damper = observer()
+    assert not run_late(damper, 0, 300)
+    damper.load(delayed_damper(0.003, alone=True))
+    forces = run(damper, 300, 600)
+    taken = forces.index(None)
+    assert forces[taken:] == [None] * (300 - taken) and damper.reason == OK and damper.late
+    damper.load(plain_damper())
+    assert run(damper, 600, 900)[-1] is not None and not damper.late
+
+
+def test_a_position_beyond_the_stroke_is_named() -> None:
+    damper = observer()
+    run(damper, 0, 300)
+    damper.take_current(START + 300 * MS, 0.5)
+    assert damper.step(START + 300 * MS, 1500.0, START + 300 * MS) is None
+    assert (damper.reason, damper.explain()) == (
+        BEYOND_STROKE,
+        "1500 m, the model takes -1 to 1 m; check scale and offset",
+    )
+    assert None not in run(damper, 301, 400)
+
+
+def test_a_restart_after_a_gap_is_told() -> None:
+    damper = observer()
+    run(damper, 0, 300)
+    run(damper, 400, 410)
+    assert (damper.reason, damper.explain()) == (WARMING_UP, RESTARTED)

@@ -1,5 +1,6 @@
 import json
 import re
+from dataclasses import replace
 
 import pytest
 from model_examples import make_model
@@ -45,6 +46,25 @@ def test_a_saved_model_reads_back_equal(tmp_path):
         (lambda m: m.update(structure="pickle"), "structure is 'pickle'"),
         (lambda m: m["input_envelope"].update(speed_m_s=[1.0, -1.0]), "speed_m_s is .*expected \\[low, high\\]"),
         (lambda m: m["sampling"].update(rate_Hz=0), "rate_Hz is 0"),
+        (lambda m: m["sampling"].pop("speed_m_s"), "sampling: key 'speed_m_s' is missing"),
+        (lambda m: m["sampling"].update(noise_m=0.0), "noise_m is 0.0; expected a finite number from 1e-12"),
+        (lambda m: m["sampling"].update(speed_m_s=None), "speed_m_s is None; expected a finite number"),
+        (lambda m: m["sampling"].update(stroke_m=[0.1, -0.1]), "stroke_m is .*expected \\[low, high\\]"),
+        (lambda m: m["sampling"].update(frequencies_Hz=[]), "frequencies_Hz is \\[\\]"),
+        (lambda m: m["sampling"].update(frequencies_Hz=[3.0, "x"]), "frequencies_Hz is .*'x'"),
+        (lambda m: m["sampling"].update(frequencies_Hz=[3.0] * 13), "frequencies_Hz is .*expected a list of 12"),
+        (
+            lambda m: m["sampling"].update(frequencies_Hz=[3.0, 500.0]),
+            "frequencies_Hz are .*expected 0 to half the rate",
+        ),
+        (lambda m: m["sampling"].update(delay_s=0.0035), "delay_s is 0.0035; expected whole ticks of 0.001 s"),
+        (lambda m: m["sampling"].update(delay_s=0.021), "delay_s is 0.021; expected a finite number from 0 to 0.02"),
+        (
+            lambda m: m["sampling"].update(max_gap_s=9.0, rate_Hz=1e5),
+            "max_gap_s spans 900000 ticks; expected at most 20000",
+        ),
+        (lambda m: m["sampling"].update(order=3), "sampling: unknown key 'order'"),
+        (lambda m: m["sampling"].update(bandwidth_Hz=60.0), "sampling: written by .*: identify the model again$"),
         (lambda m: m["input_envelope"].update(speed_m_s=[-1e308, 1e308]), "at most 1e\\+06"),
         (lambda m: m["terms"][0].update(coefficient=1e300), "coefficient is 1e\\+300"),
     ],
@@ -88,3 +108,45 @@ def test_an_interrupted_write_leaves_the_old_file(tmp_path, monkeypatch):
 def test_a_missing_folder_is_named(tmp_path):
     with pytest.raises(CesError, match=r"none.m\.json: cannot be written"):
         make_model().save(tmp_path / "none" / "m.json")
+
+
+def two_models(delay_s=0.003):
+    model = make_model()
+    return replace(model, delayed=make_model(sampling=replace(model.sampling, delay_s=delay_s), provenance={}))
+
+
+def test_a_file_with_two_models_reads_back_equal_and_gives_the_later_as_the_best(tmp_path):
+    both = two_models()
+    both.save(tmp_path / "m.json")
+    again = load_model(tmp_path / "m.json")
+    assert again == both
+    assert again.best == replace(again.delayed, provenance=again.provenance)
+    assert again.delayed.sampling == replace(again.sampling, delay_s=0.003)
+    assert again.digest() != make_model().digest()
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m["delayed"].pop("delay_s"), "delayed: key 'delay_s' is missing"),
+        (
+            lambda m: m["delayed"].update(delay_s=0.0),
+            "delayed: expected a delay_s above 0 beside a model whose delay_s is 0",
+        ),
+        (lambda m: m["delayed"].update(delay_s=0.0001), "delayed: delay_s is 0.0001; expected whole ticks"),
+        (
+            lambda m: m["delayed"].update(delay_s=1.0),
+            "delayed: delay_s is 1.0; expected a finite number from 0 to 0.02",
+        ),
+        (lambda m: m["sampling"].update(delay_s=0.002), "delayed: expected a delay_s above 0 beside a model whose"),
+        (lambda m: m["delayed"].pop("terms"), "delayed: key 'terms' is missing"),
+        (lambda m: m["delayed"].update(sampling={}), "delayed: unknown key 'sampling'"),
+        (lambda m: m["delayed"].update(delayed={}), "delayed: unknown key 'delayed'"),
+        (lambda m: m.update(delayed=None), "delayed: found None; expected an object"),
+    ],
+)
+def test_what_is_wrong_with_a_delayed_model_is_named(change, message):
+    raw = json.loads(two_models().to_json())
+    change(raw)
+    with pytest.raises(ModelError, match=message):
+        parse_model(json.dumps(raw), "m.json")

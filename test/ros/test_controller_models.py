@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from conftest import new_namespace
-from damper_models import damper_with_past
+from damper_models import damper_with_past, delayed_damper
 from diagnostic_msgs.msg import DiagnosticArray
 from model_reloads import ModelReloads
 from node_process import NodeProcess
@@ -133,10 +133,15 @@ def test_by_parameter_and_by_service_which_reads_the_file_again(loop: Loop, tmp_
 def test_what_cannot_be_used_is_refused_with_the_reason(loop: Loop, tmp_path: Path) -> None:
     before, command = loop.get_model(), loop.commands[-1]
     assert "none.json: no such model file" in loop.set_model(tmp_path / "none.json")
-    one_way, unstable = tmp_path / "one_way.json", tmp_path / "unstable.json"
+    one_way, unstable, late = (tmp_path / f"{name}.json" for name in ("one_way", "unstable", "late"))
     replace(damper_with_past(0.8), envelope=replace(damper_with_past(0.8).envelope, speed_m_s=(0.0, 2.0))).save(one_way)
     damper_with_past(1.01).save(unstable)
-    for path, reason in ((one_way, "a controller needs both directions"), (unstable, "not proved to be a contraction")):
+    delayed_damper(0.003, alone=True).save(late)
+    for path, reason in (
+        (one_way, "a controller needs both directions"),
+        (unstable, "not proved to be a contraction"),
+        (late, "forces come 0.003 s late; a controller needs --delay 0 0.003"),
+    ):
         assert loop.set_model(path) == ""  # for all that can be seen at once
         loop.hears("last change of the model", reason)
         wait(lambda: loop.get_model() == before, "the parameter goes back")

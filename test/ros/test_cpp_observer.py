@@ -18,7 +18,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from bands import BAND
 from cpp_package import PACKAGE, CppPackage, missing_tool
-from damper_models import plain_damper
+from damper_models import delayed_damper
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from node_process import NodeProcess
 from patience import PATIENCE_S
@@ -30,17 +30,21 @@ from vehicle import DEEP, STAMPED_CURRENT, Vehicle, lossless_topics, stamp_of, s
 pytestmark = pytest.mark.skipif(bool(missing_tool()), reason=f"{missing_tool()} is missing")
 
 NODES = ("observer", "cpp_observer")
-TOPICS = ("estimate", "estimate_band")
+TOPICS = ("estimate", "estimate_band", "estimate_delayed", "estimate_delayed_band")
 INPUTS = ("joint_states", "stamped_current")
 OUTPUTS = [f"{name}/{topic}" for name in NODES for topic in TOPICS]
 S = 1_000_000_000
-LISTED = ("position samples", "forces estimated", "messages without the field", "position: duplicates", "jumps of time")
+LISTED = (
+    *("position samples", "forces estimated", "delayed forces estimated", "messages without the field"),
+    *("position: duplicates", "jumps of time", "delay_s"),
+)
 
 
 @pytest.fixture(scope="module")
 def banded_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.json"
-    replace(plain_damper(max_gap_s=0.3), band=BAND).save(path)
+    model = delayed_damper(0.003, max_gap_s=0.3)
+    replace(model, band=BAND, delayed=replace(model.best, band=BAND)).save(path)
     return path
 
 
@@ -54,11 +58,9 @@ class Pair:
 
     def __init__(self, vehicle: Vehicle) -> None:
         self.vehicle = vehicle
-        self.estimates: dict[str, list[JointState]] = {}
-        self.bands: dict[str, list[JointState]] = {}
+        self.heard = {name: {topic: self._hear(f"{name}/{topic}") for topic in TOPICS} for name in NODES}
+        self.estimates = {name: self.heard[name]["estimate"] for name in NODES}
         self.statuses: dict[str, list[DiagnosticStatus]] = {name: [] for name in NODES}
-        for name in NODES:
-            self.estimates[name], self.bands[name] = (self._hear(f"{name}/{topic}") for topic in TOPICS)
         vehicle.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_statuses, DEEP)
 
     def meet(self) -> None:
@@ -66,7 +68,8 @@ class Pair:
         wait(lambda: self.vehicle.position.get_subscription_count() == 2, "both nodes subscribe to position")
         for name in NODES:
             wait(
-                lambda name=name: self.vehicle.node.count_publishers(f"{name}/estimate") > 0, f"{name} offers estimates"
+                lambda name=name: all(self.vehicle.node.count_publishers(f"{name}/{topic}") for topic in TOPICS),
+                f"{name} offers estimates",
             )
         time.sleep(0.5)
 
@@ -166,16 +169,16 @@ def test_faulty_samples_give_the_same_estimates_and_reasons(
     for _, publish, sample in sorted(events, key=lambda event: event[0]):
         publish(*sample)
     pair.wait_for_values("position samples", str(len(positions)))
-    python, cpp = (pair.estimates[name] for name in NODES)
-    wait(lambda: len(cpp) == len(python) == int(pair.values(NODES[0])["forces estimated"]), "all estimates")
-    assert_equal_messages(python, cpp)
-    assert_equal_messages(*(pair.bands[name] for name in NODES))
+    for topic, key in (("estimate", "forces estimated"), ("estimate_delayed", "delayed forces estimated")):
+        python, cpp = (pair.heard[name][topic] for name in NODES)
+        wait(lambda: len(cpp) == len(python) == int(pair.values(NODES[0])[key]) > 1000, f"all {key}")  # noqa: B023
+        assert_equal_messages(python, cpp)
+        assert_equal_messages(*(pair.heard[name][f"{topic}_band"] for name in NODES))
     counts = [withheld(pair.values(name)) for name in NODES]
     assert counts[0] == counts[1]
     assert set(counts[0]) >= {"warming up", "position is not finite", "no usable current", "position is an outlier"}
     assert "stamp repeats or runs backwards" in counts[0]
     assert {stamp_of(message) for message in cpp} <= {stamp - delays_ms[0] * MS for stamp, _ in positions}
-    assert len(python) > 1000
     assert max(abs(message.effort[0]) for message in python) > 100.0
     for key in LISTED:
         wait(lambda key=key: pair.agree_on(key), f"the same '{key}'")

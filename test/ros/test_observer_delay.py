@@ -1,24 +1,138 @@
-"""A signal's delay in the signals file moves the stamps of its samples back in the observer node."""
+"""Delays: a signal's moves the stamps of its samples back; a model's adds topics with the estimates that come later."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
+from bands import BAND
+from damper_models import damper_with_past, delayed_damper, plain_damper
 from node_process import NodeProcess
-from vehicle import Vehicle
+from replay import Samples, currents, jittered_positions, offline, require_equal
+from sensor_msgs.msg import JointState
+from vehicle import DEEP, JOINT, STAMPED_CURRENT, Vehicle, lossless_topics, stamp_of, wait
 
+from ces_data.recording import Channel, Recording
+from ces_identify.simulations.simulate import sample_bounds, sample_run
+from ces_observer.model import Model
+
+Start = Callable[..., NodeProcess]
 DELAY_NS = 100_000_000
+DELAYED, DELAYED_BAND = TOPICS = ("observer/estimate_delayed", "observer/estimate_delayed_band")
+NO_GAP = {"max_gap_s": 5.0}  # with samples that a busy computer holds up
 
 
-def test_estimates_have_the_stamps_of_when_positions_were_measured(
-    vehicle: Vehicle, start: Callable[..., NodeProcess]
-) -> None:
+def hear(vehicle: Vehicle, topic: str) -> list[JointState]:
+    """Return a list that the messages on a topic are kept in from now on."""
+    heard: list[JointState] = []
+    vehicle.node.create_subscription(JointState, topic, heard.append, DEEP)
+    return heard
+
+
+def saved(model: Model, folder: Path, name: str = "model") -> Path:
+    model.save(folder / f"{name}.json")
+    return folder / f"{name}.json"
+
+
+def batch(positions: Samples, model: Model) -> tuple[dict[int, float], dict[int, float]]:
+    """Return force and lower bound [N] by the stamps of the samples that have one, of a recording's batch run."""
+    samples = [sample for sample, before in zip(positions[1:], positions, strict=False) if sample[0] > before[0]]
+    rows = [positions[0], *samples]
+    channels = {"position": rows, "current": currents(len(positions))}
+    recording = Recording(
+        "replayed",
+        {
+            name: Channel(name, "", np.array([stamp for stamp, _ in one]), np.array([value for _, value in one]))
+            for name, one in {**channels, "force": rows}.items()
+        },
+    )
+    run = sample_run(model, recording)
+    stamps = recording.channel("position").stamps_ns.tolist()
+    known = np.isfinite(run.force)
+    forces = dict(zip(np.array(stamps)[known].tolist(), run.force[known].tolist(), strict=True))
+    bounds = sample_bounds(run)[0][known].tolist()
+    return forces, dict(zip(forces, bounds, strict=True))
+
+
+def test_estimates_have_the_stamps_of_when_positions_were_measured(vehicle: Vehicle, start: Start) -> None:
     start(**{"position.delay": DELAY_NS * 1e-9})
     vehicle.meets_node()
     vehicle.drive_until(lambda: len(vehicle.estimates) > 300, "estimates")
     measured = {stamp - DELAY_NS for stamp in vehicle.driven}
     assert set(vehicle.stamps()) <= measured
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_model_with_a_delay_gives_the_forces_of_the_batch_at_the_stamps_of_its_samples(
+    vehicle: Vehicle, start: Start, namespace: str, tmp_path: Path, alone: bool
+) -> None:
+    model = delayed_damper(0.003, alone, max_gap_s=0.3)
+    banded = replace(model.best, band=BAND)
+    model = banded if alone else replace(model, delayed=banded)
+    late, bands = (hear(vehicle, topic) for topic in TOPICS)
+    lossless = lossless_topics(namespace, ["joint_states", "stamped_current"], ["observer/estimate", *TOPICS])
+    given = {"max_age_s": 0.0, "wait_for_current_s": 10.0, **STAMPED_CURRENT, **lossless}
+    start(model=saved(model, tmp_path), **given)
+    vehicle.meets_node(DELAYED)
+    positions, amperes = jittered_positions(2000), currents(2000)
+    for sample in amperes:
+        vehicle.publish_current(*sample)
+    for sample in positions:
+        vehicle.publish_position(*sample)
+    forces, lower = batch(positions, model.best)
+    wait(lambda: len(bands) >= len(late) >= len(forces), "all delayed estimates")
+    assert [stamp_of(message) for message in late] == list(forces) == [stamp_of(message) for message in bands]
+    assert len(forces) > 1500
+    for message, force, band, bound in zip(late, forces.values(), bands, lower.values(), strict=True):
+        assert (list(message.name), message.header.frame_id) == ([JOINT], "chassis")
+        assert message.effort[0] == pytest.approx(force, rel=1e-9, abs=1e-9)
+        assert band.effort[0] == pytest.approx(bound, rel=1e-9, abs=1e-9)
+    if alone:
+        assert not vehicle.estimates
+    else:
+        require_equal(vehicle, offline(positions, amperes, model))
+    vehicle.hears_value("delay_s", "0.003")
+    vehicle.hears_value("delayed forces estimated", str(len(forces)))
+
+
+def test_the_topics_are_there_while_a_model_with_a_delay_is(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:
+    """The model changes without a delay, to one, to a longer one and back; each sample is estimated at most once."""
+
+    def offered() -> list[int]:
+        return [vehicle.node.count_publishers(topic) for topic in TOPICS]
+
+    late = hear(vehicle, DELAYED)
+    start(model=saved(plain_damper(**NO_GAP), tmp_path), max_age_s=0.0, **{"current.constant": 0.5})
+    vehicle.meets_node()
+    with vehicle.driving(contiguous=True):
+        for name, delay_s in (("short", 0.003), ("long", 0.02)):
+            assert offered() == ([1, 1] if late else [0, 0])
+            model, before = delayed_damper(delay_s, **NO_GAP), len(late)
+            assert vehicle.sets("model", str(saved(model, tmp_path, name))).successful
+            vehicle.hears_value("model sha256", model.digest())
+            wait(lambda before=before: len(late) > before + 300, "delayed estimates")
+        vehicle.hears_value("delay_s", "0.02")
+        assert vehicle.sets("model", str(saved(damper_with_past(0.85, **NO_GAP), tmp_path, "back"))).successful
+        wait(lambda: offered() == [0, 0], "the topics are withdrawn")
+    wait(lambda: stamp_of(vehicle.estimates[-1]) == vehicle.driven[-1], "the last estimate")
+    stamps = [stamp_of(message) for message in late]
+    expected = vehicle.driven[vehicle.driven.index(stamps[0]) :]
+    assert stamps == expected[: len(stamps)]
+    assert vehicle.stamps() == vehicle.driven[vehicle.driven.index(vehicle.stamps()[0]) :]
+
+
+def test_the_running_cost_takes_the_delayed_estimates(vehicle: Vehicle, start: Start, tmp_path: Path) -> None:
+    late = hear(vehicle, DELAYED)
+    start(model=saved(delayed_damper(0.003, **NO_GAP), tmp_path), cost_window_s=3, cost_warn_J=50.0)
+    vehicle.meets_node(DELAYED)
+    with vehicle.driving():
+        wait(lambda: bool(late), "a delayed estimate")
+        vehicle.estimates = late  # what `measuring` publishes as the measured force
+        with vehicle.measuring(1.0):
+            vehicle.hears_value("running cost J [%]", "0.00")

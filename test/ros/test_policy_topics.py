@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 import rclpy
+from damper_models import delayed_damper
 from node_process import ROOT, NodeProcess
 from rclpy.node import Node, NodeNameNonExistentError
 from vehicle import wait
@@ -125,6 +126,9 @@ def test_a_node_is_granted_what_it_has_and_nothing_else(
 
 
 def given(module: str, parameters: dict[str, object], model: Path, folder: Path) -> dict[str, object]:
+    if module == "ces_observer.nodes.observer":
+        delayed_damper(0.003).save(folder / "delayed.json")
+        return {**parameters, "model": folder / "delayed.json"}
     if module == "ces_cli.identify.node":
         return {**parameters, "out": folder / "model.json"}
     return {**parameters, "model": model} if module.startswith("ces_observer") else parameters

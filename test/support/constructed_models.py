@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ces_observer.model import Envelope, Model, Sampling
+from samplings import make_sampling
+
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, make_memberships
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -42,5 +44,5 @@ ENVELOPE = Envelope((-0.05, 0.05), (-2.0, 2.0), (0.0, 1.5))
 
 def constructed_damper(terms: tuple[Term, ...] = TERMS, rate_Hz: float = 1000.0) -> Model:
     """Return a contraction with a stop, a play, a lag, a frequency and hats over current and stop."""
-    settings = Sampling(rate_Hz=rate_Hz, bandwidth_Hz=60.0, outlier_m=0.02, warm_up_s=0.1)
+    settings = make_sampling(rate_Hz, 0.02, warm_up_s=0.1)
     return Model(settings, Polynomial(terms), ENVELOPE, (-8000.0, 8000.0))

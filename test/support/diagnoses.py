@@ -11,6 +11,7 @@ from example_effects import Friction
 from made_recordings import recording_of
 
 from ces_data.arrays import F
+from ces_gap.baseline.learner import make_white_noise
 from ces_gap.diagnosis import (
     AMBIGUOUS,
     NAMED,
@@ -81,7 +82,7 @@ def located(held_out: Sequence[HeldOutSeries], kept: str = "simulated") -> Where
     """Return where measured minus `kept` (simulated or corrected) lies."""
     simulated = {"simulated": [s.trace.simulated for s in held_out], "corrected": [s.corrected for s in held_out]}
     gap = [s.trace.force - force for s, force in zip(held_out, simulated[kept], strict=True)]
-    return locate([s.trace for s in held_out], gap, NOISE_N)
+    return locate([s.trace for s in held_out], gap, make_white_noise(NOISE_N))
 
 
 @cache

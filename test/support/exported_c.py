@@ -3,8 +3,11 @@
 import ctypes
 import math
 import subprocess
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from physical_examples import ENVELOPE
 
 from ces_identify.export.export_c import REASONS, export_c
@@ -30,20 +33,38 @@ HARNESS = """
 #else
 #define WIDTH 0.0
 #endif
+#ifdef ONLY_LATE
+#define OWN state.delayed
+#else
+#define OWN state.now
+#endif
 
-void steps(int64_t n, const int64_t *stamps, const double *positions, const double *currents, const double *motions,
-           double *out, int32_t *reasons)
+/* Rows of force, position, speed, half-width and clamped; the first four of the late ones, whose number is returned. */
+int64_t steps(int64_t n, const int64_t *stamps, const double *positions, const double *currents, const double *motions,
+              double *out, int32_t *reasons, int64_t *late_stamps, double *late)
 {
     model_state state;
+    int64_t known = 0;
+    (void)late_stamps;
+    (void)late;
     memset(&state, 0x01, sizeof state); /* reset has to set everything */
     model_reset(&state);
     for (int64_t i = 0; i < n; i++) {
         reasons[i] = (int32_t)STEP(i);
         out[5 * i + 1] = state.position_m;
         out[5 * i + 2] = state.speed_m_s;
-        out[5 * i + 3] = state.past.clamped ? 1.0 : 0.0;
-        out[5 * i + 4] = reasons[i] == MODEL_OK ? WIDTH : 0.0;
+        out[5 * i + 3] = reasons[i] == MODEL_OK ? WIDTH : 0.0;
+        out[5 * i + 4] = OWN.past.clamped ? 1.0 : 0.0;
+#ifdef MODEL_DELAY_TICKS
+        for (uint32_t j = 0; j < state.late_count; j++) {
+            const model_estimate *one = &state.late[j];
+            const double row[4] = {one->force_N, one->position_m, one->speed_m_s, one->half_width_N};
+            late_stamps[known] = one->stamp_ns;
+            memcpy(&late[4 * known++], row, sizeof row);
+        }
+#endif
     }
+    return known;
 }
 
 void ticks(int64_t n, const double *positions, const double *speeds, const double *currents, double *forces)
@@ -186,7 +207,35 @@ INPUTS = [
 ]
 
 
+def a_million_samples():
+    """Jitter, lost rows, gaps, jumps, spikes, wild positions, and stamps that repeat, run back or leap by years."""
+    dice, n = np.random.default_rng(9), 1_000_000
+    intervals = dice.uniform(0.6, 1.4, n) * MS
+    rows = dice.random(n) < 4e-3  # lost, mostly shorter than a gap that restarts
+    intervals[rows] += dice.exponential(15.0 * MS, rows.sum())
+    intervals[dice.random(n) < 0.02] = 0.2 * MS  # several samples in a tick
+    stamps = 10**18 + np.cumsum(np.rint(intervals).astype(np.int64))
+    position = stroke(stamps) * dice.choice([0.5, 1.0, 2.0], n // 1000).repeat(1000) + dice.normal(0, 15e-6, n)
+    position += 0.03 * (np.cumsum(dice.random(n) < 2e-5) % 2)  # jumps that last
+    wild = dice.random(n) < 3e-3
+    position[wild] += dice.choice([0.01, -0.05, 0.3, 1e3, -1e308, np.nan, np.inf], wild.sum())
+    wrong = dice.random(n) < 2e-3
+    stamps[wrong] += dice.choice([0, -1, -MS, -3 * MS, 40 * MS, -60 * MS, 10**17, -(10**18)], wrong.sum())
+    current = np.where(dice.random(n) < 1e-3, np.nan, 0.5 + 0.3 * np.sin(stamps * 4e-9))
+    return stamps, position, current
+
+
 # ------------------------------------------------------------------------------------------------------------ twins
+
+
+def with_delay(model, delay_s):
+    """Return a model whose estimates come late."""
+    return replace(model, sampling=replace(model.sampling, delay_s=delay_s))
+
+
+def two_models(model, other, delay_s):
+    """Return a model with another one, for the same samples, whose estimates come late."""
+    return replace(model, delayed=with_delay(replace(other, sampling=model.sampling), delay_s))
 
 
 def compile_c(folder, model, certificate=UNPROVED):
@@ -194,7 +243,9 @@ def compile_c(folder, model, certificate=UNPROVED):
     source, header = export_c(model, "model", "model", certificate)
     for name, text in (("model.c", source), ("model.h", header), ("harness.c", HARNESS)):
         (folder / name).write_text(text, encoding="ascii")
-    defined = ["-DMOTION"] * bool(model.sampling.motion_signal) + ["-DBAND"] * bool(model.band)
+    now = not model.sampling.delay_s
+    facts = {"MOTION": model.sampling.motion, "BAND": model.band and now, "ONLY_LATE": not now}
+    defined = [f"-D{name}" for name, holds in facts.items() if holds]
     run = ["cc", *STRICT, *defined, "-fPIC", "-shared", "-o", "model.so", "model.c", "harness.c", "-lm"]
     done = subprocess.run(run, cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (0, "")
@@ -208,28 +259,54 @@ def pointers(*arrays):
 def motion_of(stamps, position):
     """Return a rough speed or acceleration: some are missing, as where none was recent enough."""
     motion = 40.0 * np.clip(np.nan_to_num(position), -1.0, 1.0) + 1e-9 * (stamps % 1_000_003)
+    motion[stamps % 89 == 0], motion[stamps % 83 == 0] = 1e6, -1e300
     return np.where(stamps % 97 == 0, np.nan, motion)
 
 
-def c_steps(library, stamps, position, current):
-    """Return rows (n, 5) of force, position, speed, clamped and half width of the band, and reasons (n,)."""
-    motion = motion_of(stamps, position)
-    kinds = (np.int64, float, float, float)
+class Steps(NamedTuple):
+    """Rows (n, 5) of force, position, speed, half-width and clamped; reasons (n,); late rows (m, 4) and stamps (m,)."""
+
+    rows: NDArray[np.float64]
+    reasons: NDArray[np.int32]
+    late_stamps: NDArray[np.int64]
+    late: NDArray[np.float64]
+
+
+def c_steps(library, stamps, position, current, motion=None):
+    """Return what the C gives; without a motion, a rough one."""
+    motion = motion_of(stamps, position) if motion is None else motion
+    kinds, n = (np.int64, float, float, float), len(stamps)
     arrays = [np.ascontiguousarray(a, k) for a, k in zip((stamps, position, current, motion), kinds, strict=True)]
-    rows, reasons = np.full((len(stamps), 5), 1e9), np.full(len(stamps), -1, np.int32)
-    library.steps(ctypes.c_int64(len(stamps)), *pointers(*arrays, rows, reasons))
-    return rows, reasons
+    rows, late = np.full((n, 5), 1e9), np.full((n, 4), 1e9)
+    reasons, late_stamps = np.full(n, -1, np.int32), np.zeros(n, np.int64)
+    library.steps.restype = ctypes.c_int64
+    known = library.steps(ctypes.c_int64(n), *pointers(*arrays, rows, reasons, late_stamps, late))
+    return Steps(rows, reasons, late_stamps[:known], late[:known])
 
 
-def python_steps(model, stamps, position, current):
-    e, rows, reasons = Estimator(model), [], []
-    motion = motion_of(stamps, position) if model.sampling.motion_signal else np.zeros(len(stamps))
-    for sample in zip(stamps.tolist(), position.tolist(), current.tolist(), motion.tolist(), strict=True):
-        force = e.step(*sample)
+def python_steps(model, stamps, position, current, motion=None):
+    """Return the same of the estimator."""
+    e, rows, reasons, late = Estimator(model), [], [], []
+    motion = motion_of(stamps, position) if motion is None else motion
+    for *sample, signal in zip(stamps.tolist(), position.tolist(), current.tolist(), motion.tolist(), strict=True):
+        force = e.step(*sample, signal if model.sampling.motion else 0.0)
         width = e.half_width() if model.band and force is not None else 0.0
-        rows.append((math.nan if force is None else force, e.position, e.speed, e.clamped, width))
+        rows.append((math.nan if force is None else force, e.position, e.speed, width, e.clamped))
         reasons.append(CODES[e.reason])
-    return np.array(rows, float), np.array(reasons)
+        late += [(one.stamp_ns, one.force, one.position, one.speed, one.half_width) for one in e.late]
+    late_rows = np.array([row[1:] for row in late], float).reshape(-1, 4)
+    return Steps(np.array(rows, float), np.array(reasons), np.array([row[0] for row in late], np.int64), late_rows)
+
+
+def assert_same(found, expected, atol, what=""):
+    """Check that two results of steps are equal to 1e-9, forces also to `atol` [N]."""
+    np.testing.assert_array_equal(found.reasons, expected.reasons, what)
+    np.testing.assert_array_equal(found.late_stamps, expected.late_stamps, what)
+    np.testing.assert_array_equal(found.rows[:, 4], expected.rows[:, 4], what)
+    for rows, others in ((found.rows, expected.rows), (found.late, expected.late)):
+        np.testing.assert_allclose(rows[:, 0], others[:, 0], rtol=1e-9, atol=atol, err_msg=what)
+        np.testing.assert_allclose(rows[:, 1:3], others[:, 1:3], rtol=1e-9, atol=1e-14, err_msg=what)
+        np.testing.assert_allclose(rows[:, 3], others[:, 3], rtol=1e-9, err_msg=what)
 
 
 def c_ticks(library, position, speed, current):

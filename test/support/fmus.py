@@ -4,8 +4,10 @@ import subprocess
 import zipfile
 from functools import cache
 
+from samplings import make_sampling
+
 from ces_identify.export.export_fmu import binary_path, export_fmu
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model
 from ces_observer.proof.certificate import Contraction
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -58,10 +60,10 @@ ALGEBRAIC_XML = """<?xml version="1.0" encoding="UTF-8"?>
 
 def damper(past=0.6, **sampling):
     """Return a small model of 1 kHz."""
-    settings = {"rate_Hz": 1000.0, "bandwidth_Hz": 90.0, "outlier_m": 0.004, "warm_up_s": 0.1, **sampling}
+    settings = {"outlier_m": 0.004, "warm_up_s": 0.1, **sampling}
     envelope = Envelope((-0.018, 0.018), (-1.5, 1.4), (0.1, 0.9))
     terms = (Term(past, (Factor("force", 1),)), Term(900.0, (SPEED,)), Term(400.0, (SPEED, CURRENT)), Term(-5.0, ()))
-    return Model(Sampling(**settings), Polynomial(terms), envelope, (-9e3, 8e3))
+    return Model(make_sampling(**settings), Polynomial(terms), envelope, (-9e3, 8e3))
 
 
 def damper_fmu(folder, **changes):

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from planted import planted as planted_ride
+from samplings import make_sampling
 
 from ces_identify.polynomial.candidates import parse_rules
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
-SAMPLING = Sampling(500.0, 40.0, 0.01)
+SAMPLING = make_sampling(500.0, 0.01)
 PLANTED = Model(
     SAMPLING,
     Polynomial(
@@ -35,5 +38,5 @@ RULES = parse_rules(
 )
 
 
-def planted(seed, seconds=12.0, noise=5.0, name="planted"):
-    return planted_ride(PLANTED, seed, noise, seconds, name)
+def planted(seed, seconds=12.0, noise=5.0, name="planted", sampling=SAMPLING):
+    return planted_ride(replace(PLANTED, sampling=sampling), seed, noise, seconds, name)

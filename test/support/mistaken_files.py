@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from samplings import make_sampling
 from shared_results import SharedResults
 from small_recordings import columns_as_channels, make_columns, write_channels, write_columns
 
 from ces_data.bags.writer import TopicData, write_bag
 from ces_iterate.plan import TEMPLATE
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -113,7 +114,7 @@ def fill_with_mistakes(here: Path, shared_model: SharedResults) -> None:
         (here / name).write_text(json.dumps(raw))
     (here / "cut.json").write_text(shared_model.model.read_text()[:200])
     body = Polynomial((Term(1200.0, (Factor("speed", 0),)),))
-    narrow = Model(Sampling(200.0, 30.0, 0.02), body, Envelope((-0.05, 0.05), (-2.0, 2.0), (1.5, 2.0)), (-3e4, 3e4))
+    narrow = Model(make_sampling(200.0, 0.02), body, Envelope((-0.05, 0.05), (-2.0, 2.0), (1.5, 2.0)), (-3e4, 3e4))
     narrow.save(here / "narrow.json")
     (here / "empty").mkdir()
     for name in ("mine_on_two", "model_on_two", "model_on_one", "model_and_law-force_on_one_and_two"):

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from ces_observer.model import Envelope, Model, Sampling
+from samplings import make_sampling
+
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -15,7 +17,7 @@ TERMS = (
 
 def make_model(terms=TERMS, **changes):
     fields = {
-        "sampling": Sampling(1000.0, 60.0, 0.005),
+        "sampling": make_sampling(),
         "body": Polynomial(terms),
         "envelope": Envelope((-0.1, 0.1), (-1.0, 1.0), (0.0, 1.0)),
         "force_envelope_N": (-5000.0, 5000.0),

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from math import exp
 
+from samplings import make_sampling
+
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.chambers import Chambers
 from ces_observer.structures.curves import FlowMap, IncreasingCurve
@@ -15,7 +17,7 @@ FLOWS = (0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.2)  # [m/s]
 POSITIONS, GAS = (-0.02, -0.01, 0.0, 0.01, 0.02), (-40.0, -25.0, 0.0, 30.0, 80.0)
 CHARACTERISTIC = IncreasingCurve((0.1, 0.25, 0.4, 0.55, 0.7, 0.9), (0.0, 0.1, 0.25, 0.5, 0.75, 1.0))
 ENVELOPE = Envelope((-0.018, 0.018), (-1.5, 1.4), (0.1, 0.9))
-SAMPLING = Sampling(rate_Hz=1000.0, bandwidth_Hz=90.0, outlier_m=0.004, warm_up_s=0.1)
+SAMPLING = make_sampling(outlier_m=0.004, warm_up_s=0.1)
 
 
 def make_valve(delay_ticks: float = 0.0, hysteresis_A: float = 0.02) -> ValvePath:

@@ -9,7 +9,9 @@ from itertools import accumulate
 from pathlib import Path
 from random import Random
 
-from ces_observer.model import Envelope, Model, Sampling, load_model
+from samplings import make_sampling
+
+from ces_observer.model import Envelope, Model, load_model
 from ces_observer.structures.chambers import Chambers
 from ces_observer.structures.curves import FlowMap, IncreasingCurve
 from ces_observer.structures.physical import FrictionElement, SideForces, ValvePath
@@ -47,7 +49,7 @@ CHAMBERS = Chambers(
 
 def physical_model(body: Relaxation | Chambers, rate_Hz: float = 1000.0) -> Model:
     """Return a model with its proved bound as force envelope."""
-    model = Model(Sampling(rate_Hz, 0.06 * rate_Hz, 0.005), body, ENVELOPE, (-1e9, 1e9))
+    model = Model(make_sampling(rate_Hz), body, ENVELOPE, (-1e9, 1e9))
     bound = model.certify().force_bound_N
     return replace(model, force_envelope_N=(-bound, bound))
 

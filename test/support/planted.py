@@ -5,17 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from samplings import make_sampling
 
 from ces_data.recording import Channel, Recording
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
 from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.network import Network, SigmoidUnit
 
 RATE_HZ = 400.0
-SAMPLING = Sampling(RATE_HZ, 40.0, 0.01)
+SAMPLING = make_sampling(RATE_HZ, 0.01)
 WIDE = Envelope((-1.0, 1.0), (-5.0, 5.0), (-5.0, 5.0))
 REGRESSORS = (
     Regressor("force", 1, 0.0, 500.0),

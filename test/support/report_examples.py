@@ -5,15 +5,16 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+from samplings import make_sampling
 
 from ces_data.recording import Channel, Recording
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.simulations.simulate import simulate_series
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
-SAMPLING = Sampling(rate_Hz=500.0, bandwidth_Hz=60.0, outlier_m=0.01)
+SAMPLING = make_sampling(500.0, 0.01)
 WIDE = Envelope((-0.1, 0.1), (-3.0, 3.0), (0.0, 2.0))
 TERMS = (
     Term(0.8, (Factor("force", 1),)),

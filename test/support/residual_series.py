@@ -36,7 +36,8 @@ def series(n=10_000, seed=1, force=None, warm_up=0, segments=None, name="made", 
 
 def evaluation(one, error, role=VALIDATION):
     """An evaluation with this error (ticks,) [N]."""
-    run = FreeRun(one.force - error, np.zeros(len(one), bool), -1 if np.isfinite(error).all() else 0)
+    never = np.zeros(len(one), bool)
+    run = FreeRun(one.force - error, never, never, (-1e6, 1e6))
     return Evaluation(one.name, role, one, run, series_cost(one, run.force))
 
 

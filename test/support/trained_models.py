@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from ces_observer.model import Envelope, Model, Sampling
+from samplings import make_sampling
+
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
 from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.network import Network, SigmoidUnit
 
-SAMPLING = Sampling(1000.0, 60.0, 0.005)
+SAMPLING = make_sampling()
 ENVELOPE = Envelope((-0.1, 0.1), (-1.0, 1.0), (0.0, 1.0))
 REGRESSORS = (
     Regressor("force", 1, 0.0, 500.0),

@@ -43,7 +43,7 @@ def word_for(action):
         return MODEL
     if action.type in (None, str, Path):
         return _new_name(action) if action.dest in ("out", "report", "picture") else NOTES
-    return next(word for word in ("1", "10", "0.5", "0:1", "auto", "1,1,1", "2x2") if accepts(action, word))
+    return next(word for word in ("1", "10", "0.5", "0:1", "auto", "1,1,1", "2x2", "0.001") if accepts(action, word))
 
 
 def _new_name(action):

@@ -9,7 +9,7 @@ from numba import njit
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import MOTION, Effect, EffectParameter, magnitude
-from ces_gap.effects.series import soft_width, subtract_stroke
+from ces_gap.effects.series import move_in_bracket, soft_width, subtract_stroke
 from ces_gap.grid import thin_out
 from ces_gap.plant_map import map_force_and_slope, remove_high_frequencies
 from ces_gap.trace import Trace, TraceInputs
@@ -146,12 +146,7 @@ def _solve_map_speed(
         g = guess
         for _ in range(40):
             value, slope = map_force_and_slope(g, s, plant[0], plant[1], plant[2])
-            wrong = v - g - own * (value - before)
-            low, high = (g, high) if wrong > 0.0 else (low, g)
-            move = wrong / (1.0 + own * slope)
-            if not low < g + move < high and abs(low) < np.inf and abs(high) < np.inf:
-                move = 0.5 * (low + high) - g
-            g += move
+            g, low, high, move = move_in_bracket(g, low, high, v - g - own * (value - before), 1.0 + own * slope)
             if abs(move) < 1e-9:
                 break
     return g, map_force_and_slope(g, s, plant[0], plant[1], plant[2])[0]
@@ -165,12 +160,7 @@ def _solve_speed_at_force(force: float, s: float, guess: float, plant: tuple[flo
     g = min(max(guess, low), high)
     for _ in range(40):
         value, slope = map_force_and_slope(g, s, plant[0], plant[1], plant[2])
-        wrong = force - value
-        low, high = (g, high) if wrong > 0.0 else (low, g)
-        move = wrong / (slope + 1e-3)
-        if not low < g + move < high:
-            move = 0.5 * (low + high) - g
-        g += move
+        g, low, high, move = move_in_bracket(g, low, high, force - value, slope + 1e-3)
         if abs(move) < 1e-9:
             break
     return g

@@ -31,8 +31,6 @@ SPREADS: Mapping[str, Proportions] = {
     },
     "mount_compliance": {"compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4)},
     "backlash": {"play_m": log_spread(2e-4, 6e-4)},
-    "gas_spring": {"pressure": uniform_spread(0.3, 1.2), "volume": log_spread(0.5, 2.0),
-                   "exponent": uniform_spread(1.05, 1.4)},
     "cavitation": {"gas_loss": log_spread(60.0, 120.0)},
     "temperature_fade": {
         "yield_1_K": log_spread(0.004, 0.012), "viscous_1_K": log_spread(0.004, 0.015),

@@ -78,21 +78,15 @@ def slack(c: Any, bend: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def first_order_lag(value: float, target: float, lag_s: float, h: float) -> float:
-    """Return a first-order lag after `h` seconds."""
-    return target + (value - target) * exp(-h / lag_s) if lag_s > 0.0 else target
-
-
-@njit(cache=True)
 def field_path(c: Any, s: F, current: float, h: float) -> float:
     """Advance coil, remanence (Duhem), fluid response and eddy currents by `h` seconds; return the field [A]."""
     before = s[COIL]
-    s[COIL] = first_order_lag(before, current, c.coil_s, h)
+    s[COIL] = dk.first_order_lag(before, current, c.coil_s, h)
     change = s[COIL] - before
     side = c.remanence_A if change > 0.0 else -c.remanence_A
     s[REMANENT] = side + (s[REMANENT] - side) * exp(-abs(change) / c.remanence_bend_A)
-    s[FIELD] = first_order_lag(s[FIELD], s[COIL] - s[REMANENT], c.field_s, h)
-    s[EDDY] = first_order_lag(s[EDDY], s[FIELD], c.eddy_s, h)
+    s[FIELD] = dk.first_order_lag(s[FIELD], s[COIL] - s[REMANENT], c.field_s, h)
+    s[EDDY] = dk.first_order_lag(s[EDDY], s[FIELD], c.eddy_s, h)
     return float(max(s[EDDY], 0.0))
 
 
@@ -166,11 +160,7 @@ def run(
     numbers: F, s: F, mover: int, mover_numbers: F, motion: F, moves: F, interval: float, substeps: int,
     force: F, states: F,
 ) -> None:  # fmt: skip
-    """Step mover and damper through `moves` (`drive/kernels.py`) and fill `force` (n,) and `states` (n, STATE_SIZE).
-
-    `states` may have no rows. The numbers are passed as an array: as many scalars would take as long as ten steps.
-    Numba's cache watches this file only: touch it after changing a function of another file that it calls.
-    """
+    """Step mover and damper through `moves`, as `DamperKind` says."""
     c = Numbers(*to_fixed_tuple(numbers, SIZE))
     h, zero = interval / substeps, rest_force(c)
     for n in range(1, moves.shape[1]):

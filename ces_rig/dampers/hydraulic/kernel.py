@@ -8,7 +8,7 @@ pressures) and diagonal for the rest. Plain loops over arrays; slow readable ver
 from __future__ import annotations
 
 from collections import namedtuple
-from math import exp, log1p, sqrt
+from math import exp, sqrt
 
 import numpy as np
 from numba import njit
@@ -41,10 +41,8 @@ STATE_NAMES = (
     "play4_A", "stroke_m", "stroke_m_s", "current_A",
 )  # fmt: skip
 Q_CHECK, Q_BLEED, Q_BLOW_OFF, Q_TOP_COMPRESSION, Q_TOP_REBOUND, Q_CES, FLOWS = 0, 1, 2, 3, 4, 5, 6
-
-
-Coefficients = namedtuple(
-    "Coefficients",
+Numbers = namedtuple(
+    "Numbers",
     """piston_area annulus_area rod_area compression_volume rebound_volume mass
     bump_clearance bump_stiffness bump_progression
     density bulk air air_inverse_exponent vapour viscosity_fall discharge_rise
@@ -66,14 +64,7 @@ The last six, for blind tests (ces_rig.withheld), have no parameter and are neut
 cylinder wall (area [m²], position and width [m]), sliding friction that grows with the distance from `side_at` [m] by
 `side_load` [N/m], and the pressure drop [Pa] that lifts the piston's sticking check plate off its seat.
 """
-Numbers = Coefficients
 SIZE = len(Numbers._fields)
-
-
-@njit(cache=True)
-def softplus(u: float) -> float:
-    """Return log(1 + exp(u)) without overflow."""
-    return max(u, 0.0) + log1p(exp(-abs(u)))
 
 
 @njit(cache=True)
@@ -83,26 +74,26 @@ def logistic(u: float) -> float:
 
 
 @njit(cache=True)
-def specific_volume(c: Coefficients, p: float) -> tuple[float, float]:
+def specific_volume(c: Numbers, p: float) -> tuple[float, float]:
     """Return the volume of the aerated oil at `p` [Pa] relative to atmospheric pressure, and minus its slope [1/Pa]."""
     oil = (1.0 - c.air) * exp((ATMOSPHERE_PA - p) / c.bulk)
     air = c.air * (ATMOSPHERE_PA / p) ** c.air_inverse_exponent
     u = (c.vapour - p) / VAPOUR_WIDTH_PA
     volume, slope = oil + air, oil / c.bulk + air * c.air_inverse_exponent / p
     if u > -30.0:
-        volume += softplus(u)
+        volume += dk.softplus(u)
         slope += 1.0 / (1.0 + exp(-u)) / VAPOUR_WIDTH_PA
     return volume, slope
 
 
 @njit(cache=True)
-def gas_volume(c: Coefficients, p: float) -> float:
+def gas_volume(c: Numbers, p: float) -> float:
     """Return the gas volume [m³] in the reservoir at pressure `p` [Pa], polytropic."""
     return float(c.gas_volume * (c.gas_pressure / p) ** c.gas_inverse_exponent)
 
 
 @njit(cache=True)
-def oil_mass(c: Coefficients, piston: float, p_c: float, p_r: float, p_g: float) -> float:
+def oil_mass(c: Numbers, piston: float, p_c: float, p_r: float, p_g: float) -> float:
     """Return the mass of oil [kg] in both chambers and the reservoir; the equations conserve it."""
     chambers = (c.compression_volume - c.piston_area * piston) / specific_volume(c, p_c)[0]
     chambers += (c.rebound_volume + c.annulus_area * piston) / specific_volume(c, p_r)[0]
@@ -111,7 +102,7 @@ def oil_mass(c: Coefficients, piston: float, p_c: float, p_r: float, p_g: float)
 
 
 @njit(cache=True)
-def orifice(c: Coefficients, area: float, drop: float) -> tuple[float, float]:
+def orifice(c: Numbers, area: float, drop: float) -> tuple[float, float]:
     """Return the flow [m³/s] through an effective area [m²] at a pressure drop [Pa], and its slope; laminar near 0."""
     k = area * sqrt(2.0 / c.density)
     square = drop * drop + TRANSITION_PA * TRANSITION_PA
@@ -127,13 +118,7 @@ def opening(drop: float, crack: float, full: float) -> float:
 
 
 @njit(cache=True)
-def plate_release(c: Coefficients, drop: float, opened: float) -> float:
-    """Return 0.0 while the piston's closed plate still sticks to its seat at a pressure drop [Pa], else 1.0."""
-    return 0.0 if opened < SEATED and drop < c.check_stick else 1.0
-
-
-@njit(cache=True)
-def flows(c: Coefficients, u: F, q: F, slope: F) -> None:
+def flows(c: Numbers, u: F, q: F, slope: F) -> None:
     """Fill `q` [m³/s] and `slope` [m³/(s·Pa)], each of shape (FLOWS,), from the unknowns `u`."""
     p_c, p_r, p_g = u[P_COMPRESSION], u[P_REBOUND], u[P_GAS]
     wide = exp(c.discharge_rise * (u[TEMPERATURE] - REFERENCE_DEGC))
@@ -151,7 +136,7 @@ def flows(c: Coefficients, u: F, q: F, slope: F) -> None:
 
 
 @njit(cache=True)
-def mount_force(c: Coefficients, u: F, stroke: float, speed: float) -> tuple[float, float]:
+def mount_force(c: Numbers, u: F, stroke: float, speed: float) -> tuple[float, float]:
     """Return the bushing's force [N], positive in compression, and 1.0 if its play is taken up, else 0.0."""
     bend = stroke - u[PISTON]
     half = 0.5 * c.play
@@ -162,7 +147,7 @@ def mount_force(c: Coefficients, u: F, stroke: float, speed: float) -> tuple[flo
 
 
 @njit(cache=True)
-def friction(c: Coefficients, u: F) -> tuple[float, float, float]:
+def friction(c: Numbers, u: F) -> tuple[float, float, float]:
     """Return the LuGre seal friction [N], the bristle's rate [m/s] and minus its relaxation rate [1/s]."""
     v = u[SPEED]
     press = 1.0 + c.seal_pressure * max(u[P_REBOUND] - ATMOSPHERE_PA, 0.0)
@@ -175,7 +160,7 @@ def friction(c: Coefficients, u: F) -> tuple[float, float, float]:
 
 
 @njit(cache=True)
-def bump_force(c: Coefficients, piston: float) -> tuple[float, float]:
+def bump_force(c: Numbers, piston: float) -> tuple[float, float]:
     """Return the force [N] of the bump stops at a piston position [m], and its slope [N/m]."""
     into = abs(piston) - c.bump_clearance
     if into <= 0.0:
@@ -192,7 +177,7 @@ def lag(target: float, value: float, opening_s: float, closing_s: float) -> floa
 
 
 @njit(cache=True)
-def capacities(c: Coefficients, u: F, cap: F) -> None:
+def capacities(c: Numbers, u: F, cap: F) -> None:
     """Fill `cap` (6,): dV/dp [m³/Pa] of compression chamber, rebound chamber and reservoir, then volume factors [1]."""
     v_c, s_c = specific_volume(c, u[P_COMPRESSION])
     v_r, s_r = specific_volume(c, u[P_REBOUND])
@@ -205,7 +190,7 @@ def capacities(c: Coefficients, u: F, cap: F) -> None:
 
 
 @njit(cache=True)
-def rates(c: Coefficients, u: F, stroke: float, speed: float, pilot: float, work: F, f: F) -> None:
+def rates(c: Numbers, u: F, stroke: float, speed: float, pilot: float, work: F, f: F) -> None:
     """Fill `f` (UNKNOWNS,) with du/dt; `work` (3, FLOWS) receives flows, slopes and capacities for the Jacobian."""
     q, cap = work[0], work[2]
     flows(c, u, q, work[1])
@@ -221,7 +206,8 @@ def rates(c: Coefficients, u: F, stroke: float, speed: float, pilot: float, work
     f[P_REBOUND] = (-c.annulus_area * v + cap[4] * (across + q[Q_TOP_REBOUND] - q[Q_CES])) / cap[1]
     f[P_GAS] = cap[5] * (q[Q_CES] - q[Q_TOP_COMPRESSION] - q[Q_TOP_REBOUND]) / cap[2]
     f[POPPET] = lag(opening(p_r - p_g, pilot, pilot + c.ces_band), u[POPPET], c.poppet_s, c.poppet_s)
-    target = plate_release(c, p_c - p_r, u[PISTON_CHECK]) * opening(p_c - p_r, c.check_crack, c.check_full)
+    sticks = u[PISTON_CHECK] < SEATED and p_c - p_r < c.check_stick
+    target = 0.0 if sticks else opening(p_c - p_r, c.check_crack, c.check_full)
     f[PISTON_CHECK] = lag(target, u[PISTON_CHECK], c.check_open_s, c.check_close_s)
     target = opening(p_g - p_c, c.top_c_crack, c.top_c_full)
     f[TOP_COMPRESSION] = lag(target, u[TOP_COMPRESSION], c.top_c_open_s, c.top_c_close_s)
@@ -234,7 +220,7 @@ def rates(c: Coefficients, u: F, stroke: float, speed: float, pilot: float, work
 
 
 @njit(cache=True)
-def stiff_matrix(c: Coefficients, u: F, stroke: float, speed: float, gh: float, work: F, m: F) -> None:
+def stiff_matrix(c: Numbers, u: F, stroke: float, speed: float, gh: float, work: F, m: F) -> None:
     """Fill `m` (STIFF, STIFF) with I - gh·J of bushing, piston and pressures at constant openings."""
     g, cap = work[1], work[2]
     taken_up = mount_force(c, u, stroke, speed)[1]
@@ -261,7 +247,7 @@ def stiff_matrix(c: Coefficients, u: F, stroke: float, speed: float, gh: float, 
 
 
 @njit(cache=True)
-def diagonal(c: Coefficients, u: F, gh: float, d: F) -> None:
+def diagonal(c: Numbers, u: F, gh: float, d: F) -> None:
     """Fill `d` (UNKNOWNS,) with 1 - gh·J of the unknowns after the stiff ones."""
     d[POPPET] = 1.0 + gh / c.poppet_s
     d[PISTON_CHECK] = 1.0 + gh / c.check_open_s
@@ -298,29 +284,27 @@ def solve(m: F, d: F, x: F) -> None:
 
 
 @njit(cache=True)
-def cracking_drop(c: Coefficients, current: float) -> float:
+def cracking_drop(c: Numbers, current: float) -> float:
     """Return the cracking drop [Pa] of the CES valve at a constant current [A], clipped to the allowed range.
 
     In the working range the magnet's force grows with current², less at both ends of it; beyond, along the tangent.
     """
     inside, w = min(max(current, c.current_low), c.current_high), c.saturation
-    acting = c.current_low + w * softplus((inside - c.current_low) / w) - w * softplus((inside - c.current_high) / w)
+    above_low, above_high = (inside - c.current_low) / w, (inside - c.current_high) / w
+    acting = c.current_low + w * dk.softplus(above_low) - w * dk.softplus(above_high)
     low, high = c.current_low**2, c.current_high**2
     drop = c.crack_low + (c.crack_high - c.crack_low) * (acting * acting - low) / (high - low)
     if inside != current:
-        share = logistic((inside - c.current_low) / w) - logistic((inside - c.current_high) / w)
+        share = logistic(above_low) - logistic(above_high)
         beyond = min(max(current, c.allowed_low), c.allowed_high) - inside
         drop = max(drop + 2.0 * (c.crack_high - c.crack_low) * acting * share / (high - low) * beyond, 0.0)
     return float(drop)
 
 
 @njit(cache=True)
-def current_path(c: Coefficients, state: F, current: float, h: float) -> None:
+def current_path(c: Numbers, state: F, current: float, h: float) -> None:
     """Advance coil current, magnetic hysteresis (Prandtl–Ishlinskii, equal weights) and pilot by `h` seconds."""
-    if c.solenoid_s > 0.0:
-        state[COIL] = current + (state[COIL] - current) * exp(-h / c.solenoid_s)
-    else:
-        state[COIL] = current
+    state[COIL] = dk.first_order_lag(state[COIL], current, c.solenoid_s, h)
     effective = 0.0  # mean over the step
     for k in range(PLAYS):
         half = 2.0 * c.hysteresis * (k + 0.5) / PLAYS
@@ -334,7 +318,7 @@ def current_path(c: Coefficients, state: F, current: float, h: float) -> None:
 
 @njit(cache=True)
 def advance(
-    c: Coefficients, state: F, stroke: F, speed: F, current: F, interval: float, substeps: int,
+    c: Numbers, state: F, stroke: F, speed: F, current: F, interval: float, substeps: int,
     force: F, states: F,
 ) -> None:  # fmt: skip
     """Integrate from the last input in `state` through the next inputs, one every `interval` seconds.
@@ -390,12 +374,12 @@ def guard(u: F) -> None:
 
 
 @njit(cache=True)
-def rest_force(c: Coefficients) -> float:
+def rest_force(c: Numbers) -> float:
     """Return the gas force [N] on the rod at mid-stroke, which the rig's tare subtracts."""
     return float(c.rod_area * (c.gas_pressure - ATMOSPHERE_PA))
 
 
-def settle(c: Coefficients, state: F, stroke: float, speed: float, current: float) -> float:
+def settle(c: Numbers, state: F, stroke: float, speed: float, current: float) -> float:
     """Bring the state to rest at this input, equal pressure everywhere, filled at mid-stroke; return the force [N]."""
     fill = oil_mass(c, 0.0, c.gas_pressure, c.gas_pressure, c.gas_pressure)
     low, high = 0.05 * c.gas_pressure, 50.0 * c.gas_pressure
@@ -418,12 +402,8 @@ def run(
     numbers: F, state: F, mover: int, mover_numbers: F, motion: F, moves: F, interval: float, substeps: int,
     force: F, states: F,
 ) -> None:  # fmt: skip
-    """Step mover and damper through `moves` (`drive/kernels.py`) and fill `force` (n,) and `states` (n, STATE_SIZE).
-
-    `states` may have no rows. The numbers are passed as an array: as many scalars would take as long as ten steps.
-    Numba's cache watches this file only: touch it after changing a function of another file that it calls.
-    """
-    c = Coefficients(*to_fixed_tuple(numbers, SIZE))
+    """Step mover and damper through `moves`, as `DamperKind` says."""
+    c = Numbers(*to_fixed_tuple(numbers, SIZE))
     stroke, speed, current = moves[dk.STROKE, 1:], moves[dk.STROKE_SPEED, 1:], moves[dk.CURRENT, 1:]
     if mover == dk.GIVEN:
         advance(c, state, stroke, speed, current, interval, substeps, force, states)

@@ -16,7 +16,7 @@ import numpy as np
 from ces_data.arrays import F
 from ces_data.config_file import read_yaml_mapping
 from ces_observer.fields import quantity, read_record, walk_record
-from ces_rig.dampers.hydraulic.kernel import Coefficients
+from ces_rig.dampers.hydraulic.kernel import Numbers
 from ces_rig.dampers.model import DamperModel, replace_numbers
 from ces_rig.errors import RigError
 
@@ -210,7 +210,7 @@ def load_damper(path: Path) -> Damper:
     return parse_damper(read_yaml_mapping(path, "a damper description", error=RigError), str(path))
 
 
-def coefficients(damper: Damper) -> Coefficients:
+def coefficients(damper: Damper) -> Numbers:
     """Return the kernel's coefficients of `damper`; the fields of valves, seal and mount are in the kernel's order."""
     b, oil, piston, gas, heat = damper.body, damper.oil, damper.piston, damper.reservoir, damper.heat
     numbers = (
@@ -227,13 +227,13 @@ def coefficients(damper: Damper) -> Coefficients:
         *astuple(damper.seal), *astuple(damper.mount),
         heat.ambient_degC, heat.capacity_J_K, heat.loss_W_K, heat.start_degC,
     )  # fmt: skip
-    return Coefficients(*numbers)
+    return Numbers(*numbers)
 
 
 MAX_AIR_FRACTION = 0.25
 FOAM_EVERY_S = 5e-3  # [s] between updates of a growing air content
 PATHS = frozenset(path for path, *_ in walk_record(Damper()))
-AIR = Coefficients._fields.index("air")
+AIR = Numbers._fields.index("air")
 
 
 @dataclass(frozen=True)

@@ -34,9 +34,6 @@ SPREADS: Mapping[str, Proportions] = {
         "compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4),
         "stiffening_m": log_spread(5e-4, 5e-3),
     },
-    "backlash": {"play_m": log_spread(2e-4, 6e-4), "edge_m": log_spread(3e-6, 3e-5)},
-    "gas_spring": {"pressure": uniform_spread(0.3, 1.2), "volume": log_spread(0.5, 2.0),
-                   "exponent": uniform_spread(1.05, 1.4)},
     "cavitation": {"gas_loss": log_spread(0.5, 1.5), "air": log_spread(0.2, 2.0)},
     "temperature_fade": {
         "thinning_1_K": log_spread(0.006, 0.02), "discharge": uniform_spread(0.6, 1.4),
@@ -48,7 +45,6 @@ SPREADS: Mapping[str, Proportions] = {
     "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "lock_m": log_spread(0.015, 0.05)},
     "valve_lag": {"pilot_s": log_spread(4e-3, 2e-2), "eddy_s": uniform_spread(0.0, 6e-3)},
     "current_hysteresis": {"loop_A": log_spread(0.03, 0.1)},
-    "foaming": {"growth_m_J": log_spread(2e-8, 2e-7)},
     "sticking_check": {"adhesion_N": log_spread(60.0, 150.0)},
     "late_check": {"closing_s": log_spread(4e-3, 2e-2)},
 }  # fmt: skip

@@ -129,24 +129,18 @@ def slack(c: Any, bend: float) -> tuple[float, float]:
 
 
 @njit(cache=True)
-def first_order_lag(value: float, target: float, lag_s: float, h: float) -> float:
-    """Return a first-order lag after `h` seconds."""
-    return target + (value - target) * exp(-h / lag_s) if lag_s > 0.0 else target
-
-
-@njit(cache=True)
 def field_path(c: Any, s: F, current: float, h: float) -> float:
     """Advance coil, plays, eddy currents and pilot by `h` seconds; return the force [N] that the pilot sets."""
-    s[COIL] = first_order_lag(s[COIL], current, c.coil_s, h)
+    s[COIL] = dk.first_order_lag(s[COIL], current, c.coil_s, h)
     acting = 0.0
     for k in range(PLAYS):
         half = PLAY_WIDTHS[k] * c.loop_A
         s[PLAY + k] = min(max(s[PLAY + k], s[COIL] - half), s[COIL] + half)
         acting += PLAY_WEIGHTS[k] * s[PLAY + k]
-    s[FLUX] = first_order_lag(s[FLUX], acting, c.eddy_s, h)
+    s[FLUX] = dk.first_order_lag(s[FLUX], acting, c.eddy_s, h)
     pull = max(s[FLUX], 0.0) ** 2 / (1.0 + (s[FLUX] / c.saturation_A) ** 2)
     target = c.pilot_N + c.pilot_N_A2 * pull
-    s[PILOT] = first_order_lag(s[PILOT], target, c.pilot_s, h)
+    s[PILOT] = dk.first_order_lag(s[PILOT], target, c.pilot_s, h)
     return float(s[PILOT])
 
 
@@ -190,14 +184,14 @@ def move_valves(c: Any, s: F, force: float, setting: float, h: float) -> None:
     size = abs(force)
     ratio = 1.0 if force < 0.0 else c.pilot_compression
     target = 0.5 * (1.0 + tanh(2.0 * (size - ratio * setting) / c.spool_band_N - 1.0))
-    s[SPOOL] = first_order_lag(s[SPOOL], target, c.spool_open_s if target > s[SPOOL] else c.spool_close_s, h)
+    s[SPOOL] = dk.first_order_lag(s[SPOOL], target, c.spool_open_s if target > s[SPOOL] else c.spool_close_s, h)
     preload = c.compression_N if force > 0.0 else c.rebound_N
     if size > preload + c.stick_N:
         s[TORN] = 1.0 if force > 0.0 else -1.0
     elif s[TORN] * force < 0.5 * preload:
         s[TORN] = 0.0
     lifted = max(size - preload, 0.0) / (size + preload)
-    s[OPENED] = first_order_lag(s[OPENED], lifted if force > 0.0 else -lifted, c.closing_s, h)
+    s[OPENED] = dk.first_order_lag(s[OPENED], lifted if force > 0.0 else -lifted, c.closing_s, h)
 
 
 @njit(cache=True)
@@ -227,11 +221,7 @@ def run(
     numbers: F, s: F, mover: int, mover_numbers: F, motion: F, moves: F, interval: float, substeps: int,
     force: F, states: F,
 ) -> None:  # fmt: skip
-    """Step mover and damper through `moves` (`drive/kernels.py`) and fill `force` (n,) and `states` (n, STATE_SIZE).
-
-    `states` may have no rows. The numbers are passed as an array: as many scalars would take as long as ten steps.
-    Numba's cache watches this file only: touch it after changing a function of another file that it calls.
-    """
+    """Step mover and damper through `moves`, as `DamperKind` says."""
     c = Numbers(*to_fixed_tuple(numbers, SIZE))
     h, zero = interval / substeps, rest_force(c)
     for n in range(1, moves.shape[1]):

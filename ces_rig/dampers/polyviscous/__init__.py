@@ -30,7 +30,6 @@ SPREADS: Mapping[str, Proportions] = {
         "compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxing": uniform_spread(0.1, 1.0),
         "stiffening_1_mm2": uniform_spread(0.0, 3.0),
     },
-    "backlash": {"play_m": log_spread(2e-4, 6e-4), "edge_m": log_spread(3e-6, 3e-5)},
     "gas_spring": {"pressure": uniform_spread(0.5, 2.0), "volume": log_spread(0.5, 2.0)},
     "cavitation": {"starving": log_spread(15.0, 40.0)},
     "temperature_fade": {"fade_1_K": log_spread(0.004, 0.015), "heat_J_K": log_spread(40.0, 150.0)},
@@ -39,7 +38,6 @@ SPREADS: Mapping[str, Proportions] = {
     "bump_stop": {"stiffness_N_m": log_spread(2e4, 8e4), "hardening_m": log_spread(3e-3, 1e-2)},
     "valve_lag": {"field_s": log_spread(2e-3, 8e-3), "delay_s": uniform_spread(0.0, 6e-3)},
     "current_hysteresis": {"loop_A": log_spread(0.08, 0.25)},
-    "foaming": {"growth_m_J": log_spread(2e-8, 2e-7)},
     "sticking_check": {"adhesion_N": log_spread(60.0, 150.0)},
     "late_check": {"closing_s": log_spread(4e-3, 2e-2)},
 }  # fmt: skip

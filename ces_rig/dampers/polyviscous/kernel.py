@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import namedtuple
 from dataclasses import fields
-from math import exp, log1p, sinh, sqrt, tanh
+from math import exp, sinh, sqrt, tanh
 from typing import Any
 
 from numba import njit
@@ -30,12 +30,6 @@ ADIABATIC = 1.4
 MIN_FORCE_N = 5.0  # [N] below which leakage is laminar
 FULL_M = 0.06
 ATMOSPHERE_PA = 101_325.0
-
-
-@njit(cache=True)
-def softplus(u: float) -> float:
-    """Return log(1 + exp(u)) without overflow."""
-    return max(u, 0.0) + log1p(exp(-abs(u)))
 
 
 @njit(cache=True)
@@ -62,8 +56,8 @@ def passing_speed(c: Any, s: F, force: float, thin: float) -> tuple[float, float
     reduced = min(size / c.thinning_N, 6.0)
     bleed = thin / c.bleed_Ns_m
     u = (size - knee) / c.knee_width_N
-    rest = c.knee_width_N * softplus(-knee / c.knee_width_N)
-    passed = bleed * c.thinning_N * sinh(reduced) + (c.knee_width_N * softplus(u) - rest) / beyond
+    rest = c.knee_width_N * dk.softplus(-knee / c.knee_width_N)
+    passed = bleed * c.thinning_N * sinh(reduced) + (c.knee_width_N * dk.softplus(u) - rest) / beyond
     slope = bleed * sqrt(1.0 + sinh(reduced) ** 2) + 1.0 / (1.0 + exp(-min(max(u, -50.0), 50.0))) / beyond
     square = size * size + MIN_FORCE_N * MIN_FORCE_N
     root = sqrt(sqrt(square))
@@ -102,23 +96,17 @@ def slack(c: Any, bend: float) -> tuple[float, float]:
     half, w = 0.5 * c.play_m, c.play_edge_m
     up, down = (bend - half) / w, (-bend - half) / w
     rise = 1.0 / (1.0 + exp(-min(max(up, -50.0), 50.0))) + 1.0 / (1.0 + exp(-min(max(down, -50.0), 50.0)))
-    return w * (softplus(up) - softplus(down)), rise
-
-
-@njit(cache=True)
-def first_order_lag(value: float, target: float, lag_s: float, h: float) -> float:
-    """Return a first-order lag after `h` seconds."""
-    return target + (value - target) * exp(-h / lag_s) if lag_s > 0.0 else target
+    return w * (dk.softplus(up) - dk.softplus(down)), rise
 
 
 @njit(cache=True)
 def field_path(c: Any, s: F, current: float, late: float, h: float) -> None:
     """Advance amplifier, dead time, polarisation (one play operator) and the fluid's two equal lags by `h` seconds."""
-    s[COIL] = first_order_lag(s[COIL], current, c.coil_s, h)
-    s[LATE] = first_order_lag(s[LATE], late, c.coil_s, h)
+    s[COIL] = dk.first_order_lag(s[COIL], current, c.coil_s, h)
+    s[LATE] = dk.first_order_lag(s[LATE], late, c.coil_s, h)
     s[POLAR] = min(max(s[POLAR], s[LATE] - c.loop_A), s[LATE] + c.loop_A)
-    s[FIELD_1] = first_order_lag(s[FIELD_1], s[POLAR], c.field_s, h)
-    s[FIELD_2] = first_order_lag(s[FIELD_2], s[FIELD_1], c.field_s, h)
+    s[FIELD_1] = dk.first_order_lag(s[FIELD_1], s[POLAR], c.field_s, h)
+    s[FIELD_2] = dk.first_order_lag(s[FIELD_2], s[FIELD_1], c.field_s, h)
 
 
 @njit(cache=True)
@@ -176,14 +164,14 @@ def step(c: Any, s: F, stroke: float, speed: float, h: float) -> float:
     s[GAS_HEAT] = (s[GAS_HEAT] + (ADIABATIC - 1.0) * (gas(c, s[PISTON]) - gas(c, x))) * exp(-h / c.gas_s)
     slide(c, s, h * new)
     after = oil_spring(c, s[BEND], s[AIR])[0]
-    s[LIFT] = first_order_lag(s[LIFT], tanh(max(abs(after) - c.relief_N, 0.0) / (0.2 * c.relief_N)), c.relief_s, h)
+    s[LIFT] = dk.first_order_lag(s[LIFT], tanh(max(abs(after) - c.relief_N, 0.0) / (0.2 * c.relief_N)), c.relief_s, h)
     knee = (c.knee_N + c.knee_N_A2 * s[FIELD_2] ** 2) * (1.0 if after > 0.0 else c.knee_rebound)
     if abs(after) > knee + c.stick_N:
         s[TORN] = 1.0 if after > 0.0 else -1.0
     elif s[TORN] * after < 0.5 * knee:
         s[TORN] = 0.0
     lifted = max(abs(after) - knee, 0.0) / (abs(after) + c.knee_width_N)
-    s[OPENED] = first_order_lag(s[OPENED], lifted if after > 0.0 else -lifted, c.closing_s, h)
+    s[OPENED] = dk.first_order_lag(s[OPENED], lifted if after > 0.0 else -lifted, c.closing_s, h)
     power = abs(after * (new - (s[BEND] - before) / h)) + abs(f_seal * new)
     s[TEMPERATURE] += h * (power - c.heat_loss_W_K * warm) / c.heat_J_K
     s[AIR] += h * c.foaming_1_J * power
@@ -213,11 +201,7 @@ def run(
     numbers: F, s: F, mover: int, mover_numbers: F, motion: F, moves: F, interval: float, substeps: int,
     force: F, states: F,
 ) -> None:  # fmt: skip
-    """Step mover and damper through `moves` (`drive/kernels.py`) and fill `force` (n,) and `states` (n, STATE_SIZE).
-
-    `states` may have no rows. The numbers are passed as an array: as many scalars would take as long as ten steps.
-    Numba's cache watches this file only: touch it after changing a function of another file that it calls.
-    """
+    """Step mover and damper through `moves`, as `DamperKind` says."""
     c = Numbers(*to_fixed_tuple(numbers, SIZE))
     h, zero = interval / substeps, rest_force(c)
     for n in range(1, moves.shape[1]):

@@ -10,6 +10,7 @@ import cheap_diagnosis
 import diagnoses
 import pytest
 from programs import ces, run_here, text_of
+from samplings import make_sampling
 
 from ces_cli.terminal.recordings import find_bags, find_fleet_units
 from ces_data.bags.reader import read_recording
@@ -17,7 +18,7 @@ from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.checks.content import recording_marks
 from ces_identify.jobs import run_on_this_machine
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Model, Sampling, load_model
+from ces_observer.model import Envelope, Model, load_model
 from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -168,7 +169,7 @@ def narrow(path):
     """A model identified on far less current than the recordings have."""
     envelope = Envelope((-0.05, 0.05), (-2.0, 2.0), (1.5, 2.0))
     terms = (Term(1200.0, (Factor("speed", 0),)),)
-    Model(Sampling(200.0, 30.0, 0.02), Polynomial(terms), envelope, (-3e4, 3e4)).save(path)
+    Model(make_sampling(200.0, 0.02), Polynomial(terms), envelope, (-3e4, 3e4)).save(path)
     return path
 
 

@@ -3,14 +3,16 @@
 import json
 import subprocess
 import zipfile
+from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
 import yaml
 from physical_examples import make_chambers, make_model, make_relaxation, make_valve
+from samplings import make_sampling
 
 from ces_cli.main import main
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -18,10 +20,16 @@ SPEED = Factor("speed", 0)
 FIRST = Factor("force", 1)
 
 
-def model_file(path, past=0.8):
+def model_file(path, past=0.8, late_past=None):
+    """Write a model, with a delayed one of this past beside it if it is given."""
     terms = (Term(past, (FIRST,)), Term(900.0, (SPEED,)), Term(100.0, (SPEED, Factor("current", 3))))
     envelope = Envelope((-0.1, 0.1), (-2.0, 2.0), (0.0, 2.0))
-    Model(Sampling(1000.0, 60.0, 0.02), Polynomial(terms), envelope, (-3e4, 3e4)).save(path)
+    model = Model(make_sampling(outlier_m=0.02), Polynomial(terms), envelope, (-3e4, 3e4))
+    if late_past is not None:
+        late = replace(model, sampling=replace(model.sampling, delay_s=0.003))
+        body = Polynomial((Term(late_past, (FIRST,)), *terms[1:]))
+        model = replace(model, delayed=replace(late, body=body))
+    model.save(path)
     return path
 
 
@@ -68,6 +76,16 @@ def test_an_unstable_model_needs_an_option_and_gives_a_warning(tmp_path, capsys)
     assert export(*words, "--allow-uncertified") == 0
     assert "warning: --allow-uncertified" in capsys.readouterr().err
     assert "NOT PROVED" in (tmp_path / "m.h").read_text()
+
+
+def test_a_delayed_model_comes_with_the_other_and_must_be_proved_too(tmp_path, capsys):
+    words = (model_file(tmp_path / "m.json", late_past=1.01), "--out", tmp_path / "m.c")
+    assert "cannot be proved (the gains of the past forces may sum to 1.01; expected" in error_line(capsys, *words)
+    assert export(model_file(tmp_path / "m.json", late_past=0.7), "--out", tmp_path / "m.c") == 0
+    header = (tmp_path / "m.h").read_text()
+    assert "With it another model, 3 terms, whose estimates come 0.003 s later." in header
+    assert "The stability of the other model was proved, too" in header
+    assert "#define M_DELAY_TICKS 3U" in header
 
 
 def test_the_certificate_in_the_file_is_not_trusted(tmp_path, capsys):

@@ -33,7 +33,7 @@ def work(tmp_path_factory):
 @pytest.fixture(scope="module")
 def taught(work):
     """The model that learned the planted model's force, and its report."""
-    limits = ("--starts", 2, "--time", 5, "--rate", 400, "--bandwidth", 40, "--no-band")
+    limits = ("--starts", 2, "--time", 5, "--rate", 400, "--no-band")
     words = ("identify", "one", "--validate", "two", "--teacher", "planted.json", "--structure", "relaxation")
     assert ces(*words, *limits, "--out", "taught.json", "--report", "r.html") == 0
     return load_model(work / "taught.json"), ET.fromstring((work / "r.html").read_text(encoding="utf-8"))

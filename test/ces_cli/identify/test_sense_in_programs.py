@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import yaml
 from programs import NO_SHORT_FITS
+from samplings import make_sampling
 
 from ces_cli import compare
 from ces_cli.bags import characterise, export_data, import_, info, replay
@@ -26,7 +27,7 @@ from ces_identify.export.ros_package import export_ros_package
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Model, Sampling, load_model
+from ces_observer.model import Envelope, Model, load_model
 from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -72,7 +73,7 @@ def bags(tmp_path_factory):
     used = {"recording": "one", "sha256": "", "share": [0.0, 1.0], "marks": " ".join(recording_marks(rides["one"]))}
     body = Polynomial((Term(1800.0, (Factor("speed", 0),)),))
     envelope = Envelope((-0.02, 0.02), (-2.0, 2.0), (0.2, 0.8))
-    known = Model(Sampling(500.0, 40.0, 0.02), body, envelope, (-1e5, 1e5), provenance={"identification": [used]})
+    known = Model(make_sampling(500.0, 0.02), body, envelope, (-1e5, 1e5), provenance={"identification": [used]})
     known.save(folder / "model.json")
     return folder
 
@@ -123,7 +124,7 @@ def test_validate_names_wrong_signs_and_ranges_outside(bags, tmp_path, capsys):
 
 def test_validate_finds_pounds_and_both_signs_reversed_by_the_model(bags, tmp_path, capsys):
     body = Polynomial((Term(1800.0, (Factor("speed", 0),)), Term(900.0, (Factor("speed", 0, 2.0, signed=False),))))
-    uneven = Model(Sampling(500.0, 40.0, 0.02), body, Envelope((-0.1, 0.1), (-3.0, 3.0), (0.0, 2.0)), (-1e5, 1e5))
+    uneven = Model(make_sampling(500.0, 0.02), body, Envelope((-0.1, 0.1), (-3.0, 3.0), (0.0, 2.0)), (-1e5, 1e5))
     uneven.save(tmp_path / "model.json")
     sound = ride("sound", 5)
     x, stamps = sound.channel("position").values, sound.channel("position").stamps_ns

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 
 import numpy as np
@@ -100,7 +100,7 @@ def test_a_dictionary_fills_every_column_predicts_their_weighted_sum_and_survive
     weights = np.random.default_rng(1).standard_normal(features.shape[1])
     predicted = learner.predict(trace, trace.inputs, trace.simulated, weights)
     np.testing.assert_allclose(predicted, features @ weights, rtol=1e-9, atol=1e-9)
-    assert Dictionary.from_json(json.loads(json.dumps(learner.as_json()))) == learner
+    assert Dictionary.from_json(json.loads(json.dumps(asdict(learner)))) == learner
 
 
 def test_extreme_currents_are_clipped() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
 from functools import cache
 from typing import Any
 
@@ -192,7 +192,7 @@ def test_the_json_round_trip_is_exact() -> None:
 def test_surrogates_of_old_files_are_a_dictionary() -> None:
     dictionary = Dictionary(Scales((0.0, 0.01), 0.1, (0.6, 0.1), (0.0, 100.0), True), by_force=False)
     weights = np.linspace(-1.0, 1.0, dictionary.size)
-    old = {"dictionary": dictionary.as_json(), "weights": weights.tolist(), "cost_J": 9.0}
+    old = {"dictionary": asdict(dictionary), "weights": weights.tolist(), "cost_J": 9.0}
     surrogate = Surrogate.from_json(json.loads(json.dumps(old)))
     assert surrogate.difference_error == UNKNOWN_ERROR
     expected = dictionary.predict(unseen(), unseen().inputs, np.zeros(len(unseen())), weights)

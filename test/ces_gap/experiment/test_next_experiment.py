@@ -19,7 +19,7 @@ from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.errors import GapError
 from ces_gap.experiment.candidates import list_candidate_experiments, reach_of
-from ces_gap.experiment.next_experiment import choose_next_experiment, experiment_files, simulate_experiment
+from ces_gap.experiment.next_experiment import experiment_files, propose_experiment, simulate_experiment
 from ces_gap.trace import Trace, TraceInputs
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
@@ -37,7 +37,7 @@ PAIR = (
 
 @pytest.fixture(scope="module")
 def proposed() -> NextExperiment:
-    experiment = choose_next_experiment(PLANT, [STILL], [PAIR], NOISE_N, recipes=RECIPES)
+    experiment = propose_experiment(PLANT, [STILL], [PAIR], NOISE_N, recipes=RECIPES)
     assert experiment is not None
     return experiment
 
@@ -49,7 +49,7 @@ def test_another_current_separates_effects_alike_at_constant_current(proposed: N
 
 
 def test_the_promised_difference_is_what_a_refit_leaves() -> None:
-    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
+    proposed = propose_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
     assert proposed is not None
     trace = simulate_experiment(PLANT.simulation, proposed.recipe)
     keep = trace.usable
@@ -70,15 +70,15 @@ def _left(a: F, b: F) -> float:
 def test_no_experiment_is_proposed_whose_difference_is_below_the_noise() -> None:
     same = (Setting(Friction(), (40.0, 0.05)), Setting(Rubbing(), (800.0, 0.05)))
     with pytest.raises(GapError, match=r"none of the 3 .* would distinguish friction from rubbing: .* × the noise"):
-        choose_next_experiment(PLANT, [STEPS], [same], NOISE_N, recipes=RECIPES[:3])
-    clear = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
+        propose_experiment(PLANT, [STEPS], [same], NOISE_N, recipes=RECIPES[:3])
+    clear = propose_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
     assert clear is not None and clear.distance_N > NOISE_N
     with pytest.raises(GapError, match="largest expected difference"):
-        choose_next_experiment(PLANT, [STEPS], [PAIR], 1.1 * clear.distance_N, recipes=RECIPES)
+        propose_experiment(PLANT, [STEPS], [PAIR], 1.1 * clear.distance_N, recipes=RECIPES)
 
 
 def test_without_pairs_there_is_no_experiment() -> None:
-    assert choose_next_experiment(PLANT, [STEPS], [], NOISE_N) is None
+    assert propose_experiment(PLANT, [STEPS], [], NOISE_N) is None
 
 
 def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
@@ -89,7 +89,7 @@ def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
 
     plant = Plant(DirectSimulator(FunctionSimulation("careful", careful)))
     pair = (Setting(Spring(), (8000.0,)), Setting(Scale(), (1.2,)))
-    proposed = choose_next_experiment(plant, [STEPS], [pair], NOISE_N, recipes=RECIPES)
+    proposed = propose_experiment(plant, [STEPS], [pair], NOISE_N, recipes=RECIPES)
     assert proposed is not None and np.ptp(proposed.current_A) == 0.0
 
     def never(time_s: F, position_m: F, current_A: F) -> F:
@@ -97,7 +97,7 @@ def test_an_experiment_the_simulation_refuses_is_left_out() -> None:
 
     refusing = Plant(DirectSimulator(FunctionSimulation("never", never)))
     with pytest.raises(GapError, match="refuses all"):
-        choose_next_experiment(refusing, [STEPS], [pair], NOISE_N, recipes=RECIPES)
+        propose_experiment(refusing, [STEPS], [pair], NOISE_N, recipes=RECIPES)
 
 
 class Yielding(Effect):
@@ -120,8 +120,8 @@ def test_an_experiment_is_left_out_if_the_simulation_refuses_what_an_effect_make
     pair = (Setting(Scale(), (1.3,)), Setting(Yielding(), (6e-8,)))
     jumping = [r for r in RECIPES if r["name"] in ("current_prbs", "current_steps")]
     with pytest.raises(GapError, match="refuses all 2 candidate experiments"):
-        choose_next_experiment(plant, [STEPS], [pair], 1.0, recipes=jumping)
-    proposed = choose_next_experiment(plant, [STEPS], [pair], 1.0, recipes=RECIPES)
+        propose_experiment(plant, [STEPS], [pair], 1.0, recipes=jumping)
+    proposed = propose_experiment(plant, [STEPS], [pair], 1.0, recipes=RECIPES)
     assert proposed is not None and proposed.name not in ("current_prbs", "current_steps")
 
 
@@ -129,7 +129,7 @@ def test_an_experiment_is_left_out_if_the_simulation_refuses_what_an_effect_make
 def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
     surrogate = learn_surrogate(make_recorded_examples([STEPS]), [STEPS])
     plant = Plant(surrogate)
-    proposed = choose_next_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
+    proposed = propose_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
     assert proposed is not None and proposed.distance_N > 1.0
     trace = simulate_experiment(surrogate, proposed.recipe)
     true = simulate_experiment(DirectSimulator(SIMULATION), proposed.recipe).simulated
@@ -138,7 +138,7 @@ def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
 
 def test_no_time_still_gives_an_experiment() -> None:
     recipes = [r for r in RECIPES if r["name"] in ("current_steps", "current_prbs")]
-    proposed = choose_next_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=recipes, budget_s=0.0)
+    proposed = propose_experiment(PLANT, [STEPS], [PAIR], NOISE_N, recipes=recipes, budget_s=0.0)
     assert proposed is not None and proposed.name == recipes[0]["name"]
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 from made_recordings import recording_of
+from samplings import make_sampling
 
 from ces_data.checks.content import recording_marks
 from ces_gap.augmented import AugmentedSimulation
@@ -27,7 +28,7 @@ from ces_gap.inputs.checks import (
 from ces_gap.trace import make_trace
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
 from ces_observer.errors import CesError, RecordingError
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -181,7 +182,7 @@ def test_a_constant_force_is_refused():
 def model(**ranges):
     bounds = {"position_m": (-0.02, 0.02), "speed_m_s": (-0.6, 0.6), "current_A": (0.3, 0.9), **ranges}
     return Model(
-        Sampling(500.0, 60.0, 0.02), Polynomial((Term(900.0, (Factor("speed", 0),)),)), Envelope(**bounds), (-3e4, 3e4)
+        make_sampling(500.0, 0.02), Polynomial((Term(900.0, (Factor("speed", 0),)),)), Envelope(**bounds), (-3e4, 3e4)
     )
 
 
@@ -224,6 +225,12 @@ def test_doubts_are_notes(traces, ranges, note):
     simulation = SIM if ranges is None else ModelSimulation(model(**ranges))
     notes = check_traces(traces(), simulation, "my:sim")
     assert len(notes) == bool(note) and re.search(note, "".join(notes))
+
+
+def test_a_force_held_at_its_envelope_is_a_note():
+    simulation = ModelSimulation(replace(model(), force_envelope_N=(-50.0, 50.0)))
+    (note,) = check_traces([trace()], AugmentedSimulation("a.json", simulation, Composition()), "a.json")
+    assert note.startswith("ride: the force was held at its envelope (-50 to 50 N) for ")
 
 
 @pytest.mark.parametrize("depth", [0, 2])

@@ -117,3 +117,21 @@ def test_a_point_of_the_front_shows_its_name(folder):
         page.mouse.move(x + 2, y + 2)
         read = page.locator("#size0-plot .plot-readout").inner_text()
         assert "polynomial, 4 terms, seed 1: selection 12.00 %" in read
+
+
+def test_every_delay_has_its_front_and_a_place_in_the_chart_of_cost_over_delay(tmp_path):
+    later = [
+        row("da", "polynomial", 4, 12.0, 20.0, terms=4, delay=0.0),
+        row("db", "polynomial", 4, 7.0, 9.0, terms=4, delay=0.003),
+        row("dc", "polynomial", 9, 6.9, 8.0, terms=9, delay=0.003),
+    ]
+    results = CampaignRows(tuple(later), 3)
+    assert results.front_keys() == {"da", "db", "dc"}
+    found = {name: one["key"] for name, one in results.recommended().items()}
+    assert found == {"noise, delay 0 ms": "da", "noise, delay 3 ms": "db"}
+    assert results.names.name(later[2]) == "polynomial, 9 terms, delay 3 ms"
+    write_campaign_page(tmp_path / PAGE, results, tmp_path, "delays", {})
+    text = (tmp_path / PAGE).read_text(encoding="utf-8")
+    assert "Cost over delay, identified on noise" in text and "Delay [ms]" in text
+    write_campaign_page(tmp_path / PAGE, CampaignRows(ROWS, 6), tmp_path, "sizes", {})
+    assert "Cost over delay" not in (tmp_path / PAGE).read_text(encoding="utf-8")

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bands import BAND
-from constructed_models import TERMS as CONSTRUCTED
 from exported_c import (
     CODES,
     INPUTS,
     UNPROVED,
+    a_million_samples,
+    assert_same,
     c_steps,
     c_ticks,
     compile_c,
@@ -25,154 +25,22 @@ from exported_c import (
     python_steps,
     python_ticks,
     seeded,
+    stroke,
+    two_models,
     undefined_and_defined,
 )
-from physical_examples import ENVELOPE, SAMPLING, make_chambers, make_model, make_relaxation, make_valve
-from trained_models import FUZZY, NETWORK, fuzzy_model, network_model
+from exported_models import LAGS, MODELS, PLAIN, POWERS, make
 
-from ces_identify.export.export_c import LONGEST_NAME, NAME_ENDING, export_c, identifier
+from ces_identify.export.export_c import AT_FILE_SCOPE, LONGEST_NAME, NAME_ENDING, export_c, identifier
 from ces_identify.structures.kit import number
 from ces_observer.errors import ModelError
-from ces_observer.model import Model, Sampling, parse_model
+from ces_observer.estimator import UNBOUNDED
+from ces_observer.model import Model, parse_model
 from ces_observer.structures.chambers import Chambers
-from ces_observer.structures.curves import FlowMap, IncreasingCurve
-from ces_observer.structures.fuzzy import Bell, Premise, Rule
-from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.relaxation import Relaxation
-from ces_observer.structures.terms import Factor, Term
 
-# ---------------------------------------------------------------------------------------------------------- models
-
-
-def f(signal, lag=0, power=1.0, signed=True):
-    return Factor(signal, lag, power, signed)
-
-
-def make(*terms, **sampling):
-    settings = {"rate_Hz": 1000.0, "bandwidth_Hz": 90.0, "outlier_m": 0.004, "warm_up_s": 0.1, **sampling}
-    return Model(Sampling(**settings), Polynomial(tuple(terms)), ENVELOPE, (-9e3, 8e3))
-
-
-PLAIN = (
-    Term(1200.0, (f("speed", 0, 0.5),)),
-    Term(700.0, (f("speed", 2), f("current", 5, 1.0, False))),
-    Term(100.1, (f("speed", 0, 0.5, False), f("current", 10, 2.0, False))),
-    Term(30.0, (f("speed", 0, 1.5),)),
-    Term(-5.0, ()),
-    Term(0.3, (f("force", 1),)),
-    Term(0.1, (f("force", 1), f("speed", 0, 0.5, False))),
-    Term(-0.02, (f("force", 1), f("speed", 2), f("current", 5, 1.0, False))),
-)
-LAGS = (
-    Term(1 / 3, (f("force", 1),)),
-    Term(-0.1, (f("force", 2), f("current", 0))),
-    Term(0.07, (f("force", 7), f("speed", 64, 1.0, False))),
-    Term(0.05, (f("force", 33), f("current", 1), f("position", 3, 0.5, False))),
-    Term(900.0, (f("speed", 1),)),
-    Term(2000.0, (f("position", 100), f("current", 17, 2.0, False))),
-)
-MANY_FACTORS = (
-    Term(800.0, (f("speed"), f("current", 1), f("current", 2))),
-    Term(1e5, (f("position", 1), f("speed", 1, 1.0, False), f("current", 4), f("speed", 0, 0.5, False))),
-    Term(400.0, (f("speed"), *(f("current", lag, 0.5) for lag in range(7)))),
-    Term(0.4, (f("force", 3), f("current"), f("current", 1), f("current", 2), f("speed", 0, 0.0, False))),
-)
-POWERS = (
-    Term(50.0, (f("speed", 0, 0.0),)),
-    Term(7.0, (f("speed", 0, 0.0, False), f("current"))),
-    *(Term(40.0 + p, (f("speed", 1, p),)) for p in (0.3, 1e-05, 0.75, 2.0, 2.5, 3.0, 4.0, 4.5, 5.0, 8.0)),
-    *(Term(30.0 - p, (f("speed", 0, p, False),)) for p in (0.3, 1.0, 1.5, 3.5, 6.123456789012345)),
-    Term(3e4, (f("position", 0, 1.25),)),
-    Term(0.5, (f("force", 1), f("current", 0, 0.1, False))),
-)
-PUBLISHED = (  # two factors of the speed in a term, as in the thesis' noise model
-    Term(900.0, (f("current", 0, 1.0, False), f("speed", 0, 0.6, False), f("speed", 1, 0.0))),
-    Term(0.2, (f("force", 2), f("current", 1, 1.0, False), f("speed", 0, 1.0))),
-    Term(-0.3, (f("force", 2), f("current", 0, 1.0, False), f("speed", 1, 0.2, False), f("speed", 3, 0.0))),
-    Term(0.2, (f("force", 2), f("speed", 2, 1.0, False), f("speed", 0, 0.0))),
-    Term(40.0, (f("speed", 1, 0.6, False),)),
-)
-UNSTABLE = (Term(1.02, (f("force", 1),)), Term(60.0, (f("speed"),)), Term(2.0, ()))
-
-
-def drawn(seed):
-    dice = random.Random(seed)
-    powers = (0.0, 0.5, 1.0, 1.5, 2.0, 0.7, 3.0)
-
-    def factor():
-        return f(
-            dice.choice(["speed", "current", "position"]), dice.randint(0, 20), dice.choice(powers), dice.random() < 0.5
-        )
-
-    def term(past):
-        inputs = tuple(factor() for _ in range(dice.randint(0, 4)))
-        return (
-            Term(dice.uniform(-0.12, 0.12), (f("force", dice.randint(1, 12)), *inputs))
-            if past
-            else Term(dice.uniform(-300, 900), inputs)
-        )
-
-    return [term(k % 3 == 0) for k in range(20)]
-
-
-ONE_INPUT = (Regressor("speed", 64, -0.1, 0.3),)
-SLOW = replace(SAMPLING, rate_Hz=400.0, bandwidth_Hz=40.0, order=2)
-LONG_GAP = replace(SAMPLING, rate_Hz=1333.3, max_gap_s=0.2, warm_up_s=0.0)
-LARGEST = FlowMap(
-    tuple((k - 20) / 40 for k in range(64)),
-    tuple(tuple((k - 20) * (20.0 + row) + (k > 25) * 9.0 * row for k in range(64)) for row in range(16)),
-)
-SMALLEST = FlowMap((0.0, 1.0), ((0.0, 500.0), (0.0, 2000.0)))
-LINE = IncreasingCurve((-100.0, 0.0), (-0.1, 0.0))
-PLAIN_VALVE = make_valve(hysteresis_A=0.0)
-MODELS = {
-    "plain, order 3": lambda: make(*PLAIN),
-    "plain, order 2, with a band": lambda: replace(make(*PLAIN, order=2), band=BAND),
-    "many factors": lambda: make(*MANY_FACTORS, order=2, outlier_m=0.02),
-    "powers": lambda: make(*POWERS, bandwidth_Hz=60.0),
-    "published regressors": lambda: make(*PUBLISHED, warm_up_s=0.0),
-    "slower ticks than samples": lambda: make(*PLAIN, rate_Hz=400.0, bandwidth_Hz=40.0),
-    "several output lags, odd rate and a long gap": lambda: make(
-        *LAGS, rate_Hz=1333.3, max_gap_s=0.2, order=2, warm_up_s=0.0
-    ),
-    "unstable": lambda: make(*UNSTABLE, warm_up_s=0.05),
-    "a constant": lambda: make(Term(7.0, ())),
-    "its own past only": lambda: make(Term(0.9, (f("force", 1),)), Term(10.0, ())),
-    "no past": lambda: make(Term(900.0, (f("speed"),)), Term(1e4, (f("position", 0, 1.0, False),))),
-    "ticks every 2^20 ns": lambda: make(*PLAIN, rate_Hz=1e9 / 2**20),
-    "constructed inputs": lambda: make(*CONSTRUCTED),
-    "constructed inputs without a lag": lambda: make(*CONSTRUCTED[:3], order=2),
-    "drawn": lambda: make(*drawn(1)),
-    "adaptive, order 3": lambda: make(*PLAIN, differentiator="adaptive", noise_m=15e-6),
-    "adaptive, order 2": lambda: make(*PLAIN, differentiator="adaptive", noise_m=15e-6, order=2),
-    "measured speed": lambda: make(*LAGS, differentiator="measured", order=2),
-    "measured acceleration": lambda: make(*PLAIN, differentiator="fused", bandwidth_Hz=3.0),
-    "network": network_model,
-    "network of one input without units": lambda: network_model(
-        replace(NETWORK, regressors=ONE_INPUT, linear=(0.7,), units=())
-    ),
-    "rules": fuzzy_model,
-    "one rule": lambda: fuzzy_model(
-        replace(
-            FUZZY,
-            regressors=ONE_INPUT,
-            premises=(Premise("position", 7, (Bell(-0.01, 2.0, 0.5),)),),
-            rules=(Rule((0,), 0.2, (0.5,)),),
-        )
-    ),
-    "unstable rules": lambda: fuzzy_model(replace(FUZZY, rules=(Rule((0, 0), 0.1, (1.3, 0.0, 0.2, 0.0, 0.0)),))),
-    "relaxation": lambda: make_model(make_relaxation(make_valve(5.7)), LONG_GAP),
-    "relaxation, largest map, no springs": lambda: make_model(
-        replace(make_relaxation(PLAIN_VALVE, springs=0), map=LARGEST), SLOW
-    ),
-    "chambers": lambda: make_model(make_chambers(make_valve(0.3), friction=3, friction_growth_1_N=0.0), LONG_GAP),
-    "chambers, no friction": lambda: make_model(make_chambers(make_valve(), friction=0), SLOW),
-    "chambers, smallest": lambda: make_model(
-        replace(make_chambers(PLAIN_VALVE), map=SMALLEST, check=LINE, refill=LINE)
-    ),
-}
-ALL_INPUTS = {"plain, order 3", "measured acceleration", "unstable", "network", "chambers"}
+ALL_INPUTS = {"plain", "measured acceleration", "overflowing", "network", "chambers", "a delay", "two models"}
 
 
 def inputs_of(name):
@@ -206,32 +74,60 @@ def test_forces_and_reasons_are_the_estimators(library, name) -> None:
     model, compiled = library(name)
     for shape in inputs_of(name):
         samples = seeded(shape)
-        rows, reasons = c_steps(compiled, *samples)
-        expected, expected_reasons = python_steps(model, *samples)
-        np.testing.assert_array_equal(reasons, expected_reasons, shape.__name__)
-        np.testing.assert_array_equal(rows[:, 3], expected[:, 3], shape.__name__)
-        np.testing.assert_allclose(rows[:, 0], expected[:, 0], rtol=1e-9, atol=tolerance(model), err_msg=shape.__name__)
-        np.testing.assert_allclose(rows[:, 1:3], expected[:, 1:3], rtol=1e-9, atol=1e-14, err_msg=shape.__name__)
-        np.testing.assert_allclose(rows[:, 4], expected[:, 4], rtol=1e-9, err_msg=shape.__name__)
-        np.testing.assert_array_equal(np.isnan(rows[:, 0]), reasons != CODES["ok"], shape.__name__)
+        found, expected = c_steps(compiled, *samples), python_steps(model, *samples)
+        assert_same(found, expected, tolerance(model), shape.__name__)
+        if model.sampling.delay_s:
+            assert np.isnan(found.rows[:, 0]).all()
+        else:
+            np.testing.assert_array_equal(np.isnan(found.rows[:, 0]), found.reasons != CODES["ok"], shape.__name__)
 
 
 @pytest.mark.slow
 @pytest.mark.needs("cc")
 def test_the_inputs_above_reach_every_reason(library) -> None:
     reached = {
-        name: {reason for shape in INPUTS for reason in c_steps(library(name)[1], *seeded(shape))[1].tolist()}
-        for name in ("plain, order 3", "unstable")
+        name: {reason for shape in INPUTS for reason in c_steps(library(name)[1], *seeded(shape)).reasons.tolist()}
+        for name in ("plain", "overflowing", "a delay", "a delay, overflowing")
     }
-    assert reached["plain, order 3"] == set(CODES.values()) - {CODES["force left its envelope"]}
-    assert reached["unstable"] == set(CODES.values())
+    unbounded = {CODES[UNBOUNDED]}
+    assert reached["overflowing"] == reached["a delay, overflowing"] == set(CODES.values())
+    assert reached["plain"] == reached["a delay"] == set(CODES.values()) - unbounded
+
+
+@pytest.mark.needs("cc")
+def test_estimates_come_late_by_their_delay_with_the_stamps_of_their_samples(library) -> None:
+    stamps, position, current = seeded(INPUTS[0])
+    found = c_steps(library("a delay")[1], stamps, position, current)
+    first = len(stamps) - len(found.late) - 5  # the last ones are never known
+    np.testing.assert_array_equal(found.late_stamps, stamps[first:-5])
+    true = np.gradient(stroke(stamps), 1e-3)[first:-5]
+    at_once = c_steps(library("plain")[1], stamps, position, current).rows[first:-5, 2]
+    assert np.std(found.late[:, 2] - true) < 0.5 * np.std(at_once - true)
 
 
 @pytest.mark.needs("cc")
 def test_the_twins_are_compared_on_forces_and_on_an_unbounded_run(library) -> None:
-    moving = c_steps(library("rules")[1], *seeded(INPUTS[0]))[0][:, 0]
+    moving = c_steps(library("rules")[1], *seeded(INPUTS[0])).rows[:, 0]
     assert np.nanmax(np.abs(moving)) > 20.0
-    assert math.isnan(c_steps(library("unstable rules")[1], *seeded(INPUTS[0]))[0][-1, 0])
+    unstable = c_steps(library("unstable rules")[1], *seeded(INPUTS[0])).rows[:, 0]
+    assert np.nanmax(np.abs(unstable)) == 9e3  # held at the end of its envelope
+
+
+@pytest.mark.slow
+@pytest.mark.needs("cc")
+def test_a_million_hostile_samples_give_the_same_with_and_without_a_delay(tmp_path_factory) -> None:
+    both = two_models(make(*PLAIN), make(*LAGS), 0.003)
+    samples = a_million_samples()
+    expected = python_steps(both, *samples)
+    assert set(expected.reasons.tolist()) == set(CODES.values()) - {CODES[UNBOUNDED]}
+    assert len(expected.late) > 300_000
+    together, now, late = (
+        c_steps(compile_c(tmp_path_factory.mktemp("model"), model), *samples)
+        for model in (both, replace(both, delayed=None), both.delayed)
+    )
+    assert_same(together, expected, 1e-9)
+    assert_same(now._replace(late=expected.late, late_stamps=expected.late_stamps), expected, 1e-9)
+    assert_same(late._replace(rows=expected.rows, reasons=expected.reasons), expected, 1e-9)
 
 
 @pytest.mark.slow
@@ -255,7 +151,7 @@ def test_a_tick_is_the_structures(library, name) -> None:
 
 @pytest.mark.slow
 @pytest.mark.needs("cc", "nm")
-@pytest.mark.parametrize("name", ["powers", "network", "rules", "relaxation", "chambers"])
+@pytest.mark.parametrize("name", ["powers", "network", "rules", "relaxation", "two models with chambers"])
 def test_it_needs_nothing_but_math_and_has_no_globals(library, name) -> None:
     needed, kinds = undefined_and_defined(Path(library(name)[1]._name).parent)
     assert needed <= {"cos", "exp", "floor", "fmin", "pow", "sqrt"}
@@ -265,13 +161,28 @@ def test_it_needs_nothing_but_math_and_has_no_globals(library, name) -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["plain, order 2, with a band", "rules", "relaxation", "chambers"])
+@pytest.mark.parametrize("name", ["two models, measured acceleration", "two models with chambers", "rules", "a delay"])
+def test_no_name_in_the_file_can_be_a_public_one(name) -> None:
+    code = "".join(export_c(MODELS[name](), "model", "model", UNPROVED))
+    names = {one for found in AT_FILE_SCOPE.findall(code) for one in found if one}
+    public = {one.removeprefix("model_").removeprefix("MODEL_") for one in names if one.lower().startswith("model_")}
+    assert {"step", "reset", "state", "run", "bank", "past_reset"} <= public
+    own = {one for one in names if not one.lower().startswith("model_")}
+    assert not [one for one in own if one.endswith(tuple(f"_{ending}" for ending in public))]
+
+
+def test_without_a_delay_there_is_nothing_for_one() -> None:
+    code = "".join(export_c(make(*PLAIN), "model", "model", UNPROVED)).lower()
+    assert not any(word in code for word in ("delay", "late_", "smoothing", "model_waiting"))
+
+
+@pytest.mark.parametrize("name", ["plain, with a band", "two models", "rules", "relaxation", "chambers"])
 def test_a_model_file_gives_the_same_code(name) -> None:
     model = MODELS[name]()
     again = parse_model(model.to_json(), "model.json")
     code = export_c(model, "m", "m", UNPROVED)
     assert export_c(again, "m", "m", UNPROVED) == code
-    assert ("half_width" in "".join(code)) == (model.band is not None)
+    assert ("half_width" in "".join(code)) == any(one.band for one in model.each)
 
 
 @pytest.mark.needs("cc")

@@ -2,22 +2,24 @@
 
 import subprocess
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from exported_c import with_delay
 from fmus import UNPROVED, damper
 from physical_examples import make_chambers, make_model, make_valve
 
 from ces_identify.export.export_c import REASONS
-from ces_identify.export.export_fmu import VARIABLES, export_fmu, find_compiler, sources
+from ces_identify.export.export_fmu import export_fmu, find_compiler, list_variables, sources
+from ces_identify.simulations.fmu import open_fmu
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("cc")]
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O1", "-Werror"]
-REFERENCE = {variable.name: place for place, variable in enumerate(VARIABLES)}
-POSITION, CURRENT, FORCE, SPEED, VALID, CLAMPED, REASON = range(len(VARIABLES))
+POSITION, CURRENT, FORCE, SPEED, VALID, CLAMPED, REASON = range(7)  # of a model without a delay
 CODES = {reason: code for code, reason in enumerate(REASONS.values())}
 
 
@@ -29,16 +31,27 @@ def model(request):
 @pytest.fixture(scope="module")
 def fmu(tmp_path_factory, model):
     """Return the path of a model's FMU and its unzipped folder."""
-    path = tmp_path_factory.mktemp("fmu") / "damper.fmu"
+    return write_fmu(tmp_path_factory.mktemp("fmu"), model)
+
+
+def write_fmu(folder, model):
+    path = folder / "damper.fmu"
     path.write_bytes(export_fmu(model, "damper", UNPROVED, find_compiler()))
     with zipfile.ZipFile(path) as archive:
-        archive.extractall(path.parent / "unzipped")
-    return path, path.parent / "unzipped"
+        archive.extractall(folder / "unzipped")
+    return path, folder / "unzipped"
 
 
 @pytest.fixture
 def slave(fmu):
     """Return a started instance."""
+    made = open_slave(fmu)
+    yield made
+    made.terminate()
+    made.freeInstance()
+
+
+def open_slave(fmu):
     pytest.importorskip("fmpy")
     from fmpy import read_model_description
     from fmpy.fmi2 import FMU2Slave
@@ -47,9 +60,7 @@ def slave(fmu):
     made = FMU2Slave(guid=guid, modelIdentifier="damper", unzipDirectory=str(fmu[1]), instanceName="one")
     made.instantiate()
     start(made)
-    yield made
-    made.terminate()
-    made.freeInstance()
+    return made
 
 
 def start(slave):
@@ -122,6 +133,37 @@ def test_it_withholds_after_a_long_step_and_for_inputs_that_are_not_finite(slave
     same(rows, estimated(model, time, position, current)[:-1])
     assert np.isfinite(rows[:, 0]).all()
     assert rows[900, 4] == rows[950, 4] == CODES["position or current is not finite"]
+
+
+@pytest.mark.parametrize("alone", [False, True])
+def test_a_delayed_force_comes_out_as_soon_as_it_is_known(tmp_path, alone):
+    from fmpy.validation import validate_fmu
+
+    late = with_delay(damper(), 0.003)
+    model = late if alone else replace(damper(0.5), delayed=late)
+    fmu, place = write_fmu(tmp_path, model), {one.name: i for i, one in enumerate(list_variables(model))}
+    assert validate_fmu(str(fmu[0])) == []
+    assert ("force" in place, "valid_delayed" in place) == (not alone, not alone)
+    assert open_fmu(str(fmu[0])).ports.force.name == ("force_delayed" if alone else "force")
+    time, position, current = stroke()
+    time[700:] += 0.02
+    time[1000:] += 0.3
+    made, estimator, known = open_slave(fmu), Estimator(model), None
+    rows, expected = [], []
+    for k in range(len(time) - 1):
+        made.setReal([POSITION, CURRENT], [position[k], current[k]])
+        made.doStep(time[k], time[k + 1] - time[k])
+        valid = made.getBoolean([place["valid" if alone else "valid_delayed"]])
+        rows.append([*made.getReal([place["force_delayed"], place["delay"]]), *valid])
+        stamp_ns = round(1e9 * time[k])
+        estimator.step(stamp_ns, position[k], current[k])
+        known = estimator.late[-1] if estimator.late else known
+        is_valid = known is not None and stamp_ns - known.stamp_ns <= 53_000_000
+        expected.append([known.force if is_valid else 0.0, 0.003, is_valid])
+    np.testing.assert_allclose(rows, expected, rtol=1e-9, atol=1e-9)
+    assert 1000 < sum(row[2] for row in expected) < 1300
+    made.terminate()
+    made.freeInstance()
 
 
 def test_a_state_is_kept_restored_and_written_as_bytes(slave):

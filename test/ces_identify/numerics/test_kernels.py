@@ -5,9 +5,7 @@ import pytest
 from kernel_examples import SEGMENTS, TERMS, make_inputs, tables  # noqa: F401 - make_inputs is a fixture
 
 from ces_identify.numerics import kernels
-from ces_observer.model import Sampling
 from ces_observer.structures.terms import Factor, Term
-from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER, RESTARTED, Tracker
 
 
 def slow_product(term, inputs, k, start):
@@ -25,34 +23,44 @@ def slow_regressor(term, inputs, past, k, start):
     return value
 
 
-def slow_free_run(terms, inputs, segments):
+def slow_free_run(terms, inputs, segments, bounds=(-np.inf, np.inf)):
     force = np.zeros(len(inputs[0]))
     for start, stop in segments:
         for k in range(start, stop):
-            force[k] = sum(t.coefficient * slow_regressor(t, inputs, force, k, start) for t in terms)
+            total = sum(t.coefficient * slow_regressor(t, inputs, force, k, start) for t in terms)
+            force[k] = min(max(total, bounds[0]), bounds[1])
     return force
 
 
 @pytest.mark.parametrize("terms", [TERMS, TERMS[:3], TERMS[:2], TERMS[-1:]])
 def test_free_run(inputs, terms):
     compiled, powers, coefficients = tables(terms, inputs)
-    force, first = kernels.free_run(powers, SEGMENTS, compiled.arrays, coefficients, (-1e6, 1e6))
-    assert first == -1
+    force, held = kernels.free_run(powers, SEGMENTS, compiled.arrays, coefficients, (-1e6, 1e6))
+    assert not held.any()
     np.testing.assert_allclose(force, slow_free_run(terms, inputs, SEGMENTS), rtol=1e-9, atol=1e-9)
 
 
-def test_free_run_reports_the_first_tick_out_of_bounds(inputs):
-    terms = (Term(1.1, (Factor("force", 1),)), Term(1.0, ()))
+GROWING = (Term(1.1, (Factor("force", 1),)), Term(1.0, ()))  # as a model without a certificate may
+
+
+@pytest.mark.parametrize(("terms", "share"), [(TERMS, 0.1), (TERMS[:3], 0.1), (GROWING, 0.9)])
+def test_free_run_is_held_in_its_bounds_and_goes_on(inputs, terms, share):
     compiled, powers, coefficients = tables(terms, inputs)
-    force, first = kernels.free_run(powers, SEGMENTS, compiled.arrays, coefficients, (-100.0, 100.0))
-    slow, expected = 0.0, 0
-    while slow <= 100.0:
-        slow = 1.1 * slow + 1.0
-        expected += 1
-    assert first == expected - 1
-    assert np.isfinite(force[:first]).all()
-    assert np.isnan(force[first:1500]).all()
-    assert np.isfinite(force[1500:1503]).all()
+    bounds = -3.0, 3.0
+    force, held = kernels.free_run(powers, SEGMENTS, compiled.arrays, coefficients, bounds)
+    np.testing.assert_allclose(force, slow_free_run(terms, inputs, SEGMENTS, bounds), rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(held, np.isin(force, bounds))
+    assert held.mean() > share
+
+
+def test_free_run_ends_where_it_is_not_finite_until_the_next_segment(inputs):
+    inputs[1][700] = np.inf
+    terms = Term(99.0, (Factor("speed", 0),)), Term(0.9, (Factor("force", 9),))
+    compiled, powers, coefficients = tables(terms, inputs)
+    powers[powers == 9.0] = np.nan
+    force, held = kernels.free_run(powers, SEGMENTS, compiled.arrays, coefficients, (-100.0, 100.0))
+    assert np.isnan(force[700:1500]).all()
+    assert np.isfinite(force[:700]).all() and np.isfinite(force[1500:]).all() and held[:700].any()
 
 
 @pytest.mark.parametrize("best", [np.inf, 1e-3])
@@ -68,6 +76,8 @@ def test_free_run_cost(inputs, best):
     run = kernels.ScoredRun(powers, SEGMENTS, recordings, weights, measured, (-1e6, 1e6))
     cost = kernels.free_run_cost(run, compiled.arrays, coefficients, best, *room)
     assert cost == (pytest.approx(expected, rel=1e-9) if best == np.inf else np.inf)
+    leaving = run._replace(bounds=(-1.0, 1.0))
+    assert kernels.free_run_cost(leaving, compiled.arrays, coefficients, np.inf, *room) == np.inf
 
 
 def test_regressor_columns(inputs):
@@ -94,39 +104,6 @@ def test_solve_normal_refuses_dependent_columns():
     columns = np.random.default_rng(9).normal(size=(50, 2))
     full = np.column_stack([columns, columns @ [1.0, 2.0], np.ones(50)])
     assert not kernels.solve_normal(full.T @ full, np.array([0, 1, 2]), 1e-9)[1]
-
-
-def rough_samples():
-    """Stamps and positions with jitter, gaps, repeats, late and wild samples."""
-    random = np.random.default_rng(10)
-    stamps = (np.arange(3000) * 1_000_000 + random.normal(0, 80_000, 3000)).astype(np.int64)
-    stamps[1000:] += 7_300_000
-    stamps[1800:] += 90_000_000
-    stamps[500], stamps[700], stamps[2500:] = stamps[499], stamps[697], stamps[2500:] - 200_000_000
-    positions = 0.02 * np.sin(stamps * 2e-8) + random.normal(0, 1e-5, 3000)
-    positions[[50, 51, 1500]] += 0.3
-    positions[2100:] += 0.1
-    return stamps, positions
-
-
-@pytest.mark.parametrize("rate", [1000.0, 333.0, 1700.0])
-def test_track_is_the_tracker(rate):
-    stamps, positions = rough_samples()
-    sampling = Sampling(rate, 40.0, 0.004)
-    ticks, times, total, status, ahead, _ = kernels.track(stamps, positions, rate, 40.0, 50_000_000, 0.004)
-    slow = Tracker(sampling)
-    names = {OK: 0, OUT_OF_ORDER: 1, OUTLIER: 2, RESTARTED: 3}
-    at = 0
-    for i, (stamp, x) in enumerate(zip(stamps.tolist(), positions.tolist(), strict=True)):
-        assert names[slow.advance(stamp, x)] == status[i]
-        for tick in slow.ticks:
-            np.testing.assert_allclose(ticks[at], tick, rtol=1e-12, atol=1e-12)
-            at += 1
-        assert total[i] == at
-        if status[i] == kernels.STATUS_OK:
-            assert ahead[i] == slow.ahead
-    assert at == len(ticks) == len(times)
-    assert set(status.tolist()) == {0, 1, 2, 3}
 
 
 @pytest.mark.parametrize("power", [0.0, 0.25, 0.5, 1.0, 1.5, 2.0, 3.1])

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from planted import planted
+from samplings import make_sampling
 
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import load_rules, parse_rules
@@ -11,12 +12,12 @@ from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Model, Sampling, parse_model
+from ces_observer.model import Envelope, Model, parse_model
 from ces_observer.structures.constructed_inputs import Hysteresis, make_memberships
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
-SAMPLING = Sampling(500.0, 40.0, 0.01)
+SAMPLING = make_sampling(500.0, 0.01)
 STOP = Hysteresis("hysteresis", "stop", "position", 0.001)
 SOFT, HARD = make_memberships("by_current", "current", (0.35, 0.6))
 IN_SOFT, IN_HARD = (Factor(hat.name, 0, 1.0, True, hat) for hat in (SOFT, HARD))
@@ -57,7 +58,7 @@ def ride(seed, name="planted"):
 
 def identified(rules, terms=7):
     limits = Limits(terms, 20.0, 0.0, 2, 1, 2)
-    options = IdentifyOptions(split=1.0, candidates=rules, limits=limits, bandwidth=40.0)
+    options = IdentifyOptions(split=1.0, candidates=rules, limits=limits)
     return identify([ride(1), ride(2)], [ride(3, name="fresh")], options)
 
 

@@ -87,7 +87,7 @@ def test_it_stops_at_the_target_at_its_limit_of_terms_and_when_time_is_up(proble
 
 
 def test_a_model_that_can_be_proved_stable_has_its_certificate():
-    options = IdentifyOptions(1.0, RULES, replace(ONCE, terms=4), rate=500.0, bandwidth=40.0)
+    options = IdentifyOptions(1.0, RULES, replace(ONCE, terms=4), rate=500.0)
     model = identify([planted(1)], options=options).model
     assert model.certificate == model.certify().to_mapping()
     assert model.certificate["gain"] < 1.0

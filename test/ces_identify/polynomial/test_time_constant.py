@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from planted import stroked, with_force, with_values
+from samplings import make_sampling
 
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import parse_rules
@@ -10,12 +11,12 @@ from ces_identify.polynomial.constructed import GRID_S, find_time_constants
 from ces_identify.polynomial.search_limits import GAUSS_NEWTON, Limits
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import Lag, TriangularMembership, make_memberships
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
-SAMPLING = Sampling(500.0, 40.0, 0.01)
+SAMPLING = make_sampling(500.0, 0.01)
 NOISE_N = 5.0
 RULES = parse_rules(
     {
@@ -82,7 +83,7 @@ def test_a_model_is_identified_with_the_estimated_lag_and_memberships_of_it():
         "by_valve": {"lags_ms": [0]},
         "products": [["speed", "by_valve"], ["force"], ["force", "by_valve"]],
     }
-    options = IdentifyOptions(1.0, parse_rules(raw, "test"), LIMITS, bandwidth=40.0)
+    options = IdentifyOptions(1.0, parse_rules(raw, "test"), LIMITS)
     result = identify([planted(blended(0.01), 1)], [planted(blended(0.01), 2)], options)
     assert {
         f.definition.base
@@ -95,6 +96,6 @@ def test_a_model_is_identified_with_the_estimated_lag_and_memberships_of_it():
 
 def test_a_current_that_never_changes_needs_no_time_constant():
     still = planted(straight(0.01), 1)
-    options = IdentifyOptions(1.0, RULES, LIMITS, bandwidth=40.0)
+    options = IdentifyOptions(1.0, RULES, LIMITS)
     result = identify([with_values(still, current=np.full(4000, 0.5))], [], options)
     assert {f.signal for t in result.model.body.terms for f in t.factors} <= {"force", "speed"}

@@ -1,4 +1,4 @@
-"""The differentiator is chosen by the signals that were recorded, and a wrong unit of one of them is named."""
+"""A speed or acceleration that all recordings hold is used, and a wrong unit of one of them is named."""
 
 from dataclasses import replace
 
@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from ces_data.recording import Channel, Recording
-from ces_identify.prepare.sampling import FUSED_HZ, WIDEST, choose_sampling, default_differentiator
-from ces_observer.adaptive_differentiator import SHARES
+from ces_identify.prepare.sampling import choose_sampling
 from ces_observer.errors import RecordingError
-from ces_observer.model import ADAPTIVE, FUSED, KALMAN, MEASURED
 
 RATE = 1000.0
 NOISE_M = 15e-6
@@ -36,44 +34,27 @@ def recording(*signals, speed=(1.0, 0.0), acceleration=(1.0, 0.0), noise=NOISE_M
 
 
 @pytest.mark.parametrize(
-    ("signals", "kind"),
+    ("signals", "motion"),
     [
-        ([(), ()], KALMAN),
-        ([("speed",), ("speed",)], MEASURED),
-        ([("speed",), ()], KALMAN),
-        ([("acceleration",), ("acceleration",)], FUSED),
-        ([("speed", "acceleration"), ("acceleration",)], FUSED),
-        ([("speed", "acceleration"), ("speed", "acceleration")], MEASURED),
+        ([(), ()], ""),
+        ([("speed",), ("speed",)], "speed"),
+        ([("speed",), ()], ""),
+        ([("acceleration",), ("acceleration",)], "acceleration"),
+        ([("speed", "acceleration"), ("acceleration",)], "acceleration"),
+        ([("speed", "acceleration"), ("speed", "acceleration")], "speed"),
     ],
 )
-def test_a_signal_that_all_recordings_have_is_used(signals, kind):
-    recordings = [recording(*names) for names in signals]
-    assert default_differentiator(recordings) == kind
-    assert choose_sampling(recordings).differentiator == kind
+def test_a_signal_that_all_recordings_have_is_used(signals, motion):
+    assert choose_sampling([recording(*names) for names in signals]).motion == motion
 
 
-def test_a_given_differentiator_is_kept():
-    both = [recording("speed", "acceleration")]
-    assert [choose_sampling(both, differentiator=k).differentiator for k in (KALMAN, ADAPTIVE)] == [KALMAN, ADAPTIVE]
-    with pytest.raises(RecordingError, match="no 'acceleration' channel"):
-        choose_sampling([recording()], differentiator=FUSED)
-
-
-@pytest.mark.parametrize("noise", [5e-6, 15e-6, 60e-6])
-def test_the_noise_of_the_positions_is_recovered(noise):
-    sampling = choose_sampling([recording(noise=noise)], differentiator=ADAPTIVE)
-    assert sampling.noise_m == pytest.approx(noise, rel=0.1)
-
-
-def test_no_filter_of_the_adaptive_differentiator_exceeds_the_stable_bandwidth():
-    sampling = choose_sampling([recording(noise=1e-7)], differentiator=ADAPTIVE)
-    assert sampling.bandwidth_Hz * max(SHARES) <= WIDEST[sampling.order] * RATE * 1.001
-
-
-def test_an_accelerometer_lowers_the_bandwidth_but_not_the_rate():
-    plain, fused = (choose_sampling([recording("acceleration")], differentiator=k) for k in (KALMAN, FUSED))
-    assert (fused.bandwidth_Hz, fused.order, fused.rate_Hz) == (FUSED_HZ, 3, plain.rate_Hz)
-    assert choose_sampling([recording("acceleration")], bandwidth_Hz=1.5).bandwidth_Hz == 1.5
+@pytest.mark.parametrize(("signal", "noise"), [("speed", 0.02), ("acceleration", 2.0)])
+def test_the_noise_of_the_signal_is_recovered(signal, noise):
+    made = recording(signal)
+    channel = made.channel(signal)
+    values = channel.values + np.random.default_rng(3).normal(0.0, noise, len(channel.values))
+    noisy = replace(made, channels={**made.channels, signal: replace(channel, values=values)})
+    assert choose_sampling([noisy]).motion_noise == pytest.approx(noise, rel=0.35)
 
 
 @pytest.mark.parametrize(

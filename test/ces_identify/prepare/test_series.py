@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
+from samplings import make_sampling
 
 from ces_data.recording import Channel, Recording
 from ces_data.samples import measured_at
 from ces_identify.prepare.series import hold_current, prepare
 from ces_observer.errors import RecordingError
-from ces_observer.model import Sampling
 
-SAMPLING = Sampling(1000.0, 60.0, 0.005)
+SAMPLING = make_sampling()
 MS = 1_000_000
 
 

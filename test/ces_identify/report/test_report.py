@@ -142,21 +142,37 @@ def test_names_are_escaped(tmp_path: Path, both: list[Evaluation]) -> None:
     assert words(next(root.iter(f"{XHTML}h1"))) == evil
 
 
-def test_diverged_run_is_warned_of_and_drawn(tmp_path: Path, both: list[Evaluation]) -> None:
-    lost = evaluate(unstable(), [both[1].series], VALIDATION)
-    assert lost[0].run.diverged >= 0 and math.isinf(lost[0].cost)
-    text, root = page(tmp_path, lost + both[:1], unstable())
+def without_force(e: Evaluation) -> Evaluation:
+    """Return the evaluation of a free run whose force is not finite."""
+    return replace(e, run=replace(e.run, force=np.full(len(e.series), np.nan)), cost=math.inf, half_width=None)
+
+
+def test_a_held_force_is_warned_of_and_counts(tmp_path: Path, both: list[Evaluation]) -> None:
+    (held,) = evaluate(unstable(), [both[1].series], VALIDATION)
+    assert held.held_share > 0.1 and held.cost > 100.0
+    _, root = page(tmp_path, [held, both[0]], unstable())
+    warning = next(words(e) for e in root.iter(f"{XHTML}p") if e.get("class") == "warning")
+    first = held.series.time_s[held.series.scored & held.run.held][0]
+    share = f"{100.0 * held.held_share:.3g} % of the time, first at {first:.2f} s"
+    assert warning == (
+        f"road: the force was held at its envelope (−2000 to 2000 N) for {share}: "
+        "the model does not fit this recording (validation)."
+    )
+    assert float(cost_cells(root)[0][7]) == pytest.approx(100.0 * held.outside_share, rel=0.01)
+
+
+def test_diverged_run_is_named_and_drawn(tmp_path: Path, both: list[Evaluation]) -> None:
+    text, root = page(tmp_path, [without_force(replace(both[1], role=VALIDATION)), both[0]])
     assert cost_cells(root)[0][4:7] == ["∞", "–", "–"]
     assert not [t for t in root.iter(f"{SVG}title") if words(t).startswith("Correlations") and "road" in words(t)]
-    warning = next(words(e) for e in root.iter(f"{XHTML}p") if e.get("class") == "warning")
-    assert warning.startswith("Diverged") and f"{lost[0].series.time_s[lost[0].run.diverged]:.2f} s" in warning
+    assert "No interval and no RMS error (the simulated force is not finite): road." in text
     assert "the free run diverged on every recording" in text
     assert not re.search(r'="[^"]*\b(nan|inf)\b', text)
 
 
 def test_part_diverged_leaves_the_costs_of_the_others_in_the_headline(tmp_path: Path, both: list[Evaluation]) -> None:
-    lost = evaluate(unstable(), [both[1].series], VALIDATION)
-    text, _ = page(tmp_path, [*lost, replace(both[0], role=VALIDATION)])
+    lost = without_force(replace(both[1], role=VALIDATION))
+    text, _ = page(tmp_path, [lost, replace(both[0], role=VALIDATION)])
     assert re.search(r"Validation: cost J = [\d.]+ % \(sine\); the free run diverged on 1 more\.", text)
 
 
@@ -252,10 +268,10 @@ def test_window_spans_no_gap_and_no_warm_up() -> None:
     assert np.diff(e.series.time_s[window.start : window.stop]).max() < 0.003
 
 
-def test_window_of_a_diverged_run_holds_the_divergence(both: list[Evaluation]) -> None:
+def test_window_of_a_held_run_shows_where_it_was_first_held(both: list[Evaluation]) -> None:
     e = evaluate(unstable(), [both[0].series], VALIDATION)[0]
     window = choose_window(e)
-    assert window.start <= e.run.diverged < window.stop
+    assert window.start <= e.run.held.argmax() < window.stop
 
 
 def test_grid_shares_add_up_and_its_errors_are_the_errors(both: list[Evaluation]) -> None:
@@ -391,3 +407,22 @@ def test_a_long_name_beside_intervals_keeps_both_ends() -> None:
     shown = [name for name in names if " − " in name]
     assert len(set(shown)) == 2
     assert all(len(name) <= MAX_NAME and name.startswith("mod") for name in shown)
+
+
+def test_a_file_with_two_models_has_a_row_and_sections_for_each_delay(tmp_path: Path) -> None:
+    late = model(sampling=replace(model().sampling, delay_s=0.006), body=Polynomial(TERMS[:2]))
+    two, series = model(delayed=late), [damper("sine", seed=1), damper("road", seed=2)]
+    found = [e for s in series for m in two.each for e in evaluate(m, [s], VALIDATION)]
+    text, root = page(tmp_path, found, two)
+    idents = [e.get("id") for e in root.iter() if e.get("id")]
+    assert len(idents) == len(set(idents)) and len(list(root.iter(f"{SVG}svg"))) == 3 * len(found) + 4
+    rows = [row for row in cost_cells(root) if row[1] == VALIDATION]
+    assert [(row[0], row[2]) for row in rows] == [("sine", "0"), ("sine", "6"), ("road", "0"), ("road", "6")]
+    assert [float(row[5]) for row in rows] == pytest.approx([e.cost for e in found], rel=6e-3)
+    for ident in ("recordings", "terms", "coverage"):
+        assert words(section(root, f"{ident}-late").find(f"{XHTML}h2")) == (
+            words(section(root, ident).find(f"{XHTML}h2")) + ", 6 ms later"
+        )
+    headline = words(next(e for e in root.iter(f"{XHTML}p") if e.get("class") == "headline"))
+    assert headline.startswith("Validation, at once: cost J from ") and "; 6 ms later: cost J from " in headline
+    assert "6 terms (at once); 2 terms (6 ms later)" in text

@@ -9,14 +9,21 @@ from constructed_models import constructed_damper
 from planted import FUZZY, NETWORK, SAMPLING, planted, stroked
 from planted_dampers import planted_model
 from residual_series import series
+from samplings import make_sampling
 
 from ces_data.recording import Channel, Recording
 from ces_identify.prepare.series import hold_current, prepare
-from ces_identify.simulations.simulate import band_half_width, sample_bounds, sample_force, simulate_series
+from ces_identify.simulations.simulate import (
+    band_half_width,
+    sample_bounds,
+    sample_force,
+    sample_run,
+    simulate_series,
+)
 from ces_observer.band import BandRun
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
-from ces_observer.model import Envelope, Model, Sampling, parse_model
+from ces_observer.model import Envelope, Model, parse_model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -35,7 +42,7 @@ LAGGED = {"network": NETWORK, "fuzzy": FUZZY}
 
 def polynomial(rate=1000.0, band=None):
     envelope = Envelope((-0.018, 0.02), (-0.6, 0.6), (0.3, 0.65))
-    return Model(Sampling(rate, 45.0, 0.004), Polynomial(TERMS), envelope, (-9e3, 9e3), band=band)
+    return Model(make_sampling(rate, 0.004), Polynomial(TERMS), envelope, (-9e3, 9e3), band=band)
 
 
 def rough(jitter_ns=60_000, rate=1000.0, gaps=GAPS):
@@ -67,16 +74,16 @@ def broken_up(recording, at=(1200, 2500), by_ns=(30_000_000, 90_000_000)):
 
 
 def stepped(m, recording):
-    """Forces (samples,) of the estimator, and half widths of its band where it has one."""
+    """Forces (samples,) of the estimator, half widths of its band where it has one, and where its force was held."""
     estimator = Estimator(m)
     position = recording.channel("position")
     current = hold_current(recording, position.stamps_ns, m.sampling.max_current_age_s)
     rows = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
-    found = np.full((2, len(position)), np.nan)
+    found = np.full((3, len(position)), np.nan)
     for k, row in enumerate(rows):
         force = estimator.step(*row)
         if force is not None:
-            found[:, k] = force, estimator.half_width() or np.nan
+            found[:, k] = force, estimator.half_width() or np.nan, estimator.held
     return found
 
 
@@ -94,30 +101,54 @@ CASES = {
     "relaxation": lambda: (planted_model("relaxation"), broken_up(stroked(3))),
     "chambers": lambda: (planted_model("chambers"), broken_up(stroked(3))),
 }
+HELD = {"polynomial": "polynomial, jitter and gaps"} | {
+    name: name for name in ("network", "fuzzy", "relaxation", "chambers")
+}
 
 
 @pytest.mark.parametrize("name", CASES)
 def test_estimator_and_batch_agree(name) -> None:
     model, recording = CASES[name]()
-    batch, (steps, _) = sample_force(model, recording), stepped(model, recording)
+    batch, (steps, *_) = sample_force(model, recording), stepped(model, recording)
     assert np.isfinite(batch).sum() > 1000
     assert np.nanstd(batch) > 50.0
     np.testing.assert_array_equal(np.isfinite(batch), np.isfinite(steps))
     np.testing.assert_allclose(batch, steps, rtol=1e-9, atol=1e-9 * np.nanmax(np.abs(steps)))
 
 
-@pytest.mark.parametrize("kind", LAGGED)
-def test_a_run_that_leaves_the_force_envelope_ends_there_and_begins_anew_after_the_gap(kind) -> None:
-    ride = prepare(broken_up(stroked(5)), SAMPLING)
-    whole = simulate_series(LAGGED[kind], ride).force
-    high = 0.6 * whole.max()
-    run = simulate_series(replace(LAGGED[kind], force_envelope_N=(-1e5, high)), ride)
-    first = int(np.argmax(whole > high))
-    assert run.diverged == first
-    np.testing.assert_array_equal(run.force[:first], whole[:first])
-    stop = ride.segments[0, 1]
-    assert np.isnan(run.force[first:stop]).all()
-    assert np.isfinite(run.force[stop])
+@pytest.mark.parametrize("kind", HELD)
+def test_estimator_and_batch_hold_the_same_forces_at_the_envelope(kind) -> None:
+    model, recording = CASES[HELD[kind]]()
+    low, high = np.nanquantile(sample_force(model, recording), (0.2, 0.7))
+    tight = replace(model, force_envelope_N=(float(low), float(high)))
+    batch, (steps, _, held) = sample_run(tight, recording), stepped(tight, recording)
+    np.testing.assert_allclose(batch.force, steps, rtol=1e-9, atol=1e-9 * max(-low, high))
+    known = np.isfinite(batch.force)
+    np.testing.assert_array_equal(batch.held_at(known)[2], held[known] == 1.0)
+    assert 0.1 < batch.held_at(known)[2].mean() < 0.9
+
+
+def surge():
+    """A ride of 3 s whose stroke is eight times as long from 1 s to 1.5 s."""
+    time_s = np.arange(3000) / 1000.0
+    stroke_m = 0.004 * np.where((time_s >= 1.0) & (time_s < 1.5), 8.0, 1.0)
+    channels = {"position": stroke_m * np.sin(2 * np.pi * 4.0 * time_s), "current": np.full(3000, 0.5)}
+    stamps = np.rint(time_s * 1e9).astype(np.int64) + 10**18
+    return Recording("surge", {name: Channel(name, "", stamps, values) for name, values in channels.items()})
+
+
+def test_a_certified_run_is_held_on_a_stroke_beyond_its_data_and_comes_back_by_itself() -> None:
+    terms = (Term(0.9, (Factor("force", 1),)), Term(6e3, (Factor("position", 0, 1.0),)))
+    free = Model(make_sampling(), Polynomial(terms), Envelope((-0.04, 0.04), (-2.0, 2.0), (0.0, 1.0)), (-1e5, 1e5))
+    tight = replace(free, force_envelope_N=(-400.0, 500.0))
+    assert tight.certify().holds and tight.certify().drive_N > 200.0
+    run, whole, (steps, *_) = sample_run(tight, surge()), sample_force(free, surge()), stepped(tight, surge())
+    past = np.arange(3000) >= 500  # the warm-up
+    assert np.isfinite(run.force[past]).all() and np.isfinite(steps[past]).all()  # nothing is withheld after it
+    limits, time_s, held = run.held_at(past)
+    assert limits == (-400.0, 500.0) == (run.force[past].min(), run.force[past].max())
+    assert 0.1 < held.mean() < 0.2 and not held[(time_s < 1.0) | (time_s > 1.52)].any()
+    np.testing.assert_allclose(run.force[1700:], whole[1700:], rtol=1e-6)  # 0.9^200 of what was held is left
 
 
 @pytest.mark.parametrize("kind", LAGGED)
@@ -148,13 +179,13 @@ def test_there_is_no_half_width_without_a_force_and_no_bounds_without_a_band() -
     force[150:200] = np.nan
     np.testing.assert_array_equal(np.isnan(band_half_width(BAND, one, force)), np.isnan(force))
     with pytest.raises(ModelError, match="has no band"):
-        sample_bounds(polynomial(), rough())
+        sample_bounds(sample_run(polynomial(), rough()))
 
 
 def test_bounds_at_the_samples_are_the_estimators() -> None:
     recording, m = rough(gaps=GAPS[1:]), polynomial(band=BAND)
-    lower, upper = sample_bounds(m, recording)
-    force, width = stepped(m, recording)
+    lower, upper = sample_bounds(sample_run(m, recording))
+    force, width, _ = stepped(m, recording)
     assert np.isfinite(lower).sum() > 2500
     np.testing.assert_allclose([lower, upper], [force - width, force + width], rtol=1e-9, atol=1e-7)
     np.testing.assert_allclose(0.5 * (lower + upper), sample_force(m, recording))

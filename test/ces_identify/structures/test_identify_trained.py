@@ -26,7 +26,7 @@ NOISE_N = 4.0
 
 
 def options(**changes):
-    fields = {"limits": Limits(time=30.0, starts=1, threads=1), "rate": RATE_HZ, "bandwidth": 40.0}
+    fields = {"limits": Limits(time=30.0, starts=1, threads=1), "rate": RATE_HZ}
     return IdentifyOptions(**{"split": 1.0, **fields, **changes})
 
 

@@ -63,7 +63,7 @@ class DashpotRun:
     """The free run: no past at all."""
 
     def __init__(self, viscosity: float) -> None:
-        self.viscosity, self.clamped = viscosity, False
+        self.viscosity, self.clamped, self.held = viscosity, False, False
 
     def reset(self) -> None:
         """Nothing to forget."""
@@ -127,7 +127,7 @@ KIT = StructureKit(
     body=Dashpot,
     sizes=(Option("percent", 100, "share of the least squares", 1, 200),),
     fitter=lambda sizes: fit(0.01 * sizes["percent"]),
-    batch_run=lambda body, model, inputs, segments: (body.viscosity * inputs[1], -1),
+    batch_run=lambda body, model, inputs, segments: (body.viscosity * inputs[1], inputs[1] == np.inf),
     table=table,
 )
 
@@ -181,7 +181,7 @@ def test_it_is_identified_by_its_name_and_reported(tmp_path):
     words = shlex.split("--structure dashpot --percent 50")
     assert make_parser().parse_args(["bag"]).structure == "polynomial"
     identify = select_identify_function(make_parser().parse_args(["bag", *words]))
-    found = identify([planted(model(), 1)], [planted(model(), 2)], IdentifyOptions(rate=RATE_HZ, bandwidth=40.0))
+    found = identify([planted(model(), 1)], [planted(model(), 2)], IdentifyOptions(rate=RATE_HZ))
     assert found.model.body.viscosity == pytest.approx(400.0, rel=0.05)
     assert found.model.certificate["viscosity_Ns_m"] == found.model.body.viscosity
     assert found.model.provenance["selection"]["method"] == "least squares"

@@ -90,7 +90,7 @@ def test_a_table_is_clamped_then_scaled_and_leaves_room_for_past_forces():
     assert [a.tolist() for a in table[1:]] == [[0, 3, 0], [0.0, 10.0, 0.0], [1.0, 50.0, 1.0]]
 
 
-OPTIONS = IdentifyOptions(1.0, limits=Limits(time=20.0, starts=1, threads=1), rate=RATE_HZ, bandwidth=40.0)
+OPTIONS = IdentifyOptions(1.0, limits=Limits(time=20.0, starts=1, threads=1), rate=RATE_HZ)
 
 
 def regressors(counts, rate_Hz=RATE_HZ, recording=None):

@@ -90,7 +90,7 @@ def test_the_floor_of_the_rig_is_its_known_noise():
     recording = measure(experiment, true)
     force = recording.channel("force")
     _, clean = experiment.sensors.force.sample(true.time_s, true.force_N)
-    sampling = choose_sampling([recording], None, None)
+    sampling = choose_sampling([recording])
     one = prepare(recording, sampling)
     bare = replace(recording, channels={**recording.channels, "force": Channel("force", "N", force.stamps_ns, clean)})
     known = cost(one.force[one.scored], prepare(bare, sampling).force[one.scored])

@@ -2,17 +2,19 @@
 
 import numpy as np
 import pytest
+from samplings import make_sampling
 
 from ces_identify.prepare.series import Series
 from ces_identify.validation.evaluate import (
     VALIDATION,
     RangeUse,
+    describe_held,
     describe_outside,
     evaluate,
     find_outside,
     outside_ranges,
 )
-from ces_observer.model import Envelope, Model, Sampling
+from ces_observer.model import Envelope, Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -21,7 +23,7 @@ N = 2000
 
 def model(position=(-1.0, 1.0), speed=(-9.0, 9.0), current=(-9.0, 9.0)):
     body = Polynomial((Term(1000.0, (Factor("speed", 0),)),))
-    return Model(Sampling(1000.0, 40.0, 0.02), body, Envelope(position, speed, current), (-1e6, 1e6))
+    return Model(make_sampling(outlier_m=0.02), body, Envelope(position, speed, current), (-1e6, 1e6))
 
 
 def series(scored=None):
@@ -50,6 +52,13 @@ def test_the_signal_that_is_outside_longest_comes_first():
         "ride is outside the model's envelope for 70.0 % of the time: speed -0.2000 to 0.2000 m/s, model"
     )
     assert text.count("model knows") == 2
+
+
+def test_one_held_tick_is_told_of_and_is_no_doubt_in_the_model():
+    held = np.arange(N) == 1350
+    text = describe_held("ride", (-900.4, 950.0), series().time_s, held)
+    assert text == "ride: the force was held at its envelope (-900 to 950 N) for 0.05 % of the time, first at 1.35 s"
+    assert describe_held("ride", (-900.4, 950.0), series().time_s, held & False) == ""
 
 
 def test_inside_and_hardly_outside_say_nothing():

@@ -14,7 +14,7 @@ def measured(model, spread=0.01):
     frequencies = np.arange(0.5, 40.0, 0.5)
     response = model.response(frequencies)
     full = np.full(len(frequencies), spread)
-    return MeasuredResponse(frequencies, response, full, np.full_like(full, 0.999), np.full_like(full, 0.5))
+    return MeasuredResponse(frequencies, response, full, np.full_like(full, 0.5))
 
 
 def remaining(f, plant):

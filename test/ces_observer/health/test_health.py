@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from math import nan, sin
 
 import pytest
-from damper_models import plain_damper
+from damper_models import delayed_damper, plain_damper
 from physical_models import RELAXATION, physical_model
 
 from ces_observer.current_hold import ConstantCurrent
@@ -46,6 +47,15 @@ def test_estimating_is_ok() -> None:
     assert int(values["forces estimated"]) + int(values[f"withheld: {WARMING_UP}"]) == 200
 
 
+def test_delayed_forces_are_counted_if_the_model_has_a_delay() -> None:
+    damper = DamperObserver(delayed_damper(0.003), ConstantCurrent(0.5), 0.0)
+    health = Health(damper, {})
+    feed(damper, 0, 200)
+    values = dict(health.status("").values)
+    assert (values["forces estimated"], values["delayed forces estimated"]) == ("100", "97")
+    assert "delayed forces estimated" not in dict(damper_and_health()[1].status("").values)
+
+
 def test_what_was_withheld_in_the_window_is_a_warning_and_passes() -> None:
     damper, health = damper_and_health()
     feed(damper, 0, 100)
@@ -72,6 +82,20 @@ def test_clamped_inputs_are_a_warning() -> None:
     assert "100.0% of the forces from clamped inputs, outside what the model was identified on" in status.message
     assert dict(status.values)["share outside the envelope"] == "1.0000"
     assert dict(status.values)["inputs outside the envelope"] == "are clamped to it"
+
+
+def test_held_forces_are_a_warning_and_are_counted() -> None:
+    damper = DamperObserver(
+        replace(plain_damper(warm_up_s=0.05), force_envelope_N=(5.0, 9.0)), ConstantCurrent(0.5), 0.0
+    )
+    health = Health(damper, {})
+    for begin in (0, 100):
+        feed(damper, begin, begin + 100)
+        health.roll(0.1, 0)
+    status = health.status("")
+    assert (status.level, status.message) == (LEVEL_WARN, "estimating; 100.0% of the forces held at the force envelope")
+    assert dict(status.values)["forces held at the force envelope"] == str(damper.tally.held)
+    assert damper.tally.held == damper.tally.estimates > 100
 
 
 def test_extrapolated_inputs_are_a_warning_of_their_own() -> None:

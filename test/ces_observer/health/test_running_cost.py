@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import inf, nan
 
 import numpy as np
 import pytest
-from damper_models import plain_damper
+from damper_models import delayed_damper, plain_damper
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -162,13 +163,16 @@ def test_the_threshold_comes_from_the_models_own_costs() -> None:
         return {"recording": "r", "role": role, "J": J}
 
     def warn(*rows: object) -> float:
-        return default_warn_J({"cost_J_percent": list(rows)})
+        return default_warn_J(replace(plain_damper(), provenance={"cost_J_percent": list(rows)}))
 
     assert warn(row("identification", 30.0), row("validation", 6.0), row("validation", 8.5)) == 17.0
     assert warn(row("identification", 7.0)) == 14.0
     assert warn(row("validation", 2.0)) == 10.0
     assert warn(row("validation", None), "nonsense", row("validation", nan)) == 10.0
-    assert default_warn_J({}) == default_warn_J({"cost_J_percent": 3}) == 10.0
+    wrong = replace(plain_damper(), provenance={"cost_J_percent": 3})
+    assert default_warn_J(plain_damper()) == default_warn_J(wrong) == 10.0
+    costs = [row("validation", 9.0), {**row("validation", 7.0), "delay_s": 0.003}]
+    assert default_warn_J(replace(delayed_damper(0.003), provenance={"cost_J_percent": costs})) == 14.0
 
 
 def test_of_model_takes_its_scale_from_the_model() -> None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from damper_models import damper_with_past, plain_damper
+from damper_models import damper_with_past, delayed_damper, plain_damper
 from patience import command_of, wait_until
 from physical_models import CHAMBERS, RELAXATION, physical_model
 
@@ -19,16 +19,15 @@ from ces_observer.structures.curves import FlowMap, IncreasingCurve
 
 
 def test_a_model_that_clamps_says_so() -> None:
-    model = plain_damper()
+    model = delayed_damper(0.003)
     text = describe_model(model)
-    assert text == f"polynomial_narx, {model.size}; inputs outside the envelope are clamped to it"
+    assert text == f"polynomial_narx, {model.size}; delay_s 0.003; inputs outside the envelope are clamped to it"
 
 
 def test_a_model_that_extrapolates_says_how_far_and_what_is_proved() -> None:
     text = describe_model(physical_model(RELAXATION))
-    assert (
-        "relaxation, 2 force-speed curves of 4 nodes, 1 springs; inputs outside the envelope are used as they" in text
-    )
+    assert text.startswith("relaxation, 2 force-speed curves of 4 nodes, 1 springs; delay_s 0; inputs outside the")
+    assert "envelope are used as they" in text
     assert "force bound 1900 N for inputs in the envelope; 3122.22 N for any input" in text
 
 
@@ -88,6 +87,14 @@ def test_the_inverse_survives_a_round_trip_as_text() -> None:
     verdict = verdict_of(reload)
     assert verdict.error == ""
     assert ModelInverse.from_json(verdict.inverse) == ModelInverse.from_model(model)
+
+
+def test_the_delayed_model_in_a_file_is_proved_too() -> None:
+    good = delayed_damper(0.003)
+    model = replace(good, delayed=replace(damper_with_past(1.01), sampling=good.best.sampling))
+    with pytest.raises(ModelError, match="not proved to be a contraction"):
+        require_stable(model, "model.json")
+    require_stable(good, "model.json")
 
 
 def test_a_model_without_an_inverse_is_refused_with_the_reason() -> None:

@@ -1,5 +1,3 @@
-import math
-
 import pytest
 from trained_models import FUZZY
 
@@ -48,8 +46,9 @@ def test_premises_look_back_by_their_lag():
     assert forces == pytest.approx([0.0, 0.0, 0.0, 1.0], abs=1e-3)
 
 
-def test_a_force_out_of_its_envelope_is_infinite():
-    assert run(FUZZY, (-1.0, 1.0)).tick(0.0, 1.0, 0.5) == math.inf
+def test_a_force_out_of_its_envelope_is_held():
+    r = run(FUZZY, (-1.0, 1.0))
+    assert (r.tick(0.0, 1.0, 0.5), r.held) == (1.0, True)
 
 
 def test_rules_together_fire_at_least_what_is_said():

@@ -2,7 +2,7 @@ import math
 from dataclasses import replace
 
 import pytest
-from trained_models import NETWORK, REGRESSORS, network_model
+from trained_models import NETWORK, network_model
 
 from ces_observer.model import parse_model
 from ces_observer.structures.lagged_signals import Regressor
@@ -41,8 +41,10 @@ def test_inputs_before_the_first_tick_are_the_first_ones():
     assert r.tick(0.0, 0.25, 0.0) == 0.25
 
 
-def test_a_force_out_of_its_envelope_is_infinite():
-    assert run(Network(REGRESSORS, 500.0, 3.0, (0.0,) * 5, ()), (-1e3, 1e3)).tick(0.0, 0.0, 0.5) == math.inf
+def test_a_force_out_of_its_envelope_is_held_also_as_a_past_force():
+    r = run(Network((Regressor("force", 1, 0.0, 50.0),), 50.0, -3.0, (-0.5,), ()), (-100.0, 1e3))
+    assert (r.tick(0.0, 0.0, 0.0), r.held) == (-100.0, True)
+    assert (r.tick(0.0, 0.0, 0.0), r.held) == (50.0 * (-3.0 + 0.5 * 100.0 / 50.0), False)
 
 
 def test_saturated_sigmoids_do_not_overflow():

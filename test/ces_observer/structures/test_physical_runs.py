@@ -103,11 +103,13 @@ def test_inputs_are_extrapolated_within_reach_and_clamped_beyond():
     assert [run.clamped for run in runs] == [False, True, True, True]
 
 
-def test_a_force_outside_its_envelope_is_infinite():
+def test_a_force_outside_its_envelope_is_held():
     within = OperatingRange(1000.0, physical_model(RELAXATION).envelope.by_signal, (-10.0, 10.0))
     for body in (RELAXATION, CHAMBERS):
         run = body.make_predictor(within)
-        assert [run.tick(0.0, 1.0, 0.5) for _ in range(20)][-1] == math.inf
+        assert ([run.tick(0.0, 1.0, 0.5) for _ in range(20)][-1], run.held) == (10.0, True)
+        run.reset()
+        assert not run.held
 
 
 def test_a_step_of_current_is_delayed_by_ticks_and_parts_of_them():

@@ -18,8 +18,8 @@ from ces_observer.structures.constructed_inputs import RESERVED, Hysteresis, Tri
 from ces_observer.structures.polynomial import tick_source
 from ces_observer.structures.terms import Factor, Term
 
-PYTHON = "def if else and not return abs min max sqrt copysign inf _ True False deque maxlen appendleft extend"
-OWN = "make tick run clamped update forces force"
+PYTHON = "def if else and not return abs min max sqrt copysign _ True False deque maxlen appendleft extend"
+OWN = "make tick run clamped held hold update forces force"
 WORDS = {*PYTHON.split(), *OWN.split()}
 COUNTED = re.compile(r"(past_)?(size_)?(position|speed|current|made\d+|power\d+)(_\d+)?|force_\d+")
 LAYOUT = {token.OP, token.NEWLINE, token.NL, token.INDENT, token.DEDENT, token.ENDMARKER}

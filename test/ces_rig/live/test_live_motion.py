@@ -15,7 +15,7 @@ from ces_rig.dampers.stepper import DamperStepper, Mover
 from ces_rig.drive import kernels as qv
 from ces_rig.drive.strokes import QuarterVehicle
 from ces_rig.errors import RigError
-from ces_rig.live.motion import CLASSES, ROAD_BLOCK, Follower, LiveRoad, Vehicle, as_kernel_numbers
+from ces_rig.live.motion import CLASSES, ROAD_BLOCK, Follower, LiveRoad, Vehicle
 from ces_rig.live.rig import LiveRig, RigSettings
 
 
@@ -79,7 +79,7 @@ WEIGHT_N = (145.0 + 17.0) * 9.81
 
 def in_vehicle(model: DamperModel, step_s: float | None = None, vehicle: Vehicle | None = None) -> DamperStepper:
     """Return the stepper of a damper in a vehicle."""
-    numbers = as_kernel_numbers(vehicle or Vehicle(), 0.06)
+    numbers = (vehicle or Vehicle()).numbers(0.06)
     return DamperStepper(model, INTERVAL, step_s, Mover(qv.VEHICLE, numbers))
 
 
@@ -169,7 +169,7 @@ def test_the_worst_road_stays_between_the_dampers_ends(rate_hz):
 
 
 def test_a_blow_keeps_momentum_and_takes_energy():
-    b = qv.VehicleNumbers(*as_kernel_numbers(Vehicle(), 0.06))
+    b = qv.VehicleNumbers(*Vehicle().numbers(0.06))
     motion = np.zeros(qv.MOTION_SIZE)
     motion[qv.WHEEL], motion[qv.BODY_SPEED], motion[qv.WHEEL_SPEED] = 0.0605, -1.0, 3.0
     before = 145.0 * -1.0 + 17.0 * 3.0

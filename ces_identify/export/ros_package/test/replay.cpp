@@ -6,8 +6,9 @@
 //   c STAMP CURRENT NOW, m STAMP MOTION NOW, p STAMP POSITION NOW    samples, and the node's time at their arrival
 //   w 0 0 NOW, r 0 0 NOW, s 0 0 NOW                                  watch, time jump, silence
 //   d REASON: DETAIL                                                 the expected words at this moment
-//   e STAMP FORCE HALF_WIDTH POSITION SPEED                          the expected force, before the x of its position
-//   x CLAMPED REASON                                                 the expected count and reason after each position
+//   e STAMP POSITION SPEED FORCE HALF_WIDTH                          the expected force, before the x of its position
+//   l STAMP POSITION SPEED FORCE HALF_WIDTH                          that of an earlier sample, from a model with a delay
+//   x CLAMPED HELD LATE REASON                                       the expected counts and reason after each position
 
 #include <fstream>
 #include <new>
@@ -21,7 +22,6 @@ namespace
 
 constexpr double CLOSE = 1e-9;  // relative; absolute below 1
 constexpr int MAX_PRINTED = 10;
-constexpr std::size_t MAX_RELEASED = 100'000;  // positions that one event releases
 
 bool counting = false;
 std::uint64_t allocations = 0;
@@ -46,28 +46,28 @@ void operator delete[](void * memory, std::size_t) noexcept {std::free(memory);}
 namespace
 {
 
-struct Result
+// Whether two lines of results have the same words, and close numbers in the last columns of an estimate.
+bool is_equal(const std::string & one, const std::string & two)
 {
-  ces::Nanoseconds stamp = 0;  // 0: without a force
-  std::array<double, 4> numbers{};  // force, half-width or -1, position, speed
-  std::uint64_t clamped = 0;
-  std::string reason;
-};
-
-bool is_equal(const Result & one, const Result & two)
-{
-  for (std::size_t k = 0; k < one.numbers.size(); ++k) {
-    const double a = one.numbers[k], b = two.numbers[k];
-    if (!(std::fabs(a - b) <= CLOSE * std::max({1.0, std::fabs(a), std::fabs(b)}))) {return false;}
+  std::istringstream ones(one), twos(two);
+  std::string a, b;
+  for (int column = 0; ones >> a; ++column) {
+    if (!(twos >> b)) {return false;}
+    const double x = std::strtod(a.c_str(), nullptr), y = std::strtod(b.c_str(), nullptr);
+    const bool is_close = std::fabs(x - y) <= CLOSE * std::max({1.0, std::fabs(x), std::fabs(y)});
+    if (column < 2 || one.front() == 'x' ? a != b : !is_close) {return false;}
   }
-  return one.stamp == two.stamp && one.clamped == two.clamped && one.reason == two.reason;
+  return !(twos >> b);
 }
 
-void print(const char * name, const Result & result)
+std::string describe(char kind, const ces::Estimate & one)
 {
-  std::printf("  %s at %lld: %s,", name, static_cast<long long>(result.stamp), result.reason.c_str());
-  for (const double number : result.numbers) {std::printf(" %.17g", number);}
-  std::printf(" (N, +- N, m, m/s), %llu clamped\n", static_cast<unsigned long long>(result.clamped));
+  const double width = std::isfinite(one.half_width) ? one.half_width : -1.0;
+  std::string line = kind + (" " + std::to_string(one.stamp));
+  for (const double number : {one.position, one.speed, one.force, width}) {
+    line += ces::format_number(" %.17g", number);
+  }
+  return line;
 }
 
 double read_number(std::istream & words)
@@ -92,7 +92,6 @@ public:
       ces::SignalHold(ces::Model::MAX_CURRENT_AGE_S),
       *ces::Model::MOTION ? ces::SignalHold(ces::Model::MAX_GAP_S) : ces::SignalHold(0.0, 0.0))
   {
-    found_.reserve(MAX_RELEASED);
     intake_.set_wait(read_number(settings));
     damper_.set_max_age(read_number(settings));
   }
@@ -100,13 +99,8 @@ public:
   // Take the line that begins with `kind`.
   void take(char kind, std::istream & words)
   {
-    if (kind == 'e') {
-      words >> expected_.stamp;
-      for (double & number : expected_.numbers) {number = read_number(words);}
-    } else if (kind == 'x') {
-      words >> expected_.clamped;
-      expected_.reason = read_rest(words);
-      compare();
+    if (kind == 'e' || kind == 'l' || kind == 'x') {
+      compare(kind + (" " + read_rest(words)));
     } else if (kind == 'd') {
       const auto expected = read_rest(words), detail = ces::text_of(damper_.reason()) + (": " + damper_.explain());
       if (detail != expected && ++differing_) {
@@ -150,28 +144,26 @@ private:
   void on_estimate(ces::Nanoseconds stamp, std::optional<double> force)
   {
     counting = false;  // what is kept for the comparison
-    Result result;
     if (force) {
-      result.stamp = stamp;
-      result.numbers = {*force, damper_.half_width().value_or(-1.0), damper_.position(), damper_.speed()};
+      const ces::Estimate now{stamp, damper_.position(), damper_.speed(), *force, damper_.half_width()};
+      found_.push_back(describe('e', now));
     }
-    result.clamped = damper_.tally().clamped;
-    result.reason = ces::text_of(damper_.reason());
-    found_.push_back(result);
+    for (const auto & one : damper_.late()) {found_.push_back(describe('l', one));}
+    std::string line = "x";
+    const auto & tally = damper_.tally();
+    for (const auto count : {tally.clamped, tally.held, tally.late}) {line += " " + std::to_string(count);}
+    found_.push_back(line + " " + ces::text_of(damper_.reason()));
     counting = true;
   }
 
-  void compare()
+  void compare(const std::string & expected)
   {
     ++expected_count_;
     if (place_ == found_.size()) {throw std::runtime_error("a result is missing");}
     const auto & found = found_[place_++];
-    if (!is_equal(found, expected_) && ++differing_ <= MAX_PRINTED) {
-      std::printf("result %d\n", expected_count_);
-      print("found", found);
-      print("expected", expected_);
+    if (!is_equal(found, expected) && ++differing_ <= MAX_PRINTED) {
+      std::printf("result %d\n  found %s\n  expected %s\n", expected_count_, found.c_str(), expected.c_str());
     }
-    expected_ = Result();
   }
 
   // Check that all results of the last event were expected.
@@ -186,9 +178,8 @@ private:
   ces::Intake intake_{damper_, [this](ces::Nanoseconds stamp, const std::string &, std::optional<double> force) {
       on_estimate(stamp, force);
     }};
-  std::vector<Result> found_;  // by the last event
+  std::vector<std::string> found_;  // lines, by the last event
   std::size_t place_ = 0;  // of the next one to compare
-  Result expected_;
   int expected_count_ = 0, differing_ = 0;
 };
 

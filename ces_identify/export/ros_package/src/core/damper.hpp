@@ -18,7 +18,9 @@ namespace ces
 struct Tally
 {
   std::uint64_t samples = 0, estimates = 0;
+  std::uint64_t late = 0;  // forces of earlier samples, that a model with a delay gives
   std::uint64_t clamped = 0;  // forces from inputs outside the envelope
+  std::uint64_t held = 0;  // forces held at the end of the force envelope
   std::uint64_t unreadable = 0;  // messages without the configured field
   std::array<std::uint64_t, REASON_TEXTS.size()> withheld{};  // by reason
 
@@ -32,10 +34,10 @@ class Damper
 public:
   // `motion` is the signal that the model needs beside the position.
   Damper(SignalHold current, SignalHold motion)
-  : current_(std::move(current)), motion_(std::move(motion)) {}
+  : current_(std::move(current)), motion_(std::move(motion)) {late_.reserve(Model::DELAY_TICKS);}
 
   // The largest difference between a position's stamp and the node's clock, in either direction, at which its force is
-  // returned; 0 switches the check off.
+  // returned, plus the delay for those in `late`; 0 switches the check off.
   void set_max_age(double max_age_s) {max_age_ = to_ns(max_age_s);}
 
   // Forget all samples and currents, as after a time jump; keep counts.
@@ -44,37 +46,42 @@ public:
     current_.reset();
     motion_.reset();
     estimator_.reset();
+    late_.clear();
     if (reason_ != Reason::SILENT) {reason_ = Reason::WARMING_UP;}
   }
 
   void take_current(Nanoseconds stamp, double current_A) {take(CURRENT, current_, stamp, current_A);}
   void take_motion(Nanoseconds stamp, double value) {take(MOTION, motion_, stamp, value);}
 
-  // The force [N] at `stamp`, or nothing with `reason` set; `now` is the node's clock.
+  // The force [N] at `stamp`, or nothing with `reason` set; `now` is the node's clock. It also sets `late`.
   std::optional<double> step(Nanoseconds stamp, double position_m, Nanoseconds now)
   {
     ++tally_.samples;
     stamp_ = stamp;
+    position_m_ = position_m;
     age_ = now - stamp;
     errors_[POSITION].clear();
     const double current = current_.at(stamp), motion = motion_.at(stamp);
     const auto force = estimator_.step(stamp, position_m, current, motion);
-    reason_ = find_reason(force, position_m, current, motion);
+    take_late(now);
+    // A model with a delay alone has no force here, but is well after its warm-up.
+    const bool is_well = force || estimator_.reason() != Reason::OK;
+    reason_ = find_reason(is_well ? force : std::optional<double>(0.0), position_m, current, motion);
     if (reason_ != Reason::OK) {
       ++tally_.withheld[reason_];
       return std::nullopt;
     }
     ++tally_.estimates;
     tally_.clamped += estimator_.is_clamped();
+    tally_.held += estimator_.is_held();
     return force;
   }
 
-  // The half-width [N] of the band around the force that `step` has just returned; nothing without one.
-  std::optional<double> half_width() const
-  {
-    const double width = estimator_.half_width();
-    return std::isfinite(width) ? std::optional<double>(width) : std::nullopt;
-  }
+  // The estimates of earlier samples that the last step has brought and that may be published.
+  const std::vector<Estimate> & late() const {return late_;}
+
+  // The half-width [N] of the band around the force that `step` has just returned; not finite without one.
+  double half_width() const {return estimator_.half_width();}
 
   // Count a message without its field; `error` explains missing samples.
   void count_unreadable(Input input, const std::string & error)
@@ -95,6 +102,11 @@ public:
         return errors_[CURRENT].empty() ? current_.explain(stamp_, "current") : errors_[CURRENT];
       case Reason::NO_MOTION:
         return errors_[MOTION].empty() ? motion_.explain(stamp_, Model::MOTION) : errors_[MOTION];
+      case Reason::WARMING_UP:
+        return estimator_.cause();
+      case Reason::BEYOND_STROKE:
+        return format_number("%g m, the model takes ", position_m_) + format_number("%g to ", Model::STROKE_MIN_M) +
+               format_number("%g m; check scale and offset", Model::STROKE_MAX_M);
       case Reason::OFF_CLOCK:
       case Reason::OUT_OF_ORDER:
         if (stamp_ == 0) {return "the header stamp is 0: the publisher does not fill it in";}
@@ -123,6 +135,17 @@ private:
     signal.add(stamp, value);
   }
 
+  void take_late(Nanoseconds now)
+  {
+    late_.clear();
+    estimator_.visit_late(
+      [this, now](const Estimate & one) {
+        const bool is_fresh = max_age_ == 0 || std::llabs(now - one.stamp) <= max_age_ + Model::DELAY;
+        if (is_fresh && std::isfinite(one.position + one.speed + one.force)) {late_.push_back(one);}
+      });
+    tally_.late += late_.size();
+  }
+
   // The first of these rules that applies.
   Reason find_reason(std::optional<double> force, double position, double current, double motion) const
   {
@@ -149,6 +172,8 @@ private:
   Tally tally_;
   Reason reason_ = Reason::SILENT;
   Nanoseconds stamp_ = 0, age_ = 0;
+  double position_m_ = 0.0;
+  std::vector<Estimate> late_;
   std::array<std::string, 3> errors_;  // by input
 };
 

@@ -179,6 +179,7 @@ public:
     rate_Hz_ = elapsed_s > 0.0 ? samples / elapsed_s : 0.0;
     withheld_ = samples > 0.0 ? 1.0 - estimates / samples : 0.0;
     outside_ = estimates > 0.0 ? static_cast<double>(now.clamped - before_.clamped) / estimates : 0.0;
+    held_ = estimates > 0.0 ? static_cast<double>(now.held - before_.held) / estimates : 0.0;
     before_ = now;
     position.roll(elapsed_s);
     current.roll(elapsed_s);
@@ -207,10 +208,11 @@ public:
   }
 
 private:
-  static constexpr double OUTSIDE_WARN = 0.01;  // share of forces from inputs outside the envelope for a warning
+  static constexpr double OUTSIDE_WARN = 0.01;  // share of forces from inputs outside the envelope, or held at its own, for a warning
   static constexpr double DROPPED_WARN = 0.01;  // share of lost positions for a warning
   static constexpr Reason ERRORS[] = {
-    Reason::SILENT, Reason::POSITION_NOT_FINITE, Reason::NO_CURRENT, Reason::OFF_CLOCK, Reason::UNBOUNDED};
+    Reason::SILENT, Reason::POSITION_NOT_FINITE, Reason::NO_CURRENT, Reason::OFF_CLOCK, Reason::UNBOUNDED,
+    Reason::BEYOND_STROKE};
 
   std::vector<std::string> find_remarks() const
   {
@@ -228,6 +230,9 @@ private:
         format_number("%.1f%% of the forces ", 100.0 * outside_) +
         (Model::EXTRAPOLATES ? "extrapolated to inputs" : "from clamped inputs,") +
         " outside what the model was identified on");
+    }
+    if (ok && held_ >= OUTSIDE_WARN) {
+      remarks.push_back(format_number("%.1f%% of the forces held at the force envelope", 100.0 * held_));
     }
     const auto rest = format_number("the position has not changed for %.1f s", stillness.last_s());
     if (stillness.is_resting()) {
@@ -263,6 +268,8 @@ private:
     status.addf("inputs outside the envelope", "are %s", Model::OUTSIDE);
     status.add("position samples", tally.samples);
     status.add("forces estimated", tally.estimates);
+    if (Model::DELAY_TICKS) {status.add("delayed forces estimated", tally.late);}
+    if (tally.held) {status.add("forces held at the force envelope", tally.held);}
     status.add("messages without the field", tally.unreadable);
     std::map<std::string, std::uint64_t> withheld;  // in the order of the reasons' texts
     for (std::size_t k = 0; k < tally.withheld.size(); ++k) {withheld[REASON_TEXTS[k]] = tally.withheld[k];}
@@ -308,7 +315,7 @@ private:
   Episodes episodes_;
   LoadMeter load_;
   Tally before_;  // before this window
-  double rate_Hz_ = 0.0, withheld_ = 0.0, outside_ = 0.0;
+  double rate_Hz_ = 0.0, withheld_ = 0.0, outside_ = 0.0, held_ = 0.0;
   std::uint64_t reported_episodes_ = 0, reported_rests_ = 0;
 };
 

@@ -19,23 +19,34 @@ constexpr std::chrono::milliseconds PAUSE{1};  // a lasting error must not take 
 
 }  // namespace
 
-JointStateOutput::JointStateOutput(
-  rclcpp::Node & node, const std::string & topic, const std::vector<std::string> & names)
+EstimateOutput::EstimateOutput(rclcpp::Node & node, const std::string & joint, const std::string & topic)
 {
   rclcpp::PublisherOptions options;
   options.qos_overriding_options = rclcpp::QosOverridingOptions::with_default_policies();
-  publisher_ = node.create_publisher<sensor_msgs::msg::JointState>(topic, rclcpp::QoS(OUTPUT_DEPTH), options);
-  message.name = names;
-  message.effort.resize(names.size());
+  publisher_ = node.create_publisher<JointState>(topic, rclcpp::QoS(OUTPUT_DEPTH), options);
+  band_publisher_ = node.create_publisher<JointState>(topic + "_band", rclcpp::QoS(OUTPUT_DEPTH), options);
+  message_.name = {joint};
+  message_.position = message_.velocity = message_.effort = {0.0};
+  band_.name = {joint + "_lower", joint + "_upper"};
+  band_.effort = {0.0, 0.0};
 }
 
-void JointStateOutput::publish(Nanoseconds stamp, const std::string & frame)
+void EstimateOutput::publish(const Estimate & estimate, const std::string & frame)
 {
-  const auto seconds = stamp / SECOND - (stamp % SECOND < 0);
-  message.header.stamp.sec = static_cast<std::int32_t>(seconds);
-  message.header.stamp.nanosec = static_cast<std::uint32_t>(stamp - seconds * SECOND);
-  message.header.frame_id = frame;
-  publisher_->publish(message);
+  const auto seconds = estimate.stamp / SECOND - (estimate.stamp % SECOND < 0);
+  message_.header.stamp.sec = static_cast<std::int32_t>(seconds);
+  message_.header.stamp.nanosec = static_cast<std::uint32_t>(estimate.stamp - seconds * SECOND);
+  message_.header.frame_id = frame;
+  message_.position[0] = estimate.position;
+  message_.velocity[0] = estimate.speed;
+  message_.effort[0] = estimate.force;
+  publisher_->publish(message_);
+  if (std::isfinite(estimate.half_width)) {
+    band_.header = message_.header;
+    band_.effort[0] = estimate.force - estimate.half_width;
+    band_.effort[1] = estimate.force + estimate.half_width;
+    band_publisher_->publish(band_);
+  }
 }
 
 ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
@@ -49,15 +60,14 @@ ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
   health_(damper_),
   intake_(damper_, [this](auto stamp, const auto & frame, auto force_N) {on_estimate(stamp, frame, force_N);}),
   clock_(*this, [this](const std::string & what) {on_time_jump(what);}),
-  estimate_(*this, "~/estimate", {joint_}),
-  band_(*this, "~/estimate_band", {joint_ + "_lower", joint_ + "_upper"}),
+  estimate_(*this, joint_, "~/estimate"),
   updater_(this, NEVER_S),  // its timer stands still with simulated time: `watch` updates it
   inputs_(
     *this, clock_, static_cast<std::size_t>(parameters_.get<std::int64_t>("input_depth")),
     [this](const std::string & what) {on_failure(what);}),
   process_(parameters_.real_time())
 {
-  estimate_.message.position = estimate_.message.velocity = {0.0};
+  if (Model::DELAY_TICKS) {late_.emplace(*this, joint_, "~/estimate_delayed");}
   updater_.setHardwareID(joint_);
   updater_.add(joint_, [this](auto & status) {write_status(status);});
   apply_live_parameters();
@@ -106,16 +116,12 @@ void ObserverNode::subscribe()
 void ObserverNode::on_estimate(Nanoseconds stamp, const std::string & frame, std::optional<double> force_N)
 {
   if (force_N) {
-    estimate_.message.position[0] = damper_.position();
-    estimate_.message.velocity[0] = damper_.speed();
-    estimate_.message.effort[0] = *force_N;
-    estimate_.publish(stamp, frame);
+    estimate_.publish({stamp, damper_.position(), damper_.speed(), *force_N, damper_.half_width()}, frame);
     health_.latency.take(clock_.now() - stamp);
-    if (const auto width = damper_.half_width()) {
-      band_.message.effort[0] = *force_N - *width;
-      band_.message.effort[1] = *force_N + *width;
-      band_.publish(stamp, frame);
-    }
+  }
+  for (const auto & one : damper_.late()) {
+    late_->publish(one, frame);
+    if (!Model::HAS_NOW) {health_.latency.take(clock_.now() - one.stamp);}
   }
   report_change();
 }
@@ -214,6 +220,7 @@ void ObserverNode::write_status(diagnostic_updater::DiagnosticStatusWrapper & st
   reported_failures_ = failures_;
   status.add("model", "compiled in");
   status.add("model sha256", Model::DIGEST);
+  status.addf("delay_s", "%g", Model::DELAY_S);
   process_.add_values(status);
   status.add("jumps of time", std::to_string(jumps_) + ", the last: " + jump_);
   status.add("unexpected errors", std::to_string(failures_) + ", the last: " + failure_);

@@ -1,4 +1,5 @@
-// The observer node: piston position and valve current in, estimated damping force out on ~/estimate.
+// The observer node: piston position and valve current in, estimated damping force out on ~/estimate, and with a
+// model that has a delay on ~/estimate_delayed.
 //
 // The position samples drive it. A timer checks for silence and updates the status on /diagnostics, which names the
 // reason for each withheld force. The node resumes by itself. All its callbacks are in one mutually exclusive group,
@@ -16,20 +17,22 @@
 namespace ces
 {
 
-// Publishes joint states; reliable unless overridden. One message is filled again and again, so that nothing is
-// allocated here. With intra-process communication rclcpp hands each subscriber in the process a copy of its own.
-class JointStateOutput
+// Publishes a joint's estimates on `topic`, and the bounds of their bands on `topic`_band; reliable unless overridden.
+// Each message is filled again and again, so that nothing is allocated here. With intra-process communication rclcpp
+// hands each subscriber in the process a copy of its own.
+class EstimateOutput
 {
 public:
-  JointStateOutput(rclcpp::Node & node, const std::string & topic, const std::vector<std::string> & names);
+  EstimateOutput(rclcpp::Node & node, const std::string & joint, const std::string & topic);
 
-  // Publish `message`, which has an effort for each name.
-  void publish(Nanoseconds stamp, const std::string & frame);
-
-  sensor_msgs::msg::JointState message;
+  // Publish an estimate, with its band if the half-width is finite.
+  void publish(const Estimate & estimate, const std::string & frame);
 
 private:
-  rclcpp::Publisher<sensor_msgs::msg::JointState>::SharedPtr publisher_;
+  using JointState = sensor_msgs::msg::JointState;
+
+  JointState message_, band_;
+  rclcpp::Publisher<JointState>::SharedPtr publisher_, band_publisher_;
 };
 
 class ObserverNode : public rclcpp::Node
@@ -71,7 +74,8 @@ private:
   Health health_;
   Intake intake_;
   NodeClock clock_;
-  JointStateOutput estimate_, band_;
+  EstimateOutput estimate_;
+  std::optional<EstimateOutput> late_;
   diagnostic_updater::Updater updater_;
   Inputs inputs_;
   Process process_;

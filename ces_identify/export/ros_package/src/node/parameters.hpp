@@ -182,8 +182,7 @@ private:
       {"topic", signal.topic}, {"type", signal.type}, {"field", signal.field}};
     for (const auto & [key, text] : texts) {
       if (text.empty()) {
-        const auto why = signal.name == Model::MOTION ?
-          std::string("; the model needs it (differentiator ") + Model::DIFFERENTIATOR + ")" : "";
+        const auto why = signal.name == Model::MOTION ? "; the model needs it" : "";
         throw UserError(where + "'" + key + "' is missing" + why + "; set topic, type and field");
       }
       const auto is_bad = [](char c) {return static_cast<unsigned char>(c) < 0x20 || c == 0x7F;};

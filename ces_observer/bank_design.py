@@ -1,0 +1,206 @@
+"""The design of a bank: what a stroke is like in; the numbers of the modes out (see `ces_observer.speed_bank`).
+
+A sample need not lie at its tick: rows and gains of the measurement are moved to its time, exactly to the nearest of
+SHIFTS, so that a mode is as stable as without. After lost ticks, the gains are those of the next longer span: those of
+a shorter one are too large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from math import exp, pi, sqrt
+
+from ces_observer.kalman import (
+    ORDER,
+    Matrix,
+    Motion,
+    free_motion,
+    identity,
+    join,
+    product,
+    smoothing_gains,
+    solve,
+    speed_predictor,
+    stationary,
+    transpose,
+)
+
+SPEED, ACCELERATION = "speed", "acceleration"
+AFTER_S = 1e-3  # [s] in which the worth of a late correction fades
+FREEDOM = 9.0  # degrees of freedom of Student's t; the likelihood is then a power of -5
+DRIFT = 1.0  # [m/s2 per root second] of an accelerometer's offset
+BINS = 8  # of a tick, to which the gains know the time of a sample
+EARLIEST = 12  # [bins] before its tick that the mean of several samples may lie
+SHIFTS = range(-EARLIEST, BINS // 2 + 1)  # [bins] from its tick
+MIN_NOISE = 0.02  # of the position, times the RMS speed per tick: gains of less do not bear half a bin
+MIN_MOTION_NOISE = 1e-4  # of the speed or acceleration, times that of the stroke: rounding needs no less
+
+
+@dataclass(frozen=True)
+class Stroke:
+    """What a bank knows: RMS speed [m/s] of the stroke, RMS noise [m] of the position, frequencies [Hz] of the modes.
+
+    `motion` is the signal measured beside the position (SPEED, ACCELERATION or empty), with its RMS noise in SI units.
+    """
+
+    rate_Hz: float
+    noise_m: float
+    speed_m_s: float
+    frequencies_Hz: tuple[float, ...]
+    max_gap_s: float
+    motion: str = ""
+    motion_noise: float = 0.0
+
+
+@dataclass(frozen=True)
+class Gains:
+    """Gains on the innovations of position and motion (one or two numbers) for a span of ticks and a shift.
+
+    `position` and `speed` are those of the outputs, `states` those of the next predicted x, v, z1, z2, z3 (and the
+    offset). Innovations e have the likelihood `height` / (1 + e' `sharpness` e)^5, given by the terms 11, 12 + 21, 22.
+    """
+
+    position: tuple[float, ...]
+    speed: tuple[float, ...]
+    states: tuple[tuple[float, ...], ...]
+    sharpness: tuple[float, ...]
+    height: float
+
+
+@dataclass(frozen=True)
+class Mode:
+    """The numbers of a mode: a1 to a4 (`speed`) and b0 to b3 (`position`) of its companion form.
+
+    `measured` and `motion` are the weights of v, z1, z2 and z3 in the position and in the second measurement, for each
+    of SHIFTS. `gains` are those for each span from the last measurement and each of SHIFTS; `smoothing` those of the
+    speed on the innovations 0 to `delay` ticks later.
+    """
+
+    speed: tuple[float, ...]
+    position: tuple[float, ...]
+    measured: tuple[tuple[float, ...], ...]
+    motion: tuple[tuple[float, ...], ...]
+    gains: tuple[tuple[Gains, ...], ...]
+    smoothing: tuple[tuple[float, ...], ...]
+
+
+def spans_of(stroke: Stroke) -> tuple[int, ...]:
+    """Return the spans [ticks] for which there are gains, up to the longest gap: 1, 2, 3, 4, 6, 8, 12, ..."""
+    spans = [1, 2, 3]
+    while spans[-1] < stroke.max_gap_s * stroke.rate_Hz + 1.0:
+        spans.append(2 * spans[-2])
+    return tuple(spans)
+
+
+@lru_cache(maxsize=32)
+def design_bank(stroke: Stroke, delay: int = 0) -> tuple[Mode, ...]:
+    """Return the modes, with gains for all gaps that are bridged."""
+    return tuple(_design_mode(stroke, frequency, delay) for frequency in stroke.frequencies_Hz)
+
+
+def _design_mode(stroke: Stroke, frequency_Hz: float, delay: int) -> Mode:
+    omega, tick = 2.0 * pi * frequency_Hz, 1.0 / stroke.rate_Hz
+    alone = free_motion(omega * tick, (stroke.speed_m_s / omega) ** 2)
+    factors = tuple(speed_predictor(omega * tick))
+    basis = _companion_basis(alone.advance, omega, factors)
+    motion, rows, noise, units = _measurements(stroke, alone, omega)
+    moves = _moves(free_motion(omega * tick / BINS, 1.0).advance, len(rows[0]))
+    states = basis if len(rows[0]) == ORDER else _with_last(basis, omega * omega)
+    nexts = {shift: product(states, moves[BINS - shift]) for shift in SHIFTS}
+    gains: list[tuple[Gains, ...]] = []
+    advances = [motion, join(motion, motion)]
+    advances.append(join(advances[1], motion))
+    for span in spans_of(stroke):
+        if len(gains) == len(advances):
+            advances.append(join(advances[-2], advances[-2]))
+        filtered = stationary(advances[len(gains)], rows, noise)
+        now = smoothing_gains(advances[len(gains)], rows, filtered, 0, exp(-span * tick / AFTER_S))[0]
+        likelihood = _likelihood(stroke, filtered.spread, units)
+        if span == 1:
+            smoothing = smoothing_gains(motion, rows, filtered, delay, exp(-tick / AFTER_S))
+        gains.append(
+            tuple(
+                Gains(
+                    _scale(product(moves[-shift][:1], filtered.gain)[0], units),
+                    _scale(product(moves[-shift][1:2], now)[0], units, omega),
+                    tuple(_scale(row, units) for row in product(nexts[shift], filtered.gain)),
+                    *likelihood,
+                )
+                for shift in SHIFTS
+            )
+        )
+    order = 2 if stroke.motion == ACCELERATION else 1
+    return Mode(
+        factors,
+        _in_companion(basis, alone.advance[0]),
+        tuple(_in_companion(basis, moves[shift][0][:ORDER]) for shift in SHIFTS),
+        tuple(_in_companion(basis, [omega**order * x for x in moves[shift][order][:ORDER]]) for shift in SHIFTS),
+        tuple(gains),
+        tuple(_scale(gain[1], units, omega) for gain in smoothing),
+    )
+
+
+def _moves(step: Matrix, size: int) -> dict[int, Matrix]:
+    """Return the free motion over all numbers of bins that are needed, from that over one."""
+    step = _with_last(step, 1.0) if size > ORDER else step
+    back, moves = solve(step, identity(size)), {0: identity(size)}
+    for bins in range(BINS + EARLIEST):
+        moves[bins + 1] = product(moves[bins], step)
+        moves[-bins - 1] = product(moves[-bins], back)
+    return moves
+
+
+def _likelihood(stroke: Stroke, spread: Matrix, units: Sequence[float]) -> tuple[tuple[float, ...], float]:
+    """Return sharpness and height for innovations with a spread [m2]."""
+    inverse = solve(spread, identity(len(spread)))
+    sharpness = [x / units[i] / units[j] / FREEDOM for i, row in enumerate(inverse) for j, x in enumerate(row)]
+    if len(spread) == 1:
+        return (sharpness[0],), stroke.noise_m / sqrt(spread[0][0])
+    size = spread[0][0] * spread[1][1] - spread[0][1] * spread[1][0]
+    height = stroke.noise_m / (sqrt(size) * units[1])
+    return (sharpness[0], sharpness[1] + sharpness[2], sharpness[3]), height
+
+
+def _measurements(stroke: Stroke, alone: Motion, omega: float) -> tuple[Motion, Matrix, list[float], list[float]]:
+    """Return motion, rows, variances [m2] and units (m per SI unit, inverted) of the measurements.
+
+    States are in metres, so that a speed is measured over omega, and an acceleration, with its offset, over omega2.
+    """
+    noise_m = max(stroke.noise_m, MIN_NOISE * stroke.speed_m_s / stroke.rate_Hz)
+    rows, noise, units = [[1.0, 0.0, 0.0, 0.0, 0.0]], [noise_m**2], [1.0]
+    if stroke.motion == SPEED:
+        rows.append([0.0, 1.0, 0.0, 0.0, 0.0])
+        units.append(omega)
+    elif stroke.motion == ACCELERATION:
+        rows = [[*rows[0], 0.0], [0.0, 0.0, 1.0, 0.0, 0.0, 1.0]]
+        units.append(omega * omega)
+        drift = (DRIFT / units[1]) ** 2 / stroke.rate_Hz
+        alone = Motion(_with_last(alone.advance, 1.0), _with_last(alone.noise, drift))
+    if stroke.motion:
+        noise.append(max(stroke.motion_noise / units[1], MIN_MOTION_NOISE * stroke.speed_m_s / omega) ** 2)
+    return alone, rows, noise, units
+
+
+def _with_last(a: Matrix, corner: float) -> Matrix:
+    return [*([*row, 0.0] for row in a), [0.0] * len(a) + [corner]]
+
+
+def _scale(row: Sequence[float], units: Sequence[float], factor: float = 1.0) -> tuple[float, ...]:
+    return tuple(factor * x / unit for x, unit in zip(row, units, strict=True))
+
+
+def _companion_basis(advance: Matrix, omega: float, factors: Sequence[float]) -> Matrix:
+    """Return x, v, z1, z2 and z3 as rows in the coordinates of `kalman`."""
+    speed = [0.0, omega, 0.0, 0.0, 0.0]
+    rows = [[1.0, 0.0, 0.0, 0.0, 0.0], speed]
+    for factor in factors[:3]:
+        moved = product([rows[-1]], advance)[0]
+        rows.append([x - factor * y for x, y in zip(moved, speed, strict=True)])
+    return rows
+
+
+def _in_companion(basis: Matrix, row: Sequence[float]) -> tuple[float, ...]:
+    """Return the weights of v, z1, z2 and z3 that make up `row`."""
+    return tuple(weight for (weight,) in solve(transpose(basis), [[x] for x in row])[1:])
