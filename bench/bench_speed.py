@@ -6,8 +6,8 @@
     python bench/bench_speed.py measured   # models of measured dampers (CES_DATA=FOLDER), by delay
 
 The damper's own equations run with the estimated speed; J compares their force with that of the true speed. The bank
-has only its rule, on the noise and sweep recordings and their jittered stamps. Each peer has the setting with the least
-error of the force there, knowing the truth, and exact times. EARLIER is the filter of version 0.1.
+has only its rule, on the noise and sweep recordings and their jittered stamps. Each peer has the setting of the least
+J there, knowing the truth, and exact times. EARLIER is the filter of version 0.1.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from functools import cached_property, partial
 import blas_one_thread  # noqa: F401 - before NumPy
 import numpy as np
 from markdown import markdown
-from recorded_cases import MEASURED_CASES, is_present, mean_cost
+from recorded_cases import CASES, MEASURED, is_present, mean_cost
 from recorded_peers import fit_ours
 from scipy.signal import butter, sosfilt
 from speed_peers import PEERS, F, Filter, grid, observer
@@ -32,9 +32,9 @@ from ces_identify.prepare.series import prepare, select_samples
 from ces_observer.model import Sampling
 from ces_rig.dampers.kinds import HYDRAULIC, KINDS
 from ces_rig.dampers.stepper import simulate, spline_speed
-from ces_rig.drive.strokes import road_stroke
+from ces_rig.drive.strokes import Sine, Sweep, road_stroke
 from ces_rig.errors import RigError
-from ces_rig.experiment import Experiment, find_experiment, load_experiment, make_rng, parse_experiment
+from ces_rig.experiment import Experiment, find_experiment, load_experiment, make_rng
 from ces_rig.sensors import EPOCH_NS, GRID_S, Sensors
 
 TUNED, JUDGED = ("noise", "sweep"), ("sine_4hz", "sine_12hz", "road")
@@ -44,14 +44,9 @@ SENSORS = Sensors()
 DELAYS_MS = (0, 1, 3, 5)
 EARLIER = "Kalman, white jerk (0.1)"
 FLOOR = 0.5  # [%] of J, in quadrature: what no load cell resolves
-SEARCH_S = 40.0
-OTHER_STROKES: Mapping[str, Mapping[str, object]] = {
-    "sine 1 Hz": {"kind": "sine", "amplitude_m": 0.02, "frequency_Hz": 1.0},
-    "sine 7 Hz": {"kind": "sine", "amplitude_m": 0.01, "frequency_Hz": 7.0},
-    "sine 20 Hz": {"kind": "sine", "amplitude_m": 0.003, "frequency_Hz": 20.0},
-    "sweep to 30 Hz": {"kind": "sweep", "to_Hz": 30.0},
-}
+OTHER_SINES = {"sine 1 Hz": (0.02, 1.0), "sine 7 Hz": (0.01, 7.0), "sine 20 Hz": (0.003, 20.0)}  # [m, Hz]
 Estimate = Callable[["Motion"], tuple[F, F]]  # -> times [s] and speeds [m/s]
+Make = Callable[[float], Estimate]  # from a setting
 
 
 @dataclass(frozen=True)
@@ -87,7 +82,6 @@ class Motion:
 
     @cached_property
     def recording(self) -> Recording:
-        """The positions as logged."""
         own, made = SENSORS.position, self.conditions
         sensor = replace(own, noise=made.noise * own.noise, quantum=made.noise * own.quantum, rate_Hz=made.rate_Hz)
         rng = make_rng(self.seed, "position")
@@ -103,7 +97,6 @@ class Motion:
 
     @cached_property
     def forces(self) -> Mapping[str, F]:
-        """The force of each kind at the true speed."""
         return {kind: self.force(kind) for kind in KINDS}
 
 
@@ -121,15 +114,16 @@ def motion_of(experiment: Experiment, conditions: Conditions = USUAL, stroke_m: 
 
 def other_motions() -> dict[str, list[Motion]]:
     """Return motions unlike those that anything was tuned on."""
-    current = {"kind": "filtered_noise"}
-    described = {name: {"stroke": stroke, "current": current} for name, stroke in OTHER_STROKES.items()}
-    motions = {name: motion_of(parse_experiment(words, name)) for name, words in described.items()}
-    road, corners = load_experiment(find_experiment("road")), (0.1, 0.11, 0.13, 0.14, 0.35, 0.36, 0.38, 0.39)
-    rough = 2.0 * road_stroke("D", 5.0, TIME_S, make_rng(1, "stroke"))  # class E has twice the heights of class D
+    rng, corners = make_rng(1, "stroke"), (0.1, 0.11, 0.13, 0.14, 0.35, 0.36, 0.38, 0.39)
     jumps = np.cumsum(np.interp(TIME_S % 0.5, corners, (0, 1, 1, 0, 0, -1, -1, 0))) * 0.5 * GRID_S
-    motions |= {"road, class E": motion_of(road, stroke_m=rough)}
-    motions |= {"trapezoid, 15 mm in 40 ms": motion_of(road, stroke_m=jumps - jumps.mean())}
-    return {name: [motion] for name, motion in motions.items()}
+    strokes = {name: Sine(*numbers).samples(TIME_S, rng) for name, numbers in OTHER_SINES.items()}
+    strokes |= {
+        "sweep to 30 Hz": Sweep(to_Hz=30.0).samples(TIME_S, rng),
+        "road, class E": 2.0 * road_stroke("D", 5.0, TIME_S, rng),  # twice the heights of class D
+        "trapezoid, 15 mm in 40 ms": jumps - jumps.mean(),
+    }
+    road = load_experiment(find_experiment("road"))
+    return {name: [motion_of(road, stroke_m=stroke)] for name, stroke in strokes.items()}
 
 
 def bank(sampling: Sampling, motion: Motion) -> tuple[F, F]:
@@ -146,13 +140,7 @@ def peer(speeds: Filter, number: float, motion: Motion) -> tuple[F, F]:
 
 
 def earlier(motion: Motion) -> tuple[F, F]:
-    """Return the speed by the filter of version 0.1."""
     return peer(observer(motion.conditions.earlier[0]), motion.conditions.earlier[1], motion)
-
-
-def true_speed(motion: Motion) -> tuple[F, F]:
-    """Return the true speed."""
-    return TIME_S, motion.speed_m_s
 
 
 def costs(motions: Iterable[Motion], estimate: Estimate, noise_N: float = 0.0) -> F:
@@ -170,10 +158,10 @@ def costs(motions: Iterable[Motion], estimate: Estimate, noise_N: float = 0.0) -
     return np.array(rows)
 
 
-def ratios(found: F, base: F) -> tuple[float, float]:
-    """Return median and largest J over another, both with FLOOR."""
-    all_ratios = np.hypot(found, FLOOR) / np.hypot(base, FLOOR)
-    return float(np.median(all_ratios)), float(all_ratios.max())
+def ratios(found: F, base: F, floor: float = FLOOR) -> str:
+    """Return median and largest J over another, both with a floor."""
+    shares = np.hypot(found, floor) / np.hypot(base, floor)
+    return f"{np.median(shares):.2f}/{shares.max():.2f}"
 
 
 def banks(conditions: Conditions) -> dict[int, Estimate]:
@@ -184,15 +172,15 @@ def banks(conditions: Conditions) -> dict[int, Estimate]:
 
 
 def delay_table() -> list[list[str]]:
-    """Return the mean J of each damper, and J over that of EARLIER, without and with the load cell's noise."""
+    """Return the range of the dampers' mean J, and J over that of EARLIER, without and with the load cell's noise."""
     motions, noise = packaged((*JUDGED, "noise")), SENSORS.force.noise
     base, noisy = costs(motions, earlier), costs(motions, earlier, noise)
-    rows = [["speed from", *KINDS, "ratio: median", "worst", f"with {noise:g} N of noise: median", "worst"]]
+    rows = [["speed from", "J of the dampers %", "J over the first", f"with {noise:g} N of noise"]]
     estimates = {f"bank, {ms} ms": estimate for ms, estimate in banks(USUAL).items()}
-    for name, estimate in {EARLIER: earlier, **estimates, "the true speed": true_speed}.items():
-        clean, over = costs(motions, estimate), costs(motions, estimate, noise) / noisy
-        shown = (*clean.mean(axis=0), *ratios(clean, base), np.median(over), over.max())
-        rows.append([name, *(f"{x:.2f}" for x in shown)])
+    for name, estimate in ({EARLIER: earlier} | estimates | {"true": lambda m: (TIME_S, m.speed_m_s)}).items():
+        clean = costs(motions, estimate)
+        means, over = clean.mean(axis=0), ratios(costs(motions, estimate, noise), noisy, 0.0)
+        rows.append([name, f"{means.min():.2f}–{means.max():.2f}", ratios(clean, base), over])
     return rows
 
 
@@ -200,25 +188,23 @@ def peers_table() -> list[list[str]]:
     """Return J of each filter on strokes that its setting was not found on: means of the dampers."""
     tuning, motions = packaged(TUNED), packaged(JUDGED)
     base = costs(motions, earlier)
-    sampling = replace(choose_sampling([motion.recording for motion in tuning]), outlier_m=1.0)
-    found = {EARLIER: ("by its rule", earlier)}
+    sampling = choose_sampling([motion.recording for motion in tuning])
+    found: dict[str, tuple[str, Estimate]] = {EARLIER: ("by its rule", earlier)}
     for one in PEERS:
         found[one.name] = tune(one.grid, one.unit, partial(partial, peer, one.speeds), tuning)
     for ms in (0, 3):
         late = replace(sampling, delay_s=1e-3 * ms)
-        make = lambda f, late=late: partial(bank, replace(late, frequencies_Hz=(f,)))  # noqa: E731
+        make = lambda f, late=late: partial(bank, replace(late, frequencies_Hz=(f,), outlier_m=1.0))  # noqa: E731
         found[f"one mode of the bank, {ms} ms"] = tune(grid(3, 100), "Hz", make, tuning)
         found[f"**the bank, {ms} ms**"] = "by its rule", partial(bank, late)
-    rows = [["filter", "setting", *JUDGED, "ratio: median", "worst"]]
+    rows = [["filter", "setting", *JUDGED, "J over the first"]]
     for name, (setting, estimate) in found.items():
         clean = costs(motions, estimate)
-        rows.append([name, setting, *(f"{x:.2f}" for x in (*clean.mean(axis=1), *ratios(clean, base)))])
+        rows.append([name, setting, *(f"{j:.2f}" for j in clean.mean(axis=1)), ratios(clean, base)])
     return rows
 
 
-def tune(
-    numbers: Sequence[float], unit: str, make: Callable[[float], Estimate], tuning: Sequence[Motion]
-) -> tuple[str, Estimate]:
+def tune(numbers: Sequence[float], unit: str, make: Make, tuning: Sequence[Motion]) -> tuple[str, Estimate]:
     """Return the setting, as text, and the estimate with the least geometric mean of J."""
 
     def error(number: float) -> float:
@@ -236,40 +222,33 @@ def elsewhere_table() -> list[list[str]]:
     usual = banks(USUAL)
     cases = {name: (motions, usual) for name, motions in other_motions().items()}
     cases |= {name: (packaged((*JUDGED, "noise"), how), banks(how)) for name, how in OTHER_CONDITIONS.items()}
-    rows = [["stroke or sensor", *(f"{ms} ms" for ms in DELAYS_MS)]]
+    rows = [["stroke or sensor", *(f"{ms} ms" for ms in DELAYS_MS[:3])]]
     for name, (motions, estimates) in cases.items():
         base = costs(motions, earlier)
-        found = {ms: "{:.2f} / {:.2f}".format(*ratios(costs(motions, one), base)) for ms, one in estimates.items()}
-        rows.append([name, *(found.get(ms, "-") for ms in DELAYS_MS)])
+        found = {ms: ratios(costs(motions, one), base) for ms, one in estimates.items()}
+        rows.append([name, *(found.get(ms, "-") for ms in DELAYS_MS[:3])])
     return rows
 
 
 def measured_table() -> list[list[str]]:
     """Return J of models of measured dampers on data held out, by the delay of the speed."""
     rows = [["damper, held-out part", "structure", *(f"{ms} ms" for ms in DELAYS_MS)]]
-    for name in filter(is_present, MEASURED_CASES):
-        cases = [MEASURED_CASES[name](1e-3 * ms) for ms in DELAYS_MS]
+    for name in filter(is_present, MEASURED):
+        cases = [CASES[name](1e-3 * ms) for ms in DELAYS_MS]
         for structure in ("polynomial", "chambers"):
-            models = [fit_ours(structure, case, SEARCH_S) for case in cases]
+            models = [fit_ours(structure, case, 40.0) for case in cases]
             for row in cases[0].tests:
                 found = (mean_cost(case.tests[row], one.simulate) for case, one in zip(cases, models, strict=True))
                 rows.append([row, structure, *(f"{j:.1f}" for j in found)])
     return rows
 
 
-TABLES: dict[str, Callable[[], list[list[str]]]] = {
-    "delay": delay_table,
-    "peers": peers_table,
-    "elsewhere": elsewhere_table,
-    "measured": measured_table,
-}
+TABLES = {"delay": delay_table, "peers": peers_table, "elsewhere": elsewhere_table, "measured": measured_table}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "tables", nargs="*", choices=[[], *TABLES], metavar="TABLE", help=f"one or more of {', '.join(TABLES)}"
-    )
+    parser.add_argument("tables", nargs="*", choices=[[], *TABLES], metavar="TABLE", help="default: all")
     names = parser.parse_args().tables or list(TABLES)
     print("\n\n".join(markdown(TABLES[name]()) for name in names))
 

@@ -79,8 +79,7 @@ def utfsm_case(delay_s: float = 0.0) -> RecordedCase:
     return make_case([load_utfsm(path) for path in paths], "UTFSM sweeps, last 40 %", delay_s)
 
 
-MEASURED_CASES: dict[str, Callable[[float], RecordedCase]] = {"dyke": dyke_case, "utfsm": utfsm_case}
-CASES: dict[str, Callable[[], RecordedCase]] = {"rig": rig_case, "dyke": dyke_case, "utfsm": utfsm_case}
+CASES: dict[str, Callable[..., RecordedCase]] = {"rig": rig_case, "dyke": dyke_case, "utfsm": utfsm_case}
 MEASURED = {"dyke": "dyke_mr/ranran_50.csv", "utfsm": "utfsm_mr"}
 
 

@@ -17,17 +17,17 @@ from scipy.signal import lfilter, savgol_coeffs, ss2tf
 
 F = NDArray[np.float64]
 Filter = Callable[[F, float, float], F]  # positions [m], rate [Hz], the setting -> speeds [m/s]
+LONGEST = 60  # [samples] window
 
 
 @dataclass(frozen=True)
 class Peer:
-    """A filter, its delay [samples], and the values of its setting at 1 kHz to try."""
+    """A filter and the values of its setting at 1 kHz to try."""
 
     name: str
     speeds: Filter
     unit: str
     grid: tuple[float, ...]
-    delay: int = 0
 
 
 def observer(order: int, butterworth: bool = True) -> Filter:
@@ -62,19 +62,10 @@ def savitzky_golay(degree: int, delay: int = 0) -> Filter:
     return speeds
 
 
+@njit(cache=True)
 def super_twisting(x: F, rate: float, bound: float) -> F:
     """First-order robust exact differentiator (Levant 1998); `bound` [m/s2] is that of the acceleration."""
-    return _super_twisting(x, 1.0 / rate, bound)
-
-
-def adaptive_window(x: F, rate: float, bound: float) -> F:
-    """First-order adaptive windowing (Janabi-Sharifi, Hayward & Chen 2000), best fit over the longest window."""
-    return _adaptive_window(x, 1.0 / rate, bound, 60)
-
-
-@njit(cache=True)
-def _super_twisting(x: F, step: float, bound: float) -> F:
-    out = np.zeros(len(x))
+    out, step = np.zeros(len(x)), 1.0 / rate
     z0, z1 = x[0], 0.0
     for k in range(len(x)):
         error = z0 - x[k]
@@ -85,10 +76,11 @@ def _super_twisting(x: F, step: float, bound: float) -> F:
 
 
 @njit(cache=True)
-def _adaptive_window(x: F, step: float, bound: float, longest: int) -> F:
+def adaptive_window(x: F, rate: float, bound: float) -> F:
+    """First-order adaptive windowing (Janabi-Sharifi, Hayward & Chen 2000), best fit over the longest window."""
     out = np.zeros(len(x))
     for k in range(1, len(x)):
-        for n in range(1, min(longest, k) + 1):
+        for n in range(1, min(LONGEST, k) + 1):
             slope = 0.0
             for i in range(n + 1):
                 slope += (n - 2.0 * i) * x[k - i]
@@ -98,7 +90,7 @@ def _adaptive_window(x: F, step: float, bound: float, longest: int) -> F:
                 fits &= abs(x[k - i] - (x[k] - slope * i)) <= bound
             if not fits:
                 break
-            out[k] = slope / step
+            out[k] = slope * rate
     return out
 
 
@@ -119,10 +111,7 @@ PEERS = (
     Peer("Kalman, white jerk", observer(3), "Hz", grid(40, 250)),
     Peer("high-gain observer, third order", observer(3, butterworth=False), "Hz", grid(20, 200)),
     Peer("Savitzky–Golay 2, end", savitzky_golay(2), "Hz", grid(40, 250)),
-    Peer("Savitzky–Golay 3, end", savitzky_golay(3), "Hz", grid(25, 200)),
     Peer("super-twisting", super_twisting, "m/s²", grid(10, 1000)),
     Peer("adaptive window (FOAW)", adaptive_window, "m", grid(1e-6, 3e-4)),
-    Peer("Savitzky–Golay 2, 3 ms later", savitzky_golay(2, 3), "Hz", grid(30, 200), 3),
-    Peer("Savitzky–Golay 3, 3 ms later", savitzky_golay(3, 3), "Hz", grid(20, 150), 3),
-    Peer("Savitzky–Golay 4, 3 ms later", savitzky_golay(4, 3), "Hz", grid(15, 120), 3),
+    Peer("Savitzky–Golay 3, 3 ms later", savitzky_golay(3, 3), "Hz", grid(20, 150)),
 )

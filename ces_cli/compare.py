@@ -16,20 +16,9 @@ from ces_cli.terminal.simulations import find_file, open_simulation, with_predic
 from ces_data.arrays import F
 from ces_data.recording import Recording
 from ces_identify.campaign.rows import read_campaign
-from ces_identify.comparison.compared_models import (
-    ComparedModel,
-    make_compared_model,
-    make_compared_models,
-    name_sources,
-)
+from ces_identify.comparison import comparison_report
+from ces_identify.comparison.compared_models import ComparedModel, make_compared_models, name_sources
 from ces_identify.comparison.comparison import MAX_DRAWN, Comparison, compare, cost_table, headline, join
-from ces_identify.comparison.comparison_report import (
-    comparison_document,
-    model_table,
-    pair_table,
-    recording_table,
-    write_comparison,
-)
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import ModelSimulation, Simulation, find_predictions
 from ces_identify.validation.cost_table import NONE
@@ -63,15 +52,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     signals = terminal.load_described_signals(options)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(bags)}
     found = print_findings(list(recordings.values()))
-    models = [with_recorded_predictions(model, recordings, signals) for model in models]
+    models = [read_predictions(model, recordings, signals) for model in models]
     with terminal.err.status("comparing") as status:
         comparison = compare(models, list(recordings.values()), options.part, announce=status.update)
     if options.report is not None:
-        write_comparison(options.report, comparison, terminal.command_line("compare", argv))
+        comparison_report.write_comparison(options.report, comparison, terminal.command_line("compare", argv))
         for note in comparison.notes_on_charts():
             terminal.print_warning(note)
     if options.json:
-        print_document("compare", {**comparison_document(comparison), "findings": found})
+        print_document("compare", {**comparison_report.comparison_document(comparison), "findings": found})
         return 0
     _print_comparison(comparison)
     if options.report is not None:
@@ -80,10 +69,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def sort_words(words: Sequence[str]) -> tuple[list[str], list[Path], list[str]]:
-    """Return specifications of simulations, folders of campaigns, and words that name bags.
-
-    Raises CesError for a simulation that is given twice.
-    """
+    """Return simulations, campaign folders and words that name bags; raises CesError for a simulation given twice."""
     simulations = [
         word
         for word in words
@@ -101,9 +87,9 @@ def sort_words(words: Sequence[str]) -> tuple[list[str], list[Path], list[str]]:
 
 
 def _print_comparison(comparison: Comparison) -> None:
-    several = [recording_table(comparison)] if len(comparison.recordings) > 1 else []
-    pairs = [pair_table(comparison)] if len(comparison.pairs) <= MAX_PAIRS else []
-    tables: list[Table[Any]] = [cost_table(comparison), *several, *pairs, model_table(comparison)]
+    several = [comparison_report.recording_table(comparison)] if len(comparison.recordings) > 1 else []
+    pairs = [comparison_report.pair_table(comparison)] if len(comparison.pairs) <= MAX_PAIRS else []
+    tables: list[Table[Any]] = [cost_table(comparison), *several, *pairs, comparison_report.model_table(comparison)]
     for table in tables:
         terminal.print_table(terminal.lay_out(table))
     for line in sentences(comparison):
@@ -128,10 +114,7 @@ def sentences(comparison: Comparison) -> Iterator[str]:
 
 
 def front_models(folders: Sequence[Path], count: int) -> dict[str, str]:
-    """Return by name the model files on the fronts of campaigns, at most `count` with the lowest selection cost.
-
-    Says so if it leaves some out. Raises CesError if a campaign has no model.
-    """
+    """Return the model files on the fronts by name, at most `count` of the lowest cost; raises CesError for none."""
     found = []
     for folder in folders:
         results = read_campaign(folder)
@@ -156,18 +139,14 @@ def open_models(simulations: Sequence[str], chosen: Mapping[str, str]) -> list[C
     specs = [*simulations, *chosen.values()]
     known = {path: name for name, path in chosen.items()}
     models = []
-    for stem, spec in zip(name_sources(specs), specs, strict=True):
-        simulation, name = open_simulation(spec), known.get(spec, stem)
-        if isinstance(simulation, ModelSimulation):
-            models += make_compared_models(name, load_model(spec), spec)
-        else:
-            models.append(make_compared_model(name, simulation, spec))
+    for name, spec in zip(name_sources(specs), specs, strict=True):
+        simulation = open_simulation(spec)
+        found = load_model(spec) if isinstance(simulation, ModelSimulation) else simulation
+        models += make_compared_models(known.get(spec, name), found, spec)
     return models
 
 
-def with_recorded_predictions(
-    model: ComparedModel, recordings: Mapping[Path, Recording], signals: Signals
-) -> ComparedModel:
+def read_predictions(model: ComparedModel, recordings: Mapping[Path, Recording], signals: Signals) -> ComparedModel:
     """Return the model with the predictions in the recordings' bags, if its force is there."""
     if find_predictions(model.simulation) is None:
         return model

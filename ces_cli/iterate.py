@@ -1,7 +1,4 @@
-"""`ces iterate`: designs experiments inside a rig's limits, has them run, and identifies a model, until it is good.
-
-It shows a bar of recorded seconds, the present step, and a line for each finished iteration.
-"""
+"""`ces iterate`: designs experiments inside a rig's limits, has them run, and identifies a model, until it is good."""
 
 from __future__ import annotations
 
@@ -59,10 +56,8 @@ def _iterate(path: Path, out: Path, as_json: bool) -> None:
     plan = load_plan(path)
     require_folder(out)
     rig = open_rig(plan)
-    with (
-        IterateProgress(plan.stop.budget_s, terminal.err if as_json else terminal.out) as progress,
-        ExitStack() as opened,
-    ):
+    lines_to = terminal.err if as_json else terminal.out
+    with IterateProgress(plan.stop.budget_s, lines_to) as progress, ExitStack() as opened:
         with warnings.catch_warnings(record=True) as caught:  # what is to be known about the plan's recordings
             warnings.simplefilter("always")
             iterations = Iterations(plan, rig, out, progress)

@@ -13,18 +13,8 @@ from pathlib import Path
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import JSON, RIG_SEED, Argument
 from ces_cli.terminal.outputs import make_schemas, print_document, require_folder
+from ces_iterate.stroke import page
 from ces_iterate.stroke.learning import LearningRun, learn_stroke, require_learnable
-from ces_iterate.stroke.page import (
-    COMMAND,
-    EXPERIMENT,
-    REPORT,
-    RESULT,
-    as_json,
-    describe_kind,
-    find_warnings,
-    summary_sentence,
-    write_results,
-)
 from ces_iterate.stroke.plan import load_plan
 from ces_iterate.stroke.rigs import StoredRuns
 from ces_observer.options import Option
@@ -45,7 +35,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     numbers = count(1)
 
     def on_run(run: LearningRun) -> None:
-        text = f"run {next(numbers):2d}: {1e6 * run.error_m:7.1f} µm RMS  {describe_kind(run)}"
+        text = f"run {next(numbers):2d}: {1e6 * run.error_m:7.1f} µm RMS  {page.describe_kind(run)}"
         print(text, flush=True, file=sys.stderr if options.json else sys.stdout)
 
     with terminal.err.status(f"learning {plan.experiment.settings.name}"):
@@ -53,31 +43,27 @@ def main(argv: Sequence[str] | None = None) -> int:
     command = " ".join(["ces learn-stroke", *map(shlex.quote, argv or sys.argv[1:])])
     make_schemas()  # the learned experiment names its schema
     facts = {"Plan": str(options.plan), "Date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", "Command": command}
-    write_results(options.out, plan, learned, facts)
-    for text in find_warnings(learned):
+    page.write_results(options.out, plan, learned, facts)
+    for text in page.find_warnings(learned):
         terminal.print_warning(text)
-    files = (COMMAND, EXPERIMENT, RESULT, REPORT)
+    files = (page.COMMAND, page.EXPERIMENT, page.RESULT, page.REPORT)
     if options.json:
-        print_document("learn-stroke", {**as_json(learned), "files": [options.out / name for name in files]})
+        print_document("learn-stroke", {**page.as_json(learned), "files": [options.out / name for name in files]})
     else:
-        print(f"{summary_sentence(learned)} Stopped: {learned.stopped}.")
+        print(f"{page.summary_sentence(learned)} Stopped: {learned.stopped}.")
         print(f"results: {options.out}/{', '.join(files)}")
     return 0
 
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
+    plan = "plan (YAML): experiment, actuator, limits (docs/learn-stroke.md)"
     return terminal.parser(
         "learn-stroke",
         "Learn, run by run, the command that makes the rig's piston follow a wanted stroke in spite of its actuator "
         "(iterative learning control). Run again with the same plan and folder, it continues where it stopped.",
         "ces learn-stroke plan.yaml --out learned",
-        Argument(
-            "plan",
-            meaning="plan (YAML): experiment, actuator, limits (docs/learn-stroke.md)",
-            kind=Path,
-            metavar="PLAN",
-        ),
+        Argument("plan", meaning=plan, kind=Path, metavar="PLAN"),
         Option("out", meaning="folder for runs and results", kind=Path, metavar="DIR"),
         RIG_SEED,
         Option("overwrite", False, "delete the runs in DIR and start anew"),

@@ -17,15 +17,7 @@ from ces_data.logs.log_mapping import BLANKS, COLUMN_KEYS, LAYOUT_KEYS, SOURCES
 from ces_gap.report.gap_json import gap_schema
 from ces_identify.campaign.plan import COMMON, STRUCTURES, CellLimits, axis_schema
 from ces_identify.options import SPLIT
-from ces_identify.polynomial.candidates import (
-    AUTO,
-    FORMS,
-    MAX_LAG_MS,
-    MAX_MEMBERSHIPS,
-    MEMBERSHIPS,
-    RULE_KINDS,
-    SIGNALS,
-)
+from ces_identify.polynomial import candidates
 from ces_identify.schema_files import ABOUT
 from ces_iterate import plan as iterate_plan
 from ces_iterate.rigs.kinds import RIG_SETTINGS
@@ -36,15 +28,6 @@ from ces_iterate.stroke.limits import StrokeLimits
 from ces_observer.fields import Schema, record_schema
 from ces_observer.json_text import write_atomically
 from ces_observer.nodes import parameter_table
-from ces_observer.nodes.parameter_table import (
-    DAMPERS,
-    DAMPERS_MEANING,
-    NAME,
-    OF_A_DAMPER,
-    OF_ROS,
-    OF_THE_NODE,
-    SIGNAL_KEYS,
-)
 from ces_observer.options import Option
 from ces_observer.signals import LARGEST, LONGEST, MAX_DELAY_S, NAMES, UNITS
 from ces_observer.structures.constructed_inputs import BASE, MAX_WIDTH, MIN_WIDTH, SETTINGS
@@ -159,7 +142,7 @@ LAYOUT: Mapping[str, Schema] = {
 
 def signal_properties() -> dict[str, Schema]:
     """Return the schema of each signal in a signals file or a node's parameters."""
-    about = {**SIGNAL_KEYS, "constant": ABOUT_CONSTANT}
+    about = {**parameter_table.SIGNAL_KEYS, "constant": ABOUT_CONSTANT}
     settings = {key: with_description(schema, about[key]) for key, schema in SIGNAL_SETTINGS.items()}
     return {name: mapping_of(settings, about=f"{name} [{UNITS[name]}]") for name in NAMES}
 
@@ -191,12 +174,12 @@ def parameter_file(own: Mapping[str, Schema], patterns: Mapping[str, Schema], ot
 def signals_schema() -> Schema:
     """Return the schema of a signals file: a parameter file, or a plain mapping of signals."""
     signals, patterns = signal_properties(), dotted_signals()
-    own = {DAMPERS: with_description(list_of(TEXT), DAMPERS_MEANING), **signals}
+    own = {parameter_table.DAMPERS: with_description(list_of(TEXT), parameter_table.DAMPERS_MEANING), **signals}
     damper = {**mapping_of(signals), "patternProperties": patterns}
     file = parameter_file(own, patterns, damper)
     plain = {"$ref": "#/definitions/parameters"}
     as_parameters = {key: file[key] for key in ("type", "additionalProperties", "minProperties")}
-    is_plain = {"anyOf": [{"required": [name]} for name in (*NAMES, DAMPERS)]}
+    is_plain = {"anyOf": [{"required": [name]} for name in (*NAMES, parameter_table.DAMPERS)]}
     plain_names = {"propertyNames": {"not": {"pattern": rf"^({'|'.join(NAMES)})\."}}}
     return {
         "type": "object",
@@ -248,23 +231,23 @@ SETTING: dict[str, Schema] = {
     "range_Hz": {**list_of(number_between(1e-3, 1e5)), "minItems": 2, "maxItems": 2},
     "floor_m": number_between(MIN_WIDTH, MAX_WIDTH),
 }
-OPEN_LAG: Schema = {"anyOf": [{"const": AUTO}, SETTING["time_constant_s"]]}
+OPEN_LAG: Schema = {"anyOf": [{"const": candidates.AUTO}, SETTING["time_constant_s"]]}
 
 
 def candidates_schema() -> Schema:
     """Return the schema; keys besides the signals are names of constructed inputs, which `constructed` defines."""
     rule: Schema = {"$ref": "#/definitions/rule"}
-    forms = list_of(one_of(FORMS), 1)
+    forms = list_of(one_of(candidates.FORMS), 1)
     of_a_factor = {
         "signal": TEXT,
         "lag": number_between(0, MAX_LAG, whole=True),
         "power": number_between(0.0, MAX_POWER),
-        "form": one_of(FORMS),
+        "form": one_of(candidates.FORMS),
     }
     term = {**list_of(mapping_of(of_a_factor, ("signal",))), "maxItems": MAX_FACTORS}
     of_a_rule = {
         "lags": _lags(0),
-        "lags_ms": with_description(list_of(number_between(0.0, MAX_LAG_MS), 1), "in milliseconds"),
+        "lags_ms": with_description(list_of(number_between(0.0, candidates.MAX_LAG_MS), 1), "in milliseconds"),
         "powers": list_of(number_between(0.0, MAX_POWER), 1),
         "forms": forms,
         "again": rule,
@@ -272,7 +255,7 @@ def candidates_schema() -> Schema:
     of_force = {"lags": _lags(1), "powers": list_of(NUMBER, 1), "forms": forms}  # other keys: signals that multiply it
     properties: dict[str, Schema] = {
         "force": {"$ref": "#/definitions/force"},
-        **{signal: rule for signal in SIGNALS if signal != "force"},
+        **{signal: rule for signal in candidates.SIGNALS if signal != "force"},
         "constructed": {"type": "object", "additionalProperties": _construction()},
         "products": with_description(
             list_of({**list_of(TEXT), "maxItems": MAX_FACTORS}, 1), "signals whose factors are multiplied in a term"
@@ -294,9 +277,9 @@ def _lags(least: int) -> Schema:
 
 def _construction() -> Schema:
     branches = []
-    for kind in RULE_KINDS:
-        if kind == MEMBERSHIPS:
-            peaks = {**list_of(NUMBER, 2), "maxItems": MAX_MEMBERSHIPS}
+    for kind in candidates.RULE_KINDS:
+        if kind == candidates.MEMBERSHIPS:
+            peaks = {**list_of(NUMBER, 2), "maxItems": candidates.MAX_MEMBERSHIPS}
             branches.append(mapping_of({"kind": {"const": kind}, "of": TEXT, "at": peaks}, ("kind", "of", "at")))
             continue
         own = {key: one_of(BASE) if key == "of" else SETTING[key] for key in SETTINGS[kind]}
@@ -376,12 +359,8 @@ def learn_stroke_schema() -> Schema:
 def campaign_schema() -> Schema:
     """Return the schema of a campaign."""
     bags = {"anyOf": [TEXT, {**TEXTS, "minItems": 1, "uniqueItems": True}]}
-    sets = {
-        "type": "object",
-        "minProperties": 1,
-        "propertyNames": {"pattern": r"^[\w.+-]+$"},
-        "additionalProperties": bags,
-    }
+    names = {"pattern": r"^[\w.+-]+$"}
+    sets = {"type": "object", "minProperties": 1, "propertyNames": names, "additionalProperties": bags}
     structures = {name: {"anyOf": [{"type": "null"}, mapping_of(_axes(axes))]} for name, axes in STRUCTURES.items()}
     properties = {
         "bags": with_description(sets, "sets of recordings to identify on; each gives models of its own"),
@@ -404,13 +383,14 @@ ROS: dict[str, Schema] = {
     "start_type_description_service": FLAG,
     "qos_overrides": with_description({"type": "object"}, "quality of service by resolved topic name"),
 }
-ROS_DOTTED: dict[str, Schema] = {rf"^({'|'.join(OF_ROS)})\.": {}}
+ROS_DOTTED: dict[str, Schema] = {rf"^({'|'.join(parameter_table.OF_ROS)})\.": {}}
 
 
 def observer_schema() -> Schema:
     """Return the schema of the observer's parameters: of the node, of each damper, and of its signals."""
-    of_a_damper = {**of_parameters((*OF_A_DAMPER, NAME)), **signal_properties()}
-    own = {**of_parameters(OF_THE_NODE), **of_a_damper, DAMPERS: with_description(list_of(TEXT), DAMPERS_MEANING)}
+    of_a_damper = {**of_parameters((*parameter_table.OF_A_DAMPER, parameter_table.NAME)), **signal_properties()}
+    dampers = with_description(list_of(TEXT), parameter_table.DAMPERS_MEANING)
+    own = {**of_parameters(parameter_table.OF_THE_NODE), **of_a_damper, parameter_table.DAMPERS: dampers}
     damper = {**mapping_of(of_a_damper), "patternProperties": dotted_signals()}
     return parameter_file({**own, **ROS}, {**dotted_signals(), **ROS_DOTTED}, damper)
 

@@ -52,6 +52,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
+    host = "address to listen on; with another than that of this computer only, all of its network can read DIR"
     return terminal.parser(
         "serve",
         "Show what is in a folder and below it as pages in the browser: models, reports, campaigns, diagnoses, fleets, "
@@ -59,22 +60,14 @@ def make_parser() -> terminal.Parser:
         "ces serve . --open",
         Argument("folder", meaning="the folder to show", kind=Path, metavar="DIR"),
         Option("port", 8000, "port to listen on; 0 for a free one", 0, 65535, metavar="N"),
-        Option(
-            "host",
-            LOOPBACK,
-            "address to listen on; with another than that of this computer only, all of its network can read DIR",
-            metavar="ADDRESS",
-        ),
+        Option("host", LOOPBACK, host, metavar="ADDRESS"),
         Option("open", False, "open the page in the browser"),
         SIGNALS,
     )
 
 
 def _open_browser(url: str) -> None:
-    """Open `url` in a thread, because a browser may be waited for until its end.
-
-    Not where there is no desktop, as over ssh: Python would start a text browser in the terminal of the server.
-    """
+    """Open `url` in a thread; not without a desktop, as over ssh, where Python would start a text browser."""
     here = sys.platform in ("darwin", "win32", "cygwin") or any(map(os.environ.get, (*DISPLAYS, CHOSEN)))
     if not here:
         port = urlsplit(url).port

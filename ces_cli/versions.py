@@ -32,10 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def find_versions() -> dict[str, Any]:
-    """Return the versions in use, by the suite's own metadata; a package that is not installed has None.
-
-    There are no packages if the suite runs from its source folder and was never installed.
-    """
+    """Return the versions by the suite's own metadata: None if absent; no packages if it was never installed."""
     packages: dict[str, str | None] = {}
     extras: dict[str, dict[str, str | None]] = {}
     try:

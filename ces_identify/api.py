@@ -23,7 +23,7 @@ from ces_data.reading import SIGNALS, PathInput, RecordingInput, RecordingInputs
 from ces_data.recording import Channel, Recording
 from ces_data.signals_file import load_signals
 from ces_identify import identification
-from ces_identify.comparison.compared_models import ComparedModel, make_compared_model, make_compared_models
+from ces_identify.comparison.compared_models import make_compared_models
 from ces_identify.comparison.comparison import Comparison, compare
 from ces_identify.identification import IdentificationResult
 from ces_identify.options import as_delays, list_options
@@ -138,12 +138,11 @@ def compare_models(
     """
     if not isinstance(models, Mapping):
         raise CesError(f"models: expected models by their names, as in {{'a': 'a.json'}}; got {kind_of(models)}")
-    named: list[ComparedModel] = []
-    for name, one in models.items():
-        if isinstance(one, Simulation):
-            named.append(make_compared_model(name, one))
-        else:
-            named += make_compared_models(name, _as_model(one))
+    named = [
+        found
+        for name, one in models.items()
+        for found in make_compared_models(name, one if isinstance(one, Simulation) else _as_model(one))
+    ]
     return compare(named, as_recordings(recordings, signals), part, timing=timing)
 
 

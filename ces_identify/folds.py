@@ -63,9 +63,7 @@ class CrossValidation:
 
     @property
     def spread(self) -> float:
-        """Standard deviation (n - 1) of J [%], infinite after a divergence; not the error of the mean: folds share
-        data.
-        """
+        """Standard deviation (n - 1) of J [%]; infinite after a divergence. No error of the mean: folds share data."""
         costs = [row.cost for row in self.rows]
         return float(np.std(costs, ddof=1)) if np.isfinite(costs).all() else float("inf")
 
@@ -73,18 +71,12 @@ class CrossValidation:
 def cross_validate(
     recordings: Sequence[Recording], folds: int, identify: Identifier, options: IdentifyOptions
 ) -> CrossValidation:
-    """Return the held-out costs of `folds` identifications, each on all but one fold of `recordings`.
-
-    Raises CesError if there are too few recordings, and the errors of `identify`.
-    """
+    """Return the held-out costs of `folds` identifications; raises CesError, also for too few recordings."""
     options, rows = replace(options, split=1.0), []
     for number, fold in enumerate(split_folds(recordings, folds), 1):
         result = identify(fold.identification, fold.held_out, options)
-        rows += [
-            HeldOutCost(number, e.name, e.cost, cost_interval([e]), result.model.size)
-            for e in result.evaluations
-            if e.role == VALIDATION
-        ]
+        tests = (e for e in result.evaluations if e.role == VALIDATION)
+        rows += [HeldOutCost(number, e.name, e.cost, cost_interval([e]), result.model.size) for e in tests]
     return CrossValidation(tuple(rows))
 
 
@@ -136,10 +128,7 @@ STRETCHES = 3  # of a single recording, left out in turn
 
 @dataclass(frozen=True)
 class LeftOutPart:
-    """A part of a recording, by its index and from `start_s` up to `stop_s` after its first position sample.
-
-    `model` was fitted without it.
-    """
+    """A part of a recording (index), from `start_s` to `stop_s` after its first position sample, unseen by `model`."""
 
     recording: int
     start_s: float
@@ -159,10 +148,7 @@ class CrossFit:
 def cross_fit(
     recordings: Sequence[Recording], options: IdentifyOptions, listener: Listener, fitter: Fitter
 ) -> CrossFit:
-    """Identify a model on the whole of all recordings, then fit its parameters again without each part in turn.
-
-    A part whose refit fails is missing from the result. Raises CesError if the data hold too little.
-    """
+    """Return a model of all recordings, and its refits without each part in turn (none failed); raises CesError."""
     kept: list[tuple[Fitted, Sequence[Series]]] = []
 
     def keep(series: Sequence[Series], sampling: Sampling, how: IdentifyOptions, listen: Listener) -> Fitted:

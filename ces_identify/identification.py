@@ -78,7 +78,7 @@ def identify(
     sampling = choose_sampling(parts, options.rate)
     samplings = [replace(sampling, delay_s=require_delay(one, sampling.rate_Hz)) for one in delays]
     result = _identify_at(samplings[0], recordings, validation, options, listener, fitter)
-    if len(samplings) > 1 and result.search_results[0].ended != INTERRUPTED:
+    if len(samplings) > 1 and all(one.ended != INTERRUPTED for one in result.search_results):
         result = _join(result, _identify_at(samplings[1], recordings, validation, options, listener, fitter))
     return result
 
@@ -96,12 +96,10 @@ def _join(first: IdentificationResult, other: IdentificationResult) -> Identific
 
     The evaluations of a recording follow each other.
     """
-    mine, late, order = first.model.provenance, other.model.provenance, [(e.role, e.name) for e in first.evaluations]
-    evaluations = sorted(
-        (*first.evaluations, *(e for e in other.evaluations if (e.role, e.name) in order)),
-        key=lambda e: order.index((e.role, e.name)),
-    )
-    provenance = {**mine, COSTS: [_cost_row(e) for e in evaluations], DELAYED_SELECTION: late["selection"]}
+    order = [(e.role, e.name) for e in first.evaluations]
+    evaluations = sorted((*first.evaluations, *other.evaluations), key=lambda e: order.index((e.role, e.name)))
+    more = {COSTS: [_cost_row(e) for e in evaluations], DELAYED_SELECTION: other.model.provenance["selection"]}
+    provenance = {**first.model.provenance, **more}
     model = replace(first.model, delayed=replace(other.model, provenance={}), provenance=provenance)
     return replace(first, model=model, evaluations=tuple(evaluations))
 

@@ -55,10 +55,7 @@ class JobResult:
 
 
 def run_job(job: Job, work: Callable[[], JobResult]) -> JobResult:
-    """Return the result of `work`. A CesError makes the job `failed`, any other error `crashed`.
-
-    A failed job is not repeated; a crashed one is repeated by the next run.
-    """
+    """Return the result of `work`; a CesError makes it `failed` for good, any other error `crashed`, to be repeated."""
     try:
         return work()
     except CesError as error:
@@ -78,10 +75,7 @@ def _describe_error(error: BaseException) -> str:
 
 @contextlib.contextmanager
 def open_rows(path: Path) -> Iterator[BinaryIO]:
-    """Open and lock the file at `path`, make its folder if needed, and drop an incomplete last line.
-
-    Raises CesError if it cannot be written or another run has locked it.
-    """
+    """Open and lock the rows at `path` (made if needed) without an incomplete last line; raises CesError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         file = path.open("ab+")

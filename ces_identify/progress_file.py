@@ -78,10 +78,7 @@ class ProgressFile:
 
 
 class SearchProgressFile(ProgressFile):
-    """The progress file of a search: a row for each better model and for each start that ends, or goes on after that.
-
-    A program with several searches calls `begin_step` before each.
-    """
+    """A row for each better model and for each start that ends or goes on; call `begin_step` before each search."""
 
     _best = float("inf")
     _ended: frozenset[int] = frozenset()  # seeds of the starts that have ended
@@ -143,12 +140,9 @@ def _is_alive(head: Mapping[str, Any], written_s: float) -> bool:
 
 
 def _process_start(pid: int) -> str:
-    """Return when a process started, in the kernel's ticks; empty where the system has no /proc, and once it has ended.
-
-    A process that has ended is there until its parent has asked, which in a container may be never.
-    """
+    """Return when a process started, in kernel ticks; empty without /proc, and for one that has ended."""
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
-        return "" if fields[0] in ENDED else fields[19]
+        return "" if fields[0] in ENDED else fields[19]  # one that ended is there until its parent asks, perhaps never
     except (OSError, IndexError):
         return ""

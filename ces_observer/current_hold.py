@@ -101,10 +101,7 @@ MAX_POSITIONS = 10_000  # samples: several seconds at 1 kHz; beyond it the oldes
 
 
 class PositionQueue:
-    """A bounded queue of positions: (stamp [ns], position [m], frame) with the node's time of arrival [ns].
-
-    They leave it in the order of arrival.
-    """
+    """A bounded first-in first-out queue of positions: (stamp [ns], position [m], frame), with their arrival [ns]."""
 
     def __init__(self, wait_s: float) -> None:
         self._queue: deque[tuple[int, float, bytes, int]] = deque()

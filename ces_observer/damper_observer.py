@@ -118,10 +118,7 @@ class DamperObserver:
         self.current.add(stamp_ns, current_A)
 
     def motion_for(self, model: Model) -> CurrentHold:
-        """Return the hold of the signal that `model` needs beside the position; constant if it needs none.
-
-        Raises ModelError if it is not there.
-        """
+        """Return the hold of the motion that `model` needs, a constant if it needs none; raises ModelError."""
         name = model.sampling.motion
         if not name:
             return _NO_SIGNAL
@@ -141,15 +138,13 @@ class DamperObserver:
         self._position_m = position_m
         force = self._estimator.step(stamp_ns, position_m, current, motion)
         if self._next is not None:
-            next_current = self._next_current.at(stamp_ns)
-            next_motion = self._next_motion.at(stamp_ns)
+            next_current, next_motion = self._next_current.at(stamp_ns), self._next_motion.at(stamp_ns)
             next_force = self._next.step(stamp_ns, position_m, next_current, next_motion)
             if self._next.is_warm:
                 force, current, motion = next_force, next_current, next_motion
                 self._next.skip_late(self._late_ns)
-                self._estimator, self._next = self._next, None
-                self.model, self.current = self._estimator.model, self._next_current
-                self.motion = self._next_motion
+                self._estimator, self.model, self._next = self._next, self._next.model, None
+                self.current, self.motion = self._next_current, self._next_motion
         estimator = self._estimator
         self.position, self.speed = estimator.position, estimator.speed
         self.late = self._usable(estimator.late) if estimator.late else estimator.late
@@ -178,10 +173,7 @@ class DamperObserver:
         return self._estimator.half_width()
 
     def count_unreadable(self, signal: str, error: str) -> None:
-        """Count a message without the configured field, of "position", "current" or "motion".
-
-        It explains a later silence or lack of that signal.
-        """
+        """Count a message without its field, of "position", "current" or "motion"; it explains a later lack."""
         self.tally.unreadable += 1
         self._errors[signal] = error
 

@@ -34,7 +34,7 @@ class LateEstimate(NamedTuple):
 
 
 class ForceRun:
-    """The free run of a model with its band and warm-up; `is_finite` is False after a tick that had to restart it."""
+    """The free run of a model with its band and warm-up; `reason` is "ok" or why it has no force."""
 
     def __init__(self, model: Model) -> None:
         self.predictor = model.make_predictor()
@@ -51,40 +51,35 @@ class ForceRun:
             self._band.reset()
         self._wait = self._warm_up
         self._newest = self._previous = 0.0
-        self.is_finite = True
-
-    @property
-    def is_warm(self) -> bool:
-        """True after the warm-up."""
-        return self._wait < 0
+        self.reason = WARMING_UP
 
     def advance(self, ticks: Iterable[Tick], current: float, ahead: float) -> float | None:
         """Run ticks and return the force [N] `ahead` ticks after the last, within the force envelope.
 
-        None in the warm-up, or after a force that is not finite: then the run restarts.
+        None in the warm-up, or after a force that is not finite: then the run restarts. Without ticks, nothing changes.
         """
         for position, speed in ticks:
             self._wait -= 1
             force = self._tick(position, speed, current)
             if force == inf:
                 self.restart()
-                self.is_finite = False
+                self.reason = UNBOUNDED
                 return None
             self._previous, self._newest = self._newest, force
             if self._band is not None:
                 self._band.tick(position, speed, current, force)
-        self.is_finite = True
         if self._wait >= 0:
+            self.reason = WARMING_UP
             return None
+        self.reason = OK
         force = self._newest + (self._newest - self._previous) * ahead
         return self._low if force < self._low else self._high if force > self._high else force
 
     def half_width(self) -> float | None:
-        """Return the half-width [N] of the band at the last tick.
-
-        None if the model has no band or the inputs are beyond any damper's.
-        """
-        width = inf if self._band is None else self._band.half_width()
+        """Return the half-width [N] of the band at the last tick; None without one, or if it is not finite."""
+        if self._band is None:
+            return None
+        width = self._band.half_width()
         return width if isfinite(width) else None
 
 
@@ -170,29 +165,26 @@ class Estimator:
             if outcome == RESTARTED:
                 self._restart_models()
         self.position, self.speed = tracker.position, tracker.speed
-        if self._late is not None:
-            self._run_late(self._late, None if outcome == UNSETTLED else stamp_ns, current_A)
+        if self._late is not None and tracker.late_ticks:
+            for known in tracker.late_ticks[:-1]:  # lost
+                self._run_late(self._late, known, None, current_A)
+            self._run_late(self._late, tracker.late_ticks[-1], None if outcome == UNSETTLED else stamp_ns, current_A)
         force = None if self._now is None else self._now.advance(tracker.ticks, current_A, tracker.ahead)
-        if not self._own.is_finite:
-            self.reason = self.cause = UNBOUNDED
-        elif self._own.is_warm and outcome != UNSETTLED:
-            self.reason = OK
-            return force
-        else:
-            self.reason = WARMING_UP
-        return None
+        self.reason = self._own.reason
+        if outcome == UNSETTLED and self.reason == OK:
+            self.reason, force = WARMING_UP, None
+        elif self.reason == UNBOUNDED:
+            self.cause = UNBOUNDED
+        return force
 
-    def _run_late(self, run: ForceRun, stamp_ns: int | None, current: float) -> None:
-        """Run the ticks whose speed has become known; the last tick of the sample belongs to its stamp."""
-        tracker, waiting = self._tracker, self._waiting
-        last = len(tracker.late_ticks) - 1
-        for i, known in enumerate(tracker.late_ticks):
-            waiting.append((stamp_ns if i == last else None, current, tracker.ahead))
-            if known is None:
-                continue
-            stamp, its_current, ahead = waiting[0]
-            force = run.advance((known,), its_current, ahead)
-            if force is not None and stamp is not None:
-                position, speed = known
-                position += ahead * self._tick_s * speed
-                self.late.append(LateEstimate(stamp, position, speed, force, run.half_width()))
+    def _run_late(self, run: ForceRun, known: Tick | None, stamp_ns: int | None, current: float) -> None:
+        """Run the tick that is known now, when a newer one with this stamp and current begins."""
+        self._waiting.append((stamp_ns, current, self._tracker.ahead))
+        if known is None:
+            return
+        stamp, its_current, ahead = self._waiting[0]
+        force = run.advance((known,), its_current, ahead)
+        if force is not None and stamp is not None:
+            position, speed = known
+            position += ahead * self._tick_s * speed
+            self.late.append(LateEstimate(stamp, position, speed, force, run.half_width()))

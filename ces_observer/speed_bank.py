@@ -28,12 +28,14 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import lru_cache
-from typing import Any
+from typing import Any, ClassVar
 
 from ces_observer.bank_design import BINS, EARLIEST, SHIFTS, Mode, Stroke, design_bank, spans_of
 from ces_observer.kalman import ORDER
 
+PER_TICK, FIRST = float(BINS), EARLIEST + 0.5  # for the place of a shift in SHIFTS
 SWITCH_S = 0.2  # [s] mean time for which one mode is the right one
+COMPANION = ("A1#", "A2#", "A3#", "A4#", "B0#", "B1#", "B2#", "B3#")
 LOST = 1e4  # 1 + e' sharpness e of an innovation that is 300 times its spread
 
 
@@ -48,6 +50,7 @@ class SpeedBank:
         modes = design_bank(stroke, delay)
         self._coast, self._take = _compile_updates(stroke, delay)
         self._gains = _gains_by_ticks(stroke, delay)
+        self._longest = len(self._gains) - 1
         self._tick_s = 1.0 / stroke.rate_Hz
         self._moves = [mode.speed for mode in modes]
         self._offset = (0.0,) * (len(modes[0].gains[0][0].states) - ORDER)
@@ -62,8 +65,8 @@ class SpeedBank:
         self.position, self.next_position = position, position + self._tick_s * speed
         self.speed = self.next_speed = speed
         self.late: tuple[float, float] | None = None
-        state = (x for i in range(count) for x in (*self._steady(i, self._offset), 1.0 / count))
-        self.state = (*state, 1.0)
+        self.state = tuple((*self._steady(i, self._offset), 1.0 / count) for i in range(count))  # of each mode
+        self.total = 1.0
         self.speeds = deque([(position, *[speed] * count)], self._length)
         self.errors = deque([(0.0,) * self._errors], self._length)
 
@@ -77,16 +80,9 @@ class SpeedBank:
 
     def restart(self, lost: Sequence[bool]) -> None:
         """Restart the modes that are lost at the mean, with the offset of the likeliest."""
-        width = ORDER + len(self._offset) + 1
-        modes = [self.state[width * i : width * (i + 1)] for i in range(len(lost))]
-        offset = max(modes, key=lambda mode: mode[-1])[ORDER:-1]
-        kept = ((*self._steady(i, offset), mode[-1]) if lost[i] else mode for i, mode in enumerate(modes))
-        self.state = (*(x for mode in kept for x in mode), self.state[-1])
-
-    def predict(self, ticks: float) -> float:
-        """Return the position [m] expected `ticks` after the next tick."""
-        bend = 0.5 * ticks * (self.next_speed - self.speed)
-        return self.next_position + ticks * self._tick_s * (self.next_speed + bend)
+        offset = max(self.state, key=lambda mode: mode[-1])[ORDER:-1]
+        kept = ((*self._steady(i, offset), mode[-1]) if lost[i] else mode for i, mode in enumerate(self.state))
+        self.state = tuple(kept)
 
     def save(self) -> dict[str, Any]:
         """Return the present state, for `restore`."""
@@ -106,9 +102,9 @@ class SpeedBank:
         `position` [m] is the mean of the samples, `shift` that of their times after the tick, -1.5 to 0.5 ticks;
         `motion` is the signal measured beside it.
         """
-        at = int(BINS * shift + (EARLIEST + 0.5))
-        gains = self._gains[ticks if ticks < len(self._gains) else -1][at]
-        self._take(self, gains, position, (shift - (at - EARLIEST) / BINS) * self._tick_s, motion)
+        bins = self._gains[ticks if ticks < self._longest else self._longest]
+        gains, middle = bins[int(PER_TICK * shift + FIRST)]
+        self._take(self, gains, position, (shift - middle) * self._tick_s, motion)
 
 
 def _response(stroke: Stroke) -> float:
@@ -122,11 +118,11 @@ Update = Callable[[SpeedBank, tuple[float, ...], float, float, float], None]
 
 
 @lru_cache(maxsize=32)
-def _gains_by_ticks(stroke: Stroke, delay: int) -> list[list[tuple[float, ...]]]:
-    """Return the numbers of all modes in a row, for 0, 1, 2, ... ticks after a measurement and for each of SHIFTS."""
+def _gains_by_ticks(stroke: Stroke, delay: int) -> list[list[tuple[tuple[float, ...], float]]]:
+    """Return the numbers of all modes in a row, and the shift [ticks], by ticks after a measurement and SHIFTS."""
     modes, spans = design_bank(stroke, delay), spans_of(stroke)
     rows = [
-        [tuple(x for mode in modes for x in flatten(mode, span, at)) for at in range(len(SHIFTS))]
+        [(tuple(x for mode in modes for x in flatten(mode, span, at)), shift / BINS) for at, shift in enumerate(SHIFTS)]
         for span in range(len(spans))
     ]
     return [rows[bisect_left(spans, ticks)] for ticks in range(spans[-1] + 1)]
@@ -146,95 +142,97 @@ def _compile_updates(stroke: Stroke, delay: int) -> list[Update]:
     updates = []
     for measured in (False, True):
         names: dict[str, Any] = {"__builtins__": {"len": len}}
-        exec(compile(update_source(stroke, delay, measured), "<update of a bank>", "exec"), names)
+        exec(compile(str(UpdateText(stroke, delay, measured)), "<update of a bank>", "exec"), names)
         updates.append(names["update"])
     return updates
 
 
-def update_source(stroke: Stroke, delay: int, measured: bool) -> str:
-    """Return the text of `update(bank, gains, position, shift, motion)`, with or without a measurement.
+class UpdateText:
+    """Writes `update(bank, gains, position, shift, motion)`, with or without a measurement.
 
-    It is written for the modes and compiled, like the tick of a polynomial: without loops it is faster. Names end in
-    the number of their mode: x, v, a, b, c are its state, o the offset, w the weight, e and f the innovations, g0, g1,
-    ... what `flatten` returns.
+    It is written for the modes and compiled, like the tick of a polynomial: without loops it is faster. `#` stands for
+    the number of a mode: x, v, a, b, c are its state, o the offset, w the weight, e and f the innovations, and capital
+    letters the next state. `gains` has what `flatten` returns: h and m are the rows of the measurements, k and l the
+    gains on e and f. A and B are the numbers of the companion form.
     """
-    tick_s, modes = 1.0 / stroke.rate_Hz, design_bank(stroke, delay)
-    numbers, first = range(len(modes)), modes[0].gains[0][0]
-    both, states = len(first.position) > 1, len(first.states)
-    stay = max(0.0, 1.0 - tick_s / SWITCH_S)
-    leave = (1.0 - stay) / len(modes)
-    names = "xvabco"[:states]
-    errors = [f"{error}{i}" for error in "ef"[: 1 + both] for i in numbers]
-    width, start = len(flatten(modes[0], 0, 0)), 8 if both else 4
 
-    def corrected(text: str, i: int, row: int) -> str:
-        """Return a state or output plus its gains, number `row` of those of the mode, times the innovations."""
-        at = start + (1 + both) * row
-        terms = " + ".join(f"g{at + k}_{i} * {error}{i}" for k, error in enumerate("ef"[: 1 + both]))
-        return f"{text} + ({terms})" if measured else text
+    SEEN = "e# = position - x# - (hv# + shift) * v# - ha# * a# - hb# * b# - hc# * c#"
+    MOTION = "f# = motion - (mv# * v# + ma# * a# + mb# * b# + mc# * c# + o#)"
+    MOVED: ClassVar[dict[str, str]] = {
+        "X": "x# + B0# * v# + B1# * a# + B2# * b# + B3# * c#",
+        **{"V": "A1# * v# + a#", "A": "A2# * v# + b#", "B": "A3# * v# + c#", "C": "A4# * v#", "O": "o#"},
+    }
 
-    def mean(values: Sequence[str]) -> str:
-        return " + ".join(f"w{i} * ({value})" for i, value in enumerate(values))
+    def __init__(self, stroke: Stroke, delay: int, measured: bool) -> None:
+        self._modes, self._delay, self._measured = design_bank(stroke, delay), delay, measured
+        self._size, self._errors = len(self._modes[0].gains[0][0].states), ["e#", "f#"][: 1 + bool(stroke.motion)]
+        self._stay = max(0.0, 1.0 - 1.0 / stroke.rate_Hz / SWITCH_S)
 
-    lines = [f"{', '.join(f'{name}{i}' for i in numbers for name in names + 'w')}, total = bank.state"]
-    if measured:
-        lines.append(f"{', '.join(f'g{k}_{i}' for i in numbers for k in range(width))}, = gains")
-        lines.append(f"stay = {stay!r} / total")
-        for i in numbers:
-            g = [f"g{k}_{i}" for k in range(width)]
-            seen = f"({g[0]} + shift) * v{i} - {g[1]} * a{i} - {g[2]} * b{i} - {g[3]} * c{i}"
-            lines.append(f"e{i} = position - x{i} - {seen}")
-            spread = f"{g[-2]} * e{i} * e{i}"
-            if both:
-                seen = f"{g[4]} * v{i} + {g[5]} * a{i} + {g[6]} * b{i} + {g[7]} * c{i}"
-                lines.append(f"f{i} = motion - ({seen}{f' + o{i}' if states > ORDER else ''})")
-                spread = f"({g[-4]} * e{i} * e{i} + {g[-3]} * e{i} * f{i} + {g[-2]} * f{i} * f{i})"
-            lines += [f"u{i} = 1.0 + {spread}", f"s = u{i} * u{i}"]
-            lines.append(f"w{i} = ({leave!r} + stay * w{i}) * {g[-1]} / (s * s * u{i})")
-        lines.append(f"total = {' + '.join(f'w{i}' for i in numbers)}")
-        lines.append(f"x = {mean([corrected(f'x{i}', i, 0) for i in numbers])}")
-        lines.append(f"v = {mean([corrected(f'v{i}', i, 1) for i in numbers])}")
-    else:
+    def __str__(self) -> str:
+        lines = [f"{self._each(self._state('x#', 'v#', 'a#', 'b#', 'c#', 'o#'))}, = bank.state", "total = bank.total"]
+        lines += self._take() if self._measured else ["x = total * bank.next_position", "v = total * bank.next_speed"]
+        moved = {name: self._fix(text, name) for name, text in self.MOVED.items()}
         lines += [
-            f"{', '.join(errors)}, = {(0.0,) * len(errors)}",
-            "x = total * bank.next_position",
-            "v = total * bank.next_speed",
+            self._each(f"X# = {moved['X']}\nV# = {moved['V']}", "\n"),
+            f"bank.state, bank.total = ({self._each(self._state(*('X#', 'V#', *list(moved.values())[2:])))},), total",
+            "bank.position, bank.speed = x / total, v / total",
+            f"bank.next_position, bank.next_speed = ({self._mean('X#')}) / total, ({self._mean('V#')}) / total",
         ]
-    state = []
-    for i, mode in enumerate(modes):
-        a, b = mode.speed, mode.position
-        moved = [
-            f"x{i} + {b[0]!r} * v{i} + {b[1]!r} * a{i} + {b[2]!r} * b{i} + {b[3]!r} * c{i}",
-            f"{a[0]!r} * v{i} + a{i}",
-            f"{a[1]!r} * v{i} + b{i}",
-            f"{a[2]!r} * v{i} + c{i}",
-            f"{a[3]!r} * v{i}",
-            f"o{i}",
+        if self._measured:
+            lost = self._each(f"u# > {LOST!r}")
+            lines.append(f"if {self._each('u#', ' + ')} > {LOST!r}: bank.restart([{lost}])")
+        lines += self._look_back() if self._delay else []
+        return "\n".join(["def update(bank, gains, position, shift, motion):", *lines]).replace("\n", "\n    ")
+
+    def _take(self) -> list[str]:
+        """Return the lines of innovations, weights and their mean."""
+        both = len(self._errors) > 1
+        pairs = (f"k{name}#, l{name}#" if both else f"k{name}#" for name in ("x", "v", *list(self.MOVED)[: self._size]))
+        rows, sharp = ("hv#, ha#, hb#, hc#", "mv#, ma#, mb#, mc#")[: 1 + both], "hee#, hef#, hff#" if both else "hee#"
+        motion = self.MOTION if self._size > ORDER else self.MOTION.replace(" + o#", "")
+        spread = "(hee# * e# * e# + hef# * e# * f# + hff# * f# * f#)" if both else "hee# * e# * e#"
+        leave = (1.0 - self._stay) / len(self._modes)
+        weight = f"w# = ({leave!r} + stay * w#) * height# / (s * s * u#)"
+        return [
+            f"{self._each(', '.join([*rows, *pairs, sharp, 'height#']))}, = gains\nstay = {self._stay!r} / total",
+            self._each("\n".join([self.SEEN, *[motion] * both, f"u# = 1.0 + {spread}", "s = u# * u#", weight]), "\n"),
+            f"total = {self._each('w#', ' + ')}",
+            f"x = {self._mean(self._fix('x#', 'x'))}\nv = {self._mean(self._fix('v#', 'v'))}",
         ]
-        texts = [corrected(text, i, 2 + row) for row, text in enumerate(moved[:states])]
-        lines += [f"X{i} = {texts[0]}", f"V{i} = {texts[1]}"]
-        state += [f"X{i}", f"V{i}", *texts[2:], f"w{i}"]
-    lines += [
-        f"bank.state = ({', '.join(state)}, total)",
-        "bank.position, bank.speed = x / total, v / total",
-        f"bank.next_position = ({mean([f'X{i}' for i in numbers])}) / total",
-        f"bank.next_speed = ({mean([f'V{i}' for i in numbers])}) / total",
-    ]
-    if measured:
-        spreads = [f"u{i}" for i in numbers]
-        lost = ", ".join(f"{u} > {LOST!r}" for u in spreads)
-        lines.append(f"if {' + '.join(spreads)} > {LOST!r}: bank.restart([{lost}])")
-    if delay:
-        lines += [
-            f"bank.speeds.append((bank.position, {', '.join(f'v{i}' for i in numbers)}))",
-            f"bank.errors.append(({', '.join(errors)},))",
-            f"if len(bank.errors) <= {delay}: return",
-            "position, " + ", ".join(f"s{i}" for i in numbers) + " = bank.speeds[0]",
-            ", ".join(f"({', '.join(f'{e}_{k}' for e in errors)},)" for k in range(delay + 1)) + " = bank.errors",
+
+    def _look_back(self) -> list[str]:
+        """Return the lines of the tick `delay` ticks ago, by all innovations since."""
+        errors = [self._each(error) for error in self._errors]
+        known = ", ".join(errors if self._measured else ["0.0"] * len(self._errors) * len(self._modes))
+        past = ", ".join(f"({', '.join(errors).replace(',', f'_{k},')}_{k},)" for k in range(self._delay + 1))
+        lines = [
+            f"bank.speeds.append((bank.position, {self._each('v#')}))\nbank.errors.append(({known},))",
+            f"if len(bank.errors) <= {self._delay}: return",
+            f"position, {self._each('s#')} = bank.speeds[0]\n{past} = bank.errors",
         ]
-        for i, mode in enumerate(modes):
+        for i, mode in enumerate(self._modes):
             for error, *row in zip("ef", *mode.smoothing, strict=False):
-                lines += [f"{'part +=' if k else 'part ='} {gain!r} * {error}{i}_{k}" for k, gain in enumerate(row)]
+                lines += [f"part {'+=' if k else '='} {gain!r} * {error}{i}_{k}" for k, gain in enumerate(row)]
                 lines.append(f"s{i} += part")
-        lines.append(f"bank.late = position, ({mean([f's{i}' for i in numbers])}) / total")
-    return "\n    ".join(["def update(bank, gains, position, shift, motion):", *lines, ""])
+        return [*lines, f"bank.late = position, ({self._mean('s#')}) / total"]
+
+    def _state(self, *texts: str) -> str:
+        return f"({', '.join(texts[: self._size])}, w#)"
+
+    def _fix(self, text: str, name: str) -> str:
+        """Return a state or output plus its gains times the innovations."""
+        terms = " + ".join(f"{gain}{name}# * {error}" for gain, error in zip("kl", self._errors, strict=False))
+        return f"{text} + ({terms})" if self._measured else text
+
+    def _mean(self, value: str) -> str:
+        return self._each(f"w# * ({value})", " + ")
+
+    def _each(self, text: str, joint: str = ", ") -> str:
+        """Return the text for each mode."""
+        texts = []
+        for i, mode in enumerate(self._modes):
+            filled = text
+            for name, number in zip(COMPANION, (*mode.speed, *mode.position), strict=True):
+                filled = filled.replace(name, repr(number))
+            texts.append(filled.replace("#", str(i)))
+        return joint.join(texts)

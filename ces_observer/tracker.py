@@ -44,6 +44,8 @@ DOUBT = 3.0  # times that: until the model has settled, too, if the speed after 
 MAX_CHANGE = 5.0  # times the RMS speed: of the speed, while no sample comes
 MAX_MOTION = 1e6  # [m/s or m/s2]: a larger one is no measurement, and its likelihood would vanish
 
+NEVER_NS = -(10**30)  # before any stamp by more than any gap
+
 Tick = tuple[float, float]  # position [m] and speed [m/s]
 
 
@@ -56,6 +58,7 @@ class Tracker:
 
     def __init__(self, sampling: Sampling) -> None:
         self._bank = SpeedBank(sampling.stroke, sampling.delay_ticks)
+        self._tick_s = 1.0 / sampling.rate_Hz
         self._delays = sampling.delay_ticks > 0
         self._measured = sampling.motion == SPEED
         self._max_gap_ns = round(sampling.max_gap_s * 1e9)
@@ -68,13 +71,11 @@ class Tracker:
         self._doubt_s = DOUBT * self._settling_s
         self._doubt_ticks = DOUBT * self._settling_ticks
         self._scale = sampling.rate_Hz * 1e-9
-        self.ticks: list[Tick] = []
-        self.late_ticks: list[Tick | None] = []
         self.reset()
 
     def reset(self) -> None:
         """Forget every sample."""
-        self._stamp_ns: int | None = None
+        self._stamp_ns = NEVER_NS
         self._origin_ns = 0
         self._tau = self._settled_tau = self._doubted_tau = 0.0
         self._last_tick = 0
@@ -83,59 +84,54 @@ class Tracker:
         self._waiting = 0  # samples before the next tick, and the sums of their positions and shifts
         self._positions = self._shifts = self._motion = 0.0
         self._unsettled = self._doubted = False
-        self.ticks.clear()
-        self.late_ticks.clear()
+        self.ticks: list[Tick] = []
+        self.late_ticks: list[Tick | None] = []
         self.ahead = 0.0
-
-    @property
-    def position(self) -> float:
-        """Position [m] at the last accepted sample."""
-        return self._bank.position + self.ahead * (self._bank.next_position - self._bank.position)
-
-    @property
-    def speed(self) -> float:
-        """Speed [m/s] at the last accepted sample."""
-        return self._bank.speed + self.ahead * (self._bank.next_speed - self._bank.speed)
+        self.position = self.speed = 0.0  # [m, m/s] at the last accepted sample
 
     def advance(self, stamp_ns: int, position: float, motion: float = 0.0) -> str:
         """Process a sample; set `ticks`, `late_ticks` and `ahead`. Return OK or a reason.
 
         `motion` is the measured speed [m/s] or acceleration [m/s2], if the sampling names one.
         """
-        self.ticks.clear()
-        self.late_ticks.clear()
-        finite = isfinite(position) and abs(motion) <= MAX_MOTION
-        if not (finite and self._low_m <= position <= self._high_m):
-            return BEYOND_STROKE if finite else NOT_FINITE
-        step_ns = 0 if self._stamp_ns is None else stamp_ns - self._stamp_ns
-        if self._stamp_ns is None or step_ns > self._max_gap_ns or step_ns < -self._max_gap_ns:
-            return self._restart(stamp_ns, position, motion)
-        if step_ns <= 0:
-            return OUT_OF_ORDER
+        self.ticks, self.late_ticks = [], []
+        if not (self._low_m <= position <= self._high_m and -MAX_MOTION <= motion <= MAX_MOTION):
+            return BEYOND_STROKE if isfinite(position) and abs(motion) <= MAX_MOTION else NOT_FINITE
+        step_ns = stamp_ns - self._stamp_ns
+        if not 0 < step_ns <= self._max_gap_ns:
+            return OUT_OF_ORDER if -self._max_gap_ns <= step_ns <= 0 else self._restart(stamp_ns, position, motion)
         interval = step_ns * 1e-9
         tau = (stamp_ns - self._origin_ns) * self._scale
         newest = floor(tau + 0.5)
         lost = newest - self._last_tick - 1  # ticks; -1: this sample is not the first of its tick
         bank = self._bank
-        old = bank.position, bank.speed
-        saved = self._coast(lost) if lost > 0 else None
-        shift = tau - newest if lost >= 0 else tau - newest - 1.0
-        innovation = position - bank.predict(shift)
-        if (interval > self._overdue_s or abs(innovation) > self._outlier_m) and not self._believe(
-            interval, innovation
-        ):
+        old, saved = (bank.position, bank.speed), self._coast(lost) if lost > 0 else None
+        ahead = tau - newest
+        shift = ahead if lost >= 0 else ahead - 1.0
+        bend = 0.5 * shift * (bank.next_speed - bank.speed)
+        innovation = position - (bank.next_position + shift * self._tick_s * (bank.next_speed + bend))
+        doubtful = interval > self._overdue_s or not -self._outlier_m <= innovation <= self._outlier_m
+        if doubtful and not self._believe(interval, innovation):
             if saved is not None:
                 bank.restore(saved)
-                self.late_ticks.clear()
+                self.late_ticks = []
             self._rejected += 1
             return OUTLIER if self._rejected <= PATIENCE else self._restart(stamp_ns, position, motion)
         self._rejected = 0
-        self._stamp_ns, self._tau, self.ahead = stamp_ns, tau, tau - newest
-        if lost < 0:
+        self._stamp_ns, self._tau, self.ahead = stamp_ns, tau, ahead
+        if lost == 0 and not self._waiting:  # as nearly always
+            bank.update(1, position, shift, motion)
+            self.ticks = [(bank.position, bank.speed)]
+            if self._delays:
+                self.late_ticks = [bank.late]
+            self._last_tick = newest
+        elif lost < 0:
             self._wait(position, shift, motion)
         else:
             self._measure(lost, old, position, shift, motion)
             self._last_tick = newest
+        self.position = bank.position + ahead * (bank.next_position - bank.position)
+        self.speed = bank.speed + ahead * (bank.next_speed - bank.speed)
         if self._unsettled:
             self._settle()
         return OK if tau >= self._doubted_tau else UNSETTLED
@@ -220,7 +216,8 @@ class Tracker:
         self._bank.reset(position, motion if self._measured else 0.0)
         self._stamp_ns = self._origin_ns = stamp_ns
         self._settled_tau = self._settling_ticks
-        self.ticks.append((position, self._bank.speed))
+        self.position, self.speed = position, self._bank.speed
+        self.ticks.append((position, self.speed))
         if self._delays:
             self.late_ticks.append(None)
         return RESTARTED

@@ -71,23 +71,22 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 99,
-    "ces_data": 77,
-    "ces_report": 13,
-    "ces_identify": 161,
-    "ces_rig": 68,
-    "ces_gap": 103,
+    "ces_observer": 105,
+    "ces_data": 75,
+    "ces_report": 12,
+    "ces_identify": 163,
+    "ces_rig": 66,
+    "ces_gap": 101,
     "ces_iterate": 35,
     "ces_serve": 13,
-    "ces_cli": 63,
+    "ces_cli": 62,
     "bench": 85,
-    "test": 446,
+    "test": 459,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
     "ces_cli/schemas.py",
     "ces_identify/comparison/comparison_report.py",
-    "ces_identify/numerics/kernels.py",
     "ces_identify/report/figures.py",
     "ces_rig/dampers/hydraulic/kernel.py",
 }

@@ -61,6 +61,9 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
+    out = "FILE.csv, FILE.parquet, or a folder, which gets a file for each bag"
+    model = "add the speed and force that a model estimates, and the bounds of its band"
+    rate = "rows at a uniform rate instead of the position's times"
     return terminal.parser(
         "export-data",
         "Write recordings as CSV or Parquet, in SI units, which the names of the columns state (position_m, force_N). "
@@ -70,23 +73,10 @@ def make_parser() -> terminal.Parser:
         "ces export-data bags/road --out road.csv\n"
         "  ces export-data bags/road bags/sweep --out tables --format parquet --model model.json",
         BAGS,
-        Option(
-            "out",
-            meaning="FILE.csv, FILE.parquet, or a folder, which gets a file for each bag",
-            kind=Path,
-            metavar="FILE",
-        ),
+        Option("out", meaning=out, kind=Path, metavar="FILE"),
         Option("format", None, "of the files in a folder", choices=FORMATS, none="csv"),
-        Option(
-            "model",
-            None,
-            "add the speed and force that a model estimates, and the bounds of its band",
-            kind=Path,
-            metavar="MODEL.json",
-        ),
-        Option(
-            "rate", None, "rows at a uniform rate instead of the position's times", 0.001, 1e6, kind=float, metavar="HZ"
-        ),
+        Option("model", None, model, kind=Path, metavar="MODEL.json"),
+        Option("rate", None, rate, 0.001, 1e6, kind=float, metavar="HZ"),
         Option(
             "as_logged",
             False,

@@ -132,9 +132,8 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     write_gap(out / GAP, diagnosis)
     save_augmented(out / AUGMENTED, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
     figures = None if diagnosis.figures is None else asdict(diagnosis.figures)  # behind the verdict
-    write_atomically(
-        out / DECISION, json.dumps({"baselines": diagnosis.baselines, "figures": figures}, indent=1) + "\n"
-    )
+    decision = {"baselines": diagnosis.baselines, "figures": figures}
+    write_atomically(out / DECISION, json.dumps(decision, indent=1) + "\n")
     _replay(out, simulation, held_out)
     gap = json.loads((out / GAP).read_text(encoding="utf-8"))
     effects = " + ".join(gap["composition"]["effects"]) or "nothing"
@@ -182,10 +181,7 @@ def _replay(out: Path, simulation: Simulation, held_out: Sequence[Recording]) ->
 
 
 def identify_baseline(references: Sequence[Recording], path: Path) -> None:
-    """Identify a model of the structures with physics inside and write the best to `path`; raises CesError.
-
-    The best is that with the lowest cost on the part of the references that their search selects on.
-    """
+    """Write to `path` the model with physics inside of the lowest selection cost on the references; raises CesError."""
     models = []
     for option in physical_structures():
         kit = KITS[option]

@@ -20,22 +20,12 @@ from ces_cli.terminal.progress import JobsProgress
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.options import Option
+from ces_rig.blind import tables
 from ces_rig.blind.cases import make_cases, open_seal, remove_cases
 from ces_rig.blind.metrics import TARGET_GAP, cases_with_targets
 from ces_rig.blind.outcome import MAX_REFERENCES, RUN, SIMULATIONS, CaseOutcome
 from ces_rig.blind.plan import GAPS, KINDS, Levels, list_spare_effects, plan_grid, plan_sample
 from ces_rig.blind.scoring import find_modes, score_cases
-from ces_rig.blind.tables import (
-    ScoreTable,
-    baseline_table,
-    case_table,
-    confusion_table,
-    headline_table,
-    mode_facts,
-    no_effect_table,
-    slice_table,
-    summary_table,
-)
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE
 from ces_rig.withheld.plants import PLANTS
 
@@ -56,29 +46,19 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
+    reason = "does not apply to --grid small, which has one gap-to-noise ratio; remove one of them"
     p = terminal.parser(
         "blind",
         "Test the diagnosis on plants of the virtual rig with an effect that the simulation lacks: 'make' "
         "draws cases by seed and seals the answers, 'run' diagnoses from the recordings alone, 'score' opens the seal "
         "and compares.",
         EXAMPLE,
-        rules=(
-            OptionRule(
-                "gap_to_noise",
-                lambda options: options.grid != "small",
-                "does not apply to --grid small, which has one gap-to-noise ratio; remove one of them",
-            ),
-        ),
+        rules=(OptionRule("gap_to_noise", lambda options: options.grid != "small", reason),),
     )
     parts = p.add_subparsers(metavar="make|run|score", required=True)
     for (name, (about, program, options)), example in zip(_PARTS.items(), EXAMPLE.splitlines(), strict=True):
-        part = parts.add_parser(
-            name,
-            help=about,
-            description=f"{about.capitalize()}.",
-            epilog=f"example:\n  {example.strip()}",
-            formatter_class=argparse.RawDescriptionHelpFormatter,
-        )
+        texts: dict[str, Any] = {"description": f"{about.capitalize()}.", "epilog": f"example:\n  {example.strip()}"}
+        part = parts.add_parser(name, help=about, **texts, formatter_class=argparse.RawDescriptionHelpFormatter)
         terminal.add_options(part, *options)
         part.set_defaults(program=program)
     return p
@@ -121,7 +101,7 @@ def _score(options: argparse.Namespace) -> int:
     require_outputs(options.overwrite, {"--out": options.out, "--rows": options.rows})
     about, labels = open_seal(options.cases)
     by_mode: dict[str, list[CaseOutcome]] = {}
-    parts: list[str | ScoreTable] = []
+    parts: list[str | tables.ScoreTable] = []
     for folder, mode in find_modes(options.results, options.cases):
         if mode.name in by_mode:
             raise CesError(f"{folder}: a second folder with results of mode {mode.name}; give one for each mode")
@@ -137,38 +117,38 @@ def _score(options: argparse.Namespace) -> int:
         )
     chosen = {name: part for name, cases in by_mode.items() if (part := cases_with_targets(cases))}
     summary = "cases that the targets apply to" if chosen else f"all cases; none has a gap of {TARGET_GAP:g} x noise"
-    parts = [f"## Summary: {summary}", summary_table(chosen or by_mode), *parts]
-    text = "\n\n".join(_as_markdown(part) if isinstance(part, ScoreTable) else part for part in parts)
+    parts = [f"## Summary: {summary}", tables.summary_table(chosen or by_mode), *parts]
+    text = "\n\n".join(_as_markdown(part) if isinstance(part, tables.ScoreTable) else part for part in parts)
     if options.json:
-        print_document("blind-score", {"modes": {name: mode_facts(cases) for name, cases in by_mode.items()}})
+        print_document("blind-score", {"modes": {name: tables.mode_facts(cases) for name, cases in by_mode.items()}})
     else:
         print(text)
     if options.out is not None:
         write_atomically(options.out, text + "\n")
     if options.rows is not None:
-        table = case_table([case for cases in by_mode.values() for case in cases])
+        table = tables.case_table([case for cases in by_mode.values() for case in cases])
         write_atomically(options.rows, terminal.as_csv([table.head, *table.rows]))
     return 0
 
 
-def _list_tables(cases: Sequence[CaseOutcome]) -> list[str | ScoreTable]:
+def _list_tables(cases: Sequence[CaseOutcome]) -> list[str | tables.ScoreTable]:
     """Return headings and tables: the cases that the targets apply to, then all cases, also by their properties."""
     target = cases_with_targets(cases)
-    parts: list[str | ScoreTable] = []
+    parts: list[str | tables.ScoreTable] = []
     if 0 < len(target) < len(cases):
-        parts = ["### Cases that the targets apply to", headline_table(target), baseline_table(target)]
+        parts = ["### Cases that the targets apply to", tables.headline_table(target), tables.baseline_table(target)]
     return [
         *parts,
         "### All cases",
-        headline_table(cases),
-        baseline_table(cases),
-        slice_table(cases, "gap-to-noise", lambda case: case.gap_to_noise),
-        slice_table(cases, "simulation's error / gap", lambda case: case.baseline_ratio),
-        slice_table(cases, "excitation", lambda case: case.excitation),
-        slice_table(cases, "plant", lambda case: case.plant),
+        tables.headline_table(cases),
+        tables.baseline_table(cases),
+        tables.slice_table(cases, "gap-to-noise", lambda case: case.gap_to_noise),
+        tables.slice_table(cases, "simulation's error / gap", lambda case: case.baseline_ratio),
+        tables.slice_table(cases, "excitation", lambda case: case.excitation),
+        tables.slice_table(cases, "plant", lambda case: case.plant),
         "### By effect",
-        confusion_table(cases),
-        no_effect_table(cases),
+        tables.confusion_table(cases),
+        tables.no_effect_table(cases),
     ]
 
 
@@ -183,7 +163,7 @@ def _format_opening(
     return "  \n".join([first, *(f"Case {case} could not be diagnosed: {why}" for case, why in failed.items())])
 
 
-def _as_markdown(table: ScoreTable) -> str:
+def _as_markdown(table: tables.ScoreTable) -> str:
     lines = ["| " + " | ".join(row) + " |" for row in (table.head, *table.rows)]
     return "\n".join([lines[0], "|" + "---|" * len(table.head), *lines[1:]])
 

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
+from argparse import Namespace
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -41,7 +41,7 @@ MIN_ENERGY_RATIO, MIN_ENERGY_SHARE = 1.2, 0.05  # a printed region's energy: rel
 OPTIONAL_FILES = ("next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
 
 
-def run_diagnosis(options: argparse.Namespace, command: str) -> None:
+def run_diagnosis(options: Namespace, command: str) -> None:
     """Diagnose --real, write the results to --out and print them; the report states `command`. Raises CesError."""
     require_one_source(options)
     how, signals = build_diagnose_options(options, os.cpu_count() or 1), terminal.load_described_signals(options)
@@ -75,7 +75,7 @@ def run_diagnosis(options: argparse.Namespace, command: str) -> None:
         print_document("diagnose", {"folder": options.out, "files": list(files), "diagnosis": gap_content(diagnosis)})
 
 
-def build_diagnose_options(options: argparse.Namespace, threads: int) -> DiagnoseOptions:
+def build_diagnose_options(options: Namespace, threads: int) -> DiagnoseOptions:
     """Return the settings of the diagnosis, with the user's own effects; `threads` is the default of --threads."""
     import_from_here()
     effects = tuple(user_effect(spec) for spec in options.effects)
@@ -89,7 +89,7 @@ def read_with_predictions(simulation: Simulation | None, path: Path, signals: Si
     return recording if simulation is None else with_predictions(simulation, path, recording, signals)
 
 
-def require_one_source(options: argparse.Namespace) -> None:
+def require_one_source(options: Namespace) -> None:
     """Raise CesError unless the options give a simulation or references to identify one from."""
     if not options.identify and options.sim is None:
         raise CesError("no simulation: give --sim SIM, or --identify with --reference BAG...")
@@ -98,11 +98,7 @@ def require_one_source(options: argparse.Namespace) -> None:
 
 
 def take_simulation(
-    given: Simulation | None,
-    reference: Sequence[Recording],
-    options: argparse.Namespace,
-    threads: int,
-    progress: Progress,
+    given: Simulation | None, reference: Sequence[Recording], options: Namespace, threads: int, progress: Progress
 ) -> tuple[Simulation, str]:
     """Return the simulation and its name: the one `given`, or a model of the references, saved in --out."""
     if given is not None:

@@ -12,12 +12,7 @@ from pathlib import Path, PurePath
 
 from markupsafe import Markup
 
-from ces_cli.diagnose.diagnosis import (
-    build_diagnose_options,
-    read_with_predictions,
-    require_one_source,
-    take_simulation,
-)
+from ces_cli.diagnose import diagnosis
 from ces_cli.terminal import terminal
 from ces_cli.terminal.outputs import print_document, require_folder
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
@@ -52,27 +47,27 @@ CSV_COLUMNS = (
 
 def run_fleet(options: argparse.Namespace) -> int:
     """Diagnose every unit of --real; returns the exit status."""
-    require_one_source(options)
+    diagnosis.require_one_source(options)
     require_folder(options.out)
     signals = terminal.load_described_signals(options)
     units = find_fleet_units(options.real, options.each)
     given = None if options.identify else open_simulation(options.sim)
-    reference = tuple(read_with_predictions(given, path, signals) for path in find_bags(options.reference))
-    how = build_diagnose_options(options, threads=1)
+    reference = tuple(diagnosis.read_with_predictions(given, path, signals) for path in find_bags(options.reference))
+    how = diagnosis.build_diagnose_options(options, threads=1)
     with open_results(options.out / RESULTS, "a fleet") as results:
         with DiagnoseProgress() as progress:
-            simulation, spec = take_simulation(given, reference, options, os.cpu_count() or 1, progress.listen)
+            simulation, spec = diagnosis.take_simulation(
+                given, reference, options, os.cpu_count() or 1, progress.listen
+            )
         request = DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)
         jobs, unread = _plan_jobs(units, request, signals, options.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
         finished = True
         if missing:
             tasks = (Task(job, [REQUEST], _read(simulation, unit, signals)) for job, unit in missing.items())
-            counted = JobsProgress(len(units), len(units) - len(missing), "diagnoses")
+            bar = JobsProgress(len(units), len(units) - len(missing), "diagnoses")
             shared = {REQUEST: request.pack()}
-            finished = run_jobs(
-                diagnose_unit, tasks, shared, how.threads, options, results, counted, describe_diagnosis
-            )
+            finished = run_jobs(diagnose_unit, tasks, shared, how.threads, options, results, bar, describe_diagnosis)
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
         write_csv(rows, options.out / "fleet.csv")
         write_page(rows, options.out / "fleet.html", PurePath(spec).name)

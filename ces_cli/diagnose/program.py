@@ -20,13 +20,12 @@ from ces_observer.structures import STRUCTURES
 
 BAGS_OPTION = Option("", (), metavar="BAG", together=True)
 NAMES = [one.option for one in STRUCTURES.values()]
+IDENTIFY = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
+OWN_EFFECTS = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
+NO_GAP = "share of the RMS force below which a gap counts as none"
 OPTIONS = (
     Option("sim", None, HELP, metavar="SIM"),
-    Option(
-        "identify",
-        False,
-        "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json",
-    ),
+    Option("identify", False, IDENTIFY),
     Option(
         "structure",
         None,
@@ -47,24 +46,10 @@ OPTIONS = (
     SIGNALS,
     Option("out", meaning="folder to write, created if necessary", kind=Path, metavar="DIR"),
     replace(REPORT, meaning=f"copy report.html to FILE; {IN_A_FOLDER}"),
-    Option(
-        "effects",
-        (),
-        "your own effects in addition to the library's (subclasses of ces_gap.Effect)",
-        metavar="module:Class",
-        together=True,
-    ),
+    Option("effects", (), OWN_EFFECTS, metavar="module:Class", together=True),
     replace(THREADS, meaning="default: all processors; with --each, one for each diagnosis", none=""),
     Option(
-        "tolerance",
-        None,
-        "share of the RMS force below which a gap counts as none",
-        0.0,
-        100.0,
-        "%",
-        kind=float,
-        none="1, but at most twice the noise",
-        metavar="PERCENT",
+        "tolerance", None, NO_GAP, 0.0, 100.0, "%", kind=float, none="1, but at most twice the noise", metavar="PERCENT"
     ),
     replace(SEED, meaning="random seed"),
     Option(

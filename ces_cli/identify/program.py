@@ -25,7 +25,6 @@ from ces_cli.terminal.results import (
     fold_rows,
     fold_table,
     held_out_row,
-    late,
     model_facts,
     print_band,
     print_costs,
@@ -44,6 +43,7 @@ from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, l
 from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import Weighting, parse_weighting
+from ces_identify.prepare.sampling import late
 from ces_identify.progress_file import SearchProgressFile
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, advise, select_fitter
@@ -125,15 +125,16 @@ class Identification:
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
+        seconds = len(self.how.delay) * self.how.limits.time  # one search after another
         facts = {
             "structure": self.options.structure,
-            "seconds": self.how.limits.time,
+            "seconds": seconds,
             "starts": self.how.limits.starts,
             "recordings": [recording.name for recording in self.bags],
             "validation": [recording.name for recording in self.validation],
         }
         with SearchProgressFile("identify", self.options.out, facts) as file:
-            with show_progress(self.how.limits) as progress:
+            with show_progress(replace(self.how.limits, time=seconds)) as progress:
 
                 def listen(result: SearchResult) -> None:
                     progress.listen(result)
@@ -270,6 +271,8 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
         terminal.print_warning(
             "no validation data: these costs show the fit, not how well the model predicts other recordings"
         )
+    if len(model.each) < len(options.delay):
+        terminal.print_warning(f"stopped: no model with --delay {max(options.delay):g}")
     for one, key in zip(model.each, ("selection", DELAYED_SELECTION), strict=False):
         _print_certificate(one, model.provenance[key].get("not_proved", ""))
     selection = model.provenance["selection"]

@@ -20,7 +20,6 @@ from ces_cli.terminal.recordings import (
 from ces_cli.terminal.results import (
     cost_rows,
     held_out_row,
-    late,
     model_facts,
     print_band,
     print_costs,
@@ -32,6 +31,7 @@ from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.recording import Recording
 from ces_identify.options import REGIONS, WEIGHT
 from ces_identify.prepare.cost import Weighting, parse_weighting
+from ces_identify.prepare.sampling import late
 from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, by_delay, describe_size, evaluate
 from ces_identify.validation.residuals import error_cells, residual_tests, verdicts

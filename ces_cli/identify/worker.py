@@ -23,6 +23,7 @@ from ces_cli.identify.program import make_parser, prepare_identification, write_
 from ces_cli.terminal import terminal
 from ces_cli.terminal.progress import BestResults
 from ces_identify.polynomial.search_limits import Limits, SearchResult
+from ces_identify.validation.evaluate import describe_size
 from ces_observer.errors import CesError
 
 SEND_EVERY_S = 0.2
@@ -61,14 +62,14 @@ def _identify(words: list[str], send: Send) -> dict[str, Any]:
         "model sha256": model.digest(),
         "report": "" if options.report is None else str(options.report.absolute()),
         "structure": model.structure,
-        "size": str(model.size),
+        "size": describe_size(model),
         "rate [Hz]": f"{model.sampling.rate_Hz:g}",
         "best seed": str(best.seed),
         "search ended": best.ended,
-        "proved stable": "no" if model.certificate is None else "yes",
+        "proved stable": "yes" if all(one.certificate for one in model.each) else "no",
     }
     costs = [
-        {"recording": e.name, "role": e.role, "J [%]": f"{e.cost:.4f}", "rms [N]": f"{e.rms_N:.2f}"}
+        {"recording": e.label, "role": e.role, "J [%]": f"{e.cost:.4f}", "rms [N]": f"{e.rms_N:.2f}"}
         for e in result.evaluations
     ]
     return {"text": model.to_json(), "facts": facts, "costs": costs}

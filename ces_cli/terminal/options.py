@@ -52,10 +52,7 @@ def require_applicable(given: Mapping[str, str], options: argparse.Namespace, ru
 
 
 def find_given(parser: argparse.ArgumentParser, words: Sequence[str], options: argparse.Namespace) -> dict[str, str]:
-    """Return the options and positional arguments on a command line that was parsed, by attribute, as users know them.
-
-    An option that was given its default counts, which the values alone do not show.
-    """
+    """Return what the user gave, defaults too, by attribute: options and arguments as the user knows them."""
     given: dict[str, str] = {}
     for action in list_actions(parser):
         if not action.option_strings and getattr(options, action.dest, None) not in (action.default, None, []):
@@ -107,14 +104,8 @@ MODEL = Argument("model", kind=Path, metavar="MODEL.json")
 ONE_BAG = Argument("bag", meaning="recording: a bag, or a folder or glob that names one", metavar="BAG")
 BAGS = Argument("bags", (), "rosbag2 folder, .mcap, .db3 or .bag file, or a glob", metavar="BAG", count="+")
 PART = PartOption("part", "0:1", "part of each recording to use, from 0 to 1", metavar="FROM:TO")
-SIGNALS = Option(
-    "signals",
-    None,
-    "signals file (YAML); FILE#NAME for one of several dampers in it",
-    kind=Path,
-    none="the packaged file",
-    metavar="FILE",
-)
+SIGNALS_FORM = "signals file (YAML); FILE#NAME for one of several dampers in it"
+SIGNALS = Option("signals", None, SIGNALS_FORM, kind=Path, none="the packaged file", metavar="FILE")
 REPORT = Option("report", None, f"write a report page (HTML); {IN_A_FOLDER}", kind=Path, metavar="FILE")
 PICTURE = Option("picture", None, "draw speed-force and time plots (.png, .svg, .pdf)", kind=Path, metavar="FILE")
 OVERWRITE = Option("overwrite", False, "replace outputs that exist (default: refuse)")

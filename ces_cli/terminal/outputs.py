@@ -53,10 +53,7 @@ def require_outputs(
     folders: Outputs | None = None,
     inputs: Iterable[Path | None] = (),
 ) -> None:
-    """Raise CesError unless all outputs can be written, have different names and are no inputs.
-
-    `files` and `bags` (one folder each) are replaced as a whole; `folders` receive results.
-    """
+    """Raise CesError unless all outputs can be written, differ and are no inputs; files and bags are replaced whole."""
     read = [path.resolve() for path in inputs if path is not None]
     seen: dict[Path, str] = {}
     kinds = {"file": files, "bag": bags, "folder": folders}

@@ -12,17 +12,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
+from rich import progress as bars
 from rich.markup import escape
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    ProgressColumn,
-    TaskProgressColumn,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import never_with
@@ -37,12 +28,12 @@ LOG_EVERY_S = 5.0
 class LiveBar:
     """A progress bar with one task, shown while the context is open and the error stream is a terminal."""
 
-    def __init__(self, label: str, *columns: ProgressColumn, total: float, text: str = "", done: int = 0) -> None:
-        self._bar = Progress(
-            TextColumn(label),
-            BarColumn(bar_width=24),
+    def __init__(self, label: str, *columns: bars.ProgressColumn, total: float, text: str = "", done: int = 0) -> None:
+        self._bar = bars.Progress(
+            bars.TextColumn(label),
+            bars.BarColumn(bar_width=24),
             *columns,
-            TextColumn("{task.description}"),
+            bars.TextColumn("{task.description}"),
             console=terminal.err,
             transient=True,
             disable=not terminal.err.is_terminal,
@@ -83,7 +74,8 @@ class FileProgress(LiveBar):
     """Shows the share of a file that is read or written (`verb`)."""
 
     def __init__(self, verb: str, path: Path) -> None:
-        super().__init__(verb, TaskProgressColumn(), TimeElapsedColumn(), total=1.0, text=escape(str(path)))
+        columns = (bars.TaskProgressColumn(), bars.TimeElapsedColumn())
+        super().__init__(verb, *columns, total=1.0, text=escape(str(path)))
         self._verb, self._path = verb, path
 
     def listen(self, share: float) -> None:
@@ -96,7 +88,7 @@ class DiagnoseProgress(LiveBar):
     """Shows the current step of a diagnosis; `listen` may be called from any thread."""
 
     def __init__(self) -> None:
-        super().__init__("diagnosing", TaskProgressColumn(), TimeElapsedColumn(), total=1.0)
+        super().__init__("diagnosing", bars.TaskProgressColumn(), bars.TimeElapsedColumn(), total=1.0)
 
     def listen(self, step: str, share: float) -> None:
         """Show the step that begins and the share of the work that is done."""
@@ -134,7 +126,7 @@ class SearchProgress(LiveBar):
 
     def __init__(self, limits: Limits) -> None:
         text = "no model yet (Ctrl-C keeps the best so far)"
-        super().__init__("searching", TimeElapsedColumn(), total=limits.time, text=text)
+        super().__init__("searching", bars.TimeElapsedColumn(), total=limits.time, text=text)
         self._results = BestResults()
 
     def listen(self, result: SearchResult) -> None:
@@ -154,7 +146,8 @@ class JobsProgress(LiveBar):
 
     def __init__(self, total: int, already: int, things: str) -> None:
         self.total, self.finished, self.failed, self.things = total, already, 0, things
-        columns = (MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        left = (bars.TextColumn("left"), bars.TimeRemainingColumn())
+        columns = (bars.MofNCompleteColumn(), bars.TimeElapsedColumn(), *left)
         text = f"{already} from an earlier run" if already else "(Ctrl-C keeps finished results)"
         super().__init__(things, *columns, total=total, text=text, done=already)
         if already:
@@ -182,10 +175,7 @@ def run_jobs(
     describe: Callable[[Row], str],
     after_each: Callable[[], None] = lambda: None,
 ) -> bool:
-    """Run the tasks on the cluster --dask or in --jobs processes (default: one per processor), and store the results.
-
-    `after_each` is called with each stored result. Returns False if Ctrl-C came before the last.
-    """
+    """Run the tasks on --dask or in --jobs processes, store each result, call `after_each`; False after Ctrl-C."""
     if options.dask is not None:
         running = run_on_cluster(work, tasks, shared, options.dask)
     else:

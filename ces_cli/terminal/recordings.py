@@ -92,9 +92,7 @@ def _find_bags_inside(path: Path) -> list[Path]:
     """Return the bag that `path` is, or those in and below it; a path that does not exist is returned as it is."""
     if is_bag(path) or not path.is_dir():
         return [path]
-    return [
-        bag for child in sorted(path.iterdir()) if child.is_dir() or is_bag(child) for bag in _find_bags_inside(child)
-    ]
+    return [bag for one in sorted(path.iterdir()) if one.is_dir() or is_bag(one) for bag in _find_bags_inside(one)]
 
 
 def is_bag(path: Path) -> bool:

@@ -15,7 +15,7 @@ from ces_cli.terminal.terminal import lay_out, make_table, print_table, print_wa
 from ces_data.samples import Coverage
 from ces_identify.folds import CrossValidation
 from ces_identify.prepare.cost import EQUAL, Weighting
-from ces_identify.prepare.sampling import delay_text
+from ces_identify.prepare.sampling import delay_text, late
 from ces_identify.validation.cost_table import NONE, cost_table, interval_text, percent
 from ces_identify.validation.evaluate import (
     VALIDATION,
@@ -35,10 +35,7 @@ if TYPE_CHECKING:
 def print_costs(
     evaluations: Sequence[Evaluation], title: str, weighting: Weighting = EQUAL, exact: bool = True
 ) -> None:
-    """Print the table of costs, with a row for all held-out recordings together at each delay.
-
-    Then why figures are missing, and a warning for each recording that leaves the model's envelopes.
-    """
+    """Print the costs, also of all held-out recordings together, why figures are missing, and warnings."""
     table = lay_out(cost_table(evaluations, title, weighting, exact))
     table.columns[0].min_width = min(14, max(len(e.label) for e in evaluations))
     table.columns[1].no_wrap = True
@@ -82,10 +79,7 @@ def cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting = EQUAL) -
 
 
 def held_out_row(evaluations: Sequence[Evaluation]) -> dict[str, Any] | None:
-    """Return J and its interval over all recordings for validation together; None for fewer than two.
-
-    Those of a second delay are in `delayed`.
-    """
+    """Return J and interval of all validation recordings together (second delay: `delayed`); None below two."""
     pooled = filter(None, map(_pool_held_out, by_delay(evaluations).values()))
     rows = [{"J_percent": one.cost, "ci95_percent": _interval_as_list(one.interval)} for one in pooled]
     return {**rows[0], **({"delayed": rows[1]} if rows[1:] else {})} if rows else None
@@ -118,10 +112,7 @@ def fold_rows(folds: CrossValidation) -> dict[str, Any]:
 
 
 def model_facts(model: Model) -> dict[str, Any]:
-    """Return what a document says of a model: size, rate, delay, whether its stability is proved, the band's level.
-
-    The same of a model with a delay beside one without is in `delayed`.
-    """
+    """Return a model's size, rate, delay, proof and band level for a document; `delayed`: of the model beside it."""
     return {
         "size": model.size,
         "rate_Hz": model.sampling.rate_Hz,
@@ -130,11 +121,6 @@ def model_facts(model: Model) -> dict[str, Any]:
         "band_level": None if model.band is None else model.band.level,
         **({} if model.delayed is None else {"delayed": model_facts(model.delayed)}),
     }
-
-
-def late(delay_s: float) -> str:
-    """Return ` (3 ms later)` for a delay, nothing without one."""
-    return f" ({delay_text(delay_s)})" if delay_s else ""
 
 
 def print_band(model: Model, evaluations: Sequence[Evaluation]) -> None:

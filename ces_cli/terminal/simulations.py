@@ -1,5 +1,4 @@
-"""`SIM` on a command line: a model, an augmented simulation, a rig description, an FMU, module:function, or predictions
-recorded in a bag."""
+"""`SIM` on a command line: a model, augmented simulation, rig, FMU, module:function, or predictions in a bag."""
 
 from __future__ import annotations
 

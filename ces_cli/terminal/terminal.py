@@ -81,20 +81,11 @@ class Parser(argparse.ArgumentParser):
 
 
 def parser(
-    name: str,
-    description: str,
-    example: str,
-    *options: Option,
-    rules: Sequence[OptionRule] = (),
-    intermixed: bool = False,
+    name: str, about: str, example: str, *options: Option, rules: Sequence[OptionRule] = (), intermixed: bool = False
 ) -> Parser:
     """Return the parser of the program `ces NAME` with its arguments and options."""
-    made = Parser(
-        prog=f"ces {name}",
-        description=textwrap.fill(description, 100),
-        epilog=f"example:\n  {example}",
-        formatter_class=argparse.RawDescriptionHelpFormatter,
-    )
+    texts: dict[str, Any] = {"description": textwrap.fill(about, 100), "epilog": f"example:\n  {example}"}
+    made = Parser(prog=f"ces {name}", **texts, formatter_class=argparse.RawDescriptionHelpFormatter)
     made.rules, made.intermixed = rules, intermixed
     add_options(made, *options)
     return made

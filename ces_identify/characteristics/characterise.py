@@ -52,13 +52,12 @@ def characterise(
     if not stretches:
         raise CesError(f"{given[0].name}: no stretch of position and current without a gap is long enough")
     sources, tolerance = (MEASURED, *forces), current_tolerance(stretches)
-    found = join_cycles(
-        [
-            find_cycles(stretch, number, tolerance, motion.speed_noise_m_s, motion.bandwidth_Hz)
-            for number, motion in enumerate(motions)
-            for stretch in motion.stretches
-        ]
-    )
+    parts = [
+        find_cycles(stretch, number, tolerance, motion.speed_noise_m_s, motion.bandwidth_Hz)
+        for number, motion in enumerate(motions)
+        for stretch in motion.stretches
+    ]
+    found = join_cycles(parts)
     tables = cycle_tables(found.select(found.used), tolerance, sources)
     read = [step for motion in motions for step in read_steps(motion, sources, tolerance)]
     steps, means = tuple(step.row for step in read), [average_steps(one) for one in group_steps(read, tolerance)]

@@ -13,6 +13,7 @@ from ces_identify.characteristics.cycles import (
     COMPRESSION,
     DIRECTIONS,
     HALF,
+    MIN_CYCLES,
     REBOUND,
     SHARES,
     Cycles,
@@ -27,7 +28,6 @@ CURRENT_SHARE = 0.03  # of the largest current: less is the same current
 CURRENT_NOISE = 8.0  # times the noise of the measured current: less is the same current
 SAME_SIZE = 0.03  # relative difference of amplitude and of frequency within a condition
 SAME_CENTRE = 0.2  # difference of the centre of the stroke within a condition, of the amplitude
-MIN_CYCLES = 3  # for a spread, a loop, work, branches and a knee
 FEW = f"fewer than {MIN_CYCLES} cycles: no spread"
 NOTHING_DISSIPATED = "the loop dissipates nothing: check the sign of force or position, or the delay between them"
 NO_RATIO = "one direction does not resist: no ratio (offset of the force?)"
@@ -37,10 +37,7 @@ Condition = tuple[I, dict[str, float]]  # the cycles (indices, rising), and the 
 
 @dataclass(frozen=True)
 class SourceValues:
-    """The values of the cycles of one condition by one source, beside the measured ones.
-
-    `key` holds the columns that all tables about cycles share.
-    """
+    """The values of one condition's cycles by one source, beside the measured ones; `key` holds the shared columns."""
 
     key: dict[str, Any]
     cycles: Cycles
@@ -97,11 +94,7 @@ def group_values(values: F, tolerance: float) -> list[I]:
 
 
 def find_conditions(cycles: Cycles, tolerance_A: float) -> list[Condition]:
-    """Return the used cycles of one current, amplitude and frequency each, by current, then by peak speed.
-
-    The columns hold means over the cycles, and the difference between the largest and the smallest mean current of the
-    level's cycles.
-    """
+    """Return the cycles of each current, amplitude and frequency, by current, then peak speed, with their columns."""
     amplitude = 0.5 * np.ptp(cycles.position, axis=1)
     frequency = 1.0 / (cycles.time_s[:, -1] - cycles.time_s[:, 0])
     centre = 0.5 * (cycles.position.max(axis=1) + cycles.position.min(axis=1))

@@ -49,7 +49,7 @@ MIN_SLOPE_CHANGE = 1.5  # ratio of the steeper to the flatter slope, at least
 CANDIDATES = np.round(np.arange(0.10, 0.81, 0.01), 2)  # shares of the peak speed tried as the knee
 RESOLUTION = 0.025 / np.sqrt(3.0)  # standard deviation of a knee between two neighbours of SHARES
 MAX_WIDTH = 0.3  # of the force: where the branches differ more, their mean is no curve
-MIN_CYCLES = 3
+MIN_CYCLES = 3  # for a spread, a loop, work, branches and a knee
 ARRAYS = ("time_s", "position", "speed", "current_A", "reason", "recording")  # of cycles, beside the forces
 
 
@@ -91,22 +91,22 @@ def find_cycles(stretch: Stretch, number: int, tolerance_A: float, speed_noise: 
         speed[:, -1] = speed[:, 0]  # the first instant of the next cycle
     first, last = at[:, 0], at[:, -1]
     period = (last - first) / stretch.rate_Hz
-    failed = np.stack(
-        [
-            ~_find_repeats(position, period),
-            ~constant_between(stretch, first, last, tolerance_A),
-            last - first < MIN_SAMPLES,
-            period * bandwidth_Hz < MIN_BANDWIDTH_RATIO,
-            ~np.isfinite(forces[MEASURED]).all(axis=1),
-            np.minimum(speed.max(axis=1, initial=0.0), -speed.min(axis=1, initial=0.0)) < 10.0 * speed_noise,
-        ]
-    )
+    checks = [
+        ~_find_repeats(position, period),
+        ~constant_between(stretch, first, last, tolerance_A),
+        last - first < MIN_SAMPLES,
+        period * bandwidth_Hz < MIN_BANDWIDTH_RATIO,
+        ~np.isfinite(forces[MEASURED]).all(axis=1),
+        np.minimum(speed.max(axis=1, initial=0.0), -speed.min(axis=1, initial=0.0)) < 10.0 * speed_noise,
+    ]
+    failed, total = np.stack(checks), np.concatenate([[0.0], np.cumsum(stretch.current)])
+    a, b = first.astype(int), np.minimum(np.ceil(last).astype(int) + 1, len(stretch.current))
     return Cycles(
         time_s=_interpolate(stretch.time_s, at),
         position=position,
         speed=speed,
         forces=forces,
-        current_A=_mean_between(stretch.current, first, last),
+        current_A=np.asarray((total[b] - total[a]) / np.maximum(b - a, 1)),
         reason=np.where(failed.any(axis=0), failed.argmax(axis=0), -1).astype(np.int64),
         recording=np.full(len(at), number, np.int64),
     )
@@ -191,12 +191,6 @@ def _find_repeats(position: F, period: F) -> Mask:
 
 def _interpolate(values: F, at: F) -> F:
     return np.asarray(np.interp(at.ravel(), np.arange(len(values)), values)).reshape(at.shape)
-
-
-def _mean_between(values: F, first: F, last: F) -> F:
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    a, b = first.astype(int), np.minimum(np.ceil(last).astype(int) + 1, len(values))
-    return np.asarray((total[b] - total[a]) / np.maximum(b - a, 1))
 
 
 def join_cycles(parts: list[Cycles]) -> Cycles:

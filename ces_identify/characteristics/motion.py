@@ -39,7 +39,6 @@ class Stretch:
     where it has none. `current` [A] is the newest at each sample, logged at the stamps `current_s` [s].
     """
 
-    recording: str
     rate_Hz: float
     time_s: F
     position: F
@@ -66,10 +65,7 @@ class RecordingMotion:
 
 
 def prepare_motion(recording: Recording, simulated: Mapping[str, F]) -> RecordingMotion:
-    """Return the motion of a recording; `simulated` holds forces [N] at its position samples, by source.
-
-    Raises RecordingError if the recording has no usable position or current.
-    """
+    """Return a recording's motion; `simulated` are forces [N] at its position samples. Raises RecordingError."""
     rate = sample_rate(recording)
     gap_s = max(MIN_GAP_S, GAP_INTERVALS / rate)
     grids = _make_grids(recording, rate, gap_s)
@@ -151,7 +147,6 @@ def _make_stretch(
     smooth, speed = differentiate(position, rate, bandwidth)
     logged = recording.channels.get("current")
     return Stretch(
-        recording=recording.name,
         rate_Hz=rate,
         time_s=_seconds(times, start_ns),
         position=smooth,

@@ -26,17 +26,7 @@ from ces_identify.characteristics.steps import MIN_STEPS
 from ces_observer.json_text import write_atomically
 from ces_report.drawing import span_of
 from ces_report.figure import CURVES, PlotMark
-from ces_report.plot import (
-    Plot,
-    PlotArea,
-    PlotBand,
-    PlotDots,
-    PlotLine,
-    curve_css,
-    draw_plot,
-    series_css,
-    share_points,
-)
+from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, curve_css, draw_plot, series_css, share_points
 from ces_report.shell import command_block, page_template, replace_unencodable
 from ces_report.typesetting import join_names
 
@@ -172,15 +162,9 @@ def peak_chart(results: Characteristics, palette: Palette) -> Plot:
             marks.append(PlotLine(name, x, y, css))
             if source == MEASURED:
                 marks.append(PlotDots(name, x, y, f"{css} spot"))
-    return Plot(
-        ident="peak-velocity",
-        title="Force at the peak speed of each cycle",
-        text="Mean force at the peak speed of compression (right) and rebound (left), a curve for each current.",
-        x_label="Peak speed [m/s]",
-        areas=[PlotArea(FORCE, marks, height=330, y_ticks=8)],
-        width=900.0,
-        free=True,
-    )
+    title, areas = "Force at the peak speed of each cycle", [PlotArea(FORCE, marks, height=330, y_ticks=8)]
+    text = "Mean force at the peak speed of compression (right) and rebound (left), a curve for each current."
+    return Plot("peak-velocity", title, text, "Peak speed [m/s]", areas, width=900.0, free=True)
 
 
 def loop_charts(results: Characteristics, palette: Palette, number: int, point: ConditionRow) -> tuple[Plot, Plot]:

@@ -58,10 +58,7 @@ class CurrentStep:
 
 @dataclass(frozen=True)
 class ReadStep:
-    """A row of the table of steps with the normalised force at TRACE_S; None if it could not be read.
-
-    The trace is NaN after the speed or the current has changed.
-    """
+    """A row of the table of steps and the normalised force at TRACE_S, NaN after a change; None if it was not read."""
 
     row: StepResponse
     trace: F | None

@@ -38,7 +38,7 @@ def peak_table(results: Characteristics) -> Table[PeakForce]:
         DIRECTION,
         _number("Speed [m/s]", "speed_m_s", short="m/s"),
         _spread("Force [N]", "force", "N", 4, short="force\nN"),
-        *_make_simulated_columns(results, results.peak_velocity, "force", "N"),
+        *_list_simulated(results, results.peak_velocity, "force", "N"),
     ]
     title = "force at the peak speed (± standard deviation between cycles)"
     return Table(columns, _select_measured(results.peak_velocity), title)
@@ -50,7 +50,7 @@ def work_table(results: Characteristics) -> Table[CycleWork]:
     columns: list[Column[CycleWork]] = [
         *CONDITION,
         _spread("Work [J]", "work", "J", 4, short="work\nJ"),
-        *_make_simulated_columns(results, results.work, "work", "J"),
+        *_list_simulated(results, results.work, "work", "J"),
         _number("Equivalent damping [Ns/m]", "damping_Ns_m", short="damping\nNs/m" * alone),
         _number("Rebound / compression", "rebound_ratio", short="ratio" * alone),
     ]
@@ -72,10 +72,7 @@ def zero_speed_table(results: Characteristics) -> Table[CycleWork]:
 
 
 def width_table(results: Characteristics) -> Table[tuple[ContinuousForce, ...]]:
-    """Return a row for each condition and direction: the width of the hysteresis at WIDTH_SHARES of the peak speed.
-
-    A row is all points of a curve, one for each of SHARES.
-    """
+    """Return the hysteresis width at WIDTH_SHARES of the peak speed; a row is a curve: its points at all SHARES."""
     size, rows = len(SHARES), results.continuous
     first, middle, last = (int(abs(SHARES - share).argmin()) for share in WIDTH_SHARES)
     columns: list[Column[tuple[ContinuousForce, ...]]] = [
@@ -168,10 +165,7 @@ def number(value: float, figures: int = 3) -> str:
 
 
 def with_spread(value: float, spread: float, figures: int = 3) -> str:
-    """Return `value ± spread`; without a spread the value with `figures` figures.
-
-    The spread has one figure, or two if it begins with 1 or 2; the value is rounded to the same place.
-    """
+    """Return `value ± spread`, to one figure of the spread, two if it begins with 1 or 2; `figures` without spread."""
     if not (math.isfinite(value) and math.isfinite(spread) and spread > 0.0):
         return number(value, figures)
     decade = math.floor(math.log10(spread))
@@ -209,13 +203,8 @@ def _select_measured(rows: Sequence[OneRow]) -> list[OneRow]:
     return [row for row in rows if row.source == MEASURED]
 
 
-def _make_simulated_columns(
-    results: Characteristics, rows: Sequence[ConditionRow], name: str, unit: str
-) -> list[Column[Any]]:
-    """Return for each simulation a column of its values and one of their differences; dashes where it has no force.
-
-    A terminal shows both for one simulation, only the differences for several: they must fit in 80 columns.
-    """
+def _list_simulated(results: Characteristics, rows: Sequence[ConditionRow], name: str, unit: str) -> list[Column[Any]]:
+    """Return each simulation's values and differences; a terminal has room for the values of one simulation only."""
 
     def condition(row: ConditionRow) -> tuple[Any, ...]:
         return row.current_A, row.amplitude_m, row.frequency_Hz, getattr(row, "direction", "")

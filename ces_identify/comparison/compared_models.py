@@ -82,10 +82,12 @@ def make_compared_model(name: str, simulation: Simulation, source: str = "") -> 
     return ComparedModel(name, simulation, source, rows, known)
 
 
-def make_compared_models(name: str, model: Model, source: str = "") -> list[ComparedModel]:
-    """Return the models of a file; the second one has the delay in its name."""
-    names = [name, *(f"{name} {delay_text(one.sampling.delay_s)}" for one in model.each[1:])]
-    return [make_compared_model(n, ModelSimulation(one), source) for n, one in zip(names, model.each, strict=True)]
+def make_compared_models(name: str, found: Simulation | Model, source: str = "") -> list[ComparedModel]:
+    """Return a simulation, or the models of a file, of which the second one has its delay in its name."""
+    if isinstance(found, Simulation):
+        return [make_compared_model(name, found, source)]
+    names = [name, *(f"{name} {delay_text(one.sampling.delay_s)}" for one in found.each[1:])]
+    return [make_compared_model(n, ModelSimulation(one), source) for n, one in zip(names, found.each, strict=True)]
 
 
 def name_sources(sources: Sequence[str]) -> list[str]:

@@ -13,17 +13,7 @@ import numpy as np
 from numba import njit
 
 from ces_data.arrays import F, I
-from ces_identify.physical.valve_kernels import (
-    HALVES,
-    RunData,
-    Score,
-    acceleration,
-    add_share,
-    add_to_normal_equations,
-    advance_valve,
-    find_piece,
-    restart_valve,
-)
+from ces_identify.physical import valve_kernels as valves
 
 QUICK_STEPS, MAX_STEPS = 6, 300
 CLOSE = 1e-12
@@ -71,7 +61,7 @@ def solve_pieces(
     """
     k, at, interval = a.k, a.places, a.interval_s
     above = below + len(a.flows)
-    i, j = find_piece(a.drops, p_c - p_r), find_piece(a.suctions, -p_c)
+    i, j = valves.find_piece(a.drops, p_c - p_r), valves.find_piece(a.suctions, -p_c)
     m = pick_blend(k, below, above, len(a.flows), blend, p_r)
     check, refill = at[CHECK] + i, at[REFILL] + j
     c1 = (k[check + 1] - k[check]) / (a.drops[i + 1] - a.drops[i])
@@ -105,7 +95,7 @@ def balance(a: ChamberArrays, drive: float, o_c: float, o_r: float, p_r: float) 
     stored, pushed = k[at[COMPRESSION]] / a.interval_s + r * r * mount, r * mount * (p_r - o_r) + r * drive
     low, high, p_c = -np.inf, np.inf, o_c
     for _ in range(MAX_STEPS):
-        i, j = find_piece(a.drops, p_c - p_r), find_piece(a.suctions, -p_c)
+        i, j = valves.find_piece(a.drops, p_c - p_r), valves.find_piece(a.suctions, -p_c)
         check, refill = at[CHECK] + i, at[REFILL] + j
         c1 = (k[check + 1] - k[check]) / (a.drops[i + 1] - a.drops[i])
         r1 = (k[refill + 1] - k[refill]) / (a.suctions[j + 1] - a.suctions[j])
@@ -151,7 +141,9 @@ def solve_step(
 
 
 @njit(cache=True, nogil=True)
-def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix: F, gradients: F) -> tuple[float, int]:
+def run_chambers(
+    a: ChamberArrays, data: valves.RunData, score: valves.Score, force: F, matrix: F, gradients: F
+) -> tuple[float, int]:
     """Fill `force` (ticks,) [N]; return the weighted squared error and the number of Newton steps.
 
     If `matrix` (parameters, parameters) has rows, also add up the Gauss-Newton matrix (its upper triangle) and, for
@@ -162,7 +154,7 @@ def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix
     ratio, mount, growth = 1.0 + k[at[RATIO]], k[at[MOUNT]], k[at[GROWTH]]
     stored = np.array([k[at[COMPRESSION]] + ratio * ratio * mount, -ratio * mount, k[at[REBOUND]] + mount])
     valve = 4 + len(a.currents)
-    plays, by_setting = np.zeros((3, len(HALVES))), np.zeros(valve)
+    plays, by_setting = np.zeros((3, len(valves.HALVES))), np.zeros(valve)
     by_c, by_r, e_c, e_r, row = np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size), np.zeros(size)
     rub, rub_by = np.zeros(a.friction), np.zeros((3, a.friction))  # by stiffness, yield force and lead
     out, pieces = np.zeros(5), np.zeros(3, np.int64)
@@ -171,15 +163,15 @@ def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix
         first, stop = data.segments[s]
         if stop <= first:
             continue
-        setting = restart_valve(k, a.currents, data.current[first], plays, by_setting)
+        setting = valves.restart_valve(k, a.currents, data.current[first], plays, by_setting)
         p_c, p_r = 0.0, 0.0
         by_c[:] = 0.0
         by_r[:] = 0.0
         rub[:] = 0.0
         rub_by[:] = 0.0
         for n in range(first, stop):
-            setting = advance_valve(k, a.currents, data.current, first, n, interval, setting, plays, by_setting)
-            change = acceleration(data.speed, first, n, interval, a.max_acceleration)
+            setting = valves.advance_valve(k, a.currents, data.current, first, n, interval, setting, plays, by_setting)
+            change = valves.acceleration(data.speed, first, n, interval, a.max_acceleration)
             drive = data.speed[n] + k[at[LEAD]] * change
             lower = min(int(setting * (a.rows - 1)), a.rows - 2)
             blend = setting * (a.rows - 1) - lower
@@ -200,7 +192,7 @@ def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix
                     rub_by[2, m] += k[at[FRICTION] + m] * interval * change
                 rubbed += rub[m]
             pressed = 1.0 + growth * max(p_r, 0.0)
-            i = find_piece(a.positions, data.position[n])
+            i = valves.find_piece(a.positions, data.position[n])
             along = (data.position[n] - a.positions[i]) / (a.positions[i + 1] - a.positions[i])
             gas = k[at[GAS] + i] + along * (k[at[GAS] + i + 1] - k[at[GAS] + i])
             oil = ratio * p_c - p_r
@@ -222,13 +214,13 @@ def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix
             e_c[at[MOUNT]] -= ratio * oil
             e_r[at[MOUNT]] += oil
             share = (p_c - p_r - a.drops[pieces[0]]) / (a.drops[pieces[0] + 1] - a.drops[pieces[0]])
-            add_share(e_c, at[CHECK] + pieces[0], share, -interval)
-            add_share(e_r, at[CHECK] + pieces[0], share, interval)
+            valves.add_share(e_c, at[CHECK] + pieces[0], share, -interval)
+            valves.add_share(e_r, at[CHECK] + pieces[0], share, interval)
             share = (-p_c - a.suctions[pieces[1]]) / (a.suctions[pieces[1] + 1] - a.suctions[pieces[1]])
-            add_share(e_c, at[REFILL] + pieces[1], share, interval)
+            valves.add_share(e_c, at[REFILL] + pieces[1], share, interval)
             m, share, eases = pieces[2], out[4], interval * out[3]
-            add_share(e_r, below + m, share, eases * (1.0 - blend))
-            add_share(e_r, above + m, share, eases * blend)
+            valves.add_share(e_r, below + m, share, eases * (1.0 - blend))
+            valves.add_share(e_r, above + m, share, eases * blend)
             by_blend = (1.0 - share) * (k[above + m] - k[below + m]) + share * (k[above + m + 1] - k[below + m + 1])
             for p in range(valve):
                 e_r[p] += eases * by_blend * (a.rows - 1) * by_setting[p]
@@ -253,10 +245,10 @@ def run_chambers(a: ChamberArrays, data: RunData, score: Score, force: F, matrix
                     row[at[YIELD] + m] += rub_by[1, m] * pressed
                     row[at[LEAD]] += rub_by[2, m] * pressed
                 row[at[GROWTH]] += rubbed * max(p_r, 0.0)
-                add_share(row, at[GAS] + i, along, 1.0)
+                valves.add_share(row, at[GAS] + i, along, 1.0)
                 row[at[VISCOUS]] += drive
                 row[at[MASS]] += change
                 row[at[LEAD]] += k[at[VISCOUS]] * change
                 error = force[n] - score.measured[n]
-                add_to_normal_equations(row, score.weights[n], error, matrix, gradients[score.blocks[n]])
+                valves.add_to_normal_equations(row, score.weights[n], error, matrix, gradients[score.blocks[n]])
     return total, steps

@@ -233,26 +233,16 @@ def side_groups(scales: DataScales) -> list[Group]:
 
 def build_valve(scales: DataScales, values: dict[str, F]) -> ValvePath:
     """Return the valve path."""
-    return ValvePath(
-        IncreasingCurve(as_floats(scales.currents_A), as_floats(values["setting"])),
-        float(values["delay_ticks"][0]),
-        float(values["hysteresis_A"][0]),
-        float(values["rise_s"][0]),
-        float(values["fall_s"][0]),
-    )
+    characteristic = IncreasingCurve(as_floats(scales.currents_A), as_floats(values["setting"]))
+    numbers = (float(values[name][0]) for name in ("delay_ticks", "hysteresis_A", "rise_s", "fall_s"))
+    return ValvePath(characteristic, *numbers)
 
 
 def build_side(scales: DataScales, values: dict[str, F], friction: tuple[FrictionElement, ...] = ()) -> SideForces:
     """Return the side forces."""
-    return SideForces(
-        float(values["lead_s"][0]),
-        scales.max_acceleration_m_s2,
-        float(values["viscous_Ns_m"][0]),
-        float(values["mass_kg"][0]),
-        as_floats(scales.positions_m),
-        as_floats(values["gas_N"]),
-        friction,
-    )
+    lead_s, viscous_Ns_m, mass_kg = (float(values[name][0]) for name in ("lead_s", "viscous_Ns_m", "mass_kg"))
+    gas = as_floats(scales.positions_m), as_floats(values["gas_N"])
+    return SideForces(lead_s, scales.max_acceleration_m_s2, viscous_Ns_m, mass_kg, *gas, friction)
 
 
 def shared_parameters(valve: ValvePath, side: SideForces) -> F:

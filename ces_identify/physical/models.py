@@ -85,10 +85,7 @@ class PhysicalModels(ABC, Generic[Body]):
 
     @classmethod
     def reopen(cls, body: Body, interval_s: float, training: Training) -> tuple[Self, F] | None:
-        """Return the models on the nodes of `body`, to be fitted to `training`, and its parameters theta.
-
-        None if it was not made by these models: nodes or bounds are others.
-        """
+        """Return the models on the nodes of `body` and its parameters theta; None if these models did not make it."""
         usual = (len(body.valve.characteristic.at), len(body.side.position_m)) == (CURRENTS, POSITIONS)
         models = cls.on_nodes_of(body, interval_s, training) if usual else None
         k = cls.arrays_of(body, interval_s).k

@@ -18,7 +18,7 @@ from ces_data.arrays import F
 from ces_identify.numerics import search_clock
 from ces_identify.numerics.levenberg import BoundedProblem, descend_within_bounds
 from ces_identify.physical.models import PhysicalModels
-from ces_identify.polynomial.search_limits import INTERRUPTED, Limits, Listener, SearchResult
+from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end
 
 MAX_STARTS = 2
 SPREAD = 0.7  # of the logarithms of a perturbed start's groups
@@ -60,24 +60,20 @@ class PhysicalSearch:
     def run(
         self, smallest: PhysicalModels[Any], sizes: Sequence[PhysicalModels[Any]], short: bool = False
     ) -> list[PhysicalFit]:
-        """Return the fits, best first. With `short`, only one start of the `smallest` models.
-
-        Ctrl-C ends the search; what it found so far is returned.
-        """
+        """Return the fits so far, best first, also after Ctrl-C; with `short`, one start of the `smallest` models."""
         try:
             self._run_starts(smallest, 1 if short else min(self.limits.starts, MAX_STARTS))
             if not short and self._found:
                 self._vary_penalty(self._sorted()[0])
-                self._enlarge(self._sorted()[0], sizes)
+                best = self._sorted()[0]
+                for models in sizes:  # one counts only if it is clearly better
+                    self._fit(models, models.layout.start, best.penalty, 0, LARGER * best.cost)
         except KeyboardInterrupt:
             self.stop.set()
         return self._sorted()
 
     def refit(self, fit: PhysicalFit, share: F | float = 1.0) -> F:
-        """Return the parameters after a last fit to all ticks, if their free run does not get worse by it.
-
-        `share` (ticks,) scales the ticks' weights.
-        """
+        """Return the parameters after a last fit to all ticks, weighted by `share` (ticks,), if it is not worse."""
         everything = (fit.models.training.estimation + fit.models.training.selection) * share
         before = fit.models.cost(fit.theta, everything)
         steps = [theta for _, theta in self._descend(fit.models, everything, fit.theta, fit.penalty)]
@@ -109,11 +105,6 @@ class PhysicalSearch:
             at = weaker
         if at is best:
             self._fit(best.models, best.theta, PENALTIES[1], 0)
-
-    def _enlarge(self, best: PhysicalFit, sizes: Sequence[PhysicalModels[Any]]) -> None:
-        """Try other sizes; one counts only if it is clearly better."""
-        for models in sizes:
-            self._fit(models, models.layout.start, best.penalty, 0, LARGER * best.cost)
 
     def _fit(
         self, models: PhysicalModels[Any], start: F, penalty: float, seed: int, below: float = np.inf
@@ -168,11 +159,7 @@ class PhysicalSearch:
                 return
 
     def _find_stop_reason(self) -> str:
-        if self.stop.is_set():
-            return INTERRUPTED
-        if self._best <= self.limits.target:
-            return "target cost reached"
-        return "time is up" if search_clock.now() > self._deadline else ""
+        return reason_to_end(self.limits, self._best, self._deadline, self.stop)
 
     def _sorted(self) -> list[PhysicalFit]:
         return sorted(self._found, key=lambda fit: fit.cost)

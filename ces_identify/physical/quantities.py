@@ -156,10 +156,7 @@ def read_quantities(
 
 
 def describe_errors(models: PhysicalModels[Any], theta: F, penalty: float) -> Mapping[str, Any]:
-    """Return the standard errors of quantities, valve characteristic and steady forces, for a model's provenance.
-
-    Empty if the data are too few for them.
-    """
+    """Return standard errors of quantities, valve and steady forces for the provenance; empty for too few data."""
     errors = parameter_errors(models, theta, penalty)
     if errors is None:
         return {}

@@ -12,17 +12,7 @@ import numpy as np
 from numba import njit
 
 from ces_data.arrays import F, I
-from ces_identify.physical.valve_kernels import (
-    HALVES,
-    RunData,
-    Score,
-    acceleration,
-    add_share,
-    add_to_normal_equations,
-    advance_valve,
-    find_piece,
-    restart_valve,
-)
+from ces_identify.physical import valve_kernels as valves
 
 MAX_STEPS = 200
 CLOSE = 1e-13
@@ -75,7 +65,7 @@ def stretch_from_middle(a: RelaxationArrays, position: float, stretch: F, by_str
 
 @njit(cache=True, nogil=True)
 def run_relaxation(
-    a: RelaxationArrays, data: RunData, score: Score, force: F, matrix: F, gradients: F
+    a: RelaxationArrays, data: valves.RunData, score: valves.Score, force: F, matrix: F, gradients: F
 ) -> tuple[float, int]:
     """Fill `force` (ticks,) [N]; return the weighted squared error and the number of Newton steps.
 
@@ -88,7 +78,7 @@ def run_relaxation(
     held = compliance + interval * leak
     wide, nodes = len(a.speeds), a.speeds
     valve = 4 + len(a.currents)
-    plays, by_setting = np.zeros((3, len(HALVES))), np.zeros(valve)
+    plays, by_setting = np.zeros((3, len(valves.HALVES))), np.zeros(valve)
     by_force, by_stretch = np.zeros(size), np.zeros((a.springs, size))
     direct, row = np.zeros(size), np.zeros(size)
     stretch, limits, states = np.zeros(a.springs), np.zeros(a.springs), np.zeros(a.springs, np.int64)
@@ -97,14 +87,14 @@ def run_relaxation(
         first, stop = data.segments[s]
         if stop <= first:
             continue
-        setting = restart_valve(k, a.currents, data.current[first], plays, by_setting)
+        setting = valves.restart_valve(k, a.currents, data.current[first], plays, by_setting)
         passed = 0.0
         oil = stretch_from_middle(a, data.position[first], stretch, by_stretch)
         for p in range(size):
             by_force[p] = by_stretch[:, p].sum()
         for n in range(first, stop):
-            setting = advance_valve(k, a.currents, data.current, first, n, interval, setting, plays, by_setting)
-            change = acceleration(data.speed, first, n, interval, a.max_acceleration)
+            setting = valves.advance_valve(k, a.currents, data.current, first, n, interval, setting, plays, by_setting)
+            change = valves.acceleration(data.speed, first, n, interval, a.max_acceleration)
             drive = data.speed[n] + k[at[LEAD]] * change
             lower = min(int(setting * (a.rows - 1)), a.rows - 2)
             blend = setting * (a.rows - 1) - lower
@@ -117,7 +107,7 @@ def run_relaxation(
             low, high = -np.inf, np.inf
             j, slope, piece, value, left, excess = 0, 0.0, 0.0, 0.0, 0.0, 0.0
             for _ in range(MAX_STEPS):
-                j = find_piece(nodes, passed)
+                j = valves.find_piece(nodes, passed)
                 left = k[below + j] + blend * (k[above + j] - k[below + j])
                 right = k[below + j + 1] + blend * (k[above + j + 1] - k[below + j + 1])
                 piece = (right - left) / (nodes[j + 1] - nodes[j])
@@ -148,7 +138,7 @@ def run_relaxation(
                 passed = new if low < new < high else 0.5 * (low + high)
             else:
                 value = np.nan  # no force rather than a wrong one
-            i = find_piece(a.positions, data.position[n])
+            i = valves.find_piece(a.positions, data.position[n])
             along = (data.position[n] - a.positions[i]) / (a.positions[i + 1] - a.positions[i])
             gas = k[at[GAS] + i] + along * (k[at[GAS] + i + 1] - k[at[GAS] + i])
             force[n] = value + gas + k[at[VISCOUS]] * drive + k[at[MASS]] * change
@@ -158,8 +148,8 @@ def run_relaxation(
             if fitted:
                 share = (passed - nodes[j]) / (nodes[j + 1] - nodes[j])
                 direct[:] = 0.0
-                add_share(direct, below + j, share, 1.0 - blend)
-                add_share(direct, above + j, share, blend)
+                valves.add_share(direct, below + j, share, 1.0 - blend)
+                valves.add_share(direct, above + j, share, blend)
                 by_blend = (1.0 - share) * (k[above + j] - k[below + j])
                 by_blend += share * (k[above + j + 1] - k[below + j + 1])
                 for m in range(a.springs):
@@ -198,12 +188,12 @@ def run_relaxation(
                 if scored:
                     for p in range(size):  # a loop compiles faster than an assignment of arrays
                         row[p] = by_force[p]
-                    add_share(row, at[GAS] + i, along, 1.0)
+                    valves.add_share(row, at[GAS] + i, along, 1.0)
                     row[at[VISCOUS]] += drive
                     row[at[MASS]] += change
                     row[at[LEAD]] += k[at[VISCOUS]] * change
                     error = force[n] - score.measured[n]
-                    add_to_normal_equations(row, score.weights[n], error, matrix, gradients[score.blocks[n]])
+                    valves.add_to_normal_equations(row, score.weights[n], error, matrix, gradients[score.blocks[n]])
             for m in range(a.springs):
                 pulled = stretch[m] + interval * k[at[STIFFNESS] + m] * passed
                 stretch[m] = min(max(pulled, -limits[m]), limits[m])

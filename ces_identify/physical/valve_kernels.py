@@ -1,7 +1,4 @@
-"""Compiled drive and valve path of the models with physics inside, each with its derivatives by the parameters.
-
-The equations are those of `ces_observer.structures.physical`.
-"""
+"""Compiled drive and valve path of `ces_observer.structures.physical`, each with its derivatives by the parameters."""
 
 from __future__ import annotations
 
@@ -28,10 +25,7 @@ class RunData(NamedTuple):
 
 
 class Score(NamedTuple):
-    """Measured force [N] and weights (ticks,) of its error; `blocks` (ticks,) numbers the blocks of the scores.
-
-    Only every `stride`-th tick counts.
-    """
+    """Measured force [N], weights of its error and numbers of its blocks (ticks,); every `stride`-th tick counts."""
 
     measured: F
     weights: F
@@ -121,10 +115,7 @@ def acceleration(speed: F, first: int, n: int, interval: float, limit: float) ->
 
 @njit(cache=True)
 def add_to_normal_equations(row: F, weight: float, error: float, matrix: F, gradient: F) -> None:
-    """Add a tick whose force has the derivatives `row`; `error` is simulated minus measured [N], both get `weight`.
-
-    Only the upper triangle of `matrix` is filled.
-    """
+    """Add a tick: derivatives `row`, `error` (simulated minus measured) [N], `weight`; only the upper triangle."""
     size = len(row)
     for m in range(size):
         value = row[m] * weight

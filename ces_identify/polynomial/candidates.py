@@ -211,10 +211,7 @@ def merge_signs(choice: Sequence[Factor]) -> tuple[Factor, ...]:
 
 
 def built_in_rules(method: str = BOTH) -> str:
-    """Return the text of the candidate rules for a search method: those of the thesis for its procedure.
-
-    It has no line that names its schema; who prints the text adds the path on this machine.
-    """
+    """Return the text of the built-in rules for a search method, without the line that names their schema."""
     name = "thesis.yaml" if method == THESIS else "candidates.yaml"
     return (files(__package__) / name).read_text(encoding="utf-8").partition("\n")[2]
 
@@ -286,9 +283,7 @@ def _read_products(
     return tuple(dict.fromkeys(map(tuple, raw)))
 
 
-def _read_terms(
-    raw: object, signals: Sequence[str], memberships: Set[str], where: str
-) -> tuple[tuple[Factor, ...], ...]:
+def _read_terms(raw: object, signals: Sequence[str], hats: Set[str], where: str) -> tuple[tuple[Factor, ...], ...]:
     """Return the factors of each term, constructed ones without their definition."""
     if not isinstance(raw, list) or not 1 <= len(raw) <= MAX_TERMS:
         raise CesError(f"{where}: expected a list of terms, 1 to {MAX_TERMS}, each a list of factors")
@@ -296,7 +291,7 @@ def _read_terms(
     for i, item in enumerate(raw):
         if not isinstance(item, list) or len(item) > MAX_FACTORS:
             raise CesError(f"{where}[{i}]: {item!r}; expected a list of factors, at most {MAX_FACTORS}")
-        factors = [_read_factor(one, signals, memberships, f"{where}[{i}][{j}]") for j, one in enumerate(item)]
+        factors = [_read_factor(one, signals, hats, f"{where}[{i}][{j}]") for j, one in enumerate(item)]
         if sum(f.signal == "force" for f in factors) > 1:
             raise CesError(f"{where}[{i}]: expected at most one past force, so that bounds can be proved")
         terms.append(merge_signs(factors))

@@ -12,12 +12,7 @@ from ces_identify.numerics import kernels
 from ces_identify.numerics.kernels import TermArrays
 from ces_identify.polynomial import constructed_kernels
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.constructed_inputs import (
-    ConstructedInput,
-    Frequency,
-    Lag,
-    TriangularMembership,
-)
+from ces_observer.structures.constructed_inputs import ConstructedInput, Frequency, Lag, TriangularMembership
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Factor, Term, collect_constructed

@@ -119,10 +119,7 @@ ITERATIONS = 20  # of the last fit, to all ticks
 
 
 def refit_coefficients(problem: Problem, result: SearchResult) -> F:
-    """Return coefficients fitted to the free run on all identification ticks.
-
-    A fit that raises the selection cost is rejected; the coefficients of `result` are then returned.
-    """
+    """Return coefficients fitted to all identification ticks, those of `result` if that raises the selection cost."""
     fit = fit_free_run(problem, result.chosen, result.coefficients, problem.everything, ITERATIONS)
     harmless = np.isfinite(fit.error) and problem.selection_cost(result.chosen, fit.coefficients) <= result.cost
     return fit.coefficients if harmless else result.coefficients

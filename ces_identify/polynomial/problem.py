@@ -79,10 +79,7 @@ class Problem:
 
 
 def coarsen(problem: Problem, step: int) -> Problem:
-    """Return the problem on every `step`-th tick, lags rounded to these ticks, for fast free runs.
-
-    Past forces keep their lags in ticks, which are now longer. The Gram matrix remains that of all ticks.
-    """
+    """Return the problem on every `step`-th tick, lags rounded; past forces keep their lags, Gram matrix its ticks."""
     parts = [np.arange(start, stop, step) for start, stop in problem.segments]
     ends = np.cumsum([len(part) for part in parts])
     ticks, arrays = np.concatenate(parts), problem.compiled.arrays
@@ -158,10 +155,7 @@ def compute_envelope(series: Sequence[Series]) -> Envelope:
 
 
 def probe(compiled: CompiledTerms, envelope: Envelope) -> F:
-    """Return the product of each term's input factors (terms, points) at inputs spread over the envelope.
-
-    Each lagged input is one dimension. Up to two make a full grid, more a Sobol sequence.
-    """
+    """Return each term's product of input factors (terms, points) on a grid of the envelope, or at Sobol points."""
     columns, _, counts, outputs = compiled.arrays
     rows = [{f: compiled.variable(t, f) for f in range(count)} for t, count in enumerate(counts)]
     dimensions = sorted({key for t, row in enumerate(rows) if outputs[t] for key in row.values()})
@@ -175,17 +169,12 @@ def probe(compiled: CompiledTerms, envelope: Envelope) -> F:
 
 
 def _spread_points(ranges: Sequence[Range], kinks: Sequence[Sequence[float]]) -> F:
-    """Return points (ranges, n) over a box, denser towards zero, where powers below one have the greatest curvature.
-
-    A grid also includes the `kinks` of each range, where memberships change slope.
-    """
+    """Return points (ranges, n) over a box, denser towards zero; a grid also includes the `kinks` of each range."""
     if not ranges:
         return np.empty((0, 1))
     if len(ranges) <= 2:
         axes = [_from_zero(np.linspace(0.0, 1.0, n), one) for n, one in zip((81, 13), ranges[::-1], strict=False)]
-        axes = [
-            np.union1d(axis, np.clip(at, *one)) for axis, at, one in zip(axes, kinks[::-1], ranges[::-1], strict=True)
-        ]
+        axes = [np.union1d(x, np.clip(at, *one)) for x, at, one in zip(axes, kinks[::-1], ranges[::-1], strict=True)]
         return np.array([axis.ravel() for axis in np.meshgrid(*axes)])[::-1].copy()
     inside = qmc.Sobol(len(ranges), seed=0).random(1024).T
     return np.array([_from_zero(unit, one) for unit, one in zip(inside, ranges, strict=True)])

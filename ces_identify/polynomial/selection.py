@@ -1,6 +1,4 @@
-"""The search for terms: seeded starts in parallel threads, by random selection, Gauss-Newton gain, both, or as in the
-thesis.
-"""
+"""The search for terms: seeded starts in threads, by random selection, Gauss-Newton gain, both, or as in the thesis."""
 
 from __future__ import annotations
 
@@ -32,10 +30,7 @@ class LeastSquaresStart(SearchStart):
     """A start whose models are fitted by least squares with measured past forces and judged by their free run."""
 
     def _add_first_better(self, model: SearchResult, trial: I, bound: float) -> tuple[int, SearchResult | None]:
-        """Return the place in `trial` of the first candidate that gives a cost below `bound`, and that model.
-
-        The place is -1 if none does.
-        """
+        """Return the place in `trial` (-1: none) of the first candidate with a cost below `bound`, and that model."""
         place, cost, coefficients = self._try(model.chosen, trial, bound, False)
         return place, self._result(np.append(model.chosen, trial[place]), coefficients, cost) if place >= 0 else None
 
@@ -177,17 +172,14 @@ def search(problem: Problem, limits: Limits, listener: Listener = lambda result:
     Ctrl-C stops every start and returns the best so far, or raises KeyboardInterrupt if there is none. `listener`
     receives each improvement and each start's result, from the threads.
     """
-    return run_starts(limits, lambda seed, deadline, stop: _start(problem, limits, seed, deadline, stop, listener))
 
+    def start(seed: int, deadline: float, stop: threading.Event) -> SearchResult:
+        arguments = problem, limits, seed, deadline, stop, listener
+        if limits.method == THESIS:
+            return ThesisStart(*arguments).run()
+        if limits.method == GAUSS_NEWTON or (limits.method == BOTH and (seed - limits.seed) % 2 == 0):
+            return GaussNewtonStart(*arguments).run()
+        result = RandomForwardStart(*arguments).run()  # with both, every other start continues from it
+        return result if limits.method == RANDOM else GaussNewtonStart(*arguments, result).run()
 
-def _start(
-    problem: Problem, limits: Limits, seed: int, deadline: float, stop: threading.Event, listener: Listener
-) -> SearchResult:
-    """Run one start by `limits.method`; with both, every other start continues from a random selection."""
-    arguments = problem, limits, seed, deadline, stop, listener
-    if limits.method == THESIS:
-        return ThesisStart(*arguments).run()
-    if limits.method == GAUSS_NEWTON or (limits.method == BOTH and (seed - limits.seed) % 2 == 0):
-        return GaussNewtonStart(*arguments).run()
-    result = RandomForwardStart(*arguments).run()
-    return result if limits.method == RANDOM else GaussNewtonStart(*arguments, result).run()
+    return run_starts(limits, start)

@@ -140,14 +140,9 @@ def output_gains(powers: F, segments: I, terms: TermArrays, coefficients: F, out
 
 
 @njit(cache=True, nogil=True)
-def sensitivities(
-    powers: F, segments: I, force: F, terms: TermArrays, which: I, gains: F, output_lags: I, weights: F
-) -> F:
-    """Return dy/dc (ticks with a weight above zero, terms) of the terms at `which`, in the model or not.
-
-    `force` (ticks,) is the free run.
-    """
-    n_terms, depth = len(which), longest_lag(output_lags)
+def sensitivities(powers: F, segments: I, force: F, terms: TermArrays, which: I, gains: F, lags: I, weights: F) -> F:
+    """Return dy/dc (weighted ticks, terms) of the terms at `which`, in the model or not; `force` is the free run."""
+    n_terms, depth = len(which), longest_lag(lags)
     used = 0
     for weight in weights:
         used += weight > 0.0
@@ -167,7 +162,7 @@ def sensitivities(
                 if lag > 0:
                     for k in range(k0, k1):
                         values[t, k - k0] *= force[k - lag] if k - lag >= start else 0.0
-            _run_slopes(values, n, output_lags, gains[k0:k1], slopes, depth)
+            _run_slopes(values, n, lags, gains[k0:k1], slopes, depth)
             for i in range(n):
                 if weights[k0 + i] > 0.0:
                     for t in range(n_terms):
@@ -187,37 +182,28 @@ def _keep_last(slopes: F, n: int, depth: int) -> None:
 
 @njit(cache=True, nogil=True)
 def candidate_products(
-    powers: F,
-    segments: I,
-    force: F,
-    terms: TermArrays,
-    chosen: I,
-    candidates: I,
-    gains: F,
-    output_lags: I,
-    weights: F,
-    error: F,
+    powers: F, segments: I, force: F, terms: TermArrays, chosen: I, tried: I, gains: F, lags: I, weights: F, error: F
 ) -> tuple[F, F, F, F]:
     """Return the weighted inner products, over the ticks with a weight above zero, that give each candidate's gain.
 
     Sensitivities of the chosen terms with each other (chosen, chosen) and with the error (chosen,); of each candidate
-    with the chosen terms (candidates, chosen); and (candidates, 2) with itself and with the error.
+    with the chosen terms (tried, chosen); and (tried, 2) with itself and with the error.
     """
     n = len(chosen)
     run = (powers, segments, force, terms)
-    rows = sensitivities(*run, chosen, gains, output_lags, weights)
+    rows = sensitivities(*run, chosen, gains, lags, weights)
     w, e, used = np.empty(len(rows)), np.empty(len(rows)), 0
     for k in range(len(weights)):  # a loop compiles faster than an index by truth values
         if weights[k] > 0.0:
             w[used], e[used] = weights[k], error[k]
             used += 1
     matrix, gradient = np.zeros((n, n)), np.zeros(n)
-    cross, own = np.zeros((len(candidates), n)), np.zeros((len(candidates), 2))
+    cross, own = np.zeros((len(tried), n)), np.zeros((len(tried), 2))
     accumulate(matrix, gradient, rows, e, w)
     mirror(matrix)
-    for first in range(0, len(candidates), LANES):
-        last = min(first + LANES, len(candidates))
-        slopes = sensitivities(*run, candidates[first:last], gains, output_lags, weights)
+    for first in range(0, len(tried), LANES):
+        last = min(first + LANES, len(tried))
+        slopes = sensitivities(*run, tried[first:last], gains, lags, weights)
         for k in range(len(w)):
             for c in range(last - first):
                 share = w[k] * slopes[k, c]

@@ -111,10 +111,7 @@ def contributions(polynomial: Polynomial, model: Model, runs: Sequence[Simulated
 
 
 def term_forces(polynomial: Polynomial, model: Model, one: SimulatedSeries) -> list[tuple[int, F]]:
-    """Return the force [N] of each term along the free run, in pieces: first tick and values (terms, ticks).
-
-    At every tick the values add up to the simulated force.
-    """
+    """Return each term's force [N] along the free run, which they add up to: pieces of first tick, (terms, ticks)."""
     series, run = one.series, one.run
     inputs = np.stack([series.position, series.speed, series.current])
     terms = compile_terms(polynomial.terms)

@@ -11,7 +11,7 @@ from typing import Any
 from ces_identify.identification import DELAYED_SELECTION
 from ces_identify.physical.quantities import ERRORS
 from ces_identify.prepare.cost import EQUAL, Weighting
-from ces_identify.prepare.sampling import delay_text
+from ces_identify.prepare.sampling import delay_text, late
 from ces_identify.report.figures import (
     MAX_DOTS,
     choose_window,
@@ -73,19 +73,20 @@ def write_report(
     """
     ordered = sorted(evaluations, key=lambda e: e.role != VALIDATION)
     held_out = [e for e in ordered if e.role == VALIDATION]
-    drawn = _choose_drawn(ordered)
+    worst = {(e.role, e.name): max(o.cost for o in ordered if (o.role, o.name) == (e.role, e.name)) for e in ordered}
+    drawn = sorted(sorted(range(len(ordered)), key=lambda i: -worst[ordered[i].role, ordered[i].name])[:MAX_DRAWN])
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     selection = model.provenance.get("selection", {})
     structures, kinds = selection.get("structures") or {}, {selection.get("structure"): "this model"}
-    names = " and ".join(dict.fromkeys(map(_kind, model.each)))
+    kind = " and ".join(dict.fromkeys(one.structure for one in model.each))
+    kind = kind.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
     page = page_template("report.html.j2", "ces_identify.report").render(
         title=title,
         subject=_describe_recordings(ordered),
         headline=_format_headline(ordered, held_out),
         warnings=_format_warnings(ordered),
-        facts={"Model": f"{names}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **facts},
+        facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **facts},
         model=model,
-        delays=len({e.delay_s for e in ordered}) > 1,
         delayed=model.best.sampling.delay_s > 0.0,
         rows=_cost_rows(ordered, weighting),
         weighting=str(weighting),
@@ -105,23 +106,6 @@ def write_report(
     write_atomically(path, replace_unencodable(page))
 
 
-def _choose_drawn(ordered: Sequence[Evaluation]) -> list[int]:
-    """Return the evaluations with charts: of each delay those with the highest costs."""
-    groups = by_delay(ordered)
-    most = MAX_DRAWN // max(len(groups), 1)
-    chosen = [e for some in groups.values() for e in sorted(some, key=lambda e: -e.cost)[:most]]
-    return [i for i, e in enumerate(ordered) if any(e is one for one in chosen)]
-
-
-def _kind(model: Model) -> str:
-    return model.structure.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
-
-
-def late(model: Model) -> str:
-    """Return `, 3 ms later` for a model with a delay, nothing without one."""
-    return f", {delay_text(model.sampling.delay_s)}" if model.sampling.delay_s else ""
-
-
 def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int], points: int) -> dict[str, Any]:
     """Return the sections about one model; those of a model with a delay have it in their headings."""
     delay_s = model.sampling.delay_s
@@ -132,7 +116,7 @@ def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int
     return {
         "model": model,
         "suffix": suffix,
-        "late": late(model),
+        "late": late(delay_s),
         "count": len(mine),
         "recordings": [_draw_recording(i, ordered[i], model, points) for i in drawn if ordered[i].delay_s == delay_s],
         "table": table,
@@ -298,10 +282,10 @@ def _settings(model: Model) -> dict[str, Any]:
     settings: dict[str, Any] = {"Sampling": {format_key(key): value for key, value in sampling.items()}}
     for one in model.each:
         ends = {**asdict(one.envelope), "force_N": one.force_envelope_N}
-        settings[f"Envelope{late(one)}"] = {
+        settings[f"Envelope{late(one.sampling.delay_s)}"] = {
             format_key(key): minus(f"{low:.4g} to {high:.4g}") for key, (low, high) in ends.items()
         }
-        settings[f"Stability certificate{late(one)}"] = one.certificate or NO_CERTIFICATE
+        settings[f"Stability certificate{late(one.sampling.delay_s)}"] = one.certificate or NO_CERTIFICATE
     return {
         **settings,
         "Origin": {
@@ -315,8 +299,8 @@ def _history(model: Model) -> dict[str, Any]:
     """Return the longer entries of the provenance, without those shown in sections of their own."""
     longer = {key: _without_marks(value) for key, value in model.provenance.items() if not _fits_on_line(value)}
     shown = {key: value for key, value in longer.pop("selection", {}).items() if key not in SHOWN_ABOVE}
-    late = {key: longer.pop(key) for key in [DELAYED_SELECTION] if key in longer}
-    return longer | ({"selection": shown} if shown else {}) | late
+    second = {key: longer.pop(key) for key in [DELAYED_SELECTION] if key in longer}
+    return longer | ({"selection": shown} if shown else {}) | second
 
 
 def _without_marks(entry: Any) -> Any:

@@ -1,4 +1,1 @@
-"""Simulations of the damper: a recording goes in, a force at each of its position samples comes out.
-
-Models, Python functions, FMUs and recorded predictions are all used through `Simulation`.
-"""
+"""Simulations of the damper, all through `Simulation`: a recording in, a force at each position sample out."""

@@ -315,12 +315,8 @@ def _open_instance(description: Any, folder: str, errors: list[str]) -> Iterator
     callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
     callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
     try:
-        slave = fmi2.FMU2Slave(
-            guid=description.guid,
-            modelIdentifier=description.coSimulation.modelIdentifier,
-            unzipDirectory=folder,
-            instanceName="ces_observer",
-        )
+        names = {"modelIdentifier": description.coSimulation.modelIdentifier, "instanceName": "ces_observer"}
+        slave = fmi2.FMU2Slave(guid=description.guid, unzipDirectory=folder, **names)
     finally:
         os.chdir(here)  # FMPy does not restore the working folder if loading fails
     slave.instantiate(callbacks=callbacks)

@@ -6,7 +6,6 @@ half-width at every tick up to rounding.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -64,10 +63,7 @@ def sample_force(model: Model, recording: Recording) -> F:
 
 
 def sample_bounds(at: SampleRun) -> tuple[F, F]:
-    """Return the lower and upper bound [N] of the band at every position sample (n,), NaN where there is no force.
-
-    Raises ModelError if the model has no band.
-    """
+    """Return both bounds [N] of the band at the position samples (n,), NaN without a force. Raises ModelError."""
     if at.model.band is None:
         raise ModelError("the model has no band; identify it again without --no-band")
     widths = np.append(band_half_width(at.model.band, at.series, at.run.force), np.nan)[at.newest]
@@ -139,16 +135,11 @@ def part_values(signals: BandSignals, speed_m_s: float, current_A: Range) -> F:
 
 def growth(band: Band, state: F) -> F:
     """Return how much larger errors are at `state` (5, ticks) than on the identification data, by the band's law."""
-    squares = ((as_matrix(band.whitening) @ (state - np.array(band.mean)[:, None])) ** 2).sum(axis=0)
+    whitening = np.zeros((len(band.whitening), len(band.whitening)))  # its upper triangle is given by rows
+    whitening[np.triu_indices(len(whitening))] = np.concatenate([np.asarray(row) for row in band.whitening])
+    squares = ((whitening @ (state - np.array(band.mean)[:, None])) ** 2).sum(axis=0)
     share = band.constant_share
     return np.asarray(np.sqrt(share + (1.0 - share) * np.minimum(squares, band.max_distance**2)))
-
-
-def as_matrix(triangle: Sequence[Sequence[float]]) -> F:
-    """Return an upper triangle, given by its rows from the diagonal on, as a matrix."""
-    matrix = np.zeros((len(triangle), len(triangle)))
-    matrix[np.triu_indices(len(triangle))] = np.concatenate([np.asarray(row) for row in triangle])
-    return matrix
 
 
 def _change(signal: F, series: Series, change_s: float) -> F:

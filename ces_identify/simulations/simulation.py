@@ -54,9 +54,7 @@ class FunctionSimulation(Simulation):
     function: ForceFunction
 
     def force(self, recording: Recording) -> F:
-        """Return the force [N] at every position sample; raises CesError if the function fails or returns invalid
-        values.
-        """
+        """Return the force [N] at every position sample; raises CesError if the function or its values are invalid."""
         samples = usable_samples(recording, 1e6)
         time = (samples.stamps_ns - recording.channel("position").stamps_ns[0]) * 1e-9
         try:

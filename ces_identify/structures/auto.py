@@ -28,10 +28,7 @@ CLEARLY_BETTER = 0.9  # share of the chosen structure's selection cost
 
 @dataclass(frozen=True)
 class BestStructure:
-    """Fits the structures `names` shortly, and the best of them in full; it is a `Fitter`.
-
-    `sizes` are those of all structures; without `names`, all are fitted.
-    """
+    """Fits the structures `names` (default: all) of these `sizes` shortly, the best of them in full; a `Fitter`."""
 
     sizes: Mapping[str, Size]
     names: Sequence[str] = ()
@@ -88,18 +85,14 @@ def advise(costs: Mapping[str, float], chosen: str) -> str:
 
 
 def _compare(
-    names: Sequence[str],
-    sizes: Mapping[str, Size],
-    series: Sequence[Series],
-    sampling: Sampling,
-    options: IdentifyOptions,
+    names: Sequence[str], sizes: Mapping[str, Size], series: Sequence[Series], sampling: Sampling, how: IdentifyOptions
 ) -> dict[str, float]:
     """Return the selection costs [%] of short fits, without structures that cannot be fitted; Ctrl-C ends it."""
-    seconds = min(SHORT_S, SHORT_SHARE * options.limits.time)
+    seconds = min(SHORT_S, SHORT_SHARE * how.limits.time)
     costs: dict[str, float] = {}
     for name in names:
         starts = 1 if KITS[name].models else SHORT_STARTS
-        short = replace(options, limits=replace(options.limits, starts=starts, time=seconds))
+        short = replace(how, limits=replace(how.limits, starts=starts, time=seconds))
         try:
             fitted = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None)
         except CesError:

@@ -8,22 +8,8 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.physical import layout as parameters
 from ces_identify.physical.chambers_kernels import ChamberArrays, run_chambers
-from ces_identify.physical.layout import (
-    MIN_RISE,
-    DataScales,
-    Group,
-    Layout,
-    as_floats,
-    build_side,
-    build_valve,
-    group,
-    rises_to_nodes,
-    scales_of,
-    shared_parameters,
-    side_groups,
-    valve_groups,
-)
 from ces_identify.physical.models import Kernel, PhysicalModels
 from ces_identify.structures.kit import ConstantTable, CTick, find_slopes, number
 from ces_identify.structures.physical import count_option, map_tables, physical_facts, physical_kit
@@ -59,12 +45,12 @@ class ChambersModels(PhysicalModels[Chambers]):
     friction: int = 1
 
     @classmethod
-    def sized(cls, training: Training, scales: DataScales, count: int) -> ChambersModels:
+    def sized(cls, training: Training, scales: parameters.DataScales, count: int) -> ChambersModels:
         """Return the models with `count` valve curves."""
         return cls(training, scales, rows=count)
 
     @classmethod
-    def small(cls, training: Training, scales: DataScales, rows: int) -> ChambersModels:
+    def small(cls, training: Training, scales: parameters.DataScales, rows: int) -> ChambersModels:
         """Return models of the smallest size worth a fit."""
         return cls(training, scales, rows=rows)
 
@@ -74,7 +60,7 @@ class ChambersModels(PhysicalModels[Chambers]):
         counts = tuple(map(len, (body.map.at, body.check.at, body.refill.at)))
         if counts != (len(FLOWS), len(DROPS), len(SUCTIONS)) or len(body.map.rows) < 2:
             return None
-        scales = scales_of(body, body.check.at[-1] / DROPS[-1], body.map.at[-1] / FLOWS[-1], interval_s)
+        scales = parameters.scales_of(body, body.check.at[-1] / DROPS[-1], body.map.at[-1] / FLOWS[-1], interval_s)
         return cls(training, scales, rows=len(body.map.rows), friction=len(body.side.friction))
 
     @staticmethod
@@ -87,7 +73,7 @@ class ChambersModels(PhysicalModels[Chambers]):
         """Return the kernel's view of a structure."""
         elements = body.side.friction
         lists = [
-            shared_parameters(body.valve, body.side),
+            parameters.shared_parameters(body.valve, body.side),
             [body.area_ratio, body.compression_m_N, body.rebound_m_N, body.mount_m_N],
             body.check.values,
             body.refill.values,
@@ -122,50 +108,52 @@ class ChambersModels(PhysicalModels[Chambers]):
         }
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> parameters.Layout:
         """The parameters."""
         size, speed = self.scales.force_N, self.scales.speed_m_s
         softest = SOFTEST_M_N
-        return Layout(
+        return parameters.Layout(
             (
-                *valve_groups(self.scales),
-                *side_groups(self.scales),
-                group("ratio", RATIO, LEAST_RATIO, MOST_RATIO),
-                group("compression", CHAMBER_M_N, STIFFEST_M_N, softest),
-                group("rebound", CHAMBER_M_N, STIFFEST_M_N, softest),
-                group("mount", MOUNT_M_N, 0.0, softest),
+                *parameters.valve_groups(self.scales),
+                *parameters.side_groups(self.scales),
+                parameters.group("ratio", RATIO, LEAST_RATIO, MOST_RATIO),
+                parameters.group("compression", CHAMBER_M_N, STIFFEST_M_N, softest),
+                parameters.group("rebound", CHAMBER_M_N, STIFFEST_M_N, softest),
+                parameters.group("mount", MOUNT_M_N, 0.0, softest),
                 self._check(speed),
                 self._refill(speed),
                 self._map(size),
-                group("friction", np.full(self.friction, FRICTION_N_M), 1.0, 1e9),
-                group("friction_yield", size * np.geomspace(*YIELD, self.friction), 1e-5 * size, size),
-                group("growth", 0.1 / size, 0.0, 10.0 / size),
+                parameters.group("friction", np.full(self.friction, FRICTION_N_M), 1.0, 1e9),
+                parameters.group("friction_yield", size * np.geomspace(*YIELD, self.friction), 1e-5 * size, size),
+                parameters.group("growth", 0.1 / size, 0.0, 10.0 / size),
             )
         )
 
-    def _check(self, speed: float) -> Group:
+    def _check(self, speed: float) -> parameters.Group:
         zero = int(np.flatnonzero(DROPS == 0.0)[0])
         back = -0.03 * np.diff(np.sqrt(-DROPS[: zero + 1]))
         through = 4.0 * np.diff(np.sqrt(DROPS[zero:] / DROPS[-1]))
         rises = speed * np.concatenate([back, through])
-        return group("check", rises, 1e-6 * speed, 1e3 * speed, rises_to_nodes(len(DROPS), zero))
+        return parameters.group("check", rises, 1e-6 * speed, 1e3 * speed, parameters.rises_to_nodes(len(DROPS), zero))
 
-    def _refill(self, speed: float) -> Group:
+    def _refill(self, speed: float) -> parameters.Group:
         zero = int(np.flatnonzero(SUCTIONS == 0.0)[0])
         rises = speed * np.append(1e-3, 3.0 * np.diff(np.sqrt(SUCTIONS[zero:] / SUCTIONS[-1])))
-        return group("refill", rises, 1e-6 * speed, 1e3 * speed, rises_to_nodes(len(SUCTIONS), zero))
+        return parameters.group(
+            "refill", rises, 1e-6 * speed, 1e3 * speed, parameters.rises_to_nodes(len(SUCTIONS), zero)
+        )
 
-    def _map(self, size: float) -> Group:
+    def _map(self, size: float) -> parameters.Group:
         """The valve's curves through the origin; for flow back into the rebound chamber they are one."""
         count = len(FLOWS)
-        one = rises_to_nodes(count, 1)
+        one = parameters.rises_to_nodes(count, 1)
         matrix = np.hstack([np.tile(one[:, :1], (self.rows, 1)), np.kron(np.eye(self.rows), one[:, 1:])])
         levels = np.arange(self.rows) / (self.rows - 1)
         shape = np.diff(FLOWS[2:])
         rises = [np.append(0.1 + 0.45 * level, 0.6 * (1.0 + 0.3 * level) * shape) for level in levels]
-        least = MIN_RISE * np.tile(np.append(1.0, shape), self.rows)
+        least = parameters.MIN_RISE * np.tile(np.append(1.0, shape), self.rows)
         start, low = np.concatenate([[BACK], *rises]), np.append(1e-4, least)
-        return group("map", size * start, size * low, 10.0 * size, matrix)
+        return parameters.group("map", size * start, size * low, 10.0 * size, matrix)
 
     @cached_property
     def _places(self) -> I:
@@ -185,41 +173,40 @@ class ChambersModels(PhysicalModels[Chambers]):
         values = {g.name: self.layout.part(k, g.name) for g in self.layout.groups}
         friction = zip(values["friction"], values["friction_yield"], strict=True)
         return Chambers(
-            build_valve(s, values),
+            parameters.build_valve(s, values),
             float(values["ratio"][0]),
             float(values["compression"][0]),
             float(values["rebound"][0]),
             float(values["mount"][0]),
-            IncreasingCurve(as_floats(s.force_N * DROPS), as_floats(values["check"])),
-            IncreasingCurve(as_floats(s.force_N * SUCTIONS), as_floats(values["refill"])),
-            FlowMap(as_floats(s.speed_m_s * FLOWS), tuple(map(as_floats, values["map"].reshape(self.rows, -1)))),
+            IncreasingCurve(parameters.as_floats(s.force_N * DROPS), parameters.as_floats(values["check"])),
+            IncreasingCurve(parameters.as_floats(s.force_N * SUCTIONS), parameters.as_floats(values["refill"])),
+            FlowMap(
+                parameters.as_floats(s.speed_m_s * FLOWS),
+                tuple(map(parameters.as_floats, values["map"].reshape(self.rows, -1))),
+            ),
             float(values["growth"][0]),
-            build_side(s, values, tuple(FrictionElement(float(a), float(b)) for a, b in friction)),
+            parameters.build_side(s, values, tuple(FrictionElement(float(a), float(b)) for a, b in friction)),
             REACH,
         )
 
 
-def tick_facts(chambers: Chambers, model: Model) -> dict[str, object]:
+def tick_facts(body: Chambers, model: Model) -> dict[str, object]:
     """Return the numbers and tables of the tick in C."""
-    ratio, mount = 1.0 + chambers.area_ratio, chambers.mount_m_N
-    growth = f"1.0 + ({number(chambers.friction_growth_1_N)} * past->rebound_N)"
+    ratio, mount = 1.0 + body.area_ratio, body.mount_m_N
+    growth = f"1.0 + ({number(body.friction_growth_1_N)} * past->rebound_N)"
     factor = f" * ((past->rebound_N > 0.0) ? ({growth}) : 1.0)"
     return {
-        **physical_facts(chambers, model),
-        "friction_factor": factor if chambers.friction_growth_1_N > 0.0 else "",
-        "rows": len(chambers.map.rows),
-        "map_tables": map_tables(chambers.map),
-        "flow_tables": [*_flow_tables("CHECK", chambers.check), *_flow_tables("REFILL", chambers.refill)],
-        "pieces": {
-            "check": len(chambers.check.at) - 1,
-            "refill": len(chambers.refill.at) - 1,
-            "valve": len(chambers.map.at) - 1,
-        },
+        **physical_facts(body, model),
+        "friction_factor": factor if body.friction_growth_1_N > 0.0 else "",
+        "rows": len(body.map.rows),
+        "map_tables": map_tables(body.map),
+        "flow_tables": [*_flow_tables("CHECK", body.check), *_flow_tables("REFILL", body.refill)],
+        "pieces": {"check": len(body.check.at) - 1, "refill": len(body.refill.at) - 1, "valve": len(body.map.at) - 1},
         "ratio": ratio,
         "stored": {
-            "cc": chambers.compression_m_N + ratio * ratio * mount,
+            "cc": body.compression_m_N + ratio * ratio * mount,
             "cr": -ratio * mount,
-            "rr": chambers.rebound_m_N + mount,
+            "rr": body.rebound_m_N + mount,
         },
         "close": CLOSE,
         "quick_steps": QUICK_STEPS,

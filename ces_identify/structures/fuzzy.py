@@ -20,20 +20,9 @@ from ces_identify.numerics.levenberg import Evaluate, damped_step
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
 from ces_identify.structures.lagged import LaggedShape, lagged_facts
+from ces_identify.trained import training
 from ces_identify.trained.fuzzy_kernels import FuzzyArrays
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
-from ces_identify.trained.training import (
-    LAGS,
-    SIGNALS,
-    Family,
-    LagCounts,
-    Lags,
-    Training,
-    build_regressors,
-    delay_values,
-    regressor_table,
-    unscaled_inputs,
-)
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.options import Option
@@ -68,7 +57,7 @@ class PremiseGrid:
 
 
 @dataclass(frozen=True)
-class FuzzyFit(Family):
+class FuzzyFit(training.Family):
     """Models on a `grid` of memberships; `decay` is the cost of a squared consequent in (J / 100)^2."""
 
     grid: tuple[PremiseGrid, ...]
@@ -94,7 +83,7 @@ class FuzzyFit(Family):
     def premises(self) -> F:
         """The premises (ticks, premises) over the training ticks, in SI units."""
         t = self.training
-        return unscaled_inputs([(g.signal, g.lag) for g in self.grid], t.envelope, t.inputs, t.segments)
+        return training.unscaled_inputs([(g.signal, g.lag) for g in self.grid], t.envelope, t.inputs, t.segments)
 
     def parts(self, params: F) -> tuple[F, F]:
         """Return consequents (rules, 1 + R) and bells (memberships, 3)."""
@@ -106,7 +95,7 @@ class FuzzyFit(Family):
         """Centre, log width and log slope (memberships, 3) of an even grid over the range of each premise."""
         bells = []
         for g in self.grid:
-            low, high = np.quantile(self.training.inputs[SIGNALS.index(g.signal)], QUANTILES)
+            low, high = np.quantile(self.training.inputs[training.SIGNALS.index(g.signal)], QUANTILES)
             half = 0.5 * max(high - low, 1e-6) / max(1, g.memberships - 1)
             bells += [[c, np.log(half), np.log(FIRST_SLOPE)] for c in np.linspace(low, high, g.memberships)]
         return np.array(bells)
@@ -127,7 +116,7 @@ class FuzzyFit(Family):
         t, table = self.training, self.table
         values = table.values.copy()
         for j in self.past:
-            past = delay_values(t.measured, int(table.past_lags[j]), t.segments)
+            past = training.delay_values(t.measured, int(table.past_lags[j]), t.segments)
             values[:, j] = (past - table.past_means[j]) / table.past_spreads[j]
         measured = table._replace(values=values, past_lags=np.zeros_like(table.past_lags))
         return lambda params, max_error: self.errors_on(measured, params, max_error)
@@ -179,11 +168,7 @@ class FuzzyFit(Family):
 
 
 def learn_hybrid(errors: Evaluate, params: F, consequents: int) -> F:
-    """Return parameters after hybrid learning (Jang 1993).
-
-    Each pass fits the first `consequents` parameters by least squares, then moves the premises if that lowers the
-    error.
-    """
+    """Return parameters after hybrid learning (Jang 1993): `consequents` by least squares, then the premises."""
     for _ in range(HYBRID_STEPS):
         _, matrix, gradient = errors(params, np.inf)
         params = params.copy()
@@ -197,7 +182,7 @@ def learn_hybrid(errors: Evaluate, params: F, consequents: int) -> F:
 
 MAX_RULES = 60
 NONE = "none"
-CURRENT_AND_SPEED = LagCounts(0, 1, 1)  # the inputs of the thesis' neuro-fuzzy models, at the present tick
+CURRENT_AND_SPEED = training.LagCounts(0, 1, 1)  # the inputs of the thesis' neuro-fuzzy models, at the present tick
 
 
 @dataclass(frozen=True)
@@ -208,15 +193,15 @@ class FuzzyShape(LaggedShape):
     speeds: int = 7
     currents: int = 2
     current_delay_s: float = 0.008  # of the current in the premises
-    lags: Lags | LagCounts = LAGS
+    lags: training.Lags | training.LagCounts = training.LAGS
     decay: float = 3e-6  # [(J / 100)^2] cost of a squared consequent
 
-    def family(self, data: Training, rate_Hz: float) -> FuzzyFit:
+    def family(self, data: training.Training, rate_Hz: float) -> FuzzyFit:
         """Return the neuro-fuzzy models of this size for the data."""
         grid = [PremiseGrid("speed", 0, self.speeds)]
         if self.currents > 1 and "current" in data.changing_inputs():
             grid.append(PremiseGrid("current", round(self.current_delay_s * rate_Hz), self.currents))
-        return FuzzyFit(data, build_regressors(data, self.lags, rate_Hz), tuple(grid), self.decay)
+        return FuzzyFit(data, training.build_regressors(data, self.lags, rate_Hz), tuple(grid), self.decay)
 
 
 def read_grid(text: str) -> tuple[int, int]:
@@ -226,10 +211,7 @@ def read_grid(text: str) -> tuple[int, int]:
 
 
 def read_memberships(text: str) -> tuple[int, int] | None:
-    """Return the numbers of memberships of speed and current in `AxB`, None for `none`; raises ValueError.
-
-    As in the thesis, A is the number of the current's and B of the speed's.
-    """
+    """Return the memberships of speed B and current A in `AxB` (thesis order), None for `none`; raises ValueError."""
     currents, _, speeds = text.partition("x")
     return None if text == NONE else _check_grid(text, "AxB, such as 4x4", speeds, currents)
 
@@ -254,8 +236,8 @@ def choose_shape(rules: str, memberships: str) -> FuzzyShape:
 
 def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
     """Return the batch run of neuro-fuzzy rules, as `StructureKit.batch_run` describes it."""
-    table = regressor_table(fuzzy.regressors, model.envelope, inputs, segments)
-    premises = unscaled_inputs([(p.signal, p.lag) for p in fuzzy.premises], model.envelope, inputs, segments)
+    table = training.regressor_table(fuzzy.regressors, model.envelope, inputs, segments)
+    premises = training.unscaled_inputs([(p.signal, p.lag) for p in fuzzy.premises], model.envelope, inputs, segments)
     counts = [len(p.memberships) for p in fuzzy.premises]
     bells = [(b.centre, np.log(b.width), np.log(b.slope)) for p in fuzzy.premises for b in p.memberships]
     first = np.cumsum([0, *counts[:-1]])

@@ -75,10 +75,7 @@ S = TypeVar("S", bound=Structure)
 
 @dataclass(frozen=True)
 class CTick(Generic[S]):
-    """How a structure's tick is written in C: `template`.c.j2 and .h.j2 beside its module, the `facts` that fill them.
-
-    `noun` names the structure in comments.
-    """
+    """A tick in C: `template`.c.j2 and .h.j2 beside its module, the `facts` that fill them, a `noun` for comments."""
 
     template: str
     facts: Callable[[S, Model], Mapping[str, object]]
@@ -129,13 +126,8 @@ class ConstantTable:
         rows = [self.values[k : k + step] for k in range(0, len(self.values), step)]
         texts = ["{" + ", ".join(map(number, row)) + "}" for row in rows]
         text = "{" + ", ".join(texts) + "}" if self.width else texts[0]
-        return textwrap.fill(
-            f"static const double {self.name}{shape} = {text};",
-            118,
-            subsequent_indent="    ",
-            break_on_hyphens=False,
-            break_long_words=False,
-        )
+        text = f"static const double {self.name}{shape} = {text};"
+        return textwrap.fill(text, 118, subsequent_indent="    ", break_on_hyphens=False, break_long_words=False)
 
 
 def number(value: float) -> str:

@@ -60,10 +60,7 @@ def _refit(family: Family, params: F, sampling: Sampling, weights: F) -> Model |
 
 
 def lagged_facts(regressors: Iterable[Regressor], lags: Iterable[tuple[str, int]], model: Model) -> dict[str, object]:
-    """Return the regressors, the inputs, and the rings that hold `lags`: signals, and how many ticks back each is read.
-
-    The size of a ring is a power of two, and 0 for an input that is not used.
-    """
+    """Return regressors, inputs and the rings of `lags` (signal, ticks back), sized to powers of two, 0 if unused."""
     rings: dict[str, int] = {}
     for signal, lag in lags:
         rings[signal] = max(1 << lag.bit_length(), rings.get(signal, 0))

@@ -17,17 +17,10 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F
+from ces_identify.physical import quantities
 from ces_identify.physical.layout import read_scales
 from ces_identify.physical.models import PhysicalModels, run_model
 from ces_identify.physical.physical_search import PhysicalFit, PhysicalSearch
-from ces_identify.physical.quantities import (
-    ERRORS,
-    curve_currents,
-    curve_speeds,
-    describe_errors,
-    read_quantities,
-    steady_force_map,
-)
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import (
@@ -96,10 +89,7 @@ def count_option(name: str, meaning: str, low: int, high: int) -> Option:
 
 
 def _make_fitter(kind: Kind, option: str, counts: Sequence[int]) -> Fitter:
-    """Return the fitter of a structure.
-
-    With one start it is short: one size, one strength of the penalty, no standard errors.
-    """
+    """Return the fitter; with one start it is short: one size, one strength of the penalty, no standard errors."""
 
     def fit(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
         training = build_training(series, options.weight)
@@ -113,7 +103,7 @@ def _make_fitter(kind: Kind, option: str, counts: Sequence[int]) -> Fitter:
         best = replace(fits[0], theta=search.refit(fits[0]))
         how: dict[str, Any] = {"method": METHOD, "parameters": len(best.theta), "penalty": best.penalty}
         if not short:
-            how[ERRORS] = describe_errors(best.models, best.theta, best.penalty)
+            how[quantities.ERRORS] = quantities.describe_errors(best.models, best.theta, best.penalty)
         results, refit = [one.result for one in fits], partial(_refit, search, best, sampling)
         return Fitted(_build_model(best, sampling), results, how, refit, leave_out_recordings=False)
 
@@ -135,18 +125,11 @@ def _build_model(fit: PhysicalFit, sampling: Sampling) -> Model:
         raise CesError("the force of the model could not be bounded; give other data")
     low, high = training.force_envelope
     bound = certificate.force_bound_N
-    return replace(
-        model,
-        force_envelope_N=(min(low, -bound), max(high, bound)),
-        certificate=certificate.to_mapping(),
-    )
+    return replace(model, force_envelope_N=(min(low, -bound), max(high, bound)), certificate=certificate.to_mapping())
 
 
 def physical_facts(body: PhysicalStructure, model: Model) -> dict[str, object]:
-    """Return the values for physical.{c,h}.j2; a structure's own come beside them.
-
-    `springs` are stretched at a start; `friction_factor` is C text that multiplies the friction.
-    """
+    """Return values for physical.{c,h}.j2; a structure overrides `springs` (at a start), `friction_factor` (C text)."""
     valve, side = body.valve, body.side
     interval = 1.0 / model.sampling.rate_Hz
     whole = int(valve.delay_ticks)
@@ -178,11 +161,8 @@ def physical_facts(body: PhysicalStructure, model: Model) -> dict[str, object]:
 
 def curve_tables(at_name: str, name: str, at: Sequence[float], values: Sequence[float]) -> list[ConstantTable]:
     """Return the tables of a curve: AT_NAME, NAME and NAME_SLOPES."""
-    return [
-        ConstantTable(at_name, at),
-        ConstantTable(name, values),
-        ConstantTable(f"{name}_SLOPES", find_slopes(at, values)),
-    ]
+    slopes = ConstantTable(f"{name}_SLOPES", find_slopes(at, values))
+    return [ConstantTable(at_name, at), ConstantTable(name, values), slopes]
 
 
 def map_tables(flow: FlowMap) -> list[ConstantTable]:
@@ -199,8 +179,8 @@ def physical_table(
     kind: Kind, body: PhysicalStructure, model: Model, runs: Sequence[SimulatedSeries], role: str
 ) -> ModelTable:
     """Return the damper's quantities with standard errors and intervals, and charts of its curves."""
-    errors = model.provenance.get("selection", {}).get(ERRORS, {})
-    values = read_quantities(kind, body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m)
+    errors = model.provenance.get("selection", {}).get(quantities.ERRORS, {})
+    values = quantities.read_quantities(kind, body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m)
     rows = tuple(_row(name, value, errors.get("quantities", {}).get(name, 0.0)) for name, value in values.items())
     columns = (
         TableColumn(Markup("Quantity"), "", ""),
@@ -224,9 +204,11 @@ def _row(name: str, value: float, error: float) -> tuple[Markup, ...]:
 
 def _steady_chart(kind: Kind, body: PhysicalStructure, model: Model, errors: Mapping[str, Any]) -> Chart:
     slowest, fastest = model.envelope.speed_m_s
-    currents = curve_currents(body.valve.characteristic.at[0], body.valve.characteristic.at[-1])
-    speeds = curve_speeds(slowest, fastest, CURVE_SPEEDS // 2)
-    forces = steady_force_map(kind, body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m, speeds, currents)
+    currents = quantities.curve_currents(body.valve.characteristic.at[0], body.valve.characteristic.at[-1])
+    speeds = quantities.curve_speeds(slowest, fastest, CURVE_SPEEDS // 2)
+    forces = quantities.steady_force_map(
+        kind, body, 1.0 / model.sampling.rate_Hz, model.envelope.position_m, speeds, currents
+    )
     curves = []
     for n, current in enumerate(currents):
         half = np.zeros(len(speeds))
@@ -241,6 +223,5 @@ def _steady_chart(kind: Kind, body: PhysicalStructure, model: Model, errors: Map
 def _setting_chart(body: PhysicalStructure, errors: Mapping[str, Any]) -> Chart:
     at, values = map(np.array, (body.valve.characteristic.at, body.valve.characteristic.values))
     half = IN_95_PERCENT * np.array(errors.get("setting", np.zeros(len(at))))
-    return Chart(
-        "Valve", "Current [A]", "Setting of the valve", (ChartCurve("", at, values, half, (at[0], at[-1])),), SETTING
-    )
+    curve = ChartCurve("", at, values, half, (at[0], at[-1]))
+    return Chart("Valve", "Current [A]", "Setting of the valve", (curve,), SETTING)

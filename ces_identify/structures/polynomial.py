@@ -40,6 +40,7 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
     factors = [factor for term in polynomial.terms for factor in term.factors]
     powers = sorted({_power(f) for f in factors if f.signal != "force"})
     constructed = polynomial.constructed
+    names, hats = {c.name for c in constructed}, [c for c in constructed if isinstance(c, TriangularMembership)]
     used = {f.signal for f in factors} | {signal for one in constructed for signal in one.signals}
     deepest: dict[str, int] = {}
     for f in factors:
@@ -54,11 +55,7 @@ def polynomial_facts(polynomial: Polynomial, model: Model) -> dict[str, object]:
             if (name := argument.partition("_")[0]) in used
         ],
         "remembering": [one for one in constructed if not isinstance(one, TriangularMembership)],
-        "memberships": {
-            constructed_variable(one.name): _membership(one, {other.name for other in constructed})
-            for one in constructed
-            if isinstance(one, TriangularMembership)
-        },
+        "memberships": {constructed_variable(one.name): _membership(one, names) for one in hats},
         "constants": {"TWO_PI": 2.0 * pi} if any(isinstance(one, Frequency) for one in constructed) else {},
         "gains": {
             one.name: one.gain(model.sampling.rate_Hz) for one in constructed if isinstance(one, Frequency | Lag)
@@ -169,11 +166,8 @@ def fit_polynomial(
     results = [f for f in search(problem, limits, listener) if f.cost < 100.0]
     if not results:
         raise CesError(NO_MODEL_BY_THESIS if options.limits.method == THESIS else NO_CANDIDATE)
-    how = {
-        "method": f"{options.limits.method}, judged by free run",
-        "candidates": len(problem.candidates),
-        "most_terms": options.limits.term_limit,
-    }
+    method = f"{options.limits.method}, judged by free run"
+    how = {"method": method, "candidates": len(problem.candidates), "most_terms": options.limits.term_limit}
     if options.limits.method == THESIS:
         model = _model(problem, sampling, results[0], refit=False)
         proof = model.certify() if options.certificate else None

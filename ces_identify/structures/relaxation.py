@@ -8,20 +8,7 @@ from functools import cached_property
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.physical.layout import (
-    MIN_RISE,
-    DataScales,
-    Layout,
-    as_floats,
-    build_side,
-    build_valve,
-    group,
-    rises_to_nodes,
-    scales_of,
-    shared_parameters,
-    side_groups,
-    valve_groups,
-)
+from ces_identify.physical import layout as parameters
 from ces_identify.physical.models import Kernel, PhysicalModels
 from ces_identify.physical.relaxation_kernels import RelaxationArrays, run_relaxation
 from ces_identify.structures.kit import ConstantTable, CTick
@@ -51,12 +38,12 @@ class RelaxationModels(PhysicalModels[Relaxation]):
     springs: int = 3
 
     @classmethod
-    def sized(cls, training: Training, scales: DataScales, count: int) -> RelaxationModels:
+    def sized(cls, training: Training, scales: parameters.DataScales, count: int) -> RelaxationModels:
         """Return the models with `count` yielding springs."""
         return cls(training, scales, springs=count)
 
     @classmethod
-    def small(cls, training: Training, scales: DataScales, rows: int) -> RelaxationModels:
+    def small(cls, training: Training, scales: parameters.DataScales, rows: int) -> RelaxationModels:
         """Return models of the smallest size worth a fit."""
         return cls(training, scales, rows=rows, springs=SPRINGS[0])
 
@@ -66,7 +53,7 @@ class RelaxationModels(PhysicalModels[Relaxation]):
         if len(body.map.at) != 2 * len(SPEEDS) + 1 or min(len(body.map.rows), len(body.springs)) < 2:
             return None
         size, speed = body.springs[-1].yield_N[0] / SLOW_YIELD, body.map.at[-1] / SPEEDS[-1]
-        scales = scales_of(body, size, speed, interval_s)
+        scales = parameters.scales_of(body, size, speed, interval_s)
         return cls(training, scales, rows=len(body.map.rows), springs=len(body.springs) - 1)
 
     @staticmethod
@@ -79,7 +66,7 @@ class RelaxationModels(PhysicalModels[Relaxation]):
         """Return the kernel's view of a structure."""
         limits = np.array([spring.yield_N for spring in body.springs]).reshape(len(body.springs), len(body.map.rows))
         lists = [
-            shared_parameters(body.valve, body.side),
+            parameters.shared_parameters(body.valve, body.side),
             [body.compliance_m_N, body.leak_m_Ns],
             [spring.stiffness_N_m for spring in body.springs],
             limits.T.ravel(),
@@ -120,7 +107,7 @@ class RelaxationModels(PhysicalModels[Relaxation]):
         return np.concatenate([-half[::-1], [0.0], half])
 
     @cached_property
-    def layout(self) -> Layout:
+    def layout(self) -> parameters.Layout:
         """The parameters."""
         size, speed = self.scales.force_N, self.scales.speed_m_s
         steps, middle = np.diff(self.speeds) / speed, len(SPEEDS)
@@ -128,7 +115,8 @@ class RelaxationModels(PhysicalModels[Relaxation]):
         shape: F = np.concatenate([roots[::-1], roots])
         rows: F = np.arange(self.rows, dtype=np.float64) / (self.rows - 1)
         levels = 0.2 + 0.6 * rows
-        matrix: F = np.kron(np.eye(self.rows), rises_to_nodes(len(self.speeds), middle)).astype(np.float64)
+        least = size * parameters.MIN_RISE * np.tile(steps, self.rows)
+        matrix: F = np.kron(np.eye(self.rows), parameters.rises_to_nodes(len(self.speeds), middle)).astype(np.float64)
         yields = size * (0.05 + 0.1 * rows)
         limits = np.repeat(yields[:, None], self.springs + 1, axis=1)
         limits[:, -1] = SLOW_YIELD * size
@@ -137,16 +125,15 @@ class RelaxationModels(PhysicalModels[Relaxation]):
         highest = np.full_like(limits, size)
         highest[:, -1] = limits[:, -1]
         stiffnesses = np.append(np.geomspace(*STIFFNESSES_N_M, self.springs), SLOW_N_M)
-        return Layout(
+        return parameters.Layout(
             (
-                *valve_groups(self.scales),
-                *side_groups(self.scales),
-                group("compliance", COMPLIANCE_M_N, STIFFEST_M_N, SOFTEST_M_N),
-                group("leak", 1e-3 * COMPLIANCE_M_N / self.scales.interval_s, 0.0, speed / size),
-                group("stiffness", stiffnesses, 1e-3, 1e9),
-                group("yield", limits.ravel(), np.maximum(1e-4 * size, fixed.ravel()), highest.ravel()),
-                group("map", size * np.outer(levels, shape).ravel(), size * MIN_RISE * np.tile(steps, self.rows),
-                      10.0 * size, matrix),
+                *parameters.valve_groups(self.scales),
+                *parameters.side_groups(self.scales),
+                parameters.group("compliance", COMPLIANCE_M_N, STIFFEST_M_N, SOFTEST_M_N),
+                parameters.group("leak", 1e-3 * COMPLIANCE_M_N / self.scales.interval_s, 0.0, speed / size),
+                parameters.group("stiffness", stiffnesses, 1e-3, 1e9),
+                parameters.group("yield", limits.ravel(), np.maximum(1e-4 * size, fixed.ravel()), highest.ravel()),
+                parameters.group("map", size * np.outer(levels, shape).ravel(), least, 10.0 * size, matrix),
             )
         )  # fmt: skip
 
@@ -168,40 +155,41 @@ class RelaxationModels(PhysicalModels[Relaxation]):
         values = {g.name: self.layout.part(k, g.name) for g in self.layout.groups}
         limits = values["yield"].reshape(self.rows, -1)
         return Relaxation(
-            build_valve(self.scales, values),
+            parameters.build_valve(self.scales, values),
             float(values["compliance"][0]),
             float(values["leak"][0]),
-            FlowMap(as_floats(self.speeds), tuple(map(as_floats, values["map"].reshape(self.rows, -1)))),
+            FlowMap(
+                parameters.as_floats(self.speeds),
+                tuple(map(parameters.as_floats, values["map"].reshape(self.rows, -1))),
+            ),
             tuple(
-                YieldingSpring(float(stiffness), as_floats(limits[:, j]))
+                YieldingSpring(float(stiffness), parameters.as_floats(limits[:, j]))
                 for j, stiffness in enumerate(values["stiffness"])
             ),
-            build_side(self.scales, values),
+            parameters.build_side(self.scales, values),
             REACH,
         )
 
 
-def tick_facts(relaxation: Relaxation, model: Model) -> dict[str, object]:
+def tick_facts(body: Relaxation, model: Model) -> dict[str, object]:
     """Return the numbers and tables of the tick in C."""
     interval = 1.0 / model.sampling.rate_Hz
-    rows = range(len(relaxation.map.rows))
+    rows = range(len(body.map.rows))
     return {
-        **physical_facts(relaxation, model),
+        **physical_facts(body, model),
         "rows": len(rows),
-        "map_tables": map_tables(relaxation.map),
-        "springs": len(relaxation.springs),
+        "map_tables": map_tables(body.map),
+        "springs": len(body.springs),
         "spring_tables": [
-            ConstantTable("RESTORING", [stiffness for stiffness, _ in relaxation.restoring]),
-            ConstantTable("RESTORING_LIMITS", [limit for _, limit in relaxation.restoring]),
-            ConstantTable("SPRING_STEPS", [one.stiffness_N_m * interval for one in relaxation.springs]),
-            ConstantTable(
-                "YIELDS", [one.yield_N[row] for row in rows for one in relaxation.springs], len(relaxation.springs)
-            ),
+            ConstantTable("RESTORING", [stiffness for stiffness, _ in body.restoring]),
+            ConstantTable("RESTORING_LIMITS", [limit for _, limit in body.restoring]),
+            ConstantTable("SPRING_STEPS", [one.stiffness_N_m * interval for one in body.springs]),
+            ConstantTable("YIELDS", [one.yield_N[row] for row in rows for one in body.springs], len(body.springs)),
         ],
-        "mid_stroke": relaxation.mid_stroke_m,
-        "pieces": len(relaxation.map.at) - 1,
-        "compliance": relaxation.compliance_m_N,
-        "held": relaxation.compliance_m_N + interval * relaxation.leak_m_Ns,
+        "mid_stroke": body.mid_stroke_m,
+        "pieces": len(body.map.at) - 1,
+        "compliance": body.compliance_m_N,
+        "held": body.compliance_m_N + interval * body.leak_m_Ns,
         "close": CLOSE,
         "max_newton_steps": MAX_NEWTON_STEPS,
     }

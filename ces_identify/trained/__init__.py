@@ -1,4 +1,1 @@
-"""Networks and neuro-fuzzy models: training data and a family of models go in, parameters come out.
-
-All parameters are fitted together to the free-run error, with a penalty that keeps the model a contraction.
-"""
+"""Networks and neuro-fuzzy models: training data and a family of models in, parameters out, by free-run error."""

@@ -155,12 +155,8 @@ def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs:
             clamped = np.clip(inputs[COLUMNS[r.signal]], *envelope.by_signal[r.signal])
             values[:, j] = (delay_values(clamped, r.lag, segments) - r.mean) / r.spread
     past = [r if r.signal == "force" else Regressor("force", 0, 0.0, 1.0) for r in regressors]
-    return RegressorTable(
-        values,
-        np.array([r.lag for r in past], np.int64),
-        np.array([r.mean for r in past]),
-        np.array([r.spread for r in past]),
-    )
+    past_lags = np.array([r.lag for r in past], np.int64)
+    return RegressorTable(values, past_lags, np.array([r.mean for r in past]), np.array([r.spread for r in past]))
 
 
 def unscaled_inputs(lags: Iterable[tuple[str, int]], envelope: Envelope, inputs: F, segments: I) -> F:
@@ -261,8 +257,7 @@ def train(
     when a start stops. `SearchResult.chosen` counts the family's units or rules; `coefficients` are its parameters.
     """
     results = run_starts(
-        limits,
-        lambda seed, deadline, stop: _Start(family, limits, seed, certificate, deadline, stop, listener).run(),
+        limits, lambda seed, deadline, stop: _Start(family, limits, seed, certificate, deadline, stop, listener).run()
     )
     return [result for result in results if np.isfinite(result.cost)]
 

@@ -21,7 +21,7 @@ import numpy as np
 from ces_data.arrays import F, Mask
 from ces_identify.numerics.correlation import MIN_BINS, add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
-from ces_identify.prepare.sampling import delay_text
+from ces_identify.prepare.sampling import late
 from ces_identify.prepare.series import FreeRun, Series
 from ces_identify.simulations.simulate import band_half_width, simulate_series
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
@@ -89,7 +89,7 @@ class Evaluation:
     @property
     def label(self) -> str:
         """The name of the recording, with the delay if there is one."""
-        return f"{self.name} ({delay_text(self.delay_s)})" if self.delay_s else self.name
+        return self.name + late(self.delay_s)
 
     @property
     def error(self) -> F:
@@ -164,13 +164,8 @@ class Evaluation:
 
 
 def describe_size(model: Model) -> str:
-    """Return the sizes of the models in a file, with their delays if there is any, in words."""
-    if not model.best.sampling.delay_s:
-        return model.size
-    delays: dict[str, list[str]] = {}
-    for one in model.each:
-        delays.setdefault(one.size, []).append(delay_text(one.sampling.delay_s))
-    return "; ".join(f"{size} ({' and '.join(texts)})" for size, texts in delays.items())
+    """Return the sizes of the models in a file, in words."""
+    return "; ".join(one.size + late(one.sampling.delay_s) for one in model.each)
 
 
 def by_delay(evaluations: Sequence[Evaluation]) -> dict[float, list[Evaluation]]:

@@ -197,14 +197,9 @@ class Health:
     """Status of one damper; rates, shares and latencies are of the last window that `roll` closed."""
 
     def __init__(
-        self,
-        damper: DamperObserver,
-        facts: Mapping[str, str],
-        *,
-        cost: RunningCost | None = None,
-        snapshots: DriftRecorder | None = None,
-        name: str = "damper",
-    ) -> None:
+        self, damper: DamperObserver, facts: Mapping[str, str], *,
+        cost: RunningCost | None = None, snapshots: DriftRecorder | None = None, name: str = "damper",
+    ) -> None:  # fmt: skip
         self.position, self.current, self.force = Arrivals(), Arrivals(), Arrivals()
         self.stillness = Stillness(STILL_WARN_S)
         self.latency = Latencies()

@@ -56,10 +56,7 @@ class ProcessWatch:
         self._times = monotonic(), process_time(), thread_time()
 
     def update(self) -> Load:
-        """Put the options in force, the first time, and count; return the load since the last call.
-
-        Call it in the executor, once a second.
-        """
+        """Put the options in force, the first time, and count; return the load. Call it in the executor each second."""
         if self._drops is None:
             self._drops = KernelDrops()
             problems = apply_options(*self._options)
@@ -123,14 +120,11 @@ def check_processors(numbers: Sequence[int]) -> frozenset[int]:
 
 def apply_options(priority: int, processors: frozenset[int], lock_memory: bool) -> list[str]:
     """Put the options in force, as far as possible; return why those that are not, are not. Call it in the executor."""
-    problems: list[str] = []
-    if priority:
-        problems += _set_priority(priority)
-    if processors:
-        problems += _set_processors(processors)
-    if lock_memory:
-        problems += _lock_memory()
-    return problems
+    return [
+        *(_set_priority(priority) if priority else ()),
+        *(_set_processors(processors) if processors else ()),
+        *(_lock_memory() if lock_memory else ()),
+    ]
 
 
 def describe_options() -> tuple[tuple[str, str], ...]:

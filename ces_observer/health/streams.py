@@ -175,26 +175,17 @@ class Arrivals:
             jitter_ns = sqrt(max(0.0, self._deviation_ns2 / intervals - mean_ns * mean_ns))
         before, losses = self.figures, self._losses
         self.figures = StreamFigures(
-            samples=samples,
-            total_samples=self._usual + self._rare,
-            rate_Hz=samples / elapsed_s if elapsed_s > 0.0 else 0.0,
-            period_s=(self._period_ns + mean_ns) * 1e-9,
+            samples=samples, total_samples=self._usual + self._rare,
+            rate_Hz=samples / elapsed_s if elapsed_s > 0.0 else 0.0, period_s=(self._period_ns + mean_ns) * 1e-9,
             age_s=(self._now_ns - self._newest_ns) * 1e-9 if samples else 0.0,
             mean_age_s=self._age_sum_ns / samples * 1e-9 if samples else 0.0,
             max_age_s=self._max_age_ns * 1e-9 if samples else 0.0,
-            jitter_s=jitter_ns * 1e-9,
-            longest_s=self._longest_ns * 1e-9,
-            burst=self._max_run + 1 if samples else 0,
-            dropped=None if dropped is None else max(0, dropped - (before.total_dropped or 0)),
-            total_dropped=dropped,
-            lost=None if losses.lost is None else losses.lost - (before.total_lost or 0),
-            total_lost=losses.lost,
-            overflowed=losses.overflowed - before.total_overflowed,
-            total_overflowed=losses.overflowed,
-            total_out_of_order=self._late,
-            total_duplicates=self._duplicates,
-            total_interruptions=self._interruptions,
-        )
+            jitter_s=jitter_ns * 1e-9, longest_s=self._longest_ns * 1e-9, burst=self._max_run + 1 if samples else 0,
+            dropped=None if dropped is None else max(0, dropped - (before.total_dropped or 0)), total_dropped=dropped,
+            lost=None if losses.lost is None else losses.lost - (before.total_lost or 0), total_lost=losses.lost,
+            overflowed=losses.overflowed - before.total_overflowed, total_overflowed=losses.overflowed,
+            total_out_of_order=self._late, total_duplicates=self._duplicates, total_interruptions=self._interruptions,
+        )  # fmt: skip
         if samples:
             ages = [figures.mean_age_s for figures in (before, self.figures) if figures.samples]
             self._usual_age_ns = round(min(ages) * 1e9)  # a window with a stall is none of usual ages

@@ -40,10 +40,7 @@ DIAGNOSTICS_S = 1.0
 
 
 class ControllerModel:
-    """The model of a running `controller`; `lag_s` [s] is the lag of its force behind the current.
-
-    `changes` handles the models that shall replace it.
-    """
+    """The model of a running controller with its `changes`; `lag_s` [s] is its force's lag behind the current."""
 
     def __init__(self, node: GuardedNode, settings: ControllerSettings, controller: ForceController) -> None:
         self.lag_s = settings.inverse.lag_s

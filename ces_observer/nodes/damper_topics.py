@@ -29,14 +29,9 @@ class DamperTopics:
     """
 
     def __init__(
-        self,
-        node: GuardedNode,
-        settings: DamperSettings,
-        inputs: InputSubscriptions,
-        clock: NodeClock,
-        on_change: Callable[[], None],
-        on_first_force: Callable[[DamperTopics], None],
-    ) -> None:
+        self, node: GuardedNode, settings: DamperSettings, inputs: InputSubscriptions, clock: NodeClock,
+        on_change: Callable[[], None], on_first_force: Callable[[DamperTopics], None],
+    ) -> None:  # fmt: skip
         self.settings = settings
         sampling, signals = settings.model.sampling, settings.signals
         current: CurrentHold = CurrentHold(sampling.max_current_age_s)

@@ -104,14 +104,7 @@ MAX_NAMES = 500  # names, prefixes or parameters in one request
 MAX_NAME_LENGTH = 1000  # characters
 MAX_VALUE_LENGTH = 10_000  # characters of a string, elements of an array
 LISTS = ("names", "prefixes", "parameters")
-VALUES = (
-    "string_value",
-    "byte_array_value",
-    "bool_array_value",
-    "integer_array_value",
-    "double_array_value",
-    "string_array_value",
-)
+VALUES = ("string_value", *(f"{kind}_array_value" for kind in ("byte", "bool", "integer", "double", "string")))
 
 
 def find_excess(request: Any) -> str:

@@ -122,13 +122,9 @@ class InputSubscriptions:
         if key not in self._topics:
             self._topics[key] = topic = _Topic(self, self._depth)
             qos = QoSProfile(depth=self._depth, reliability=QoSReliabilityPolicy.BEST_EFFORT)
+            options = QoSOverridingOptions.with_default_policies()
             topic.subscription = self._node.create_subscription(
-                kind,
-                signal.topic,
-                topic,
-                qos,
-                raw=True,
-                qos_overriding_options=QoSOverridingOptions.with_default_policies(),
+                kind, signal.topic, topic, qos, raw=True, qos_overriding_options=options
             )
             topic.losses.depth = topic.subscription.qos_profile.depth
         read = slowly = _make_slow_reader(signal, kind)

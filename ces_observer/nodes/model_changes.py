@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
+from threading import Thread
 from time import monotonic
 from typing import NamedTuple
 
@@ -50,6 +51,7 @@ class ModelUser:
     topic: str  # latched, with models as text; empty: none
     tasks: tuple[str, ...]  # of model_check, before a model is adopted
     require: Callable[[Model], object] = lambda model: None  # raises CesError for a model that this user cannot run
+    prepare: Callable[[Model], object] = lambda model: None  # runs in a thread beside the check: samples go on
 
 
 class ModelRequest(NamedTuple):
@@ -62,10 +64,7 @@ class ModelRequest(NamedTuple):
 
 
 class ModelChanges:
-    """The changes of one user's model.
-
-    `source` is the origin of the running model, `state` a line on the last change, `refused` the number of refusals.
-    """
+    """The changes of one user's model: `source` of the running one, `state` of the last, number of those `refused`."""
 
     def __init__(self, node: GuardedNode, user: ModelUser, path: Path) -> None:
         self.source = str(path)
@@ -78,6 +77,7 @@ class ModelChanges:
         self._waiting: ModelRequest | None = None
         self._checking: ModelRequest | None = None
         self._accepted: ModelRequest | None = None
+        self._prepares = Thread()
         self._good_path, self._logged_s = self._read_parameter(), float("-inf")
         self._status = node.create_publisher(DiagnosticStatus, f"{user.prefix}model_status", LATCHED)
         node.create_service(Trigger, f"{user.prefix}reload_model", self._on_service)
@@ -108,7 +108,7 @@ class ModelChanges:
 
     def poll(self) -> bool:
         """Start or finish a check; return whether another model has taken over since the last call."""
-        verdict = self._reload.poll()
+        verdict = None if self._prepares.is_alive() else self._reload.poll()
         if verdict is not None:
             self._finish(verdict)
         if self._checking is None and self._waiting is not None:
@@ -165,6 +165,8 @@ class ModelChanges:
         except OSError as error:
             self._refuse(request, f"{request.source}: no process can be started to check it: {error.strerror}")
             return
+        self._prepares = Thread(target=self._user.prepare, args=(request.model,), daemon=True)
+        self._prepares.start()
         self._checking = request
         self._report(request, CHECKED)
 

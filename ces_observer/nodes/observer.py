@@ -14,6 +14,7 @@ from time import monotonic
 
 from rclpy.parameter import Parameter
 
+from ces_observer.estimator import Estimator
 from ces_observer.health.process import ProcessWatch, check_processors
 from ces_observer.nodes import executors
 from ces_observer.nodes.damper_topics import DamperTopics
@@ -49,12 +50,8 @@ class Observer(TableNode):
         self._snapshots = Snapshots(self, values["snapshot_service"], values["snapshot_after_s"])
         self._dampers = [self._make_damper(one) for one in dampers]
         self._diagnostics = DiagnosticsOutput(self)
-        self._process = ProcessWatch(
-            values["realtime_priority"],
-            check_processors(values["cpu_affinity"]),
-            values["lock_memory"],
-            self.get_logger().warning,
-        )
+        options = values["realtime_priority"], check_processors(values["cpu_affinity"]), values["lock_memory"]
+        self._process = ProcessWatch(*options, self.get_logger().warning)
         self._watched = self._rolled = self._reported_s = monotonic()
         self._pending = False
         self._jumps, self._jump = 0, "none"
@@ -78,6 +75,7 @@ class Observer(TableNode):
             topic=settings.values["model_topic"],
             tasks=() if settings.values["allow_uncertified"] else (PROVE,),
             require=topics.damper.motion_for,
+            prepare=Estimator,  # its numbers are kept for the model that will run
         )
         changes = ModelChanges(self, user, settings.model_path)
         topics.use_model(changes.source)
@@ -124,13 +122,8 @@ class Observer(TableNode):
     def _make_report(self, topics: DamperTopics, changes: ModelChanges, remark: str) -> DamperReport:
         status = add_remark(topics.health.status(topics.detail()), self._process.remark())
         status = add_remark(status, remark)
-        values = (
-            *status.values,
-            *changes.values(),
-            *self._process.values(),
-            ("jumps of time", f"{self._jumps}, the last: {self._jump}"),
-            *self.guard.values(),
-        )
+        jumps = ("jumps of time", f"{self._jumps}, the last: {self._jump}")
+        values = (*status.values, *changes.values(), *self._process.values(), jumps, *self.guard.values())
         damper = topics.settings.key or topics.settings.name
         return DamperReport(damper, topics.settings.name, topics.damper.reason, replace(status, values=values))
 

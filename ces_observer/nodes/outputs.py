@@ -49,8 +49,7 @@ class JointStateOutput:
     """
 
     def __init__(self, node: Node, topic: str, names: Sequence[str], fields: Sequence[str] = FIELDS) -> None:
-        self._node = node
-        self._publisher = create_publisher(node, JointState, topic, OUTPUT_DEPTH)
+        self.publisher = create_publisher(node, JointState, topic, OUTPUT_DEPTH)
         self._message = JointState(name=list(names))
         self._fields = fields
         raw, numbers = RawJointState(names, fields), PROBE[: len(fields) * len(names)]
@@ -59,11 +58,7 @@ class JointStateOutput:
 
     def publish(self, stamp_ns: int, frame: bytes, *numbers: float) -> None:
         """Publish the numbers, one sequence after the other, with this stamp [ns] and frame id (UTF-8)."""
-        self._publisher.publish(self._fill(stamp_ns, frame, *numbers))
-
-    def close(self) -> None:
-        """Withdraw the topic."""
-        self._node.destroy_publisher(self._publisher)
+        self.publisher.publish(self._fill(stamp_ns, frame, *numbers))
 
     def _fill_slowly(self, stamp_ns: int, frame: bytes, *numbers: float) -> bytes:
         set_header(self._message.header, stamp_ns, frame)
@@ -77,6 +72,7 @@ class EstimateOutput:
     """Publishers of a joint's estimates on `topic`, and of the bounds of their bands on `band_topic`."""
 
     def __init__(self, node: Node, joint: str, topic: str, band_topic: str) -> None:
+        self._node = node
         self._estimates = JointStateOutput(node, topic, [joint])
         self._bands = JointStateOutput(node, band_topic, [f"{joint}_lower", f"{joint}_upper"], ["effort"])
 
@@ -91,7 +87,7 @@ class EstimateOutput:
     def close(self) -> None:
         """Withdraw both topics."""
         for output in (self._estimates, self._bands):
-            output.close()
+            self._node.destroy_publisher(output.publisher)
 
 
 class CommandOutput:
@@ -154,20 +150,13 @@ class DiagnosticsOutput:
 
     def publish(self, reports: Sequence[DamperReport]) -> None:
         """Publish the status of each damper in one message, and log new reasons."""
-        node = self._node
-        message = DiagnosticArray(
-            status=[
-                DiagnosticStatus(
-                    level=bytes([status.level]),
-                    name=f"{node.get_fully_qualified_name()}: {damper}",
-                    message=status.message,
-                    hardware_id=joint,
-                    values=[KeyValue(key=key, value=value) for key, value in status.values],
-                )
-                for damper, joint, _, status in reports
-            ]
-        )
-        message.header.stamp = node.get_clock().now().to_msg()
+        message = DiagnosticArray()
+        for damper, joint, _, status in reports:
+            one = DiagnosticStatus(level=bytes([status.level]), message=status.message, hardware_id=joint)
+            one.name = f"{self._node.get_fully_qualified_name()}: {damper}"
+            one.values = [KeyValue(key=key, value=value) for key, value in status.values]
+            message.status.append(one)
+        message.header.stamp = self._node.get_clock().now().to_msg()
         self._publisher.publish(message)
         for report in reports:
             self._log(report)

@@ -31,24 +31,19 @@ def find_unknown(
     return unknown
 
 
+# fmt: off
 EXECUTOR = Option(
-    "executor",
-    "auto",
+    "executor", "auto",
     "what runs the callbacks: 'events' is rclpy's EventsExecutor, 'single' its SingleThreadedExecutor, 'auto' "
-    "events if this rclpy has it",
-    choices=("auto", "events", "single"),
-)
+    "events if this rclpy has it", choices=("auto", "events", "single"))
 MODEL_TOPIC = Option(
-    "model_topic", "", "latched topic (std_msgs/msg/String) with the text of models to load; empty: none"
-)
+    "model_topic", "", "latched topic (std_msgs/msg/String) with the text of models to load; empty: none")
 ALLOW_UNCERTIFIED = Option("allow_uncertified", False, "run a model whose stability cannot be proved (unsafe)")
-
 
 DAMPERS = "dampers"
 DAMPERS_MEANING = (
     "names of the dampers that this node observes, each with parameters NAME.model and so on, and a topic "
-    "~/NAME/estimate; not set: one damper without a name"
-)
+    "~/NAME/estimate; not set: one damper without a name")
 SIGNAL_KEYS = {
     "topic": "topic; a relative name is resolved in the node's namespace",
     "type": "message type, such as sensor_msgs/msg/JointState",
@@ -59,100 +54,57 @@ SIGNAL_KEYS = {
 }
 HOUR_S = 3600.0
 INPUT_DEPTH = 5000  # messages: 5 s at 1 kHz
+tunable = partial(Option, live=True)
 OF_THE_NODE = (
     EXECUTOR,
-    Option(
-        "input_depth",
-        INPUT_DEPTH,
-        "messages that wait in the queue of each input while the node stalls; at least the highest rate times the "
-        "longest stall. Full queues lose the oldest. About 0.3 kB of memory each, used only in a stall",
-        low=1,
-        high=100_000,
-    ),
-    Option(
-        "realtime_priority",
-        0,
-        "priority of the node under SCHED_FIFO, that of its DDS threads is one higher; 0: ordinary scheduling",
-        low=0,
-        high=MAX_PRIORITY,
-    ),
+    Option("input_depth", INPUT_DEPTH,
+           "messages that wait in the queue of each input while the node stalls; at least the highest rate times the "
+           "longest stall. Full queues lose the oldest. About 0.3 kB of memory each, used only in a stall", 1, 100_000),
+    Option("realtime_priority", 0,
+           "priority of the node under SCHED_FIFO, that of its DDS threads is one higher; 0: ordinary scheduling",
+           0, MAX_PRIORITY),
     Option("cpu_affinity", ALL_PROCESSORS, "processors that the node may use, such as [2, 3]; [-1]: all"),
     Option("lock_memory", False, "keep the node's memory from being swapped out"),
-    Option(
-        "snapshot_service",
-        "/rosbag2_recorder/snapshot",
-        "service of a `ros2 bag record --snapshot-mode` that is called after a drift of the model, or when ~/snapshot "
-        "is called; empty: none",
-    ),
-    Option("snapshot_after_s", 5.0, "time from a drift to its snapshot [s]", low=0.0, high=300.0),
+    Option("snapshot_service", "/rosbag2_recorder/snapshot",
+           "service of a `ros2 bag record --snapshot-mode` that is called after a drift of the model, or when "
+           "~/snapshot is called; empty: none"),
+    Option("snapshot_after_s", 5.0, "time from a drift to its snapshot [s]", 0.0, 300.0),
 )
 OF_A_DAMPER = (
-    Option(
-        "model", "", "path of the model file (model.json); a new path is checked and loaded while running", live=True
-    ),
+    tunable("model", "", "path of the model file (model.json); a new path is checked and loaded while running"),
     MODEL_TOPIC,
     ALLOW_UNCERTIFIED,
-    Option(
-        "max_age_s",
-        0.5,
-        "largest difference between a position's stamp and the clock at which its force is published [s]; 0: any",
-        live=True,
-        low=0.0,
-        high=HOUR_S,
-    ),
-    Option(
-        "wait_for_current_s",
-        0.0,
-        "longest time for which a position waits until a current stamped no earlier is known [s]; 0: no waiting",
-        live=True,
-        low=0.0,
-        high=10.0,
-    ),
-    Option(
-        "still_warn_s",
-        1.0,
-        "time without any change of position after which a warning is given: vehicle at rest, or stuck sensor [s]; "
-        "0: never",
-        live=True,
-        low=0.0,
-        high=HOUR_S,
-    ),
+    tunable("max_age_s", 0.5,
+            "largest difference between a position's stamp and the clock at which its force is published [s]; 0: any",
+            0.0, HOUR_S),
+    tunable("wait_for_current_s", 0.0,
+            "longest time for which a position waits until a current stamped no earlier is known [s]; 0: no waiting",
+            0.0, 10.0),
+    tunable("still_warn_s", 1.0,
+            "time without any change of position after which a warning is given: vehicle at rest, or stuck sensor [s]; "
+            "0: never", 0.0, HOUR_S),
     Option("compare_force", True, "compare the estimate with the measured force on force.topic, if there is one"),
-    Option(
-        "cost_warn_J",
-        0.0,
-        "running cost J against the measured force above which the model has drifted [%]; 0: twice the worst "
-        "validation cost of the model, at least 10",
-        live=True,
-        low=0.0,
-        high=1000.0,
-    ),
-    Option("cost_window_s", 10, "time over which the running cost J is computed [s]", low=3, high=3600),
+    tunable("cost_warn_J", 0.0,
+            "running cost J against the measured force above which the model has drifted [%]; 0: twice the worst "
+            "validation cost of the model, at least 10", 0.0, 1000.0),
+    Option("cost_window_s", 10, "time over which the running cost J is computed [s]", 3, 3600),
 )
 # Never common to several dampers: their estimates would look like one.
 NAME = Option("name", "", "joint name in the estimate; empty: the one in position.field, else the damper's")
 
-
-tunable = partial(Option, live=True)
 MAX_CURRENT_A = 100.0
 FROM_THE_MODEL = -1.0
 SPEEDS, FORCES = "curve.speeds_m_s", "curve.forces_N"
 CURVE = (
     tunable(SPEEDS, [-1.0, -0.6, -0.3, -0.1, 0.0, 0.1, 0.3, 0.6, 1.0], "desired curve: rising speeds [m/s]"),
-    tunable(
-        FORCES,
-        [-2900.0, -2300.0, -1500.0, -700.0, 0.0, 380.0, 750.0, 1100.0, 1500.0],
-        "desired curve: the force at each speed [N], with the sign of the speed",
-    ),
+    tunable(FORCES, [-2900.0, -2300.0, -1500.0, -700.0, 0.0, 380.0, 750.0, 1100.0, 1500.0],
+            "desired curve: the force at each speed [N], with the sign of the speed"),
 )
 FIXED = (
     EXECUTOR,
-    tunable(
-        "model",
-        "",
-        "path of the model file (model.json) that the observer uses, too; its inverse is fed forward. If it is changed "
-        "while running, the new model is checked and adopted",
-    ),
+    tunable("model", "",
+            "path of the model file (model.json) that the observer uses, too; its inverse is fed forward. If it is "
+            "changed while running, the new model is checked and adopted"),
     MODEL_TOPIC,
     ALLOW_UNCERTIFIED,
     Option("estimate_topic", "observer/estimate", "topic of the estimates (JointState: velocity, effort)"),
@@ -161,13 +113,9 @@ FIXED = (
 )
 LOOP = (
     tunable("feedback", "estimate", "which force is fed back", choices=FEEDBACKS),
-    tunable(
-        "max_age_s",
-        0.05,
-        "largest difference between an estimate's stamp and the clock at which the estimate is used [s]; 0: any",
-        low=0.0,
-        high=HOUR_S,
-    ),
+    tunable("max_age_s", 0.05,
+            "largest difference between an estimate's stamp and the clock at which the estimate is used [s]; 0: any",
+            0.0, HOUR_S),
 )
 TUNING = (
     tunable("low_A", 0.29, "lowest current to command [A]", 0.0, MAX_CURRENT_A),
@@ -177,16 +125,12 @@ TUNING = (
     tunable("timeout_s", 0.05, "time without estimates after which the safe current is commanded [s]", 0.005, 10.0),
     tunable("loop_gain_1_s", 4.0, "gain of the feedback [1/s]; 0: feed-forward alone", 0.0, 100.0),
     tunable("settle_m", 0.003, "stroke after a reversal from which the force is fed back [m]", 0.0, 1.0),
-    tunable(
-        "valve_lag_s",
-        FROM_THE_MODEL,
-        "lag of the force behind the current that the command's lead compensates [s]; 0: no lead; negative: the "
-        "model's lag minus preview_s",
-        low=FROM_THE_MODEL,
-        high=0.2,
-    ),
+    tunable("valve_lag_s", FROM_THE_MODEL,
+            "lag of the force behind the current that the command's lead compensates [s]; 0: no lead; negative: the "
+            "model's lag minus preview_s", FROM_THE_MODEL, 0.2),
     tunable("preview_s", 0.006, "time by which the feed-forward predicts the speed [s]", 0.0, 0.05),
     tunable("lead_filter_s", 0.003, "time constant of the filters of lead and preview [s]", 0.0, 0.1),
     tunable("recovery_s", 0.2, "time of fading in after an interruption [s]", 0.0, 60.0),
 )
+# fmt: on
 OF_THE_CONTROLLER = (*FIXED, *LOOP, *TUNING, *CURVE)

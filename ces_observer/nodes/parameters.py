@@ -22,29 +22,16 @@ from ces_observer.control.force_controller import ForceCurve, Tuning
 from ces_observer.control.inverse_map import ModelInverse
 from ces_observer.errors import CesError, ModelError, SignalsError
 from ces_observer.model import Model, load_model
+from ces_observer.nodes import parameter_table as tables
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.model_check import require_stable
-from ces_observer.nodes.parameter_table import (
-    CURVE,
-    DAMPERS,
-    DAMPERS_MEANING,
-    FORCES,
-    LOOP,
-    NAME,
-    OF_A_DAMPER,
-    OF_THE_CONTROLLER,
-    OF_THE_NODE,
-    SIGNAL_KEYS,
-    SPEEDS,
-    TUNING,
-    find_unknown,
-)
+from ces_observer.nodes.parameter_table import DAMPERS, LOOP, NAME, OF_A_DAMPER, OF_THE_NODE
 from ces_observer.options import Option
 from ces_observer.signals import DEFAULTS, MOTIONS, NAMES, Constant, Signals, override
 
 NULL = "null"  # what `ros2 param dump` writes for a parameter that is not set, and ROS 2 then reads as a text
 LIVE_OF_DAMPER = {spec.name: spec for spec in OF_A_DAMPER if spec.live}
-LIVE_OF_CONTROLLER = tuple(spec.name for spec in (*LOOP, *TUNING, *CURVE) if spec.live)
+LIVE_OF_CONTROLLER = tuple(spec.name for spec in (*LOOP, *tables.TUNING, *tables.CURVE) if spec.live)
 SIGNALS = ("position", "current", "force", *MOTIONS)
 NUMBERS = {"scale": 1.0, "offset": 0.0, "delay": 0.0}  # of a signal, with their defaults
 
@@ -100,7 +87,7 @@ def warn_of_unknown(
     node: Node, known: Collection[str], groups: Collection[str] = (), owners: Collection[str] = ()
 ) -> None:
     """Log a warning for each parameter that `find_unknown` returns."""
-    for name in find_unknown(node.get_parameters_by_prefix(""), known, groups, owners):
+    for name in tables.find_unknown(node.get_parameters_by_prefix(""), known, groups, owners):
         node.get_logger().warning(f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}")
 
 
@@ -124,10 +111,7 @@ def descriptor_of(spec: Option) -> ParameterDescriptor:
 
 
 def declare_anew(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
-    """Declare a parameter, again if it was declared without description, and return its value.
-
-    NULL for a parameter without a default leaves it unset.
-    """
+    """Declare a parameter, again if it has no description, and return its value; NULL without a default: not set."""
     is_null = False
     if node.has_parameter(name):
         is_null = default is None and value_of(node, name) == NULL
@@ -226,7 +210,7 @@ def check_live_values(node: Node, parameters: Sequence[Parameter]) -> None:
 
 
 def _declare_dampers(node: Node) -> tuple[str, ...]:
-    descriptor = ParameterDescriptor(description=DAMPERS_MEANING, read_only=True, dynamic_typing=True)
+    descriptor = ParameterDescriptor(description=tables.DAMPERS_MEANING, read_only=True, dynamic_typing=True)
     keys = declare_anew(node, DAMPERS, None, descriptor) or []
     if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):
         raise CesError(f"parameter '{DAMPERS}' is {keys!r}; expected a list of names, such as [front, rear]")
@@ -250,7 +234,7 @@ def _declare_signals(node: Node, prefix: str) -> None:
 
     for signal in SIGNALS:
         defaults = {**DEFAULTS[signal], **NUMBERS} if signal in DEFAULTS and not prefix else {}
-        for key, meaning in SIGNAL_KEYS.items():
+        for key, meaning in tables.SIGNAL_KEYS.items():
             free = not defaults or key in NUMBERS  # not set, or perhaps set to a whole number
             declare_key(f"{signal}.{key}", defaults.get(key), f"{signal}: {meaning}", free)
     declare_key("current.constant", None, "current: known value in SI units instead of a topic", True)
@@ -298,7 +282,7 @@ class LiveSettings:
 class ControllerSettings:
     """The settings at the start; a negative `valve_lag_s` is replaced by that of the model's inverse."""
 
-    values: Mapping[str, Any]  # by the names in OF_THE_CONTROLLER
+    values: Mapping[str, Any]  # by the names in tables.OF_THE_CONTROLLER
     model: Model
     model_path: Path
     inverse: ModelInverse
@@ -307,7 +291,7 @@ class ControllerSettings:
 
 def declare_controller(node: Node) -> ControllerSettings:
     """Declare and read the controller's parameters; raises CesError or rclpy's ParameterException."""
-    values = declare_table(node, OF_THE_CONTROLLER)
+    values = declare_table(node, tables.OF_THE_CONTROLLER)
     path, model = load_first_model(values)
     inverse = ModelInverse.from_model(model, str(path))
     return ControllerSettings(values, model, path, inverse, build_live_settings(values, inverse.lag_s))
@@ -330,8 +314,8 @@ def build_live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSe
     for spec in LOOP:
         spec.check_parameter(values[spec.name])
     field_names = {"timeout_s": "max_gap_s"}
-    tuning = {field_names.get(spec.name, spec.name): values[spec.name] for spec in TUNING}
+    tuning = {field_names.get(spec.name, spec.name): values[spec.name] for spec in tables.TUNING}
     if tuning["valve_lag_s"] < 0.0:
         tuning["valve_lag_s"] = Tuning.lead_s(model_lag_s, tuning["preview_s"])
-    curve = ForceCurve.from_points(values[SPEEDS], values[FORCES])
+    curve = ForceCurve.from_points(values[tables.SPEEDS], values[tables.FORCES])
     return LiveSettings(curve, Tuning(**tuning), values["feedback"], values["max_age_s"])

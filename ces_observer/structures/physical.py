@@ -193,15 +193,7 @@ def _between_0_and_1(curve: IncreasingCurve) -> tuple[tuple[float, ...], tuple[P
 
 MAX_FRICTION = 8
 MAX_LEAD_S = 0.1
-SIDE_KEYS = (
-    "lead_s",
-    "max_acceleration_m_s2",
-    "viscous_Ns_m",
-    "mass_kg",
-    "position_m",
-    "gas_N",
-    "friction",
-)
+SIDE_KEYS = ("lead_s", "max_acceleration_m_s2", "viscous_Ns_m", "mass_kg", "position_m", "gas_N", "friction")
 
 
 @dataclass(frozen=True)

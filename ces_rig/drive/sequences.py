@@ -116,7 +116,10 @@ MIN_ROWS = 4
 
 @dataclass(frozen=True)
 class StrokeFile:
-    """The cubic spline through a file's samples, at rest outside them; `table` raises RigError for an unusable file."""
+    """The cubic spline through the file's samples; before the first and after the last sample it rests there.
+
+    `table` raises RigError for a file that is no stroke.
+    """
 
     path: str = setting(REQUIRED, "CSV file")
 

@@ -6,6 +6,7 @@ import math
 import pytest
 from bands import BAND, make_band
 from model_examples import make_model
+from samplings import make_sampling
 
 from ces_observer.band import PARTS, BandRun
 from ces_observer.errors import ModelError
@@ -148,7 +149,8 @@ def test_a_restart_makes_the_half_width_forget_the_past():
 
 
 def test_positions_beyond_all_numbers_give_a_wide_band_and_no_error():
-    near, far = Estimator(make_model(band=BAND)), Estimator(make_model(band=BAND))
+    endless = make_model(band=BAND, sampling=make_sampling(stroke_m=(-math.inf, math.inf)))
+    near, far = Estimator(endless), Estimator(endless)
     for k in range(600):
         near.step(k * MS, 0.001, 0.5)
         far.step(k * MS, 1e300, 0.5)

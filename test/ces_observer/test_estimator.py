@@ -1,5 +1,4 @@
 import math
-import random
 from dataclasses import replace
 
 import pytest
@@ -104,20 +103,6 @@ def test_two_models_in_a_file_give_what_each_gives_alone(delay_s):
     nothing, alone = fed(both.delayed, jitter)
     assert late == alone and len(late) > 400 - 1e3 * delay_s
     assert set(nothing) == {None}
-
-
-def test_a_late_estimate_is_truer_than_that_at_once():
-    dice, current = random.Random(1), 0.5
-    e, positions = Estimator(delayed_damper(0.005)), [stroke(k) + dice.gauss(0.0, 1e-5) for k in range(3000)]
-    now, late, error = {}, [], []
-    for k, position in enumerate(positions):
-        now[k * MS] = e.step(k * MS, position, current), e.speed
-        late += e.late
-    for one in late[500:]:
-        true = 0.01 * 4e-3 * math.pi * 1e3 * math.cos(2 * math.pi * 2e-9 * one.stamp_ns)
-        error.append((abs(one.speed - true), abs(now[one.stamp_ns][1] - true)))
-    late_error, now_error = (sum(column) for column in zip(*error, strict=True))
-    assert late_error < 0.7 * now_error
 
 
 def test_a_late_estimate_uses_the_current_that_was_held_at_its_sample():

@@ -88,14 +88,14 @@ def test_no_misuse_ends_a_node_or_changes_an_estimate(
 
 
 def compare(vehicle: Vehicle) -> None:
-    """Each estimate equals that of an estimator that has had all samples in order."""
+    """Each estimate equals that of an estimator that has had all samples in order, but for what one forgets slowly."""
     positions = [(stamp, stroke(stamp % 10**12 * 1e-9)) for stamp in vehicle.driven]
     expected = offline(positions, [(0, CURRENT_A)], damper())
     wrong = []
     for message in vehicle.estimates:
         assert list(message.name) == [JOINT]
         heard = message.position[0], message.velocity[0], message.effort[0]
-        if heard != pytest.approx(expected[stamp_of(message)], rel=1e-9, abs=1e-9):
+        if heard != pytest.approx(expected[stamp_of(message)], rel=1e-6, abs=1e-9):
             wrong.append((stamp_of(message), heard, expected[stamp_of(message)]))
     assert not wrong, f"{len(wrong)} of {len(vehicle.estimates)} estimates, such as {wrong[:3]}"
     assert len(vehicle.estimates) > 0.5 * len(vehicle.driven) > 1000

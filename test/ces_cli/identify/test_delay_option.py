@@ -94,7 +94,7 @@ def test_two_delays_give_two_models_of_the_same_samples_in_one_file(folder: Path
     assert list(costs) == [("one", 0.0), ("one", 0.003), ("road", 0.0), ("road", 0.003)]
     assert all(costs[name, 0.003] < 0.75 * costs[name, 0.0] for name in ("one", "road"))
     page = (folder / "two.html").read_text(encoding="utf-8")
-    assert "Recordings, 3 ms later" in page and f"{costs['road', 0.003]:.3g} % (road)" in page
+    assert "Recordings (3 ms later)" in page and f"{costs['road', 0.003]:.3g} % (road)" in page
 
 
 def test_validate_and_compare_show_both_models(

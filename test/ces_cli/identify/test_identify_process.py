@@ -52,6 +52,8 @@ def test_interrupted_it_sends_stages_costs_warnings_and_the_best_so_far(
     words += [f"--report={report}", f"--candidates={shared_model.folder / 'rules.yaml'}"]
     process = IdentifyProcess([*words, "--", str(shared_model.folder / "one" / "one.mcap")])
     messages = read_until(process, "cost")
+    while values_of(messages, "cost")[-1] > 50.0:  # the first model of a start explains nothing
+        messages += read_until(process, "cost")
     process.interrupt()
     messages += read_until(process)
     assert values_of(messages, "stage") == [READING, SEARCHING, WRITING]

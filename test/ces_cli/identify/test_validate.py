@@ -3,6 +3,7 @@
 import json
 import re
 from contextlib import redirect_stdout
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -152,6 +153,8 @@ def test_a_failed_proof_gives_one_line_and_status_1(work, tmp_path, capsys, chan
     if not any(f["signal"] == "force" for t in raw["terms"] for f in t["factors"]):
         raw["terms"].append({"coefficient": 0.1, "factors": [{"signal": "force", "lag": 1}]})
         (work / "model.json").write_text(json.dumps(raw))
+        changed = load_model(work / "model.json")
+        replace(changed, certificate=changed.certify().to_mapping()).save(work / "model.json")
     path = write_changed(work, tmp_path / "m.json", change)
     assert ces("validate", path, "--certificate") == 1
     out = capsys.readouterr().out.splitlines()

@@ -89,12 +89,3 @@ def test_a_mode_that_is_driven_away_restarts_in_both():
     x = 0.01 * np.sin(stamps * 2e-8) + np.random.default_rng(4).normal(0.0, 1e-6, 4000)
     found = require_twins(stamps, x, np.zeros(4000), make_sampling(noise_m=1e-7, outlier_m=0.02))
     assert np.abs(found.ticks[:, 1]).max() < 0.5
-
-
-def test_likelihood_favours_the_true_frequencies():
-    time = np.arange(20_000) * 1e-3
-    stamps, dice = (time * 1e9).astype(np.int64), np.random.default_rng(5)
-    fast = 0.002 * np.sin(2.0 * np.pi * 18.0 * time) + dice.normal(0.0, 1e-5, 20_000)
-    modes = [make_sampling(frequencies_Hz=(hertz,)) for hertz in (3.0, 24.0)]
-    slow_modes, fast_modes = (kernels.track(stamps, fast, sampling).likelihood for sampling in modes)
-    assert fast_modes > slow_modes + 0.1

@@ -97,7 +97,7 @@ def test_a_model_that_can_be_proved_stable_has_its_certificate():
 
 # what the published regressors cost on half of a packaged recording, and on the other half [%]: at 500 Hz and more the
 # sweep's diverge
-PUBLISHED = {("sine_4hz", 500.0): (10.4, 11.5), ("sweep", 250.0): (30.0, 45.8), ("noise", 500.0): (21.2, 22.6)}
+PUBLISHED = {("sine_4hz", 500.0): (10.4, 11.5), ("sweep", 250.0): (43.6, 67.9), ("noise", 500.0): (21.2, 22.6)}
 
 
 @pytest.mark.parametrize(("name", "rate_Hz"), list(PUBLISHED))
