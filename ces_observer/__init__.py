@@ -1,4 +1,4 @@
-"""What runs on the vehicle: model file, differentiator and estimator (standard library only), and the ROS 2 nodes.
+"""What runs on the vehicle: model file, speed bank and estimator (standard library only), and the ROS 2 nodes.
 
 The rooms in reading order: `structures` (what a tick of each kind of model computes) with `proof` (why it is stable),
 the model file, the tracker and the estimator at the top, `cdr` (serialised messages), `health` (diagnostics),
