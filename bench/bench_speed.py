@@ -100,7 +100,7 @@ class Motion:
         return {kind: self.force(kind) for kind in KINDS}
 
 
-def packaged(names: Iterable[str], conditions: Conditions = USUAL) -> list[Motion]:
+def load_packaged(names: Iterable[str], conditions: Conditions = USUAL) -> list[Motion]:
     """Return the motions of packaged experiments."""
     return [motion_of(load_experiment(find_experiment(name)), conditions) for name in names]
 
@@ -166,14 +166,14 @@ def ratios(found: F, base: F, floor: float = FLOOR) -> str:
 
 def banks(conditions: Conditions) -> dict[int, Estimate]:
     """Return the bank by its rule with each delay [ms] that is whole ticks."""
-    sampling = choose_sampling([motion.recording for motion in packaged(TUNED, conditions)])
+    sampling = choose_sampling([motion.recording for motion in load_packaged(TUNED, conditions)])
     delays = [ms for ms in DELAYS_MS if (1e-3 * ms * sampling.rate_Hz).is_integer()]
     return {ms: partial(bank, replace(sampling, delay_s=1e-3 * ms)) for ms in delays}
 
 
 def delay_table() -> list[list[str]]:
     """Return the range of the dampers' mean J, and J over that of EARLIER, without and with the load cell's noise."""
-    motions, noise = packaged((*JUDGED, "noise")), SENSORS.force.noise
+    motions, noise = load_packaged((*JUDGED, "noise")), SENSORS.force.noise
     base, noisy = costs(motions, earlier), costs(motions, earlier, noise)
     rows = [["speed from", "J of the dampers %", "J over the first", f"with {noise:g} N of noise"]]
     estimates = {f"bank, {ms} ms": estimate for ms, estimate in banks(USUAL).items()}
@@ -186,7 +186,7 @@ def delay_table() -> list[list[str]]:
 
 def peers_table() -> list[list[str]]:
     """Return J of each filter on strokes that its setting was not found on: means of the dampers."""
-    tuning, motions = packaged(TUNED), packaged(JUDGED)
+    tuning, motions = load_packaged(TUNED), load_packaged(JUDGED)
     base = costs(motions, earlier)
     sampling = choose_sampling([motion.recording for motion in tuning])
     found: dict[str, tuple[str, Estimate]] = {EARLIER: ("by its rule", earlier)}
@@ -221,7 +221,7 @@ def elsewhere_table() -> list[list[str]]:
     """Return J over that of EARLIER where nothing was tuned: median and worst of the dampers."""
     usual = banks(USUAL)
     cases = {name: (motions, usual) for name, motions in other_motions().items()}
-    cases |= {name: (packaged((*JUDGED, "noise"), how), banks(how)) for name, how in OTHER_CONDITIONS.items()}
+    cases |= {name: (load_packaged((*JUDGED, "noise"), how), banks(how)) for name, how in OTHER_CONDITIONS.items()}
     rows = [["stroke or sensor", "0 ms", "3 ms"]]
     for name, (motions, estimates) in cases.items():
         base = costs(motions, earlier)

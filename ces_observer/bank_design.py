@@ -1,8 +1,8 @@
 """The design of a bank: what a stroke is like in; the numbers of the modes out (see `ces_observer.speed_bank`).
 
-A sample need not lie at its tick: rows and gains of the measurement are moved to its time, exactly to the nearest of
-SHIFTS, so that a mode is as stable as without. After lost ticks, the gains are those of the next longer span: those of
-a shorter one are too large.
+A sample need not lie at its tick: rows and gains of the measurement are moved to the nearest of SHIFTS, so that a mode
+is nearly as stable as with samples on the ticks. After lost ticks, the gains are those of the next longer span: those
+of a shorter one are too large.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ from math import exp, pi, sqrt
 
 from ces_observer.kalman import (
     ORDER,
+    FreeMotion,
     Matrix,
-    Motion,
     free_motion,
     identity,
     join,
@@ -39,7 +39,7 @@ MIN_MOTION_NOISE = 1e-4  # of the speed or acceleration, times that of the strok
 
 
 @dataclass(frozen=True)
-class Stroke:
+class BankSettings:
     """What a bank knows: RMS speed [m/s] of the stroke, RMS noise [m] of the position, frequencies [Hz] of the modes.
 
     `motion` is the signal measured beside the position (SPEED, ACCELERATION or empty), with its RMS noise in SI units.
@@ -70,7 +70,7 @@ class Gains:
 
 
 @dataclass(frozen=True)
-class Mode:
+class BankMode:
     """The numbers of a mode: a1 to a4 (`speed`) and b0 to b3 (`position`) of its companion form.
 
     `measured` and `motion` are the weights of v, z1, z2 and z3 in the position and in the second measurement, for each
@@ -86,7 +86,7 @@ class Mode:
     smoothing: tuple[tuple[float, ...], ...]
 
 
-def spans_of(stroke: Stroke) -> tuple[int, ...]:
+def spans_of(stroke: BankSettings) -> tuple[int, ...]:
     """Return the spans [ticks] for which there are gains, up to the longest gap: 1, 2, 3, 4, 6, 8, 12, ..."""
     spans = [1, 2, 3]
     while spans[-1] < stroke.max_gap_s * stroke.rate_Hz + 1.0:
@@ -95,12 +95,12 @@ def spans_of(stroke: Stroke) -> tuple[int, ...]:
 
 
 @lru_cache(maxsize=32)
-def design_bank(stroke: Stroke, delay: int = 0) -> tuple[Mode, ...]:
+def design_bank(stroke: BankSettings, delay: int = 0) -> tuple[BankMode, ...]:
     """Return the modes, with gains for all gaps that are bridged."""
     return tuple(_design_mode(stroke, frequency, delay) for frequency in stroke.frequencies_Hz)
 
 
-def _design_mode(stroke: Stroke, frequency_Hz: float, delay: int) -> Mode:
+def _design_mode(stroke: BankSettings, frequency_Hz: float, delay: int) -> BankMode:
     omega, tick = 2.0 * pi * frequency_Hz, 1.0 / stroke.rate_Hz
     alone = free_motion(omega * tick, (stroke.speed_m_s / omega) ** 2)
     factors = tuple(speed_predictor(omega * tick))
@@ -132,7 +132,7 @@ def _design_mode(stroke: Stroke, frequency_Hz: float, delay: int) -> Mode:
             )
         )
     order = 2 if stroke.motion == ACCELERATION else 1
-    return Mode(
+    return BankMode(
         factors,
         _in_companion(basis, alone.advance[0]),
         tuple(_in_companion(basis, moves[shift][0][:ORDER]) for shift in SHIFTS),
@@ -152,7 +152,7 @@ def _moves(step: Matrix, size: int) -> dict[int, Matrix]:
     return moves
 
 
-def _likelihood(stroke: Stroke, spread: Matrix, units: Sequence[float]) -> tuple[tuple[float, ...], float]:
+def _likelihood(stroke: BankSettings, spread: Matrix, units: Sequence[float]) -> tuple[tuple[float, ...], float]:
     """Return sharpness and height for innovations with a spread [m2]."""
     inverse = solve(spread, identity(len(spread)))
     sharpness = [x / units[i] / units[j] / FREEDOM for i, row in enumerate(inverse) for j, x in enumerate(row)]
@@ -163,7 +163,9 @@ def _likelihood(stroke: Stroke, spread: Matrix, units: Sequence[float]) -> tuple
     return (sharpness[0], sharpness[1] + sharpness[2], sharpness[3]), height
 
 
-def _measurements(stroke: Stroke, alone: Motion, omega: float) -> tuple[Motion, Matrix, list[float], list[float]]:
+def _measurements(
+    stroke: BankSettings, alone: FreeMotion, omega: float
+) -> tuple[FreeMotion, Matrix, list[float], list[float]]:
     """Return motion, rows, variances [m2] and units (m per SI unit, inverted) of the measurements.
 
     States are in metres, so that a speed is measured over omega, and an acceleration, with its offset, over omega2.
@@ -177,7 +179,7 @@ def _measurements(stroke: Stroke, alone: Motion, omega: float) -> tuple[Motion, 
         rows = [[*rows[0], 0.0], [0.0, 0.0, 1.0, 0.0, 0.0, 1.0]]
         units.append(omega * omega)
         drift = (DRIFT / units[1]) ** 2 / stroke.rate_Hz
-        alone = Motion(_with_last(alone.advance, 1.0), _with_last(alone.noise, drift))
+        alone = FreeMotion(_with_last(alone.advance, 1.0), _with_last(alone.noise, drift))
     if stroke.motion:
         noise.append(max(stroke.motion_noise / units[1], MIN_MOTION_NOISE * stroke.speed_m_s / omega) ** 2)
     return alone, rows, noise, units

@@ -23,7 +23,7 @@ GAUSS = ((0.0469100770306680, 0.1184634425280945), (0.2307653449471585, 0.239314
          (0.7692346550528415, 0.2393143352496832), (0.9530899229693320, 0.1184634425280945))  # fmt: skip
 
 
-class Motion(NamedTuple):
+class FreeMotion(NamedTuple):
     """Free motion over one or more ticks: `advance` F (5, 5) and `noise` Q (5, 5) [m2] that it adds."""
 
     advance: Matrix
@@ -85,7 +85,7 @@ def speed_variance() -> float:
     return (a2 * a3 - a1) / (2.0 * a0 * (a1 * a2 * a3 - a1 * a1 - a0 * a3 * a3))
 
 
-def free_motion(angle: float, variance: float) -> Motion:
+def free_motion(angle: float, variance: float) -> FreeMotion:
     """Return the motion over the time in which w t = `angle`; `variance` [m2] is that of v/w."""
     halvings = 0
     while angle > 0.25:
@@ -96,16 +96,16 @@ def free_motion(angle: float, variance: float) -> Motion:
     for point, weight in GAUSS:
         response = [row[-1] for row in _exponential(a, point * angle)]
         noise = add(noise, [[x * y for y in response] for x in response], intensity * weight * angle)
-    motion = Motion(_exponential(a, angle), noise)
+    motion = FreeMotion(_exponential(a, angle), noise)
     for _ in range(halvings):
         motion = join(motion, motion)
     return motion
 
 
-def join(first: Motion, then: Motion) -> Motion:
+def join(first: FreeMotion, then: FreeMotion) -> FreeMotion:
     """Return the motion over the times of both."""
     f, q = then
-    return Motion(product(f, first.advance), add(q, product(product(f, first.noise), transpose(f))))
+    return FreeMotion(product(f, first.advance), add(q, product(product(f, first.noise), transpose(f))))
 
 
 def _exponential(a: Matrix, t: float) -> Matrix:
@@ -128,7 +128,7 @@ def _pair(damping: float, angle: float) -> tuple[float, float]:
     return 2.0 * radius * cos(angle * sqrt(1.0 - damping * damping)), -radius * radius
 
 
-def stationary(motion: Motion, rows: Matrix, noise: Sequence[float]) -> Filter:
+def stationary(motion: FreeMotion, rows: Matrix, noise: Sequence[float]) -> Filter:
     """Return the stationary filter for measurements `rows` (m, n) of the state with variances `noise` (m,)."""
     scaled = [[x / variance for x in row] for row, variance in zip(rows, noise, strict=True)]
     unit, a = identity(len(motion.advance)), transpose(motion.advance)
@@ -149,7 +149,7 @@ def stationary(motion: Motion, rows: Matrix, noise: Sequence[float]) -> Filter:
     return Filter(transpose(solve(spread, seen)), spread, h)
 
 
-def smoothing_gains(motion: Motion, rows: Matrix, filtered: Filter, delay: int, fade: float) -> list[Matrix]:
+def smoothing_gains(motion: FreeMotion, rows: Matrix, filtered: Filter, delay: int, fade: float) -> list[Matrix]:
     """Return the gains (n, m) on the innovations 0 to `delay` ticks later.
 
     The last one also holds those of still later innovations times powers of `fade`, which correct afterwards.

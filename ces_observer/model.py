@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_observer.band import Band
-from ces_observer.bank_design import ACCELERATION, SPEED, Stroke
+from ces_observer.bank_design import ACCELERATION, SPEED, BankSettings
 from ces_observer.errors import ModelError
 from ces_observer.json_text import JsonObject, parse_json, read_bounded, write_atomically
 from ces_observer.proof.certificate import Certificate
@@ -60,9 +60,9 @@ class Sampling:
         return round(self.delay_s * self.rate_Hz)
 
     @property
-    def stroke(self) -> Stroke:
+    def stroke(self) -> BankSettings:
         """What the bank of the speed needs to know."""
-        return Stroke(
+        return BankSettings(
             self.rate_Hz,
             self.noise_m,
             self.speed_m_s,
@@ -221,7 +221,9 @@ def parse_model(text: str, source: str) -> Model:
     model = _part(root, sampling, ("schema", "units", "sampling", "provenance", DELAYED))
     provenance = root.mapping_or_none("provenance") or {}
     return replace(
-        model, provenance=provenance, delayed=_delayed(root.at(DELAYED), sampling) if DELAYED in root.value else None
+        model,
+        provenance=provenance,
+        delayed=_parse_delayed(root.at(DELAYED), sampling) if DELAYED in root.value else None,
     )
 
 
@@ -243,7 +245,7 @@ def _part(node: JsonObject, sampling: Sampling, other_keys: tuple[str, ...]) -> 
     return model
 
 
-def _delayed(node: JsonObject, sampling: Sampling) -> Model:
+def _parse_delayed(node: JsonObject, sampling: Sampling) -> Model:
     """Return the delayed model beside one without a delay."""
     delayed = _check_delay(replace(sampling, delay_s=node.number("delay_s", 0.0, MAX_DELAY_S)), node.where)
     if sampling.delay_ticks or not delayed.delay_ticks:

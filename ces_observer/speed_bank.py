@@ -5,9 +5,9 @@ of the identification recordings in all of them. The output is the mean of the m
 (multiple-model estimator with switching; Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and
 Navigation, sec. 11.6). The likelihood is Student's t, so that one wild sample does not decide for long.
 
-Each mode is stable at any shift of the samples and after any number of lost ticks (`ces_observer.bank_design`), but no
-fixed gains are so for every sequence of intervals. So a mode whose innovation is 300 times its spread restarts at the
-mean: all states are bounded, whatever comes.
+Tests find each mode stable at constant shifts of the samples and numbers of lost ticks (`ces_observer.bank_design`),
+but no fixed gains are so for every sequence of intervals. So a mode whose innovation is 300 times its spread restarts
+at the mean, which keeps the states small in every sequence tried; this is not proved.
 
 After `delay` ticks, the innovations that came later have corrected the speed (fixed-lag smoothing). Innovations that
 come later still correct it afterwards, discounted with AFTER_S: a damper's force follows the speed within milliseconds,
@@ -30,7 +30,7 @@ from dataclasses import replace
 from functools import lru_cache
 from typing import Any, ClassVar
 
-from ces_observer.bank_design import BINS, EARLIEST, SHIFTS, Mode, Stroke, design_bank, spans_of
+from ces_observer.bank_design import BINS, EARLIEST, SHIFTS, BankMode, BankSettings, design_bank, spans_of
 from ces_observer.kalman import ORDER
 
 PER_TICK, FIRST = float(BINS), EARLIEST + 0.5  # for the place of a shift in SHIFTS
@@ -46,7 +46,7 @@ class SpeedBank:
     and speed that long ago, as they are known now; None until the bank has run for so long.
     """
 
-    def __init__(self, stroke: Stroke, delay: int = 0) -> None:
+    def __init__(self, stroke: BankSettings, delay: int = 0) -> None:
         modes = design_bank(stroke, delay)
         self._coast, self._take = _compile_updates(stroke, delay)
         self._gains = _gains_by_ticks(stroke, delay)
@@ -107,7 +107,7 @@ class SpeedBank:
         self._take(self, gains, position, (shift - middle) * self._tick_s, motion)
 
 
-def _response(stroke: Stroke) -> float:
+def _response(stroke: BankSettings) -> float:
     """Return the time [s] in which the fastest mode responds to a wrong speed, if the position alone is measured."""
     fastest = replace(stroke, frequencies_Hz=(max(stroke.frequencies_Hz),), max_gap_s=0.0, motion="", motion_noise=0.0)
     gains = design_bank(fastest)[0].gains[0][EARLIEST]
@@ -118,7 +118,7 @@ Update = Callable[[SpeedBank, tuple[float, ...], float, float, float], None]
 
 
 @lru_cache(maxsize=32)
-def _gains_by_ticks(stroke: Stroke, delay: int) -> list[list[tuple[tuple[float, ...], float]]]:
+def _gains_by_ticks(stroke: BankSettings, delay: int) -> list[list[tuple[tuple[float, ...], float]]]:
     """Return the numbers of all modes in a row, and the shift [ticks], by ticks after a measurement and SHIFTS."""
     modes, spans = design_bank(stroke, delay), spans_of(stroke)
     rows = [
@@ -128,7 +128,7 @@ def _gains_by_ticks(stroke: Stroke, delay: int) -> list[list[tuple[tuple[float, 
     return [rows[bisect_left(spans, ticks)] for ticks in range(spans[-1] + 1)]
 
 
-def flatten(mode: Mode, span: int, at: int) -> tuple[float, ...]:
+def flatten(mode: BankMode, span: int, at: int) -> tuple[float, ...]:
     """Return the numbers of a mode that depend on span and shift, in the order in which an update takes them."""
     gains = mode.gains[span][at]
     rows = (*mode.measured[at], *(mode.motion[at] if len(gains.position) > 1 else ()))
@@ -137,7 +137,7 @@ def flatten(mode: Mode, span: int, at: int) -> tuple[float, ...]:
 
 
 @lru_cache(maxsize=32)
-def _compile_updates(stroke: Stroke, delay: int) -> list[Update]:
+def _compile_updates(stroke: BankSettings, delay: int) -> list[Update]:
     """Return the functions `coast` and `update`."""
     updates = []
     for measured in (False, True):
@@ -163,7 +163,7 @@ class UpdateText:
         **{"V": "A1# * v# + a#", "A": "A2# * v# + b#", "B": "A3# * v# + c#", "C": "A4# * v#", "O": "o#"},
     }
 
-    def __init__(self, stroke: Stroke, delay: int, measured: bool) -> None:
+    def __init__(self, stroke: BankSettings, delay: int, measured: bool) -> None:
         self._modes, self._delay, self._measured = design_bank(stroke, delay), delay, measured
         self._size, self._errors = len(self._modes[0].gains[0][0].states), ["e#", "f#"][: 1 + bool(stroke.motion)]
         self._stay = max(0.0, 1.0 - 1.0 / stroke.rate_Hz / SWITCH_S)

@@ -13,7 +13,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from ces_data.arrays import F, I
-from ces_observer.bank_design import BINS, EARLIEST, SHIFTS, SPEED, Mode, design_bank, spans_of
+from ces_observer.bank_design import BINS, EARLIEST, SHIFTS, SPEED, BankMode, design_bank, spans_of
 from ces_observer.model import Sampling
 from ces_observer.speed_bank import LOST, SWITCH_S, SpeedBank
 from ces_observer.tracker import DOUBT, MAX_CHANGE, OVERDUE, PATIENCE, SETTLING
@@ -104,7 +104,7 @@ def make_bank(sampling: Sampling) -> Bank:
     )
 
 
-def _row(mode: Mode, span: int, at: int) -> list[float]:
+def _row(mode: BankMode, span: int, at: int) -> list[float]:
     gains = mode.gains[span][at]
     rows = [*(gains.position, gains.speed), *gains.states]
     pairs = [(*row, 0.0)[:2] for row in rows] + [(0.0, 0.0)] * (STATES - len(gains.states))
@@ -112,7 +112,7 @@ def _row(mode: Mode, span: int, at: int) -> list[float]:
     return [*(gain for pair in pairs for gain in pair), *sharpness, gains.height, *mode.measured[at], *mode.motion[at]]
 
 
-def _column(mode: Mode, measurement: int) -> list[float]:
+def _column(mode: BankMode, measurement: int) -> list[float]:
     return [(*gains, 0.0)[measurement] for gains in mode.smoothing]
 
 

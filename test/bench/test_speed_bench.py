@@ -24,7 +24,7 @@ def test_a_peer_finds_the_speed_of_its_own_sample(peer) -> None:
 
 
 def test_only_the_true_speed_costs_nothing() -> None:
-    motion = bench_speed.packaged(["sine_4hz"])[0]
+    motion = bench_speed.load_packaged(["sine_4hz"])[0]
     true = bench_speed.costs([motion], lambda one: (bench_speed.TIME_S, one.speed_m_s))
     late = bench_speed.costs([motion], lambda one: (bench_speed.TIME_S + 2e-3, one.speed_m_s))
     np.testing.assert_allclose(true, 0.0, atol=1e-9)
