@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from bench_free_run import FITTED, ten_terms
+from bench_free_run import FITTED, PHYSICAL, ten_terms
 from measurement import median_seconds, processor
 from numpy.typing import NDArray
 
@@ -29,7 +29,7 @@ from ces_observer.model import Envelope, Model, Sampling, load_model
 from ces_observer.structures.polynomial import Polynomial
 
 N = 30_000
-TARGET_US = {"polynomial_narx": 0.1, "relaxation": 0.2, "chambers": 0.2}  # of a step without a delay
+TARGET_US = {"polynomial_narx": 0.1, "hydraulic": 0.2}  # of a step without a delay
 DELAY_S = 0.003
 LOOP = """
 #include "damper.h"
@@ -141,7 +141,7 @@ def make_models() -> dict[str, Model]:
     sampling = Sampling(1000.0, 1e-5, 0.35, (-0.1, 0.1), 0.01)
     polynomial = Model(sampling, Polynomial(terms), envelope, (-1e6, 1e6))
     late = replace(polynomial, sampling=replace(sampling, delay_s=DELAY_S))
-    physical = [load_model(FITTED / f"{name}_hysteretic.json") for name in ("relaxation", "chambers")]
+    physical = [load_model(FITTED / f"{name}.json") for name in PHYSICAL]
     return {
         f"polynomial, {len(terms)} terms": polynomial,
         f"the same and another {DELAY_S:g} s late": replace(polynomial, delayed=late),

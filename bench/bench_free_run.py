@@ -21,7 +21,7 @@ from ces_observer.structures.terms import Factor, Term
 N = 30_000
 LIVELY = 10_000
 FITTED = Path(__file__).resolve().parent / "fuzz" / "seeds" / "model"
-PHYSICAL = ("relaxation", "relaxation_hysteretic", "chambers", "chambers_hysteretic")
+PHYSICAL = ("hydraulic", "hydraulic_bypass")
 
 
 def ten_terms() -> tuple[Term, ...]:

@@ -235,7 +235,7 @@ def measured_table() -> list[list[str]]:
     rows = [["damper", "structure", *(f"{ms} ms" for ms in DELAYS_MS)]]
     for name in filter(is_present, MEASURED):
         cases = [CASES[name](1e-3 * ms) for ms in DELAYS_MS]
-        for structure in ("polynomial", "chambers"):
+        for structure in ("polynomial", "hydraulic"):
             models = [fit_ours(structure, case, 40.0) for case in cases]
             tests = [next(iter(case.tests.values())) for case in cases]
             found = (mean_cost(test, one.simulate) for test, one in zip(tests, models, strict=True))

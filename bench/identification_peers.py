@@ -1,12 +1,13 @@
 """The peers, each as "recordings in, free run on another out", with the inputs that their users must prepare.
 
 SysIdentPy (FROLS, MetaMSS), fastcan (NARX) and anfis-toolbox know whole powers only, and SysIdentPy no lag 0: its
-inputs are given one tick ahead. A `Feed` is what is handed over: columns of inputs, in three stages of help.
+inputs are given one tick ahead. Boosted trees get lags instead of past forces. A `Feed` is what is handed over: columns
+of inputs, in three stages of help.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,6 +24,8 @@ TRUE_POWER = 0.62
 DIVERGED_N = 1e6
 MEMBERSHIPS, EPOCHS = 3, 15  # of anfis-toolbox, which needs equally many memberships on every input
 MAX_ROWS = 20_000  # for anfis-toolbox; of more, evenly spaced ones
+TREES = 600  # at most, each of 31 leaves
+TREE_LAGS = ((0, 1, 2, 4, 8, 16, 32), (0, 2, 5, 10, 20, 40, 80, 160, 320))  # ticks
 STEPS = 20  # maximum for fastcan's least squares on the free run
 SEARCH = {"maxiter": 10, "n_agents": 6, "p_ones": 0.3, "p_zeros": 0.7, "random_state": 3}  # of MetaMSS
 
@@ -180,6 +183,20 @@ def anfis_toolbox(estimation: Columns, selection: Columns) -> PeerModel:
 
     rules = len(model.rules_ or ())
     return PeerModel(simulate, rules * (rows.shape[1] + 1) + 3 * MEMBERSHIPS * rows.shape[1])
+
+
+def boosted_trees(estimation: Columns, selection: Columns, lags: Sequence[int] = TREE_LAGS[0]) -> PeerModel:
+    """scikit-learn's boosted trees on inputs now and late, without past forces; it stops by the selection data."""
+    from sklearn.ensemble import HistGradientBoostingRegressor
+
+    def rows(data: Columns) -> F:
+        ticks = np.arange(len(data.force))
+        return np.concatenate([data.inputs[np.maximum(ticks - lag, 0)] for lag in lags], axis=1)
+
+    model = HistGradientBoostingRegressor(max_iter=TREES, learning_rate=0.05, early_stopping=True, random_state=1)
+    model.fit(rows(estimation), estimation.force, X_val=rows(selection), y_val=selection.force)
+    leaves = sum(tree.get_n_leaf_nodes() for trees in model._predictors for tree in trees)
+    return PeerModel(lambda data: np.asarray(model.predict(rows(data))), leaves)
 
 
 def _simulate_with(model: Any) -> Simulate:

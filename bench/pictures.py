@@ -24,7 +24,7 @@ ITERATE = """\
 limits: {stroke_m: 0.025, speed_m_s: 1.25, acceleration_m_s2: 95, frequency_Hz: 16, low_A: 0.29, high_A: 0.70}
 rig: {kind: virtual}
 stop: {budget_s: 60}
-identify: {structure: chambers, time: 20, starts: 1}
+identify: {structure: hydraulic}
 validate: [bags/road, bags/sine_4hz]
 """
 IDENTIFY = "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --structure auto --out best.json"

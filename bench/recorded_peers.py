@@ -1,11 +1,11 @@
 """This project's structures and other tools on recordings: free-run J [%], parameters and CPU time, in one table.
 
-    CES_DATA=FOLDER python bench/recorded_peers.py [--cases rig dyke utfsm] [--time S] ...
+    CES_DATA=FOLDER python bench/recorded_peers.py [--cases rig dyke utfsm utfsm-sines] [--tools WORD...] ...
 
-Every fit runs in a process of its own. Tools with several settings (columns, number of terms, method) are shown with
-the one whose free run is best on blocks of the training data left out of its fit; its CPU time is that of all
-settings. Test data decide nothing. A tool or data set that is missing is skipped. Finished fits are kept in
-out/recorded_peers: a rerun continues, `--again` starts afresh.
+Every fit runs in a process of its own and is counted in work, not in time. Tools with several settings (columns, size,
+method) are shown with the one whose free run is best on blocks of the training data left out of its fit; its CPU time
+is that of all settings. Test data decide nothing. A tool or data set that is missing is skipped. Finished fits are kept
+in out/recorded_peers: a rerun continues, `--again` starts afresh.
 """
 
 from __future__ import annotations
@@ -26,8 +26,8 @@ import blas_one_thread  # noqa: F401 - before NumPy
 import identification_peers as peers
 from bench_peers import count_parameters
 from measurement import is_installed, print_note, print_table, time_call
+from recorded_cases import CASES as WHOLE_CASES
 from recorded_cases import (
-    CASES,
     FUZZY,
     FUZZY_PREPARED,
     MEASURED,
@@ -39,23 +39,31 @@ from recorded_cases import (
     data_folder,
     fit_peer,
     is_present,
+    load_utfsm,
     mean_cost,
     metamss,
 )
 
 from ces_data.arrays import F
+from ces_data.recording import Recording
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.prepare.series import Series
+from ces_identify.prepare.sampling import choose_sampling
+from ces_identify.prepare.series import Series, prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, BestStructure
 from ces_identify.structures.kit import IdentifyOptions
 
 STORE = ROOT / "out" / "recorded_peers"
-PEER_S, OURS_S = 120.0, 40.0
+PATIENCE_S = 3600.0  # of wall time, after which a fit is stopped
 WARM_S, WARM_SHARE = 2.0, 0.2  # time and share of the data of a fit that compiles
-MARGIN_S, SLACK = 90.0, 1.5  # a process may take this much more than its limit, for reading data, tests and a last step
-OURS = ("polynomial", "sigmoid", "relaxation", "chambers", AUTO)
+OURS = ("polynomial", "sigmoid", "hydraulic", "recurrent", AUTO)
+SINES = ("10mm2Hz", "5mm4Hz")
+NETWORKS: dict[str, dict[str, dict[str, float]]] = {
+    "GRU": {"32 units": {}},
+    "lagged MLP": {"lags to 25 ms": {"reach_s": 0.025}, "lags to 100 ms": {"reach_s": 0.1}},
+    "R2DN": {"24 states": {}},
+}
 NEVER = 1000.0  # [%] J beyond which a run is shown as divergent
 
 FitTool = Callable[[RecordedCase, float], RecordedFit]
@@ -63,11 +71,10 @@ FitTool = Callable[[RecordedCase, float], RecordedFit]
 
 @dataclass(frozen=True)
 class Tool:
-    """A column of the table: its fits by setting, the package it needs, and which time limit it has."""
+    """A line of the table: its fits by setting, and the package it needs; ours need none."""
 
     fits: Mapping[str, FitTool]
     package: str = ""
-    limit: str = "peer"
 
 
 @dataclass(frozen=True)
@@ -84,17 +91,32 @@ class ToolOutcome:
 
 @dataclass(frozen=True)
 class FitJob:
-    """One fit: data set, tool, setting, time limit [s]."""
+    """One fit: data set, tool, setting."""
 
     case: str
     tool: str
     setting: str
-    seconds: float
 
     @property
     def path(self) -> Path:
-        words = f"{self.case} {self.tool} {self.setting} {self.seconds:g}"
+        words = f"{self.case} {self.tool} {self.setting}"
         return STORE / ("".join(c if c.isalnum() else "_" for c in words) + ".json")
+
+
+def sines_case() -> RecordedCase:
+    """Return UTFSM's sines at three held currents for training, those at the two between them for tests."""
+
+    def load(*currents: str) -> list[Recording]:
+        names = [f"sine_{sine}_{current}A.csv" for sine in SINES for current in currents]
+        return [load_utfsm(data_folder() / "utfsm_mr" / name) for name in names]
+
+    training, tests = load("0.00", "0.50", "1.00"), load("0.25", "0.75")
+    sampling = choose_sampling(training)
+    rows = {"UTFSM sines, other currents": [prepare(one, sampling) for one in tests]}
+    return RecordedCase(sampling, [prepare(one, sampling) for one in training], rows)
+
+
+CASES: dict[str, Callable[[], RecordedCase]] = {**WHOLE_CASES, "utfsm-sines": sines_case}  # data set - what of it
 
 
 def fit_ours(structure: str, case: RecordedCase, seconds: float) -> RecordedFit:
@@ -140,28 +162,31 @@ def peer_tools() -> dict[str, Tool]:
             "27 rules, prepared": partial(fit_peer, peers.anfis_toolbox, FUZZY_PREPARED),
         },
     }
-    return {name: Tool(settings, name.lower()) for name, settings in fits.items()}
+    tools = {name: Tool(settings, name.lower()) for name, settings in fits.items()}
+    trees = {f"lags to {lags[-1]} ticks": partial(peers.boosted_trees, lags=lags) for lags in peers.TREE_LAGS}
+    tools["boosted trees"] = Tool({n: partial(fit_peer, fit, PREPARED) for n, fit in trees.items()}, "scikit-learn")
+    for name, settings in NETWORKS.items():
+        tools[name] = Tool({how: partial(fit_network, name, size) for how, size in settings.items()}, "torch")
+    return tools
+
+
+def fit_network(name: str, size: Mapping[str, float], case: RecordedCase, seconds: float) -> RecordedFit:
+    """Train a network, of small ones three; PyTorch is loaded in the process of the fit only."""
+    import network_peers
+
+    make = partial(network_peers.NETWORKS[name], **size)
+    return network_peers.fit_network(make, case, seconds, members=3 if name == "lagged MLP" else 1)
 
 
 def all_tools() -> dict[str, Tool]:
-    """Return the columns of the table in their order."""
-    ours = {name: Tool({"": partial(fit_ours, name)}, limit="ours") for name in OURS}
+    """Return the lines of the table in their order."""
+    ours = {name: Tool({"": partial(fit_ours, name)}) for name in OURS}
     return {f"**{name}**": tool for name, tool in ours.items()} | peer_tools()
 
 
-def plan_jobs(cases: Sequence[str], tools: Mapping[str, Tool], limits: Mapping[str, float]) -> list[FitJob]:
-    """Return all fits of these data sets and tools."""
-    return [
-        FitJob(case, name, setting, limits[tool.limit])
-        for case in cases
-        for name, tool in tools.items()
-        for setting in tool.fits
-    ]
-
-
-def fit_and_judge(job: FitJob, case: RecordedCase, fit: FitTool) -> ToolOutcome:
+def fit_and_judge(case: RecordedCase, fit: FitTool) -> ToolOutcome:
     """Fit, and run freely on the test data."""
-    fitted, spent = time_call(lambda: fit(case, job.seconds))
+    fitted, spent = time_call(lambda: fit(case, math.inf))
     costs = {row: mean_cost(series, fitted.simulate) for row, series in case.tests.items()}
     return ToolOutcome(costs, fitted.selection_cost, fitted.parameters, spent.cpu, chosen=fitted.chosen)
 
@@ -171,10 +196,10 @@ def run_in_child(job: FitJob) -> None:
     warnings.simplefilter("ignore")
     case, tool = CASES[job.case](), all_tools()[job.tool]
     fit = tool.fits[job.setting]
-    if tool.limit == "ours":
+    if not tool.package:
         fit(replace(case, training=[one.part(0.0, WARM_SHARE) for one in case.training]), WARM_S)
     try:
-        outcome = fit_and_judge(job, case, fit)
+        outcome = fit_and_judge(case, fit)
     except Exception as error:  # a tool may fail in any way; the table says so
         outcome = ToolOutcome({}, math.inf, 0, 0.0, f"{type(error).__name__}: {error}")
     store(job, outcome)
@@ -185,12 +210,11 @@ def store(job: FitJob, outcome: ToolOutcome) -> None:
     job.path.write_text(json.dumps(asdict(outcome)), encoding="utf-8")
 
 
-def run_job(job: FitJob) -> ToolOutcome:
-    """Return the stored outcome, or that of a new process, which is stopped when it takes far too long."""
+def run_job(job: FitJob, patience: float) -> ToolOutcome:
+    """Return the stored outcome, or that of a new process, which is stopped after `patience` [s]."""
     if not job.path.exists():
         child = multiprocessing.get_context("spawn").Process(target=run_in_child, args=(job,))
         child.start()
-        patience = MARGIN_S + SLACK * job.seconds
         child.join(patience)
         if child.is_alive():
             child.kill()
@@ -246,27 +270,27 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--cases", nargs="+", choices=tuple(CASES), default=tuple(CASES), help="data sets")
     parser.add_argument("--tools", nargs="+", metavar="WORD", default=[""], help="tools whose name has one of these")
-    parser.add_argument("--time", type=float, default=OURS_S, metavar="S", help="limit of each fit of ours [s]")
-    parser.add_argument("--peer-time", type=float, default=PEER_S, metavar="S", help="limit of each peer's fit [s]")
+    parser.add_argument("--patience", type=float, default=PATIENCE_S, metavar="S", help="when to stop a fit [s]")
     parser.add_argument("--processes", type=int, default=1, metavar="N", help="fits at the same time")
     parser.add_argument("--again", action="store_true", help="forget finished fits")
     options = parser.parse_args()
     if options.again:
         shutil.rmtree(STORE, ignore_errors=True)
-    limits = {"ours": options.time, "peer": options.peer_time}
-    jobs = plan_jobs(present_cases(options.cases), wanted_tools(options.tools), limits)
+    cases, tools = present_cases(options.cases), wanted_tools(options.tools)
+    jobs = [FitJob(case, name, setting) for case in cases for name, tool in tools.items() for setting in tool.fits]
     with ThreadPoolExecutor(options.processes) as pool:
-        outcomes = dict(zip(jobs, pool.map(run_job, jobs), strict=True))
+        outcomes = dict(zip(jobs, pool.map(partial(run_job, patience=options.patience), jobs), strict=True))
     header, *rows = format_rows(outcomes)
     print_table(header, rows)
 
 
 def present_cases(names: Sequence[str]) -> list[str]:
     """Return the data sets whose files are there, and say which are not."""
-    for name in names:
-        if not is_present(name):
-            print_note(f"{name}: {MEASURED[name]} is not in {data_folder()}: skipped (set CES_DATA)")
-    return [name for name in names if is_present(name)]
+    data_sets = {name: name.partition("-")[0] for name in names}
+    for name, data_set in data_sets.items():
+        if not is_present(data_set):
+            print_note(f"{name}: {MEASURED[data_set]} is not in {data_folder()}: skipped (set CES_DATA)")
+    return [name for name, data_set in data_sets.items() if is_present(data_set)]
 
 
 def wanted_tools(words: Sequence[str]) -> dict[str, Tool]:

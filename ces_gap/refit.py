@@ -10,7 +10,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import islice
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,20 +26,19 @@ from ces_gap.inference.verdict import AMBIGUOUS, NAMED
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import FAILURES, Progress, ignore_progress
 from ces_gap.trace import Trace
-from ces_identify.numerics.levenberg import BoundedProblem, descend_within_bounds
-from ces_identify.physical.models import PhysicalModels
+from ces_identify.numerics.levenberg import CentredProblem, descend_about_centre
+from ces_identify.physical.models import HydraulicModels
 from ces_identify.physical.quantities import read_quantities
 from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
-from ces_identify.structures import physical_models_of
 from ces_identify.trained.training import Training
 from ces_observer.model import Model
-from ces_observer.structures.physical import PhysicalStructure
+from ces_observer.structures.hydraulic import Hydraulic
 
 BLOCK_S = 0.5  # [s] errors within a block count as one sample in standard errors
 MAX_TICKS = 40_000  # of the fitted recordings: the first part of each
 MAX_STEPS = 4
-PENALTY = 0.003  # [J %] of a change of one parameter by its scale: holds what the recordings do not determine
+PULL = 1e-9  # weight of a squared change of a parameter, which holds what the recordings do not determine
 MIN_PREDICTED_GAIN = 0.01  # of the squared error: a group that could gain less is not refitted
 MIN_GAP = 0.1  # of the noise's energy: a smaller held-out gap counts as this large
 MAX_CHANGES, MIN_CHANGE = 2, 0.02  # quantities that a report names, and the relative change from which it does
@@ -50,16 +48,16 @@ CLEAR_Z = 2.0  # standard errors by which a refit closes more than another
 CLEAR_ENERGY = 0.1  # of the gap, too
 
 GROUPS: Mapping[str, tuple[str, ...]] = {  # parts of a model's layout, by the name that reports give them
-    "elasticity": ("compliance", "compression", "rebound", "mount"),
-    "friction": ("viscous_Ns_m", "stiffness", "yield", "friction", "friction_yield", "growth"),
+    "elasticity": ("compression", "rebound", "compression_growth", "rebound_growth", "mount", "air"),
+    "friction": ("viscous_Ns_m", "friction", "friction_yield", "growth"),
     "gas force": ("gas_N",),
     "valve lag": ("rise_s", "fall_s", "delay_ticks"),
     "magnetic loop": ("hysteresis_A",),
     "valve characteristic": ("setting",),  # ends at the extreme currents: a gain of the current moves the map, too
     "lead of the drive": ("lead_s",),
     "moving mass": ("mass_kg",),
-    "refilling": ("check", "refill"),
-    "flow map": ("map", "leak", "ratio"),
+    "refilling": ("base", "reservoir", "closing_s"),
+    "flow map": ("piston", "external", "bypass", "ratio"),
 }
 Places = NDArray[np.int64]
 
@@ -122,7 +120,7 @@ def refit_physical_model(
     if not isinstance(simulation, ModelSimulation | IdentifiedBaseline):
         return None
     model, noise_N = simulation.model, baseline.evidence.noise.rms_N
-    if not isinstance(model.body, PhysicalStructure):
+    if not isinstance(model.body, Hydraulic):
         return None
     try:
         roles = (inputs.real, inputs.held_out, inputs.reference)
@@ -130,9 +128,7 @@ def refit_physical_model(
             build_target(model, model.body, traces, baseline.correction) if traces else None for traces in roles
         )
         if real is None or held_out is None:
-            return ModelRefits(
-                note="the model's parameters cannot be refitted: its nodes are not those of this version"
-            )
+            return ModelRefits(note="the model's parameters cannot be refitted without held-out recordings")
         groups = [group for group in GROUPS if len(real.places(group))]
         _, matrix, gradient = real.models.normal_equations(real.theta, real.weights)
         found = []
@@ -153,7 +149,7 @@ def refit_physical_model(
 class RefitTarget:
     """Models on the nodes of a baseline, its parameters `theta`, weights (ticks,) and blocks (ticks,) of the data."""
 
-    models: PhysicalModels[Any]
+    models: HydraulicModels
     theta: F
     weights: F
     blocks: NDArray[np.int64]
@@ -165,18 +161,13 @@ class RefitTarget:
 
     def places(self, group: str) -> Places:
         """Return the places in theta of those parts of a group that the model has."""
-        parts = self.models.layout.groups
-        owners = np.repeat([part.name for part in parts], [len(part.start) for part in parts])
-        return np.flatnonzero(np.isin(owners, GROUPS[group]))
+        return np.flatnonzero(np.isin(self.models.layout.owners, GROUPS[group]))
 
 
 def build_target(
-    model: Model, body: PhysicalStructure, traces: Sequence[Trace], correction: LearnedCorrection | None
-) -> RefitTarget | None:
-    """Return the target on the usable ticks of the traces; None if the model was not made by these models.
-
-    Raises GapError without usable ticks.
-    """
+    model: Model, body: Hydraulic, traces: Sequence[Trace], correction: LearnedCorrection | None
+) -> RefitTarget:
+    """Return the target on the usable ticks of the traces; raises GapError without any."""
     series = [prepare(trace.recording, model.sampling) for trace in traces]
     share = min(1.0, MAX_TICKS / max(1, sum(len(one) for one in series)))
     series = [one.part(0.0, share) for one in series]
@@ -205,9 +196,7 @@ def build_target(
         scale_N=spread,
     )
     blocks = np.concatenate(number_blocks([one.time_s for one in series], BLOCK_S))
-    kind = physical_models_of(body)
-    opened = kind.reopen(body, 1.0 / model.sampling.rate_Hz, training) if kind else None
-    return None if opened is None else RefitTarget(*opened, weights, blocks)
+    return RefitTarget(*HydraulicModels.reopen(body, 1.0 / model.sampling.rate_Hz, training), weights, blocks)
 
 
 def predict_gain(target: RefitTarget, free: Places, matrix: F, gradient: F) -> float:
@@ -220,8 +209,8 @@ def predict_gain(target: RefitTarget, free: Places, matrix: F, gradient: F) -> f
 
 
 def refit_group(target: RefitTarget, free: Places) -> F:
-    """Return theta with the parameters at the places `free` refitted within their bounds."""
-    layout, start = target.models.layout, target.theta
+    """Return theta with the parameters at the places `free` refitted."""
+    start = target.theta
 
     def embed(values: F) -> F:
         theta = start.copy()
@@ -232,17 +221,14 @@ def refit_group(target: RefitTarget, free: Places) -> F:
         error, matrix, gradient = target.models.normal_equations(embed(values), target.weights)
         return error, matrix[np.ix_(free, free)], gradient[free]
 
-    problem = BoundedProblem(
+    problem = CentredProblem(
         lambda values: target.models.error(embed(values), target.weights),
         equations,
-        lambda values: layout.project(embed(values))[free],
-        layout.low[free],
-        layout.high[free],
-        layout.penalty_weight(PENALTY) / layout.scale[free] ** 2,
+        np.full(len(free), PULL),
         start[free],
     )
     theta = start
-    for _, values in islice(descend_within_bounds(problem, start[free]), MAX_STEPS):
+    for _, values in islice(descend_about_centre(problem, start[free]), MAX_STEPS):
         theta = embed(values)
     return theta
 
@@ -298,7 +284,7 @@ def measure_amplitude(target: RefitTarget, theta: F) -> tuple[float, float]:
 def find_changes(model: Model, target: RefitTarget, theta: F) -> tuple[QuantityChange, ...]:
     """Return the quantities that change most from the baseline to `theta`, relative to their size."""
     models, interval_s, stroke = target.models, 1.0 / model.sampling.rate_Hz, model.envelope.position_m
-    old, new = (read_quantities(type(models), models.body(at), interval_s, stroke) for at in (target.theta, theta))
+    old, new = (read_quantities(models.body(at), interval_s, stroke) for at in (target.theta, theta))
     relative = {name: abs(new[name] - old[name]) / max(abs(old[name]), abs(new[name]), 1e-300) for name in old}
     largest = sorted((n for n in old if relative[n] > MIN_CHANGE), key=lambda name: -relative[name])
     return tuple(QuantityChange(name, old[name], new[name]) for name in largest[:MAX_CHANGES])

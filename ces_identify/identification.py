@@ -144,7 +144,7 @@ def _identify_at(
             "starts_with_model": count_starts(fitted.results),
             "first_seed": options.limits.seed,
             "best_seed": fitted.results[0].seed,
-            "seconds": options.limits.time,
+            **({"seconds": options.limits.time} if np.isfinite(options.limits.time) else {}),
             "trials": sum(result.trials for result in fitted.results),
             "ended": fitted.results[0].ended,
             **({"weights": str(options.weight)} if options.weight else {}),

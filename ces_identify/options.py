@@ -24,9 +24,18 @@ REGIONS = f"{FORMS} [m/s, share of the stroke, A, m]"
 POLYNOMIALS = f"polynomials (--structure polynomial or {AUTO})"
 
 TIME = Option(
-    "time", 60.0, "maximum time of the search, without the compilation in the first run", 0.1, 1e6, "s", metavar="S"
+    "time",
+    None,
+    "hard end of the search, without the compilation in the first run; a search that it ends may answer differently on "
+    "another machine",
+    0.1,
+    1e6,
+    "s",
+    kind=float,
+    none="none: the search ends by its amount of work",
+    metavar="S",
 )
-STARTS = Option("starts", 8, "random starts", 1, 10000, metavar="N")
+STARTS = Option("starts", 8, "random starts; fewer in recordings of more than 100,000 ticks", 1, 10000, metavar="N")
 SEED = Option("seed", 1, "seed of the first start", 0, 2**31, metavar="N")
 TARGET = Option("target", 0.0, "cost at which the search stops", 0.0, 100.0, "%", metavar="J")
 THREADS = Option("threads", None, "threads of the search", 1, 256, kind=int, none="one for each processor", metavar="N")
@@ -135,7 +144,8 @@ def as_delays(given: Any) -> tuple[float, ...]:
 
 def build_identify_options(values: Mapping[str, Any]) -> IdentifyOptions:
     """Return the settings of an identification for values by the names of options; it leaves out other names."""
-    limits = Limits(**{f.name: values[f.name] for f in fields(Limits) if f.name in values})
+    given = {name: value for name, value in values.items() if name != TIME.name or value is not None}
+    limits = Limits(**{f.name: given[f.name] for f in fields(Limits) if f.name in given})
     own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
     own |= {"delay": as_delays(own["delay"])} if "delay" in own else {}
     return IdentifyOptions(**{**own, "limits": limits})

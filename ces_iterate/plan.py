@@ -228,7 +228,7 @@ stop:                     # the first that applies ends the iteration
 
 identify:                 # as the options of `ces identify`
   structure: polynomial   # STRUCTURES or auto
-  time: 60
+  # time: 60              # [s] hard end of a search; by default it ends by its amount of work
   starts: 4
   terms: 25
   threads: 2

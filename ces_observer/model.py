@@ -23,6 +23,7 @@ from ces_observer.structures import STRUCTURES
 from ces_observer.structures.structure import OperatingRange, Predictor, Range, Ranges, Structure
 
 SCHEMA = "ces-model/1"
+GONE = ("relaxation", "chambers")  # structures of earlier versions
 BAND = "band"  # optional key
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
 DELAYED = "delayed"  # optional key
@@ -229,6 +230,9 @@ def parse_model(text: str, source: str) -> Model:
 
 def _part(node: JsonObject, sampling: Sampling, other_keys: tuple[str, ...]) -> Model:
     """Return the model in an object, which may have other keys, too."""
+    if node.value.get("structure") in GONE:
+        name = node.value["structure"]
+        raise ModelError(f"{node.where}: structure is {name!r}; 'hydraulic' took its place: identify the model again")
     structure = STRUCTURES[node.choice("structure", tuple(STRUCTURES))]
     inputs, names = node.at("input_envelope"), [one.name for one in fields(Envelope)]
     inputs.require_only_keys(*names)

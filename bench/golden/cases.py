@@ -79,7 +79,7 @@ SCHEMAS = (
     "signals", "import", "candidates", "campaign", "experiment", "damper", "iterate", "learn-stroke", "observer",
     "controller", "rig-node", "identify-node",
 )  # fmt: skip
-STRUCTURES = ("network", "fuzzy", "constructed", "relaxation_hysteretic", "chambers_hysteretic", "band")  # of models/
+STRUCTURES = ("network", "fuzzy", "constructed", "hydraulic", "hydraulic_bypass", "band")  # of models/
 IN, M = "../inputs", "../inputs/models"
 NEW, WORN = f"{IN}/new_1", f"{IN}/worn_1 {IN}/worn_2"
 SEARCH = "--starts 1 --threads 1"
@@ -112,11 +112,9 @@ CASES: dict[str, tuple[str, ...]] = {
         f"identify {NEW} --structure sigmoid --units 2 {SEARCH} --rate 250 --out sigmoid.json --report sigmoid.html",
         f"identify {NEW} --structure anfis --rules 3x2 {SEARCH} --rate 250 --out anfis.json --report anfis.html",
         f"identify {NEW} --structure anfis --memberships 2x3 {SEARCH} --rate 250 --out grid.json",
-        f"identify {NEW} --structure relaxation --springs 1 {SEARCH} --rate 250 --out relaxation.json "
-        "--report relaxation.html",
     ),
-    "chambers": (f"identify {NEW} --structure chambers --curves 3 {SEARCH} --rate 250 --out chambers.json "
-                 "--report chambers.html",),
+    "hydraulic": (f"identify {NEW} --structure hydraulic --kind uniflow --curves 3 {SEARCH} --rate 250 "
+                  "--out hydraulic.json --report hydraulic.html",),
     "auto": (f"identify {NEW} --structure auto {SEARCH} --rate 250 --out auto.json --report auto.html",),
     "campaign": (f"identify --campaign {IN}/campaign.yaml --out campaign --jobs 1",
                  f"identify --campaign {IN}/campaign.yaml --out campaign --jobs 1 --json",

@@ -44,8 +44,8 @@ from ces_rig.blind.outcome import IDENTIFIED, PREDICTIONS, Mode, combine_modes
 from ces_rig.blind.scoring import DECISION, GAP, REPLAY, ROW, SETTINGS
 
 AUGMENTED, MODEL = "augmented.json", "model.json"
-MAX_IDENTIFY_S = 10.0  # for each structure
-OPTIONS = IdentifyOptions(split=1.0, limits=Limits(time=MAX_IDENTIFY_S, starts=1, threads=1), band=False)
+WORK = 0.12  # of a fit
+OPTIONS = IdentifyOptions(split=1.0, limits=Limits(starts=1, threads=1, work=WORK), band=False)
 
 
 def run(options: argparse.Namespace) -> int:

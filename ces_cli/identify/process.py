@@ -40,7 +40,7 @@ class SearchState:
         if "stage" in message:
             self.stage, self.changed_stage = message["stage"], True
             self._began_s = self._clock_s()
-            self._limits = message if "seconds" in message else self._limits
+            self._limits = message if "starts" in message else self._limits
         elif "error" in message:
             self.error = message["error"]
         else:
@@ -53,11 +53,11 @@ class SearchState:
     def as_status(self) -> tuple[str, dict[str, str]]:
         """Return a line and values by name: stage, its time [s], share of the search, cost [%], size, starts done.
 
-        If the search ends before its time limit, the share jumps to 1.
+        If the search ends before its work is done, the share jumps to 1.
         """
         elapsed_s, searching, share = self._clock_s() - self._began_s, self.stage == SEARCHING, 0.0
         if self._limits:
-            share = min(1.0, elapsed_s / self._limits["seconds"]) if searching else 1.0
+            share = self._best.get("share", 0.0) if searching else 1.0
         line, values = (
             LINES[self.stage],
             {"stage": self.stage, "elapsed [s]": f"{elapsed_s:.1f}", "share": f"{share:.3f}"},

@@ -46,11 +46,12 @@ from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import late
 from ces_identify.progress_file import SearchProgressFile
 from ces_identify.structures import KITS
-from ces_identify.structures.auto import AUTO, advise, select_fitter
+from ces_identify.structures.auto import AUTO, DIFFERENCE, LEFT_OUT, TIE, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions, StructureKit
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent
 from ces_identify.validation.evaluate import VALIDATION, describe_size
+from ces_identify.validation.lacks import head_lines
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.proof.certificate import summarize
@@ -125,16 +126,15 @@ class Identification:
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
-        seconds = len(self.how.delay) * self.how.limits.time  # one search after another
         facts = {
             "structure": self.options.structure,
-            "seconds": seconds,
+            "seconds": self.options.time,
             "starts": self.how.limits.starts,
             "recordings": [recording.name for recording in self.bags],
             "validation": [recording.name for recording in self.validation],
         }
         with SearchProgressFile("identify", self.options.out, facts) as file:
-            with show_progress(replace(self.how.limits, time=seconds)) as progress:
+            with show_progress(self.how.limits) as progress:
 
                 def listen(result: SearchResult) -> None:
                     progress.listen(result)
@@ -255,7 +255,10 @@ def write_report_page(result: IdentificationResult, options: argparse.Namespace,
 
 
 def describe_starts(result: IdentificationResult, options: argparse.Namespace) -> str:
-    """Return which start was best, and how many starts led to a model."""
+    """Return which start was best and how many starts led to a model, or why this kind of damper."""
+    selection = result.model.provenance.get("selection", {})
+    if "kind_reason" in selection:
+        return str(selection["kind_reason"])
     seed = result.search_results[0].seed
     count = count_starts(result.search_results)
     return f"best: start {seed - options.seed + 1} of {options.starts} (seed {seed}); {count} led to a model"
@@ -264,6 +267,8 @@ def describe_starts(result: IdentificationResult, options: argparse.Namespace) -
 def _print_result(result: IdentificationResult, options: argparse.Namespace) -> None:
     evaluations, model = result.evaluations, result.model
     print_costs(evaluations, describe_size(model), _weighting(result, options))
+    for line in head_lines(model, evaluations):
+        terminal.print_warning(line)
     _print_teacher(result)
     print(RULE)
     print(f"{describe_starts(result, options)}; stopped: {result.search_results[0].ended}")
@@ -279,8 +284,11 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
     if costs := selection.get("structures"):
         chosen = selection["structure"]
         others = ", ".join(f"{name} {cost:.2f} %" for name, cost in costs.items() if name != chosen)
-        print(f"J on the selection data: {chosen} {costs[chosen]:.2f} %; short fits: {others}")
-        if advice := advise(costs, chosen):
+        print(f"J on data left out ({selection[LEFT_OUT]}), short fits: {chosen} {costs[chosen]:.2f} %, {others}")
+        for key in (DIFFERENCE, TIE):
+            if key in selection:
+                print(selection[key])
+        if TIE not in selection and (advice := advise(costs, chosen)):
             terminal.print_warning(advice)
     print_band(model, evaluations)
     print(f"model:  {options.out}")
@@ -338,7 +346,7 @@ def _as_json(
         "weights": str(weighting) if weighting else None,
         "recordings": cost_rows(result.evaluations, weighting),
         "all_held_out": held_out_row(result.evaluations),
-        "search": {"starts": len(result.search_results), "best_seed": best.seed, "stopped": best.ended},
+        "search": {"starts": count_starts(result.search_results), "best_seed": best.seed, "stopped": best.ended},
         "structures": model.provenance["selection"].get("structures", {}),
         "folds": None if folds is None else fold_rows(folds),
         "teacher": teacher,

@@ -34,6 +34,7 @@ from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import late
 from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, by_delay, describe_size, evaluate
+from ces_identify.validation.lacks import head_lines
 from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
@@ -66,6 +67,8 @@ def main(argv: Sequence[str] | None = None) -> int:
             weighting = weighting.with_common_stroke([e.series for e in evaluations])
             title = f"{options.model}: {describe_size(model)}"
             print_costs(evaluations, title, weighting, exact=False)
+            for line in head_lines(model, evaluations):
+                terminal.print_warning(line)
             print_band(model, evaluations)
             _print_details(evaluations, weighting)
         if evaluations and options.picture is not None:

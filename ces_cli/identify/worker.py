@@ -81,11 +81,11 @@ class SearchReporter:
     def __init__(self, limits: Limits, send: Send) -> None:
         self._limits, self._send = limits, send
         self._lock = threading.Lock()
-        self._results = BestResults()
+        self._results = BestResults(limits.starts)
         self._sent_at = time.monotonic()
 
     def __enter__(self) -> SearchReporter:
-        self._send({"stage": SEARCHING, "seconds": self._limits.time, "starts": self._limits.starts})
+        self._send({"stage": SEARCHING, "starts": self._limits.starts})
         return self
 
     def __exit__(self, kind: type[BaseException] | None, value: BaseException | None, at: TracebackType | None) -> None:
@@ -104,7 +104,8 @@ class SearchReporter:
         self._sent_at = time.monotonic()
         best = self._results.best
         if best is not None:
-            self._send({"cost": best.cost, "size": len(best.chosen), "ended": self._results.finished})
+            done = {"ended": self._results.finished, "share": self._results.share}
+            self._send({"cost": best.cost, "size": len(best.chosen), **done})
 
 
 def _options(words: list[str]) -> argparse.Namespace:

@@ -98,9 +98,10 @@ class DiagnoseProgress(LiveBar):
 
 
 class BestResults:
-    """The best result of every start of a search so far."""
+    """The best result of every one of `starts` of a search so far."""
 
-    def __init__(self) -> None:
+    def __init__(self, starts: int) -> None:
+        self._starts = starts
         self._by_seed: dict[int, SearchResult] = {}
         self._ended: set[int] = set()
 
@@ -120,14 +121,20 @@ class BestResults:
         """Number of starts that have finished."""
         return len(self._ended)
 
+    @property
+    def share(self) -> float:
+        """Share of the work that is done (0 to 1), as far as the results tell."""
+        running = sum(one.share for seed, one in self._by_seed.items() if seed not in self._ended)
+        return min(1.0, (len(self._ended) + running) / self._starts)
+
 
 class SearchProgress(LiveBar):
-    """Shows the best cost of a search so far; `listen` may be called from any thread."""
+    """Shows the work and the best cost of a search so far; `listen` may be called from any thread."""
 
     def __init__(self, limits: Limits) -> None:
         text = "no model yet (Ctrl-C keeps the best so far)"
-        super().__init__("searching", bars.TimeElapsedColumn(), total=limits.time, text=text)
-        self._results = BestResults()
+        super().__init__("searching", bars.TaskProgressColumn(), bars.TimeElapsedColumn(), total=1.0, text=text)
+        self._results = BestResults(limits.starts)
 
     def listen(self, result: SearchResult) -> None:
         """Show an improvement or the end of a start."""
@@ -137,7 +144,7 @@ class SearchProgress(LiveBar):
             text = (
                 f"selection cost J = {best.cost:.2f} %, size {len(best.chosen)}, starts done: {self._results.finished}"
             )
-            self.show(self.elapsed_s, text)
+            self.show(self._results.share, text)
             self.log_seldom(text)
 
 

@@ -28,7 +28,7 @@ from ces_identify.structures.kit import Fitter, IdentifyOptions
 from ces_observer.model import Model
 
 MODEL = "model.json"
-SECONDS, STARTS = 30.0, 2  # limits of the fit
+STARTS = 2  # of a fit
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def identify_baseline(
     references = as_recordings(reference, required=False)
     if not references:
         raise GapError("a baseline cannot be identified without references; pass recordings free of the effect")
-    limits = Limits(time=SECONDS, starts=STARTS, threads=threads)
+    limits = Limits(starts=STARTS, threads=threads)
     progress("identifying a model of the references", 0.0)
 
     def listen(result: SearchResult) -> None:

@@ -13,16 +13,16 @@ from ces_gap.baseline.learner_kernels import low_pass
 from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.grid import is_constant
 from ces_gap.trace import Trace, TraceInputs
+from ces_identify.physical.laws import STARTS
 from ces_identify.physical.layout import read_scales
 from ces_identify.physical.models import free_run
-from ces_identify.physical.physical_search import PhysicalSearch
+from ces_identify.physical.physical_search import PhysicalFit, PhysicalSearch
 from ces_identify.physical.valve_kernels import RunData
 from ces_identify.polynomial.search_limits import Limits
-from ces_identify.structures import KITS, physical_models_of
 from ces_identify.trained.training import Training
 from ces_observer.json_text import JsonObject
 from ces_observer.model import Envelope
-from ces_observer.structures.physical import PhysicalStructure
+from ces_observer.structures.hydraulic import Hydraulic
 
 LATE_S, LAG_S, YIELD = 0.004, 0.012, 0.05  # [s], [s], share of the stroke: changes of the inputs in the examples
 STRONGER, WEAKER = 1.1, 0.9  # shares of the current in the examples
@@ -86,19 +86,16 @@ MIN_CHANGE = 1e-3  # of that distance: a smaller change of the current is none
 class PhysicalForce:
     """A structure with physics inside; the dead time of `body` is counted in ticks at `rate_Hz`."""
 
-    body: PhysicalStructure
+    body: Hydraulic
     rate_Hz: float
 
     def predict(self, inputs: TraceInputs, rate_Hz: float) -> F:
         """Return the force [N] (n,) of a free run over inputs at `rate_Hz`."""
         valve = self.body.valve
         delay = valve.delay_ticks * rate_Hz / self.rate_Hz
-        models = physical_models_of(self.body)
-        assert models is not None
-        body: Any = self.body  # a dataclass of its structure
-        arrays = models.arrays_of(replace(body, valve=replace(valve, delay_ticks=delay)), 1.0 / rate_Hz)
+        body = replace(self.body, valve=replace(valve, delay_ticks=delay))
         position, speed, current = map(np.ascontiguousarray, (inputs.position, inputs.speed, inputs.current))
-        return free_run(models.kernel(), arrays, RunData(position, speed, current, np.array([[0, len(position)]])))
+        return free_run(body, 1.0 / rate_Hz, RunData(position, speed, current, np.array([[0, len(position)]])))
 
     def distance_from_currents(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return how far changed currents (n,) are from those that were often recorded: 0 at them, at most 1.
@@ -119,16 +116,16 @@ class PhysicalForce:
     @classmethod
     def from_json(cls, document: JsonObject) -> PhysicalForce:
         """Return the model from `as_json`; raises ModelError if the document is not one."""
-        bodies = {kit.body.name: kit.body for kit in KITS.values() if kit.models}
-        body = bodies[document.choice("structure", tuple(bodies))]
-        return cls(body.from_json(document, {}), document.number("rate_Hz", 1.0, MAX_RATE_HZ))
+        document.choice("structure", (Hydraulic.name,))
+        return cls(Hydraulic.from_json(document, {}), document.number("rate_Hz", 1.0, MAX_RATE_HZ))
 
 
 BLOCK_S, EVERY = 1.0, 4  # [s] length of a block; every fourth is left out
 START_UP_S = 0.3  # [s] after the start of a free run that does not count
 MAX_TICKS = 40_000  # of all examples together: more are thinned out to windows of WINDOW_S
 WINDOW_S = 5.0
-MAX_SECONDS = 60.0  # of one fit: a fit ends by itself long before
+SHORT = 0.1  # work of a fit
+MODELS = 2  # kinds of dampers whose forces are weighed
 ROWS = 2  # curves of the valve
 CURRENT_BINS = 6  # of the range of currents; a bin with MIN_BIN_SHARE of the ticks gets a node
 MIN_BIN_SHARE, MIN_NODE_GAP = 0.02, 0.5  # the latter relative to a bin
@@ -150,10 +147,12 @@ def fit_physical_forces(examples: Sequence[SurrogateExample]) -> list[PhysicalFo
     if not (training.estimation.any() and training.selection.any()) or np.ptp(training.inputs[1]) == 0.0:
         return []
     scales = replace(read_scales(training, rate_Hz), currents_A=_place_current_nodes(training.inputs[2]))
-    limits = Limits(time=MAX_SECONDS, starts=1, threads=1)
-    candidates = [kit.models.small(training, scales, ROWS) for kit in KITS.values() if kit.models]
-    fits = [(models, PhysicalSearch(limits, lambda _: None).run(models, ())) for models in candidates]
-    return [PhysicalForce(models.body(found[0].theta), rate_Hz) for models, found in fits if found]
+    search = PhysicalSearch(Limits(threads=1, work=SHORT), lambda _: None)
+    best: dict[str, PhysicalFit] = {}
+    for fit in search.run(training, scales, tuple(STARTS), ROWS, held=False):
+        best.setdefault(fit.models.kind, fit)
+    fits = list(best.values())[:MODELS]
+    return [PhysicalForce(fit.models.hold_pressures(fit.theta).body(fit.theta), rate_Hz) for fit in fits]
 
 
 def _place_current_nodes(current: F) -> F:

@@ -71,9 +71,9 @@ class CampaignError(CesError):
 
 @dataclass(frozen=True)
 class CellLimits:
-    """Limits of each cell: time [s], target cost [%], number of starts from its seed on, and threads."""
+    """Limits of each cell: hard end [s], target cost [%], number of starts from its seed on, and threads."""
 
-    time: float = declare(TIME)
+    time: float | None = declare(TIME)
     target: float = declare(TARGET)
     starts: int = declare(replace(STARTS, default=1))
     threads: int = declare(replace(THREADS, default=1))

@@ -1,10 +1,8 @@
-"""The layout of a physical model's parameters: named groups in, one vector to fit and one for the kernels out.
+"""The parameters of a hydraulic network: one vector to fit, without bounds, and one for the kernels.
 
-A fit changes `theta`, whose entries have bounds; the kernels take `k` = matrix theta + offset. Increasing curves are
-fitted by the rises between their nodes, which have a lower bound, so that every `theta` within its bounds is a valid
-model.
-
-All physical models share the parameters of valve path and side forces, with starts read off the data.
+A fit changes `theta`: logarithms of what is positive, other numbers in units of their usual size. Each entry has a
+centre, its usual value in dampers, and a weight with which its squared distance from there counts, against a squared
+error of (J / 100)^2 for each recording.
 """
 
 from __future__ import annotations
@@ -17,150 +15,13 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from ces_data.arrays import F, I
+from ces_identify.physical.laws import NODES, STARTS, KindStart, LawEdge, NodeEdge
 from ces_identify.trained.training import Training
-from ces_observer.structures.curves import IncreasingCurve
-from ces_observer.structures.physical import FrictionElement, PhysicalStructure, SideForces, ValvePath
-
-MIN_SCALE = 0.3  # of a group's mean magnitude: least scale of an entry in the penalty
-
-
-@dataclass(frozen=True)
-class Group:
-    """A group of parameters: `start`, `low`, `high` (n,), and `matrix` (m, n), `offset` (m,) that give its part of k.
-
-    `scale` (n,) is the change of an entry that the penalty counts as one; the entries sum to at most `max_sum`.
-    """
-
-    name: str
-    start: F
-    low: F
-    high: F
-    matrix: F
-    offset: F
-    scale: F
-    max_sum: float = np.inf
-
-
-def group(
-    name: str,
-    start: float | Sequence[float] | F,
-    low: float | F = 0.0,
-    high: float | F = np.inf,
-    matrix: F | None = None,
-    offset: F | None = None,
-    scale: float | None = None,
-    max_sum: float = np.inf,
-) -> Group:
-    """Return a group; by default its parameters are its part of k, and the scale is the start's magnitude."""
-    at = np.atleast_1d(np.asarray(start, dtype=np.float64))
-    matrix = np.eye(len(at)) if matrix is None else matrix
-    sizes = np.maximum(np.abs(at), MIN_SCALE * np.abs(at).mean()) if scale is None else np.full(len(at), scale)
-    return Group(
-        name,
-        at,
-        np.broadcast_to(np.asarray(low, dtype=np.float64), at.shape),
-        np.broadcast_to(np.asarray(high, dtype=np.float64), at.shape),
-        matrix,
-        np.zeros(matrix.shape[0]) if offset is None else offset,
-        sizes,
-        max_sum,
-    )
-
-
-def rises_to_nodes(nodes: int, zero: int) -> F:
-    """Return the matrix (nodes, nodes - 1) from rises between nodes to values; node `zero` has the value 0."""
-    matrix = np.zeros((nodes, nodes - 1))
-    for j in range(nodes):
-        if j > zero:
-            matrix[j, zero:j] = 1.0
-        else:
-            matrix[j, j:zero] = -1.0
-    return matrix
-
-
-@dataclass(frozen=True)
-class Layout:
-    """Groups in the order of the kernels' vector."""
-
-    groups: tuple[Group, ...]
-
-    @cached_property
-    def start(self) -> F:
-        """Parameters from which a fit starts."""
-        return np.concatenate([g.start for g in self.groups])
-
-    @cached_property
-    def low(self) -> F:
-        """Lower bounds."""
-        return np.concatenate([g.low for g in self.groups])
-
-    @cached_property
-    def high(self) -> F:
-        """Upper bounds."""
-        return np.concatenate([g.high for g in self.groups])
-
-    @cached_property
-    def scale(self) -> F:
-        """Changes that the penalty counts as one."""
-        return np.concatenate([g.scale for g in self.groups])
-
-    @cached_property
-    def matrix(self) -> F:
-        """The matrix (k, theta)."""
-        return np.asarray(block_diag(*(g.matrix for g in self.groups)))
-
-    @cached_property
-    def offset(self) -> F:
-        """The offset (k,)."""
-        return np.concatenate([g.offset for g in self.groups])
-
-    def k(self, theta: F) -> F:
-        """Return the kernels' vector."""
-        return np.asarray(self.matrix @ theta + self.offset)
-
-    def places(self, names: Sequence[str]) -> I:
-        """Return the index in k of the first parameter of each named group."""
-        sizes = [len(g.offset) for g in self.groups]
-        first = dict(zip((g.name for g in self.groups), np.cumsum([0, *sizes[:-1]]), strict=True))
-        return np.array([first[name] for name in names], dtype=np.int64)
-
-    def part(self, k: F, name: str) -> F:
-        """Return the part of the kernels' vector (or of rows of it) that belongs to a group."""
-        first = int(self.places([name])[0])
-        size = next(len(g.offset) for g in self.groups if g.name == name)
-        return k[..., first : first + size]
-
-    @staticmethod
-    def penalty_weight(penalty: float) -> float:
-        """Return the weight of the squared change of a parameter, in its scale, for a penalty [J %]."""
-        return (0.01 * penalty) ** 2
-
-    def perturbed(self, random: np.random.Generator, spread: float) -> F:
-        """Return a start whose entries are scaled log-normally, within the bounds."""
-        factors = [np.full(len(g.start), np.exp(spread * random.standard_normal())) for g in self.groups]
-        return self.project(self.start * np.concatenate(factors))
-
-    def project(self, theta: F) -> F:
-        """Return the parameters moved into their bounds."""
-        inside = np.clip(theta, self.low, self.high)
-        first = 0
-        for g in self.groups:
-            part = inside[first : first + len(g.start)]
-            if part.sum() > g.max_sum:
-                part *= g.max_sum / part.sum()
-            first += len(g.start)
-        return inside
-
 
 CURRENTS = 6  # nodes of the valve's characteristic
 POSITIONS = 5  # nodes of the gas force
-LAG_S, MAX_LAG_S = 6e-3, 0.2
-DELAY_S, MAX_DELAY_S = 5e-4, 0.02
-LOOP, MAX_LOOP = 0.01, 0.2  # half width of the magnetic loop, relative to the range of currents
-MAX_LEAD_S = 3e-3
-MASS_KG, MAX_MASS_KG = 0.5, 20.0
+BYPASS_M = 0.0025  # between nodes of the bypass
 ACCELERATION_MARGIN = 1.2
-MIN_RISE = 1e-3  # of a curve between nodes, relative to that of a straight line from end to end
 FORCE_PERCENTILE, SPEED_PERCENTILE = 99.5, 99.9
 
 
@@ -197,58 +58,188 @@ def read_scales(data: Training, rate_Hz: float) -> DataScales:
     )
 
 
-def scales_of(body: PhysicalStructure, force_N: float, speed_m_s: float, interval_s: float) -> DataScales:
-    """Return the scales and nodes with which a fit made `body`."""
-    currents, positions = np.array(body.valve.characteristic.at), np.array(body.side.position_m)
-    return DataScales(force_N, speed_m_s, currents, positions, body.side.max_acceleration_m_s2, interval_s)
+WEIGHT = 1e-4
+VALVE_S, VALVE_WEIGHT = 5e-3, 3.0  # centre of the valve's lags; relative to WEIGHT
+HELD_WEIGHT = 300.0  # of the valve's path where the current was held: nothing in the recordings knows it
+CHAMBER_M_N, MOUNT_M_N = 2e-7, 5e-8
+CLOSING_S = 1e-3
+FRICTIONS = 3
+LIMIT = 60.0  # of a logarithm
 
 
-def valve_groups(scales: DataScales) -> list[Group]:
-    """Return lags, loop, delay [ticks] and characteristic, in the order that the kernels expect."""
-    span = float(np.ptp(scales.currents_A))
-    nodes = len(scales.currents_A)
-    rises = np.vstack([rises_to_nodes(nodes - 1, 0), np.zeros((1, nodes - 2))])
-    even = np.full(nodes - 2, 1.0 / (nodes - 1))
+@dataclass(frozen=True)
+class Group:
+    """Parameters that belong together: `centre`, `weight` (n,); in the kernels exp(theta), or `unit` theta."""
+
+    name: str
+    centre: F
+    weight: F
+    unit: float | None = None
+
+    def values(self, theta: F) -> F:
+        """Return the kernels' values of the group."""
+        if self.name == "setting":
+            shares = np.exp(np.clip(theta, -LIMIT, LIMIT))
+            return np.append(0.0, np.cumsum(shares) / shares.sum())
+        return np.exp(np.clip(theta, -LIMIT, LIMIT)) if self.unit is None else self.unit * theta
+
+    def derivatives(self, theta: F) -> F:
+        """Return their derivatives (values, n)."""
+        if self.name == "setting":
+            shares = np.diff(self.values(theta))
+            return np.vstack([np.zeros(len(theta)), np.cumsum(np.diag(shares) - np.outer(shares, shares), axis=0)])
+        return np.diag(self.values(theta)) if self.unit is None else self.unit * np.eye(len(theta))
+
+    def inverse(self, values: F) -> F:
+        """Return the parameters of these values."""
+        if self.name == "setting":
+            return np.asarray(np.log(np.maximum(np.diff(values), 1e-12) * len(self.centre)))
+        if self.unit is None:
+            return np.asarray(np.log(np.maximum(values, 1e-30)))
+        return np.asarray(values) / self.unit
+
+
+def positive(name: str, centre: float | F, weight: float = 1.0) -> Group:
+    """Return a group of positive numbers."""
+    at = np.log(np.atleast_1d(np.asarray(centre, dtype=np.float64)))
+    return Group(name, at, np.full(len(at), WEIGHT * weight))
+
+
+def signed(name: str, unit: float, centre: float = 0.0, count: int = 1, weight: float = 1.0) -> Group:
+    """Return a group of numbers of either sign, whose usual size is `unit`."""
+    return Group(name, np.full(count, centre), np.full(count, WEIGHT * weight), unit)
+
+
+def head_groups(scales: DataScales, kind: KindStart, held: bool) -> list[Group]:
+    """Return the groups before the edges, in the kernels' order; `held` says that the current was."""
+    size, speed, span = scales.force_N, scales.speed_m_s, float(np.ptp(scales.currents_A))
+    path = HELD_WEIGHT if held else 1.0
     return [
-        group("rise_s", LAG_S, 0.0, MAX_LAG_S),
-        group("fall_s", LAG_S, 0.0, MAX_LAG_S),
-        group("hysteresis_A", LOOP * span, 0.0, MAX_LOOP * span),
-        group("delay_ticks", DELAY_S / scales.interval_s, 0.0, MAX_DELAY_S / scales.interval_s),
-        group("setting", even, MIN_RISE, 1.0, rises, np.append(np.zeros(nodes - 1), 1.0),
-              max_sum=1.0 - MIN_RISE),
-    ]  # fmt: skip
-
-
-def side_groups(scales: DataScales) -> list[Group]:
-    """Return lead, viscous and inertia forces, and the gas force over the stroke."""
-    size = scales.force_N
-    viscous = 0.01 * size / scales.speed_m_s
-    return [
-        group("lead_s", 0.0, -MAX_LEAD_S, MAX_LEAD_S, scale=5e-4),
-        group("viscous_Ns_m", viscous, 0.0, 100.0 * viscous),
-        group("mass_kg", MASS_KG, 0.0, MAX_MASS_KG),
-        group("gas_N", np.zeros(POSITIONS), -5.0 * size, 5.0 * size, scale=0.05 * size),
+        positive("rise_s", VALVE_S, VALVE_WEIGHT * path),
+        positive("fall_s", VALVE_S, VALVE_WEIGHT * path),
+        positive("hysteresis_A", 0.01 * span, path),
+        positive("delay_ticks", 5e-4 / scales.interval_s, path),
+        Group("setting", np.zeros(len(scales.currents_A) - 1), np.full(len(scales.currents_A) - 1, WEIGHT)),
+        signed("lead_s", 5e-4),
+        positive("viscous_Ns_m", 0.01 * size / speed),
+        positive("mass_kg", 0.5),
+        signed("gas_N", 0.05 * size, count=len(scales.positions_m)),
+        positive("ratio", 0.35),
+        positive("compression", CHAMBER_M_N * kind.compression),
+        signed("compression_growth", 10.0, -0.5),
+        positive("rebound", CHAMBER_M_N * kind.rebound),
+        signed("rebound_growth", 10.0, 0.5),
+        positive("mount", MOUNT_M_N),
+        positive("reservoir", 0.07 * size),
+        positive("air", 3.0),
     ]
 
 
-def build_valve(scales: DataScales, values: dict[str, F]) -> ValvePath:
-    """Return the valve path."""
-    characteristic = IncreasingCurve(as_floats(scales.currents_A), as_floats(values["setting"]))
-    numbers = (float(values[name][0]) for name in ("delay_ticks", "hysteresis_A", "rise_s", "fall_s"))
-    return ValvePath(characteristic, *numbers)
+def tail_groups(scales: DataScales, bypass: int, friction: int) -> list[Group]:
+    """Return the groups after the edges, in the kernels' order."""
+    size, speed = scales.force_N, scales.speed_m_s
+    opening = 0.1 * speed / np.sqrt(0.25 * size)  # a tenth of the fastest flow at a quarter of the force
+    return [
+        positive("bypass", np.full(bypass, opening), 0.1),
+        positive("friction", 3e5 * np.geomspace(1.0, 0.3, friction)),
+        positive("friction_yield", size * np.geomspace(0.006, 0.025, friction)),
+        positive("friction_moved", size * np.geomspace(0.006, 0.025, friction)),
+        positive("growth", 0.1 / size),
+        positive("closing_s", np.full(3, CLOSING_S)),
+    ]
 
 
-def build_side(scales: DataScales, values: dict[str, F], friction: tuple[FrictionElement, ...] = ()) -> SideForces:
-    """Return the side forces."""
-    lead_s, viscous_Ns_m, mass_kg = (float(values[name][0]) for name in ("lead_s", "viscous_Ns_m", "mass_kg"))
-    gas = as_floats(scales.positions_m), as_floats(values["gas_N"])
-    return SideForces(lead_s, scales.max_acceleration_m_s2, viscous_Ns_m, mass_kg, *gas, friction)
+@dataclass(frozen=True)
+class Layout:
+    """Groups and edges in the order of the kernels' vector; theta holds the groups, then the edges.
+
+    Edges have nodes at `flows` [m/s], and rises between them in units of `force_N`.
+    """
+
+    head: tuple[Group, ...]
+    tail: tuple[Group, ...]
+    edges: tuple[LawEdge | NodeEdge, ...]
+    flows: F
+    force_N: float
+
+    @cached_property
+    def to_nodes(self) -> F:
+        """The matrix (nodes, nodes - 1) from the rises between an edge's nodes [force_N] to their drops [N]."""
+        matrix, zero = np.zeros((len(self.flows), len(self.flows) - 1)), int(np.flatnonzero(self.flows == 0.0)[0])
+        for j in range(len(self.flows)):
+            matrix[j, zero:j] = self.force_N
+            matrix[j, j:zero] = -self.force_N
+        return matrix
+
+    @cached_property
+    def groups(self) -> tuple[Group, ...]:
+        """All groups, in the order of theta."""
+        return self.head + self.tail
+
+    @cached_property
+    def centre(self) -> F:
+        """Usual values of the parameters, from which a fit starts."""
+        return np.concatenate([*(g.centre for g in self.groups), *(e.start for e in self.edges)])
+
+    @cached_property
+    def weight(self) -> F:
+        """Weights of squared distances from the centre."""
+        return np.concatenate([*(g.weight for g in self.groups), *(e.weight for e in self.edges)])
+
+    @cached_property
+    def owners(self) -> list[str]:
+        """The name of the group, or of the edge, of each entry of theta."""
+        names = [g.name for g in self.groups for _ in g.centre]
+        return names + [name for name, e in zip(EDGE_NAMES, self.edges, strict=True) for _ in e.start]
+
+    def _split(self, theta: F) -> tuple[list[F], list[F]]:
+        ends = np.cumsum([len(g.centre) for g in self.groups] + [len(e.start) for e in self.edges])
+        parts = np.split(theta, ends[:-1])
+        return parts[: len(self.groups)], parts[len(self.groups) :]
+
+    def values(self, theta: F) -> dict[str, F]:
+        """Return the kernels' values by the names of groups and edges; those of an edge are nodes (rows, flows)."""
+        own, edges = self._split(theta)
+        found = {g.name: g.values(part) for g, part in zip(self.groups, own, strict=True)}
+        for name, edge, part in zip(EDGE_NAMES, self.edges, edges, strict=True):
+            found[name] = edge.rises(part) @ self.to_nodes.T
+        return found
+
+    def k(self, theta: F) -> F:
+        """Return the kernels' vector."""
+        values = self.values(theta)
+        names = [*(g.name for g in self.head), *EDGE_NAMES, *(g.name for g in self.tail)]
+        return np.concatenate([values[name].ravel() for name in names])
+
+    def derivatives(self, theta: F) -> F:
+        """Return the derivatives (k, theta) of the kernels' vector."""
+        own, edges = self._split(theta)
+        blocks = [g.derivatives(part) for g, part in zip(self.groups, own, strict=True)]
+        for edge, part in zip(self.edges, edges, strict=True):
+            blocks.append(np.kron(np.eye(edge.rows), self.to_nodes) @ edge.derivatives(part))
+        whole, head = np.asarray(block_diag(*blocks)), sum(len(b) for b in blocks[: len(self.head)])
+        tail = head + sum(len(b) for b in blocks[len(self.head) : len(self.groups)])
+        return np.vstack([whole[:head], whole[tail:], whole[head:tail]])
+
+    def places(self, names: Sequence[str]) -> I:
+        """Return the index in k of the first parameter of each named group or edge."""
+        sizes = {g.name: len(g.values(g.centre)) for g in self.groups}
+        sizes |= {name: len(self.flows) * e.rows for name, e in zip(EDGE_NAMES, self.edges, strict=True)}
+        order = [*(g.name for g in self.head), *EDGE_NAMES, *(g.name for g in self.tail)]
+        first = dict(zip(order, np.cumsum([0, *(sizes[name] for name in order[:-1])]), strict=True))
+        return np.array([first[name] for name in names], dtype=np.int64)
 
 
-def shared_parameters(valve: ValvePath, side: SideForces) -> F:
-    """Return the kernels' first parameters: those of `valve_groups` and `side_groups`, in this order."""
-    path = [valve.rise_s, valve.fall_s, valve.hysteresis_A, valve.delay_ticks, *valve.characteristic.values]
-    return np.array([*path, side.lead_s, side.viscous_Ns_m, side.mass_kg, *side.gas_N])
+EDGE_NAMES = ("piston", "base", "external")
+
+
+def first_layout(scales: DataScales, kind: str, rows: int, held: bool, bypass: int) -> Layout:
+    """Return the layout from which a fit starts: laws for the edges, one friction element, nodes of a bypass."""
+    start = STARTS[kind]
+    edges = (start.piston, start.base, start.external)
+    laws = tuple(LawEdge(edge, rows if edge.moved else 1) for edge in edges)
+    head, tail = head_groups(scales, start, held), tail_groups(scales, bypass, FRICTIONS)
+    return Layout(tuple(head), tuple(tail), laws, scales.speed_m_s * NODES, scales.force_N)
 
 
 def as_floats(values: F) -> tuple[float, ...]:

@@ -1,101 +1,97 @@
-"""A structure with physics inside as a family of models: its parameters, compiled free run and structure.
+"""Hydraulic networks as a family of models: their parameters, compiled free run and structure.
 
-Fits, batch runs, standard errors and the report know such a structure only through its `PhysicalModels`.
+Fits, batch runs, standard errors, refits and the report know the network only through these.
 """
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
-from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Generic, Self, TypeVar
+from typing import Any
 
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.physical.layout import CURRENTS, POSITIONS, DataScales, Layout
+from ces_identify.physical.hydraulic_kernels import NetworkArrays, run_network
+from ces_identify.physical.laws import STARTS, NodeEdge
+from ces_identify.physical.layout import (
+    BYPASS_M,
+    EDGE_NAMES,
+    DataScales,
+    Layout,
+    as_floats,
+    first_layout,
+    head_groups,
+    read_scales,
+    tail_groups,
+)
 from ces_identify.physical.valve_kernels import RunData, Score
 from ces_identify.trained.training import Training
 from ces_observer.model import Model
-from ces_observer.structures.physical import INPUTS, PhysicalStructure, widen
+from ces_observer.structures.curves import FlowMap, IncreasingCurve
+from ces_observer.structures.hydraulic import Bypass, Hydraulic
+from ces_observer.structures.physical import INPUTS, FrictionElement, SideForces, ValvePath, widen
 
 FITTED_RATE_HZ = 500.0  # rate of the ticks whose errors a fit counts: forces hold nothing faster
+LAMINAR = 2e-3  # drop below which openings are laminar, relative to the largest force
+UNLIMITED_N = 1e9
+MOST = 2.0  # pressures at which they are held, relative to the largest that the recordings need
+REACH = 2.0
 NO_FIT = np.empty((0, 0))
-SAME = 1e-6  # relative difference of the kernels' vector by rounding
-
-Kernel = Callable[[Any, RunData, Score, F, F, F], tuple[float, int]]
-Body = TypeVar("Body", bound=PhysicalStructure)
+PLACES = (
+    "lead_s", "viscous_Ns_m", "mass_kg", "gas_N", "ratio", "compression", "rebound", "mount", "reservoir", *EDGE_NAMES,
+    "bypass", "friction", "friction_yield", "friction_moved", "growth", "closing_s",
+)  # fmt: skip
 
 
 @dataclass(frozen=True)
-class PhysicalModels(ABC, Generic[Body]):
-    """All models of one structure and size on the same nodes, to be fitted to `training`."""
+class HydraulicModels:
+    """All networks of one `kind` and `layout`, to be fitted to `training`; `bypassed` are the bypass' nodes [m]."""
 
     training: Training
     scales: DataScales
+    kind: str
+    layout: Layout
+    bypassed: F
+    laminar_N: float
+    most_N: float = UNLIMITED_N
 
     @classmethod
-    @abstractmethod
-    def sized(cls, training: Training, scales: DataScales, count: int) -> Self:
-        """Return the models of a size that the user chooses."""
+    def first(
+        cls, training: Training, scales: DataScales, kind: str, rows: int, held: bool, bypass: bool = False
+    ) -> HydraulicModels:
+        """Return the models from which the fit of a kind starts, with `rows` curves for the valve of the current.
+
+        A bypass starts a little open all over the recorded stroke.
+        """
+        low, high = scales.positions_m[0], scales.positions_m[-1]
+        nodes = np.linspace(low, high, max(2, round((high - low) / BYPASS_M) + 1) if bypass else 0)
+        layout = first_layout(scales, kind, rows, held, len(nodes))
+        return cls(training, scales, kind, layout, nodes, LAMINAR * scales.force_N)
+
+    def free(self, theta: F) -> tuple[HydraulicModels, F]:
+        """Return the models whose edges' nodes are free, about those of `theta`, and their parameters."""
+        values, count = self.layout.values(theta), sum(len(g.centre) for g in self.layout.groups)
+        edges = tuple(NodeEdge(np.diff(values[name]) / self.layout.force_N) for name in EDGE_NAMES)
+        layout = replace(self.layout, edges=edges)
+        return replace(self, layout=layout), np.concatenate([theta[:count], *(e.start for e in edges)])
 
     @classmethod
-    @abstractmethod
-    def small(cls, training: Training, scales: DataScales, rows: int) -> Self:
-        """Return models of the smallest size worth a fit, with `rows` curves of the valve."""
-
-    @staticmethod
-    @abstractmethod
-    def kernel() -> Kernel:
-        """Return the compiled free run."""
-
-    @staticmethod
-    @abstractmethod
-    def arrays_of(body: Body, interval_s: float) -> Any:
-        """Return the kernel's view of a structure; its first entry is the vector `k`."""
-
-    @classmethod
-    @abstractmethod
-    def on_nodes_of(cls, body: Body, interval_s: float, training: Training) -> Self | None:
-        """Return the models on the nodes of `body`; None if a fit gives other numbers of nodes."""
-
-    @staticmethod
-    @abstractmethod
-    def own_quantities(body: Body, stroke_m: float) -> dict[str, float]:
-        """Return the quantities that only this structure has, by names that hold their units."""
-
-    @staticmethod
-    def gas_stiffness_N_m(body: Body) -> float:
-        """Return the stiffness [N/m] of what acts as a gas spring beside the gas force."""
-        return 0.0
-
-    @property
-    @abstractmethod
-    def layout(self) -> Layout:
-        """The parameters."""
-
-    @abstractmethod
-    def arrays(self, k: F) -> Any:
-        """Return the kernel's view of the model with the vector `k`."""
-
-    @abstractmethod
-    def body(self, theta: F) -> Body:
-        """Return the structure with these parameters."""
-
-    @classmethod
-    def reopen(cls, body: Body, interval_s: float, training: Training) -> tuple[Self, F] | None:
-        """Return the models on the nodes of `body` and its parameters theta; None if these models did not make it."""
-        usual = (len(body.valve.characteristic.at), len(body.side.position_m)) == (CURRENTS, POSITIONS)
-        models = cls.on_nodes_of(body, interval_s, training) if usual else None
-        k = cls.arrays_of(body, interval_s).k
-        if models is None or models.layout.matrix.shape[0] != len(k):
-            return None
-        layout = models.layout
-        theta: F = np.asarray(np.linalg.lstsq(layout.matrix, k - layout.offset, rcond=None)[0], np.float64)
-        inside = layout.project(theta)
-        same = np.allclose(layout.k(inside), k, rtol=SAME, atol=SAME * np.abs(k).mean())
-        return (models, inside) if same else None
+    def reopen(cls, body: Hydraulic, interval_s: float, training: Training) -> tuple[HydraulicModels, F]:
+        """Return the models about `body`, and its parameters."""
+        currents, positions = np.array(body.valve.characteristic.at), np.array(body.side.position_m)
+        limit = body.side.max_acceleration_m_s2
+        found = read_scales(training, 1.0 / interval_s)
+        scales = replace(found, currents_A=currents, positions_m=positions, max_acceleration_m_s2=limit)
+        bypassed = np.array(body.bypass.position_m if body.bypass else ())
+        head = tuple(head_groups(scales, STARTS[body.kind], held=False))
+        tail = tuple(tail_groups(scales, len(bypassed), len(body.side.friction)))
+        edges = tuple(NodeEdge(np.diff(getattr(body, n).rows, axis=1) / scales.force_N) for n in EDGE_NAMES)
+        layout = Layout(head, tail, edges, np.array(body.piston.at), scales.force_N)
+        models = cls(training, scales, body.kind, layout, bypassed, body.laminar_N, body.most_N)
+        own = _own_values(body)
+        theta = [g.inverse(np.atleast_1d(np.asarray(own[g.name], dtype=np.float64))) for g in layout.groups]
+        return models, np.concatenate([*theta, *(e.start for e in edges)])
 
     @cached_property
     def data(self) -> RunData:
@@ -107,6 +103,15 @@ class PhysicalModels(ABC, Generic[Body]):
     def stride(self) -> int:
         """Only every `stride`-th tick counts in a fit."""
         return max(1, round(1.0 / (self.scales.interval_s * FITTED_RATE_HZ)))
+
+    def arrays(self, theta: F) -> NetworkArrays:
+        """Return the kernel's view of the network with these parameters."""
+        s, rows = self.scales, np.array([e.rows for e in self.layout.edges], dtype=np.int64)
+        friction = len(next(g for g in self.layout.tail if g.name == "friction").centre)
+        return NetworkArrays(
+            self.layout.k(theta), self.layout.places(PLACES), s.currents_A, self.layout.flows, s.positions_m,
+            self.bypassed, rows, friction, self.laminar_N, self.most_N, s.interval_s, s.max_acceleration_m_s2,
+        )  # fmt: skip
 
     def force(self, theta: F) -> F:
         """Return the free run (ticks,) [N]."""
@@ -127,12 +132,10 @@ class PhysicalModels(ABC, Generic[Body]):
 
     def sensitivities(self, theta: F, weights: F, blocks: I) -> tuple[float, F, F]:
         """Return error, Gauss-Newton matrix, and the gradients (blocks, parameters) of each block of ticks."""
-        size = len(self.layout.offset)
-        matrix, gradients = np.zeros((size, size)), np.zeros((int(blocks.max()) + 1, size))
+        to = self.layout.derivatives(theta)
+        matrix, gradients = np.zeros((len(to), len(to))), np.zeros((int(blocks.max()) + 1, len(to)))
         score = Score(self.training.measured, np.sqrt(weights), blocks, self.stride)
         _, error = self._run(theta, score, matrix, gradients)
-        matrix += np.triu(matrix, 1).T
-        to = self.layout.matrix
         return error * self.stride, self.stride * (to.T @ matrix @ to), self.stride * (gradients @ to)
 
     def _score(self, weights: F, stride: int) -> Score:
@@ -140,25 +143,116 @@ class PhysicalModels(ABC, Generic[Body]):
 
     def _run(self, theta: F, score: Score, matrix: F, gradients: F) -> tuple[F, float]:
         force = np.empty(len(self.training.measured))
-        error, _ = self.kernel()(self.arrays(self.layout.k(theta)), self.data, score, force, matrix, gradients)
+        error, _, _ = run_network(self.arrays(theta), self.data, score, force, matrix, gradients)
         return force, float(error)
 
+    def body(self, theta: F) -> Hydraulic:
+        """Return the structure with these parameters."""
+        values, s = self.layout.values(theta), self.scales
+        number = {name: float(one[0]) for name, one in values.items() if one.size == 1}
+        flows = as_floats(self.layout.flows)
+        edges: dict[str, Any] = {n: FlowMap(flows, tuple(map(as_floats, values[n]))) for n in EDGE_NAMES}
+        friction = zip(values["friction"], values["friction_yield"], values["friction_moved"], strict=True)
+        path = (number[name] for name in ("delay_ticks", "hysteresis_A", "rise_s", "fall_s"))
+        lags: dict[str, Any] = dict(
+            zip(("piston_s", "base_s", "external_s"), as_floats(values["closing_s"]), strict=True)
+        )
+        return Hydraulic(
+            kind=self.kind,
+            valve=ValvePath(IncreasingCurve(as_floats(s.currents_A), as_floats(values["setting"])), *path),
+            area_ratio=number["ratio"],
+            compression_m_N=number["compression"],
+            rebound_m_N=number["rebound"],
+            compression_growth_1_m=number["compression_growth"],
+            rebound_growth_1_m=number["rebound_growth"],
+            mount_m_N=number["mount"],
+            reservoir_N=number["reservoir"],
+            air=number["air"],
+            most_N=self.most_N,
+            **edges,
+            bypass=Bypass(as_floats(self.bypassed), as_floats(values["bypass"])) if len(self.bypassed) else None,
+            laminar_N=self.laminar_N,
+            **lags,
+            friction_growth_1_N=number["growth"],
+            side=SideForces(
+                number["lead_s"], s.max_acceleration_m_s2, number["viscous_Ns_m"], number["mass_kg"],
+                as_floats(s.positions_m), as_floats(values["gas_N"]),
+                tuple(FrictionElement(*map(float, one)) for one in friction),
+            ),
+            reach=REACH,
+        )  # fmt: skip
 
-def free_run(kernel: Kernel, arrays: Any, data: RunData) -> F:
-    """Return the force (ticks,) [N] of the model that `arrays` holds for `kernel`."""
+    def hold_pressures(self, theta: F) -> HydraulicModels:
+        """Return the models whose pressures are held well beyond those that the recordings need."""
+        force = np.empty(len(self.training.measured))
+        score = self._score(np.zeros(len(force)), 1)
+        _, _, most = run_network(self.arrays(theta), self.data, score, force, NO_FIT, NO_FIT)
+        return replace(self, most_N=float(min(max(MOST * most, self.scales.force_N), UNLIMITED_N)))
+
+
+def _own_values(body: Hydraulic) -> dict[str, object]:
+    """Return the values of a structure by the names of a layout's groups."""
+    valve, side = body.valve, body.side
+    return {
+        "rise_s": valve.rise_s,
+        "fall_s": valve.fall_s,
+        "hysteresis_A": valve.hysteresis_A,
+        "delay_ticks": valve.delay_ticks,
+        "setting": valve.characteristic.values,
+        "lead_s": side.lead_s,
+        "viscous_Ns_m": side.viscous_Ns_m,
+        "mass_kg": side.mass_kg,
+        "gas_N": side.gas_N,
+        "ratio": body.area_ratio,
+        "compression": body.compression_m_N,
+        "compression_growth": body.compression_growth_1_m,
+        "rebound": body.rebound_m_N,
+        "rebound_growth": body.rebound_growth_1_m,
+        "mount": body.mount_m_N,
+        "reservoir": body.reservoir_N,
+        "air": body.air,
+        "bypass": body.bypass.values if body.bypass else (),
+        "friction": [one.stiffness_N_m for one in side.friction],
+        "friction_yield": [one.yield_N for one in side.friction],
+        "friction_moved": [one.moved_N for one in side.friction],
+        "growth": body.friction_growth_1_N,
+        "closing_s": (body.piston_s, body.base_s, body.external_s),
+    }
+
+
+def arrays_of(body: Hydraulic, interval_s: float) -> NetworkArrays:
+    """Return the kernel's view of a structure."""
+    own = _own_values(body)
+    names = list(own)
+    parts = {name: np.atleast_1d(np.asarray(value, dtype=np.float64)).ravel() for name, value in own.items()}
+    parts |= {name: np.ravel(getattr(body, name).rows) for name in EDGE_NAMES}
+    cut = names.index("bypass")
+    order = [*names[:cut], *EDGE_NAMES, *names[cut:]]
+    first = dict(zip(order, np.cumsum([0, *(len(parts[name]) for name in order[:-1])]), strict=True))
+    return NetworkArrays(
+        np.concatenate([parts[name] for name in order]), np.array([first[n] for n in PLACES], dtype=np.int64),
+        np.array(body.valve.characteristic.at), np.array(body.piston.at), np.array(body.side.position_m),
+        np.array(body.bypass.position_m if body.bypass else ()),
+        np.array([len(getattr(body, name).rows) for name in EDGE_NAMES], dtype=np.int64), len(body.side.friction),
+        body.laminar_N, body.most_N, interval_s, body.side.max_acceleration_m_s2,
+    )  # fmt: skip
+
+
+def free_run(body: Hydraulic, interval_s: float, data: RunData) -> F:
+    """Return the force (ticks,) [N] of a structure."""
     ticks = len(data.position)
     force = np.full(ticks, np.nan)
     nothing = Score(np.zeros(ticks), np.zeros(ticks), np.zeros(ticks, np.int64), 1)
-    kernel(arrays, data, nothing, force, NO_FIT, NO_FIT)
+    run_network(arrays_of(body, interval_s), data, nothing, force, NO_FIT, NO_FIT)
     return force
 
 
-def run_model(models: type[PhysicalModels[Body]], body: Body, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
-    """Return the batch run of a physical model, as `StructureKit.batch_run` describes it."""
+def run_model(body: Hydraulic, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
+    """Return the batch run of a network, as `StructureKit.batch_run` describes it."""
     ranges = widen(model.envelope.by_signal, body.reach)
     limited = [np.ascontiguousarray(np.clip(row, *ranges[name])) for row, name in zip(inputs, INPUTS, strict=True)]
     data = RunData(limited[0], limited[1], limited[2], np.asarray(segments, np.int64))
-    force = free_run(models.kernel(), models.arrays_of(body, 1.0 / model.sampling.rate_Hz), data)
+    force = free_run(body, 1.0 / model.sampling.rate_Hz, data)
     for start, stop in segments:
         force[start:stop][np.logical_or.accumulate(~np.isfinite(force[start:stop]))] = np.nan
     low, high = model.force_envelope_N

@@ -1,7 +1,9 @@
-"""The fit of physical models: several starts, then strength of the penalty and size, all by the selection ticks.
+"""The fit of hydraulic networks: every kind of damper, then how far its curves may leave their laws, then a bypass.
 
-The data's alternating blocks serve estimation (Levenberg-Marquardt on the free run's error, exact derivatives) and
-selection (cost of the free run). The best model is fitted once more to all ticks.
+The data's estimation ticks serve the descents (Levenberg-Marquardt on the free run's error, exact derivatives), its
+selection ticks the choices. Each kind starts from laws of its valves, whose curves are then freed, as the costs of the
+laws alone say little. The best kind goes on with weaker pulls towards usual values, as long as that helps. The work is
+counted in steps, so that any machine finds the same model.
 """
 
 from __future__ import annotations
@@ -10,34 +12,38 @@ import threading
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import Any
+from functools import partial
 
 import numpy as np
 
 from ces_data.arrays import F
 from ces_identify.numerics import search_clock
-from ces_identify.numerics.levenberg import BoundedProblem, descend_within_bounds
-from ces_identify.physical.models import PhysicalModels
+from ces_identify.numerics.levenberg import CentredProblem, descend_about_centre
+from ces_identify.physical.layout import DataScales
+from ces_identify.physical.models import HydraulicModels
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end
+from ces_identify.trained.training import Training
 
-MAX_STARTS = 2
-SPREAD = 0.7  # of the logarithms of a perturbed start's groups
-PENALTIES = (0.03, 0.1, 0.01, 0.003, 0.001)  # [J %] of a change of one parameter by its scale; the first is for starts
-WORTHWHILE = 0.995  # a weaker penalty must lower the selection cost to this share for a still weaker one to be tried
+LAW_STEPS, NODE_STEPS, LAST_STEPS = 12, 12, 6  # of each of two descents on laws, on nodes, and the last to all ticks
+STIFF = 30.0  # in the first, all but the laws is pulled so much more strongly: far from the data it would run away
+SHORT_WORK = 0.5  # less than this is a short fit: each kind with half the steps, nothing more
+STRENGTHS = (0.3, 0.1, 0.03, 0.01)  # of the pull towards usual values,
+HELD_STRENGTHS = STRENGTHS[:2]  # and where the current was held: blocks of the same strokes cannot tell how weak
+WORTHWHILE = 0.995  # a weaker pull must lower the selection cost to this share for a still weaker one to be tried
+STROKE_NODES, STROKE_SHARE = 12, 0.05  # of the error's energy that follows the stroke: a bypass is tried
 MIN_GAIN = 1e-3  # mean relative fall of the error a step, over WINDOW steps, below which a descent has ended
 WINDOW = 4
-MAX_STEPS = 60
-LARGER = 0.98  # a larger size must lower the selection cost to this share
+ENDED = "no step lowers the error"
 
 
 @dataclass(frozen=True)
 class PhysicalFit:
-    """Parameters of one model of `models`, its cost on the selection ticks [%], and the penalty's strength."""
+    """Parameters of one network of `models`, its cost on the selection ticks [%], and the pull's strength."""
 
-    models: PhysicalModels[Any]
+    models: HydraulicModels
     theta: F
     cost: float
-    penalty: float
+    strength: float
     result: SearchResult
 
 
@@ -48,7 +54,6 @@ class PhysicalSearch:
     limits: Limits
     listener: Listener
     stop: threading.Event = field(default_factory=threading.Event)
-    ended: str = "no step lowers the error"
 
     def __post_init__(self) -> None:
         self._deadline = search_clock.now() + self.limits.time
@@ -58,16 +63,17 @@ class PhysicalSearch:
         self._found: list[PhysicalFit] = []
 
     def run(
-        self, smallest: PhysicalModels[Any], sizes: Sequence[PhysicalModels[Any]], short: bool = False
+        self, training: Training, scales: DataScales, kinds: Sequence[str], rows: int, held: bool
     ) -> list[PhysicalFit]:
-        """Return the fits so far, best first, also after Ctrl-C; with `short`, one start of the `smallest` models."""
+        """Return the best fit of each kind, and of what the best of them became, best first, also after Ctrl-C."""
         try:
-            self._run_starts(smallest, 1 if short else min(self.limits.starts, MAX_STARTS))
-            if not short and self._found:
-                self._vary_penalty(self._sorted()[0])
-                best = self._sorted()[0]
-                for models in sizes:  # one counts only if it is clearly better
-                    self._fit(models, models.layout.start, best.penalty, 0, LARGER * best.cost)
+            make = partial(HydraulicModels.first, training, scales, rows=rows, held=held)
+            self._fit_kinds([make(kind=kind) for kind in kinds])
+            best = self._sorted()[0] if self._found else None
+            if best and depends_on_stroke(best):
+                self._fit_kind(make(kind=best.models.kind, bypass=True), len(kinds))
+            if best and self.limits.work >= SHORT_WORK:
+                self._weaken(self._sorted()[0], HELD_STRENGTHS if held else STRENGTHS)
         except KeyboardInterrupt:
             self.stop.set()
         return self._sorted()
@@ -76,13 +82,13 @@ class PhysicalSearch:
         """Return the parameters after a last fit to all ticks, weighted by `share` (ticks,), if it is not worse."""
         everything = (fit.models.training.estimation + fit.models.training.selection) * share
         before = fit.models.cost(fit.theta, everything)
-        steps = [theta for _, theta in self._descend(fit.models, everything, fit.theta, fit.penalty)]
+        steps = [theta for _, theta in self._descend(fit.models, everything, fit.theta, fit.strength, LAST_STEPS)]
         theta = steps[-1] if steps else fit.theta
         return theta if fit.models.cost(theta, everything) <= before else fit.theta
 
-    def _run_starts(self, models: PhysicalModels[Any], count: int) -> None:
+    def _fit_kinds(self, starts: Sequence[HydraulicModels]) -> None:
         with ThreadPoolExecutor(max(1, self.limits.threads)) as pool:
-            runs = [pool.submit(self._fit, models, self._start(models, i), PENALTIES[0], i) for i in range(count)]
+            runs = [pool.submit(self._fit_kind, models, seed) for seed, models in enumerate(starts)]
             try:
                 for run in runs:
                     run.result()
@@ -90,46 +96,46 @@ class PhysicalSearch:
                 self.stop.set()
                 raise
 
-    def _start(self, models: PhysicalModels[Any], i: int) -> F:
-        if i == 0:
-            return models.layout.start
-        return models.layout.perturbed(np.random.default_rng(self.limits.seed + i), SPREAD)
+    def _fit_kind(self, models: HydraulicModels, seed: int) -> None:
+        share = 0.5 if self.limits.work < SHORT_WORK else 1.0
+        estimation = models.training.estimation
+        theta = models.layout.centre
+        for stiff in (STIFF, 1.0):
+            steps = self._descend(models, estimation, theta, STRENGTHS[0], round(share * LAW_STEPS), stiff)
+            theta = [theta, *(better for _, better in steps)][-1]
+        self._fit(*models.free(theta), STRENGTHS[0], seed, round(share * NODE_STEPS))
 
-    def _vary_penalty(self, best: PhysicalFit) -> None:
-        """Fit on from the best with other strengths of the penalty; go on while a weaker one helps."""
-        at = best
-        for penalty in PENALTIES[2:]:
-            weaker = self._fit(best.models, at.theta, penalty, 0)
-            if weaker.cost > WORTHWHILE * at.cost:
+    def _weaken(self, best: PhysicalFit, strengths: Sequence[float]) -> None:
+        for strength in strengths[1:]:
+            weaker = self._fit(best.models, best.theta, strength, 0, NODE_STEPS)
+            if weaker.cost > WORTHWHILE * best.cost:
                 break
-            at = weaker
-        if at is best:
-            self._fit(best.models, best.theta, PENALTIES[1], 0)
+            best = weaker
 
     def _fit(
-        self, models: PhysicalModels[Any], start: F, penalty: float, seed: int, below: float = np.inf
+        self, models: HydraulicModels, start: F, strength: float, seed: int, steps: int, below: float = np.inf
     ) -> PhysicalFit:
         """Return the parameters with the lowest selection cost of one descent; keep them if that is `below` a cost."""
         training = models.training
-        best = self._as_fit(models, models.layout.project(start), np.inf, penalty, seed)
+        best = self._as_fit(models, start, models.cost(start, training.selection), strength, seed)
         try:
-            for _, theta in self._descend(models, training.estimation, start, penalty):
+            for _, theta in self._descend(models, training.estimation, start, strength, steps):
                 cost = models.cost(theta, training.selection)
                 if cost < best.cost:
-                    best = self._as_fit(models, theta, cost, penalty, seed)
+                    best = self._as_fit(models, theta, cost, strength, seed)
                     self._report(best)
         finally:
-            best = self._as_fit(models, best.theta, best.cost, penalty, seed, self._find_stop_reason() or self.ended)
+            best = self._as_fit(models, best.theta, best.cost, strength, seed, self._find_stop_reason() or ENDED)
             if best.cost < below and np.isfinite(best.cost):
                 self._found.append(best)
         self.listener(best.result)
         return best
 
     def _as_fit(
-        self, models: PhysicalModels[Any], theta: F, cost: float, penalty: float, seed: int, ended: str = "running"
+        self, models: HydraulicModels, theta: F, cost: float, strength: float, seed: int, ended: str = "running"
     ) -> PhysicalFit:
         result = SearchResult(np.arange(len(theta)), theta, cost, self.limits.seed + seed, self._trials, ended)
-        return PhysicalFit(models, theta, cost, penalty, result)
+        return PhysicalFit(models, theta, cost, strength, result)
 
     def _report(self, fit: PhysicalFit) -> None:
         with self._lock:
@@ -139,23 +145,23 @@ class PhysicalSearch:
             self._best = fit.cost
         self.listener(fit.result)
 
-    def _descend(self, models: PhysicalModels[Any], weights: F, start: F, penalty: float) -> Iterator[tuple[float, F]]:
-        layout = models.layout
-        problem = BoundedProblem(
+    def _descend(
+        self, models: HydraulicModels, weights: F, start: F, strength: float, steps: int, stiff: float = 1.0
+    ) -> Iterator[tuple[float, F]]:
+        pull = strength * models.layout.weight
+        pull[: sum(len(group.centre) for group in models.layout.groups)] *= stiff
+        problem = CentredProblem(
             lambda theta: models.error(theta, weights),
             lambda theta: models.normal_equations(theta, weights),
-            layout.project,
-            layout.low,
-            layout.high,
-            layout.penalty_weight(penalty) / layout.scale**2,
-            layout.start,
+            pull,
+            models.layout.centre,
         )
         values: list[float] = []
-        for value, theta in descend_within_bounds(problem, start):
+        for value, theta in descend_about_centre(problem, start):
             yield value, theta
             values.append(value)
             still = len(values) > WINDOW and values[-1] > (1.0 - WINDOW * MIN_GAIN) * values[-1 - WINDOW]
-            if still or len(values) >= MAX_STEPS or self._find_stop_reason():
+            if still or len(values) >= steps or self._find_stop_reason():
                 return
 
     def _find_stop_reason(self) -> str:
@@ -163,3 +169,20 @@ class PhysicalSearch:
 
     def _sorted(self) -> list[PhysicalFit]:
         return sorted(self._found, key=lambda fit: fit.cost)
+
+
+def depends_on_stroke(fit: PhysicalFit) -> bool:
+    """Return whether the error of a fit follows the stroke as a bypass would make it, as a share of the force."""
+    training = fit.models.training
+    weights = np.sqrt(training.estimation)
+    force, position = fit.models.force(fit.theta), training.inputs[0]
+    nodes = np.linspace(fit.models.scales.positions_m[0], fit.models.scales.positions_m[-1], STROKE_NODES)
+    hats = np.stack([np.interp(position, nodes, one) for one in np.eye(STROKE_NODES)], axis=1)
+    plain = np.stack([np.ones_like(force), force, training.inputs[1]], axis=1)
+    error = weights * (training.measured - force)
+    shares = []
+    for features in (plain, np.hstack([plain, hats * force[:, None]])):
+        scaled = weights[:, None] * features
+        rest = error - scaled @ np.linalg.lstsq(scaled, error, rcond=None)[0]
+        shares.append(float(rest @ rest))
+    return shares[1] < (1.0 - STROKE_SHARE) * shares[0]

@@ -1,13 +1,12 @@
 """What an engineer knows a damper by, read off a model with physics inside, and how uncertain it is.
 
-With A the Gauss-Newton matrix, P the penalty's weights, H = A + P, and g_b the gradient of half the squared error of
-block b, the mean squared error of the parameters is  H^-1 (c sum_b g_b g_b' + P S^2 P + g g') H^-1.  The first part
-is noise (sandwich estimate: White, Econometrica 50, 1982). Errors that are alike from tick to tick do not count as
-independent, as the blocks are longer than their correlation. For n blocks and k parameters, c = n / (n - k/2) lies in
-the middle between parameters that all blocks determine together and those that have blocks of their own. The second
-part is the penalty's pull if true parameters lie S, the scales of their groups, from their starts: what the data leave
-open is then as uncertain as its scale. The third is the way to the optimum that is left where the descent stopped, with
-g the gradient there, penalty included. Parameters at a bound have no error.
+With A the Gauss-Newton matrix, P the weights of the pull towards usual values, H = A + P, and g_b the gradient of half
+the squared error of block b, the mean squared error of the parameters is  H^-1 (c sum_b g_b g_b' + P P + g g') H^-1.
+The first part is noise (sandwich estimate: White, Econometrica 50, 1982). Errors that are alike from tick to tick do
+not count as independent, as the blocks are longer than their correlation. For n blocks and k parameters, c = n / (n -
+k/2) lies in the middle between parameters that all blocks determine together and those that have blocks of their own.
+The second part is the pull if true parameters lie a factor of e from usual ones: what the data leave open is then as
+uncertain as that. The third is the way to the optimum that is left where the descent stopped, g being the gradient.
 """
 
 from __future__ import annotations
@@ -19,8 +18,9 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_identify.physical.models import Body, PhysicalModels, free_run
+from ces_identify.physical.models import HydraulicModels, free_run
 from ces_identify.physical.valve_kernels import RunData
+from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.structure import Range
 
 BLOCK_S = 0.25
@@ -30,11 +30,9 @@ STEP = 1e-3  # of a parameter's standard error, to differentiate what follows fr
 
 @dataclass(frozen=True)
 class ParameterErrors:
-    """Parameters `theta` (n,) between `low` and `high`; their mean squared error is root root', `root` (n, m)."""
+    """Parameters `theta` (n,); their mean squared error is root root', `root` (n, m)."""
 
     theta: F
-    low: F
-    high: F
     root: F
 
     def of(self, values: Callable[[F], F]) -> F:
@@ -42,34 +40,47 @@ class ParameterErrors:
         at, sizes = values(self.theta), np.sqrt((self.root**2).sum(axis=1))
         spread = np.zeros((len(at), self.root.shape[1]))
         for n in np.flatnonzero(sizes > 0.0):
-            step = STEP * sizes[n]
             moved = self.theta.copy()
-            moved[n] += step if moved[n] + step < self.high[n] else -min(step, 0.5 * (moved[n] - self.low[n]))
-            change = moved[n] - self.theta[n]
-            spread += np.outer((values(moved) - at) / change, self.root[n])
+            moved[n] += STEP * sizes[n]
+            spread += np.outer((values(moved) - at) / (moved[n] - self.theta[n]), self.root[n])
         return np.asarray(np.sqrt((spread**2).sum(axis=1)))
 
 
-def parameter_errors(models: PhysicalModels[Any], theta: F, penalty: float) -> ParameterErrors | None:
-    """Return the errors of parameters fitted with a penalty [J %]; None if there are too few blocks of data."""
+def parameter_errors(models: HydraulicModels, theta: F, strength: float) -> ParameterErrors | None:
+    """Return the errors of parameters fitted with a strength of the pull; None if there are too few blocks of data."""
     training, layout = models.training, models.layout
     weights = training.estimation + training.selection
     blocks = _number_blocks(training.segments, len(weights), round(BLOCK_S / models.scales.interval_s))
     _, matrix, gradients = models.sensitivities(theta, weights, blocks)
-    free = (theta > layout.low) & (theta < layout.high)
-    scale = layout.scale[free]
-    scaled = matrix[np.ix_(free, free)] * np.outer(scale, scale)
-    pull = layout.penalty_weight(penalty) * np.eye(len(scale))
-    inverse = np.linalg.inv(scaled + pull)
-    used = gradients[(gradients != 0.0).any(axis=1)][:, free] * scale
-    determined = float(np.trace(inverse @ scaled))
+    pull = strength * layout.weight
+    inverse = np.linalg.inv(matrix + np.diag(pull))
+    used = gradients[(gradients != 0.0).any(axis=1)]
+    determined = float(np.trace(inverse @ matrix))
     if len(used) < MIN_BLOCKS * determined:
         return None
-    slope = gradients[:, free].sum(axis=0) * scale + (pull @ ((theta - layout.start)[free] / scale))
-    parts = np.column_stack([used.T * np.sqrt(len(used) / (len(used) - 0.5 * determined)), pull, slope])
-    root = np.zeros((len(theta), parts.shape[1]))
-    root[free] = scale[:, None] * (inverse @ parts)
-    return ParameterErrors(theta, layout.low, layout.high, root)
+    slope = gradients.sum(axis=0) + pull * (theta - layout.centre)
+    parts = [used.T * np.sqrt(len(used) / (len(used) - 0.5 * determined)), np.diag(pull), slope]
+    return ParameterErrors(theta, inverse @ np.column_stack(parts))
+
+
+def find_undetermined(models: HydraulicModels, theta: F, strength: float) -> list[str]:
+    """Return a sentence on each quantity that the recordings say less of than the pull towards its usual value."""
+    weights = models.training.estimation + models.training.selection
+    _, matrix, _ = models.normal_equations(theta, weights)
+    known = np.diag(matrix) >= strength * models.layout.weight
+    values, owners = models.layout.values(theta), np.array(models.layout.owners)
+    texts = []
+    for name, (what, unit, factor, remedy) in ASKED.items():
+        if not known[owners == name].any():
+            texts.append(f"{what} is not determined: {factor * values[name][0]:.3g} {unit} assumed; {remedy}")
+    return texts
+
+
+ASKED = {
+    "rise_s": ("the valve's lag while the current rises", "ms", 1e3, "record steps of the current"),
+    "fall_s": ("the valve's lag while the current falls", "ms", 1e3, "record steps of the current"),
+    "mass_kg": ("the moving mass", "kg", 1.0, "record fast strokes at the softest current"),
+}
 
 
 def _number_blocks(segments: I, ticks: int, length: int) -> I:
@@ -102,9 +113,7 @@ def curve_currents(low: float, high: float) -> F:
     return np.linspace(low, high, CURRENTS) if high > low else np.array([low])
 
 
-def steady_force_map(
-    kind: type[PhysicalModels[Body]], body: Body, interval_s: float, position_m: Range, speeds: F, currents: F
-) -> F:
+def steady_force_map(body: Hydraulic, interval_s: float, position_m: Range, speeds: F, currents: F) -> F:
     """Return the steady forces (currents, speeds) [N] without gas force and preload.
 
     Each is read at mid-stroke on a triangular stroke: from mid-stroke to one end of what was recorded (for at most
@@ -119,7 +128,7 @@ def steady_force_map(
     position = np.tile(np.concatenate([middle + interval_s * np.cumsum(one) for one in strokes]), len(currents))
     current = np.repeat(currents, 2 * there.sum())
     data = RunData(position, speed, current, np.column_stack([ends - np.tile(2 * there, len(currents)), ends]))
-    force = free_run(kind.kernel(), kind.arrays_of(body, interval_s), data)
+    force = free_run(body, interval_s, data)
     return np.reshape(force[ends - 1], (len(currents), len(speeds))) - body.side.gas(middle)
 
 
@@ -133,31 +142,39 @@ def recorded_speeds(speed: F, current: F, currents: F) -> list[list[float]]:
 ERRORS = "standard_errors"  # key of `describe_errors` in a model's provenance, under `selection`
 
 
-def read_quantities(
-    kind: type[PhysicalModels[Body]], body: Body, interval_s: float, position_m: Range
-) -> dict[str, float]:
+def read_quantities(body: Hydraulic, interval_s: float, position_m: Range) -> dict[str, float]:
     """Return the damper's quantities by their names, which hold the units; some depend on the range of positions."""
     path, side = body.valve, body.side
     low, high = position_m
-    stroke = high - low
-    gas_N_m = (side.gas(high) - side.gas(low)) / stroke + kind.gas_stiffness_N_m(body)
+    stroke, middle = high - low, 0.5 * (low + high)
+    compression = body.compression_m_N * np.exp(body.compression_growth_1_m * middle)
+    rebound = body.rebound_m_N * np.exp(body.rebound_growth_1_m * middle)
     return {
-        **kind.own_quantities(body, stroke),
+        "Stiffness of the compression chamber [N/mm]": 1e-3 * (1.0 + body.area_ratio) ** 2 / float(compression),
+        "Stiffness of the rebound chamber [N/mm]": 1e-3 / float(rebound),
+        "Stiffness of mounts and rod [N/mm]": 1e-3 / body.mount_m_N if body.mount_m_N > 0.0 else np.inf,
+        "Softer by air at the reservoir's pressure [times]": 1.0 + body.air,
+        "Absolute pressure of the reservoir, on the annulus [N]": body.reservoir_N,
+        "Rod area over annulus area": body.area_ratio,
+        "Closing lag of the piston's valve [ms]": 1e3 * body.piston_s,
+        "Closing lag of the base valve [ms]": 1e3 * body.base_s,
+        "Closing lag of the external valve [ms]": 1e3 * body.external_s,
+        "Friction of the seals [N]": sum(min(e.yield_N, e.stiffness_N_m * stroke) for e in side.friction),
         "Valve lag, rising current [ms]": 1e3 * path.rise_s,
         "Valve lag, falling current [ms]": 1e3 * path.fall_s,
         "Dead time of the valve [ms]": 1e3 * path.delay_ticks * interval_s,
         "Magnetic loop, half width [mA]": 1e3 * path.hysteresis_A,
         "Viscous friction [N s/m]": side.viscous_Ns_m,
-        "Stiffness of the gas spring [N/mm]": 1e-3 * gas_N_m,
-        "Gas force and preload at mid-stroke [N]": side.gas(0.5 * (low + high)),
+        "Stiffness of the gas spring [N/mm]": 1e-3 * (side.gas(high) - side.gas(low)) / stroke,
+        "Gas force and preload at mid-stroke [N]": side.gas(middle),
         "Moving mass [kg]": side.mass_kg,
         "Lead of the drive [ms]": 1e3 * side.lead_s,
     }
 
 
-def describe_errors(models: PhysicalModels[Any], theta: F, penalty: float) -> Mapping[str, Any]:
+def describe_errors(models: HydraulicModels, theta: F, strength: float) -> Mapping[str, Any]:
     """Return standard errors of quantities, valve and steady forces for the provenance; empty for too few data."""
-    errors = parameter_errors(models, theta, penalty)
+    errors = parameter_errors(models, theta, strength)
     if errors is None:
         return {}
     scales, data = models.scales, models.training
@@ -165,19 +182,18 @@ def describe_errors(models: PhysicalModels[Any], theta: F, penalty: float) -> Ma
     speeds = curve_speeds(*envelope.speed_m_s)
     currents = curve_currents(scales.currents_A[0], scales.currents_A[-1])
     stroke, interval = envelope.position_m, scales.interval_s
-    kind = type(models)
-    names = list(read_quantities(kind, models.body(theta), interval, stroke))
+    names = list(read_quantities(models.body(theta), interval, stroke))
 
     def quantities(at: F) -> F:
-        values = read_quantities(kind, models.body(at), interval, stroke)
+        values = read_quantities(models.body(at), interval, stroke)
         return np.array([values[name] for name in names])
 
     def forces(at: F) -> F:
-        return steady_force_map(kind, models.body(at), interval, stroke, speeds, currents).ravel()
+        return steady_force_map(models.body(at), interval, stroke, speeds, currents).ravel()
 
     return {
         "quantities": dict(zip(names, _short(errors.of(quantities)), strict=True)),
-        "setting": _short(errors.of(lambda at: models.layout.part(models.layout.k(at), "setting"))),
+        "setting": _short(errors.of(lambda at: models.layout.values(at)["setting"])),
         "speed_m_s": _short(speeds, 4),
         "current_A": _short(currents, 4),
         "steady_force_N": [_short(row) for row in errors.of(forces).reshape(len(currents), len(speeds))],

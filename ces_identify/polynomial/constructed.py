@@ -193,33 +193,68 @@ NEAR = (0.6, 1.7)  # ratio of two guesses that are near
 TERMS = 12  # of the short searches
 ITERATIONS = 12  # of a fit
 COARSE_HZ = 250.0  # rate of searches and fits; the lag itself is computed at the model's rate
-SHARE = 0.2  # of the search time, for each guess
 
 
 def find_time_constants(
     rules: CandidateRules, series: Sequence[Series], limits: Limits, stable: bool = True, weighting: Weighting = EQUAL
 ) -> CandidateRules:
     """Return `rules` with every open time constant [s] set to that of the lowest selection cost [%] on `series`."""
-    step = max(1, round(series[0].rate_Hz / COARSE_HZ)) if series else 1
-    short = replace(limits, target=0.0, terms=min(TERMS, limits.term_limit), exchanges=False)
 
-    def problem(seconds: float, chosen: I | None = None) -> Problem:
-        terms = rules.with_time_constant(name, seconds).candidates()
-        terms = terms if chosen is None else tuple(terms[i] for i in chosen)
-        return coarsen(assemble_problem(series, terms, stable, weighting), step)
+    def problem(name: str, seconds: float, chosen: I | None = None) -> Problem:
+        return _coarse_problem(rules.with_time_constant(name, seconds), series, stable, weighting, chosen)
 
     for name in rules.open_lags:
         guess, tried = FIRST_GUESS_S, list[float]()
         while len(tried) < GUESSES and not any(NEAR[0] < guess / one < NEAR[1] for one in tried):
             tried.append(guess)
             rules = rules.with_time_constant(name, guess)
-            deadline = search_clock.now() + SHARE * limits.time
-            start = GaussNewtonStart(problem(guess), short, limits.seed, deadline, threading.Event(), lambda f: None)
-            cost = cache(partial(_cost_after_refit, problem, start.run()))
+            found = _search_shortly(problem(name, guess), limits)
+            cost = cache(partial(_cost_after_refit, partial(problem, name), found))
             best = GRID_S.index(min(GRID_S[1::EVERY], key=cost))
             guess = min(GRID_S[max(0, best - AROUND) : best + AROUND + 1], key=cost)
         rules = rules.with_time_constant(name, guess)
     return rules
+
+
+SUB_MODELS, BY_STROKE = 5, "by_position"  # over the stroke, and their name
+STROKE_GAIN = 0.8  # share of the selection cost below which sub-models over the stroke count
+STROKE_ENDS = (0.01, 0.99)  # quantiles of the position: the outer sub-models
+MIN_STROKE_M = 1e-3
+
+
+def add_stroke_if_needed(
+    rules: CandidateRules, series: Sequence[Series], limits: Limits, stable: bool = True, weighting: Weighting = EQUAL
+) -> CandidateRules:
+    """Return `rules`, with sub-models over the stroke if these lower the selection cost of a short search clearly.
+
+    So it is for a damper whose damping depends on the stroke, such as one with a bypass groove about mid-stroke.
+    """
+    low, high = np.quantile(_scored_values("position", None, series), STROKE_ENDS)
+    if high - low < MIN_STROKE_M:
+        return rules
+    peaks = ",".join(f"{peak:.6g}" for peak in np.linspace(low, high, SUB_MODELS))
+    blended = add_blend(rules, f"position:{peaks}")
+    kept = tuple(p for p in blended.products if not {"force", BY_STROKE} <= set(p))  # else most proofs fail
+    blended = replace(blended, products=kept)
+    tried = (_coarse_problem(one, series, stable, weighting) for one in (rules, blended))
+    costs = [_search_shortly(problem, limits).cost for problem in tried]
+    return blended if costs[1] < STROKE_GAIN * costs[0] else rules
+
+
+def _coarse_problem(
+    rules: CandidateRules, series: Sequence[Series], stable: bool, weighting: Weighting, chosen: I | None = None
+) -> Problem:
+    """Return the problem at about COARSE_HZ, with only the candidates at the indices `chosen` if there are any."""
+    terms = rules.candidates()
+    terms = terms if chosen is None else tuple(terms[i] for i in chosen)
+    step = max(1, round(series[0].rate_Hz / COARSE_HZ))
+    return coarsen(assemble_problem(series, terms, stable, weighting), step)
+
+
+def _search_shortly(problem: Problem, limits: Limits) -> SearchResult:
+    short = replace(limits, target=0.0, terms=TERMS, exchanges=False)
+    end = search_clock.now() + limits.time
+    return GaussNewtonStart(problem, short, limits.seed, end, threading.Event(), lambda result: None).run()
 
 
 def _cost_after_refit(problem: Callable[[float, I], Problem], model: SearchResult, seconds: float) -> float:

@@ -133,6 +133,7 @@ WEAKEST = 3  # terms tried for pruning or exchange
 PART = 0.6  # share of the candidates considered at a step, except in the first start
 POLES = (0.9, 0.7, 0.97, 0.5)  # of the first models of successive starts
 STEPS = 4  # of Levenberg-Marquardt per trial
+RUNGS = (*range(2, 13), 15, 20, 25, 30, 40, 50, 70, 100, 140)  # sizes at which weak terms are exchanged
 THINNING = 3  # gains are estimated on every third tick, or on fewer if more than MAX_SAMPLED_TICKS remain
 MAX_SAMPLED_TICKS = 30_000
 DEPENDENT = 1e-6  # least share of a candidate's sensitivity that the model's terms do not span
@@ -140,7 +141,12 @@ STEP_SHARES = (1.0, 0.5, 0.2, 0.05)  # shares of a Gauss-Newton step tried
 
 
 class GaussNewtonStart(SearchStart):
-    """One start; its current model is the best so far."""
+    """One start; its current model is the best so far.
+
+    It climbs from size to size and exchanges weak terms at each: a search for more terms begins as one for fewer does.
+    """
+
+    work = 5e7
 
     @cached_property
     def _sampled_weights(self) -> F:
@@ -152,10 +158,14 @@ class GaussNewtonStart(SearchStart):
         return sampled * weights
 
     def _search(self) -> None:
-        """Grow, prune and exchange until nothing helps, the target is reached, time is up or it is interrupted."""
-        self._grow()
-        while self.limits.exchanges and self._exchange_term():
-            self._prune()
+        """Grow, prune and exchange until nothing helps, the target is reached, the work is done or Ctrl-C comes."""
+        most = self.limits.term_limit
+        for size in (*(rung for rung in RUNGS if rung < most and self.limits.exchanges), most):
+            before, full = self.current, self._grow(size)
+            while self.limits.exchanges and self._exchange_term():
+                self._prune()
+            if not full and self.current is before:
+                return
 
     def _first_model(self) -> SearchResult:
         """Return the model of a past force alone; candidates are then compared behind a first-order lag."""
@@ -164,18 +174,21 @@ class GaussNewtonStart(SearchStart):
         pole = POLES[(self.seed - self.limits.seed) % len(POLES)]
         return self._result(np.array(alone[:1], np.int64), np.full(len(alone[:1]), pole), np.inf)
 
-    def _grow(self) -> None:
-        """Add terms until PATIENCE of them have not lowered the cost; prune after each success."""
+    def _grow(self, size: int) -> bool:
+        """Add up to `size` terms, prune after each success; False if PATIENCE of them have not lowered the cost."""
         model, stale = self.current, 0
-        while len(model.chosen) < self.limits.term_limit and stale <= PATIENCE and not self._reason_to_end():
+        while len(model.chosen) < size:
+            if stale > PATIENCE or self._reason_to_end():
+                return False
             grown = self._add_best_candidate(model, np.inf)
             if grown is None:
-                return
+                return False
             model, stale = grown, stale + 1
             if grown.cost < self.current.cost * (1.0 - MIN_GAIN):
                 self._keep(grown)
                 self._prune()
                 model, stale = self.current, 0
+        return True
 
     def _exchange_term(self) -> bool:
         """Replace a weak term by a candidate; return False if that does not lower the cost."""

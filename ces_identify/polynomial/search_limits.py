@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor, wait
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from math import inf
 
 import numpy as np
 
@@ -20,13 +21,19 @@ from ces_observer.structures.terms import MAX_TERMS
 RANDOM, GAUSS_NEWTON, BOTH, THESIS = "random", "gauss-newton", "both", "thesis"
 DEFAULT_TERMS = 25
 INTERRUPTED = "interrupted"  # by Ctrl-C: why a start ended
+TIME_IS_UP = "ended by --time: another machine may answer differently"
+WORK_IS_DONE = "its share of the work is done"
 POLL_S = 0.1  # between two checks for Ctrl-C
+LONG_TICKS, MIN_STARTS = 100_000, 2
 METHODS = (BOTH, RANDOM, GAUSS_NEWTON, THESIS)
 
 
 @dataclass(frozen=True)
 class Limits:
     """When to stop: maximum number of `terms`, `time` [s], `target` cost [%], number of starts, first seed, threads.
+
+    The size of a search is counted in `work`, relative to the default, so that the same seed gives the same model on
+    any machine and with any number of threads; `time` is a hard end, by default none.
 
     `method` chooses terms by random forward selection in `rounds`, by Gauss-Newton gain, or by both: every other start
     then continues with the latter from the result of the former. `thesis` is the thesis' own procedure
@@ -35,7 +42,7 @@ class Limits:
     """
 
     terms: int | None = None
-    time: float = 60.0
+    time: float = inf
     target: float = 0.0
     starts: int = 8
     seed: int = 1
@@ -43,6 +50,7 @@ class Limits:
     rounds: int = 2
     method: str = BOTH
     exchanges: bool = True
+    work: float = 1.0
 
     @property
     def term_limit(self) -> int:
@@ -52,7 +60,10 @@ class Limits:
 
 @dataclass(frozen=True)
 class SearchResult:
-    """A model: indices of its candidates, coefficients, selection cost [%], seed, and why the start stopped."""
+    """A model: indices of its candidates, coefficients, selection cost [%], seed, and why the start stopped.
+
+    `share` is that of the start's work so far (0 to 1); `met` are the best models of other sizes on its way.
+    """
 
     chosen: I
     coefficients: F
@@ -60,9 +71,18 @@ class SearchResult:
     seed: int
     trials: int
     ended: str
+    share: float = 0.0
+    met: tuple[SearchResult, ...] = ()
 
 
 Listener = Callable[[SearchResult], None]
+
+
+def spread_work(limits: Limits, ticks: int) -> Limits:
+    """Return the limits for recordings of so many ticks: beyond LONG_TICKS fewer starts of more work each."""
+    scale = max(1.0, ticks / LONG_TICKS)
+    starts = min(limits.starts, max(MIN_STARTS, round(limits.starts / scale)))
+    return replace(limits, starts=starts, work=scale * limits.work)
 
 
 def reason_to_end(limits: Limits, cost: float, deadline: float, stop: threading.Event) -> str:
@@ -71,13 +91,14 @@ def reason_to_end(limits: Limits, cost: float, deadline: float, stop: threading.
         return INTERRUPTED
     if cost <= limits.target:
         return "target cost reached"
-    return "time is up" if search_clock.now() > deadline else ""
+    return TIME_IS_UP if search_clock.now() > deadline else ""
 
 
 def run_starts(limits: Limits, run: Callable[[int, float, threading.Event], SearchResult]) -> list[SearchResult]:
     """Call `run(seed, deadline, stop)` for every start in parallel threads; return the results, best first.
 
-    Ctrl-C sets `stop`; the best so far are returned, or KeyboardInterrupt is raised if there is none.
+    Ctrl-C sets `stop`; the best so far are returned, or KeyboardInterrupt is raised if there is none. If the time ended
+    one, all of them say so: more time might have made it the best.
     """
     stop = threading.Event()
     deadline = search_clock.now() + limits.time
@@ -92,6 +113,8 @@ def run_starts(limits: Limits, run: Callable[[int, float, threading.Event], Sear
         results = [start.result() for start in starts if not start.cancelled()]
     if not results:
         raise KeyboardInterrupt
+    if any(result.ended == TIME_IS_UP for result in results):
+        results = [replace(result, ended=TIME_IS_UP) for result in results]
     return sorted(results, key=lambda result: (result.cost, result.seed))
 
 
@@ -111,6 +134,8 @@ def _stop_on_interrupt(stop: threading.Event) -> Iterator[None]:
 class SearchStart(ABC):
     """A start from nothing or from the model `begin`; `listener` receives each better model."""
 
+    work: float  # ticks times trials, at most
+
     def __init__(
         self,
         problem: Problem,
@@ -127,13 +152,15 @@ class SearchStart(ABC):
         self.trials = 0
         self.current = begin or self._first_model()
         self.trials = self.current.trials
+        self.budget = max(1.0, limits.work * self.work / len(problem.measured)) + self.trials
+        self._met = {len(model.chosen): model for model in (self.current, *self.current.met)}
 
     def run(self) -> SearchResult:
         """Search until no candidate helps or a limit is reached or Ctrl-C; return the best model."""
         self._search()
         ended = self._reason_to_end() or "no candidates left"
         self._keep(replace(self.current, trials=self.trials, ended=ended))
-        return self.current
+        return replace(self.current, share=1.0, met=tuple(self._met.values()))
 
     @abstractmethod
     def _search(self) -> None:
@@ -143,11 +170,16 @@ class SearchStart(ABC):
         return self._result(np.empty(0, np.int64), np.empty(0), np.inf)
 
     def _result(self, chosen: I, coefficients: F, cost: float) -> SearchResult:
-        return SearchResult(chosen, coefficients, cost, self.seed, self.trials, "running")
+        share = min(1.0, self.trials / self.budget) if self.trials else 0.0
+        return SearchResult(chosen, coefficients, cost, self.seed, self.trials, "running", share)
 
     def _keep(self, model: SearchResult) -> None:
         self.current = model
+        best = self._met.get(len(model.chosen))
+        if best is None or model.cost <= best.cost:
+            self._met[len(model.chosen)] = model
         self.listener(model)
 
     def _reason_to_end(self) -> str:
-        return reason_to_end(self.limits, self.current.cost, self.deadline, self.stop)
+        reason = reason_to_end(self.limits, self.current.cost, self.deadline, self.stop)
+        return reason or (WORK_IS_DONE if self.trials >= self.budget else "")

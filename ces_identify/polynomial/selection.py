@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from dataclasses import replace
 
 import numpy as np
 
@@ -13,21 +14,24 @@ from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.search_limits import (
     BOTH,
     GAUSS_NEWTON,
-    RANDOM,
     THESIS,
     Limits,
     Listener,
     SearchResult,
     SearchStart,
     run_starts,
+    spread_work,
 )
 
-BATCH = 32  # candidates tried between two checks of the clock
+BATCH = 32  # candidates tried between two checks of the work
+FEW_TERMS = 6  # with which a random start begins; a search for more terms goes on from that model
 RIDGE = 1e-9  # smallest pivot of the scaled Gram matrix; columns with a smaller one count as dependent
 
 
 class LeastSquaresStart(SearchStart):
     """A start whose models are fitted by least squares with measured past forces and judged by their free run."""
+
+    work = 1.2e9
 
     def _add_first_better(self, model: SearchResult, trial: I, bound: float) -> tuple[int, SearchResult | None]:
         """Return the place in `trial` (-1: none) of the first candidate with a cost below `bound`, and that model."""
@@ -68,7 +72,7 @@ class RandomForwardStart(LeastSquaresStart):
     estimation ticks, lowers the cost of the free run on the selection ticks; after every success it prunes the terms
     that are no longer needed. The required gain decreases step by step, so that strong terms come first. When no
     candidate is left, the start removes a random part of its best model and searches again, for a number of rounds
-    (iterated local search). It stops after the last round, at the target cost, or when time is up. Its current model
+    (iterated local search). It stops after the last round, at the target cost, or with its work done. Its current model
     may be worse than the best one of an earlier round.
     """
 
@@ -132,7 +136,7 @@ class ThesisStart(LeastSquaresStart):
 
     It starts from an initial model. One random candidate is added and removed from the list; it stays if the free-run
     cost is lower at all. Then one regressor at a time is removed; the best smaller model replaces the model if it costs
-    less, and pruning starts over. The procedure ends when the list is empty, at the target cost, or when time is up.
+    less, and pruning starts over. The procedure ends when the list is empty, at the target cost, or with its work done.
     Nothing keeps a model stable. The thesis estimates parameters one step ahead (`nlarx`): least squares on the
     estimation ticks here, whose validation data are the selection ticks. It has no limit on the number of terms, unless
     `terms` is given.
@@ -172,6 +176,7 @@ def search(problem: Problem, limits: Limits, listener: Listener = lambda result:
     Ctrl-C stops every start and returns the best so far, or raises KeyboardInterrupt if there is none. `listener`
     receives each improvement and each start's result, from the threads.
     """
+    limits = spread_work(limits, len(problem.measured))
 
     def start(seed: int, deadline: float, stop: threading.Event) -> SearchResult:
         arguments = problem, limits, seed, deadline, stop, listener
@@ -179,7 +184,10 @@ def search(problem: Problem, limits: Limits, listener: Listener = lambda result:
             return ThesisStart(*arguments).run()
         if limits.method == GAUSS_NEWTON or (limits.method == BOTH and (seed - limits.seed) % 2 == 0):
             return GaussNewtonStart(*arguments).run()
-        result = RandomForwardStart(*arguments).run()  # with both, every other start continues from it
-        return result if limits.method == RANDOM else GaussNewtonStart(*arguments, result).run()
+        few = replace(limits, terms=min(FEW_TERMS, limits.term_limit))
+        result = RandomForwardStart(problem, few, *arguments[2:]).run()
+        if limits.method == BOTH:
+            return GaussNewtonStart(*arguments, result).run()
+        return RandomForwardStart(*arguments, result).run() if limits.term_limit > FEW_TERMS else result
 
     return run_starts(limits, start)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -24,7 +25,7 @@ from ces_identify.report.figures import (
     time_plot,
 )
 from ces_identify.structures import model_table
-from ces_identify.structures.auto import advise
+from ces_identify.structures.auto import DIFFERENCE, LEFT_OUT, TIE, advise
 from ces_identify.validation.band import coverage_regions
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
@@ -37,7 +38,8 @@ from ces_identify.validation.evaluate import (
     explain_missing,
     pool_evaluations,
 )
-from ces_identify.validation.residuals import error_cells, error_regions, residual_tests, verdicts
+from ces_identify.validation.lacks import UNDETERMINED, head_lines
+from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
 from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
 from ces_report.charts import SIZES, draw_chart
@@ -49,9 +51,10 @@ ROLES = (VALIDATION, IDENTIFICATION)
 MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 MARKS = "marks"  # key of the hashes in the provenance by which copies and parts of recordings are recognised
-SHOWN_ABOVE = (ERRORS, "structure", "structures")  # of the provenance's selection
+SHOWN_ABOVE = (ERRORS, UNDETERMINED, "structure", "structures", LEFT_OUT, DIFFERENCE, TIE)  # of the selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 WORST_CELLS = 6  # rows in the table of errors
+NEGATIVE = re.compile(r"(?<=\s)-(?=\d)")
 NO_CERTIFICATE = (
     "None: this model comes without a proof of stability. The observer tries one itself; if that fails, it refuses the "
     "model unless allow_uncertified is true."
@@ -77,12 +80,13 @@ def write_report(
     drawn = sorted(sorted(range(len(ordered)), key=lambda i: -worst[ordered[i].role, ordered[i].name])[:MAX_DRAWN])
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     selection = model.provenance.get("selection", {})
-    structures, kinds = selection.get("structures") or {}, {selection.get("structure"): "this model"}
+    structures, tie = selection.get("structures") or {}, selection.get(TIE, "")
     kind = " and ".join(dict.fromkeys(one.structure for one in model.each))
     kind = kind.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
     page = page_template("report.html.j2", "ces_identify.report").render(
         title=title,
         subject=_describe_recordings(ordered),
+        lacks=[NEGATIVE.sub("\N{MINUS SIGN}", line) for line in head_lines(model, ordered)],
         headline=_format_headline(ordered, held_out),
         warnings=_format_warnings(ordered),
         facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **facts},
@@ -94,8 +98,11 @@ def write_report(
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
         outside=_outside_rows(ordered),
         pooled=[row for some in by_delay(held_out).values() if (row := _pooled_row(some)) is not None],
-        structures=[(name, three_figures(cost), kinds.get(name, "short fit")) for name, cost in structures.items()],
-        advice=advise(structures, selection["structure"]) if structures else "",
+        structures=[(name, three_figures(cost)) for name, cost in structures.items()],
+        left_out=selection.get(LEFT_OUT, "the selection data"),
+        difference=selection.get(DIFFERENCE, ""),
+        tie=tie,
+        advice=advise(structures, selection["structure"]) if structures and not tie else "",
         parts=[_draw_model(one, ordered, drawn, points) for one in model.each],
         drawn=drawn,
         most_dots=MAX_DOTS,
@@ -126,7 +133,6 @@ def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int
         ],
         "maps": _draw_maps(mine, model, suffix),
         "cells": error_cells(shown)[:WORST_CELLS],
-        "regions": error_regions(shown),
         "coverage": coverage_regions(shown),
     }
 

@@ -11,7 +11,6 @@ from importlib import import_module
 from typing import Any
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.physical.models import PhysicalModels
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_observer.model import Model
@@ -33,11 +32,6 @@ KITS = _find_kits()
 def kit_of(body: Structure) -> StructureKit[Any]:
     """Return the kit of a structure."""
     return next(kit for kit in KITS.values() if kit.body.name == body.name)
-
-
-def physical_models_of(body: Structure) -> type[PhysicalModels[Any]] | None:
-    """Return the models of a structure with the physics inside, None for another one."""
-    return kit_of(body).models
 
 
 def run_batch(model: Model, inputs: F, segments: I) -> tuple[F, Mask]:

@@ -1,29 +1,36 @@
-"""Which structure: short fits of several on the same data, compared by the free run on the selection data.
+"""Which structure: short fits of several, compared by their free run on the same data left out of the fits.
 
-`BestStructure` fits the best of them in full; the fitter of a chosen structure without physics inside reports the costs
-of those with it. Both leave the costs in the model's provenance, under `selection: structures`: that of the full fit
-for the chosen structure, those of short fits for the others.
+`BestStructure` fits the best of them in full, and of those that cannot be told apart the one with the most physics; the
+fitter of a chosen structure without physics inside is compared with those with it. Both leave the comparison in the
+model's provenance under `selection`: costs by structure in `structures`, and what `LEFT_OUT`, `DIFFERENCE` and `TIE`
+name. Short fits are counted in work, not in time, as all fits are.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from ces_identify.polynomial.search_limits import THESIS, Listener
+from ces_data.arrays import F
+from ces_identify.numerics import search_clock
+from ces_identify.polynomial.search_limits import THESIS, TIME_IS_UP, Listener
 from ces_identify.prepare.series import Series
-from ces_identify.structures import KITS
+from ces_identify.structures import KITS, run_batch
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
+from ces_identify.structures.left_out import LeftOut, choose_left_out, compare_costs, cost_of
 from ces_observer.errors import CesError
 from ces_observer.model import Sampling
 
 AUTO = "auto"
-SHORT_S = 10.0  # most seconds of a short fit
-SHORT_STARTS = 2  # of a short fit of a structure without physics inside: one start may end without a proof
-SHORT_SHARE = 0.15  # of the time limit, for each short fit
-CLEARLY_BETTER = 0.9  # share of the chosen structure's selection cost
+LEFT_OUT, DIFFERENCE, TIE = "left_out", "structures_difference", "structures_tie"  # keys of the provenance
+SHORT_WORK = 0.12  # of a short fit: one start, without exchange of terms
+SHORT_THREADS = 2  # short fits at a time
+SHORT_SHARE = 0.5  # of a time limit, for all short fits
+CLEARLY_BETTER = 0.9  # share of the chosen structure's cost
 
 
 @dataclass(frozen=True)
@@ -37,12 +44,12 @@ class BestStructure:
         self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
     ) -> Fitted:
         """Return the best model; raises CesError if no structure can be fitted."""
-        costs = _compare(self.names or tuple(KITS), self.sizes, series, sampling, options)
-        if not costs:
+        found = _compare(self.names or tuple(KITS), self.sizes, series, sampling, options)
+        if not found.squares:
             raise CesError("no structure could be fitted; check signals and units")
-        best = min(costs, key=lambda name: costs[name])
-        fitted = KITS[best].fitter(self.sizes)(series, sampling, options, listener)
-        return _with_costs(fitted, best, {**costs, best: fitted.results[0].cost})
+        facts = _judge(found)
+        fitted = KITS[facts["structure"]].fitter(self.sizes)(series, sampling, options, listener)
+        return replace(fitted, how={**fitted.how, **facts})
 
 
 def physical_structures() -> list[str]:
@@ -65,10 +72,11 @@ def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
         series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
     ) -> Fitted:
         fitted = fitter(series, sampling, options, listener)
-        if options.limits.method == THESIS:
+        others = physical_structures()
+        if options.limits.method == THESIS or not others:
             return fitted
-        costs = _compare(physical_structures(), sizes, series, sampling, options)
-        return _with_costs(fitted, option, {option: fitted.results[0].cost, **costs})
+        found = _compare((option, *others), sizes, series, sampling, options)
+        return replace(fitted, how={**fitted.how, **_judge(found, option)}) if option in found.squares else fitted
 
     return fitter if KITS[option].models else fit_beside_physical_structures
 
@@ -79,31 +87,83 @@ def advise(costs: Mapping[str, float], chosen: str) -> str:
     if best == chosen or costs[best] > CLEARLY_BETTER * costs[chosen]:
         return ""
     return (
-        f"On the selection data a short fit of '{best}' reads J {costs[best]:.2f} %, '{chosen}' {costs[chosen]:.2f} %: "
+        f"On data left out, a short fit of '{best}' reads J {costs[best]:.2f} %, of '{chosen}' {costs[chosen]:.2f} %: "
         f"try --structure {best} (or auto)."
     )
 
 
+@dataclass(frozen=True)
+class _Comparison:
+    """The squared errors on left-out data (`LeftOut.squares`) by structure, of all folds together."""
+
+    about: str
+    squares: Mapping[str, F]
+
+
 def _compare(
     names: Sequence[str], sizes: Mapping[str, Size], series: Sequence[Series], sampling: Sampling, how: IdentifyOptions
-) -> dict[str, float]:
-    """Return the selection costs [%] of short fits, without structures that cannot be fitted; Ctrl-C ends it."""
-    seconds = min(SHORT_S, SHORT_SHARE * how.limits.time)
-    costs: dict[str, float] = {}
-    for name in names:
-        starts = 1 if KITS[name].models else SHORT_STARTS
-        short = replace(how, limits=replace(how.limits, starts=starts, time=seconds))
+) -> _Comparison:
+    """Fit each structure shortly, without each part of the data in turn; Ctrl-C ends it with those that are done.
+
+    Structures that cannot be fitted are left out.
+    """
+    folds = choose_left_out(series)
+    end, late = search_clock.now() + SHORT_SHARE * how.limits.time, list[str]()
+
+    def fit(name: str, fold: LeftOut) -> F | None:
+        seconds = max(0.0, end - search_clock.now())
+        limits = replace(how.limits, starts=1, threads=1, exchanges=False, work=SHORT_WORK, time=seconds)
         try:
-            fitted = KITS[name].fitter(sizes)(series, sampling, short, lambda result: None)
+            fitter = KITS[name].fitter(sizes)
+            fitted = fitter(fold.hide(series), sampling, replace(how, limits=limits), lambda result: None)
         except CesError:
-            continue
+            return None
+        late.extend(one.ended for one in fitted.results if one.ended == TIME_IS_UP)
+        model = fitted.model
+        runs = [run_batch(model, np.stack([s.position, s.speed, s.current]), s.segments) for s in series]
+        squares = fold.squares(series, [force for force, _ in runs])
+        return squares if np.isfinite(squares).all() else None
+
+    found: dict[str, list[F | None]] = {}
+    with ThreadPoolExecutor(min(SHORT_THREADS, how.limits.threads)) as pool:
+        running = [(name, pool.submit(fit, name, fold)) for name in names for fold in folds]
+        try:
+            for name, one in running:
+                found.setdefault(name, []).append(one.result())
         except KeyboardInterrupt:
-            break
-        if np.isfinite(fitted.results[0].cost):
-            costs[name] = float(fitted.results[0].cost)
-    return costs
+            pool.shutdown(cancel_futures=True)
+            if not found:
+                raise
+    whole = {
+        name: np.concatenate(parts, axis=1)
+        for name, rows in found.items()
+        if len(parts := [row for row in rows if row is not None]) == len(folds)
+    }
+    return _Comparison("; ".join([*(fold.about for fold in folds), *late[:1]]), whole)
 
 
-def _with_costs(fitted: Fitted, chosen: str, costs: Mapping[str, float]) -> Fitted:
-    table = {name: round(cost, 4) for name, cost in sorted(costs.items(), key=lambda item: item[1])}
-    return replace(fitted, how={**fitted.how, "structure": chosen, "structures": table})
+def _judge(found: _Comparison, chosen: str = "") -> dict[str, Any]:
+    """Return the chosen structure, by default the best, and the comparison, for the provenance.
+
+    Structures whose difference from the best includes none count as equal to it.
+    """
+    costs = {name: cost_of(squares) for name, squares in found.squares.items()}
+    best, *others = sorted(costs, key=lambda name: costs[name])
+    differences = [compare_costs(found.squares, best, name) for name in others]
+    equal = [best, *(one.second for one in differences if one.is_none)]
+    ranked = sorted(equal, key=lambda name: (not KITS[name].models, list(KITS).index(name)))
+    facts: dict[str, Any] = {
+        "structure": chosen or ranked[0],
+        "structures": {name: round(costs[name], 4) for name in (best, *others)},
+        LEFT_OUT: found.about,
+    }
+    if differences:
+        second = differences[0]
+        ends = f"{second.low:.3g} to {second.high:.3g}"
+        facts[DIFFERENCE] = f"J of {second.second} is {second.ratio:.3g} times that of {best} (95 %: {ends})"
+    if len(equal) > 1 and (chosen or best) in equal:
+        alike = f"{', '.join(ranked[:-1])} and {ranked[-1]} cannot be told apart"
+        first = "with the physics inside" if KITS[ranked[0]].models else "the first of them"
+        reason = "the chosen one is among them" if chosen else f"{ranked[0]} is taken, {first}"
+        facts[TIE] = f"{alike}: {reason}"
+    return facts

@@ -7,7 +7,7 @@ forces and a descent of the premises on the same one-step error. The free-run fi
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise, product
 from typing import ClassVar
@@ -21,7 +21,7 @@ from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
 from ces_identify.structures.lagged import LaggedShape, lagged_facts
 from ces_identify.trained import training
-from ces_identify.trained.fuzzy_kernels import FuzzyArrays
+from ces_identify.trained.fuzzy_kernels import FuzzyArrays, grade, share
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
 from ces_observer.errors import CesError
 from ces_observer.model import Model
@@ -43,6 +43,7 @@ MIN_SLOPE, MAX_SLOPE = 0.6, 8.0  # of a membership
 STIFFNESS = 1e-4  # [(J / 100)^2] cost of moving a membership by its own width
 HYBRID_STEPS = 5
 HYBRID_DAMPING = 1.0
+MIN_SPEEDS = 3  # memberships of speed of the models from which larger ones grow
 QUANTILES = (0.002, 0.998)  # of a premise: the ends of the grid
 START_JITTER = 0.15  # standard deviation of a start's centres, in distances between neighbours
 
@@ -110,6 +111,23 @@ class FuzzyFit(training.Family):
         past *= np.minimum(1.0, FIRST_GAIN / np.maximum(np.abs(past).sum(axis=1, keepdims=True), 1e-9))
         self.parts(params)[0][:, 1 + self.past] = past
         return params
+
+    def smaller(self) -> FuzzyFit | None:
+        """Return the models with two memberships of speed less, None below MIN_SPEEDS."""
+        first, *others = self.grid
+        fewer = first.memberships - 2
+        return replace(self, grid=(replace(first, memberships=fewer), *others)) if fewer >= MIN_SPEEDS else None
+
+    def grow(self, smaller: FuzzyFit, params: F, random: np.random.Generator) -> F:
+        """Return rules on the whole grid, each with the blend of the smaller model's consequents at its centre."""
+        consequents, bells = smaller.parts(params)
+        grades, logs, shares = np.empty(len(bells)), np.empty(len(bells)), np.empty(len(consequents))
+        blended = []
+        for members in self.rules:
+            grade(self.grid_bells[members, 0], bells, smaller.owner, grades, logs)
+            share(grades, smaller.rules, shares)
+            blended.append(shares @ consequents)
+        return np.concatenate([np.ravel(blended), self.grid_bells.ravel()])
 
     def _one_step_ahead(self) -> Evaluate:
         """Return the function of errors in which measured past forces replace the model's own."""
@@ -181,27 +199,38 @@ def learn_hybrid(errors: Evaluate, params: F, consequents: int) -> F:
 
 
 MAX_RULES = 60
+STROKES = 3  # memberships of the position
 NONE = "none"
 CURRENT_AND_SPEED = training.LagCounts(0, 1, 1)  # the inputs of the thesis' neuro-fuzzy models, at the present tick
 
 
 @dataclass(frozen=True)
 class FuzzyShape(LaggedShape):
-    """The size of a neuro-fuzzy model (Jang 1993): memberships of speed and current, a rule for each pair, and lags."""
+    """The size of a neuro-fuzzy model (Jang 1993): memberships of speed (at most) and current, a rule for each pair."""
 
     option: ClassVar[str] = Fuzzy.option
     speeds: int = 7
     currents: int = 2
     current_delay_s: float = 0.008  # of the current in the premises
-    lags: training.Lags | training.LagCounts = training.LAGS
+    lags: training.Lags | training.LagCounts | None = None
     decay: float = 3e-6  # [(J / 100)^2] cost of a squared consequent
+    strokes: int = 1
+
+    def with_inputs(self, lags: training.Lags | training.LagCounts, stroke: bool) -> FuzzyShape:
+        """Return the shape with these lags, and with memberships of the position unless its grid is small."""
+        strokes = STROKES if stroke and self.speeds > MIN_SPEEDS else 1
+        speeds = min(self.speeds, MAX_RULES // (strokes * self.currents))
+        return replace(self, lags=lags, strokes=strokes, speeds=speeds)
 
     def family(self, data: training.Training, rate_Hz: float) -> FuzzyFit:
         """Return the neuro-fuzzy models of this size for the data."""
         grid = [PremiseGrid("speed", 0, self.speeds)]
         if self.currents > 1 and "current" in data.changing_inputs():
             grid.append(PremiseGrid("current", round(self.current_delay_s * rate_Hz), self.currents))
-        return FuzzyFit(data, training.build_regressors(data, self.lags, rate_Hz), tuple(grid), self.decay)
+        if self.strokes > 1:
+            grid.append(PremiseGrid("position", 0, self.strokes))
+        regressors = training.build_regressors(data, self.lags or training.LAG_SETS[0], rate_Hz)
+        return FuzzyFit(data, regressors, tuple(grid), self.decay)
 
 
 def read_grid(text: str) -> tuple[int, int]:
@@ -297,7 +326,7 @@ def tick_facts(fuzzy: Fuzzy, model: Model) -> dict[str, object]:
 RULES = Option(
     "rules",
     f"{FuzzyShape().speeds}x{FuzzyShape().currents}",
-    "memberships of speed and of current of neuro-fuzzy rules, as VxI",
+    "memberships of speed, at most, and of current of neuro-fuzzy rules, as VxI",
     form=f"memberships VxI such as 7x2, at most {MAX_RULES} rules",
     check_text=read_grid,
     metavar="VxI",

@@ -13,7 +13,7 @@ from math import isfinite
 from typing import Any, Generic, TypeVar
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.physical.models import PhysicalModels
+from ces_identify.physical.models import HydraulicModels
 from ces_identify.polynomial.candidates import CandidateRules
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
 from ces_identify.prepare.cost import EQUAL, Weighting
@@ -101,7 +101,7 @@ class StructureKit(Generic[S]):
     batch_run: Callable[[S, Model, F, I], tuple[F, Mask]]
     table: Callable[[S, Model, Sequence[SimulatedSeries], str], ModelTable]
     c_tick: CTick[S] | None = None
-    models: type[PhysicalModels[Any]] | None = None
+    models: type[HydraulicModels] | None = None
     quick: bool = False
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
@@ -15,7 +15,15 @@ from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
 from ces_identify.structures.lagged import LaggedShape, lagged_facts
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
 from ces_identify.trained.network_kernels import NetworkArrays
-from ces_identify.trained.training import LAGS, Family, LagCounts, Lags, Training, build_regressors, regressor_table
+from ces_identify.trained.training import (
+    LAG_SETS,
+    Family,
+    LagCounts,
+    Lags,
+    Training,
+    build_regressors,
+    regressor_table,
+)
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.network import STEEPEST, Network, SigmoidUnit
@@ -25,6 +33,7 @@ FIRST_GAIN = 0.9  # gain of the past forces in a start
 FIRST_SLOPE = 1.5  # standard deviation of a start's slopes, all inputs together
 FIRST_WEIGHT = 0.05
 STEEPEST_SLOPE = 0.25  # of a sigmoid
+RUNGS = (2, 4, 6, 10, 20, 40)  # numbers of units from which larger networks grow
 KINK = 5e-4  # width over which the kink of |x| is smoothed in the gain
 
 
@@ -50,6 +59,18 @@ class NetworkFit(Family):
         units[:, 2 + self.past] = 0.0
         constant = (1.0 - linear.sum()) * self.training.level
         return np.concatenate([[constant], linear, units.ravel()])
+
+    def smaller(self) -> NetworkFit | None:
+        """Return the networks with the next smaller number of units on the ladder."""
+        fewer = [units for units in RUNGS if units < self.units]
+        return replace(self, units=fewer[-1]) if fewer else None
+
+    def grow(self, smaller: NetworkFit, params: F, random: np.random.Generator) -> F:
+        """Return the smaller network with further units, of weight 0."""
+        grown = self.start(random)
+        grown[: len(params)] = params
+        grown[len(params) :: 2 + len(self.regressors)] = 0.0
+        return grown
 
     def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
         """Return the squared error with decay, its matrix and its gradient."""
@@ -96,22 +117,30 @@ MAX_COUNT = 20  # lags of a signal: three times as many stay below MAX_REGRESSOR
 
 @dataclass(frozen=True)
 class NetworkShape(LaggedShape):
-    """The size of a sigmoid network (thesis eq. 3.4): units, lags, and the cost of a squared parameter."""
+    """The size of a sigmoid network (thesis eq. 3.4): largest number of units, lags, cost of a squared parameter."""
 
     option: ClassVar[str] = Network.option
     units: int = 10
-    lags: Lags | LagCounts = LAGS
+    lags: Lags | LagCounts | None = None
     decay: float = 3e-6  # [(J / 100)^2]
+    stroke: bool = False
+
+    def with_inputs(self, lags: Lags | LagCounts, stroke: bool) -> NetworkShape:
+        """Return the shape with these lags, and with the position among the regressors."""
+        return replace(self, lags=lags, stroke=stroke)
 
     def family(self, data: Training, rate_Hz: float) -> NetworkFit:
         """Return the networks of this size for the data."""
-        return NetworkFit(data, build_regressors(data, self.lags, rate_Hz), self.units, self.decay)
+        lags = self.lags or LAG_SETS[0]
+        lags = lags.at_rate(rate_Hz) if isinstance(lags, LagCounts) else lags
+        lags = replace(lags, position_s=(0.0,)) if self.stroke else lags
+        return NetworkFit(data, build_regressors(data, lags, rate_Hz), self.units, self.decay)
 
 
-def read_lags(text: str) -> Lags | LagCounts:
-    """Return the lags of `auto` or of the counts `Y,C,V` (thesis table 5.2); raises ValueError."""
+def read_lags(text: str) -> LagCounts | None:
+    """Return the counts `Y,C,V` (thesis table 5.2), None for `auto`; raises ValueError."""
     if text == AUTO:
-        return LAGS
+        return None
     counts = text.split(",")
     if len(counts) != 3 or not all(one.strip().isdecimal() and int(one) <= MAX_COUNT for one in counts):
         raise ValueError(
@@ -173,12 +202,12 @@ def tick_facts(network: Network, model: Model) -> dict[str, object]:
     }
 
 
-UNITS = Option("units", NetworkShape().units, "sigmoids of a sigmoid network", 1, 60, metavar="N")
+UNITS = Option("units", NetworkShape().units, "sigmoids of a sigmoid network, at most", 1, 60, metavar="N")
 NETWORK_LAGS = Option(
     "lags",
     AUTO,
     "numbers of past forces, currents and speeds that a sigmoid network uses (thesis table 5.2), such as 2,4,5: past "
-    "forces from one tick ago, the others from the present tick",
+    "forces from one tick ago, the others from the present tick; auto: chosen by short fits",
     form=f"{AUTO} or counts Y,C,V such as '2,4,5', each from 0 to {MAX_COUNT}",
     check_text=read_lags,
     metavar="Y,C,V",

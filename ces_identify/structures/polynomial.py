@@ -16,7 +16,7 @@ from ces_data.arrays import F, I
 from ces_identify.numerics import search_clock
 from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.compiled_terms import run_polynomial
-from ces_identify.polynomial.constructed import find_time_constants, restrict_to_data
+from ces_identify.polynomial.constructed import add_stroke_if_needed, find_time_constants, restrict_to_data
 from ces_identify.polynomial.gauss_newton import fit_free_run, refit_coefficients
 from ces_identify.polynomial.problem import Problem, assemble_problem
 from ces_identify.polynomial.search_limits import THESIS, Listener, SearchResult
@@ -142,13 +142,13 @@ def _name(power: Power) -> str:
     return signal + ("" if signed else "_abs") + ("" if exponent == 1.0 else f"_p{digits}")
 
 
-NO_CANDIDATE = "no candidate lowered the cost below 100 %; check signs, signals and rules, or give more time"
+NO_CANDIDATE = "no candidate lowered the cost below 100 %; check signs, signals and rules"
 NO_MODEL_BY_THESIS = (
     "no model below 100 %: the free run of the initial model diverges or follows nothing, and no candidate mends that; "
-    "give another initial model or more candidates, a lower --rate or more time"
+    "give another initial model or more candidates, or a lower --rate"
 )
 REFIT_STEPS = 8
-MIN_SEARCH_SHARE = 0.5  # of the time limit that the search gets, however long it took to build the problem
+MIN_SEARCH_SHARE = 0.5  # of a time limit that the search gets, however long it took to build the problem
 
 
 def fit_polynomial(
@@ -159,11 +159,10 @@ def fit_polynomial(
     A last fit on all identification data is used only if it does not worsen their free run. The thesis' procedure has
     neither that fit nor a constraint on stability; its model has a certificate if the proof succeeds.
     """
-    started = search_clock.now()
+    end = search_clock.now() + options.limits.time
     problem = build_problem(training, options)
-    seconds = max(MIN_SEARCH_SHARE * options.limits.time, options.limits.time - (search_clock.now() - started))
-    limits = replace(options.limits, time=seconds)
-    results = [f for f in search(problem, limits, listener) if f.cost < 100.0]
+    seconds = max(MIN_SEARCH_SHARE * options.limits.time, end - search_clock.now())
+    results = [f for f in search(problem, replace(options.limits, time=seconds), listener) if f.cost < 100.0]
     if not results:
         raise CesError(NO_MODEL_BY_THESIS if options.limits.method == THESIS else NO_CANDIDATE)
     method = f"{options.limits.method}, judged by free run"
@@ -181,14 +180,20 @@ def fit_polynomial(
 
 
 def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
-    """Return the problem of choosing terms on prepared series, with all open time constants determined."""
+    """Return the problem of choosing terms on prepared series, with all open time constants determined.
+
+    The built-in rules get sub-models over the stroke if the data ask for them.
+    """
     rules = options.candidates or load_rules(None, options.limits.method)
+    built_in = rules == load_rules(None)
     stable = options.certificate and options.limits.method != THESIS
     current = np.concatenate([series.current for series in training])
     if np.ptp(current) <= 1e-3 * max(1e-9, float(np.abs(current).max())):
         rules = rules.without_signal("current")
     rules = restrict_to_data(rules.at_rate(training[0].rate_Hz), training)
     rules = find_time_constants(rules, training, options.limits, stable, options.weight)
+    if built_in:
+        rules = add_stroke_if_needed(rules, training, options.limits, stable, options.weight)
     problem = assemble_problem(training, rules.candidates(), stable, options.weight)
     return replace(problem, initial=np.arange(len(rules.initial_terms())))
 
@@ -196,13 +201,22 @@ def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Probl
 def _best_model(
     problem: Problem, sampling: Sampling, results: Sequence[SearchResult], prove: bool
 ) -> tuple[Model, list[SearchResult]]:
-    """Return the model of the best start (with `prove`, of the best with a certificate) and the starts from it on."""
-    for i, best in enumerate(results):
+    """Return the best model (with `prove`, with a certificate), its result and those of the starts that are no better.
+
+    Models that a start met on its way count, too.
+    """
+    met = [
+        one
+        for start in results
+        for one in (start, *(replace(m, ended=start.ended) for m in start.met if start.cost < m.cost < 100.0))
+    ]
+    for best in sorted(met, key=lambda one: one.cost) if prove else results[:1]:
         model = _model(problem, sampling, best)
-        if not prove:
-            return model, list(results)
-        if model.is_stable():
-            return replace(model, certificate=model.certify().to_mapping()), list(results[i:])
+        if prove and not model.is_stable():
+            continue
+        if prove:
+            model = replace(model, certificate=model.certify().to_mapping())
+        return model, [best, *(one for one in results if one.cost >= best.cost and one is not best)]
     raise CesError(
         "no model could be proved stable; multiply past forces by fewer different lags, or give --no-certificate"
     )

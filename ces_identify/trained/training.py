@@ -1,9 +1,10 @@
 """Training of models on lagged regressors: series in, Levenberg-Marquardt on the free run, stopped early.
 
 `Training` holds the stacked series; estimation and selection are the alternating blocks of
-`ces_identify.polynomial.problem`, and every recording has the same weight. Every start descends on the estimation ticks
-and keeps the parameters with the lowest cost on the selection ticks. With `certificate`, a penalty holds the gain of
-the past forces below MAX_GAIN, and only parameters below it are kept.
+`ces_identify.polynomial.problem`, and every recording has the same weight. Every start climbs a ladder of sizes: at
+each it descends on the estimation ticks from random parameters, and from the best smaller model if that is not enough
+to beat it. It keeps the parameters with the lowest cost on the selection ticks, whatever their size. With
+`certificate`, a penalty holds the gain of the past forces below MAX_GAIN, and only parameters below it are kept.
 """
 
 from __future__ import annotations
@@ -13,14 +14,22 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.problem import assemble_problem
-from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end, run_starts
+from ces_identify.polynomial.search_limits import (
+    WORK_IS_DONE,
+    Limits,
+    Listener,
+    SearchResult,
+    reason_to_end,
+    run_starts,
+    spread_work,
+)
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run, lagged_normal_equations
@@ -46,9 +55,6 @@ class Lags:
     position_s: tuple[float, ...] = ()
 
 
-LAGS = Lags()
-
-
 @dataclass(frozen=True)
 class LagCounts:
     """How many past forces (from one tick ago), currents and speeds (from this tick on) to use: thesis table 5.2."""
@@ -61,6 +67,13 @@ class LagCounts:
         """Return the lags at a model's rate; a tick is a tick at every rate."""
         currents, speeds = (tuple(k / rate_Hz for k in range(count)) for count in (self.currents, self.speeds))
         return Lags(tuple(range(1, self.forces + 1)), speeds, currents)
+
+
+LAG_SETS: tuple[Lags | LagCounts, ...] = (  # among which the data choose
+    Lags(),
+    Lags((1, 2), (0.0, 0.002, 0.004, 0.008), (0.0, 0.004, 0.008, 0.016)),
+    LagCounts(2, 4, 5),
+)
 
 
 @dataclass(frozen=True)
@@ -190,6 +203,19 @@ class Family(ABC):
         """Return random parameters from which a descent starts."""
 
     @abstractmethod
+    def smaller(self) -> Self | None:
+        """Return the models of the next smaller size from which a start begins, None if these are the smallest."""
+
+    @abstractmethod
+    def grow(self, smaller: Self, params: F, random: np.random.Generator) -> F:
+        """Return parameters of these models that repeat, or nearly, a smaller one with the parameters `params`."""
+
+    def ladder(self) -> list[Self]:
+        """Return the models of all sizes on the way to this one."""
+        smaller = self.smaller()
+        return [self] if smaller is None else [*smaller.ladder(), self]
+
+    @abstractmethod
     def errors_on(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
         """Return the regularised squared error (infinite above `max_error`), its matrix and its gradient."""
 
@@ -242,10 +268,13 @@ class Family(ABC):
 MAX_GAIN = 0.98  # of the past forces: less than 1, so that the bound on the force is useful
 MARGIN = 0.002  # below MAX_GAIN, where the penalty begins
 PENALTIES = (10.0, 100.0, 1e3, 1e4)  # [(J / 100)^2] on a squared excess of gain, raised until there is no excess
-MAX_STEPS = 300  # of a start
-PATIENCE = 25  # steps without improvement on the selection ticks, after which a start stops
+WORK = 1.2e11  # of a start: ticks times squared parameters, of all steps
+MAX_STEPS = 300  # at each size
+PATIENCE = 25  # steps without improvement on the selection ticks, after which a descent ends
 MIN_IMPROVEMENT = 1e-3  # relative
 NO_MORE_GAIN = "no more gain on the selection ticks"
+NO_STEP, DIVERGED = "no step lowers the error", "start diverged"
+GOES_ON = (NO_MORE_GAIN, NO_STEP, DIVERGED)  # ends of a descent, after which the start climbs on
 
 
 def train(
@@ -254,8 +283,10 @@ def train(
     """Run the starts in parallel threads and return their results, best first, without starts that failed.
 
     Ctrl-C stops every start; the best results so far are returned. The threads call `listener` at each improvement and
-    when a start stops. `SearchResult.chosen` counts the family's units or rules; `coefficients` are its parameters.
+    when a start stops. `SearchResult.chosen` counts units or rules, which tells the model of the family's ladder;
+    `coefficients` are its parameters.
     """
+    limits = spread_work(limits, len(family.training.measured))
     results = run_starts(
         limits, lambda seed, deadline, stop: _Start(family, limits, seed, certificate, deadline, stop, listener).run()
     )
@@ -264,7 +295,7 @@ def train(
 
 @dataclass
 class _Start:
-    """One seeded start."""
+    """One seeded start; `family` is that of the present size."""
 
     family: Family
     limits: Limits
@@ -274,49 +305,62 @@ class _Start:
     stop: threading.Event
     listener: Listener
     step: int = 0
+    spent: float = 0.0  # share of the work
     lowest: float = np.inf  # selection cost of the last real improvement,
     improved_at: int = 0  # and its step
+    began_at: int = 0  # step of the present size
 
     def __post_init__(self) -> None:
-        self.best = SearchResult(np.arange(self.family.size), np.empty(0), np.inf, self.seed, 0, "running")
+        self.random = np.random.default_rng(self.seed)
+        self.best = SearchResult(np.empty(0, np.int64), np.empty(0), np.inf, self.seed, 0, "running")
 
     def run(self) -> SearchResult:
-        """Descend until the cost on the selection ticks stops falling; return the best parameters."""
-        ended = self._find_stop_reason() or self._descend()
-        self.best = replace(self.best, ended=ended)
+        """Descend at each size until the cost on the selection ticks stops falling; return the best parameters."""
+        ended, ladder = self._find_stop_reason(), self.family.ladder()
+        for family in ladder:
+            if ended in ("", *GOES_ON):
+                self.family = family
+                ended = self._descend(family.start(self.random))
+            smaller = next((one for one in ladder if one.size == len(self.best.chosen)), family)
+            if ended in GOES_ON and smaller.size < family.size:
+                ended = self._descend(family.grow(smaller, self.best.coefficients, self.random))
+        self.best = replace(self.best, ended=ended, share=1.0)
         if np.isfinite(self.best.cost):
             self.listener(self.best)
         return self.best
 
-    def _descend(self) -> str:
-        params, ended = self.family.start(np.random.default_rng(self.seed)), "start diverged"
+    def _descend(self, params: F) -> str:
+        ended, self.began_at = DIVERGED, self.step
         for penalty in PENALTIES:
             self.lowest, self.improved_at = np.inf, self.step
             for _, trial in descend(partial(self._compute_errors_with_penalty, penalty=penalty), params):
-                if trial is not params or not self.step:
+                if trial is not params or self.step == self.began_at:
                     self._evaluate(trial)
                 params = trial
                 self.step += 1
+                self.spent += len(self.family.training.measured) * len(params) ** 2 / max(1.0, WORK * self.limits.work)
                 ended = self._find_stop_reason()
                 if ended:
                     break
             if ended != NO_MORE_GAIN or self._is_allowed(params):
                 break
-        return ended or "no step lowers the error"
+        return ended or NO_STEP
 
     def _evaluate(self, params: F) -> None:
         cost = self.family.training.cost(self.family.force(params), self.family.training.selection)
         if cost < self.lowest * (1.0 - MIN_IMPROVEMENT):
             self.lowest, self.improved_at = cost, self.step
         if cost < self.best.cost and self._is_allowed(params):
-            self.best = replace(self.best, coefficients=params, cost=cost, trials=self.step + 1)
+            chosen, share = np.arange(self.family.size), min(1.0, self.spent)
+            self.best = SearchResult(chosen, params, cost, self.seed, self.step + 1, "running", share)
             self.listener(self.best)
 
     def _find_stop_reason(self) -> str:
         reason = reason_to_end(self.limits, self.best.cost, self.deadline, self.stop)
-        if reason or self.step - self.improved_at >= PATIENCE:
-            return reason or NO_MORE_GAIN
-        return "" if self.step < MAX_STEPS else "steps exhausted"
+        if reason or self.spent >= 1.0:
+            return reason or WORK_IS_DONE
+        still = self.step - self.improved_at >= PATIENCE or self.step - self.began_at >= MAX_STEPS
+        return NO_MORE_GAIN if still else ""
 
     def _compute_errors_with_penalty(self, params: F, max_error: float, penalty: float) -> tuple[float, F, F]:
         """Return the family's errors with the penalty on gains above MAX_GAIN - MARGIN."""

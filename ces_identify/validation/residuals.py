@@ -3,9 +3,8 @@
 A free-run (output-error) model leaves the measurement noise in the residual, so the residual need not be white:
 whiteness only says whether a noise model would improve one-step predictions. The correlation with the inputs is the
 decisive test (Ljung, System Identification, 1999, sec. 16.6; Söderström & Stoica, System Identification, 1989, sec.
-11.2): a residual that correlates with speed, position or current contains force that the model could explain. For
-nonlinear models Billings & Voon (Correlation based model validity tests for non-linear models, Int. J. Control 44,
-1986) add the squares, phi_(u2'e) and phi_(u2'e2'), where the prime means "minus its mean".
+11.2): a residual that correlates with speed, position or current contains force that the model could explain.
+`ces_identify.validation.lacks` finds what depends on them in another way.
 
 The bands hold for autocorrelated sequences: for independent input and residual, sqrt(n) times their correlation at any
 lag has the variance sum over lags of rho_u rho_e (Bartlett 1935; Söderström & Stoica eq. 11.22), here up to twice the
@@ -33,7 +32,6 @@ from ces_identify.numerics.correlation import (
     longest_memory,
     memory,
 )
-from ces_identify.prepare.cost import CENTRAL, SLOW_M_S
 from ces_identify.validation.evaluate import Evaluation
 
 LEVEL = 0.99
@@ -112,12 +110,9 @@ def residual_tests(evaluation: Evaluation) -> ResidualTests | None:
     still = tuple(name for name, u in inputs.items() if _is_still(u))
     moving = {name: u for name, u in inputs.items() if name not in still}
     linear = [scale_sequence(name, u, runs) for name, u in moving.items()]
-    squares = [scale_sequence(f"{name}²", u**2, runs) for name, u in moving.items() if not _is_still(u**2)]
     residual = scale_sequence("residual", error, runs)
-    squared = [scale_sequence("residual²", error**2, runs)] if not _is_still(error**2) else []
-    pairs = [*((u, residual) for u in (*linear, *squares)), *((u, e) for e in squared for u in squares)]
     white, statistic = whiteness(error, runs, max_lag, series.rate_Hz)
-    crosses = tuple(cross_correlation(u, e, runs, max_lag, series.rate_Hz) for u, e in pairs)
+    crosses = tuple(cross_correlation(u, residual, runs, max_lag, series.rate_Hz) for u in linear)
     return ResidualTests(white, statistic, crosses, still)
 
 
@@ -181,7 +176,7 @@ def verdicts(tests: ResidualTests) -> tuple[str, str]:
         return about, "not tested against the inputs: none changes"
     if not significant:
         names = ", ".join(name for name in INPUTS if name not in tests.still)
-        return about, f"no correlation left with {names} or their squares"
+        return about, f"no correlation left with {names}"
     top = max(significant, key=lambda one: one.share)
     return about, (
         f"{len(significant)} of {len(tests.inputs)} correlations with inputs are significant, the largest "
@@ -206,11 +201,10 @@ class ErrorShare:
 
 @dataclass(frozen=True)
 class _Scored:
-    """Ticks of all evaluations, concatenated; `stroke` is 0 to 1 over all, `spread` the sum of (y - mean y)^2."""
+    """Ticks of all evaluations, concatenated; `spread` is the sum of (y - mean y)^2."""
 
     speed: F
     current: F
-    stroke: F
     error: F
     spread: float
 
@@ -234,19 +228,6 @@ def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
     return sorted((s for s in cells if s.ticks > 0.0), key=lambda s: -s.energy)
 
 
-def error_regions(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
-    """Return the regions of direction, zero crossing and stroke; the regions of an axis cover all ticks."""
-    ticks = _collect_scored_ticks(evaluations)
-    slow = np.abs(ticks.speed) < SLOW_M_S
-    low, high = ticks.stroke < 0.5 - CENTRAL / 2, ticks.stroke > 0.5 + CENTRAL / 2
-    masks = {
-        "direction": {"compression": ticks.speed >= 0.0, "rebound": ticks.speed < 0.0},
-        "zero crossing": {f"|speed| below {SLOW_M_S:g} m/s": slow, "faster": ~slow},
-        "stroke": {"rebound end": low, f"central {100 * CENTRAL:.0f} %": ~low & ~high, "compression end": high},
-    }
-    return [_share(ticks, axis, name, mask) for axis, regions in masks.items() for name, mask in regions.items()]
-
-
 def _collect_scored_ticks(evaluations: Sequence[Evaluation]) -> _Scored:
     masks = [e.series.scored & np.isfinite(e.run.force) for e in evaluations]
     pairs = list(zip(evaluations, masks, strict=True))
@@ -254,12 +235,9 @@ def _collect_scored_ticks(evaluations: Sequence[Evaluation]) -> _Scored:
     def concatenate(signal: str) -> F:
         return np.concatenate([np.empty(0), *(getattr(e.series, signal)[k] for e, k in pairs)])
 
-    position = concatenate("position")
-    low, span = (float(position.min()), float(np.ptp(position))) if len(position) else (0.0, 1.0)
     error = [e.series.force[k] - e.run.force[k] for e, k in pairs]
     spread = sum(float(((f - f.mean()) ** 2).sum()) for e in evaluations for f in (e.series.force[e.series.scored],))
-    stroke = (position - low) / max(span, 1e-12)
-    return _Scored(concatenate("speed"), concatenate("current"), stroke, np.concatenate([np.empty(0), *error]), spread)
+    return _Scored(concatenate("speed"), concatenate("current"), np.concatenate([np.empty(0), *error]), spread)
 
 
 def _share(ticks: _Scored, axis: str, region: str, mask: Mask) -> ErrorShare:

@@ -3,13 +3,13 @@
 Each structure has its own proof and returns a `Certificate`: a `Contraction`, or an `EnergyCertificate` of a model that
 stores and dissipates energy, as a damper does: bounded for every input, never amplifying.
 
-Such a model computes its state by an implicit step, S (P(k) - P(k-1)) + T L(P(k)) = T a v(k), with a symmetric positive
-definite S and an L whose parts are increasing functions. Between two runs with the same inputs and valve setting L is
-monotone, so the energy 1/2 dP' S dP of their difference never grows; and 1/2 P' S P grows only while P' L(P) < v a' P.
-The setting depends on the current alone, and no stage of its path amplifies a difference (`valve_path`).
+Such a model computes its state by an implicit step, U(P(k)) - U(P(k-1)) + T L(P(k)) = T a v(k), with U and L gradients
+of convex functions of the pressures P, strictly so for U: the step has one solution. By convexity, the energy stored
+(the conjugate of the function with gradient U) grows in a step by at most T (v a' P - P' L(P)): only the motion feeds
+it. The model holds its pressures and its force within bounds: both stay bounded whatever the input and the rounding.
 
 The bounds hold from a restart on: `envelope_N` while all inputs since then were in the envelope, `force_bound_N` for
-any inputs. They are those of exact arithmetic, widened by 1e-9; a step is solved to about 1e-12.
+any inputs.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ def summarize(stored: Mapping[str, Any]) -> str:
     if anywhere is not None:
         within = "" if inside is None else f"{inside:.0f} N within the envelope, "
         bound = f"|force| at most {within}{anywhere:.0f} N for any input"
-        return f"passive: the difference of two runs never grows, and {bound}"
+        return f"passive: only the motion feeds its energy, and {bound}"
     return str(stored.get("claim"))
 
 
@@ -133,10 +133,7 @@ class Contraction(Certificate):
         return {**super().to_mapping(), "boxes": self.boxes}
 
 
-ENERGY_CLAIM = (
-    "|F| stays bounded for every input, and the energy of the difference of two runs with the same inputs and valve "
-    "setting never grows"
-)
+ENERGY_CLAIM = "|F| stays bounded for every input; a step has one solution, and only the motion feeds the energy stored"
 
 
 @dataclass(frozen=True)
@@ -150,7 +147,7 @@ class EnergyCertificate(Certificate):
 
     @property
     def holds(self) -> bool:
-        """True if both bounds are finite; the energy argument holds for all curves that a model file can contain."""
+        """True if both bounds are finite; the argument holds for all curves that a model file can contain."""
         return isfinite(self.envelope_N) and isfinite(self.force_bound_N)
 
     @property
@@ -177,7 +174,7 @@ class EnergyCertificate(Certificate):
     def rows(self) -> tuple[tuple[str, str], ...]:
         """The proved numbers for display."""
         return (
-            ("energy", "of the difference of two runs never grows, for any input"),
+            ("energy", "fed by the motion alone, for any input"),
             ("force bound", f"{self.envelope_N:.6g} N for inputs in the envelope"),
             ("", f"{self.force_bound_N:.6g} N for any input"),
         )

@@ -10,6 +10,7 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from math import sqrt
 from typing import Any, Self
 
 from ces_observer.errors import ModelError
@@ -29,15 +30,6 @@ def pieces(at: Sequence[float], values: Sequence[float]) -> tuple[Piece, ...]:
     return tuple((x0, y0, (y1 - y0) / (x1 - x0)) for (x0, x1), (y0, y1) in ends)
 
 
-def place_inside(ends: Sequence[float], n: int) -> float:
-    """Return a place in the n-th of the pieces that meet at `ends`, which rise; the outer pieces have no other end."""
-    if not ends:
-        return 0.0
-    if 0 < n < len(ends):
-        return 0.5 * (ends[n - 1] + ends[n])
-    return ends[0] - 1.0 - abs(ends[0]) if n == 0 else ends[-1] + 1.0 + abs(ends[-1])
-
-
 @dataclass(frozen=True)
 class IncreasingCurve:
     """A curve through the nodes (at[j], values[j]); both rise strictly."""
@@ -48,10 +40,6 @@ class IncreasingCurve:
     def __call__(self, x: float) -> float:
         """Return the value at `x`; beyond the ends the last pieces go on straight."""
         return interpolate(self.at, self.values, x)
-
-    def inverse(self, y: float) -> float:
-        """Return where the curve has the value `y`."""
-        return interpolate(self.values, self.at, y)
 
     def to_json(self, at: str, values: str) -> dict[str, Any]:
         """Return the nodes under these keys."""
@@ -100,34 +88,17 @@ MAX_CURVES = 16
 
 @dataclass(frozen=True)
 class FlowMap:
-    """Forces [N] over `at` [m/s]: `rows[k]` at the setting k / (rows - 1), each rising strictly."""
+    """Forces [N] over `at` [m/s]: `rows[k]` at the setting k / (rows - 1), each rising strictly; one for all."""
 
     at: tuple[float, ...]
     rows: tuple[tuple[float, ...], ...]
 
-    def pick(self, setting: float) -> tuple[int, float]:
-        """Return the row below a setting from 0 to 1, and the share of the next row."""
-        place = setting * (len(self.rows) - 1)
-        row = min(int(place), len(self.rows) - 2)
-        return row, place - row
-
     def blend(self, setting: float) -> tuple[float, ...]:
         """Return the curve's values at a setting from 0 to 1."""
-        row, share = self.pick(setting)
-        return tuple(a + share * (b - a) for a, b in zip(self.rows[row], self.rows[row + 1], strict=True))
-
-    def force(self, at: float, setting: float) -> float:
-        """Return the force [N] at an abscissa [m/s] and a setting."""
-        return interpolate(self.at, self.blend(setting), at)
-
-    def max_force(self, at: float) -> float:
-        """Return a bound on |force| [N] at abscissas [m/s] up to `at` in either direction, for every setting."""
-        return max(abs(interpolate(self.at, row, x)) for row in self.rows for x in (-at, at))
-
-    @property
-    def inverses(self) -> tuple[IncreasingCurve, ...]:
-        """The abscissa over the force at each row; at a setting between two rows it lies between theirs."""
-        return tuple(IncreasingCurve(row, self.at) for row in self.rows)
+        place = setting * (len(self.rows) - 1)
+        row = max(min(int(place), len(self.rows) - 2), 0)
+        following = self.rows[min(row + 1, len(self.rows) - 1)]
+        return tuple(a + (place - row) * (b - a) for a, b in zip(self.rows[row], following, strict=True))
 
     def to_json(self, at: str) -> dict[str, Any]:
         """Return the contents of the model file; `at` names the abscissa."""
@@ -139,14 +110,55 @@ class FlowMap:
         node.require_only_keys(at, "force_N")
         places = parse_nodes(node, at)
         rows = node.value.get("force_N")
-        if not isinstance(rows, list) or not 2 <= len(rows) <= MAX_CURVES:
-            raise ModelError(f"{node.where}: force_N has no 2 to {MAX_CURVES} lists; expected one for each setting")
+        if not isinstance(rows, list) or not 1 <= len(rows) <= MAX_CURVES:
+            raise ModelError(f"{node.where}: force_N has no 1 to {MAX_CURVES} lists; expected one for each setting")
         parsed = [parse_nodes(JsonObject({"force_N": row}, node.where), "force_N", len(places)) for row in rows]
         for row in parsed:
             check_slopes(node.where, places, row)
         return cls(places, tuple(parsed))
 
 
-def parse_growth(node: JsonObject, key: str) -> float:
-    """Check a number from 0 on in a model file; raises ModelError."""
-    return node.number(key, 0.0, MAX_VALUE)
+EdgePiece = tuple[float, float, float, float, float, float]
+"""Flow and width [m/s] of a piece, drop [N] at its left node and rise to the right one, and how far the next row's
+differ from them."""
+
+
+class EdgeRun:
+    """The flow of an edge over its pressure drop, at a setting of the valve."""
+
+    def __init__(self, flow: FlowMap) -> None:
+        rows = flow.rows
+        self._top = len(rows) - 1
+        self._rows = [_blend(flow.at, *pair) for pair in pairwise((*rows, rows[-1]))]
+        self._last = len(flow.at) - 2
+        self.flows = flow.at
+
+    def blend(self, setting: float) -> tuple[list[EdgePiece], float]:
+        """Return the pieces of the row below a setting, and the share of the next row."""
+        share = setting * self._top
+        row = int(share)
+        return self._rows[row], share - row
+
+    def find(self, curve: Sequence[EdgePiece], share: float, drop: float, piece: int) -> int:
+        """Return the index of the piece that holds a drop [N], searched from `piece` on."""
+        while piece < self._last and drop > curve[piece + 1][2] + share * curve[piece + 1][4]:
+            piece += 1
+        while piece > 0 and drop <= curve[piece][2] + share * curve[piece][4]:
+            piece -= 1
+        return piece
+
+
+def _blend(at: Sequence[float], below: Sequence[float], above: Sequence[float]) -> list[EdgePiece]:
+    return [
+        (x0, x1 - x0, a0, a1 - a0, b0 - a0, (b1 - b0) - (a1 - a0))
+        for (x0, x1), (a0, a1), (b0, b1) in zip(pairwise(at), pairwise(below), pairwise(above), strict=True)
+    ]
+
+
+def opening_of(piece: EdgePiece, share: float, drop: float, small: float) -> float:
+    """Return the steady flow [m/s] at a drop [N] over drop / sqrt(|drop| + small)."""
+    flow, width, at, rise, higher, steeper = piece
+    slope = width / (rise + share * steeper)
+    if abs(drop) < 1e-9:
+        return slope * sqrt(small)
+    return (flow + slope * (drop - at - share * higher)) * sqrt(abs(drop) + small) / drop

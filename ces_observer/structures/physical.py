@@ -16,7 +16,8 @@ Beside the core of each stand the drive, and the forces in parallel to the oil:
     drive(k)        = speed(k) + lead acceleration(k), the speed [m/s] that moves the oil
     side force(k)   = gas(position) + viscous drive + mass acceleration + sum of friction elements
 
-A friction element is a spring with a limited force (Prandtl 1928): f(k) = clip(f(k-1) + stiffness T drive(k), -+yield).
+A friction element is a spring with a limited force (Prandtl 1928): f(k) = clip(f(k-1) + stiffness T drive(k), -+limit),
+with limit = yield + setting moved: what a field makes stiff yields later.
 
 Curves go on straight beyond what was recorded. Inputs outside the envelope are used as they are, and marked, up to
 `reach` times the envelope about its middle (for the speed about zero); beyond, they are clamped. The proof covers all
@@ -198,10 +199,11 @@ SIDE_KEYS = ("lead_s", "max_acceleration_m_s2", "viscous_Ns_m", "mass_kg", "posi
 
 @dataclass(frozen=True)
 class FrictionElement:
-    """A spring whose force is limited: stiffness [N/m] and yield force [N]."""
+    """A spring whose force is limited: stiffness [N/m], yield force [N], and how much the valve's setting adds [N]."""
 
     stiffness_N_m: float
     yield_N: float
+    moved_N: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -235,7 +237,7 @@ class SideForces:
     @property
     def friction_N(self) -> float:
         """Bound on the force of all friction elements [N]."""
-        return sum(one.yield_N for one in self.friction) * (1.0 + 1e-12)
+        return sum(one.yield_N + one.moved_N for one in self.friction) * (1.0 + 1e-12)
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of the model file."""
@@ -266,8 +268,9 @@ class SideForces:
 
 def parse_friction(node: JsonObject) -> FrictionElement:
     """Check a friction element of a model file; raises ModelError."""
-    node.require_only_keys("stiffness_N_m", "yield_N")
-    return FrictionElement(node.number("stiffness_N_m", 1e-9, 1e12), node.number("yield_N", 0.0, MAX_VALUE))
+    node.require_only_keys("stiffness_N_m", "yield_N", "moved_N")
+    forces = (node.number(name, 0.0, MAX_VALUE) for name in ("yield_N", "moved_N"))
+    return FrictionElement(node.number("stiffness_N_m", 1e-9, 1e12), *forces)
 
 
 class SideRun:
@@ -277,7 +280,9 @@ class SideRun:
         self._rate = 1.0 / interval_s
         self._numbers = side.lead_s, side.max_acceleration_m_s2, side.viscous_Ns_m, side.mass_kg
         self._inner, self._gas = side.position_m[1:-1], pieces(side.position_m, side.gas_N)
-        self._elements = [(n, one.stiffness_N_m * interval_s, one.yield_N) for n, one in enumerate(side.friction)]
+        self._elements = [
+            (n, one.stiffness_N_m * interval_s, one.yield_N, one.moved_N) for n, one in enumerate(side.friction)
+        ]
         self.reset()
 
     def reset(self) -> None:
@@ -298,11 +303,12 @@ class SideRun:
         at, gas, slope = self._gas[bisect_left(self._inner, position)]
         return drive, gas + slope * (position - at) + viscous * drive + mass * change
 
-    def friction(self, drive: float) -> float:
-        """Return the force [N] of the friction elements after this tick's drive [m/s]."""
+    def friction(self, drive: float, setting: float) -> float:
+        """Return the force [N] of the friction elements after this tick's drive [m/s], at a setting of the valve."""
         rubbing, total = self._rubbing, 0.0
-        for n, step, limit in self._elements:
+        for n, step, least, moved in self._elements:
             force = rubbing[n] + step * drive
+            limit = least + setting * moved
             if force > limit:
                 force = limit
             elif force < -limit:
@@ -339,16 +345,18 @@ class PhysicalStructure(Structure):
     def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
         """Return the force [N] at mid-stroke of full strokes at constant speed and current, here in one long tick."""
         low, high = within.inputs["position"]
-        run = self.at_full_strokes(0.5 * (high - low)).make_predictor(LONG_TICK)
+        run = self.at_full_strokes(0.5 * (high - low), self.valve.steady(current_A)).make_predictor(LONG_TICK)
         return run.tick(0.5 * (low + high), speed_m_s, current_A)
 
     @abstractmethod
-    def at_full_strokes(self, half_m: float) -> Self:
-        """Return the model with the yield forces that its springs have in the middle of strokes to +-`half_m` [m]."""
+    def at_full_strokes(self, half_m: float, setting: float) -> Self:
+        """Return the model with the yield forces of its friction in the middle of strokes to +-`half_m` [m]."""
 
     def certify(self, within: OperatingRange) -> EnergyCertificate:
-        """Return the proved bounds on |force| [N]."""
-        envelope, any_input = map(self.bound_force, (within.inputs, widen(within.inputs, self.reach)))
+        """Return the proved bounds on |force| [N]; the force is held within its range, too."""
+        most = max(map(abs, within.force_N))
+        ranges = within.inputs, widen(within.inputs, self.reach)
+        envelope, any_input = (min(self.bound_force(inputs), most) for inputs in ranges)
         return EnergyCertificate(envelope, any_input, ENERGY_CLAIM, self.method)
 
     @abstractmethod

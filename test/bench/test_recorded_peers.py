@@ -11,7 +11,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 
 import measurement
-from identification_peers import PeerModel
+from identification_peers import PeerModel, boosted_trees
 from recorded_cases import (
     EVERY,
     PLAIN,
@@ -72,6 +72,44 @@ def test_a_peer_gets_scaled_columns_and_its_run_is_in_newtons(case, feed):
     assert mean_cost(case.tests["rough, rest"], fitted.simulate) < 3.0  # what is left is the causal speed's error
 
 
+def test_boosted_trees_run_freely_and_stop_by_selection_data(case):
+    pytest.importorskip("sklearn")
+    fitted = fit_peer(boosted_trees, PREPARED, case, 1.0)
+    assert fitted.parameters > 31
+    assert fitted.selection_cost < 20.0
+    assert mean_cost(case.tests["rough, rest"], fitted.simulate) < 20.0
+
+
+@pytest.mark.parametrize("name", ["GRU", "lagged MLP", "R2DN"])
+def test_a_network_learns_without_looking_ahead(case, name):
+    torch = pytest.importorskip("torch")
+    from network_peers import NETWORKS, fit_network
+
+    fitted = fit_network(NETWORKS[name], case, 1.0, steps=60)
+    (rest,) = case.tests["rough, rest"]
+    late = replace(rest, speed=np.where(np.arange(len(rest)) < 900, rest.speed, 0.0))
+    np.testing.assert_allclose(fitted.simulate(rest)[:900], fitted.simulate(late)[:900], atol=1e-3 * np.ptp(rest.force))
+    assert fitted.selection_cost < 60.0
+    assert torch.get_num_threads() == 1
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_two_runs_of_an_r2dn_draw_together_for_any_parameters(seed):
+    torch = pytest.importorskip("torch")
+    from network_peers import CONTRACTION, R2dn, run_states
+
+    torch.manual_seed(seed)
+    network = R2dn(2, 1000.0).double()
+    with torch.no_grad():
+        for parameters in network.parameters():
+            parameters.copy_(3.0 * torch.randn_like(parameters))
+        gains, n = network.gains(), network.states
+        drive = network.drive(torch.randn(50, 2, 2, dtype=torch.float64))
+        drive[1:] = drive[1:, :1]  # the two runs differ on the first tick only
+        apart = (run_states(drive, gains[:n], gains[n:, :n]).diff(dim=1) ** 2).sum((1, 2)).sqrt()
+    assert torch.all(apart[1:] <= CONTRACTION * apart[:-1] + 1e-9)
+
+
 def test_the_setting_is_chosen_on_selection_data_and_pays_for_all():
     better_test, chosen = ToolOutcome({"rig": 1.0}, 9.0, 10, 4.0), ToolOutcome({"rig": 2.0}, 8.0, 12, 3.0)
     setting, merged = merge({"a": better_test, "b": chosen, "c": replace(chosen, selection_cost=math.inf)})
@@ -82,9 +120,9 @@ def test_the_table_marks_the_best_and_leaves_out_what_failed():
     good = ToolOutcome({"rig, road": 3.456, "rig, sine": 2.0}, 3.0, 70, 12.4)
     loose = replace(good, costs={"rig, road": 5e4, "rig, sine": 1.25})
     outcomes = {
-        FitJob("rig", "ours", "", 1.0): good,
-        FitJob("rig", "fastcan", "", 1.0): loose,
-        FitJob("rig", "broken", "x", 1.0): ToolOutcome({}, math.inf, 0, 0.0, "ValueError: no"),
+        FitJob("rig", "ours", ""): good,
+        FitJob("rig", "fastcan", ""): loose,
+        FitJob("rig", "broken", "x"): ToolOutcome({}, math.inf, 0, 0.0, "ValueError: no"),
     }
     assert format_rows(outcomes) == [
         ("tool", "rig, road", "rig, sine", "parameters", "CPU s"),
@@ -96,12 +134,13 @@ def test_the_table_marks_the_best_and_leaves_out_what_failed():
 
 def test_missing_data_and_tools_are_skipped_with_one_line_each(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("CES_DATA", str(tmp_path))
-    assert present_cases(["rig", "dyke"]) == ["rig"]
-    assert capsys.readouterr().err.count("\n") == 1
+    assert present_cases(["rig", "dyke", "utfsm-sines"]) == ["rig"]
+    assert capsys.readouterr().err.count("\n") == 2
     monkeypatch.setattr(measurement.importlib.metadata, "version", _missing)
     measurement.is_installed.cache_clear()
-    assert wanted_tools(["fastcan", "chambers"]).keys() == {"**chambers**"}
-    assert capsys.readouterr().err.splitlines() == ["fastcan is not installed: skipped (pip install '.[bench]')"]
+    assert wanted_tools(["fastcan", "GRU", "hydraulic"]).keys() == {"**hydraulic**"}
+    lines = capsys.readouterr().err.splitlines()
+    assert [line.partition(" is not installed: skipped")[0] for line in lines] == ["fastcan", "torch"]
     measurement.is_installed.cache_clear()
 
 

@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from physical_examples import make_model, make_relaxation, make_valve
+from hydraulic_models import hydraulic_model, make_hydraulic
+from physical_examples import make_valve
 
 from bench.gaps.ladder_damper import (
     AUTO,
@@ -59,7 +60,7 @@ def test_the_gap_is_about_as_large_as_its_rung_in_the_same_noise(damper):
 def test_a_diagnosis_finds_a_large_effect_and_none_where_there_is_none(damper, monkeypatch):
     few = [effect for effect in library() if effect.name in ("friction", "gas_spring", "inertia")]
     monkeypatch.setattr("ces_gap.pipeline.library", lambda: few)
-    simulation = ModelSimulation(identify_model(damper, "relaxation", Limits(time=2.0, starts=1, threads=1)))
+    simulation = ModelSimulation(identify_model(damper, "hydraulic", Limits(threads=1, work=0.1)))
     reference = damper.new(REFERENCE)
     nothing = find_cause(simulation, damper.without_effect(1), reference)
     assert nothing.verdict == NO_GAP
@@ -73,7 +74,7 @@ def test_bisection_finds_the_lowest_rung_from_rows_that_exist(damper, tmp_path):
     rows, passes_from = RowFile(tmp_path / "rows.jsonl"), 5
     for rung in range(len(GAPS_N)):
         rows.append(row(rung, "named" if rung >= passes_from else NO_GAP))
-    model = make_model(make_relaxation(make_valve()))
+    model = hydraulic_model(make_hydraulic(make_valve()))
     ladder = Ladder(damper, ROW.damper, model, POLYNOMIAL, "friction", RowFile(rows.path))
     for first in (0, 5, 13):
         assert ladder.search(lambda one: one.finds_gap, first) == passes_from
@@ -89,7 +90,7 @@ def test_the_smallest_gap_is_above_every_miss():
 
 def test_tables_compare_both_simulations():
     rows = [row(8), row(7, first="leakage"), row(6, NO_GAP)]
-    rows += [row(6, simulation=AUTO, structure="chambers"), row(5, NO_GAP, simulation=AUTO, structure="chambers")]
+    rows += [row(6, simulation=AUTO, structure="hydraulic"), row(5, NO_GAP, simulation=AUTO, structure="hydraulic")]
     rows += [row(0, NO_GAP, effect=NONE)]
     lines = tables(rows).splitlines()
     assert "| bouc_wen:1 | polynomial (polynomial_narx) | 50.0 | 40.0 | 0 of 1 |" in lines

@@ -73,8 +73,8 @@ identify one --units 9 | --units applies to --structure sigmoid or auto, not to 
 identify one --lags 2,2,2 | --lags applies to --structure sigmoid or auto
 identify one --rules 5x2 | --rules applies to --structure anfis or auto
 identify one --memberships 3x3 | --memberships applies to --structure anfis or auto
-identify one --springs 2 | --springs applies to --structure relaxation or auto
-identify one --curves 3 | --curves applies to --structure chambers or auto
+identify one --kind monotube | --kind applies to --structure hydraulic or auto
+identify one --curves 3 | --curves applies to --structure hydraulic or auto
 identify one --structure sigmoid --lags 2,4 | '2,4' is not Y,C,V
 identify one --structure sigmoid --lags 2,-1,3 | not Y,C,V
 identify one --structure sigmoid --lags 21,1,1 | from 0 to 20
@@ -182,7 +182,7 @@ diagnose --identify --real one --out o | --identify needs --reference
 diagnose --identify --sim m.json --reference two --real one --out o | --sim does not apply with --identify
 diagnose --real one --out o | no simulation: give --sim SIM, or --identify
 diagnose --real one --each recording --out o | no simulation: give --sim SIM, or --identify
-diagnose --sim model.json --structure chambers --real one --out o | --structure applies to --identify
+diagnose --sim model.json --structure hydraulic --real one --out o | --structure applies to --identify
 blind | the following arguments are required: make|run|score
 blind make --out x --seed 1 --effects magic | --effects: invalid choice: 'magic'
 blind make --out x --seed 1 --kind odd | --kind: invalid choice: 'odd'

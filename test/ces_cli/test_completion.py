@@ -44,7 +44,7 @@ cat hits; rm -f ready hits finished
 CASES = [  # words, the last to be completed; what is offered, and what is not
     (["i"], {"info", "import", "identify", "iterate"}, {"rig"}),
     (["identify", "--st"], {"--structure", "--starts"}, {"--seed"}),
-    (["identify", "--structure", ""], {"polynomial", "chambers", "auto"}, {"a.yaml"}),
+    (["identify", "--structure", ""], {"polynomial", "hydraulic", "auto"}, {"a.yaml"}),
     (["identify", "--signals", ""], {"a.yaml"}, {"one.mcap", "model.json"}),
     (["info", ""], {"one.mcap", "two.db3", "folder"}, {"model.json", "a.yaml"}),
     (["validate", "model.json", "folder", "--rep"], {"--report"}, {"--part"}),

@@ -85,11 +85,11 @@ def test_too_few_for_the_folds(count, seconds, folds, expected):
         split_folds(recordings(count, seconds), folds)
 
 
-LIMITS = Limits(time=20.0, starts=1, threads=1)
+LIMITS = Limits(threads=1, work=0.1)
 
 
 def fitted(recordings):
-    fitter = KITS["relaxation"].fitter(default_sizes())
+    fitter = KITS["hydraulic"].fitter({**default_sizes(), "kind": "uniflow", "curves": "2"})
     return cross_fit(recordings, IdentifyOptions(limits=LIMITS, band=False), lambda result: None, fitter)
 
 

@@ -7,8 +7,8 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from hydraulic_models import ENVELOPE
 from numpy.typing import NDArray
-from physical_examples import ENVELOPE
 
 from ces_identify.export.export_c import REASONS, export_c
 from ces_observer.estimator import Estimator

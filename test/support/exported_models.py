@@ -6,13 +6,15 @@ from dataclasses import replace
 from bands import BAND
 from constructed_models import TERMS as CONSTRUCTED
 from exported_c import two_models, with_delay
-from physical_examples import ENVELOPE, SAMPLING, make_chambers, make_model, make_relaxation, make_valve
+from hydraulic_models import ENVELOPE, GROOVE, SAMPLING, hydraulic_model, make_hydraulic
+from physical_examples import make_valve
 from samplings import make_sampling
 from trained_models import FUZZY, NETWORK, fuzzy_model, network_model
 
 from ces_observer.model import Model
-from ces_observer.structures.curves import FlowMap, IncreasingCurve
+from ces_observer.structures.curves import FlowMap
 from ces_observer.structures.fuzzy import Bell, Premise, Rule
+from ces_observer.structures.hydraulic import EDGES
 from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -99,8 +101,7 @@ LARGEST = FlowMap(
     tuple((k - 20) / 40 for k in range(64)),
     tuple(tuple((k - 20) * (20.0 + row) + (k > 25) * 9.0 * row for k in range(64)) for row in range(16)),
 )
-SMALLEST = FlowMap((0.0, 1.0), ((0.0, 500.0), (0.0, 2000.0)))
-LINE = IncreasingCurve((-100.0, 0.0), (-0.1, 0.0))
+SMALLEST = FlowMap((0.0, 1.0), ((0.0, 500.0),))
 PLAIN_VALVE = make_valve(hysteresis_A=0.0)
 MODELS = {
     "plain": lambda: make(*PLAIN),
@@ -130,11 +131,10 @@ MODELS = {
     "two models, both with a band": lambda: two_models(*[replace(make(*CONSTRUCTED), band=BAND)] * 2, 0.02),
     "two models, measured acceleration": lambda: two_models(make(*POWERS, **ACCELERATION), make(*PLAIN), 0.002),
     "two models of other structures": lambda: two_models(fuzzy_model(), network_model(), 0.001),
-    "two models with chambers": lambda: two_models(
-        make_model(make_chambers(make_valve(0.3))), make_model(make_chambers(PLAIN_VALVE, friction=2)), 0.006
-    ),
-    "two relaxation models": lambda: two_models(
-        make_model(make_relaxation(make_valve())), make_model(make_relaxation(PLAIN_VALVE, springs=1)), 0.003
+    "two hydraulic models": lambda: two_models(
+        hydraulic_model(make_hydraulic(make_valve(0.3), bypass=GROOVE)),
+        hydraulic_model(make_hydraulic(PLAIN_VALVE, mount_m_N=0.0)),
+        0.006,
     ),
     "network": network_model,
     "network of one input without units": lambda: network_model(
@@ -150,13 +150,14 @@ MODELS = {
         )
     ),
     "unstable rules": lambda: fuzzy_model(replace(FUZZY, rules=(Rule((0, 0), 0.1, (1.3, 0.0, 0.2, 0.0, 0.0)),))),
-    "relaxation": lambda: make_model(make_relaxation(make_valve(5.7)), LONG_GAP),
-    "relaxation, largest map, no springs": lambda: make_model(
-        replace(make_relaxation(PLAIN_VALVE, springs=0), map=LARGEST), SLOW
+    "hydraulic": lambda: hydraulic_model(make_hydraulic(make_valve(5.7), bypass=GROOVE), LONG_GAP),
+    "hydraulic, largest maps, no friction": lambda: hydraulic_model(
+        make_hydraulic(
+            PLAIN_VALVE, **dict.fromkeys(EDGES, LARGEST), side=replace(make_hydraulic(PLAIN_VALVE).side, friction=())
+        ),
+        SLOW,
     ),
-    "chambers": lambda: make_model(make_chambers(make_valve(0.3), friction=3, friction_growth_1_N=0.0), LONG_GAP),
-    "chambers, no friction": lambda: make_model(make_chambers(make_valve(), friction=0), SLOW),
-    "chambers, smallest": lambda: make_model(
-        replace(make_chambers(PLAIN_VALVE), map=SMALLEST, check=LINE, refill=LINE)
+    "hydraulic, smallest maps": lambda: hydraulic_model(
+        make_hydraulic(PLAIN_VALVE, **dict.fromkeys(EDGES, SMALLEST), compression_growth_1_m=0.0, base_s=0.0)
     ),
 }

@@ -1,22 +1,28 @@
-"""Slow, readable runs of the structures with physics inside: the equations of their docstrings, solved by bisection."""
+"""Slow, readable runs of a hydraulic network: the equations of its docstring, solved one inside the other."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import pairwise
+from math import exp, sqrt
+
+from scipy.optimize import brentq
 
 from ces_observer.model import Model
 from ces_observer.structures.curves import interpolate
+from ces_observer.structures.hydraulic import EDGES, SPREAD, STILL_N, Hydraulic
 from ces_observer.structures.physical import INPUTS, widen
 
 Inputs = Sequence[tuple[float, float, float]]
 
 
-def bisect_root(function: Callable[[float], float], low: float, high: float) -> float:
+def find_root(function: Callable[[float], float]) -> float:
     """Return where an increasing function is zero."""
-    for _ in range(90):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if function(middle) < 0.0 else (low, middle)
-    return 0.5 * (low + high)
+    size = 1.0
+    while function(-size) > 0.0 or function(size) < 0.0:
+        size *= 30.0
+    return brentq(function, -size, size, xtol=1e-13, rtol=1e-15, maxiter=500)
 
 
 def clip(value: float, low: float, high: float) -> float:
@@ -61,67 +67,93 @@ def drives(side, positions: Sequence[float], speeds: Sequence[float], interval: 
     return result
 
 
-def prepared(model: Model, inputs: Inputs) -> list[tuple[float, float, float]]:
-    """Return drive, side force and setting of each tick."""
-    positions, speeds, currents = limited(model, inputs)
-    interval = 1.0 / model.sampling.rate_Hz
-    sides = drives(model.body.side, positions, speeds, interval)
-    return [(*side, s) for side, s in zip(sides, settings(model.body.valve, currents, interval), strict=True)]
+def phi(body: Hydraulic, p: float) -> float:
+    """Return the volume that oil with air yields at a pressure [N], straight between nodes."""
+    at = [body.reservoir_N * (time - 1.0) for time in SPREAD]
+    freed = [1.0 - 1.0 / time for time in SPREAD]
+    if p < at[0]:
+        share = freed[0] + (p / body.reservoir_N + 1.0 - SPREAD[0]) / SPREAD[0] ** 2
+    else:
+        share = freed[-1] if p > at[-1] else interpolate(at, freed, p)
+    return p + body.reservoir_N * body.air * share
 
 
-def relaxation_forces(model: Model, inputs: Inputs) -> list[float]:
-    """Return the forces of a relaxation model [N]."""
-    body, interval = model.body, 1.0 / model.sampling.rate_Hz
-    away = limited(model, inputs)[0][0] - body.mid_stroke_m
-    stretched = [clip(stiffness * away, -limit, limit) for stiffness, limit in body.restoring]
-    oil, forces = sum(stretched), []
-    for drive, side, setting in prepared(model, inputs):
-        row, share = body.map.pick(setting)
-        limits = [one.yield_N[row] + share * (one.yield_N[row + 1] - one.yield_N[row]) for one in body.springs]
-
-        def stretch(q, limits=limits, before=stretched):
-            pulled = zip(before, body.springs, limits, strict=True)
-            return [clip(h + one.stiffness_N_m * interval * q, -limit, limit) for h, one, limit in pulled]
-
-        def force(q, setting=setting, stretch=stretch):
-            return body.map.force(q, setting) + sum(stretch(q))
-
-        def excess(q, drive=drive, force=force, oil=oil):
-            y = force(q)
-            return body.compliance_m_N * (y - oil) + interval * (q + body.leak_m_Ns * y - drive)
-
-        q = bisect_root(excess, -1e6, 1e6)
-        oil, stretched = force(q), stretch(q)
-        forces.append(oil + side)
-    return forces
+def volumes(body: Hydraulic, position: float, p_c: float, p_r: float) -> tuple[float, float]:
+    """Return the volumes stored [m] at a position [m] and pressures [N]."""
+    ratio = 1.0 + body.area_ratio
+    mount = body.mount_m_N * (ratio * p_c - p_r)
+    return (
+        body.compression_m_N * exp(body.compression_growth_1_m * position) * phi(body, p_c) + ratio * mount,
+        body.rebound_m_N * exp(body.rebound_growth_1_m * position) * phi(body, p_r) - mount,
+    )
 
 
-def chambers_forces(model: Model, inputs: Inputs, size_N: float = 1e6) -> list[float]:
-    """Return the forces of a model with chambers [N]; pressures are searched within +-`size_N`."""
-    body, interval = model.body, 1.0 / model.sampling.rate_Hz
-    c_c, c_r, mount, r = body.compression_m_N, body.rebound_m_N, body.mount_m_N, 1.0 + body.area_ratio
-    old, rubbing, forces = (0.0, 0.0), [0.0] * len(body.side.friction), []
-    for drive, side, setting in prepared(model, inputs):
-        curve = body.map.blend(setting)
+def pressures(
+    model: Model, positions: Sequence[float], driven: Sequence[float], valve: Sequence[float]
+) -> list[tuple[float, float]]:
+    """Return both pressures [N] of each tick from positions [m], drives [m/s] and settings."""
+    body, interval, ratio = model.body, 1.0 / model.sampling.rate_Hz, 1.0 + model.body.area_ratio
+    stored, opened, result = (0.0, 0.0), [0.0, 0.0, 0.0], []
+    shares = [interval / (lag + interval) for lag in (body.piston_s, body.base_s, body.external_s)]
+    for x, drive, setting in zip(positions, driven, valve, strict=True):
+        curves = [getattr(body, edge).blend(setting) for edge in EDGES]
+        bypass = [body.bypass(x) if body.bypass else 0.0, 0.0, 0.0]
 
-        def pressed(p_c, p_r, old=old):
-            return mount * (r * (p_c - old[0]) - (p_r - old[1])) / interval
+        def steady(n, drop, curves=curves):
+            return interpolate(curves[n], getattr(body, EDGES[n]).at, drop)
 
-        def compression(p_c, p_r, drive=drive, old=old, pressed=pressed):
-            flow = r * drive - body.check(p_c - p_r) + body.refill(-p_c)
-            return c_c * (p_c - old[0]) / interval + r * pressed(p_c, p_r) - flow
+        def flow(n, drop, opened=tuple(opened), bypass=bypass, steady=steady):
+            opening = (1.0 - shares[n]) * opened[n] + bypass[n]
+            return shares[n] * steady(n, drop) + opening * drop / sqrt(abs(drop) + body.laminar_N)
+
+        def compression(p_r, p_c, x=x, drive=drive, stored=stored, flow=flow):
+            gained = volumes(body, x, p_c, p_r)[0] - stored[0]
+            return gained - interval * (ratio * drive - flow(0, p_c - p_r) - flow(1, p_c))
 
         def balanced(p_r, compression=compression):
-            return bisect_root(lambda p_c: compression(p_c, p_r), -size_N, size_N)
+            return find_root(partial(compression, p_r))
 
-        def rebound(p_r, drive=drive, curve=curve, old=old, balanced=balanced, pressed=pressed):
+        def rebound(p_r, x=x, drive=drive, stored=stored, flow=flow, balanced=balanced):
             p_c = balanced(p_r)
-            flow = -drive + body.check(p_c - p_r) - interpolate(curve, body.map.at, p_r)
-            return c_r * (p_r - old[1]) / interval - pressed(p_c, p_r) - flow
+            gained = volumes(body, x, p_c, p_r)[1] - stored[1]
+            return gained - interval * (-drive + flow(0, p_c - p_r) - flow(2, p_r))
 
-        p_r = bisect_root(rebound, -size_N, size_N)
-        old = balanced(p_r), p_r
-        elements = zip(rubbing, body.side.friction, strict=True)
-        rubbing = [clip(f + e.stiffness_N_m * interval * drive, -e.yield_N, e.yield_N) for f, e in elements]
-        forces.append(r * old[0] - old[1] + side + sum(rubbing) * (1.0 + body.friction_growth_1_N * max(p_r, 0.0)))
+        p_r = find_root(rebound)
+        p_c, p_r = (clip(p, -body.most_N, body.most_N) for p in (balanced(p_r), p_r))
+        stored = volumes(body, x, p_c, p_r)
+        for n, drop in enumerate((p_c - p_r, p_c, p_r)):
+            if abs(drop) >= STILL_N:
+                opening = steady(n, drop) * sqrt(abs(drop) + body.laminar_N) / drop
+                opened[n] += shares[n] * (opening - opened[n])
+        result.append((p_c, p_r))
+    return result
+
+
+def hydraulic_forces(model: Model, inputs: Inputs) -> list[float]:
+    """Return the forces of a hydraulic network [N], without its force envelope."""
+    body, interval = model.body, 1.0 / model.sampling.rate_Hz
+    positions, speeds, currents = limited(model, inputs)
+    sides = drives(body.side, positions, speeds, interval)
+    valve = settings(body.valve, currents, interval)
+    oil = pressures(model, positions, [drive for drive, _ in sides], valve)
+    rubbing, forces = [0.0] * len(body.side.friction), []
+    for (drive, side), setting, (p_c, p_r) in zip(sides, valve, oil, strict=True):
+        elements = [(f, e, e.yield_N + setting * e.moved_N) for f, e in zip(rubbing, body.side.friction, strict=True)]
+        rubbing = [clip(f + e.stiffness_N_m * interval * drive, -limit, limit) for f, e, limit in elements]
+        grown = sum(rubbing) * (1.0 + body.friction_growth_1_N * max(p_r, 0.0))
+        forces.append((1.0 + body.area_ratio) * p_c - p_r + side + grown)
     return forces
+
+
+def energy(body: Hydraulic, position: float, p_c: float, p_r: float) -> float:
+    """Return the energy stored [N m] at a position [m] and pressures [N]."""
+
+    def stored_at(p: float) -> float:
+        places = sorted([0.0, p, *(x for x in (body.reservoir_N * (t - 1.0) for t in SPREAD) if 0.0 < x / p < 1.0)])
+        area = sum(0.5 * (phi(body, a) + phi(body, b)) * (b - a) for a, b in pairwise(places))
+        return p * phi(body, p) - (area if p > 0.0 else -area)
+
+    compression = body.compression_m_N * exp(body.compression_growth_1_m * position)
+    rebound = body.rebound_m_N * exp(body.rebound_growth_1_m * position)
+    cells = sum(size * stored_at(p) for size, p in ((compression, p_c), (rebound, p_r)) if p)
+    return cells + 0.5 * body.mount_m_N * ((1.0 + body.area_ratio) * p_c - p_r) ** 2

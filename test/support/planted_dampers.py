@@ -1,4 +1,4 @@
-"""Small planted data for models with physics inside: a rough ride, and the force of a model of known parameters."""
+"""Small planted data for hydraulic networks: a rough ride, and the force of a network of known parameters."""
 
 from __future__ import annotations
 
@@ -10,21 +10,20 @@ from planted import SAMPLING, stroked
 
 from ces_data.recording import Channel
 from ces_identify.physical.layout import read_scales
-from ces_identify.physical.models import PhysicalModels
+from ces_identify.physical.models import HydraulicModels
 from ces_identify.prepare.series import Series, prepare
-from ces_identify.structures.chambers import ChambersModels
-from ces_identify.structures.relaxation import RelaxationModels
 from ces_identify.trained.training import build_training
 from ces_observer.model import Model
 
-KINDS: dict[str, type[PhysicalModels]] = {"relaxation": RelaxationModels, "chambers": ChambersModels}
+KINDS = {"uniflow": 3, "twin tube": 2}  # seeds of the true parameters
 NOISE_N = 5.0
 SPREAD = 0.4
-SEEDS = {"relaxation": 3, "chambers": 2}  # of the true parameters
+ROWS = 2
+SECONDS = 12.0
 
 
 @cache
-def ride(seed: int, seconds: float = 20.0) -> Series:
+def ride(seed: int, seconds: float = SECONDS) -> Series:
     """A prepared ride whose force is that of a dashpot: it sets scale and envelope of the models."""
     bare = stroked(seed, seconds)
     position = bare.channel("position")
@@ -35,30 +34,31 @@ def ride(seed: int, seconds: float = 20.0) -> Series:
 
 
 @cache
-def models_of(kind: str, seed: int = 1) -> PhysicalModels:
-    """The models of a structure on the ride."""
-    training = build_training([ride(seed)])
-    return KINDS[kind](training, read_scales(training, SAMPLING.rate_Hz))
+def started(kind: str, bypass: bool = False, seconds: float = SECONDS) -> HydraulicModels:
+    """The models from which the fit of a kind starts, on the ride."""
+    training = build_training([ride(1, seconds)])
+    return HydraulicModels.first(training, read_scales(training, SAMPLING.rate_Hz), kind, ROWS, False, bypass)
 
 
 @cache
-def true_parameters(kind: str) -> np.ndarray:
-    """Parameters away from where a fit starts."""
-    return models_of(kind).layout.perturbed(np.random.default_rng(SEEDS[kind]), SPREAD)
+def truth(kind: str, bypass: bool = False, seconds: float = SECONDS) -> tuple[HydraulicModels, np.ndarray]:
+    """Models with free nodes, and parameters away from where a fit starts."""
+    models, random = started(kind, bypass, seconds), np.random.default_rng(KINDS[kind])
+    return models.free(models.layout.centre + SPREAD * random.standard_normal(len(models.layout.centre)))
 
 
-def planted_models(kind: str, seed: int, noise_N: float = NOISE_N) -> PhysicalModels:
+def planted_models(kind: str, seed: int, noise_N: float = NOISE_N, seconds: float = SECONDS) -> HydraulicModels:
     """The models with the force of the true parameters as the measured one, and noise."""
-    models = models_of(kind)
-    force = models.force(true_parameters(kind))
+    models, theta = truth(kind, seconds=seconds)
+    force = models.force(theta)
     noise = np.random.default_rng(seed).normal(0.0, noise_N, len(force))
     return replace(models, training=replace(models.training, measured=force + noise))
 
 
-def planted_model(kind: str) -> Model:
+def planted_model(kind: str, bypass: bool = False) -> Model:
     """The model with the true parameters."""
-    models = models_of(kind)
-    model = Model(SAMPLING, models.body(true_parameters(kind)), models.training.envelope, (-1e6, 1e6))
+    models, theta = truth(kind, bypass)
+    model = Model(SAMPLING, models.hold_pressures(theta).body(theta), models.training.envelope, (-1e6, 1e6))
     return replace(model, certificate=model.certify().to_mapping())
 
 

@@ -2,8 +2,11 @@
 
 from functools import cache
 
+import pytest
+
 from ces_data.recording import Recording
 from ces_gap.baseline.identified import IdentifiedBaseline, identify_baseline
+from ces_identify.structures.auto import default_sizes
 from ces_rig.experiment import parse_experiment, run
 
 SLOW = "slow"  # a pilot stage that needs twice as long
@@ -26,5 +29,8 @@ def rig_ride(seed: int, worn: str = "", seconds: float = 8.0) -> Recording:
 
 @cache
 def identified() -> IdentifiedBaseline:
-    """A relaxation model of two rides of the new damper."""
-    return identify_baseline([rig_ride(1), rig_ride(2)], structure="relaxation")
+    """A small hydraulic network of two rides of the new damper."""
+    with pytest.MonkeyPatch.context() as patch:
+        sizes = {**default_sizes(), "kind": "uniflow", "curves": "2"}
+        patch.setattr("ces_gap.baseline.identified.default_sizes", lambda: sizes)
+        return identify_baseline([rig_ride(1), rig_ride(2)], structure="hydraulic")

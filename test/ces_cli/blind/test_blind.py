@@ -29,7 +29,7 @@ def cases(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
     words = ("--out", folder, "--seed", 5, "--cases", CASES, "--seconds", SECONDS, "--jobs", 1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ces_cli.blind.diagnosing.run_in_processes", run_here)
-        patch.setattr("ces_cli.blind.diagnosing.physical_structures", lambda: ("relaxation",))
+        patch.setattr("ces_cli.blind.diagnosing.physical_structures", lambda: ("hydraulic",))
         patch.setattr(*only_effects(*QUICK))
         assert ces("blind", "make", *words, "--gap-to-noise", 3, "--plants", "bouc_wen", "--effects", *QUICK) == 0
         yield folder

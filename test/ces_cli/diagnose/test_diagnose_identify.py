@@ -17,7 +17,7 @@ from ces_observer.signals import Signals
 
 pytestmark = pytest.mark.slow
 DEFAULT = Signals.from_mapping({}, "defaults")
-WORDS = ("--identify", "--structure", "relaxation", "--reference", "new1", "new2", "--threads", 1)
+WORDS = ("--identify", "--structure", "hydraulic", "--reference", "new1", "new2", "--threads", 1)
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +58,6 @@ def test_a_fleet_has_one_model_beside_its_units(folder, capsys):
     assert ces("diagnose", *WORDS, "--real", "slow7", "--each", "recording", "--jobs", 1, "--out", "many") == 0
     rows = [json.loads(line) for line in (folder / "many" / "fleet.jsonl").read_text().splitlines()]
     (row,) = [row for row in rows if row.get("status") == "done"]
-    assert load_model("many/model.json").structure == "relaxation"
+    assert load_model("many/model.json").structure == "hydraulic"
     augmented = json.loads((folder / "many" / row["folder"] / "augmented.json").read_text())
     assert augmented["sim"]["spec"] == "../../model.json"

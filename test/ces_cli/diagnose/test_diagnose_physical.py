@@ -1,11 +1,12 @@
-"""`ces diagnose` with a relaxation model and with a model with chambers: cause, repair, replay and distillation."""
+"""`ces diagnose` with hydraulic networks: cause, repair, replay and distillation."""
 
 import csv
 import json
 
 import numpy as np
 import pytest
-from physical_examples import make_chambers, make_model, make_relaxation, make_valve
+from hydraulic_models import GROOVE, hydraulic_model, make_hydraulic
+from physical_examples import make_valve
 from programs import NO_SHORT_FITS, ces, only_effects
 from schema_rules import faults
 
@@ -19,7 +20,7 @@ from ces_observer.signals import Signals
 RATE, NOISE_N, COULOMB_N, SECONDS = 1000.0, 6.0, 40.0, 7.0
 pytestmark = pytest.mark.slow
 DEFAULT = Signals.from_mapping({}, "defaults")
-MODELS = {"relaxation": make_model(make_relaxation(make_valve())), "chambers": make_model(make_chambers(make_valve()))}
+MODELS = {"plain": make_hydraulic(make_valve()), "groove": make_hydraulic(make_valve(), bypass=GROOVE)}
 
 
 def ride(name, model, seed, coulomb_N):
@@ -39,7 +40,7 @@ def ride(name, model, seed, coulomb_N):
 @pytest.fixture(scope="module", params=MODELS)
 def diagnosed(request, tmp_path_factory):
     """The working folder of a diagnosis, and its gap.json."""
-    folder, model = tmp_path_factory.mktemp(request.param), MODELS[request.param]
+    folder, model = tmp_path_factory.mktemp(request.param), hydraulic_model(MODELS[request.param])
     for seed, name in enumerate(("one", "two", "held", "new")):
         coulomb_N = 0.0 if name == "new" else COULOMB_N
         write_bag(folder / name, recording_topics(ride(name, model, seed, coulomb_N), DEFAULT))
@@ -72,9 +73,10 @@ def test_its_repair_closes_the_gap_as_claimed(diagnosed, tmp_path):
     assert left_N == pytest.approx(gap["composition"]["gap_after_N"], abs=0.1 * COULOMB_N)
 
 
-@pytest.mark.parametrize("diagnosed", ["relaxation"], indirect=True)
+@pytest.mark.parametrize("diagnosed", ["plain"], indirect=True)
 def test_its_repair_is_distilled(diagnosed, capsys):
-    words = ("--teacher", "gap/augmented.json", "--structure", "relaxation", "--time", 3, "--starts", 1, "--no-band")
-    assert ces("identify", "one", "two", "--validate", "held", *words, "--out", "repaired.json") == 0
-    assert load_model("repaired.json").structure == "relaxation"
+    network = ("--structure", "hydraulic", "--kind", "twin tube", "--curves", 2, "--time", 4, "--no-band")
+    words = ("identify", "one", "two", "--validate", "held", "--teacher", "gap/augmented.json", *network)
+    assert ces(*words, "--out", "repaired.json") == 0
+    assert load_model("repaired.json").structure == "hydraulic"
     assert "model to teacher" in capsys.readouterr().out

@@ -8,7 +8,8 @@ from xml.etree import ElementTree
 
 import pytest
 import yaml
-from physical_examples import make_chambers, make_model, make_relaxation, make_valve
+from hydraulic_models import GROOVE, hydraulic_model, make_hydraulic
+from physical_examples import make_valve
 from samplings import make_sampling
 
 from ces_cli.main import main
@@ -94,9 +95,9 @@ def test_the_certificate_in_the_file_is_not_trusted(tmp_path, capsys):
     assert "cannot be proved" in error_line(capsys, path, "--out", tmp_path / "m.c")
 
 
-@pytest.mark.parametrize("structure", [make_relaxation(make_valve()), make_chambers(make_valve())])
-def test_structures_with_physics_inside_state_both_bounds(tmp_path, capsys, structure):
-    model = make_model(structure)
+def test_a_hydraulic_network_states_both_bounds(tmp_path, capsys):
+    structure = make_hydraulic(make_valve(), bypass=GROOVE)
+    model = hydraulic_model(structure)
     model.save(tmp_path / "m.json")
     proof = model.certify()
     bounds = f"|force| at most {proof.envelope_N:.0f} N within the envelope, {proof.force_bound_N:.0f} N for any input"

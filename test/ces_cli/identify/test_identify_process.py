@@ -99,10 +99,10 @@ def test_progress_is_a_line_and_values() -> None:
     now = [100.0]
     state = SearchState(lambda: now[0])
     assert state.as_status() == ("starting", {"stage": "starting", "elapsed [s]": "0.0", "share": "0.000"})
-    state.update({"stage": SEARCHING, "seconds": 20.0, "starts": 8})
+    state.update({"stage": SEARCHING, "starts": 8})
     now[0] = 105.0
     assert state.as_status()[0] == "searching: no model yet"
-    state.update({"cost": 12.345, "size": 7, "ended": 3})
+    state.update({"cost": 12.345, "size": 7, "ended": 3, "share": 0.25})
     assert state.as_status() == (
         "searching: selection cost J = 12.35 %, size 7, 3 of 8 starts done, 5 s",
         {

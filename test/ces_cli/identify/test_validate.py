@@ -90,8 +90,22 @@ def test_residuals_and_error_regions_take_a_line_each(printed):
 
 def test_the_report_shows_them_too(work, printed):
     page = (work / "v.html").read_text()
-    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed² → residual²", "Error by cells of speed"):
+    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed → residual", "Error by cells of speed"):
         assert text in page
+
+
+def test_what_was_not_determined_and_what_is_lacking_is_said_at_once(work, capsys, monkeypatch):
+    model = json.loads((work / "model.json").read_text())
+    model["provenance"]["selection"]["undetermined"] = ["the lag is not determined: -5 ms assumed"]
+    (work / "lag.json").write_text(json.dumps(model))
+    assert ces("validate", "lag.json", "two", "--report", "lag.html") == 0
+    assert "warning: The lag is not determined: -5 ms assumed.\n" in capsys.readouterr().err
+    head, _, rest = (work / "lag.html").read_text().partition('<p class="headline">')
+    assert '<p class="warning">The lag is not determined: \N{MINUS SIGN}5 ms assumed.</p>' in head
+    assert "undetermined" not in rest.lower()
+    monkeypatch.setattr("ces_cli.identify.program.head_lines", lambda model, evaluations: ["The error depends"])
+    assert ces("identify", "one", "--terms", 2, "--out", "lacks.json", *SEARCH) == 0
+    assert "warning: The error depends\n" in capsys.readouterr().err
 
 
 def test_the_use_of_every_second_is_in_the_table_and_in_the_model(work, capsys):
@@ -176,7 +190,7 @@ def test_a_proof_with_tighter_bounds_than_the_file_is_accepted(work, tmp_path, c
 
 
 def test_a_passive_model_is_proved_with_both_bounds(capsys):
-    path = Path(__file__).resolve().parents[3] / "bench" / "fuzz" / "seeds" / "model" / "chambers.json"
+    path = Path(__file__).resolve().parents[3] / "bench" / "fuzz" / "seeds" / "model" / "hydraulic.json"
     assert ces("validate", path, "--certificate") == 0
     out = capsys.readouterr().out
     bounds = load_model(path).certify()

@@ -113,9 +113,15 @@ def test_a_full_disk_under_the_compiled_code_is_named(tmp_path: Path) -> None:
 
 
 def test_the_count_of_starts_that_are_done_never_falls() -> None:
-    results = BestResults()
+    results = BestResults(2)
     counts = []
-    for seed, ended in ((1, "running"), (1, "no candidates left"), (1, "running"), (2, "running"), (2, "time is up")):
+    for seed, ended in (
+        (1, "running"),
+        (1, "no candidates left"),
+        (1, "running"),
+        (2, "running"),
+        (2, "its share of the work is done"),
+    ):
         results.update(SearchResult([0], [1.0], 5.0, seed, 10, ended))  # type: ignore[arg-type]
         counts.append(results.finished)
     assert counts == [0, 1, 1, 1, 2]

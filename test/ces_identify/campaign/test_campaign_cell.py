@@ -117,8 +117,7 @@ def test_a_search_that_was_interrupted_is_no_result(work, monkeypatch):
 PHYSICAL = """\
 bags: {one: [one]}
 structures:
-  relaxation: {springs: [1, auto]}
-  chambers: {curves: 2}
+  hydraulic: {kind: [uniflow, monotube], curves: 2}
 seed: [1]
 limits: {time: 3}
 """
@@ -134,16 +133,17 @@ def rows(tmp_path_factory):
 
 
 def test_every_size_is_a_cell_with_a_proved_model(rows):
-    assert [done.row["status"] for done in rows] == [DONE] * 3
-    assert [done.row["structure"] for done in rows] == ["relaxation", "relaxation", "chambers"]
+    assert [done.row["status"] for done in rows] == [DONE] * 2
+    assert [done.row["structure"] for done in rows] == ["hydraulic"] * 2
     for done in rows:
         model = parse_model(*done.files.values(), "test")
         assert done.row["gain"] is None
         assert is_proved(done.row)
         assert model.certificate["force_bound_any_input_N"] > 0.0
         assert done.row["selection_J"] < 20.0
-    springs = [len(parse_model(*done.files.values(), "test").body.springs) for done in rows[:2]]
-    assert springs == [2, 3]  # and the slow one
+    bodies = [parse_model(*done.files.values(), "test").body for done in rows]
+    assert [body.kind for body in bodies] == ["uniflow", "monotube"]
+    assert [len(edge.rows) for edge in (bodies[0].external, bodies[1].piston)] == [2, 2]
 
 
 def test_they_are_on_the_front_beside_models_with_a_gain(rows):

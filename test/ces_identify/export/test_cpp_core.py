@@ -12,7 +12,8 @@ import pytest
 from bands import BAND
 from damper_models import plain_damper
 from exported_c import two_models
-from physical_examples import make_chambers, make_model, make_valve
+from hydraulic_models import hydraulic_model, make_hydraulic
+from physical_examples import make_valve
 from trained_models import network_model
 
 from ces_data.signals_file import load_signals
@@ -38,7 +39,7 @@ def quick(model, **sampling):
 MODELS = {
     "polynomial": lambda: replace(quick(load_model(SAMPLE)), band=BAND),
     "network, measured speed": lambda: quick(network_model(), motion="speed", motion_noise=0.01),
-    "chambers": lambda: quick(make_model(make_chambers(make_valve()))),
+    "hydraulic": lambda: quick(hydraulic_model(make_hydraulic(make_valve()))),
     "a delay": lambda: replace(quick(load_model(SAMPLE), delay_s=0.003), band=BAND),
     "two models": lambda: two_models(quick(load_model(SAMPLE)), replace(plain_damper(), band=BAND), 0.005),
 }

@@ -36,11 +36,10 @@ from ces_identify.structures.kit import number
 from ces_observer.errors import ModelError
 from ces_observer.estimator import UNBOUNDED
 from ces_observer.model import Model, parse_model
-from ces_observer.structures.chambers import Chambers
+from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.polynomial import Polynomial
-from ces_observer.structures.relaxation import Relaxation
 
-ALL_INPUTS = {"plain", "measured acceleration", "overflowing", "network", "chambers", "a delay", "two models"}
+ALL_INPUTS = {"plain", "measured acceleration", "overflowing", "network", "hydraulic", "a delay", "two models"}
 
 
 def inputs_of(name):
@@ -50,7 +49,7 @@ def inputs_of(name):
 
 def tolerance(model):
     """Return what forces may differ by [N]: the steps of a physical model are solved to a share of its largest."""
-    return 1e-9 * (model.force_envelope_N[1] if isinstance(model.body, Chambers | Relaxation) else 1.0)
+    return 1e-9 * (model.force_envelope_N[1] if isinstance(model.body, Hydraulic) else 1.0)
 
 
 # ------------------------------------------------------------------------------------------------------------ twins
@@ -138,7 +137,7 @@ def test_a_tick_is_the_structures(library, name) -> None:
     dice = np.random.default_rng(7)
     calm = [dice.normal(0, spread, 1000) + mean for mean, spread in ((0, 0.01), (0, 0.8), (0.5, 0.3))]
     calm[1][::50] = 0.0
-    if not isinstance(model.body, Chambers | Relaxation):
+    if not isinstance(model.body, Hydraulic):
         calm[1][25::50] = np.nan
     for inputs in (calm, hostile(1000, 1)):
         forces, expected = c_ticks(compiled, *inputs), python_ticks(model, *inputs)
@@ -151,7 +150,7 @@ def test_a_tick_is_the_structures(library, name) -> None:
 
 @pytest.mark.slow
 @pytest.mark.needs("cc", "nm")
-@pytest.mark.parametrize("name", ["powers", "network", "rules", "relaxation", "two models with chambers"])
+@pytest.mark.parametrize("name", ["powers", "network", "rules", "hydraulic", "two hydraulic models"])
 def test_it_needs_nothing_but_math_and_has_no_globals(library, name) -> None:
     needed, kinds = undefined_and_defined(Path(library(name)[1]._name).parent)
     assert needed <= {"cos", "exp", "floor", "fmin", "pow", "sqrt"}
@@ -161,7 +160,7 @@ def test_it_needs_nothing_but_math_and_has_no_globals(library, name) -> None:
     }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", ["two models, measured acceleration", "two models with chambers", "rules", "a delay"])
+@pytest.mark.parametrize("name", ["two models, measured acceleration", "two hydraulic models", "rules", "a delay"])
 def test_no_name_in_the_file_can_be_a_public_one(name) -> None:
     code = "".join(export_c(MODELS[name](), "model", "model", UNPROVED))
     names = {one for found in AT_FILE_SCOPE.findall(code) for one in found if one}
@@ -176,7 +175,7 @@ def test_without_a_delay_there_is_nothing_for_one() -> None:
     assert not any(word in code for word in ("delay", "late_", "smoothing", "model_waiting"))
 
 
-@pytest.mark.parametrize("name", ["plain, with a band", "two models", "rules", "relaxation", "chambers"])
+@pytest.mark.parametrize("name", ["plain, with a band", "two models", "rules", "hydraulic"])
 def test_a_model_file_gives_the_same_code(name) -> None:
     model = MODELS[name]()
     again = parse_model(model.to_json(), "model.json")

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from exported_c import with_delay
 from fmus import UNPROVED, damper
-from physical_examples import make_chambers, make_model, make_valve
+from hydraulic_models import hydraulic_model, make_hydraulic
+from physical_examples import make_valve
 
 from ces_identify.export.export_c import REASONS
 from ces_identify.export.export_fmu import export_fmu, find_compiler, list_variables, sources
@@ -23,9 +24,9 @@ POSITION, CURRENT, FORCE, SPEED, VALID, CLAMPED, REASON = range(7)  # of a model
 CODES = {reason: code for code, reason in enumerate(REASONS.values())}
 
 
-@pytest.fixture(scope="module", params=["polynomial", "chambers"])
+@pytest.fixture(scope="module", params=["polynomial", "hydraulic"])
 def model(request):
-    return damper() if request.param == "polynomial" else make_model(make_chambers(make_valve(2.3)))
+    return damper() if request.param == "polynomial" else hydraulic_model(make_hydraulic(make_valve(2.3)))
 
 
 @pytest.fixture(scope="module")

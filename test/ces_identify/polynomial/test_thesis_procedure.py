@@ -12,7 +12,7 @@ from ces_identify import identify, read_recording, validate
 from ces_identify.numerics import search_clock
 from ces_identify.polynomial.candidates import load_rules
 from ces_identify.polynomial.problem import assemble_problem
-from ces_identify.polynomial.search_limits import THESIS, Limits
+from ces_identify.polynomial.search_limits import THESIS, TIME_IS_UP, WORK_IS_DONE, Limits
 from ces_identify.polynomial.selection import ThesisStart
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
@@ -83,7 +83,9 @@ def test_it_stops_at_the_target_at_its_limit_of_terms_and_when_time_is_up(proble
     late = start(problem)
     late.deadline = search_clock.now() - 1.0
     stopped = late.run()
-    assert (stopped.ended, stopped.chosen.tolist()) == ("time is up", problem.initial.tolist())
+    assert (stopped.ended, stopped.chosen.tolist()) == (TIME_IS_UP, problem.initial.tolist())
+    least = start(problem, work=0.0).run()
+    assert (least.ended, least.share) == (WORK_IS_DONE, 1.0)
 
 
 def test_a_model_that_can_be_proved_stable_has_its_certificate():

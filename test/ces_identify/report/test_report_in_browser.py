@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -235,16 +234,6 @@ def test_a_table_that_scrolls_shows_it_and_keeps_its_names(page: Any) -> None:
     assert not has_shadow(page, table)
     name = table.locator("tbody td").first.bounding_box()
     assert name["x"] == pytest.approx(table.bounding_box()["x"], abs=1.0)
-
-
-def test_tables_of_errors_do_not_lie_over_each_other(page: Any) -> None:
-    for width in (1280, 800, 390):
-        page.set_viewport_size({"width": width, "height": 900})
-        boxes = [one.bounding_box() for one in page.locator(".shares table").all()]
-        assert len(boxes) > 1
-        for a, b in combinations(boxes, 2):
-            across = min(a["x"] + a["width"], b["x"] + b["width"]) - max(a["x"], b["x"])
-            assert across <= 1.0 or a["y"] + a["height"] <= b["y"] or b["y"] + b["height"] <= a["y"]
 
 
 def test_without_a_script_the_page_is_whole(report: Path) -> None:

@@ -52,17 +52,25 @@ def test_the_page_is_whole_and_shows_the_table_in_place_of_terms(model, rows, tm
     assert model.size in " ".join(root.itertext())
 
 
-@pytest.mark.parametrize(("chambers", "advised"), [(2.0, True), (4.9, False)])
-def test_the_page_compares_structures_and_names_a_clearly_better_one(chambers, advised, tmp_path):
-    selection = {"structure": "polynomial", "structures": {"chambers": chambers, "polynomial": 5.0}}
+@pytest.mark.parametrize(
+    ("hydraulic", "advised", "tie"),
+    [(2.0, True, ""), (4.9, False, ""), (2.0, True, "they cannot be told apart: a reason")],
+)
+def test_the_page_compares_structures_and_names_a_clearly_better_one(hydraulic, advised, tie, tmp_path):
+    selection = {
+        "structure": "polynomial",
+        "structures": {"hydraulic": hydraulic, "polynomial": 5.0},
+        "structures_tie": tie,
+    }
     body = Polynomial((Term(-1.5, ()),))
     model = Model(SAMPLING, body, NETWORK.envelope, (-1, 1), provenance={"selection": selection})
     write_report(tmp_path / "r.html", "A model", model, [], {})
     root = ET.fromstring((tmp_path / "r.html").read_text(encoding="utf-8"))
     section = next(s for s in root.iter("{http://www.w3.org/1999/xhtml}section") if s.get("id") == "structures")
     rows = [["".join(cell.itertext()) for cell in row] for row in section.iter("{http://www.w3.org/1999/xhtml}tr")]
-    assert rows[1:] == [["chambers", f"{chambers:.2f}", "short fit"], ["polynomial", "5.00", "this model"]]
-    assert ("--structure chambers" in "".join(section.itertext())) == advised
+    assert rows[1:] == [["hydraulic", f"{hydraulic:.2f}"], ["polynomial", "5.00"]]
+    assert ("--structure hydraulic" in "".join(section.itertext())) == (advised and not tie)
+    assert tie in "".join(section.itertext())
 
 
 def test_a_model_without_a_comparison_has_no_such_section(tmp_path):

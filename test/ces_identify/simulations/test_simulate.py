@@ -98,12 +98,10 @@ CASES = {
     "network, clamped": lambda: (replace(NETWORK, envelope=TIGHT), broken_up(stroked(3))),
     "fuzzy": lambda: (FUZZY, broken_up(stroked(3))),
     "fuzzy, clamped": lambda: (replace(FUZZY, envelope=TIGHT), broken_up(stroked(3))),
-    "relaxation": lambda: (planted_model("relaxation"), broken_up(stroked(3))),
-    "chambers": lambda: (planted_model("chambers"), broken_up(stroked(3))),
+    "hydraulic": lambda: (planted_model("uniflow"), broken_up(stroked(3))),
+    "hydraulic, bypass": lambda: (planted_model("twin tube", bypass=True), broken_up(stroked(3))),
 }
-HELD = {"polynomial": "polynomial, jitter and gaps"} | {
-    name: name for name in ("network", "fuzzy", "relaxation", "chambers")
-}
+HELD = {"polynomial": "polynomial, jitter and gaps"} | {name: name for name in ("network", "fuzzy", "hydraulic")}
 
 
 @pytest.mark.parametrize("name", CASES)

@@ -10,11 +10,11 @@ import pytest
 from planted import FUZZY, NETWORK, RATE_HZ, planted, with_values
 
 from ces_identify.identification import identify
-from ces_identify.polynomial.search_limits import Limits
+from ces_identify.polynomial.search_limits import TIME_IS_UP, Limits
 from ces_identify.structures.fuzzy import FuzzyShape
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.network import NetworkShape
-from ces_identify.trained.training import MAX_GAIN, Lags
+from ces_identify.trained.training import MAX_GAIN, NO_MORE_GAIN, Lags
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
@@ -95,7 +95,7 @@ def test_a_constant_current_is_left_out(kind):
 def test_interruption_and_time_limit_keep_the_best_so_far(kind, monkeypatch):
     heard = []
     quick = identify_kind(kind, limits=Limits(time=0.3, starts=1, threads=1), listener=heard.append)
-    assert quick.search_results[0].ended in {"time is up", "no more gain on the selection ticks"}
+    assert quick.search_results[0].ended in {TIME_IS_UP, NO_MORE_GAIN}
     costs = [f.cost for f in heard]
     assert costs == sorted(costs, reverse=True)
     assert costs[-1] == quick.search_results[0].cost

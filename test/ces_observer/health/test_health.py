@@ -9,7 +9,8 @@ from math import nan, sin
 
 import pytest
 from damper_models import delayed_damper, plain_damper
-from physical_models import RELAXATION, physical_model
+from hydraulic_models import hydraulic_model
+from physical_models import LINEAR
 
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
@@ -99,9 +100,9 @@ def test_held_forces_are_a_warning_and_are_counted() -> None:
 
 
 def test_extrapolated_inputs_are_a_warning_of_their_own() -> None:
-    damper = DamperObserver(physical_model(RELAXATION), ConstantCurrent(0.5), 0.0)
+    damper = DamperObserver(hydraulic_model(LINEAR), ConstantCurrent(0.5), 0.0)
     health = Health(damper, {})
-    feed(damper, 0, 700, position=0.08)  # the envelope ends at 0.05 m
+    feed(damper, 0, 700, position=0.08)  # the envelope ends at 0.018 m
     health.roll(0.1, 0)
     feed(damper, 700, 800, position=0.08)
     health.roll(0.1, 0)

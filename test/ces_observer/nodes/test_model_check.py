@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 from damper_models import damper_with_past, delayed_damper, plain_damper
+from hydraulic_models import hydraulic_model
 from patience import command_of, wait_until
-from physical_models import CHAMBERS, RELAXATION, physical_model
+from physical_models import LINEAR
 
 from ces_observer.control.inverse_map import ModelInverse
 from ces_observer.errors import ModelError
 from ces_observer.nodes.model_check import INVERT, PROVE, ModelReload, Verdict, describe_model, require_stable
-from ces_observer.structures.curves import FlowMap, IncreasingCurve
 
 
 def test_a_model_that_clamps_says_so() -> None:
@@ -25,18 +25,11 @@ def test_a_model_that_clamps_says_so() -> None:
 
 
 def test_a_model_that_extrapolates_says_how_far_and_what_is_proved() -> None:
-    text = describe_model(physical_model(RELAXATION))
-    assert text.startswith("relaxation, 2 force-speed curves of 4 nodes, 1 springs; delay_s 0; inputs outside the")
-    assert "envelope are used as they" in text
-    assert "force bound 1900 N for inputs in the envelope; 3122.22 N for any input" in text
-
-
-def test_chambers_whose_force_cannot_be_bounded_are_refused() -> None:
-    closed = IncreasingCurve((-1.0, 0.0, 1.0), (-1e-14, 0.0, 1e-14))
-    curve = (-1e9, 0.0, 1e9)
-    body = replace(CHAMBERS, check=closed, refill=closed, map=FlowMap((-1e-4, 0.0, 1e-4), (curve, curve)))
-    with pytest.raises(ModelError, match=r"m\.json: its force is not proved to be bounded for every input"):
-        require_stable(replace(physical_model(CHAMBERS), body=body), "m.json")
+    text = describe_model(hydraulic_model(LINEAR))
+    assert text.startswith(
+        "hydraulic, uniflow, 2 curves of the external valve; delay_s 0; inputs outside the envelope are"
+    )
+    assert "force bound 24000 N for inputs in the envelope; 24000 N for any input" in text
 
 
 def verdict_of(reload: ModelReload) -> Verdict:

@@ -1,0 +1,133 @@
+"""The law of a valve, from which a fit of its curve starts: a bleed beside a disc that opens, in series with a port.
+
+For each direction of flow, with all forces on the rod side's area [N] and flows as speeds of it [m/s], at a setting s:
+
+    drop = inner + port q^2,    q = bleed + disc
+    inner = linear bleed + quadratic e^(by_setting s) bleed^2
+    disc  = opening width ln( (1 + e^((inner - preload e^(rise s)) / width)) / (1 + e^(-preload e^(rise s) / width)) )
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ces_data.arrays import F
+
+FIELDS = ("linear", "quadratic", "by_setting", "preload", "rise", "opening", "width", "port")
+LOGARITHMIC = np.array([True, True, False, True, False, True, True, True])
+SIDE = np.array(
+    [0.003, 0.007, 0.014, 0.025, 0.042, 0.068, 0.105, 0.16, 0.24, 0.35, 0.5, 0.72, 1.05]
+)  # relative to the speed
+NODES = np.concatenate([-SIDE[::-1], [0.0], SIDE])
+BISECTIONS = 50
+STEP = 1e-6
+LEAST_RISE, MOST_CHANGE = 1e-5, 8.0  # the latter as a logarithm
+LAW_WEIGHT, NODE_WEIGHT = 3e-5, 1e-5  # of squared parameters, against a squared error of (J / 100)^2 a recording
+# Laws in units of the largest force and speed; easy and shut valves, those that the current moves, bases and leaks.
+EASY = (0.02, 0.05, 0.0, 0.01, 0.0, 8.0, 0.02, 0.05)
+SHUT = (20.0, 20.0, 0.0, 10.0, 0.0, 0.01, 1.0, 0.05)
+LEAK = (8.0, 8.0, 0.0, 5.0, 0.0, 0.05, 0.5, 0.05)
+MOVED = (0.8, 1.0, 0.5, 0.12, 1.2, 2.0, 0.05, 0.15)
+LIGHT = (0.8, 1.0, 0.0, 0.15, 0.0, 2.0, 0.05, 0.15)
+FOOT = (0.5, 0.5, 0.0, 0.05, 0.0, 3.0, 0.05, 0.3)
+PLUG = (20.0, 10.0, 0.0, 0.2, 0.8, 2.0, 0.03, 0.1)  # a fluid that yields
+
+
+@dataclass(frozen=True)
+class EdgeStart:
+    """Where the fit of an edge starts: laws for flows onward and back, and whether the current moves it."""
+
+    onward: tuple[float, ...]
+    back: tuple[float, ...]
+    moved: bool = False
+
+
+@dataclass(frozen=True)
+class KindStart:
+    """Where the fit of a kind of damper starts: its edges, and compliances relative to the chambers' usual one."""
+
+    piston: EdgeStart
+    base: EdgeStart
+    external: EdgeStart
+    compression: float = 1.0
+    rebound: float = 1.0
+
+
+STARTS = {
+    "uniflow": KindStart(EdgeStart(EASY, SHUT), EdgeStart(SHUT, EASY), EdgeStart(MOVED, EASY, moved=True)),
+    "twin tube": KindStart(EdgeStart(MOVED, MOVED, moved=True), EdgeStart(FOOT, EASY), EdgeStart(LEAK, LEAK)),
+    "monotube": KindStart(
+        EdgeStart(MOVED, MOVED, moved=True), EdgeStart(LEAK, LEAK), EdgeStart(SHUT, SHUT), compression=100.0
+    ),
+    "magneto-rheological": KindStart(
+        EdgeStart(PLUG, PLUG, moved=True), EdgeStart(FOOT, EASY), EdgeStart(LEAK, LEAK), compression=3.0, rebound=3.0
+    ),
+}
+
+
+def pack(start: EdgeStart) -> F:
+    """Return the parameters (16,) of an edge: logarithms of what is positive."""
+    laws = np.array([start.onward, start.back])
+    logs = np.log(np.where(LOGARITHMIC, laws, 1.0))
+    return np.where(LOGARITHMIC, logs, laws).ravel()
+
+
+def increments(packed: F, rows: int) -> F:
+    """Return the rises (rows, 26) between the nodes of an edge's curves, in units of the largest force."""
+    settings = np.arange(rows) / max(rows - 1, 1)
+    onward, back = (np.where(LOGARITHMIC, np.exp(np.where(LOGARITHMIC, law, 0.0)), law) for law in packed.reshape(2, 8))
+    sides = [np.diff(_drops(law, settings), prepend=0.0, axis=1) for law in (onward, back)]
+    return np.hstack([sides[1][:, ::-1], sides[0]])
+
+
+def _drops(law: F, settings: F) -> F:
+    """Return the drops (settings, 13) at the flows of one direction, by bisection of the inner drop."""
+    linear, quadratic, by_setting, preload, rise, opening, width, port = law
+    quadratic = quadratic * np.exp(by_setting * settings)[:, None]
+    preload = preload * np.exp(rise * settings)[:, None]
+    low = np.zeros((len(settings), len(SIDE)))
+    high = linear * SIDE + quadratic * SIDE**2
+    closed = np.logaddexp(0.0, -preload / width)
+    for _ in range(BISECTIONS):
+        inner = 0.5 * (low + high)
+        bleed = 2.0 * inner / (linear + np.sqrt(linear**2 + 4.0 * quadratic * inner))
+        flow = bleed + opening * width * (np.logaddexp(0.0, (inner - preload) / width) - closed)
+        low, high = np.where(flow < SIDE, inner, low), np.where(flow < SIDE, high, inner)
+    return np.asarray(high + port * SIDE**2)
+
+
+class LawEdge:
+    """An edge fitted by its laws: 16 parameters for all of its curves."""
+
+    def __init__(self, start: EdgeStart, rows: int) -> None:
+        self.rows, self.start = rows, pack(start)
+        self.weight = np.full(16, LAW_WEIGHT)
+
+    def rises(self, values: F) -> F:
+        """Return the rises (rows, 26) between nodes for parameters (16,)."""
+        return increments(values, self.rows)
+
+    def derivatives(self, values: F) -> F:
+        """Return the derivatives (rows * 26, 16) of the rises, by differences."""
+        at = self.rises(values).ravel()
+        moved = [self.rises(values + step).ravel() - at for step in STEP * np.eye(16)]
+        return np.column_stack(moved) / STEP
+
+
+class NodeEdge:
+    """An edge fitted by the rises between its nodes: one parameter each, the logarithm of how much larger it is."""
+
+    def __init__(self, base: F) -> None:
+        self.rows, self._base = len(base), np.maximum(base, LEAST_RISE)
+        self.start = np.zeros(base.size)
+        self.weight = np.full(base.size, NODE_WEIGHT)
+
+    def rises(self, values: F) -> F:
+        """Return the rises (rows, 26) between nodes for parameters (rows * 26,)."""
+        return np.asarray(self._base * np.exp(np.clip(values, -MOST_CHANGE, MOST_CHANGE)).reshape(self._base.shape))
+
+    def derivatives(self, values: F) -> F:
+        """Return the derivatives (rows * 26, rows * 26) of the rises."""
+        return np.diag(self.rises(values).ravel())

@@ -1,0 +1,156 @@
+"""Hydraulic networks at the desk: their fit, kind and what recordings leave open, tick in C, and what users choose."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from ces_data.arrays import F
+from ces_identify.physical import quantities
+from ces_identify.physical.laws import STARTS
+from ces_identify.physical.layout import read_scales
+from ces_identify.physical.models import HydraulicModels, run_model
+from ces_identify.physical.physical_search import SHORT_WORK, PhysicalFit, PhysicalSearch
+from ces_identify.polynomial.search_limits import Listener
+from ces_identify.prepare.series import Series
+from ces_identify.structures.hydraulic_c import tick_facts
+from ces_identify.structures.kit import CTick, Fitted, Fitter, IdentifyOptions, Size, StructureKit
+from ces_identify.structures.physical import physical_table
+from ces_identify.trained.training import Training, build_training
+from ces_observer.errors import CesError
+from ces_observer.model import Model, Sampling
+from ces_observer.options import Option
+from ces_observer.structures.hydraulic import Hydraulic
+
+METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pull and bypass by the selection data"
+AUTO = "auto"
+CURVES = 5
+HOLD = 1.5  # forces at which they are held, relative to the largest recorded
+WINDOW_S, STEADY, HELD = 1.0, 0.08, 0.9  # windows in which the current changes little, and their share if it was held
+BLOCK_S = 1.0
+BEFORE_S, AFTER_S, JUMP = 0.03, 0.25, 8.0  # around jumps of the speed, at which recordings were joined; in deviations
+
+
+def _fitter(sizes: Mapping[str, Size]) -> Fitter:
+    kinds = tuple(STARTS) if sizes[KIND.name] == AUTO else (str(sizes[KIND.name]),)
+    return partial(_fit, kinds, int(sizes[CURVES_OPTION.name]))
+
+
+def _fit(
+    kinds: Sequence[str], rows: int, series: Sequence[Series], sampling: Sampling, how: IdentifyOptions, tell: Listener
+) -> Fitted:
+    """Return the best network of these kinds; raises CesError if there is none."""
+    training = build_training(series, how.weight)
+    scales = read_scales(training, sampling.rate_Hz)
+    held = is_held(training, sampling.rate_Hz)
+    if held:
+        training = without_joints(training, sampling.rate_Hz)
+    search = PhysicalSearch(how.limits, tell)
+    fits = search.run(training, scales, kinds, rows, held)
+    if not fits:
+        raise CesError("no start of the hydraulic fit gave a finite cost; check signals and units")
+    best = replace(fits[0], theta=search.refit(fits[0]))
+    facts: dict[str, Any] = {
+        "method": METHOD,
+        "parameters": len(best.theta),
+        "pull": best.strength,
+        "kind": best.models.kind,
+        "kind_reason": explain_kind(fits, sampling.rate_Hz),
+        "undetermined": quantities.find_undetermined(best.models, best.theta, best.strength),
+    }
+    if how.limits.work >= SHORT_WORK:
+        facts[quantities.ERRORS] = quantities.describe_errors(best.models, best.theta, best.strength)
+    refit = partial(_refit, search, best, sampling)
+    return Fitted(_build_model(best, sampling), [f.result for f in fits], facts, refit, leave_out_recordings=False)
+
+
+def is_held(training: Training, rate_Hz: float) -> bool:
+    """Return whether the current was held while the damper moved, as on a dyno: its path then shows nowhere."""
+    current, length = training.inputs[2], max(1, round(WINDOW_S * rate_Hz))
+    spans = [
+        float(np.ptp(current[at : at + length]))
+        for start, stop in training.segments
+        for at in range(start, max(start + 1, stop - length), length)
+    ]
+    return bool(np.mean(np.array(spans) <= STEADY * max(float(np.ptp(current)), 1e-9)) >= HELD)
+
+
+def without_joints(training: Training, rate_Hz: float) -> Training:
+    """Return the data without weights around jumps of the speed, at which recordings were joined."""
+    weights = np.ones(len(training.measured))
+    for start, stop in training.segments:
+        jumps = np.abs(np.diff(training.inputs[1][start:stop]))
+        limit = JUMP * 1.4826 * float(np.median(jumps))
+        for at in start + np.flatnonzero(jumps > limit):
+            before, after = round(BEFORE_S * rate_Hz), round(AFTER_S * rate_Hz)
+            weights[max(start, at - before) : min(stop, at + after)] = 0.0
+    if weights.mean() < 0.5:
+        return training
+    return replace(training, estimation=training.estimation * weights, selection=training.selection * weights)
+
+
+def explain_kind(fits: Sequence[PhysicalFit], rate_Hz: float) -> str:
+    """Return why this kind of damper: on how many blocks left out its first fit was lower than the next kind's."""
+    first: dict[str, PhysicalFit] = {}
+    for fit in reversed(fits):  # a kind's first fit is its worst
+        first.setdefault(fit.models.kind, fit)
+    chosen = fits[0].models.kind
+    others = sorted((f for kind, f in first.items() if kind != chosen), key=lambda fit: fit.cost)
+    if not others:
+        return f"{chosen}: as asked for"
+    own, other = (_block_errors(fit, rate_Hz) for fit in (first[chosen], others[0]))
+    lower, count, name = int((own < other).sum()), len(own), others[0].models.kind
+    if lower - 0.5 * count > np.sqrt(count):  # two standard errors of a coin
+        return f"{chosen}: lower than {name} on {lower} of {count} blocks left out"
+    return f"{chosen}: these recordings cannot tell it from {name} (lower on {lower} of {count} blocks left out)"
+
+
+def _block_errors(fit: PhysicalFit, rate_Hz: float) -> F:
+    training = fit.models.training
+    squares = training.selection * (fit.models.force(fit.theta) - training.measured) ** 2
+    blocks = np.arange(len(squares)) // max(1, round(BLOCK_S * rate_Hz))
+    return np.asarray(np.bincount(blocks, squares)[np.bincount(blocks, training.selection) > 0.0])
+
+
+def _refit(search: PhysicalSearch, best: PhysicalFit, sampling: Sampling, weights: F) -> Model:
+    """Return the model after a few more steps on the ticks with a weight; the time limit applies to each refit anew."""
+    theta = PhysicalSearch(search.limits, lambda result: None).refit(best, weights)
+    return _build_model(replace(best, theta=theta), sampling)
+
+
+def _build_model(fit: PhysicalFit, sampling: Sampling) -> Model:
+    """Return the model; its forces are held at HOLD times the largest recorded, its pressures beyond those met."""
+    models = fit.models.hold_pressures(fit.theta)
+    training = models.training
+    scored = training.estimation + training.selection > 0.0
+    most = HOLD * float(np.abs(training.measured[scored]).max())
+    model = Model(sampling, models.body(fit.theta), training.envelope, (-most, most))
+    return replace(model, certificate=model.certify().to_mapping())
+
+
+def _check_curves(text: str) -> object:
+    if not text.isdecimal() or not 2 <= int(text) <= 8:
+        raise ValueError(f"{text!r} is not a whole number from 2 to 8")
+    return text
+
+
+KIND = Option("kind", AUTO, "kind of damper of a hydraulic network", choices=(AUTO, *STARTS))
+CURVES_OPTION = Option(
+    "curves", str(CURVES), "curves of the valve that the current moves, in a hydraulic network", form="2 to 8",
+    check_text=_check_curves, metavar="N",
+)  # fmt: skip
+KIT: StructureKit[Hydraulic] = StructureKit(
+    "hydraulic network: two chambers, a reservoir and their valves",
+    Hydraulic,
+    (KIND, CURVES_OPTION),
+    _fitter,
+    run_model,
+    physical_table,
+    CTick("hydraulic", tick_facts, "hydraulic network"),
+    HydraulicModels,
+    quick=True,
+)

@@ -1,0 +1,211 @@
+"""Recurrent networks at the desk: fit, residual over a base structure, batch run, report and tick in C."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from itertools import accumulate
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from ces_data.arrays import F, I, Mask
+from ces_identify import structures
+from ces_identify.polynomial.search_limits import Listener, SearchResult, run_starts
+from ces_identify.prepare.series import Series, SimulatedSeries
+from ces_identify.structures.kit import ARGUMENTS, ConstantTable, CTick, Fitted, IdentifyOptions, StructureKit
+from ces_identify.trained.recurrent_kernels import free_run
+from ces_identify.trained.recurrent_training import (
+    RecurrentFamily,
+    body_arrays,
+    build_family,
+    descend,
+    scaled_inputs,
+    stage_arrays,
+    train_member,
+)
+from ces_identify.trained.training import Training, build_training
+from ces_observer.errors import CesError, ModelError
+from ces_observer.model import Model, Sampling
+from ces_observer.structures.recurrent import Recurrent, Stage
+from ces_observer.structures.structure import Structure
+from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table
+
+MEMBERS = 3
+REFIT_STEPS, REFIT_RATE = 200, 1e-2  # of AdamW, from the model's own parameters
+C_VALUES = {
+    "speed": "speed",
+    "speed_root": "(speed / sqrt(fabs(speed) + SMOOTHING_M_S))",
+    "speed_size": "sqrt(fabs(speed))",
+    "position": "position",
+    "current": "current",
+}
+
+
+def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
+    """Return the best model; raises CesError if no start gives one. With one start, a short fit of one network."""
+    return _fit(build_training(series, options.weight), None, sampling, options, listener)
+
+
+def fit_residual(
+    base_model: Model, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
+) -> Fitted:
+    """Return `base_model` with a network added that is fitted to what its free run on `series` leaves.
+
+    Raises CesError if that run is not finite or no start gives a network. `Fitted.refit` fits the network alone.
+    """
+    training = build_training(series, options.weight)
+    force, _ = structures.run_batch(base_model, training.inputs, training.segments)
+    if not np.isfinite(force).all():
+        raise CesError("the free run of the base model is not finite; identify it again")
+    left = training.measured - force
+    scored = training.estimation + training.selection > 0.0
+    ends = zip(training.force_envelope, base_model.force_envelope_N, strict=True)
+    low, high = (find(pair) for find, pair in zip((min, max), ends, strict=True))
+    scale = max(float(left[scored].std()), 1e-6 * training.scale_N)
+    residual = replace(training, measured=left, scale_N=scale, force_envelope=(low, high))
+    return _fit(residual, base_model.body, sampling, options, listener)
+
+
+def _fit(
+    training: Training, base: Structure | None, sampling: Sampling, options: IdentifyOptions, listener: Listener
+) -> Fitted:
+    family, limits = build_family(training, sampling.rate_Hz), options.limits
+    starts = replace(limits, starts=min(limits.starts, MEMBERS))
+    results = run_starts(starts, partial(train_member, family, limits, listener))
+    results = [result for result in results if np.isfinite(result.cost)]
+    if not results:
+        raise CesError("no start of the recurrent fit gave a model; give more time, starts or data")
+    mean, members = _best_mean(family, results)
+    listener(mean)
+    make = partial(_build_model, family, base, sampling)
+    model = make(members)
+    how = {
+        "method": "AdamW on the free-run error of windows, the mean of several fits",
+        "parameters": len(mean.coefficients),
+    }
+    certified = replace(model, certificate=model.certify().to_mapping())
+    return Fitted(certified, [mean, *results[1:]], how, partial(_refit, family, members, make))
+
+
+def _best_mean(family: RecurrentFamily, results: Sequence[SearchResult]) -> tuple[SearchResult, list[F]]:
+    """Return the mean of the best one, two, ... networks with the lowest cost on the selection ticks, and these."""
+    training, members = family.training, [result.coefficients for result in results]
+    ways = [members[: n + 1] for n in range(len(members))]
+    costs = [training.cost(family.force(way), training.selection) for way in ways]
+    best = int(np.argmin(costs))
+    mean = replace(results[0], coefficients=np.concatenate(ways[best]), cost=costs[best], share=1.0)
+    return mean, ways[best]
+
+
+def _build_model(family: RecurrentFamily, base: Structure | None, sampling: Sampling, members: Sequence[F]) -> Model:
+    training = family.training
+    return Model(sampling, family.body(members, base), training.envelope, training.force_envelope)
+
+
+def _refit(
+    family: RecurrentFamily, members: Sequence[F], make: Callable[[Sequence[F]], Model], weights: F
+) -> Model | None:
+    """Return the model with parameters fitted to the weighted ticks, as `Fitted.refit` describes it."""
+    kept = weights * (family.training.estimation + family.training.selection)
+    found = []
+    for seed, params in enumerate(members):
+        *_, last = descend(family, kept, params, np.random.default_rng(seed), REFIT_STEPS, REFIT_RATE)
+        found.append(last)
+    return make(found)
+
+
+def run_recurrent(body: Recurrent, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
+    """Return the batch run of a recurrent network, as `StructureKit.batch_run` describes it."""
+    motion, current = scaled_inputs(body.motion, body.current, body.smoothing_m_s, model.envelope, inputs)
+    force = body.scale_N * free_run(body_arrays(body, model.sampling.rate_Hz), motion, current, segments)
+    if body.base is not None:
+        force = force + structures.run_batch(replace(model, body=body.base), inputs, segments)[0]
+    low, high = model.force_envelope_N
+    return np.clip(force, low, high), (force < low) | (force > high)
+
+
+def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+    """Return the decay times and frequencies of the filters, by network and stage."""
+    about = (
+        f"The mean of {len(body.members)} networks of linear filters with layers of tanh between them: two stages for "
+        "the motion, one for the current. What a filter knows of the past fades with its decay time."
+    )
+    rows = [
+        (
+            Markup("{}, {}").format(n, name.replace("_", " ")),
+            Markup("{}").format(len(stage.decay_s)),
+            *(four_figures(1e3 * find(stage.decay_s)) for find in (min, max)),
+            four_figures(max(map(abs, stage.frequency_Hz))),
+        )
+        for n, member in enumerate(body.members, 1)
+        for name, stage in member.stages.items()
+    ]
+    heads = ("Network, stage", "Filters", "Fastest decay [ms]", "Slowest [ms]", "Highest frequency [Hz]")
+    signals = {one.signal.partition("_")[0] for one in (*body.motion, *body.current)}
+    return parameter_table(
+        about, tuple(map(Markup, heads)), tuple(rows), describe_signals(signals, model.sampling.rate_Hz)
+    )
+
+
+def recurrent_facts(body: Recurrent, model: Model) -> dict[str, object]:
+    """Return tables and sizes of a tick in C; raises ModelError for a network on top of a base structure."""
+    if body.base is not None:
+        raise ModelError(
+            f"a recurrent network on top of {body.base.name} cannot be written in C yet; export one of them"
+        )
+    ranges = model.envelope.by_signal
+    stages: list[dict[str, Any]] = []
+    for n, member in enumerate(body.members, 1):
+        for name, stage in member.stages.items():
+            stages.append(_stage_facts(stage, f"NETWORK_{n}_{name.upper()}", model.sampling.rate_Hz))
+    shapes = list(dict.fromkeys(stage["shape"] for stage in stages))
+    places = accumulate((2 * stage["shape"][1] for stage in stages), initial=0)
+    for facts, place in zip(stages, places, strict=False):
+        facts.update(place=place, function=shapes.index(facts["shape"]))
+    count = len(body.members[0].stages)
+    used = {one.signal.partition("_")[0] for one in (*body.motion, *body.current)}
+    return {
+        "inputs": [
+            {"name": name, "argument": argument, "range": ranges[name], "used": name in used}
+            for name, argument in ARGUMENTS.items()
+        ],
+        "variables": [C_VALUES[one.signal] for one in (*body.motion, *body.current)],
+        "scaled": (*body.motion, *body.current),
+        "motions": len(body.motion),
+        "smoothing": body.smoothing_m_s,
+        "shapes": shapes,
+        "members": [stages[k : k + count] for k in range(0, len(stages), count)],
+        "states": next(places),
+        "scale": body.scale_N / len(body.members),
+        "between": max(len(member.first.out_bias) for member in body.members),
+        "factors": max(len(member.second.out_bias) for member in body.members) - 1,
+    }
+
+
+def _stage_facts(stage: Stage, name: str, rate_Hz: float) -> dict[str, Any]:
+    """Return tables and shape (inputs, filters, tanh, outputs) of a stage; matrices are listed by columns."""
+    arrays = stage_arrays(stage, rate_Hz)
+    tables = {key: getattr(arrays, key).T for key in ("poles", "drive", "hidden", "out")}
+    biases = {key: getattr(arrays, key) for key in ("hidden_bias", "out_bias")}
+    return {
+        "shape": (stage.inputs, len(stage.decay_s), len(stage.hidden_bias), len(stage.out_bias)),
+        "arguments": [f"{name}_{key.upper()}" for key in (*tables, *biases)],
+        "tables": [
+            ConstantTable(f"{name}_{key.upper()}", table.ravel().tolist()) for key, table in (tables | biases).items()
+        ],
+    }
+
+
+RECURRENT = StructureKit(
+    about="recurrent network that forgets",
+    body=Recurrent,
+    sizes=(),
+    fitter=lambda sizes: fit_recurrent,
+    batch_run=run_recurrent,
+    table=recurrent_table,
+    c_tick=CTick("recurrent", recurrent_facts, "recurrent network"),
+    quick=True,
+)

@@ -1,0 +1,400 @@
+"""A recurrent network that forgets for any parameters: what it is made of, its free run and its proof.
+
+Motion (speed v, v / sqrt(|v| + e), sqrt(|v|), position) goes through two stages with a tanh between them, the current
+through one of its own, so that a current never seen cannot upset the motion; no force is fed back:
+
+    motion -> first -> tanh -> second -> f0, f1, f2        current -> current stage -> q1, q2
+    force = scale_N * mean over members of (f0 + q1 f1 + q2 f2), and the force of a base structure, if there is one
+
+A stage has linear filters (a diagonal state-space model) and a layer of tanh, with T the tick and u the inputs:
+
+    h(k) = pole h(k-1) + drive u(k), complex,  pole = exp((-1 / decay_s + 2 pi i frequency_Hz) T)
+    z = (Re h, Im h, u),  outputs = out . (tanh(hidden . z + hidden_bias), z) + out_bias
+
+|pole| < 1 for any parameters. With |u| <= U, |h| <= |drive| U / (1 - |pole|), and |tanh| <= 1: the force is bounded for
+every input, as inputs are clamped to the envelope. The difference of two runs with the same inputs is that of their
+states: in a stage it falls as |pole|^k, and tanh never amplifies it, so it dies out with the slowest decay.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from itertools import chain
+from math import hypot, isfinite, pi, sqrt, tanh
+from operator import mul
+from typing import Any, ClassVar, Self
+
+from ces_observer import structures
+from ces_observer.errors import ModelError
+from ces_observer.json_text import JsonObject
+from ces_observer.proof.certificate import Certificate
+from ces_observer.structures.lagged_signals import MAX_NUMBER, MIN_SPREAD, parse_number, scale_from
+from ces_observer.structures.structure import OperatingRange, Predictor, Range, Ranges, Structure, hold
+
+SPEED, ROOT, SIZE, POSITION, CURRENT = "speed", "speed_root", "speed_size", "position", "current"
+MOTION = (SPEED, ROOT, SIZE, POSITION)
+MAX_MEMBERS, MAX_WIDTH = 8, 64
+DECAY_S = (1e-4, 1.0)  # a filter's decay time
+MAX_FREQUENCY_HZ = 1e5
+STAGE_KEYS = ("decay_s", "frequency_Hz", "drive", "hidden", "hidden_bias", "out", "out_bias")
+WIDENED = 1.0 + 1e-9  # of bounds, more than rounding changes them
+CLAIM = (
+    "the difference of two runs with the same inputs dies out with a time constant of at most slowest_s; "
+    "|F| <= force_bound_N for every input"
+)
+METHOD = "poles within the unit circle, |tanh| <= 1, inputs clamped to the envelope"
+
+Row = tuple[float, ...]
+
+
+def _dot(one: Sequence[float], two: Sequence[float]) -> float:
+    return float(sum(map(mul, one, two)))
+
+
+DOT: Callable[[Sequence[float], Sequence[float]], float] = getattr(
+    math, "sumprod", _dot
+)  # from Python 3.12 on, twice as fast
+
+
+@dataclass(frozen=True)
+class ScaledInput:
+    """An input of a stage, (value - mean) / spread; `signal` is one of MOTION or CURRENT."""
+
+    signal: str
+    mean: float
+    spread: float
+
+    def bound(self, inputs: Ranges, smoothing_m_s: float) -> float:
+        """Return a bound on its size for inputs [m, m/s, A] in their ranges."""
+        name = self.signal.partition("_")[0]
+        low, high = inputs[name]
+        values: tuple[float, ...] = (low, high, min(max(0.0, low), high))
+        if name == SPEED:
+            values = tuple(_speed_values(v, smoothing_m_s)[MOTION.index(self.signal)] for v in values)
+        return max(abs(value - self.mean) for value in values) / self.spread
+
+
+def _speed_values(speed: float, smoothing_m_s: float) -> tuple[float, float, float]:
+    """Return SPEED, ROOT and SIZE at a speed [m/s]."""
+    return speed, speed / sqrt(abs(speed) + smoothing_m_s), sqrt(abs(speed))
+
+
+@dataclass(frozen=True)
+class Stage:
+    """Filters and a layer of tanh; matrices are listed by rows, those of `drive` first real, then imaginary parts."""
+
+    decay_s: Row
+    frequency_Hz: Row
+    drive: Row
+    hidden: Row
+    hidden_bias: Row
+    out: Row
+    out_bias: Row
+
+    @property
+    def inputs(self) -> int:
+        """Number of inputs."""
+        return len(self.drive) // (2 * len(self.decay_s))
+
+    def poles(self, rate_Hz: float) -> list[complex]:
+        """Return the poles at a rate."""
+        sizes = [math.exp(-1.0 / (decay * rate_Hz)) for decay in self.decay_s]
+        angles = [2.0 * pi * frequency / rate_Hz for frequency in self.frequency_Hz]
+        return [complex(r * math.cos(a), r * math.sin(a)) for r, a in zip(sizes, angles, strict=True)]
+
+    def bound(self, inputs: Sequence[float], rate_Hz: float) -> list[float]:
+        """Return bounds on the size of the outputs for inputs of bounded sizes."""
+        count, first = len(self.decay_s), len(self.hidden_bias)
+        rooms = [-math.expm1(-1.0 / (decay * rate_Hz)) for decay in self.decay_s]
+        rows = cut(self.drive, len(inputs))
+        states = [
+            _dot(list(map(hypot, real, imag)), inputs) / room
+            for real, imag, room in zip(rows[:count], rows[count:], rooms, strict=True)
+        ]
+        found = []
+        for bias, row in zip(self.out_bias, cut(self.out, first + 2 * count + len(inputs)), strict=True):
+            tanhs, real, imag, direct = row[:first], row[first:][:count], row[first + count :], row[-len(inputs) :]
+            linear = _dot(list(map(hypot, real, imag[:count])), states) + _dot(list(map(abs, direct)), inputs)
+            found.append(abs(bias) + sum(map(abs, tanhs)) + linear)
+        return found
+
+    @classmethod
+    def from_json(cls, node: JsonObject, inputs: int, outputs: int) -> Self:
+        """Check it in a model file; raises ModelError."""
+        node.require_only_keys(*STAGE_KEYS)
+        poles, hidden = _length(node, "decay_s"), _length(node, "hidden_bias")
+        states = 2 * poles + inputs
+        decays = node.numbers("decay_s", poles, DECAY_S[1])
+        if min(decays) < DECAY_S[0]:
+            raise ModelError(f"{node.where}: decay_s holds {min(decays):g}; expected at least {DECAY_S[0]:g} s")
+        sizes = (2 * poles * inputs, hidden * states, hidden, outputs * (hidden + states), outputs)
+        weights = (node.numbers(key, size, MAX_NUMBER) for key, size in zip(STAGE_KEYS[2:], sizes, strict=True))
+        return cls(decays, node.numbers("frequency_Hz", poles, MAX_FREQUENCY_HZ), *weights)
+
+
+def cut(numbers: Sequence[float], width: int) -> list[Row]:
+    """Return the rows of a matrix that is listed row by row."""
+    return [tuple(numbers[k : k + width]) for k in range(0, len(numbers), width)]
+
+
+def _length(node: JsonObject, key: str) -> int:
+    """Return the number of items under `key`, at least 1 and at most MAX_WIDTH; `numbers` then checks it."""
+    value = node.value.get(key)
+    return min(max(len(value), 1), MAX_WIDTH) if isinstance(value, list) else 1
+
+
+@dataclass(frozen=True)
+class Member:
+    """One network; without a changing current it has no stage for it, and one output only."""
+
+    first: Stage
+    second: Stage
+    current: Stage | None = None
+
+    @property
+    def stages(self) -> dict[str, Stage]:
+        """The stages that it has, by name."""
+        return {name: stage for name, stage in vars(self).items() if stage is not None}
+
+    def bound(self, motion: Sequence[float], current: Sequence[float], rate_Hz: float) -> float:
+        """Return a bound on its scaled force for inputs of bounded sizes."""
+        between = [1.0] * len(self.first.out_bias)
+        force, *scaled = self.second.bound(between, rate_Hz)
+        factors = [] if self.current is None else self.current.bound(current, rate_Hz)
+        return force + _dot(scaled, factors)
+
+    @classmethod
+    def from_json(cls, node: JsonObject, motion: int, current: int) -> Self:
+        """Check it in a model file; raises ModelError."""
+        node.require_only_keys("first", "second", "current")
+        between = _length(node.at("first"), "out_bias")
+        first = Stage.from_json(node.at("first"), motion, between)
+        if not current:
+            if node.mapping_or_none("current") is not None:
+                raise ModelError(f"{node.where}: has a stage for the current; expected null, as no current is an input")
+            return cls(first, Stage.from_json(node.at("second"), between, 1), None)
+        factors = _length(node.at("current"), "out_bias")
+        second = Stage.from_json(node.at("second"), between, 1 + factors)
+        return cls(first, second, Stage.from_json(node.at("current"), current, factors))
+
+
+@dataclass(frozen=True)
+class FadingCertificate(Certificate):
+    """Proved bounds: `force_bound_N` on |force| [N], and `slowest_s` on the time constant of what is forgotten."""
+
+    force_bound_N: float
+    slowest_s: float
+    claim: str
+    method: str
+
+    @property
+    def holds(self) -> bool:
+        """True if the bound is finite; the poles lie within the unit circle in every model file."""
+        return isfinite(self.force_bound_N)
+
+    @property
+    def force_N(self) -> float:
+        """Bound on the force [N]."""
+        return self.force_bound_N
+
+    @property
+    def bounds(self) -> Mapping[str, float]:
+        """Bound on the force, and the slowest decay."""
+        return {"force_bound_N": self.force_bound_N, "slowest_s": self.slowest_s}
+
+    @property
+    def doubt(self) -> str:
+        """Why stability is not proved, in words."""
+        return "the bound on its force is not finite"
+
+    @property
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """The proved numbers for display."""
+        return (
+            ("past", f"forgotten with a time constant of at most {1e3 * self.slowest_s:.3g} ms"),
+            ("force bound", f"{self.force_bound_N:.6g} N for any input"),
+        )
+
+
+@dataclass(frozen=True)
+class Recurrent(Structure):
+    """The mean of `members`, times `scale_N`, and the force of `base`, if there is one; see the module."""
+
+    name: ClassVar[str] = "recurrent"
+    keys: ClassVar[tuple[str, ...]] = ("recurrent",)
+    option: ClassVar[str] = "recurrent"
+    rank: ClassVar[int] = 3
+    unproved: ClassVar[str] = "its force is not proved to be bounded"
+
+    scale_N: float
+    smoothing_m_s: float
+    motion: tuple[ScaledInput, ...]
+    current: tuple[ScaledInput, ...]
+    members: tuple[Member, ...]
+    base: Structure | None = None
+
+    @property
+    def max_lag(self) -> int:
+        """Longest lag of any signal in ticks: it keeps no past inputs."""
+        return self.base.max_lag if self.base else 0
+
+    @property
+    def size(self) -> str:
+        """The size, in words."""
+        filters = sum(len(stage.decay_s) for stage in self.all_stages)
+        text = f"{len(self.members)} networks with {filters} filters, {self.parameters} parameters"
+        return f"{self.base.size}, corrected by {text}" if self.base else text
+
+    @property
+    def all_stages(self) -> list[Stage]:
+        """The stages of all members."""
+        return list(chain.from_iterable(member.stages.values() for member in self.members))
+
+    @property
+    def parameters(self) -> int:
+        """Number of parameters of all members."""
+        return sum(len(numbers) for stage in self.all_stages for numbers in vars(stage).values())
+
+    @property
+    def outside(self) -> str:
+        """What becomes of inputs outside the envelope."""
+        return f"clamped to it ({self.base.name}: {self.base.outside})" if self.base else super().outside
+
+    def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float | None:
+        """Return the force [N] at constant inputs: that of a first tick, before which inputs were the same."""
+        middle = 0.5 * sum(within.inputs[POSITION])
+        own = RecurrentRun(self, within, with_base=False).tick(middle, speed_m_s, current_A)
+        base = self.base.steady_force(within, speed_m_s, current_A) if self.base else 0.0
+        return None if base is None else hold(own + base, *within.force_N)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contents of the model file."""
+        base = None if self.base is None else {"structure": self.base.name, **self.base.to_json()}
+        return {"recurrent": asdict(replace(self, base=None)) | {"base": base}}
+
+    @classmethod
+    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
+        """Check the network of a model file; raises ModelError."""
+        node = root.at("recurrent")
+        node.require_only_keys("scale_N", "smoothing_m_s", "motion", "current", "members", "base")
+        motion = tuple(_parse_input(item, MOTION) for item in node.items("motion", 1, len(MOTION)))
+        current = tuple(_parse_input(item, (CURRENT,)) for item in node.items("current", 0, 1))
+        return cls(
+            scale_from(node),
+            node.number("smoothing_m_s", MIN_SPREAD, MAX_NUMBER),
+            motion,
+            current,
+            tuple(Member.from_json(one, len(motion), len(current)) for one in node.items("members", 1, MAX_MEMBERS)),
+            None if node.mapping_or_none("base") is None else _parse_base(node.at("base"), inputs),
+        )
+
+    def make_predictor(self, within: OperatingRange) -> RecurrentRun:
+        """Return a new free run."""
+        return RecurrentRun(self, within)
+
+    def certify(self, within: OperatingRange) -> FadingCertificate:
+        """Return the proved bound on |force| [N] and the slowest decay."""
+        smoothing = self.smoothing_m_s
+        motion, current = ([u.bound(within.inputs, smoothing) for u in us] for us in (self.motion, self.current))
+        bounds = [member.bound(motion, current, within.rate_Hz) for member in self.members]
+        force = self.scale_N * sum(bounds) / len(bounds) * WIDENED
+        slowest = max(max(stage.decay_s) for stage in self.all_stages)
+        if self.base is None:
+            return FadingCertificate(force, slowest, CLAIM, METHOD)
+        proof = self.base.certify(within)
+        force += proof.bounds.get("force_bound_any_input_N", proof.force_N)
+        claim, method = f"of the correction, {CLAIM}; of the base, {proof.claim}", f"{METHOD}; {proof.method}"
+        return FadingCertificate(force, slowest, claim, method)
+
+
+def _parse_input(node: JsonObject, signals: Sequence[str]) -> ScaledInput:
+    node.require_only_keys("signal", "mean", "spread")
+    signal, mean = node.choice("signal", signals), parse_number(node, "mean")
+    return ScaledInput(signal, mean, node.number("spread", MIN_SPREAD, MAX_NUMBER))
+
+
+def _parse_base(node: JsonObject, inputs: Ranges) -> Structure:
+    known = structures.STRUCTURES
+    base = known[node.choice("structure", [name for name in known if name != Recurrent.name])]
+    node.require_only_keys("structure", *base.keys)
+    return base.from_json(node, inputs)
+
+
+def _with_biases(rows: Sequence[Row], biases: Row) -> list[Row]:
+    """Return the rows with their biases at the end, for inputs that end with 1."""
+    return [(*row, bias) for row, bias in zip(rows, biases, strict=True)]
+
+
+class StageRun:
+    """The filters' states of a stage."""
+
+    def __init__(self, stage: Stage, rate_Hz: float) -> None:
+        self._poles = stage.poles(rate_Hz)
+        self._drive = cut(stage.drive, stage.inputs)
+        states = 2 * len(self._poles) + stage.inputs
+        self._hidden = _with_biases(cut(stage.hidden, states), stage.hidden_bias)
+        self._out = _with_biases(cut(stage.out, len(self._hidden) + states), stage.out_bias)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past."""
+        self._states: list[complex] = []
+
+    def tick(self, inputs: list[float]) -> list[float]:
+        """Return this tick's outputs."""
+        count, dot = len(self._poles), DOT
+        driven = [dot(row, inputs) for row in self._drive]
+        drives = map(complex, driven[:count], driven[count:])
+        if self._states:
+            states = [pole * h + d for pole, h, d in zip(self._poles, self._states, drives, strict=True)]
+        else:
+            states = [d / (1.0 - pole) for pole, d in zip(self._poles, drives, strict=True)]
+        self._states = states
+        joined = [*[h.real for h in states], *[h.imag for h in states], *inputs, 1.0]
+        joined = [*[tanh(dot(row, joined)) for row in self._hidden], *joined]
+        return [dot(row, joined) for row in self._out]
+
+
+class RecurrentRun:
+    """The free run of a recurrent network."""
+
+    def __init__(self, body: Recurrent, within: OperatingRange, with_base: bool = True) -> None:
+        self._bounds = (*within.inputs[POSITION], *within.inputs[SPEED], *within.inputs[CURRENT])
+        self._limits: Range = within.force_N
+        self._smoothing, self._scale = body.smoothing_m_s, body.scale_N / len(body.members)
+        self._motion = [(MOTION.index(one.signal), one.mean, one.spread) for one in body.motion]
+        self._current = [(one.mean, one.spread) for one in body.current]
+        self._members = [
+            [StageRun(stage, within.rate_Hz) for stage in member.stages.values()] for member in body.members
+        ]
+        self._base: Predictor | None = body.base.make_predictor(within) if body.base and with_base else None
+        self.clamped = self.held = False
+
+    def reset(self) -> None:
+        """Forget the past."""
+        for stage in chain.from_iterable(self._members):
+            stage.reset()
+        if self._base:
+            self._base.reset()
+        self.clamped = self.held = False
+
+    def tick(self, position: float, speed: float, current: float) -> float:
+        """Return the force [N] at this tick, held in its envelope; infinite if it is not finite."""
+        x0, x1, v0, v1, c0, c1 = self._bounds
+        self.clamped = not (x0 <= position <= x1 and v0 <= speed <= v1 and c0 <= current <= c1)
+        x, v, c = min(max(position, x0), x1), min(max(speed, v0), v1), min(max(current, c0), c1)
+        values = (*_speed_values(v, self._smoothing), x)
+        motion = [(values[at] - mean) / spread for at, mean, spread in self._motion]
+        currents = [(c - mean) / spread for mean, spread in self._current]
+        total = 0.0
+        for first, second, *stages in self._members:
+            force, *scaled = second.tick([tanh(value) for value in first.tick(motion)])
+            total += force
+            for stage in stages:
+                total += DOT(stage.tick(currents), scaled)
+        force = self._scale * total + (self._base.tick(position, speed, current) if self._base else 0.0)
+        low, high = self._limits
+        self.held = not low <= force <= high
+        return hold(force, low, high) if self.held else force

@@ -1,0 +1,219 @@
+"""The ticks of hydraulic networks against their equations, solved slowly, and against values by hand."""
+
+from __future__ import annotations
+
+import math
+from copy import deepcopy
+from dataclasses import replace
+from random import Random
+
+import numpy as np
+import pytest
+from hydraulic_models import GROOVE, hydraulic_model, make_hydraulic, random_hydraulic
+from physical_models import LINEAR, NO_SIDE, PLAIN_VALVE, hostile_inputs, straight
+from physical_twins import hydraulic_forces, settings
+from samplings import make_sampling
+
+from ces_observer.structures.curves import IncreasingCurve
+from ces_observer.structures.hydraulic import EDGES, Bypass
+from ces_observer.structures.physical import FrictionElement, ValvePath, ValveRun
+from ces_observer.structures.structure import OperatingRange
+
+VALVE = ValvePath(IncreasingCurve((0.1, 0.4, 0.9), (0.0, 0.3, 1.0)), 0.3, 0.02, 8e-3, 5e-3)
+USUAL = make_hydraulic(VALVE)
+NETWORKS = {
+    "twin tube": USUAL,
+    "uniflow": replace(USUAL, kind="uniflow", piston=USUAL.base, base=straight(900.0), external=USUAL.piston),
+    "groove, soft gas": replace(USUAL, kind="monotube", compression_m_N=3e-5, mount_m_N=0.0, bypass=GROOVE),
+    "linear": LINEAR,
+}
+CLOSED = replace(LINEAR, **dict.fromkeys(EDGES, straight(1e9)), mount_m_N=0.0)
+INTERVAL = 1e-3
+
+
+def swing(count=60):
+    """Yield a lively course within the envelope."""
+    for k in range(count):
+        yield 0.015 * math.sin(0.2 * k), 0.6 * math.cos(0.23 * k) ** 3, 0.5 + 0.3 * math.sin(0.3 * k)
+
+
+def agree(model, inputs):
+    inputs = list(inputs)
+    run = model.make_predictor()
+    found, expected = [run.tick(*one) for one in inputs], hydraulic_forces(model, inputs)
+    assert found == pytest.approx(expected, rel=1e-9, abs=1e-9 * max(map(abs, expected)))
+
+
+@pytest.mark.parametrize("name", NETWORKS)
+def test_networks_follow_their_equations(name):
+    agree(hydraulic_model(NETWORKS[name]), swing())
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_random_networks_follow_their_equations_on_hostile_inputs(seed):
+    random = Random(seed)
+    model = hydraulic_model(random_hydraulic(random), make_sampling(random.choice((200.0, 1000.0, 4000.0))))
+    agree(replace(model, force_envelope_N=(-1e300, 1e300)), hostile_inputs(model, random, 40))
+
+
+@pytest.mark.parametrize(("current", "drop"), [(0.1, 300.0), (0.9, 1500.0)])
+def test_steady_pressures_are_those_of_the_flows(current, drop):
+    """At d = 1 m/s, 0.4 - E pass the base, 1 + E the piston: 1000 (0.4 - E) = drop E + 200 (1 + E)."""
+    external = 200.0 / (1200.0 + drop)
+    model = hydraulic_model(replace(LINEAR, valve=replace(PLAIN_VALVE, characteristic=VALVE.characteristic)))
+    run = model.make_predictor()
+    force = [run.tick(0.0, 1.0, current) for _ in range(300)][-1]
+    assert run.pressures == pytest.approx((1000.0 * (0.4 - external), drop * external), rel=1e-9)
+    assert force == pytest.approx(1400.0 * (0.4 - external) - drop * external, rel=1e-9)
+    assert model.body.steady_force(model.operating_range, 1.0, current) == pytest.approx(force, rel=1e-6)
+
+
+def test_the_first_step_is_that_of_compliances_and_slopes():
+    run = hydraulic_model(LINEAR).make_predictor()
+    across, base, external, mount = 1.0 / 200.0, 1.0 / 1000.0, 1.0 / 300.0, 3e-7 / INTERVAL
+    matrix = [
+        [2e-7 / INTERVAL + 1.4**2 * mount + across + base, -1.4 * mount - across],
+        [-1.4 * mount - across, 1e-7 / INTERVAL + mount + across + external],
+    ]
+    expected = np.linalg.solve(matrix, [1.4 * 0.5, -0.5])
+    assert run.advance(0.0, 0.5, 0.0) == pytest.approx(tuple(expected), rel=1e-12)
+
+
+def test_a_void_must_be_refilled():
+    """All valves are closed: what the rod drew out of the oil at next to no pressure, it presses back."""
+    run = hydraulic_model(replace(CLOSED, reservoir_N=100.0, air=5.0, most_N=1e6)).make_predictor()
+    drawn = [run.advance(0.0, -0.5, 0.0)[0] for _ in range(20)]
+    pressed = [run.advance(0.0, 0.5, 0.0)[0] for _ in range(20)]
+    assert -95.0 > drawn[3] > drawn[-1] > -130.0
+    assert pressed[9] < -95.0 and pressed[-1] == pytest.approx(0.0, abs=5.0)
+
+
+def test_a_chamber_that_is_shorter_is_stiffer():
+    """All valves are closed: the same volume has the higher pressure the smaller the compliance."""
+    run = hydraulic_model(replace(CLOSED, compression_growth_1_m=-50.0)).make_predictor()
+    first = run.advance(0.0, 0.1, 0.0)
+    after = run.advance(0.01, 0.0, 0.0)
+    assert after == pytest.approx((math.exp(0.5) * first[0], first[1]), rel=1e-4)
+
+
+def test_a_valve_that_closes_late_passes_oil_back():
+    """The flow out leaves the opening y; on the way back it adds y root(drop) to that of the steady curve."""
+    quick, late = (hydraulic_model(replace(LINEAR, mount_m_N=0.0, base_s=lag)).make_predictor() for lag in (0.0, 0.02))
+    forces = [[run.tick(0.0, v, 0.5) for v in (1.0,) * 200 + (-1.0,) * 200] for run in (quick, late)]
+    assert forces[0][199] == pytest.approx(forces[1][199], rel=1e-3)
+    assert forces[0][-1] == pytest.approx(forces[1][-1], rel=1e-3)
+    path = [run.pressures for run in (quick, late)]
+    assert path[0] == pytest.approx(path[1], rel=1e-3)
+    assert max(abs(a - b) for a, b in zip(*forces, strict=True)) > 20.0
+
+
+def test_a_bypass_opens_where_the_stroke_says():
+    model = hydraulic_model(replace(LINEAR, bypass=Bypass((-0.01, 0.0, 0.01), (0.0, 0.05, 0.0))))
+    forces = [model.make_predictor().tick(x, 0.5, 0.5) for x in (-0.015, -0.01, -0.005, 0.0, 0.005, 0.01)]
+    assert forces[0] == forces[1] == forces[5] > forces[2] == forces[4] > forces[3]
+
+
+def test_friction_grows_with_the_rebound_pressure_alone():
+    side = replace(NO_SIDE, friction=(FrictionElement(1e6, 20.0),))
+    rubbing = hydraulic_model(replace(LINEAR, side=side, friction_growth_1_N=1e-3)).make_predictor()
+    plain = hydraulic_model(LINEAR).make_predictor()
+    for speed, sign in ((-1.0, -1.0), (1.0, 1.0)):
+        with_it, without = ([run.tick(0.0, speed, 0.9) for _ in range(300)][-1] for run in (rubbing, plain))
+        grown = 1.0 + 1e-3 * max(plain.pressures[1], 0.0)
+        assert with_it - without == pytest.approx(sign * 20.0 * grown)
+
+
+def test_pressures_are_held_and_forget_what_was_beyond():
+    run = hydraulic_model(replace(LINEAR, most_N=50.0)).make_predictor()
+    held = [run.tick(0.0, 2.0, 0.5) for _ in range(100)]
+    assert run.pressures == (50.0, -50.0) or max(map(abs, run.pressures)) == 50.0
+    assert max(held) <= 1.4 * 50.0 + 50.0
+    again = hydraulic_model(replace(LINEAR, most_N=50.0)).make_predictor()
+    for _ in range(50):
+        a, b = run.tick(0.0, 0.05, 0.5), again.tick(0.0, 0.05, 0.5)
+    assert a == pytest.approx(b, rel=1e-6)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_step_has_one_solution_wherever_the_search_begins(seed):
+    random = Random(seed)
+    model = hydraulic_model(random_hydraulic(random))
+    run = model.make_predictor()
+    for one in hostile_inputs(model, random, 100):
+        other = deepcopy(run)
+        size = 10.0 ** random.uniform(0.0, 5.0)
+        other.pressures = random.uniform(-size, size), random.uniform(-size, size)
+        force = run.tick(*one)
+        assert other.tick(*one) == pytest.approx(force, rel=1e-9, abs=1e-9 * max(map(abs, run.pressures)))
+
+
+def test_a_reset_brings_the_run_back_to_new():
+    model = hydraulic_model(make_hydraulic(VALVE, bypass=GROOVE))
+    run, new = model.make_predictor(), model.make_predictor()
+    for one in hostile_inputs(model, Random(1), 50):
+        run.tick(*one)
+    assert run.tick(0.0, math.nan, 0.5) == math.inf
+    run.reset()
+    assert not run.clamped
+    assert [run.tick(*one) for one in swing()] == [new.tick(*one) for one in swing()]
+
+
+def test_a_restart_is_soon_forgotten():
+    """Chambers begin at the reservoir's pressure, valves closed, wherever the stroke is."""
+    model = hydraulic_model(USUAL)
+    course = [(0.015 * math.sin(0.02 * k), 0.3 * math.cos(0.02 * k), 0.5) for k in range(1000)]
+    whole, part = model.make_predictor(), model.make_predictor()
+    forces = [whole.tick(*one) for one in course]
+    assert [part.tick(*one) for one in course[250:]][400:] == pytest.approx(forces[650:], abs=0.5)
+
+
+def test_inputs_are_extrapolated_within_reach_and_clamped_beyond():
+    model = hydraulic_model(replace(LINEAR, reach=1.5))
+    runs = [model.make_predictor() for _ in range(4)]
+    inside, outside, end, beyond = (run.tick(0.0, v, 0.5) for run, v in zip(runs, (1.4, 2.0, 2.1, 9.0), strict=True))
+    assert inside < outside < end == beyond
+    assert [run.clamped for run in runs] == [False, True, True, True]
+
+
+def test_a_force_outside_its_envelope_is_held():
+    run = LINEAR.make_predictor(OperatingRange(1000.0, hydraulic_model(LINEAR).envelope.by_signal, (-10.0, 10.0)))
+    assert ([run.tick(0.0, 1.0, 0.5) for _ in range(20)][-1], run.held) == (10.0, True)
+    run.reset()
+    assert not run.held
+
+
+def test_a_step_of_current_is_delayed_by_ticks_and_parts_of_them():
+    run = ValveRun(replace(PLAIN_VALVE, delay_ticks=2.25), 1e-3)
+    assert [run.tick(current) for current in (0.2, 1.0, 1.0, 1.0, 1.0, 1.0)] == pytest.approx(
+        [0.2, 0.2, 0.2, 0.8, 1.0, 1.0]
+    )
+
+
+def test_a_rising_setting_lags_otherwise_than_a_falling_one():
+    run = ValveRun(replace(PLAIN_VALVE, rise_s=3e-3, fall_s=1e-3), 1e-3)
+    assert [run.tick(current) for current in (0.0, 1.0, 1.0)] == pytest.approx([0.0, 0.25, 0.4375])
+    assert [run.tick(0.0) for _ in range(2)] == pytest.approx([0.4375 / 2.0, 0.4375 / 4.0])
+
+
+def test_remanence_is_the_mean_of_three_plays():
+    """Half widths 0.1, 0.3 and 0.5: at 1 they are pulled to 0.9, 0.7 and 0.5; at 0.6 only the first is pushed back."""
+    run = ValveRun(replace(PLAIN_VALVE, hysteresis_A=0.3), 1e-3)
+    assert [run.tick(current) for current in (0.0, 1.0)] == pytest.approx([0.0, 0.7])
+    assert run.tick(0.6) == pytest.approx((0.7 + 0.7 + 0.5) / 3.0)
+    assert run.tick(0.0) == pytest.approx((0.1 + 0.3 + 0.5) / 3.0)
+
+
+def test_a_characteristic_goes_on_straight_and_stays_within_0_and_1():
+    path = replace(PLAIN_VALVE, characteristic=IncreasingCurve((0.2, 0.5, 0.8), (0.1, 0.2, 0.8)))
+    for current, setting in ((-5.0, 0.0), (0.05, 0.05), (0.35, 0.15), (0.85, 0.9), (1.5, 1.0)):
+        assert ValveRun(path, 1e-3).tick(current) == pytest.approx(setting)
+        assert path.steady(current) == pytest.approx(setting)
+
+
+def test_the_valve_follows_its_reference_on_hostile_currents():
+    for seed in range(20):
+        random = Random(seed)
+        model = hydraulic_model(random_hydraulic(random))
+        currents = [min(max(one[2], -1.0), 2.0) for one in hostile_inputs(model, random, 200)]
+        run = ValveRun(model.body.valve, 1e-3)
+        assert [run.tick(c) for c in currents] == pytest.approx(settings(model.body.valve, currents, 1e-3), abs=1e-12)

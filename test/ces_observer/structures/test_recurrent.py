@@ -1,0 +1,161 @@
+"""Recurrent networks on the vehicle: equations, forgetting, bounds, files, and a base structure."""
+
+import json
+import math
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from recurrent_models import ENVELOPE, make_recurrent, recurrent_model
+from trained_models import NETWORK
+
+from ces_observer.errors import ModelError
+from ces_observer.model import load_model, parse_model
+from ces_observer.structures.recurrent import Member, Recurrent, ScaledInput, Stage, _dot
+
+WIDE = (-1e9, 1e9)
+
+
+def drawn(count, seed, scale=1.0):
+    dice = random.Random(seed)
+    ranges = ENVELOPE.by_signal.values()
+    return [tuple(dice.uniform(scale * low, scale * high) for low, high in ranges) for _ in range(count)]
+
+
+def one_filter():
+    """A network of a filter in each stage of the motion, whose numbers are few enough to compute by hand."""
+    first = Stage((0.01,), (10.0,), (2.0, 0.5), (0.3, 0.2, -0.1), (0.05,), (0.7, 0.4, -0.3, 0.2), (0.01,))
+    second = Stage((0.02,), (0.0,), (1.0, 0.0), (0.1, 0.0, 0.2), (0.0,), (1.0, 0.5, 0.0, -0.2), (0.3,))
+    return Recurrent(100.0, 0.02, (ScaledInput("speed", 0.1, 0.5),), (), (Member(first, second),))
+
+
+def test_force_is_that_of_the_equations():
+    run = recurrent_model(one_filter()).make_predictor()
+    pole, slow = np.exp((-100.0 + 2j * np.pi * 10.0) * 1e-3), np.exp(-50.0 * 1e-3)
+    h = g = None
+    for speed in (0.3, -0.2, 0.9):
+        u = (speed - 0.1) / 0.5
+        h = (2.0 + 0.5j) * u / (1.0 - pole) if h is None else pole * h + (2.0 + 0.5j) * u
+        t = math.tanh(0.3 * h.real + 0.2 * h.imag - 0.1 * u + 0.05)
+        w = math.tanh(0.7 * t + 0.4 * h.real - 0.3 * h.imag + 0.2 * u + 0.01)
+        g = w / (1.0 - slow) if g is None else slow * g + w
+        force = 100.0 * (math.tanh(0.1 * g + 0.2 * w) + 0.5 * g - 0.2 * w + 0.3)
+        assert run.tick(0.0, speed, 0.0) == pytest.approx(force, rel=1e-12)
+
+
+def test_constant_inputs_give_their_steady_force_from_the_first_tick_on():
+    model = recurrent_model()
+    run = model.make_predictor()
+    forces = [run.tick(0.0, 0.4, 0.7) for _ in range(500)]
+    steady = model.body.steady_force(model.operating_range, 0.4, 0.7)
+    assert forces == pytest.approx([steady] * 500, rel=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_pasts_are_forgotten_with_the_slowest_decay_and_the_force_stays_within_its_bound(seed):
+    model = recurrent_model(make_recurrent(seed), force_envelope_N=WIDE)
+    proof = model.certify()
+    runs = [model.make_predictor(), model.make_predictor()]
+    forces = [[run.tick(*row) for row in drawn(300, seed + at, 3.0)] for at, run in enumerate(runs)]
+    assert proof.holds
+    assert np.abs(forces).max() <= proof.force_bound_N
+    gaps = np.array([abs(runs[0].tick(*row) - runs[1].tick(*row)) for row in drawn(3000, 9, 3.0)])
+    ticks = math.ceil(1000.0 * proof.slowest_s)
+    assert gaps[15 * ticks :].max() < 1e-3 * gaps[:ticks].max()
+    assert gaps[-100:].max() < 1e-9 * model.body.scale_N
+
+
+def test_no_input_reaches_beyond_the_bound_of_a_filter_at_its_resonance():
+    model = recurrent_model(one_filter(), force_envelope_N=WIDE)
+    run, bound = model.make_predictor(), model.certify().force_bound_N
+    square = [
+        run.tick(0.0, math.copysign(9.0, math.sin(2.0 * math.pi * 10.0 * k * 1e-3 + 0.1)), 0.0) for k in range(2000)
+    ]
+    assert 0.1 * bound < np.abs(square).max() <= bound
+
+
+def test_inputs_are_clamped_and_a_force_is_held():
+    run, edge = recurrent_model().make_predictor(), recurrent_model().make_predictor()
+    assert run.tick(0.0, 7.0, -2.0) == edge.tick(0.0, 1.0, 0.0)
+    assert (run.clamped, edge.clamped) == (True, False)
+    narrow = recurrent_model(force_envelope_N=(-1.0, 1.0)).make_predictor()
+    forces = [narrow.tick(*row) for row in drawn(50, 1)]
+    assert set(forces) <= {-1.0, 1.0} | {f for f in forces if abs(f) < 1.0}
+    assert narrow.held == (abs(forces[-1]) == 1.0)
+
+
+def test_a_tick_without_a_number_has_no_force_and_reset_heals_it():
+    run, new = recurrent_model().make_predictor(), recurrent_model().make_predictor()
+    run.tick(0.0, 0.1, 0.2)
+    assert run.tick(0.0, math.nan, 0.2) == math.inf
+    run.reset()
+    rows = drawn(20, 2)
+    assert [run.tick(*row) for row in rows] == [new.tick(*row) for row in rows]
+
+
+def test_products_without_the_new_function_of_python_are_the_same():
+    dice = random.Random(3)
+    one, two = ([dice.gauss(0.0, 1.0) for _ in range(30)] for _ in range(2))
+    assert _dot(one, two) == pytest.approx(float(np.dot(one, two)), rel=1e-12)
+
+
+def test_a_base_adds_its_force_and_its_bound():
+    rows, base = drawn(100, 4), replace(NETWORK)
+    body = make_recurrent(base=base)
+    parts = [recurrent_model(one).make_predictor() for one in (replace(body, base=None), base, body)]
+    own, below, both = ([run.tick(*row) for row in rows] for run in parts)
+    assert both == pytest.approx(np.add(own, below), rel=1e-9)
+    bound = recurrent_model(body).certify().force_N
+    assert (
+        bound == recurrent_model(replace(body, base=None)).certify().force_N + recurrent_model(base).certify().force_N
+    )
+    assert parse_model(recurrent_model(body).to_json(), "m.json").body == body
+    assert "corrected by" in body.size
+
+
+@pytest.mark.parametrize("current", [True, False])
+def test_a_saved_model_reads_back_equal(tmp_path, current):
+    model = recurrent_model(make_recurrent(current=current))
+    model.save(tmp_path / "m.json")
+    again = load_model(tmp_path / "m.json")
+    assert again == model
+    assert again.size == f"2 networks with {12 if current else 10} filters, {model.body.parameters} parameters"
+
+
+def first(m):
+    return m["recurrent"]["members"][0]["first"]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (lambda m: m.pop("recurrent"), "key 'recurrent' is missing"),
+        (lambda m: m["recurrent"].update(scale_N=0.0), "scale_N is 0.0"),
+        (lambda m: m["recurrent"].update(smoothing_m_s=-1.0), "smoothing_m_s is -1.0"),
+        (lambda m: m["recurrent"].update(motion=[]), "motion is .*a list of 1 to 4"),
+        (lambda m: m["recurrent"]["motion"][0].update(signal="force"), "signal is 'force'"),
+        (lambda m: m["recurrent"]["motion"][0].update(spread=0), "spread is 0"),
+        (lambda m: m["recurrent"].update(current=[]), "has a stage for the current"),
+        (lambda m: m["recurrent"].update(members=m["recurrent"]["members"] * 5), "members is .*a list of 1 to 8"),
+        (lambda m: m["recurrent"]["members"][1].update(current=None), "found None; expected an object"),
+        (lambda m: first(m).update(decay_s=[0.01, 0.02]), r"first: frequency_Hz is .*a list of 2 finite numbers"),
+        (lambda m: first(m).update(decay_s=[]), "first: decay_s is .*a list of 1 finite"),
+        (lambda m: first(m)["decay_s"].__setitem__(1, 0.0), "decay_s holds 0; expected at least 0.0001 s"),
+        (lambda m: first(m)["decay_s"].__setitem__(1, 5.0), "decay_s is .*each at most 1"),
+        (lambda m: first(m)["frequency_Hz"].append(1.0), "frequency_Hz is"),
+        (lambda m: first(m)["hidden"].__setitem__(0, math.nan), r"hidden\[0\] is nan"),
+        (lambda m: first(m)["out"].__setitem__(0, 1e10), r"out is .*at most 1e\+09"),
+        (lambda m: first(m).update(hidden_bias=[0.1] * 65), "hidden is "),
+        (lambda m: first(m).update(gain=[1.0]), "unknown key 'gain'"),
+        (lambda m: m["recurrent"].update(base={"structure": "recurrent"}), "base: structure is 'recurrent'"),
+        (lambda m: m["recurrent"].update(base={"structure": "sigmoid_narx"}), "base: key 'network' is missing"),
+    ],
+)
+def test_what_is_wrong_is_named(change, message):
+    raw = json.loads(recurrent_model().to_json())
+    change(raw)
+    with pytest.raises(ModelError, match=message) as caught:
+        parse_model(json.dumps(raw), "m.json")
+    assert str(caught.value).startswith("m.json")
+    assert "\n" not in str(caught.value)
