@@ -17,7 +17,7 @@ WIDTH, LEFT, RIGHT, TOP, ROW, AXIS = 830.0, 270.0, 220.0, 12.0, 24.0, 46.0
 INDENT = 18.0
 MAX_NAME = 28  # letters of a row's name; more would reach the axis, in print at the latest
 MINUS = " − "  # between the names of a difference
-SIZES = ((620.0, 446.0), (440.0, 446.0))  # of the first and the second chart of a section
+SIZES = ((620.0, 446.0), (440.0, 446.0), (620.0, 446.0))  # of the charts of a section
 
 
 @dataclass(frozen=True)

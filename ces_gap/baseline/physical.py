@@ -13,7 +13,6 @@ from ces_gap.baseline.learner_kernels import low_pass
 from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.grid import is_constant
 from ces_gap.trace import Trace, TraceInputs
-from ces_identify.physical.laws import STARTS
 from ces_identify.physical.layout import read_scales
 from ces_identify.physical.models import free_run
 from ces_identify.physical.physical_search import PhysicalFit, PhysicalSearch
@@ -125,7 +124,7 @@ START_UP_S = 0.3  # [s] after the start of a free run that does not count
 MAX_TICKS = 40_000  # of all examples together: more are thinned out to windows of WINDOW_S
 WINDOW_S = 5.0
 SHORT = 0.1  # work of a fit
-MODELS = 2  # kinds of dampers whose forces are weighed
+KINDS = ("twin tube", "magneto-rheological")  # of dampers, unlike each other, whose forces are weighed
 ROWS = 2  # curves of the valve
 CURRENT_BINS = 6  # of the range of currents; a bin with MIN_BIN_SHARE of the ticks gets a node
 MIN_BIN_SHARE, MIN_NODE_GAP = 0.02, 0.5  # the latter relative to a bin
@@ -149,9 +148,9 @@ def fit_physical_forces(examples: Sequence[SurrogateExample]) -> list[PhysicalFo
     scales = replace(read_scales(training, rate_Hz), currents_A=_place_current_nodes(training.inputs[2]))
     search = PhysicalSearch(Limits(threads=1, work=SHORT), lambda _: None)
     best: dict[str, PhysicalFit] = {}
-    for fit in search.run(training, scales, tuple(STARTS), ROWS, held=False):
+    for fit in search.run(training, scales, KINDS, ROWS, held=is_constant(training.inputs[2])):
         best.setdefault(fit.models.kind, fit)
-    fits = list(best.values())[:MODELS]
+    fits = list(best.values())
     return [PhysicalForce(fit.models.hold_pressures(fit.theta).body(fit.theta), rate_Hz) for fit in fits]
 
 

@@ -150,9 +150,9 @@ def read_quantities(body: Hydraulic, interval_s: float, position_m: Range) -> di
     compression = body.compression_m_N * np.exp(body.compression_growth_1_m * middle)
     rebound = body.rebound_m_N * np.exp(body.rebound_growth_1_m * middle)
     return {
-        "Stiffness of the compression chamber [N/mm]": 1e-3 * (1.0 + body.area_ratio) ** 2 / float(compression),
-        "Stiffness of the rebound chamber [N/mm]": 1e-3 / float(rebound),
-        "Stiffness of mounts and rod [N/mm]": 1e-3 / body.mount_m_N if body.mount_m_N > 0.0 else np.inf,
+        "Stiffness of the compression chamber [kN/mm]": 1e-6 * (1.0 + body.area_ratio) ** 2 / float(compression),
+        "Stiffness of the rebound chamber [kN/mm]": 1e-6 / float(rebound),
+        "Stiffness of mounts and rod [kN/mm]": 1e-6 / body.mount_m_N if body.mount_m_N > 0.0 else np.inf,
         "Softer by air at the reservoir's pressure [times]": 1.0 + body.air,
         "Absolute pressure of the reservoir, on the annulus [N]": body.reservoir_N,
         "Rod area over annulus area": body.area_ratio,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate
@@ -15,7 +15,16 @@ from ces_data.arrays import F, I, Mask
 from ces_identify import structures
 from ces_identify.polynomial.search_limits import Listener, SearchResult, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
-from ces_identify.structures.kit import ARGUMENTS, ConstantTable, CTick, Fitted, IdentifyOptions, StructureKit
+from ces_identify.structures.kit import (
+    ARGUMENTS,
+    ConstantTable,
+    CTick,
+    Fitted,
+    Fitter,
+    IdentifyOptions,
+    Size,
+    StructureKit,
+)
 from ces_identify.trained.recurrent_kernels import free_run
 from ces_identify.trained.recurrent_training import (
     RecurrentFamily,
@@ -29,6 +38,7 @@ from ces_identify.trained.recurrent_training import (
 from ces_identify.trained.training import Training, build_training
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Model, Sampling
+from ces_observer.options import Option
 from ces_observer.structures.recurrent import Recurrent, Stage
 from ces_observer.structures.structure import Structure
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table
@@ -199,11 +209,40 @@ def _stage_facts(stage: Stage, name: str, rate_Hz: float) -> dict[str, Any]:
     }
 
 
+def _fitter(sizes: Mapping[str, Size]) -> Fitter:
+    return fit_recurrent if sizes[BASE.name] == NO_BASE else partial(_fit_on_top, str(sizes[BASE.name]), sizes)
+
+
+def _fit_on_top(
+    name: str,
+    sizes: Mapping[str, Size],
+    series: Sequence[Series],
+    sampling: Sampling,
+    how: IdentifyOptions,
+    tell: Listener,
+) -> Fitted:
+    """Return the structure `name` with a network on top, or alone if that gains too little on the selection data."""
+    base = structures.KITS[name].fitter(sizes)(series, sampling, how, tell)
+    corrected = fit_residual(base.model, series, sampling, how, tell)
+    alone, together = base.results[0].cost, corrected.results[0].cost
+    facts = {"base": dict(base.how), "base_cost": round(alone, 4), "corrected_cost": round(together, 4)}
+    best = corrected if together < WORTHWHILE * alone else base
+    return replace(best, how={**best.how, **facts})
+
+
+NO_BASE = "none"
+WORTHWHILE = 0.97  # share of the base's cost that a network on top must reach
+BASE = Option(
+    "base",
+    NO_BASE,
+    "structure that a recurrent network corrects, if data left out gain by it",
+    choices=(NO_BASE, "hydraulic"),
+)
 RECURRENT = StructureKit(
     about="recurrent network that forgets",
     body=Recurrent,
-    sizes=(),
-    fitter=lambda sizes: fit_recurrent,
+    sizes=(BASE,),
+    fitter=_fitter,
     batch_run=run_recurrent,
     table=recurrent_table,
     c_tick=CTick("recurrent", recurrent_facts, "recurrent network"),

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hydraulic_models import hydraulic_model, make_hydraulic
 from physical_examples import make_valve
+from programs import ONE_KIND
 
 from bench.gaps.ladder_damper import (
     AUTO,
@@ -60,6 +61,7 @@ def test_the_gap_is_about_as_large_as_its_rung_in_the_same_noise(damper):
 def test_a_diagnosis_finds_a_large_effect_and_none_where_there_is_none(damper, monkeypatch):
     few = [effect for effect in library() if effect.name in ("friction", "gas_spring", "inertia")]
     monkeypatch.setattr("ces_gap.pipeline.library", lambda: few)
+    monkeypatch.setattr(*ONE_KIND)
     simulation = ModelSimulation(identify_model(damper, "hydraulic", Limits(threads=1, work=0.1)))
     reference = damper.new(REFERENCE)
     nothing = find_cause(simulation, damper.without_effect(1), reference)

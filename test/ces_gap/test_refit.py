@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hydraulic_models import hydraulic_model
 from physical_models import LINEAR
+from programs import ONE_KIND
 from rig_rides import SLOW, identified, rig_ride
 
 from ces_gap.augmented import AugmentedSimulation
@@ -34,7 +35,9 @@ def refits_of(worn, references=True):
     simulation = identified()
     real, held_out = [rig_ride(7, worn), rig_ride(8, worn)], [rig_ride(9, worn)]
     reference = [rig_ride(1), rig_ride(2)] if references else []
-    inputs = prepare_recordings(simulation, real, held_out, reference)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(*ONE_KIND)
+        inputs = prepare_recordings(simulation, real, held_out, reference)
     return refit_physical_model(simulation, inputs, learn_baseline(inputs))
 
 

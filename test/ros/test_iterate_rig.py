@@ -118,7 +118,7 @@ def test_ctrl_c_stops_the_program_and_the_same_command_goes_on(namespace: str, t
         f"  signals: signals.yaml, approach_s: 0.5, deviation_m: {DEVIATION_M}, silence_s: {SILENCE_S},\n"
         f"  safe_current_A: {SAFE_A}}}\n"
         "experiments: {duration_s: 3}\nstop: {budget_s: 3}\n"
-        "identify: {structure: hydraulic, kind: uniflow, curves: 2, threads: 1}\n"
+        "identify: {structure: hydraulic, time: 5, threads: 1}\n"
     )
     command = [sys.executable, "-m", "ces_cli.main", "iterate", str(tmp_path / "plan.yaml")]
     with SetPointListener(namespace) as listener:

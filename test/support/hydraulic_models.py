@@ -62,7 +62,7 @@ def hydraulic_model(body: Hydraulic, sampling: Sampling = SAMPLING) -> Model:
 def random_hydraulic(random: Random) -> Hydraulic:
     """Return a valid network, within some orders of magnitude of real dampers."""
     lags = [random.choice((0.0, _log(random, 1e-4, 0.1))) for _ in range(3)]
-    growths = [random.choice((0.0, random.uniform(-20.0, 20.0), random.uniform(-200.0, 200.0))) for _ in range(2)]
+    growths = [random.choice((0.0, random.uniform(-20.0, 20.0), random.uniform(-100.0, 100.0))) for _ in range(2)]
     return Hydraulic(
         random.choice(KINDS),
         _random_valve(random),

@@ -18,6 +18,7 @@ UNUSABLE_BAGS = ("cut_bag", "bad_metadata", "empty_folder", "random.mcap", "rand
 UNUSABLE_FILES = (NOTES, "binary.yaml", "tabs.yaml", "alias.yaml", "list.json", "cut.json", "empty.yaml", "nan.json")
 ALPHABETS = (range(1, 128), range(128, 0xD800), range(0xE000, 0x110000))  # without surrogates
 NUMBERS = ("nan", "inf", "-inf", "1e999", "-1", "0", "1e5.5", "0x10", "99999999999999999999", "1_0_", "½", "9" * 5000)
+WORDS = ("1", "3", "10", "0.5", "0:1", "auto", "1,1,1", "2x2", "0.001")
 PATHS = (f"{NOTES}/x", "n" * 300, f"{NOTES}/é/\u2028/x", f"{NOTES}/\udcff")  # the last is not UTF-8
 
 
@@ -43,7 +44,7 @@ def word_for(action):
         return MODEL
     if action.type in (None, str, Path):
         return _new_name(action) if action.dest in ("out", "report", "picture") else NOTES
-    return next(word for word in ("1", "10", "0.5", "0:1", "auto", "1,1,1", "2x2", "0.001") if accepts(action, word))
+    return next(word for word in WORDS if accepts(action, word))
 
 
 def _new_name(action):

@@ -3,15 +3,14 @@
 import json
 
 import pytest
-from programs import ces, only_effects, run_here
-from rig_rides import SLOW, rig_ride
+from programs import ONE_KIND, ces, only_effects, run_here
+from rig_rides import SLOW, identified, rig_ride
 from schema_rules import faults
 
 from ces_cli.terminal.simulations import open_simulation
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_gap.augmented import load_augmented
-from ces_gap.baseline.identified import identify_baseline
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
@@ -22,21 +21,16 @@ WORDS = ("--identify", "--structure", "hydraulic", "--reference", "new1", "new2"
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory):
-    """Rides of the new damper and of the one with the slow valve; the model is fitted once, and few effects."""
-    baselines = []
-
-    def identify_once(*references, **options):
-        baselines.extend([] if baselines else [identify_baseline(*references, **options)])
-        return baselines[0]
-
+    """Rides of the new damper and of the one with the slow valve; the model is that of other tests, and few effects."""
     path = tmp_path_factory.mktemp("identified")
     for ride in (rig_ride(1), rig_ride(2), *(rig_ride(seed, SLOW) for seed in (7, 8, 9))):
         write_bag(path / ride.name, recording_topics(ride, DEFAULT))
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(path)
-        patch.setattr("ces_cli.diagnose.diagnosis.identify_baseline", identify_once)
+        patch.setattr("ces_cli.diagnose.diagnosis.identify_baseline", lambda *references, **options: identified())
         patch.setattr("ces_identify.jobs.run_in_processes", run_here)
         patch.setattr(*only_effects("friction", "valve_lag"))
+        patch.setattr(*ONE_KIND)
         yield path
 
 

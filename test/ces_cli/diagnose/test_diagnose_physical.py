@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hydraulic_models import GROOVE, hydraulic_model, make_hydraulic
 from physical_examples import make_valve
-from programs import NO_SHORT_FITS, ces, only_effects
+from programs import NO_SHORT_FITS, ONE_KIND, ces, only_effects
 from schema_rules import faults
 
 from ces_data.bags.reader import read_recording
@@ -48,6 +48,7 @@ def diagnosed(request, tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         patch.setattr(*NO_SHORT_FITS)
+        patch.setattr(*ONE_KIND)
         patch.setattr(*only_effects("friction", "leakage", "force_scale", "inertia"))
         words = ("--real", "one", "two", "--held-out", "held", "--reference", "new", "--threads", 1)
         assert ces("diagnose", "--sim", "model.json", *words, "--out", "gap") == 0

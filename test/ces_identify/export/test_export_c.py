@@ -153,7 +153,7 @@ def test_a_tick_is_the_structures(library, name) -> None:
 @pytest.mark.parametrize("name", ["powers", "network", "rules", "hydraulic", "two hydraulic models"])
 def test_it_needs_nothing_but_math_and_has_no_globals(library, name) -> None:
     needed, kinds = undefined_and_defined(Path(library(name)[1]._name).parent)
-    assert needed <= {"cos", "exp", "floor", "fmin", "pow", "sqrt"}
+    assert needed <= {"cos", "exp", "floor", "fmax", "fmin", "pow", "sqrt"}
     assert not {n for n, kind in kinds.items() if kind in "bBdDC"}
     assert {n for n, kind in kinds.items() if kind == "T"} == {
         "model_reset", "model_step", "model_tick", "model_past_reset"
