@@ -56,7 +56,7 @@ from ces_identify.structures.kit import IdentifyOptions
 
 STORE = ROOT / "out" / "recorded_peers"
 PATIENCE_S = 3600.0  # of wall time, after which a fit is stopped
-WARM_S, WARM_SHARE = 2.0, 0.2  # time and share of the data of a fit that compiles
+WARM_S = 2.0  # of a fit that compiles
 OURS = ("polynomial", "sigmoid", "hydraulic", "recurrent", AUTO)
 SINES = ("10mm2Hz", "5mm4Hz")
 NETWORKS: dict[str, dict[str, dict[str, float]]] = {
@@ -196,9 +196,9 @@ def run_in_child(job: FitJob) -> None:
     warnings.simplefilter("ignore")
     case, tool = CASES[job.case](), all_tools()[job.tool]
     fit = tool.fits[job.setting]
-    if not tool.package:
-        fit(replace(case, training=[one.part(0.0, WARM_SHARE) for one in case.training]), WARM_S)
     try:
+        if not tool.package:
+            fit(case, WARM_S)
         outcome = fit_and_judge(case, fit)
     except Exception as error:  # a tool may fail in any way; the table says so
         outcome = ToolOutcome({}, math.inf, 0, 0.0, f"{type(error).__name__}: {error}")

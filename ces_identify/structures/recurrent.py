@@ -55,7 +55,7 @@ C_VALUES = {
 
 
 def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
-    """Return the best model; raises CesError if no start gives one. With one start, a short fit of one network."""
+    """Return the best model; raises CesError if no start gives one. A fit of one start has one network."""
     return _fit(build_training(series, options.weight), None, sampling, options, listener)
 
 
@@ -210,7 +210,8 @@ def _stage_facts(stage: Stage, name: str, rate_Hz: float) -> dict[str, Any]:
 
 
 def _fitter(sizes: Mapping[str, Size]) -> Fitter:
-    return fit_recurrent if sizes[BASE.name] == NO_BASE else partial(_fit_on_top, str(sizes[BASE.name]), sizes)
+    base = str(sizes.get(BASE.name, NO_BASE))
+    return fit_recurrent if base == NO_BASE else partial(_fit_on_top, base, sizes)
 
 
 def _fit_on_top(

@@ -36,7 +36,6 @@ SMOOTHING = 0.05  # of the root of the speed, relative to the speed's spread
 FIRST_BIAS = 0.3  # standard deviation of a start's biases
 
 STEPS = 5000
-SHORT_SHARE = 0.3  # of these in a fit of a single start
 WARM_STEPS = 50  # over which the rate rises
 RATE = 2.5e-2  # of the first step after these; falls with a cosine to 0
 DECAY = 0.03  # of weights, a step and rate
@@ -340,8 +339,8 @@ def descend(
 
 
 def count_steps(limits: Limits) -> int:
-    """Return the steps of a fit: STEPS in the default work, a part of them for a single start."""
-    return max(2, round(STEPS * limits.work * (1.0 if limits.starts > 1 else SHORT_SHARE)))
+    """Return the steps of a fit: STEPS in the default work."""
+    return max(2, round(STEPS * limits.work))
 
 
 def train_member(

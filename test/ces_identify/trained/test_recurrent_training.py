@@ -21,7 +21,7 @@ from ces_identify.trained.training import build_training
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
 
-SHORT = Limits(starts=1, threads=1, work=0.2)
+SHORT = Limits(starts=1, threads=1, work=0.06)
 
 
 def silent(result):
@@ -163,7 +163,7 @@ def test_constant_inputs_drop_out_and_a_constant_speed_is_refused():
 
 def test_a_residual_is_fitted_on_top_of_a_base_and_lowers_its_cost():
     training = [series(1), series(2)]
-    limits = Limits(starts=1, threads=1, time=5.0, work=0.2)
+    limits = Limits(starts=1, threads=1, time=5.0, work=0.06)
     base = (
         KITS["sigmoid"]
         .fitter({"units": 1, "lags": "0,0,1"})(training, SAMPLING, IdentifyOptions(limits=limits), silent)
