@@ -15,8 +15,7 @@ import numpy as np
 
 from ces_data.arrays import F
 
-FIELDS = ("linear", "quadratic", "by_setting", "preload", "rise", "opening", "width", "port")
-LOGARITHMIC = np.array([True, True, False, True, False, True, True, True])
+LOGARITHMIC = np.array([True, True, False, True, False, True, True, True])  # numbers of a law, in the order of `_drops`
 SIDE = np.array(
     [0.003, 0.007, 0.014, 0.025, 0.042, 0.068, 0.105, 0.16, 0.24, 0.35, 0.5, 0.72, 1.05]
 )  # relative to the speed
@@ -30,7 +29,6 @@ EASY = (0.02, 0.05, 0.0, 0.01, 0.0, 8.0, 0.02, 0.05)
 SHUT = (20.0, 20.0, 0.0, 10.0, 0.0, 0.01, 1.0, 0.05)
 LEAK = (8.0, 8.0, 0.0, 5.0, 0.0, 0.05, 0.5, 0.05)
 MOVED = (0.8, 1.0, 0.5, 0.12, 1.2, 2.0, 0.05, 0.15)
-LIGHT = (0.8, 1.0, 0.0, 0.15, 0.0, 2.0, 0.05, 0.15)
 FOOT = (0.5, 0.5, 0.0, 0.05, 0.0, 3.0, 0.05, 0.3)
 PLUG = (20.0, 10.0, 0.0, 0.2, 0.8, 2.0, 0.03, 0.1)  # a fluid that yields
 

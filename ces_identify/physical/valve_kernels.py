@@ -111,17 +111,3 @@ def acceleration(speed: F, first: int, n: int, interval: float, limit: float) ->
     """Return the limited acceleration [m/s^2] at tick `n` of a segment that begins at `first`."""
     change = (speed[n] - speed[n - 1]) / interval if n > first else 0.0
     return min(max(change, -limit), limit)
-
-
-@njit(cache=True)
-def add_to_normal_equations(row: F, weight: float, error: float, matrix: F, gradient: F) -> None:
-    """Add a tick: derivatives `row`, `error` (simulated minus measured) [N], `weight`; only the upper triangle."""
-    size = len(row)
-    for m in range(size):
-        value = row[m] * weight
-        row[m] = value
-        gradient[m] += value * weight * error
-    for m in range(size):
-        if row[m] != 0.0:
-            for n in range(m, size):
-                matrix[m, n] += row[m] * row[n]

@@ -74,15 +74,6 @@ def check_slopes(where: str, at: Sequence[float], values: Sequence[float], risin
             )
 
 
-def parse_curve(node: JsonObject, at: str, values: str) -> IncreasingCurve:
-    """Check the nodes of a curve in a model file; raises ModelError."""
-    node.require_only_keys(at, values)
-    places = parse_nodes(node, at)
-    curve = IncreasingCurve(places, parse_nodes(node, values, len(places)))
-    check_slopes(node.where, curve.at, curve.values)
-    return curve
-
-
 MAX_CURVES = 16
 
 
