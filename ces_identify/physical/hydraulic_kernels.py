@@ -1,8 +1,8 @@
 """Compiled free run of a hydraulic network, with derivatives of the force by all parameters.
 
-The equations are those of `ces_observer.structures.hydraulic`. A step solves W(P) + T L(P) = u(k-1) + T a drive for
-the pressures P, with u(k) = W(P) the stored volumes; so by the implicit function theorem, with A = dW/dP + T dL/dP,
-dP = A^-1 (du(k-1) - d(W + T L - T a drive) by the parameters), and du = dW/dP dP + dW.
+The equations are those of `ces_observer.structures.hydraulic`. A step solves U(P) + T L(P) - a w(P) = u(k-1) for the
+pressures P, with U the stored volumes, L the flows and a = (r, -1); so by the implicit function theorem, with A the
+derivative of the left side, dP = A^-1 (du(k-1) - d(U + T L - a w) by the parameters), and du = dU/dP dP + dU.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ from ces_data.arrays import F, I
 from ces_identify.physical import valve_kernels as valves
 from ces_observer.structures.hydraulic import CLOSE, MAX_STEPS, NEAR, PATIENCE, ROUNDING, SPREAD, STILL_N, TURN
 
-LEAD, VISCOUS, MASS, GAS, RATIO, COMPRESSION, REBOUND, MOUNT, OIL, PISTON, BASE, EXTERNAL, BYPASS = range(13)
-FRICTION, YIELD, MOVED, GROWTH, LAGS = 13, 14, 15, 16, 17  # of `places`, too
+LEAD, VISCOUS, MASS, GAS, RATIO, COMPRESSION, REBOUND, MOUNT, CREEP, OIL, PISTON, BASE, EXTERNAL, BYPASS = range(14)
+FRICTION, YIELD, MOVED, GROWTH, LAGS = 14, 15, 16, 17, 18  # of `places`, too
 OILS = 2  # absolute pressure of the reservoir [N], and air
 TIMES = np.array(SPREAD)  # absolute pressures over the reservoir's, where the pieces of the oil meet
 ROWS = 64  # of derivatives, before their products are added up
@@ -87,19 +87,46 @@ def store(oil: F, p: float, out: F) -> int:
 
 
 @njit(cache=True)
+def slide(left: float, mount: float, stiffness: F, rub: F, limits: F, slips: I) -> tuple[float, float, int]:
+    """Return the way [m] of a tick behind the mount, the stiffness [N/m] that friction adds, and a number for `slips`.
+
+    `left` is the way [m] if friction stayed at `rub` (elements,) [N], within `limits`. Sets `slips` to the sign of
+    those that yield, or 0: the way only grows as they do, so the loop ends.
+    """
+    sign = 1 if left > 0.0 else -1
+    slips[:] = 0
+    again, way, held, which = True, 0.0, 0.0, 0
+    while again:
+        again, held, which = False, 0.0, 0
+        for m in range(len(rub)):
+            held += 0.0 if slips[m] else stiffness[m]
+            which = 3 * which + slips[m]
+        way = left / (1.0 + mount * held)
+        for m in range(len(rub)):
+            if slips[m] == 0 and sign * (rub[m] + stiffness[m] * way) > limits[m]:
+                slips[m] = sign
+                left -= mount * (sign * limits[m] - rub[m])
+                again = True
+    return way, held, which
+
+
+@njit(cache=True)
 def solve_step(
     a: NetworkArrays, cells: F, below: I, above: I, blends: F, shares: F, openings: F, start: F, pieces: I,
-    values: F, drops: F, oil: F, stored: F,
-) -> tuple[float, float, int]:  # fmt: skip
-    """Return both pressures [N] after a step, and the number of Newton steps.
+    values: F, drops: F, oil: F, stored: F, rub: F, limits: F, slips: I,
+) -> tuple[float, float, float, float, int]:  # fmt: skip
+    """Return both pressures [N] after a step, the way [m] behind the mount, friction's stiffness, and Newton steps.
 
-    `cells` holds both compliances and both right-hand sides [m]; `start` the pressures to begin with. Leaves the
+    `cells` holds both compliances, both volumes [m] before, and the way [m] behind the mount without pressures and
+    if friction stayed as it is; `start` the pressures to begin with. `rub`, `limits`, `slips` are those of `slide`. Leaves the
     pieces (5,) of the edges and of the oil in both chambers, the edges' values (4, 3): flow, slope and share, the last
     row the whole piston's flow and slope, and `stored` (2, 4) of `store`. A step is halved where the slope along it has
     reversed, so that the convex function of the step always falls.
     """
-    k, flows, interval, ratio, mount = a.k, a.flows, a.interval_s, 1.0 + a.k[a.places[RATIO]], a.k[a.places[MOUNT]]
-    p_c, p_r, d_c, d_r, slope, settled, smooth = start[0], start[1], 0.0, 0.0, 0.0, False, False
+    k, flows, interval, ratio = a.k, a.flows, a.interval_s, 1.0 + a.k[a.places[RATIO]]
+    mount = k[a.places[MOUNT]] + interval * k[a.places[CREEP]]
+    stiffness = k[a.places[FRICTION] : a.places[FRICTION] + a.friction]
+    p_c, p_r, d_c, d_r, slope, settled, smooth, which = start[0], start[1], 0.0, 0.0, 0.0, False, False, 0
     for step in range(MAX_STEPS):
         drop = p_c - p_r
         b0, b1, b2, b3, b4 = pieces
@@ -117,14 +144,16 @@ def solve_step(
                 values[m, 4] += openings[m] * (0.5 * abs(drops[m]) + a.small_N) / (size * root)
                 smooth = True
         across, through = values[0, 3], values[0, 4]
-        pressed = mount * (ratio * p_c - p_r)
-        g_c = cells[0] * stored[0, 0] + ratio * pressed - cells[2] + interval * (across + values[1, 3])
-        g_r = cells[1] * stored[1, 0] - pressed - cells[3] + interval * (values[2, 3] - across)
+        sliding = which
+        way, held, which = slide(cells[4] - mount * (ratio * p_c - p_r), mount, stiffness, rub, limits, slips)
+        g_c = cells[0] * stored[0, 0] - ratio * way - cells[2] + interval * (across + values[1, 3])
+        g_r = cells[1] * stored[1, 0] + way - cells[3] + interval * (values[2, 3] - across)
         same = b0 == pieces[0] and b1 == pieces[1] and b2 == pieces[2] and b3 == pieces[3] and b4 == pieces[4]
+        same = same and sliding == which
         near = NEAR if settled and same else CLOSE
         close = abs(d_c) <= near * (1.0 + abs(p_c)) and abs(d_r) <= near * (1.0 + abs(p_r))
         if step > 0 and (close or (settled and same and not smooth)):
-            return p_c, p_r, step
+            return p_c, p_r, way, held, step
         if step > 0 and g_c * d_c + g_r * d_r > (TURN if step < PATIENCE else ROUNDING) * slope:
             d_c, d_r = 0.5 * d_c, 0.5 * d_r
             p_c, p_r, settled = p_c - d_c, p_r - d_r, False
@@ -132,14 +161,24 @@ def solve_step(
         own_c = cells[0] * stored[0, 1] + interval * values[1, 4]
         own_r = cells[1] * stored[1, 1] + interval * values[2, 4]
         joint = interval * through
-        a_c, a_r, both = own_c + joint + ratio * ratio * mount, own_r + joint + mount, joint + ratio * mount
-        determinant = own_c * (own_r + joint + mount) + own_r * (joint + ratio * ratio * mount)
-        determinant += joint * mount * (ratio - 1.0) ** 2
+        eased = mount / (1.0 + mount * held)
+        a_c, a_r, both = own_c + joint + ratio * ratio * eased, own_r + joint + eased, joint + ratio * eased
+        determinant = own_c * (own_r + joint + eased) + own_r * (joint + ratio * ratio * eased)
+        determinant += joint * eased * (ratio - 1.0) ** 2
         d_c = -(a_r * g_c + both * g_r) / determinant
         d_r = -(both * g_c + a_c * g_r) / determinant
         slope = -(g_c * d_c + g_r * d_r)
         p_c, p_r, settled = p_c + d_c, p_r + d_r, True
-    return np.nan, np.nan, MAX_STEPS  # no force rather than a wrong one
+    return np.nan, np.nan, np.nan, 0.0, MAX_STEPS  # no force rather than a wrong one
+
+
+@njit(cache=True)
+def add_limit(by_rub: F, at: I, m: int, setting: float, sign: float, moved: float, by_setting: F) -> None:
+    """Add the derivatives of the limit of friction element `m`, times `sign`; `moved` is that by the setting."""
+    by_rub[at[YIELD] + m] += sign
+    by_rub[at[MOVED] + m] += sign * setting
+    for p in range(len(by_setting)):
+        by_rub[p] += moved * by_setting[p]
 
 
 @njit(cache=True, nogil=True)
@@ -158,11 +197,9 @@ def run_network(
     plays, by_setting = np.zeros((3, len(valves.HALVES))), np.zeros(valve)
     by_c, by_r = np.zeros(size), np.zeros(size)
     rows, used_rows = np.zeros((ROWS if fitted else 1, size)), 0
-    rub, rub_by = (
-        np.zeros(a.friction),
-        np.zeros((4 + valve, a.friction)),
-    )  # by stiffness, yield force, lead, and setting
-    cells, start, values, pieces = np.zeros(4), np.zeros(2), np.zeros((3, 5)), np.zeros(5, np.int64)
+    rub, limits, slips = np.zeros(a.friction), np.zeros(a.friction), np.zeros(a.friction, np.int64)
+    by_rub, by_pull, by_way = np.zeros((a.friction, size)), np.zeros(size), np.zeros(size)
+    cells, start, values, pieces = np.zeros(5), np.zeros(2), np.zeros((3, 5)), np.zeros(5, np.int64)
     openings, opened, shares, drops = np.zeros(3), np.zeros(3), np.ones(3), np.zeros(3)
     by_opened, by_shares = np.zeros((3, size)), np.zeros(3)
     over, by_drop, wanted, kept_open, before = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
@@ -172,7 +209,7 @@ def run_network(
     stored, rest, by_oil = np.zeros((2, 2 + OILS)), np.zeros(2 + OILS), np.zeros((2, OILS))
     below, above, blends = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3)
     edges = np.array([at[PISTON], at[BASE], at[EXTERNAL]])
-    mount = k[at[MOUNT]]
+    spring, mount = k[at[MOUNT]], k[at[MOUNT]] + interval * k[at[CREEP]]  # a tick's creep gives way like a spring
     at_rest = store(oil, 0.0, rest)
     total, steps, most, bypasses = 0.0, 0, 0.0, len(a.bypassed) > 0
     along_bypass, j = 0.0, 0
@@ -185,7 +222,9 @@ def run_network(
         by_c[:] = 0.0
         by_r[:] = 0.0
         rub[:] = 0.0
-        rub_by[:] = 0.0
+        by_rub[:] = 0.0
+        by_pull[:] = 0.0
+        pull = 0.0
         pieces[:3] = wide // 2
         pieces[3:] = at_rest
         opened[:] = 0.0
@@ -220,37 +259,52 @@ def run_network(
             x = data.position[n]
             growth_c, growth_r = np.exp(k[at[COMPRESSION] + 1] * x), np.exp(k[at[REBOUND] + 1] * x)
             cells[0], cells[1] = k[at[COMPRESSION]] * growth_c, k[at[REBOUND]] * growth_r
-            cells[2], cells[3] = u_c + interval * ratio * drive, u_r - interval * drive
-            p_c, p_r, used = solve_step(
-                a, cells, below, above, blends, shares, openings, start, pieces, values, drops, oil, stored
-            )
+            rubbed = 0.0
+            for m in range(a.friction):
+                limits[m] = k[at[YIELD] + m] + setting * k[at[MOVED] + m]
+                if abs(rub[m]) > limits[m]:
+                    sign = 1.0 if rub[m] > 0.0 else -1.0
+                    rub[m] = sign * limits[m]
+                    if fitted:
+                        by_rub[m] = 0.0
+                        add_limit(by_rub[m], at, m, setting, sign, sign * k[at[MOVED] + m], by_setting)
+                rubbed += rub[m]
+            cells[2], cells[3], cells[4] = u_c, u_r, interval * drive + spring * pull - mount * rubbed
+            p_c, p_r, way, held, used = solve_step(
+                a, cells, below, above, blends, shares, openings, start, pieces, values, drops, oil, stored, rub,
+                limits, slips,
+            )  # fmt: skip
             if not (abs(p_c) <= a.most_N and abs(p_r) <= a.most_N):
                 p_c, p_r = min(max(p_c, -a.most_N), a.most_N), min(max(p_r, -a.most_N), a.most_N)
                 drops[0], drops[1], drops[2] = p_c - p_r, p_c, p_r
                 for m in range(3):
                     pieces[m] = look_up(k, a.flows, below[m], above[m], blends[m], drops[m], pieces[m], values[m])
                 pieces[3], pieces[4] = store(oil, p_c, stored[0]), store(oil, p_r, stored[1])
+                way, held, _ = slide(
+                    cells[4] - mount * (ratio * p_c - p_r), mount,
+                    k[at[FRICTION] : at[FRICTION] + a.friction], rub, limits, slips,
+                )  # fmt: skip
             start[0], start[1] = p_c, p_r
             steps += used
             most = max(most, abs(p_c), abs(p_r))
             pulled_s = ratio * p_c - p_r
-            u_c, u_r = cells[0] * stored[0, 0] + ratio * mount * pulled_s, cells[1] * stored[1, 0] - mount * pulled_s
-            rubbed = 0.0
+            u_c, u_r = cells[0] * stored[0, 0], cells[1] * stored[1, 0]
+            pulled, rubbed = pull, 0.0
+            if fitted:
+                by_way[:] = spring * by_pull
             for m in range(a.friction):
-                pulled = rub[m] + k[at[FRICTION] + m] * interval * drive
-                moved = k[at[MOVED] + m]
-                limit = k[at[YIELD] + m] + setting * moved
-                if abs(pulled) > limit:
-                    rub[m] = limit if pulled > 0.0 else -limit
-                    sign = 1.0 if pulled > 0.0 else -1.0
-                    rub_by[0, m], rub_by[1, m], rub_by[2, m], rub_by[3, m] = 0.0, sign, 0.0, sign * setting
-                    for p in range(valve):
-                        rub_by[4 + p, m] = sign * moved * by_setting[p]
-                else:
-                    rub[m] = pulled
-                    rub_by[0, m] += interval * drive
-                    rub_by[2, m] += k[at[FRICTION] + m] * interval * change
+                stiffness = k[at[FRICTION] + m]
+                if fitted and slips[m] == 0:
+                    by_rub[m, at[FRICTION] + m] += way
+                    by_way -= mount * by_rub[m]
+                elif fitted:
+                    sign = float(slips[m])
+                    by_rub[m] = 0.0
+                    add_limit(by_rub[m], at, m, setting, sign, sign * k[at[MOVED] + m], by_setting)
+                    by_way -= mount * by_rub[m]
+                rub[m] = rub[m] + stiffness * way if slips[m] == 0 else slips[m] * limits[m]
                 rubbed += rub[m]
+            pull = pulled_s + rubbed
             pressed = 1.0 + growth * max(p_r, 0.0)
             i = valves.find_piece(a.positions, data.position[n])
             along = (data.position[n] - a.positions[i]) / (a.positions[i + 1] - a.positions[i])
@@ -275,13 +329,15 @@ def run_network(
                 for m in range(3):
                     opened[m] += shares[m] * (wanted[m] - opened[m])
                 continue
-            s_c, s_r = mount * (pulled_s + ratio * p_c), -mount * p_c  # of the mount's volumes by the area ratio
-            by_c[at[RATIO]] += interval * drive - s_c
-            by_r[at[RATIO]] -= s_r
-            by_c[at[MOUNT]] -= ratio * pulled_s
-            by_r[at[MOUNT]] += pulled_s
-            by_c[at[LEAD]] += interval * ratio * change
-            by_r[at[LEAD]] -= interval * change
+            by_way[at[RATIO]] -= mount * p_c
+            by_way[at[MOUNT]] -= pull - pulled
+            by_way[at[CREEP]] -= interval * pull
+            by_way[at[LEAD]] += interval * change
+            by_way /= 1.0 + mount * held
+            for q in range(size):
+                by_c[q] += ratio * by_way[q]
+                by_r[q] -= by_way[q]
+            by_c[at[RATIO]] += way
             by_c[at[COMPRESSION]] -= growth_c * stored[0, 0]
             by_r[at[REBOUND]] -= growth_r * stored[1, 0]
             by_c[at[COMPRESSION] + 1] -= x * cells[0] * stored[0, 0]
@@ -329,17 +385,19 @@ def run_network(
             wide_c, wide_r = cells[0] * stored[0, 1], cells[1] * stored[1, 1]
             own_c, own_r = wide_c + interval * values[1, 4], wide_r + interval * values[2, 4]
             joint = interval * values[0, 4]
-            a_c, a_r, both = own_c + joint + ratio * ratio * mount, own_r + joint + mount, joint + ratio * mount
-            determinant = own_c * (own_r + joint + mount) + own_r * (joint + ratio * ratio * mount)
-            determinant += joint * mount * (ratio - 1.0) ** 2
+            eased = mount / (1.0 + mount * held)
+            a_c, a_r, both = own_c + joint + ratio * ratio * eased, own_r + joint + eased, joint + ratio * eased
+            determinant = own_c * (own_r + joint + eased) + own_r * (joint + ratio * ratio * eased)
+            determinant += joint * eased * (ratio - 1.0) ** 2
             i_cc, i_cr, i_rr = a_r / determinant, both / determinant, a_c / determinant
-            m_cc, m_cr, m_rr = wide_c + ratio * ratio * mount, -ratio * mount, wide_r + mount
-            by_p_r = 1.0 - (growth * rubbed if p_r > 0.0 else 0.0)
+            by_p_r = growth * rubbed if p_r > 0.0 else 0.0
             row = rows[used_rows]
             for p in range(size):
                 d_c, d_r = i_cc * by_c[p] + i_cr * by_r[p], i_cr * by_c[p] + i_rr * by_r[p]
-                by_c[p], by_r[p] = m_cc * d_c + m_cr * d_r, m_cr * d_c + m_rr * d_r
-                row[p] = ratio * d_c - d_r * by_p_r
+                by_c[p], by_r[p] = wide_c * d_c, wide_r * d_r
+                by_pull[p] = ratio * d_c - d_r
+                row[p] = by_pull[p] + d_r * by_p_r
+                by_way[p] -= eased * by_pull[p]
                 by_opened[0, p] = kept_open[0] * by_opened[0, p] + by_drop[0] * (d_c - d_r)
                 by_opened[1, p] = kept_open[1] * by_opened[1, p] + by_drop[1] * d_c
                 by_opened[2, p] = kept_open[2] * by_opened[2, p] + by_drop[2] * d_r
@@ -355,10 +413,14 @@ def run_network(
                     steeper *= by_flow * slope * (a.rows[m] - 1)
                     for q in range(valve):
                         by_opened[m, q] -= steeper * by_setting[q]
-            by_c[at[RATIO]] += s_c
-            by_r[at[RATIO]] += s_r
-            by_c[at[MOUNT]] += ratio * pulled_s
-            by_r[at[MOUNT]] -= pulled_s
+            by_pull[at[RATIO]] += p_c
+            row[at[RATIO]] += p_c
+            for m in range(a.friction):
+                if slips[m] == 0:
+                    by_rub[m] += k[at[FRICTION] + m] * by_way
+                by_pull += by_rub[m]
+                if scored:
+                    row += pressed * by_rub[m]
             by_c[at[COMPRESSION]] += growth_c * stored[0, 0]
             by_r[at[REBOUND]] += growth_r * stored[1, 0]
             by_c[at[COMPRESSION] + 1] += x * cells[0] * stored[0, 0]
@@ -369,14 +431,6 @@ def run_network(
             for m in range(3):
                 opened[m] += shares[m] * (wanted[m] - opened[m])
             if scored:
-                row[at[RATIO]] += p_c
-                for m in range(a.friction):
-                    row[at[FRICTION] + m] += rub_by[0, m] * pressed
-                    row[at[YIELD] + m] += rub_by[1, m] * pressed
-                    row[at[LEAD]] += rub_by[2, m] * pressed
-                    row[at[MOVED] + m] += rub_by[3, m] * pressed
-                    for p in range(valve):
-                        row[p] += rub_by[4 + p, m] * pressed
                 row[at[GROWTH]] += rubbed * max(p_r, 0.0)
                 valves.add_share(row, at[GAS] + i, along, 1.0)
                 row[at[VISCOUS]] += drive

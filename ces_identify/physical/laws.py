@@ -26,11 +26,12 @@ LEAST_RISE, MOST_CHANGE = 1e-5, 8.0  # the latter as a logarithm
 LAW_WEIGHT, NODE_WEIGHT = 3e-5, 1e-5  # of squared parameters, against a squared error of (J / 100)^2 a recording
 # Laws in units of the largest force and speed; easy and shut valves, those that the current moves, bases and leaks.
 EASY = (0.02, 0.05, 0.0, 0.01, 0.0, 8.0, 0.02, 0.05)
-SHUT = (20.0, 20.0, 0.0, 10.0, 0.0, 0.01, 1.0, 0.05)
-LEAK = (8.0, 8.0, 0.0, 5.0, 0.0, 0.05, 0.5, 0.05)
+SHUT = (8.0, 8.0, 0.0, 1.0, 0.0, 0.3, 0.15, 0.05)  # opens within reach: a valve shut for good would never be found open
 MOVED = (0.8, 1.0, 0.5, 0.12, 1.2, 2.0, 0.05, 0.15)
 FOOT = (0.5, 0.5, 0.0, 0.05, 0.0, 3.0, 0.05, 0.3)
-PLUG = (20.0, 10.0, 0.0, 0.2, 0.8, 2.0, 0.03, 0.1)  # a fluid that yields
+THICK = (1.0, 0.5, 0.3, 0.3, 0.5, 3.0, 0.1, 0.1)
+RUB = ((0.006, 0.006, 6e-5), (0.012, 0.012, 2e-4), (0.025, 0.025, 8e-4))  # seals
+PLUG = ((0.02, 0.1, 2e-4), (0.03, 0.2, 5e-4), (0.02, 0.1, 1.5e-3), (0.25, 1e-3, 0.5))  # a fluid that yields, gas
 
 
 @dataclass(frozen=True)
@@ -51,16 +52,19 @@ class KindStart:
     external: EdgeStart
     compression: float = 1.0
     rebound: float = 1.0
+    friction: tuple[tuple[float, float, float], ...] = RUB
+    creep_m_Ns: float = 1e-7
 
 
 STARTS = {
     "uniflow": KindStart(EdgeStart(EASY, SHUT), EdgeStart(SHUT, EASY), EdgeStart(MOVED, EASY, moved=True)),
-    "twin tube": KindStart(EdgeStart(MOVED, MOVED, moved=True), EdgeStart(FOOT, EASY), EdgeStart(LEAK, LEAK)),
+    "twin tube": KindStart(EdgeStart(MOVED, MOVED, moved=True), EdgeStart(FOOT, EASY), EdgeStart(SHUT, SHUT)),
     "monotube": KindStart(
-        EdgeStart(MOVED, MOVED, moved=True), EdgeStart(LEAK, LEAK), EdgeStart(SHUT, SHUT), compression=100.0
+        EdgeStart(MOVED, MOVED, moved=True), EdgeStart(SHUT, SHUT), EdgeStart(SHUT, SHUT), compression=100.0
     ),
     "magneto-rheological": KindStart(
-        EdgeStart(PLUG, PLUG, moved=True), EdgeStart(FOOT, EASY), EdgeStart(LEAK, LEAK), compression=3.0, rebound=3.0
+        EdgeStart(THICK, THICK, moved=True), EdgeStart(FOOT, EASY), EdgeStart(SHUT, SHUT), friction=PLUG,
+        creep_m_Ns=1e-5,
     ),
 }
 

@@ -63,7 +63,6 @@ VALVE_S, VALVE_WEIGHT = 5e-3, 3.0  # centre of the valve's lags; relative to WEI
 HELD_WEIGHT = 300.0  # of the valve's path where the current was held: nothing in the recordings knows it
 CHAMBER_M_N, MOUNT_M_N = 2e-7, 5e-8
 CLOSING_S = 1e-3
-FRICTIONS = 3
 LIMIT = 60.0  # of a logarithm
 
 
@@ -130,20 +129,22 @@ def head_groups(scales: DataScales, kind: KindStart, held: bool) -> list[Group]:
         positive("rebound", CHAMBER_M_N * kind.rebound),
         signed("rebound_growth", 10.0, 0.5),
         positive("mount", MOUNT_M_N),
+        positive("creep", kind.creep_m_Ns),
         positive("reservoir", 0.07 * size),
         positive("air", 3.0),
     ]
 
 
-def tail_groups(scales: DataScales, bypass: int, friction: int) -> list[Group]:
+def tail_groups(scales: DataScales, kind: KindStart, bypass: int) -> list[Group]:
     """Return the groups after the edges, in the kernels' order."""
     size, speed = scales.force_N, scales.speed_m_s
+    least, moved, way = np.reshape(kind.friction, (-1, 3)).T
     opening = 0.1 * speed / np.sqrt(0.25 * size)  # a tenth of the fastest flow at a quarter of the force
     return [
         positive("bypass", np.full(bypass, opening), 0.1),
-        positive("friction", 3e5 * np.geomspace(1.0, 0.3, friction)),
-        positive("friction_yield", size * np.geomspace(0.006, 0.025, friction)),
-        positive("friction_moved", size * np.geomspace(0.006, 0.025, friction)),
+        positive("friction", size * (least + moved) / way),
+        positive("friction_yield", size * least),
+        positive("friction_moved", size * moved),
         positive("growth", 0.1 / size),
         positive("closing_s", np.full(3, CLOSING_S)),
     ]
@@ -238,7 +239,7 @@ def first_layout(scales: DataScales, kind: str, rows: int, held: bool, bypass: i
     start = STARTS[kind]
     edges = (start.piston, start.base, start.external)
     laws = tuple(LawEdge(edge, rows if edge.moved else 1) for edge in edges)
-    head, tail = head_groups(scales, start, held), tail_groups(scales, bypass, FRICTIONS)
+    head, tail = head_groups(scales, start, held), tail_groups(scales, start, bypass)
     return Layout(tuple(head), tuple(tail), laws, scales.speed_m_s * NODES, scales.force_N)
 
 

@@ -39,7 +39,7 @@ MOST = 2.0  # pressures at which they are held, relative to the largest that the
 REACH = 2.0
 NO_FIT = np.empty((0, 0))
 PLACES = (
-    "lead_s", "viscous_Ns_m", "mass_kg", "gas_N", "ratio", "compression", "rebound", "mount", "reservoir", *EDGE_NAMES,
+    "lead_s", "viscous_Ns_m", "mass_kg", "gas_N", "ratio", "compression", "rebound", "mount", "creep", "reservoir", *EDGE_NAMES,
     "bypass", "friction", "friction_yield", "friction_moved", "growth", "closing_s",
 )  # fmt: skip
 
@@ -84,8 +84,9 @@ class HydraulicModels:
         found = read_scales(training, 1.0 / interval_s)
         scales = replace(found, currents_A=currents, positions_m=positions, max_acceleration_m_s2=limit)
         bypassed = np.array(body.bypass.position_m if body.bypass else ())
-        head = tuple(head_groups(scales, STARTS[body.kind], held=False))
-        tail = tuple(tail_groups(scales, len(bypassed), len(body.side.friction)))
+        start, elements = STARTS[body.kind], len(body.side.friction)
+        start = replace(start, friction=(start.friction * elements)[:elements])
+        head, tail = tuple(head_groups(scales, start, held=False)), tuple(tail_groups(scales, start, len(bypassed)))
         edges = tuple(NodeEdge(np.diff(getattr(body, n).rows, axis=1) / scales.force_N) for n in EDGE_NAMES)
         layout = Layout(head, tail, edges, np.array(body.piston.at), scales.force_N)
         models = cls(training, scales, body.kind, layout, bypassed, body.laminar_N, body.most_N)
@@ -166,6 +167,7 @@ class HydraulicModels:
             compression_growth_1_m=number["compression_growth"],
             rebound_growth_1_m=number["rebound_growth"],
             mount_m_N=number["mount"],
+            creep_m_Ns=number["creep"],
             reservoir_N=number["reservoir"],
             air=number["air"],
             most_N=self.most_N,
@@ -209,6 +211,7 @@ def _own_values(body: Hydraulic) -> dict[str, object]:
         "rebound": body.rebound_m_N,
         "rebound_growth": body.rebound_growth_1_m,
         "mount": body.mount_m_N,
+        "creep": body.creep_m_Ns,
         "reservoir": body.reservoir_N,
         "air": body.air,
         "bypass": body.bypass.values if body.bypass else (),

@@ -27,7 +27,7 @@ from ces_identify.trained.training import Training
 LAW_STEPS, NODE_STEPS, LAST_STEPS = 12, 12, 6  # of each of two descents on laws, on nodes, and the last to all ticks
 STIFF = 30.0  # in the first, all but the laws is pulled so much more strongly: far from the data it would run away
 SHORT_WORK = 0.5  # less than this is a short fit: each kind with half the steps, nothing more
-STRENGTHS = (0.3, 0.1, 0.03, 0.01)  # of the pull towards usual values,
+STRENGTHS = (0.3, 0.03, 0.003, 0.001)  # of the pull towards usual values,
 HELD_STRENGTHS = STRENGTHS[:1]  # and where the current was held: blocks of the same strokes cannot tell how weak
 WORTHWHILE = 0.995  # a weaker pull must lower the selection cost to this share for a still weaker one to be tried
 STROKE_NODES, STROKE_SHARE = 12, 0.05  # of the error's energy that follows the stroke: a bypass is tried

@@ -50,6 +50,7 @@ def tick_facts(body: Hydraulic, model: Model) -> dict[str, object]:
         "compression": _stored(rate * body.compression_m_N, body.compression_growth_1_m),
         "rebound": _stored(rate * body.rebound_m_N, body.rebound_growth_1_m),
         "mount": rate * body.mount_m_N,
+        "give": rate * body.mount_m_N + body.creep_m_Ns,
         "laminar_N": body.laminar_N,
         "most_N": body.most_N,
         "still_N": STILL_N,

@@ -4,27 +4,32 @@ Edges: P from compression to rebound chamber (piston), B from compression chambe
 rebound chamber to reservoir (external valve). With pressures p_c, p_r above the reservoir's, as forces [N] on the rod
 side's area, flows as speeds [m/s] of it, r = 1 + area ratio, s = r p_c - p_r, T the tick, d the drive, x the stroke:
 
-    U_c(k) - U_c(k-1) = T [ r d - P - B ],   U_c = C_c e^(g_c x) phi(p_c) + r M s
-    U_r(k) - U_r(k-1) = T [  -d + P - E ],   U_r = C_r e^(g_r x) phi(p_r) - M s
+    U_c(k) - U_c(k-1) = r w + T [ -P - B ],   U_c = C_c e^(g_c x) phi(p_c)
+    U_r(k) - U_r(k-1) =  -w + T [  P - E ],   U_r = C_r e^(g_r x) phi(p_r)
+    w = T d - M (f(k) - f(k-1)) - T creep f(k),   f = s + sum_j z_j,   z_j(k) = clip(z_j(k-1) + k_j w, -+yield_j)
     P = b q_P(dp) + ((1 - b) y(k-1) + A(x)) root(dp),  y(k) = (1 - b) y(k-1) + b q_P(dp) / root(dp),  dp = p_c - p_r,
         root(z) = z / sqrt(|z| + e),  b = T / (lag + T);  likewise B with p_c and E with p_r, without A
-    force(k) = s + side force(k),  the friction elements times 1 + growth max(p_r, 0)
+    force(k) = f + side force(k),  the friction elements z_j times 1 + growth max(p_r, 0)
 
 U are the volumes stored, C the compliances of the chambers' oil, which change with their length, and M that of mounts
-in series. phi is that of oil with air: with R the reservoir's absolute pressure, phi' = 1 + air (R / (p + R))^2, as
-straight pieces that meet at R times SPREAD; below the first it stays as soft, a void that must be refilled. q_P,
-q_B(p_c) and q_E(p_r) are piecewise linear, increasing, through the origin; those that the current moves are blended
-between rows. A valve's opening y follows its steady flow with a lag: a check that closes late passes oil back. A(x)
->= 0 is a bypass that depends on the stroke, such as a groove.
+in series, which may creep; w is the way behind them, and z_j are springs that yield there: friction, and a fluid that
+the current stiffens. phi is that of oil with air: with R the reservoir's absolute pressure, phi' = 1 + air (R / (p +
+R))^2, as straight pieces that meet at R times SPREAD; below the first it stays as soft, a void that must be refilled.
+q_P, q_B(p_c) and q_E(p_r) are piecewise linear, increasing, through the origin; those that the current moves are
+blended between rows. A valve's opening y follows its steady flow with a lag: a check that closes late passes oil back.
+A(x) >= 0 is a bypass that depends on the stroke, such as a groove.
 
 A twin tube has its valve in the piston, and a base valve with a refill check; a uniflow damper has checks in piston and
-base, and its valve outside; a monotube has its valve in the piston, and gas in C_c.
+base, and its valve outside; a monotube has its valve in the piston, and gas in C_c; a magneto-rheological damper has
+springs that yield instead of a valve.
 
 What is proved, for any parameters that a model file can hold and for any inputs:
 
-* A step has one solution: U and the flows are gradients of convex functions of (p_c, p_r), strictly so for U.
+* A step has one solution: U, the flows and -w, over (r, -1), are gradients of convex functions of (p_c, p_r), strictly
+  so for U; w falls as s rises, since each z_j rises with w.
 * The network is passive. With Phi the convex function with gradient U, and Phi* its conjugate (the energy stored), at a
-  given stroke  Phi*(U(k)) - Phi*(U(k-1)) <= T (d s - dp P - p_c B - p_r E),  by convexity, and no flow feeds energy.
+  given stroke and setting  Phi*(U(k)) - Phi*(U(k-1)) <= s w - T (dp P + p_c B + p_r E)  by convexity, no flow feeds
+  energy, and  M f^2 / 2 + sum_j z_j^2 / (2 k_j)  grows by at most  T d f - s w  for the same reason.
 * Pressures are held within +-`most_N`, and the force within its envelope: both stay bounded, whatever the rounding.
 
 A tick solves the step on the pieces of the last one and goes on from piece to piece (Newton's method). Steps along
@@ -53,6 +58,7 @@ from ces_observer.structures.physical import (
     MAX_REACH,
     FrictionElement,
     InputLimiter,
+    MountRun,
     PhysicalStructure,
     SideForces,
     SideRun,
@@ -95,11 +101,12 @@ class HydraulicRun:
         self._inputs = InputLimiter(within, model.reach)
         self._valve = ValveRun(model.valve, 1.0 / rate)
         self._side = SideRun(model.side, 1.0 / rate)
-        self._rubs, self._friction_growth = bool(model.side.friction), model.friction_growth_1_N
+        self.mount = MountRun(model.side.friction, rate * model.mount_m_N, model.creep_m_Ns, 1.0 / rate)
+        self._friction_growth = model.friction_growth_1_N
         self._edges = EdgeRun(model.piston), EdgeRun(model.base), EdgeRun(model.external)
         self._bypass, self._small = model.bypass, model.laminar_N
         self._ratio = 1.0 + model.area_ratio
-        self._stored = rate * model.compression_m_N, rate * model.rebound_m_N, rate * model.mount_m_N
+        self._stored = rate * model.compression_m_N, rate * model.rebound_m_N
         self._growth = model.compression_growth_1_m, model.rebound_growth_1_m
         self._oil, self._most = oil_pieces(model.reservoir_N, model.air), model.most_N
         self._shares = tuple(1.0 / (1.0 + rate * lag) for lag in (model.piston_s, model.base_s, model.external_s))
@@ -115,6 +122,7 @@ class HydraulicRun:
         """Forget the past: chambers at the reservoir's pressure."""
         self._valve.reset()
         self._side.reset()
+        self.mount.reset()
         self.pressures = 0.0, 0.0
         self._volumes: tuple[float, float] | None = None
         self._openings = 0.0, 0.0, 0.0
@@ -128,16 +136,15 @@ class HydraulicRun:
         drive, force = self._side.tick(position, speed)
         setting = self._valve.tick(current)
         p_c, p_r = self.advance(position, drive, setting)
-        force += self._ratio * p_c - p_r
-        if self._rubs:
-            force += self._side.friction(drive, setting) * (1.0 + self._friction_growth * p_r if p_r > 0.0 else 1.0)
+        growth = self._friction_growth * p_r if p_r > 0.0 else 0.0
+        force += self._ratio * p_c - p_r + self.mount.rubbed * (1.0 + growth)
         low, high = self._limits
         self.held = not low <= force <= high
         return hold(force, low, high) if self.held else force
 
     def advance(self, position: float, drive: float, setting: float) -> tuple[float, float]:  # noqa: PLR0912, PLR0915
         """Step both pressures [N] at a position [m], a drive [m/s] and a setting of the valve."""
-        c_c, c_r, mount = self._stored
+        c_c, c_r = self._stored
         by_c, by_r = self._growth
         c_c, c_r, r, oil = c_c * exp(by_c * position), c_r * exp(by_r * position), self._ratio, self._oil
         (p_c, p_r), (i, j, m, n, o) = self.pressures, self._pieces
@@ -145,7 +152,9 @@ class HydraulicRun:
             _, _, phi, _ = oil[n]
             self._volumes = c_c * phi, c_r * phi
         u_c, u_r = self._volumes
-        u_c, u_r = u_c + r * drive, u_r - drive
+        behind = self.mount
+        give, free = behind.give, behind.begin(drive, setting)
+        shift, share, low, high = behind.find(left := free - give * (r * p_c - p_r))
         small, (y_p, y_b, y_e), (b_p, b_b, b_e) = self._small, self._openings, self._shares
         o_p, o_b, o_e = (1.0 - b_p) * y_p, (1.0 - b_b) * y_b, (1.0 - b_e) * y_e
         if self._bypass:
@@ -181,13 +190,14 @@ class HydraulicRun:
             e_q = b_e * s_e + o_e * (0.5 * abs(p_r) + small) / (size * root)
             c_low, c_high, phi_c, soft_c = oil[n]
             r_low, r_high, phi_r, soft_r = oil[o]
-            pressed = mount * (r * p_c - p_r)
-            f_c = u_c - c_c * (phi_c + soft_c * p_c) - r * pressed - passed - based
-            f_r = u_r - c_r * (phi_r + soft_r * p_r) + pressed + passed - outer
+            way = share * (left + shift)
+            f_c = u_c - c_c * (phi_c + soft_c * p_c) + r * way - passed - based
+            f_r = u_r - c_r * (phi_r + soft_r * p_r) - way + passed - outer
             if step and f_c * d_c + f_r * d_r < -(TURN if step < PATIENCE else ROUNDING) * fall:
                 d_c, d_r, same = 0.5 * d_c, 0.5 * d_r, False
                 p_c, p_r = p_c - d_c, p_r - d_r
             else:
+                mount = give * share
                 own_c, own_r, both = c_c * soft_c + b_q, c_r * soft_r + e_q, p_q + r * mount
                 a_c, a_r = own_c + p_q + r * r * mount, own_r + p_q + mount
                 determinant = own_c * a_r + own_r * (p_q + r * r * mount) + p_q * mount * (r - 1.0) * (r - 1.0)
@@ -205,6 +215,10 @@ class HydraulicRun:
                 same, n = False, self._find_oil(p_c)
             if not r_low < p_r <= r_high:
                 same, o = False, self._find_oil(p_r)
+            left = free - give * (r * p_c - p_r)
+            if not low <= share * (left + shift) <= high:
+                before, (shift, share, low, high) = (shift, share), behind.find(left)
+                same &= before == (shift, share)
             close = NEAR if same else CLOSE
             if abs(d_c) <= close * (1.0 + abs(p_c)) and abs(d_r) <= close * (1.0 + abs(p_r)):
                 break
@@ -219,8 +233,8 @@ class HydraulicRun:
             j, m = base.find(below, y, p_c, j), external.find(beyond, z, p_r, m)
         _, _, phi_c, soft_c = oil[n]
         _, _, phi_r, soft_r = oil[o]
-        pressed = mount * (r * p_c - p_r)
-        self._volumes = c_c * (phi_c + soft_c * p_c) + r * pressed, c_r * (phi_r + soft_r * p_r) - pressed
+        self._volumes = c_c * (phi_c + soft_c * p_c), c_r * (phi_r + soft_r * p_r)
+        behind.end(free, r * p_c - p_r)
         self._openings = (
             y_p if abs(p_c - p_r) < STILL_N else y_p + b_p * (opening_of(across[i], x, p_c - p_r, small) - y_p),
             y_b if abs(p_c) < STILL_N else y_b + b_b * (opening_of(below[j], y, p_c, small) - y_b),
@@ -243,6 +257,7 @@ NUMBERS = {  # of a model file, with their limits
     "compression_growth_1_m": (-100.0, 100.0),
     "rebound_growth_1_m": (-100.0, 100.0),
     "mount_m_N": (0.0, 1.0),
+    "creep_m_Ns": (0.0, 1.0),
     "reservoir_N": (1e-3, MAX_VALUE),
     "air": (0.0, 1e6),
     "most_N": (1.0, MAX_VALUE),
@@ -284,6 +299,7 @@ class Hydraulic(PhysicalStructure):
     compression_growth_1_m: float
     rebound_growth_1_m: float
     mount_m_N: float
+    creep_m_Ns: float
     reservoir_N: float
     air: float
     most_N: float

@@ -10,14 +10,14 @@ in, 0 to 1 out.
 
 Every stage is driven by the current alone and none amplifies a difference, so the setting stays within 0 to 1.
 
-Beside the core of each stand the drive, and the forces in parallel to the oil:
+Beside the core of each stand the drive, and the forces on the rod in parallel to it:
 
     acceleration(k) = (speed(k) - speed(k-1)) / T, limited to +-`max_acceleration`
     drive(k)        = speed(k) + lead acceleration(k), the speed [m/s] that moves the oil
-    side force(k)   = gas(position) + viscous drive + mass acceleration + sum of friction elements
+    side force(k)   = gas(position) + viscous drive + mass acceleration
 
-A friction element is a spring with a limited force (Prandtl 1928): f(k) = clip(f(k-1) + stiffness T drive(k), -+limit),
-with limit = yield + setting moved: what a field makes stiff yields later.
+A friction element is a spring with a limited force (Prandtl 1928): z(k) = clip(z(k-1) + stiffness way(k), -+limit),
+with limit = yield + setting moved: what a field makes stiff yields later. The way is that behind mounts that give way.
 
 Curves go on straight beyond what was recorded. Inputs outside the envelope are used as they are, and marked, up to
 `reach` times the envelope about its middle (for the speed about zero); beyond, they are clamped. The proof covers all
@@ -274,21 +274,17 @@ def parse_friction(node: JsonObject) -> FrictionElement:
 
 
 class SideRun:
-    """The past of drive and friction."""
+    """The past of the drive."""
 
     def __init__(self, side: SideForces, interval_s: float) -> None:
         self._rate = 1.0 / interval_s
         self._numbers = side.lead_s, side.max_acceleration_m_s2, side.viscous_Ns_m, side.mass_kg
         self._inner, self._gas = side.position_m[1:-1], pieces(side.position_m, side.gas_N)
-        self._elements = [
-            (n, one.stiffness_N_m * interval_s, one.yield_N, one.moved_N) for n, one in enumerate(side.friction)
-        ]
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past: no acceleration, no friction."""
+        """Forget the past: no acceleration."""
         self._speed: float | None = None
-        self._rubbing = [0.0] * len(self._elements)
 
     def tick(self, position: float, speed: float) -> tuple[float, float]:
         """Return the speed [m/s] that moves the oil at this tick, and gas, viscous and inertia force [N]."""
@@ -303,19 +299,69 @@ class SideRun:
         at, gas, slope = self._gas[bisect_left(self._inner, position)]
         return drive, gas + slope * (position - at) + viscous * drive + mass * change
 
-    def friction(self, drive: float, setting: float) -> float:
-        """Return the force [N] of the friction elements after this tick's drive [m/s], at a setting of the valve."""
-        rubbing, total = self._rubbing, 0.0
-        for n, step, least, moved in self._elements:
-            force = rubbing[n] + step * drive
-            limit = least + setting * moved
+
+class MountRun:
+    """What gives way in series, `give` [m/s/N] a tick, and the springs that yield behind it.
+
+    With `left` the speed behind the mount if those springs kept their forces, the speed there is share (left + shift).
+    """
+
+    def __init__(
+        self, elements: tuple[FrictionElement, ...], mount: float, creep_m_Ns: float, interval_s: float
+    ) -> None:
+        self._mount, self.give = mount, mount + creep_m_Ns
+        self._elements = [(one.stiffness_N_m * interval_s, one.yield_N, one.moved_N) for one in elements]
+        self._share = 1.0 / (1.0 + self.give * sum(step for step, _, _ in self._elements))
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past: no force."""
+        self.forces = [0.0] * len(self._elements)
+        self._limits = list(self.forces)
+        self.rubbed = self._pull = 0.0
+
+    def begin(self, drive: float, setting: float) -> float:
+        """Begin a tick at a setting of the valve; return the speed [m/s] if the network's force were 0."""
+        forces, limits, total = self.forces, self._limits, 0.0
+        for n, (_, least, moved) in enumerate(self._elements):
+            limits[n] = limit = least + setting * moved
+            if forces[n] > limit:
+                forces[n] = limit
+            elif forces[n] < -limit:
+                forces[n] = -limit
+            total += forces[n]
+        return drive + self._mount * self._pull - self.give * total
+
+    def find(self, left: float) -> tuple[float, float, float, float]:
+        """Return shift and share at `left` [m/s], and the range of speeds in which they hold."""
+        give, shift, low = self.give, 0.0, 0.0
+        reaches = []
+        for (step, _, _), force, limit in zip(self._elements, self.forces, self._limits, strict=True):
+            change = limit - force if left > 0.0 else limit + force
+            reaches.append((change / step, step, change))
+        reaches.sort()
+        share = self._share
+        for n, (reach, _, change) in enumerate(reaches):
+            if abs(share * (left + shift)) <= reach:
+                return (shift, share, low, reach) if left > 0.0 else (shift, share, -reach, -low)
+            shift += give * (-change if left > 0.0 else change)
+            share, low = 1.0 / (1.0 + give * sum(step for _, step, _ in reaches[n + 1 :])), reach
+        return (shift, share, low, inf) if left > 0.0 else (shift, share, -inf, -low)
+
+    def end(self, free: float, pull_N: float) -> None:
+        """End the tick with the network's force [N]; `free` is what `begin` returned."""
+        left = free - self.give * pull_N
+        shift, share, _, _ = self.find(left)
+        way, total, forces = share * (left + shift), 0.0, self.forces
+        for n, (step, _, _) in enumerate(self._elements):
+            force, limit = forces[n] + step * way, self._limits[n]
             if force > limit:
                 force = limit
             elif force < -limit:
                 force = -limit
-            rubbing[n] = force
+            forces[n] = force
             total += force
-        return total
+        self.rubbed, self._pull = total, pull_N + total
 
 
 LONG_TICK = OperatingRange(1e-6, dict.fromkeys(INPUTS, (-inf, inf)), (-inf, inf))  # in which every lag dies out

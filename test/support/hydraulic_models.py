@@ -34,6 +34,7 @@ def make_hydraulic(valve: ValvePath, **changes: Any) -> Hydraulic:
         "compression_growth_1_m": -4.0,
         "rebound_growth_1_m": 5.0,
         "mount_m_N": 4e-7,
+        "creep_m_Ns": 1e-6,
         "reservoir_N": 200.0,
         "air": 0.5,
         "most_N": 20_000.0,
@@ -71,6 +72,7 @@ def random_hydraulic(random: Random) -> Hydraulic:
         _log(random, 1e-9, 1e-5),
         *growths,
         random.choice((0.0, _log(random, 1e-9, 1e-5))),
+        random.choice((0.0, _log(random, 1e-8, 1e-4))),
         _log(random, 1.0, 1e5),
         random.choice((0.0, _log(random, 1e-3, 100.0))),
         _log(random, 300.0, 1e6),
@@ -114,7 +116,7 @@ def _random_side(random: Random) -> SideForces:
         FrictionElement(
             _log(random, 1.0, 1e8), _log(random, 0.1, 200.0), random.choice((0.0, _log(random, 0.1, 200.0)))
         )
-        for _ in range(random.randint(0, 3))
+        for _ in range(random.choice((0, 1, 4)))
     )
     return SideForces(
         random.uniform(-3e-3, 3e-3),

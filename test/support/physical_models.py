@@ -32,6 +32,7 @@ LINEAR = Hydraulic(
     compression_growth_1_m=0.0,
     rebound_growth_1_m=0.0,
     mount_m_N=3e-7,
+    creep_m_Ns=2e-6,
     reservoir_N=1e6,
     air=0.0,
     most_N=1e4,

@@ -80,23 +80,26 @@ def phi(body: Hydraulic, p: float) -> float:
 
 def volumes(body: Hydraulic, position: float, p_c: float, p_r: float) -> tuple[float, float]:
     """Return the volumes stored [m] at a position [m] and pressures [N]."""
-    ratio = 1.0 + body.area_ratio
-    mount = body.mount_m_N * (ratio * p_c - p_r)
     return (
-        body.compression_m_N * exp(body.compression_growth_1_m * position) * phi(body, p_c) + ratio * mount,
-        body.rebound_m_N * exp(body.rebound_growth_1_m * position) * phi(body, p_r) - mount,
+        body.compression_m_N * exp(body.compression_growth_1_m * position) * phi(body, p_c),
+        body.rebound_m_N * exp(body.rebound_growth_1_m * position) * phi(body, p_r),
     )
 
 
 def pressures(
     model: Model, positions: Sequence[float], driven: Sequence[float], valve: Sequence[float]
-) -> list[tuple[float, float]]:
-    """Return both pressures [N] of each tick from positions [m], drives [m/s] and settings."""
+) -> list[tuple[float, float, float]]:
+    """Return both pressures and friction [N] of each tick from positions [m], drives [m/s] and settings."""
     body, interval, ratio = model.body, 1.0 / model.sampling.rate_Hz, 1.0 + model.body.area_ratio
     stored, opened, result = (0.0, 0.0), [0.0, 0.0, 0.0], []
+    pull, rubbing, give = 0.0, [0.0] * len(body.side.friction), body.mount_m_N + interval * body.creep_m_Ns
     shares = [interval / (lag + interval) for lag in (body.piston_s, body.base_s, body.external_s)]
     for x, drive, setting in zip(positions, driven, valve, strict=True):
         curves = [getattr(body, edge).blend(setting) for edge in EDGES]
+        limits = [one.yield_N + setting * one.moved_N for one in body.side.friction]
+        springs = [(clip(z, -y, y), one, y) for z, one, y in zip(rubbing, body.side.friction, limits, strict=True)]
+        ends = {0.0, *((end - z) / one.stiffness_N_m for z, one, y in springs for end in (-y, y))}
+        ways = sorted({*ends, min(ends) - 1.0, max(ends) + 1.0})
         bypass = [body.bypass(x) if body.bypass else 0.0, 0.0, 0.0]
 
         def steady(n, drop, curves=curves):
@@ -106,26 +109,35 @@ def pressures(
             opening = (1.0 - shares[n]) * opened[n] + bypass[n]
             return shares[n] * steady(n, drop) + opening * drop / sqrt(abs(drop) + body.laminar_N)
 
-        def compression(p_r, p_c, x=x, drive=drive, stored=stored, flow=flow):
+        def rub(way, springs=springs):
+            return [clip(z + one.stiffness_N_m * way, -y, y) for z, one, y in springs]
+
+        def behind(p_c, p_r, drive=drive, pull=pull, rub=rub, ways=ways):
+            """Return the way w [m] behind the mount, where w + give sum_j z_j(w) is straight between `ways`."""
+            values = [way + give * sum(rub(way)) for way in ways]
+            return interpolate(values, ways, interval * drive + body.mount_m_N * pull - give * (ratio * p_c - p_r))
+
+        def compression(p_r, p_c, x=x, stored=stored, flow=flow, behind=behind):
             gained = volumes(body, x, p_c, p_r)[0] - stored[0]
-            return gained - interval * (ratio * drive - flow(0, p_c - p_r) - flow(1, p_c))
+            return gained - ratio * behind(p_c, p_r) + interval * (flow(0, p_c - p_r) + flow(1, p_c))
 
         def balanced(p_r, compression=compression):
             return find_root(partial(compression, p_r))
 
-        def rebound(p_r, x=x, drive=drive, stored=stored, flow=flow, balanced=balanced):
+        def rebound(p_r, x=x, stored=stored, flow=flow, balanced=balanced, behind=behind):
             p_c = balanced(p_r)
             gained = volumes(body, x, p_c, p_r)[1] - stored[1]
-            return gained - interval * (-drive + flow(0, p_c - p_r) - flow(2, p_r))
+            return gained + behind(p_c, p_r) - interval * (flow(0, p_c - p_r) - flow(2, p_r))
 
         p_r = find_root(rebound)
         p_c, p_r = (clip(p, -body.most_N, body.most_N) for p in (balanced(p_r), p_r))
-        stored = volumes(body, x, p_c, p_r)
+        stored, rubbing = volumes(body, x, p_c, p_r), rub(behind(p_c, p_r))
+        pull = ratio * p_c - p_r + sum(rubbing)
         for n, drop in enumerate((p_c - p_r, p_c, p_r)):
             if abs(drop) >= STILL_N:
                 opening = steady(n, drop) * sqrt(abs(drop) + body.laminar_N) / drop
                 opened[n] += shares[n] * (opening - opened[n])
-        result.append((p_c, p_r))
+        result.append((p_c, p_r, sum(rubbing)))
     return result
 
 
@@ -136,17 +148,15 @@ def hydraulic_forces(model: Model, inputs: Inputs) -> list[float]:
     sides = drives(body.side, positions, speeds, interval)
     valve = settings(body.valve, currents, interval)
     oil = pressures(model, positions, [drive for drive, _ in sides], valve)
-    rubbing, forces = [0.0] * len(body.side.friction), []
-    for (drive, side), setting, (p_c, p_r) in zip(sides, valve, oil, strict=True):
-        elements = [(f, e, e.yield_N + setting * e.moved_N) for f, e in zip(rubbing, body.side.friction, strict=True)]
-        rubbing = [clip(f + e.stiffness_N_m * interval * drive, -limit, limit) for f, e, limit in elements]
-        grown = sum(rubbing) * (1.0 + body.friction_growth_1_N * max(p_r, 0.0))
+    forces = []
+    for (_, side), (p_c, p_r, rubbed) in zip(sides, oil, strict=True):
+        grown = rubbed * (1.0 + body.friction_growth_1_N * max(p_r, 0.0))
         forces.append((1.0 + body.area_ratio) * p_c - p_r + side + grown)
     return forces
 
 
-def energy(body: Hydraulic, position: float, p_c: float, p_r: float) -> float:
-    """Return the energy stored [N m] at a position [m] and pressures [N]."""
+def energy(body: Hydraulic, position: float, p_c: float, p_r: float, rubbing: Sequence[float]) -> float:
+    """Return the energy stored [N m] at a position [m], pressures [N] and forces [N] of the friction elements."""
 
     def stored_at(p: float) -> float:
         places = sorted([0.0, p, *(x for x in (body.reservoir_N * (t - 1.0) for t in SPREAD) if 0.0 < x / p < 1.0)])
@@ -156,4 +166,5 @@ def energy(body: Hydraulic, position: float, p_c: float, p_r: float) -> float:
     compression = body.compression_m_N * exp(body.compression_growth_1_m * position)
     rebound = body.rebound_m_N * exp(body.rebound_growth_1_m * position)
     cells = sum(size * stored_at(p) for size, p in ((compression, p_c), (rebound, p_r)) if p)
-    return cells + 0.5 * body.mount_m_N * ((1.0 + body.area_ratio) * p_c - p_r) ** 2
+    springs = sum(0.5 * z**2 / one.stiffness_N_m for z, one in zip(rubbing, body.side.friction, strict=True))
+    return cells + springs + 0.5 * body.mount_m_N * ((1.0 + body.area_ratio) * p_c - p_r + sum(rubbing)) ** 2

@@ -28,11 +28,12 @@ from ces_identify.export.export_c import export_c
 from ces_observer.estimator import UNBOUNDED
 from ces_observer.structures.curves import FlowMap
 from ces_observer.structures.hydraulic import Bypass
-from ces_observer.structures.physical import SideForces, widen
+from ces_observer.structures.physical import FrictionElement, SideForces, widen
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("cc")]
 LINE = FlowMap((0.0, 1.0), ((0.0, 2000.0),))  # as few nodes as a file may hold
 NO_SIDE = SideForces(0.0, 0.0, 0.0, 0.0, (0.0, 1.0), (0.0, 0.0), ())
+SPRINGS = tuple(FrictionElement(*one) for one in ((1e12, 0.0, 5.0), (1e5, 18.0), (3e4, 9.0, 4.0), (1e-9, 1e9)))
 AT_ONCE = {"piston_s": 0.0, "base_s": 0.0, "external_s": 0.0}
 BODIES = {
     "usual": {},
@@ -46,6 +47,7 @@ BODIES = {
         **dict.fromkeys(("area_ratio", "air", "mount_m_N", "compression_growth_1_m", "rebound_growth_1_m"), 0.0),
         "side": NO_SIDE,
     },
+    "springs": {**AT_ONCE, "creep_m_Ns": 1e-4, "side": replace(NO_SIDE, friction=SPRINGS)},
     "growths": {"compression_growth_1_m": 300.0, "rebound_growth_1_m": -300.0, "mount_m_N": 0.0},
     "held pressures": {"most_N": 50.0, "air": 1000.0, "reservoir_N": 20.0},
 }

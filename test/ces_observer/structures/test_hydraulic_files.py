@@ -32,6 +32,7 @@ REFUSALS = [
     ("", "compression_growth_1_m", 1e4, "compression_growth_1_m is 10000.0"),
     ("", "rebound_growth_1_m", "x", "rebound_growth_1_m is 'x'"),
     ("", "mount_m_N", -1e-9, "mount_m_N is"),
+    ("", "creep_m_Ns", 2.0, "creep_m_Ns is 2.0"),
     ("", "reservoir_N", 0.0, "reservoir_N is 0.0"),
     ("", "air", -1.0, "air is -1.0"),
     ("", "most_N", 1e300, "most_N is"),
