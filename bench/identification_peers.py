@@ -1,8 +1,7 @@
 """The peers, each as "recordings in, free run on another out", with the inputs that their users must prepare.
 
 SysIdentPy (FROLS, MetaMSS), fastcan (NARX) and anfis-toolbox know whole powers only, and SysIdentPy no lag 0: its
-inputs are given one tick ahead. Boosted trees get lags instead of past forces. A `Feed` is what is handed over: columns
-of inputs, in three stages of help.
+inputs are given one tick ahead. Boosted trees get lags instead of past forces.
 """
 
 from __future__ import annotations
@@ -12,15 +11,12 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from damper_set import make, position_of
 from numpy.typing import NDArray
 
 F = NDArray[np.float64]
 Simulate = Callable[["Columns"], F]
 
 TERMS = 12
-VALVE_LAG = 8  # ticks
-TRUE_POWER = 0.62
 DIVERGED_N = 1e6
 MEMBERSHIPS, EPOCHS = 3, 15  # of anfis-toolbox, which needs equally many memberships on every input
 MAX_ROWS = 20_000  # for anfis-toolbox; of more, evenly spaced ones
@@ -39,33 +35,6 @@ class Columns:
 
 
 @dataclass(frozen=True)
-class Feed:
-    """The inputs that a peer receives from a recording."""
-
-    name: str
-    power: float = 1.0
-    magnitude: bool = False
-    position: bool = False
-    current_now: bool = False
-
-    def columns(self, seed: int) -> Columns:
-        """Return speed to the `power` with its sign (and without), current VALVE_LAG ticks ago, and the rest."""
-        current, speed, force = make(seed)
-        size = np.abs(speed) ** self.power
-        delayed = np.concatenate([np.full(VALVE_LAG, current[0]), current[:-VALVE_LAG]])
-        columns = [np.sign(speed) * size, *([size] if self.magnitude else []), delayed]
-        columns += [position_of(speed)] if self.position else []
-        columns += [current] if self.current_now else []
-        return Columns(np.stack(columns, axis=1), force)
-
-
-RAW = Feed("speed, current 8 ms ago")
-HELPED = Feed("and abs(v), position", magnitude=True, position=True)
-FED = Feed("hand-fed: abs(v)^0.62 for v", TRUE_POWER, True, True)
-POWER_FED = Feed("hand-fed: abs(v)^0.62, signed, for v", TRUE_POWER)
-
-
-@dataclass(frozen=True)
 class PeerModel:
     """A peer's model: how to run it freely, and the number of its terms (or parameters)."""
 
@@ -77,16 +46,11 @@ def frols(
     estimation: Columns, selection: Columns, terms: int = TERMS, degree: int = 3, past_force: bool = True
 ) -> PeerModel:
     """SysIdentPy's forward regression by error reduction ratio; it does not use `selection`."""
-    del selection
-    model = _fit_frols(estimation, terms, degree, past_force)
-    return PeerModel(_simulate_with(model), len(model.final_model))
-
-
-def _fit_frols(estimation: Columns, terms: int = TERMS, degree: int = 3, past_force: bool = True) -> Any:
     from sysidentpy.basis_function import Polynomial
     from sysidentpy.model_structure_selection import FROLS
     from sysidentpy.parameter_estimation import LeastSquares
 
+    del selection
     model = FROLS(
         order_selection=False,
         n_terms=terms,
@@ -97,7 +61,7 @@ def _fit_frols(estimation: Columns, terms: int = TERMS, degree: int = 3, past_fo
         model_type="NARMAX" if past_force else "NFIR",
     )
     model.fit(X=_ahead(estimation.inputs), y=estimation.force[:, None])
-    return model
+    return PeerModel(_simulate_with(model), len(model.final_model))
 
 
 def metamss(estimation: Columns, selection: Columns, degree: int = 3) -> PeerModel:
@@ -120,22 +84,6 @@ def metamss(estimation: Columns, selection: Columns, degree: int = 3) -> PeerMod
         y=np.concatenate([estimation.force, selection.force])[:, None],
     )
     return PeerModel(_simulate_with(model), len(model.final_model))
-
-
-def metamss_trial(estimation: Columns, selection: Columns) -> Callable[[], object]:
-    """Return one trial of a candidate of TERMS terms as in MetaMSS: least squares, then a free run."""
-    from sysidentpy.basis_function import Polynomial
-    from sysidentpy.parameter_estimation import LeastSquares
-    from sysidentpy.simulation import SimulateNARMAX
-
-    _mend_numpy()
-    simulator = SimulateNARMAX(
-        basis_function=Polynomial(degree=3), estimator=LeastSquares(), estimate_parameter=True, calculate_err=False
-    )
-    data = {"X_train": _ahead(estimation.inputs), "y_train": estimation.force[:, None]}
-    data |= {"X_test": _ahead(selection.inputs), "y_test": selection.force[:, None]}
-    code = _fit_frols(estimation).final_model
-    return lambda: simulator.simulate(model_code=code, **data)
 
 
 def fastcan_model(estimation: Columns, terms: int = TERMS, degree: int = 3) -> Any:

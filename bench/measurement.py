@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import importlib.metadata
 import os
 import platform
@@ -10,7 +9,6 @@ import statistics
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -19,7 +17,6 @@ from typing import TypeVar
 T = TypeVar("T")
 
 PEERS = ("sysidentpy", "fastcan", "anfis-toolbox")
-YARDSTICK = 1_000_000  # rounds of a hash, about half a second
 
 
 @dataclass(frozen=True)
@@ -71,18 +68,6 @@ def is_installed(package: str) -> bool:
         print_note(f"{package} is not installed: skipped (pip install '.[bench]')")
         return False
     return True
-
-
-def free_cores(threads: int) -> float:
-    """Return the present speed-up of this machine with `threads` threads, for work without locks."""
-
-    def work(_: int) -> bytes:
-        return hashlib.pbkdf2_hmac("sha256", b"yard", b"stick", YARDSTICK)
-
-    with ThreadPoolExecutor(threads) as pool:
-        _, alone = time_call(lambda: work(0))
-        _, together = time_call(lambda: list(pool.map(work, range(threads))))
-    return threads * alone.wall / together.wall
 
 
 def print_note(text: str) -> None:

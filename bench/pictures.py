@@ -1,7 +1,7 @@
 """The pictures of the documents that show pages: python -m bench.pictures [NAME...]
 
 Each is made by the commands of `PICTURES`, in out/pictures, and drawn by Chromium (playwright). Commands whose output
-exists are not run again. Others are written by `make tables` (thesis_5_*) and `ces validate --picture` (results_*).
+exists are not run again. Others are written by `make tables` (thesis_5_*) and `ces_identify.plot` (results_*).
 """
 
 from __future__ import annotations
@@ -29,7 +29,8 @@ validate: [bags/road, bags/sine_4hz]
 """
 IDENTIFY = "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --structure auto --out best.json"
 
-VALIDATE = "ces validate best.json bags/sine_4hz bags/road --picture readme.png"
+EVALUATE = "c.validate('best.json', ['bags/sine_4hz', 'bags/road'])"
+PLOT = f"""{sys.executable} -c "import ces_identify as c; c.plot({EVALUATE}).savefig('readme.png', dpi=150)" """
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ LEARN = "ces learn-stroke config/learn_stroke.yaml --out learned"
 FIRST = "main section:first-of-type"
 GAP = ("gap_rig", DIAGNOSE, "gap_rig/report.html")
 PICTURES = {
-    "readme": Picture("readme.png", (f"{IDENTIFY} --report best.html --overwrite", VALIDATE)),
+    "readme": Picture("readme.png", (f"{IDENTIFY} --report best.html --overwrite", PLOT)),
     "iterate": Picture(
         "rear_damper",
         ("ces iterate rear_damper.yaml",),

@@ -24,7 +24,6 @@ from pathlib import Path
 
 import blas_one_thread  # noqa: F401 - before NumPy
 import identification_peers as peers
-from bench_peers import count_parameters
 from measurement import is_installed, print_note, print_table, time_call
 from recorded_cases import CASES as WHOLE_CASES
 from recorded_cases import (
@@ -130,7 +129,7 @@ def fit_ours(structure: str, case: RecordedCase, seconds: float) -> RecordedFit:
     def simulate(series: Series) -> F:
         return simulate_series(model, series).force
 
-    parameters = int(fitted.how["parameters"]) if "parameters" in fitted.how else count_parameters(model)
+    parameters = int(fitted.how["parameters"]) if "parameters" in fitted.how else len(model.body.terms)
     chosen = str(fitted.how["structure"]) if structure == AUTO else ""
     return RecordedFit(simulate, parameters, float(fitted.results[0].cost), chosen)
 

@@ -1,4 +1,4 @@
-"""`ces compare`: simulations, campaigns and recordings, told apart by what they are, compared by their costs."""
+"""`ces compare`: simulations and recordings, told apart by what they are, compared by their costs."""
 
 from __future__ import annotations
 
@@ -15,10 +15,9 @@ from ces_cli.terminal.recordings import find_bags, print_findings
 from ces_cli.terminal.simulations import find_file, open_simulation, with_predictions
 from ces_data.arrays import F
 from ces_data.recording import Recording
-from ces_identify.campaign.rows import read_campaign
 from ces_identify.comparison import comparison_report
 from ces_identify.comparison.compared_models import ComparedModel, make_compared_models, name_sources
-from ces_identify.comparison.comparison import MAX_DRAWN, Comparison, compare, cost_table, headline, join
+from ces_identify.comparison.comparison import Comparison, compare, cost_table, headline
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import ModelSimulation, Simulation, find_predictions
 from ces_identify.validation.cost_table import NONE
@@ -26,9 +25,9 @@ from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_observer.signals import Signals
 from ces_report.table import Table
+from ces_report.typesetting import join_with
 
 FILES = (".json", ".yaml", ".yml")
-RESULTS = "results.jsonl"
 MAX_PAIRS = 6  # that the terminal shows
 USAGE = "usage: ces compare A.json B.json ... BAG..."
 
@@ -36,13 +35,11 @@ USAGE = "usage: ces compare A.json B.json ... BAG..."
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
-    simulations, campaigns, bags = sort_words(options.words)
-    names = [*name_sources(simulations), *(path.resolve().name for path in campaigns)]
-    options.report = name_report(options.report, names, [path.stem for path in find_bags(bags)])
-    inputs = [*map(find_file, simulations), *campaigns, *map(Path, bags), options.signals]
+    simulations, bags = sort_words(options.words)
+    options.report = name_report(options.report, name_sources(simulations), [path.stem for path in find_bags(bags)])
+    inputs = [*map(find_file, simulations), *map(Path, bags), options.signals]
     require_outputs(options.overwrite, {"--report": options.report}, inputs=inputs)
-    chosen = front_models(campaigns, max(MAX_DRAWN - len(simulations), 1))
-    models = open_models(simulations, chosen)
+    models = open_models(simulations)
     if len(models) < 2:
         one = f"one model given ({models[0].source})" if models else "no model given"
         others = f"; taken as recordings: {', '.join(bags)}" if bags else ""
@@ -68,8 +65,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     return 0
 
 
-def sort_words(words: Sequence[str]) -> tuple[list[str], list[Path], list[str]]:
-    """Return simulations, campaign folders and words that name bags; raises CesError for a simulation given twice."""
+def sort_words(words: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return simulations and words that name bags; raises CesError for a simulation given twice."""
     simulations = [
         word
         for word in words
@@ -81,9 +78,7 @@ def sort_words(words: Sequence[str]) -> tuple[list[str], list[Path], list[str]]:
     for word in simulations:
         if simulations.count(word) > 1:
             raise CesError(f"{word} is given twice; a model does not differ from itself")
-    campaigns = [word for word in words if (Path(word) / RESULTS).is_file()]
-    bags = [word for word in words if word not in simulations and word not in campaigns]
-    return simulations, list(map(Path, campaigns)), bags
+    return simulations, [word for word in words if word not in simulations]
 
 
 def _print_comparison(comparison: Comparison) -> None:
@@ -103,7 +98,7 @@ def sentences(comparison: Comparison) -> Iterator[str]:
         yield f"{NONE}: too short for an interval"
     others = [m.name for m in comparison.models if m.model.model is None]
     if others:
-        yield f"{NONE} for {join(others)}: no size, time of a tick, bound or envelope, because it is no model file"
+        yield f"{NONE} for {join_with(others)}: no size, time of a tick, bound or envelope, because it is no model file"
     if len(comparison.pairs) > MAX_PAIRS:
         yield f"{len(comparison.pairs)} pairs of models: all differences with --report or --json"
     if any(m.force_bound_N is not None for m in comparison.models):
@@ -113,36 +108,13 @@ def sentences(comparison: Comparison) -> Iterator[str]:
     yield from (f"note: {note}" for note in comparison.notes())
 
 
-def front_models(folders: Sequence[Path], count: int) -> dict[str, str]:
-    """Return the model files on the fronts by name, at most `count` of the lowest cost; raises CesError for none."""
-    found = []
-    for folder in folders:
-        results = read_campaign(folder)
-        if not results.done:
-            raise CesError(f"{folder}: no cell of this campaign has a model")
-        keys = results.front_keys()
-        for row in (row for row in results.done if row["key"] in keys):
-            parts = [folder.resolve().name] if len(folders) > 1 else []
-            parts += [row["bags"]] if len(results.bags) > 1 else []
-            name = "/".join([*parts, results.names.name(row).replace(", ", " ")])  # no commas: sentences list several
-            found.append((row["selection_J"], name, str(folder / "models" / f"{row['key']}.json")))
-    found.sort(key=lambda one: one[0])
-    if len(found) > count:
-        terminal.print_warning(
-            f"{len(found)} models on the fronts; compared are the {count} with the lowest selection cost"
-        )
-    return {name: file for _, name, file in found[:count]}
-
-
-def open_models(simulations: Sequence[str], chosen: Mapping[str, str]) -> list[ComparedModel]:
-    """Return the simulations and the `chosen` files by name; a file with two models gives both."""
-    specs = [*simulations, *chosen.values()]
-    known = {path: name for name, path in chosen.items()}
+def open_models(simulations: Sequence[str]) -> list[ComparedModel]:
+    """Return the simulations by name; a file with two models gives both."""
     models = []
-    for name, spec in zip(name_sources(specs), specs, strict=True):
+    for name, spec in zip(name_sources(simulations), simulations, strict=True):
         simulation = open_simulation(spec)
         found = load_model(spec) if isinstance(simulation, ModelSimulation) else simulation
-        models += make_compared_models(known.get(spec, name), found, spec)
+        models += make_compared_models(name, found, spec)
     return models
 
 
@@ -174,8 +146,8 @@ class PredictedSimulation(Simulation):
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
     text = (
-        "simulations to compare (MODEL.json, AUGMENTED.json, RIG.yaml, FILE.fmu, module:function, topic:/name), the "
-        "folder of a campaign for the models on its front, and recordings"
+        "simulations to compare (MODEL.json, AUGMENTED.json, RIG.yaml, FILE.fmu, module:function, topic:/name) "
+        "and recordings"
     )
     return terminal.parser(
         "compare",

@@ -30,7 +30,6 @@ KINDS: dict[str, str | tuple[str, ...]] = {  # what completes a value, by the op
     "--candidates": YAML_FILES,
     "--mapping": YAML_FILES,
     "--report": ("*.html",),
-    "--picture": ("*.png", "*.svg", "*.pdf"),
     "--sim": ("*.json", "*.yaml", "*.fmu"),
     "--teacher": ("*.json", "*.yaml", "*.fmu"),
     "BAG": BAG_FILES,

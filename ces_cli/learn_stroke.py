@@ -16,7 +16,7 @@ from ces_cli.terminal.outputs import make_schemas, print_document, require_folde
 from ces_iterate.stroke import page
 from ces_iterate.stroke.learning import LearningRun, learn_stroke, require_learnable
 from ces_iterate.stroke.plan import load_plan
-from ces_iterate.stroke.rigs import StoredRuns
+from ces_observer.errors import CesError
 from ces_observer.options import Option
 
 
@@ -26,6 +26,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     runs: Path = options.out / "runs"
     for folder in (options.out, runs):
         require_folder(folder)
+    if (options.out / page.RESULT).exists() and not options.overwrite:
+        raise CesError(f"{options.out / page.RESULT}: exists; choose another --out, or replace it with --overwrite")
     plan = load_plan(options.plan, options.seed)
     require_learnable(plan.goal)
     rig = plan.open_rig(runs)
@@ -39,7 +41,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print(text, flush=True, file=sys.stderr if options.json else sys.stdout)
 
     with terminal.err.status(f"learning {plan.experiment.settings.name}"):
-        learned = learn_stroke(StoredRuns(rig, runs, plan.identity), plan.goal, on_run)
+        learned = learn_stroke(rig, plan.goal, on_run)
     command = " ".join(["ces learn-stroke", *map(shlex.quote, argv or sys.argv[1:])])
     make_schemas()  # the learned experiment names its schema
     facts = {"Plan": str(options.plan), "Date": f"{datetime.now(UTC):%Y-%m-%d %H:%M} UTC", "Command": command}
@@ -61,7 +63,7 @@ def make_parser() -> terminal.Parser:
     return terminal.parser(
         "learn-stroke",
         "Learn, run by run, the command that makes the rig's piston follow a wanted stroke in spite of its actuator "
-        "(iterative learning control). Run again with the same plan and folder, it continues where it stopped.",
+        "(iterative learning control). Run again with the same plan and folder, it reads the logs of a dyno again.",
         "ces learn-stroke plan.yaml --out learned",
         Argument("plan", meaning=plan, kind=Path, metavar="PLAN"),
         Option("out", meaning="folder for runs and results", kind=Path, metavar="DIR"),

@@ -2,17 +2,11 @@
 
 from __future__ import annotations
 
-import os
 import signal
-import socket
-import sys
-import threading
-import webbrowser
 from collections.abc import Sequence
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from urllib.parse import urlsplit
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import SIGNALS, Argument
@@ -21,8 +15,6 @@ from ces_observer.options import Option
 
 LOOPBACK = "127.0.0.1"
 ENDS = ("SIGTERM", "SIGHUP")  # of a service, and of an ssh connection that breaks
-DISPLAYS = ("DISPLAY", "WAYLAND_DISPLAY")
-CHOSEN = "BROWSER"  # the person's own choice, also of editors that forward ports
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -43,8 +35,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             if signal.getsignal(number) == signal.SIG_DFL:  # one may be ignored, as under nohup
                 signal.signal(number, signal.default_int_handler)
         print(f"{options.folder}: {server.url}  (Ctrl-C ends it)", flush=True)
-        if options.open:
-            _open_browser(server.local_url)
         server.run()
     print("stopped")
     return 0
@@ -57,26 +47,9 @@ def make_parser() -> terminal.Parser:
         "serve",
         "Show what is in a folder and below it as pages in the browser: models, reports, campaigns, diagnoses, fleets, "
         "recordings, and searches while they run. Nothing is written. Ctrl-C ends it.",
-        "ces serve . --open",
+        "ces serve .",
         Argument("folder", meaning="the folder to show", kind=Path, metavar="DIR"),
         Option("port", 8000, "port to listen on; 0 for a free one", 0, 65535, metavar="N"),
         Option("host", LOOPBACK, host, metavar="ADDRESS"),
-        Option("open", False, "open the page in the browser"),
         SIGNALS,
     )
-
-
-def _open_browser(url: str) -> None:
-    """Open `url` in a thread; not without a desktop, as over ssh, where Python would start a text browser."""
-    here = sys.platform in ("darwin", "win32", "cygwin") or any(map(os.environ.get, (*DISPLAYS, CHOSEN)))
-    if not here:
-        port = urlsplit(url).port
-        tunnel = f"ssh -N -L {port}:localhost:{port} {socket.gethostname()} and open http://localhost:{port}/"
-        terminal.print_warning(f"--open: no desktop here; on yours, run {tunnel}")
-        return
-
-    def show() -> None:
-        if not webbrowser.open(url):
-            terminal.print_warning("--open: no browser could be started; open the address above")
-
-    threading.Thread(target=show, daemon=True).start()

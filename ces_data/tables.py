@@ -1,7 +1,7 @@
 """A recording as a table: a column for each channel, with the unit in its name.
 
 On common times (the position's, or a uniform grid) a channel with other stamps is held or interpolated, and its column
-says so. As logged, there is a row for each stamp of any channel, and a cell is empty where its channel has no sample.
+says so.
 """
 
 from __future__ import annotations
@@ -97,27 +97,8 @@ def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: floa
             columns.append(DataColumn.at_rows(name, channel, rows, len(stamps)))
         else:
             columns.append(_column(name, channel, stamps))
-    return DataTable(stamps, tuple(columns), _notes(recording))
-
-
-def tabulate_as_logged(recording: Recording, more: Mapping[str, Channel]) -> DataTable:
-    """Return all samples of all channels; equal stamps of one channel have a row each."""
-    channels = {**recording.channels, **more}
-    keys = {}
-    for name, stamps in ((name, channel.stamps_ns) for name, channel in channels.items()):
-        keys[name] = np.empty(len(stamps), dtype=[("stamp", np.int64), ("repeat", np.int64)])
-        first = np.searchsorted(stamps, stamps, side="left")
-        keys[name]["stamp"], keys[name]["repeat"] = stamps, np.arange(len(stamps)) - first  # its number among equals
-    rows = np.unique(np.concatenate(list(keys.values())))
-    columns = (
-        DataColumn.at_rows(name, channel, np.searchsorted(rows, keys[name]), len(rows))
-        for name, channel in channels.items()
-    )
-    return DataTable(rows["stamp"].copy(), tuple(columns), _notes(recording))
-
-
-def _notes(recording: Recording) -> dict[str, str]:
-    return {"recording": recording.name, "source": recording.source, "source_sha256": recording.sha256}
+    notes = {"recording": recording.name, "source": recording.source, "source_sha256": recording.sha256}
+    return DataTable(stamps, tuple(columns), notes)
 
 
 def _column(name: str, channel: Channel, stamps: Stamps) -> DataColumn:

@@ -30,6 +30,7 @@ from ces_gap.inference.verdict import (
 from ces_gap.refit import ModelRefits
 from ces_gap.regions.axes import GapMap, GapRegion, Where
 from ces_gap.trace import usable_inputs, usable_values
+from ces_report.typesetting import join_with
 
 __all__ = [
     "AMBIGUOUS", "NAMED", "NO_GAP", "UNKNOWN", "Diagnosis", "Estimate", "Explanation", "Gap", "GapMap", "GapRegion",
@@ -190,4 +191,4 @@ def _describe_ambiguity(diagnosis: Diagnosis) -> str:
 def _join(effects: Sequence[str], last: str) -> str:
     """Return `a, b and c`."""
     names = ["the simulation's force map" if e == CALIBRATION else e.replace("_", " ") for e in effects]
-    return f" {last} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+    return join_with(names, last)

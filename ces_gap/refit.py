@@ -48,8 +48,8 @@ CLEAR_Z = 2.0  # standard errors by which a refit closes more than another
 CLEAR_ENERGY = 0.1  # of the gap, too
 
 GROUPS: Mapping[str, tuple[str, ...]] = {  # parts of a model's layout, by the name that reports give them
-    "elasticity": ("compression", "rebound", "compression_growth", "rebound_growth", "mount", "air"),
-    "friction": ("viscous_Ns_m", "friction", "friction_yield", "growth"),
+    "elasticity": ("compression", "rebound", "compression_growth", "rebound_growth", "mount", "creep", "air"),
+    "friction": ("viscous_Ns_m", "friction", "friction_yield", "friction_moved", "growth"),
     "gas force": ("gas_N",),
     "valve lag": ("rise_s", "fall_s", "delay_ticks"),
     "magnetic loop": ("hysteresis_A",),
@@ -57,7 +57,7 @@ GROUPS: Mapping[str, tuple[str, ...]] = {  # parts of a model's layout, by the n
     "lead of the drive": ("lead_s",),
     "moving mass": ("mass_kg",),
     "refilling": ("base", "reservoir", "closing_s"),
-    "flow map": ("piston", "external", "bypass", "ratio"),
+    "flow map": ("piston", "external", "bypass", "narrow_N", "fade_1_W", "ratio"),
 }
 Places = NDArray[np.int64]
 

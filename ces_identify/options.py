@@ -11,7 +11,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
-from ces_identify.polynomial.search_limits import BOTH, METHODS, Limits
+from ces_identify.polynomial.search_limits import GAUSS_NEWTON, METHODS, Limits
 from ces_identify.prepare.cost import FORMS
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO
@@ -46,9 +46,9 @@ BAND = Option("band", True, "fit a band: how far the measured force may lie from
 
 METHOD = Option(
     "method",
-    BOTH,
-    "search method: random forward selection, Gauss-Newton selection, or starts of both kinds; thesis: the procedure "
-    "and the candidates of the thesis to the letter, for comparison, where nothing keeps a model stable",
+    GAUSS_NEWTON,
+    "search method: Gauss-Newton selection; thesis: the procedure and the candidates of the thesis to the letter, for "
+    "comparison, where nothing keeps a model stable",
     choices=METHODS,
 )
 TERMS = Option(
@@ -61,14 +61,6 @@ CANDIDATES = Option(
     kind=Path,
     none="the built-in ones of the method",
     metavar="FILE",
-)
-CONSTRUCT = Option(
-    "construct",
-    (),
-    "let terms use a constructed input: hysteresis:M,... (stroke since the last reversal, at most M metres), "
-    "remanence:A,... (current with a hysteresis of A amperes), lag:S,... (current after a first-order lag of S "
-    "seconds, or auto: estimated from the data), frequency or frequency:S (of the displacement, over S seconds)",
-    metavar="INPUT",
 )
 BLEND = Option(
     "blend",
@@ -89,10 +81,7 @@ SPLIT = Option(
     metavar="SHARE",
 )
 WEIGHT = Option(
-    "weight",
-    (),
-    f"give ticks in this region W times the weight in fit and selection: {REGIONS}",
-    metavar="REGION=W",
+    "weight", (), f"give ticks in this region W times the weight in fit and selection: {REGIONS}", metavar="REGION=W"
 )
 RATE = Option("rate", None, "rate of the model", 1.0, 1e5, "Hz", kind=float, none=FROM_DATA, metavar="HZ")
 ONE_DELAY = Option(
@@ -131,7 +120,7 @@ def list_options() -> tuple[Option, ...]:
         structure_option(),
         TIME,
         *in_group("search", STARTS, SEED, TARGET, THREADS, CERTIFICATE, BAND),
-        *in_group(POLYNOMIALS, METHOD, TERMS, CANDIDATES, CONSTRUCT, BLEND),
+        *in_group(POLYNOMIALS, METHOD, TERMS, CANDIDATES, BLEND),
         *in_group("sizes of other structures", *sizes),
         *in_group("data", SPLIT, WEIGHT, RATE, DELAY, TEACHER, IGNORE_FINDINGS),
     )

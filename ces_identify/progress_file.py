@@ -78,24 +78,21 @@ class ProgressFile:
 
 
 class SearchProgressFile(ProgressFile):
-    """A row for each better model and for each start that ends or goes on; call `begin_step` before each search."""
+    """A row for each better model and for each start that ends; call `begin_step` before each search."""
 
     _best = float("inf")
-    _ended: frozenset[int] = frozenset()  # seeds of the starts that have ended
 
     def begin_step(self, step: str) -> None:
         """Write what begins; the next search starts without a best cost."""
-        self._best, self._ended = float("inf"), frozenset()
+        self._best = float("inf")
         self.write({"step": step})
 
     def listen(self, result: SearchResult) -> None:
         """Write a result if it says something new."""
         with self._lock:
-            runs, better = result.ended == RUNNING, result.cost < self._best
-            goes_on = runs and result.seed in self._ended
-            self._ended = self._ended - {result.seed} if runs else self._ended | {result.seed}
+            better = result.cost < self._best
             self._best = min(self._best, result.cost)
-        if better or goes_on or not runs:
+        if better or result.ended != RUNNING:
             cost = round(result.cost, 6) if result.cost < float("inf") else None
             self.write({"seed": result.seed, "cost": cost, "size": len(result.chosen), "ended": result.ended})
 

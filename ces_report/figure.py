@@ -1,4 +1,4 @@
-"""What a chart shows: lines, dots, bands, bars and shades in areas over one x axis."""
+"""What a chart shows: lines, dots, bands and shades in areas over one x axis."""
 
 from __future__ import annotations
 
@@ -56,16 +56,6 @@ class PlotBand:
 
 
 @dataclass(frozen=True)
-class PlotBars:
-    """Bars from zero to `values` (n,) between `edges` (n + 1,) of x."""
-
-    name: str
-    edges: F
-    values: F
-    css: str = "cover"
-
-
-@dataclass(frozen=True)
 class PlotShade:
     """A shade over the whole height where `mask` (n,) is true at x (n,) in its order."""
 
@@ -83,7 +73,7 @@ class PlotShade:
         return np.stack([first[kept[:-1]], last[kept[1:] - 1]], axis=1)
 
 
-PlotMark = PlotLine | PlotDots | PlotBand | PlotBars | PlotShade
+PlotMark = PlotLine | PlotDots | PlotBand | PlotShade
 
 
 @dataclass(frozen=True)
@@ -187,7 +177,7 @@ def find_name_x(plot: Plot, p: Panel) -> float:
 
 def x_range(plot: Plot) -> tuple[float, float]:
     """Return the range of all x; padded if both axes are free."""
-    every = [mark.edges if isinstance(mark, PlotBars) else mark.x for area in plot.areas for mark in area.marks]
+    every = [mark.x for area in plot.areas for mark in area.marks]
     if plot.free:
         return span_of(*every, np.zeros(0))
     values = np.concatenate([x[[0, -1]] for x in every if len(x)] or [np.array([0.0, 1.0])])
@@ -196,9 +186,6 @@ def x_range(plot: Plot) -> tuple[float, float]:
 
 def draw_mark(p: Panel, mark: PlotMark) -> str:
     """Return a mark within the range of x of a panel."""
-    if isinstance(mark, PlotBars):
-        bars = zip(mark.edges[:-1], mark.edges[1:], mark.values, strict=True)
-        return "".join(p.rect(a, b, mark.css, min(v, 0.0), max(v, 0.0)) for a, b, v in bars if np.isfinite(v) and v)
     if isinstance(mark, PlotDots):
         return dots(p, mark.x, mark.y, mark.css)
     if isinstance(mark, PlotShade):  # each of its parts is at least a pixel wide
@@ -216,7 +203,5 @@ def draw_mark(p: Panel, mark: PlotMark) -> str:
 def _values(marks: Sequence[PlotMark], view: tuple[float, float]) -> Iterator[F]:
     """Yield the values of y that the range of the axis must show."""
     for mark in marks:
-        if isinstance(mark, PlotBars):
-            yield from (mark.values, np.zeros(1))
-        elif isinstance(mark, PlotLine | PlotDots):
+        if isinstance(mark, PlotLine | PlotDots):
             yield mark.y[(mark.x >= view[0]) & (mark.x <= view[1])]

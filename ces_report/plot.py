@@ -18,7 +18,6 @@ from ces_report.figure import (
     Plot,
     PlotArea,
     PlotBand,
-    PlotBars,
     PlotDots,
     PlotLine,
     PlotMark,
@@ -34,7 +33,7 @@ from ces_report.figure import (
 from ces_report.typesetting import minus
 
 __all__ = [
-    "Plot", "PlotArea", "PlotBand", "PlotBars", "PlotDots", "PlotLine", "PlotMark", "PlotShade", "curve_css",
+    "Plot", "PlotArea", "PlotBand", "PlotDots", "PlotLine", "PlotMark", "PlotShade", "curve_css",
     "draw_plot", "series_css", "share_points",
 ]  # fmt: skip
 
@@ -91,7 +90,7 @@ def _legend(plot: Plot) -> Markup:
 
 def _swatch(mark: PlotMark) -> Markup:
     """Return a small picture of how a mark is drawn."""
-    if isinstance(mark, PlotBars | PlotShade):
+    if isinstance(mark, PlotShade):
         inner = Markup('<rect class="{}" x="1" y="0" width="20" height="10"/>').format(mark.css)
     elif isinstance(mark, PlotBand):
         inner = Markup('<path class="{} area" d="M1,0h20v10h-20Z"/>').format(mark.css)
@@ -149,8 +148,6 @@ class _Packer:
     def mark(self, mark: PlotMark) -> dict[str, Any]:
         """Return a mark with the numbers of its arrays."""
         head = {"name": mark.name, "css": mark.css}
-        if isinstance(mark, PlotBars):
-            return {**head, "kind": "bars", "x": self._add(mark.edges, wide=True), "y": self._add(mark.values)}
         if isinstance(mark, PlotDots):
             return {**head, "kind": "dots", "x": self._add(mark.x, wide=True), "y": self._add(mark.y)}
         if isinstance(mark, PlotShade):  # what is closer than the finest pixel is one
@@ -242,9 +239,7 @@ def _rows(plot: Plot) -> Iterator[tuple[str, ...]]:
     for area, mark in ((one, mark) for one in plot.areas if not one.whole for mark in one.marks):
         if isinstance(mark, PlotShade):
             continue
-        if isinstance(mark, PlotBars):
-            x, values = 0.5 * (mark.edges[:-1] + mark.edges[1:]), {"": mark.values}
-        elif isinstance(mark, PlotBand):
+        if isinstance(mark, PlotBand):
             x, values = mark.x, {", lower end": mark.low, ", upper end": mark.high}
         else:
             x, values = mark.x, {"": mark.y}

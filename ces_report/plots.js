@@ -145,10 +145,6 @@ const box = (css, left, top, right, bottom) => `<rect class="${css}" x="${at(lef
 function drawMark(mark, scale) {
   const {px, py} = scale, css = escapeText(mark.css);
   if (mark.kind === "shade") return mark.spans.map(([a, b]) => box(css, px(a), scale.top, px(b), scale.bottom)).join("");
-  if (mark.kind === "bars") {
-    const bar = (value, i) => box(css, px(mark.x[i]), py(Math.max(value, 0)), px(mark.x[i + 1]), py(Math.min(value, 0)));
-    return Array.from(mark.y, (value, i) => Number.isFinite(value) && value !== 0 ? bar(value, i) : "").join("");
-  }
   const draw = {line: linePath, dots: dotsPath, band: bandPath}[mark.kind];
   return `<path class="${css}${mark.kind === "band" ? " area" : ""}" d="${draw(mark, scale)}"/>`;
 }
@@ -241,7 +237,7 @@ class InteractivePlot {
   fitY(area, view) {
     if (area.chosen) return area.chosen;
     const isFirst = view.every((end, i) => end === this.data.view[i]);
-    if (area.whole || area.fixed || this.data.free || isFirst || area.marks.some(mark => mark.kind === "bars")) return area.y;
+    if (area.whole || area.fixed || this.data.free || isFirst) return area.y;
     let low = Infinity, high = -Infinity;
     for (const mark of area.marks.filter(one => one.y && this.isVisible(one))) {
       for (const value of mark.y.subarray(...findVisible(mark, view))) {
@@ -339,7 +335,7 @@ class InteractivePlot {
         const silent = mark.kind === "shade" || area.whole || (mark.kind === "band" && !mark.name);
         const read = silent || !this.isVisible(mark) ? null : this.readMark(mark, this.cursor);
         if (!read) continue;
-        if (mark.kind !== "bars") shownX = read.x;
+        shownX = read.x;
         const same = label.name.toLowerCase().startsWith(mark.name.toLowerCase());
         texts.push(`${same ? label.name : mark.name} ${read.text}${label.unit}`);
         if (Number.isFinite(read.y)) drawn.push(this.spot(scale, read.x, read.y, mark.css));
@@ -355,10 +351,6 @@ class InteractivePlot {
 
   readMark({kind, x, y, low, high, rising}, here) {
     if (!x.length || !rising) return null;
-    if (kind === "bars") {
-      const i = findIndex(x, here) - 1;
-      return i < 0 || i >= y.length ? null : {x: (x[i] + x[i + 1]) / 2, y: y[i], text: formatNumber(y[i])};
-    }
     const i = findNearest(x, here), last = x.length - 1, room = last ? 0.51 * (x[last] - x[0]) / last : 0;
     if (here < x[0] - room || here > x[last] + room) return null;
     if (kind !== "band") return {x: x[i], y: y[i], text: formatNumber(y[i])};
@@ -380,7 +372,7 @@ class InteractivePlot {
     for (const one of area ? [area] : this.data.areas) {
       const scale = this.scaleOf(one), px = scale.px(x);
       for (const mark of one.marks) {
-        if (!mark.y || mark.kind === "bars" || !this.isVisible(mark)) continue;
+        if (!mark.y || !this.isVisible(mark)) continue;
         for (let i = 0; i < mark.x.length; i++) {
           if (!(mark.y[i] >= scale.y[0] && mark.y[i] <= scale.y[1])) continue;
           const apart = (scale.px(mark.x[i]) - px) ** 2 + (area ? (scale.py(mark.y[i]) - py) ** 2 : 0);
@@ -402,8 +394,7 @@ class InteractivePlot {
     const marks = this.data.areas.filter(area => !area.whole).flatMap(area => area.marks).filter(mark => mark.x && mark.x.length);
     const mark = marks.find(one => one.rising && this.isVisible(one)) || marks[0];
     if (!mark) return;
-    const middles = () => mark.x.slice(1).map((right, i) => (mark.x[i] + right) / 2);
-    const x = mark.stops ??= mark.kind === "bars" ? middles() : mark.rising ? mark.x : Float64Array.from(mark.x).sort();
+    const x = mark.stops ??= mark.rising ? mark.x : Float64Array.from(mark.x).sort();
     const first = findIndex(x, this.view[0]), last = Math.max(first, findIndex(x, this.view[1]) - 1);
     if (end !== null) return this.setCursor(x[end < 0 ? first : last]);
     const step = Math.sign(by) * Math.max(1, Math.round(Math.abs(by) * (last - first) / this.data.areas[0].box[2]));

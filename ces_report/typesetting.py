@@ -113,6 +113,11 @@ def minus(text: str) -> str:
     return text.replace("-", "\N{MINUS SIGN}")
 
 
+def join_with(names: Sequence[str], last: str = "and") -> str:
+    """Return `a, b and c`."""
+    return f" {last} ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else "".join(names)
+
+
 def join_names(names: Sequence[str]) -> str:
     """Return names as a list; of many, the first ones and how many more there are."""
     names = list(dict.fromkeys(names))

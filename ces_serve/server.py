@@ -34,7 +34,7 @@ class QuietHandler(WSGIRequestHandler):
 
 
 class PageServer:
-    """A server of one folder at `url`, for this computer `local_url`; raises CesError if it cannot listen."""
+    """A server of one folder at `url`; raises CesError if it cannot listen."""
 
     def __init__(self, folder: Path, host: str, port: int, signals: Path | None = None) -> None:
         self._site = Site(folder, signals)
@@ -48,8 +48,8 @@ class PageServer:
         except OSError as error:
             reason, remedy = error.strerror or error, "choose another with --port, or 0 for a free one"
             raise CesError(f"cannot listen on {host}, port {port}: {reason}; {remedy}") from None
-        names = (socket.gethostname(), "localhost") if host in EVERYWHERE else (host, host)
-        self.url, self.local_url = (f"http://{f'[{n}]' if ':' in n else n}:{self._server.port}/" for n in names)
+        name = socket.gethostname() if host in EVERYWHERE else host
+        self.url = f"http://{f'[{name}]' if ':' in name else name}:{self._server.port}/"
 
     def run(self) -> None:
         """Serve until Ctrl-C or `stop`."""

@@ -26,7 +26,7 @@ ARGUMENTS = {
     "namespace": ("", "namespace of nodes and topics"),
     "use_sim_time": ("false", "let the rig publish /clock, and all nodes use it"),
     "real_time_factor": ("1.0", "with use_sim_time: simulated over real time; 0.0: in lockstep with the controller"),
-    "drive": ("script", "what moves the damper: script, experiment, vehicle or set_points"),
+    "drive": ("script", "what moves the damper: script, vehicle or set_points"),
     "stroke": ("noise", "drive script: rest, sine, sweep, noise or triangle"),
     "amplitude_m": ("0.02", "drive script: largest distance from mid-stroke"),
     "road_class": ("C", "drive vehicle: ISO 8608 road class"),

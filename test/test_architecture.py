@@ -71,23 +71,21 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 106,
+    "ces_observer": 107,
     "ces_data": 75,
     "ces_report": 12,
-    "ces_identify": 177,
-    "ces_rig": 66,
+    "ces_identify": 173.7,
+    "ces_rig": 62,
     "ces_gap": 101,
-    "ces_iterate": 35,
+    "ces_iterate": 34,
     "ces_serve": 13,
-    "ces_cli": 62,
-    "bench": 88,
-    "test": 469,
+    "ces_cli": 60,
+    "bench": 78,
+    "test": 457,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
     "ces_cli/schemas.py",
-    "ces_identify/comparison/comparison_report.py",
-    "ces_identify/report/figures.py",
     "ces_rig/dampers/hydraulic/kernel.py",
 }
 

@@ -1,4 +1,4 @@
-"""Every callback of the nodes runs behind the guard, as far as the sources show; test/ros looks at running nodes."""
+"""Every callback of the nodes runs behind the guard, as the sources show."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The security policy without ROS: its form, least privilege, and the topics' names beside those in the sources.
 
-test/ros/test_policy_topics.py holds it against running nodes, test/ros/test_security.py enforces it.
+test/ros/test_security.py enforces it.
 """
 
 from __future__ import annotations

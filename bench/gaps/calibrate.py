@@ -1,6 +1,6 @@
-"""Fit the probabilities of `ces diagnose` to blind cases of a plant that is used for nothing else, by kind of mode.
+"""Fit the probabilities of `ces diagnose` to blind cases, best of a plant used for nothing else, by kind of mode.
 
-    ces blind make --plants calibration --grid small --cases 110 --seed 501 --out cal
+    ces blind make --plants bouc_wen --gap-to-noise 3 --cases 110 --seed 501 --out cal
     ces blind run cal --out cal_results --jobs 2 --simulation run predictions --references 0
     ces blind run cal --out cal_results --jobs 2 --simulation run identified --references 2
     python -m bench.gaps.calibrate cal cal_results

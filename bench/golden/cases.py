@@ -33,7 +33,7 @@ FILES = {
     "worn.yaml": _NEW + "damper: {ces_valve: {pilot_rise_s: 0.016, pilot_fall_s: 0.012}}\n",
     "long.yaml": _NEW.replace("6.0", "9.0") + "damper: {oil: {air_fraction: 0.03}}\n",
     "actuated.yaml": _NEW + "actuator: {}\n",
-    **{f"{kind}.yaml": f"kind: {kind}\n" for kind in ("bouc_wen", "monotube", "calibration")},
+    **{f"{kind}.yaml": f"kind: {kind}\n" for kind in ("bouc_wen", "monotube")},
     "sines.yaml": _SINES,
     "damper.yaml": "ces_valve: {cracking_high_Pa: 3.8e+06}\noil: {air_fraction: 0.011}\n",
     "passive.py": "import numpy as np\n\n\ndef force(time_s, position_m, current_A):\n"
@@ -101,12 +101,11 @@ CASES: dict[str, tuple[str, ...]] = {
                      "learn-stroke ../inputs/stroke.yaml --out learned --json",
                      "rig learned/learned.yaml --out again"),
     "identify": (
-        f"identify {NEW} --validate {IN}/new_2 --terms 6 {SEARCH} --construct hysteresis:0.001 --construct lag:auto "
-        "--construct remanence:0.02 --construct frequency --blend speed:-0.3,0.3 --weight zero_crossing=3 "
-        "--out constructed.json --report constructed.html",
-        f"identify {NEW} --folds 2 --method random --terms 4 {SEARCH} --rate 500 --json --out folds.json",
+        f"identify {NEW} --validate {IN}/new_2 --terms 6 {SEARCH} --blend speed:-0.3,0.3 "
+        "--weight zero_crossing=3 --out blended.json --report blended.html",
+        f"identify {NEW} --folds 2 --terms 4 {SEARCH} --rate 500 --json --out folds.json",
         f"identify {NEW} --method thesis --terms 4 --time 3600 --no-certificate --no-band {SEARCH} --out thesis.json",
-        f"identify {NEW} --teacher {IN}/damper.yaml --method gauss-newton --terms 4 {SEARCH} --out taught.json",
+        f"identify {NEW} --teacher {IN}/damper.yaml --terms 4 {SEARCH} --out taught.json",
     ),
     "structures": (
         f"identify {NEW} --structure sigmoid --units 2 {SEARCH} --rate 250 --out sigmoid.json --report sigmoid.html",
@@ -133,12 +132,11 @@ CASES: dict[str, tuple[str, ...]] = {
     "simulate": (*(f"simulate --sim {M}/{name}.json {NEW} --out {name}.csv" for name in STRUCTURES),
                  f"simulate --sim {IN}/damper.yaml {IN}/sines --out rig.csv",
                  *(f"simulate --sim {IN}/{kind}.yaml {IN}/sines --out {kind}.csv --json"
-                   for kind in ("bouc_wen", "monotube", "calibration")),
-                 f"simulate --sim passive:force {NEW} --out passive.csv",
-                 f"simulate --sim {IN}/poly.json {NEW} --out bounds.csv --band"),
+                   for kind in ("bouc_wen", "monotube")),
+                 f"simulate --sim passive:force {NEW} --out passive.csv"),
     "export-data": (f"export-data {NEW} --out table.csv --model {IN}/poly.json",
                     f"export-data {NEW} --out even.csv --rate 200",
-                    f"export-data {IN}/sines --out logged.csv --as-logged", "import logged.csv --out back"),
+                    f"export-data {IN}/sines --out logged.csv", "import logged.csv --out back"),
     "export": (*(f"export {M}/{name}.json --out {name}.c" for name in STRUCTURES),
                f"export {M}/sample.json --out sample.c --name rear --json",
                f"export {IN}/poly.json --out poly.fmu --sources-only",
@@ -146,7 +144,7 @@ CASES: dict[str, tuple[str, ...]] = {
     "fmu": (f"export {M}/sample.json --out sample.fmu", f"simulate --sim sample.fmu {NEW} --out fmu.csv"),  # needs cc
     "diagnose": (  # with references; the repair is used
         f"diagnose --sim {IN}/damper.yaml --real {IN}/worn_1 --held-out {IN}/worn_2 --reference {NEW} {IN}/new_2 "
-        "--out gap --threads 1 --report gap.html",
+        "--out gap --threads 1",
         f"simulate --sim gap/augmented.json {IN}/worn_2 --out repaired.csv",
         f"compare {IN}/damper.yaml gap/augmented.json {IN}/worn_2",
     ),
@@ -159,7 +157,7 @@ CASES: dict[str, tuple[str, ...]] = {
         "blind make --out cases --seed 5 --cases 2 --seconds 5 --plants bouc_wen --kind effect none "
         "--effects current_scale --gap-to-noise 10 --jobs 1",
         "blind run cases --out results --simulation predictions --jobs 1",
-        "blind score cases results --out score.md --rows score.csv",
+        "blind score cases results --out score.md",
         "blind score cases results --json",
     ),
     "wrong": (
@@ -179,5 +177,5 @@ CASES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 SERVED = ("campaign/campaign", "diagnose/gap", "fleet/fleet", "iterate/loop", "inputs/poly.json", "inputs/poly.html",
-          "inputs/new_1", "inputs/new_2", "learn-stroke/learned", "identify/constructed.json")  # fmt: skip
-COMPARED = "model=poly.json&model=constructed.json&bag=new_2"  # the query of `ces serve`'s pages that compare
+          "inputs/new_1", "inputs/new_2", "learn-stroke/learned", "identify/blended.json")  # fmt: skip
+COMPARED = "model=poly.json&model=blended.json&bag=new_2"  # the query of `ces serve`'s pages that compare

@@ -26,7 +26,7 @@ from bench.measurement import print_note
 from ces_data.recording import Recording
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import load_rules
-from ces_identify.polynomial.search_limits import BOTH, Limits
+from ces_identify.polynomial.search_limits import GAUSS_NEWTON, Limits
 from ces_identify.polynomial.search_limits import THESIS as TO_THE_LETTER
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import prepare
@@ -274,7 +274,7 @@ def _train(job: TrainingJob, recordings: Sequence[Recording], seconds: float) ->
         if not ours:
             return fit_conventionally(shape, recordings, limits)
         return identify(recordings, (), IdentifyOptions(split=1.0, limits=limits), fitter=shape).model
-    limits = Limits(job.size[0], seconds, starts=starts, threads=1, method=BOTH if ours else TO_THE_LETTER)
+    limits = Limits(job.size[0], seconds, starts=starts, threads=1, method=GAUSS_NEWTON if ours else TO_THE_LETTER)
     options = IdentifyOptions(split=1.0, limits=limits, certificate=ours)
     if job.procedure == PUBLISHED:  # the search has no candidates beyond the initial model
         rules = load_rules(REGRESSORS / f"{Path(job.sources[0]).name}.yaml")

@@ -54,7 +54,7 @@ def make_parser() -> terminal.Parser:
     return terminal.parser(
         "characterise",
         "Show what a damper dyno shows: force over speed for each current (at the peak speed and continuous), loops, "
-        "work per cycle, hysteresis, knees, and how the valve responds to steps of the current; with simulations over "
+        "work per cycle, hysteresis, and how the valve responds to steps of the current; with simulations over "
         "the same recordings beside them. Sines, triangles and slow sweeps at constant currents give all of it, any "
         "other motion gives quantiles of the force over speed.",
         "ces characterise bags/noise bags/sweep --model config/models/sample.json --out characteristics",

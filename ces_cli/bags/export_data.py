@@ -14,7 +14,7 @@ from ces_cli.terminal.options import BAGS, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import require_outputs
 from ces_cli.terminal.recordings import find_bags, print_findings
 from ces_data.recording import Channel, Recording
-from ces_data.tables import FORMATS, require_writer, tabulate, tabulate_as_logged, write_table
+from ces_data.tables import FORMATS, require_writer, tabulate, write_table
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
 from ces_observer.options import Option
@@ -30,10 +30,7 @@ ESTIMATES = (  # column of the estimator's rows, name and unit
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError before any work if an output cannot be written."""
-    parser = make_parser()
-    options = parser.parse_args(argv)
-    if options.as_logged and options.rate:
-        parser.error("--as-logged keeps the recorded times; --rate sets new ones: give one of them")
+    options = make_parser().parse_args(argv)
     bags = find_bags(options.bags)
     targets = _targets(bags, options)
     for path, kind in targets:
@@ -49,11 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         recording = terminal.read_one(bag, signals, ("position",))
         print_findings([recording])
         with terminal.err.status(f"writing {path}"):
-            estimates = _estimate(model, recording) if model else {}
-            if options.as_logged:
-                table = tabulate_as_logged(recording, estimates)
-            else:
-                table = tabulate(recording, estimates, rate_Hz=options.rate)
+            table = tabulate(recording, _estimate(model, recording) if model else {}, rate_Hz=options.rate)
             write_table(table, path, kind)
         print(f"{path}: {len(table.stamps_ns)} rows of {', '.join(column.name for column in table.columns)}")
     return 0
@@ -77,12 +70,6 @@ def make_parser() -> terminal.Parser:
         Option("format", None, "of the files in a folder", choices=FORMATS, none="csv"),
         Option("model", None, model, kind=Path, metavar="MODEL.json"),
         Option("rate", None, rate, 0.001, 1e6, kind=float, metavar="HZ"),
-        Option(
-            "as_logged",
-            False,
-            "a row for each time of any channel, empty cells where a channel has no sample: nothing held or "
-            "interpolated",
-        ),
         *(SIGNALS, OVERWRITE),
     )
 

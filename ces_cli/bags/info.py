@@ -11,10 +11,10 @@ from typing import Any
 from rich.table import Table
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, OVERWRITE, PICTURE, SIGNALS
-from ces_cli.terminal.outputs import print_document, require_outputs
+from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, SIGNALS
+from ces_cli.terminal.outputs import print_document
 from ces_cli.terminal.recordings import find_bags
-from ces_cli.terminal.results import save_picture, terminal_picture
+from ces_cli.terminal.results import terminal_picture
 from ces_data.bags.reader import list_topics, read_recording
 from ces_data.bags.storage import Topic
 from ces_data.checks.check import find_all_faults
@@ -42,7 +42,6 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status. Raises CesError, after the report if a bag cannot be used."""
     options = make_parser().parse_args(argv)
     paths = find_bags(options.bags)
-    require_outputs(options.overwrite, {"--picture": options.picture}, inputs=[*paths, options.signals])
     signals = terminal.load_described_signals(options)
     reports = [_inspect_bag(path, signals) for path in paths]
     covered = coverage([report.recording for report in reports])
@@ -50,12 +49,6 @@ def main(argv: Sequence[str] | None = None) -> int:
         print_document("info", _as_json(reports, covered))
     else:
         _print_report(reports, covered, signals)
-    if options.picture:
-        names = [report.recording.name for report in reports]
-        title = ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
-        title += f": {covered.duration_s:.0f} s\nspeed from a non-causal Savitzky-Golay filter, for this overview only"
-        save_picture(covered, title, options.picture)
-        terminal.err.print(f"picture: {options.picture}", highlight=False)
     for report in reports:
         for finding in report.findings:
             if finding.severity == ERROR:
@@ -69,11 +62,10 @@ def make_parser() -> terminal.Parser:
         "info",
         "Inspect recordings: signals, rate, jitter, gaps, ranges in SI units, faults, and the distribution of time "
         "over speed and current. The exit status is 2 if a recording cannot be used.",
-        "ces info bags/sweep bags/noise --picture coverage.png",
+        "ces info bags/sweep bags/noise",
         replace(BAGS, meaning=f"recordings: {BAGS_FORM}"),
         SIGNALS,
-        replace(PICTURE, meaning="draw the coverage of all bags (.png, .svg or .pdf)"),
-        *(JSON, OVERWRITE),
+        JSON,
     )
 
 

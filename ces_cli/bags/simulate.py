@@ -12,10 +12,9 @@ from ces_cli.terminal.options import JSON, ONE_BAG, OVERWRITE, SIGNALS
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.recordings import find_bag
 from ces_cli.terminal.simulations import HELP, find_file, open_simulation, with_predictions
-from ces_identify.simulations.simulate import sample_bounds, sample_run
+from ces_identify.simulations.simulate import sample_run
 from ces_identify.simulations.simulation import ModelSimulation
 from ces_identify.validation.evaluate import describe_held
-from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.options import Option
 
@@ -34,25 +33,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         run = sample_run(inside.model, recording) if isinstance(inside, ModelSimulation) else None
         own = None if inside is not simulation else run  # the run of a model without effects around it
         force = simulation.force(with_predictions(simulation, path, recording, signals)) if own is None else own.force
-        columns = {"force_N": force}
-        if options.band:
-            if own is None:
-                raise CesError("--band: only a model file has a band; give --sim MODEL.json")
-            columns |= dict(zip(("lower_N", "upper_N"), sample_bounds(own), strict=True))
     stamps = recording.channel("position").stamps_ns
     known = np.isfinite(force)
     if run is not None and (text := describe_held(recording.name, *run.held_at(known))):
         terminal.print_warning(text)
-    values = zip(((stamps - stamps[0]) * 1e-9).tolist(), *(c.tolist() for c in columns.values()), strict=True)
-    rows = [f"{time:.9f},{','.join(map(repr, forces))}" for time, *forces in values]
-    write_atomically(options.out, "\n".join([",".join(["time_s", *columns]), *rows]) + "\n")
+    values = zip(((stamps - stamps[0]) * 1e-9).tolist(), force.tolist(), strict=True)
+    write_atomically(options.out, "time_s,force_N\n" + "".join(f"{time:.9f},{one!r}\n" for time, one in values))
     if options.json:
         facts = {"recording": recording.name, "simulation": options.sim, "csv": options.out, "rows": len(force)}
         facts |= {"rows_without_force": int((~known).sum()), "rows_held": run and int(run.held_at(known)[2].sum())}
         ends = [force[known].min(), force[known].max()] if known.any() else None
         print_document("simulate", {**facts, "force_N": ends})
     else:
-        print(f"{len(rows)} rows: {options.out}")
+        print(f"{len(force)} rows: {options.out}")
     return 0
 
 
@@ -68,6 +61,5 @@ def make_parser() -> terminal.Parser:
         SIGNALS,
         Option("out", kind=Path, metavar="FILE.csv"),
         OVERWRITE,
-        Option("band", False, "add columns lower_N,upper_N: the bounds of the model's band"),
         JSON,
     )

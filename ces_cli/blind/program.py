@@ -14,7 +14,7 @@ from rich.progress import track
 
 from ces_cli.blind.diagnosing import run
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, Argument, OptionRule
+from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, Argument
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.progress import JobsProgress
 from ces_observer.errors import CesError
@@ -29,8 +29,7 @@ from ces_rig.blind.scoring import find_modes, score_cases
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE
 from ces_rig.withheld.plants import PLANTS
 
-RESERVED = ("calibration", "monotube")  # for probabilities and for sealed tests: used only if --plants names them
-SMALL_GRID_GAPS = (3.0,)
+RESERVED = ("monotube",)  # for sealed tests: used only if --plants names them
 EXAMPLE = """\
 ces blind make --out cases_1 --seed 1 --cases 100
   ces blind run cases_1 --out results_1 --simulation run predictions --references 0 2
@@ -46,14 +45,12 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    reason = "does not apply to --grid small, which has one gap-to-noise ratio; remove one of them"
     p = terminal.parser(
         "blind",
         "Test the diagnosis on plants of the virtual rig with an effect that the simulation lacks: 'make' "
         "draws cases by seed and seals the answers, 'run' diagnoses from the recordings alone, 'score' opens the seal "
         "and compares.",
         EXAMPLE,
-        rules=(OptionRule("gap_to_noise", lambda options: options.grid != "small", reason),),
     )
     parts = p.add_subparsers(metavar="make|run|score", required=True)
     for (name, (about, program, options)), example in zip(_PARTS.items(), EXAMPLE.splitlines(), strict=True):
@@ -71,7 +68,7 @@ def _make(options: argparse.Namespace) -> int:
         outside=OUTSIDE,
         plants=tuple(dict.fromkeys(chosen_plants)),
         kinds=tuple(dict.fromkeys(options.kind or KINDS)),
-        gaps=tuple(options.gap_to_noise or (SMALL_GRID_GAPS if options.grid == "small" else GAPS)),
+        gaps=tuple(options.gap_to_noise or GAPS),
     )
     require_outputs(options.overwrite, folders={"--out": options.out})
     seed, count = options.seed, options.cases
@@ -98,7 +95,7 @@ def _make(options: argparse.Namespace) -> int:
 
 def _score(options: argparse.Namespace) -> int:
     """Score results against the seal, print the tables and write them; returns the exit status. Raises CesError."""
-    require_outputs(options.overwrite, {"--out": options.out, "--rows": options.rows})
+    require_outputs(options.overwrite, {"--out": options.out})
     about, labels = open_seal(options.cases)
     by_mode: dict[str, list[CaseOutcome]] = {}
     parts: list[str | tables.ScoreTable] = []
@@ -125,9 +122,6 @@ def _score(options: argparse.Namespace) -> int:
         print(text)
     if options.out is not None:
         write_atomically(options.out, text + "\n")
-    if options.rows is not None:
-        table = tables.case_table([case for cases in by_mode.values() for case in cases])
-        write_atomically(options.rows, terminal.as_csv([table.head, *table.rows]))
     return 0
 
 
@@ -177,12 +171,11 @@ _MAKE = (
     Option("out", meaning="folder to write, new or empty", kind=Path, metavar="DIR"),
     OVERWRITE,
     Option("seed", meaning="random seed", low=0, high=2**31, kind=int, metavar="N"),
-    Option("grid", "full", "small: gap-to-noise 3 only", choices=("full", "small")),
     Option("cases", None, "draw a balanced sample of K cases", 1, 100_000, kind=int, metavar="K"),
     _several("plants", (), "kinds of plant (default: hydraulic bouc_wen)", choices=tuple(PLANTS)),
     _several("kind", (), "effect, none, outside, pair (default: all)", choices=tuple(KINDS)),
     _several("effects", (), "library effects to draw from (default: all)", "NAME", choices=tuple(EFFECTS)),
-    _several("gap_to_noise", (), "gap-to-noise ratios", "X", kind=float, low=0.1, high=100.0),
+    _several("gap_to_noise", (), "gap-to-noise ratios (default: 1 3 10)", "X", kind=float, low=0.1, high=100.0),
     Option("seconds", 10.0, "length of a recording", 2.0, 600.0, metavar="S"),
     *(JOBS, JSON),
 )
@@ -206,7 +199,6 @@ _SCORE = (
         "results", (), "output of 'run', or the folder of one mode in it", kind=Path, metavar="RESULTS", count="+"
     ),
     Option("out", None, "also write the tables to this file", kind=Path, metavar="REPORT.md"),
-    Option("rows", None, "also write one line for each case", kind=Path, metavar="CASES.csv"),
     *(JSON, OVERWRITE),
 )
 _PARTS = {

@@ -26,7 +26,7 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
 from ces_gap.report.gap_json import gap_content
-from ces_gap.report.result_files import REPORT, result_files
+from ces_gap.report.result_files import result_files
 from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
 from ces_identify.simulations.simulation import Simulation
 from ces_identify.structures.auto import AUTO
@@ -65,12 +65,9 @@ def run_diagnosis(options: Namespace, command: str) -> None:
     options.out.mkdir(parents=True, exist_ok=True)
     for optional in OPTIONAL_FILES:
         (options.out / optional).unlink(missing_ok=True)  # from an earlier diagnosis
-    copies = {options.report: files[REPORT]} if options.report is not None and REPORT in files else {}
-    write_all_atomically({**{options.out / name: text for name, text in files.items()}, **copies})
+    write_all_atomically({options.out / name: text for name, text in files.items()})
     with without_text(options.json):
         print_diagnosis(diagnosis, options.out, tuple(files), printed_notes=len(doubts))
-        for path in copies:
-            print(f"report: {path}")
     if options.json:
         print_document("diagnose", {"folder": options.out, "files": list(files), "diagnosis": gap_content(diagnosis)})
 

@@ -7,10 +7,10 @@ from dataclasses import replace
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import DASK, IN_A_FOLDER, JOBS, JSON, OVERWRITE, REPORT, SIGNALS, never_with, only_with
-from ces_cli.terminal.outputs import name_report, require_outputs
+from ces_cli.terminal.options import DASK, JOBS, JSON, OVERWRITE, SIGNALS, never_with, only_with
+from ces_cli.terminal.outputs import require_outputs
 from ces_cli.terminal.progress import ONE_PLACE
-from ces_cli.terminal.recordings import RECORDING, VEHICLE, find_bags
+from ces_cli.terminal.recordings import RECORDING, VEHICLE
 from ces_cli.terminal.simulations import HELP
 from ces_identify.options import SEED, THREADS
 from ces_identify.structures.auto import AUTO
@@ -45,7 +45,6 @@ OPTIONS = (
     ),
     SIGNALS,
     Option("out", meaning="folder to write, created if necessary", kind=Path, metavar="DIR"),
-    replace(REPORT, meaning=f"copy report.html to FILE; {IN_A_FOLDER}"),
     Option("effects", (), OWN_EFFECTS, metavar="module:Class", together=True),
     replace(THREADS, meaning="default: all processors; with --each, one for each diagnosis", none=""),
     Option(
@@ -70,7 +69,6 @@ RULES = (
     ),
     only_with("jobs dask", "each", "applies to fleets; add --each recording or --each vehicle"),
     never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
-    never_with("report", "each", "has no effect with --each: each diagnosis has its report.html in --out"),
     never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
     ONE_PLACE,
 )
@@ -83,9 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from ces_cli.diagnose.fleet import run_fleet
 
         return run_fleet(options)
-    real = [path.stem for path in find_bags(options.real)]
-    options.report = name_report(options.report, [Path(options.sim or "identified").stem], real)
-    require_outputs(options.overwrite, {"--report": options.report}, folders={"--out": options.out})
+    require_outputs(options.overwrite, folders={"--out": options.out})
     from ces_cli.diagnose.diagnosis import run_diagnosis
 
     run_diagnosis(options, terminal.command_line("diagnose", argv))

@@ -157,7 +157,7 @@ def _print_results(results: CampaignRows, planned: Mapping[str, int], folder: Pa
         terminal.print_table(terminal.lay_out(table, lambda row: "bold" * (marks.get(row["key"]) == BEST)))
     terminal.print_line(
         f"{FRONT} on the front of selection cost against size, {BEST} recommended: the smallest model on the front "
-        f"within {COST_TOLERANCE:.0%} of the lowest cost" + ", for each delay" * ("delay" in results.varied)
+        f"within {COST_TOLERANCE:.0%} of the lowest cost" + ", for each delay" * ("delay" in results.names.varied)
     )
     terminal.print_line(SELECTION_NOTE)
     for name, best in results.recommended().items():

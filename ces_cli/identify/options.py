@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ces_cli.terminal.options import BAGS_FORM, DASK, JOBS, JSON, OVERWRITE, PICTURE, REPORT, SIGNALS
+from ces_cli.terminal.options import BAGS_FORM, DASK, JOBS, JSON, OVERWRITE, REPORT, SIGNALS
 from ces_identify.options import POLYNOMIALS, list_options
 from ces_observer.errors import CesError
 from ces_observer.options import Option, as_parameter, command_words, in_group
@@ -17,7 +17,6 @@ VALIDATE = Option(
 )
 OUT = Option("out", Path("model.json"), "model file to write; its folder must exist", metavar="FILE")
 OF_THE_PROGRAM = (
-    PICTURE,
     JSON,
     Option(
         "show_candidates",

@@ -28,7 +28,6 @@ from ces_cli.terminal.results import (
     model_facts,
     print_band,
     print_costs,
-    save_cost_picture,
 )
 from ces_cli.terminal.simulations import find_file, open_simulation, with_teacher_force
 from ces_data.checks.check import check_together, require_sound
@@ -40,7 +39,7 @@ from ces_identify.folds import CrossValidation, cross_validate, split_folds
 from ces_identify.identification import DELAYED_SELECTION, IdentificationResult, count_starts, identify
 from ces_identify.options import build_identify_options
 from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
-from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs
+from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import late
@@ -64,7 +63,7 @@ def _rule_of(kit: StructureKit[Any], names: str) -> OptionRule:
 
 STRUCTURE_RULES = (
     never_with(ALL, "show_candidates", "does not apply with --show-candidates", but="show_candidates method"),
-    _rule_of(POLYNOMIAL, "method candidates construct blend terms"),
+    _rule_of(POLYNOMIAL, "method candidates blend terms"),
     *(_rule_of(kit, " ".join(size.name for size in kit.sizes)) for kit in KITS.values()),
     OptionRule("folds", lambda options: len(options.delay) == 1, "takes one --delay: cross-validate each model alone"),
 )
@@ -88,8 +87,6 @@ def main(argv: Sequence[str] | None = None) -> int:
             result, folds = with_folds(result, options, work.bags, work.how)
             result.model.save(options.out)
         _print_result(result, options)
-        if options.picture is not None:
-            save_cost_picture(result.evaluations, options.picture)
         if options.report is not None:
             write_report_page(result, options, terminal.command_line("identify", argv))
             print(f"report: {options.report}")
@@ -155,7 +152,7 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     paths = [find_bags(words, repeated=True) for words in (options.bags, options.validate)]
     tested = paths[1] or paths[0]
     options.report = name_report(options.report, [options.out.stem], [path.stem for path in tested])
-    outputs = {"--out": options.out, "--report": options.report, "--picture": options.picture}
+    outputs = {"--out": options.out, "--report": options.report}
     inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
     require_outputs(options.overwrite, outputs, inputs=inputs)
     values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
@@ -190,8 +187,7 @@ def _read_recordings(
 
 def candidate_rules(options: argparse.Namespace) -> CandidateRules:
     """Return the candidate rules that the options describe; raises CesError naming the option or file at fault."""
-    rules = reduce(add_constructed_inputs, options.construct, load_rules(options.candidates, options.method))
-    return reduce(add_blend, options.blend, rules)
+    return reduce(add_blend, options.blend, load_rules(options.candidates, options.method))
 
 
 def select_identify_function(options: argparse.Namespace) -> Callable[..., IdentificationResult]:
@@ -352,7 +348,6 @@ def _as_json(
         "teacher": teacher,
         "findings": work.findings,
         "report": options.report,
-        "picture": options.picture,
     }
 
 

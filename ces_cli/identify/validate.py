@@ -4,27 +4,15 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, MODEL, OVERWRITE, PART, PICTURE, REPORT, SIGNALS, only_with
+from ces_cli.terminal.options import BAGS, BAGS_FORM, JSON, MODEL, OVERWRITE, PART, REPORT, SIGNALS, only_with
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, without_text
-from ces_cli.terminal.recordings import (
-    find_bags,
-    print_findings,
-    print_warnings,
-    with_distinct_names,
-)
-from ces_cli.terminal.results import (
-    cost_rows,
-    held_out_row,
-    model_facts,
-    print_band,
-    print_costs,
-    save_cost_picture,
-)
+from ces_cli.terminal.recordings import find_bags, print_findings, print_warnings, with_distinct_names
+from ces_cli.terminal.results import cost_rows, held_out_row, model_facts, print_band, print_costs
 from ces_data.checks.content import find_known_recording, require_once
 from ces_data.checks.units import MIN_ERROR, signs_against_model, unit_against_model
 from ces_data.findings import WRONG_MODEL, Finding
@@ -33,9 +21,9 @@ from ces_identify.options import REGIONS, WEIGHT
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import late
 from ces_identify.prepare.series import prepare
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, by_delay, describe_size, evaluate
+from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size, evaluate
 from ces_identify.validation.lacks import head_lines
-from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
+from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
 from ces_observer.options import Option
@@ -44,7 +32,6 @@ from ces_observer.proof.certificate import Certificate
 NOT_PROVED = 1  # exit status
 ROUNDING = 1e-9  # relative
 SIGNED = ("position", "force")
-WORST_CELLS = 3
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -52,7 +39,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(argv)
     paths = find_bags(options.bags)
     options.report = name_report(options.report, [options.model.stem], [path.stem for path in paths])
-    outputs = {"--report": options.report, "--picture": options.picture}
+    outputs = {"--report": options.report}
     require_outputs(options.overwrite, outputs, inputs=[options.model, *paths, options.signals])
     model, weighting = load_model(options.model), parse_weighting(options.weight)
     if not options.bags and not options.certificate:
@@ -71,8 +58,6 @@ def main(argv: Sequence[str] | None = None) -> int:
                 terminal.print_warning(line)
             print_band(model, evaluations)
             _print_details(evaluations, weighting)
-        if evaluations and options.picture is not None:
-            save_cost_picture(evaluations, options.picture)
         if evaluations and options.report is not None:
             from ces_identify.report.page import write_report
 
@@ -140,12 +125,6 @@ def _print_details(evaluations: Sequence[Evaluation], weighting: Weighting) -> N
         tests = residual_tests(e)
         for line in verdicts(tests) if tests else ("not tested: the free run diverged or is too short",):
             print(f"residual of {e.label}: {line}")
-    for delay_s, some in by_delay(evaluations).items():
-        for cell in error_cells(some)[:WORST_CELLS]:
-            print(
-                f"error{late(delay_s)}: {100 * cell.energy:.0f} % of its energy in {100 * cell.ticks:.0f} % of the "
-                f"time at {cell.region} (RMS {cell.rms_N:.0f} N, {cell.cost:.2f} of J)"
-            )
 
 
 def _as_json(
@@ -162,11 +141,7 @@ def _as_json(
         "recordings": cost_rows(evaluations, weighting),
         "all_held_out": held_out_row(evaluations),
         "residuals": {e.label: _residual_facts(e) for e in evaluations},
-        "error_cells": [
-            {**asdict(cell), "delay_s": d} for d, some in by_delay(evaluations).items() for cell in error_cells(some)
-        ],
         "report": options.report,
-        "picture": options.picture,
     }
 
 
@@ -183,7 +158,7 @@ def _residual_facts(evaluation: Evaluation) -> dict[str, Any] | None:
 
 
 def print_proof(model: Model, proof: Certificate, name: str) -> int:
-    """Print the bounds that a proof of stability gives, and compare them with the file's; return the exit status.
+    """Print the bounds that a proof of stability gives; return the exit status.
 
     The status is 0 if the proof succeeds and the file claims no more, else NOT_PROVED, and one line gives the reason.
     """
@@ -204,7 +179,6 @@ def print_proof(model: Model, proof: Certificate, name: str) -> int:
         ("force within", model.force_envelope_N, "N"),
     ):
         print(f"  {label:<14}  {low:.6g} to {high:.6g} {unit}")
-    print(f"  in the file     {_compare_certificates(model.certificate, proof)}")
     return 0
 
 
@@ -228,18 +202,6 @@ def _find_overclaim(stored: Mapping[str, Any] | None, proof: Certificate) -> str
     return ""
 
 
-def _compare_certificates(stored: Mapping[str, Any] | None, proof: Certificate) -> str:
-    """Return as text how the file's certificate compares with a proof that covers it."""
-    if stored is None:
-        return "no certificate"
-    claims = {key: _number(stored, key) for key in proof.bounds}
-    missing = [key for key, value in claims.items() if value is None]
-    if missing:
-        return f"incomplete: no {', '.join(missing)}"
-    looser = [k for k, proved in proof.bounds.items() if (claims[k] or 0.0) > proved * (1.0 + ROUNDING)]
-    return f"looser bounds: {', '.join(looser)}" if looser else "the same bounds"
-
-
 def _number(stored: Mapping[str, Any] | None, key: str) -> float | None:
     value = (stored or {}).get(key)
     return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
@@ -261,12 +223,12 @@ def make_parser() -> terminal.Parser:
         Option(
             "certificate",
             False,
-            "prove the model stable again and compare with the file; exit status 1 if it cannot be proved",
+            "prove the model stable again; exit status 1 if it cannot be proved, or the file claims more",
         ),
-        *(REPORT, PICTURE, JSON, OVERWRITE),
+        *(REPORT, JSON, OVERWRITE),
         rules=(
             only_with(
-                "report picture part weight signals overwrite",
+                "report part weight signals overwrite",
                 "bags",
                 "applies to recordings; name them: ces validate MODEL.json BAG...",
             ),

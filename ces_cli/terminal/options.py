@@ -107,7 +107,6 @@ PART = PartOption("part", "0:1", "part of each recording to use, from 0 to 1", m
 SIGNALS_FORM = "signals file (YAML); FILE#NAME for one of several dampers in it"
 SIGNALS = Option("signals", None, SIGNALS_FORM, kind=Path, none="the packaged file", metavar="FILE")
 REPORT = Option("report", None, f"write a report page (HTML); {IN_A_FOLDER}", kind=Path, metavar="FILE")
-PICTURE = Option("picture", None, "draw speed-force and time plots (.png, .svg, .pdf)", kind=Path, metavar="FILE")
 OVERWRITE = Option("overwrite", False, "replace outputs that exist (default: refuse)")
 JSON = Option("json", False, "print JSON for other programs instead of tables")
 RIG_SEED = Option("seed", None, "random seed", 0, 2**31, kind=int, none="the experiment's own", metavar="N")

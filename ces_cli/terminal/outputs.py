@@ -23,7 +23,6 @@ from ces_observer import __version__
 from ces_observer.errors import CesError
 
 NO_PAGES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
-PICTURES = (".png", ".svg", ".pdf")
 MAX_NAME = 240  # bytes; file systems allow 255, temporary files have some more than the final name
 Outputs = Mapping[str, Path | None]
 """Paths by the option that names them, such as `--report`; None is an output that nobody asked for."""
@@ -69,7 +68,10 @@ def require_outputs(
         first = seen.setdefault(path.resolve(), option)
         if first != option:
             raise CesError(f"{path}: is named by {first} and {option}; choose another name for one of them")
-        _require_suffix(path, option)
+        if option == "--report" and path.suffix.lower() in NO_PAGES:
+            raise CesError(
+                f"{path}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
+            )
         if kind != "folder":
             _require_no_input(path, option, read)
 
@@ -82,16 +84,6 @@ def _require_file(path: Path) -> None:
     if not path.parent.is_dir():
         raise CesError(f"{path}: the folder {path.parent} does not exist; make it first, or choose another")
     _require_writable(path.parent, path)
-
-
-def _require_suffix(path: Path, option: str) -> None:
-    """Raise CesError for a picture that cannot be drawn, and for a report that no browser would open as a page."""
-    if option == "--picture" and path.suffix.lower() not in PICTURES:
-        raise CesError(f"{path}: cannot draw a '{path.suffix}' picture; use one of {', '.join(PICTURES)}")
-    if option == "--report" and path.suffix.lower() in NO_PAGES:
-        raise CesError(
-            f"{path}: a report is an HTML page; expected a name that ends in .html (a browser prints it to PDF)"
-        )
 
 
 def require_folder(path: Path) -> None:

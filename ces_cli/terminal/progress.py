@@ -103,13 +103,10 @@ class BestResults:
     def __init__(self, starts: int) -> None:
         self._starts = starts
         self._by_seed: dict[int, SearchResult] = {}
-        self._ended: set[int] = set()
 
     def update(self, result: SearchResult) -> None:
-        """Replace the result of its start; one that ended and goes on, to be improved, stays counted as finished."""
+        """Replace the result of its start."""
         self._by_seed[result.seed] = result
-        if result.ended != RUNNING:
-            self._ended.add(result.seed)
 
     @property
     def best(self) -> SearchResult | None:
@@ -119,13 +116,12 @@ class BestResults:
     @property
     def finished(self) -> int:
         """Number of starts that have finished."""
-        return len(self._ended)
+        return sum(one.ended != RUNNING for one in self._by_seed.values())
 
     @property
     def share(self) -> float:
         """Share of the work that is done (0 to 1), as far as the results tell."""
-        running = sum(one.share for seed, one in self._by_seed.items() if seed not in self._ended)
-        return min(1.0, (len(self._ended) + running) / self._starts)
+        return min(1.0, sum(1.0 if r.ended != RUNNING else r.share for r in self._by_seed.values()) / self._starts)
 
 
 class SearchProgress(LiveBar):

@@ -1,11 +1,10 @@
-"""Results that several programs show: costs as tables and for --json, and pictures in files and on the terminal."""
+"""Results that several programs show: costs as tables and for --json, and the map of a coverage."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from rich.table import Table
@@ -27,9 +26,6 @@ from ces_identify.validation.evaluate import (
     pool_evaluations,
 )
 from ces_observer.model import Model
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def print_costs(
@@ -171,47 +167,3 @@ def terminal_picture(coverage: Coverage) -> Text:
     lines.append(f"{'':9}{BLOCKS[0]} less  {legend}")
     lines.append(f"{'':9}the outermost columns include all higher speeds")
     return Text("\n".join(lines), no_wrap=True)
-
-
-def save_picture(coverage: Coverage, title: str, path: Path) -> None:
-    """Draw the map into an image file."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-    from matplotlib.colors import LogNorm
-
-    figure, axes = plt.subplots(figsize=(8.0, 4.5), layout="constrained")
-    percent = np.ma.masked_equal(100 * coverage.share, 0.0)
-    norm = LogNorm(vmin=0.01, vmax=max(1.0, float(percent.max()) if percent.count() else 1.0))
-    edges = (coverage.speed_edges, coverage.current_edges)
-    mesh = axes.pcolormesh(*edges, percent, cmap="Blues", norm=norm, edgecolors="0.9", linewidth=0.5)
-    axes.axvline(0.0, color="0.5", linewidth=0.8)
-    axes.set(xlabel="speed [m/s], positive in compression", ylabel="current [A]")
-    axes.set_title(title, loc="left", fontsize=10)
-    axes.spines[["top", "right"]].set_visible(False)
-    figure.colorbar(mesh, label="share of time per cell [%]", format="%g")
-    _write_picture(figure, path)
-
-
-def _write_picture(figure: Figure, path: Path) -> None:
-    """Save and close a figure; the image file appears under its name only when it is complete."""
-    from matplotlib import pyplot as plt
-
-    part = path.with_name(f".{path.stem}.part{path.suffix}")
-    try:
-        figure.savefig(part, dpi=150)
-        part.replace(path)
-    finally:
-        plt.close(figure)
-        part.unlink(missing_ok=True)
-
-
-def save_cost_picture(evaluations: Sequence[Evaluation], path: Path) -> None:
-    """Draw the first evaluations, validation first, into an image file that appears only when it is complete."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from ces_identify.report.figures import draw_costs
-
-    _write_picture(draw_costs(evaluations), path)

@@ -249,7 +249,8 @@ def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> DelayFindi
     if delay.beyond:
         unknown = "too much to estimate; compare how both are stamped, set"
         text = f"at least {near:.0f} ms {relation}, {unknown} {key}, and check again"
-    severity = WRONG_MODEL if abs(delay.nearest_s) >= WRONG_DELAY_S else WARNING
+    sure = signal != "current" and abs(delay.nearest_s) >= WRONG_DELAY_S  # a slow valve, or a bypass, looks alike
+    severity = WRONG_MODEL if sure else WARNING
     return DelayFinding(severity, f"{name}: logged {text}", name)
 
 

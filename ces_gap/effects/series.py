@@ -32,6 +32,9 @@ RATE_TOLERANCE = 1e-5  # [m/s] last step of the Newton iteration; the remaining 
 
 Strain = tuple[F, F]  # stroke [m] (n,) of a spring and its compliance [m/N] (n,); of a leak [m/s], [m/(s N)]
 Law = Callable[[F, float], Strain]  # damping force [N] (n,), width [N] of the change of direction -> strain
+LawTable = tuple[float, F, F]  # top, stroke and compliance, or rate and its derivative by force: `tabulate_law`
+MapTable = tuple[float, float, F]  # narrow, reach and table of `map_force_and_slope`
+Pair = tuple[float, float]
 
 
 class SeriesSpring(Effect):
@@ -72,7 +75,7 @@ def subtract_spring_stroke(
     return subtract_stroke(inputs, stroke, trace.rate_Hz)
 
 
-def tabulate_law(law: Law, force: F, width: float) -> tuple[float, F, F]:
+def tabulate_law(law: Law, force: F, width: float) -> LawTable:
     """Return the range ±top [N], strokes and compliances of an even table of the law that covers `force` (n,)."""
     top = BEYOND * float(np.max(np.abs(force))) + 1.0
     return top, *law(np.linspace(-top, top, NODES), width)
@@ -116,14 +119,7 @@ def _law(force: float, top: float, stroke: F, compliance: F) -> tuple[float, flo
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _strain_rate(
-    v: float,
-    s: float,
-    m: float,
-    z: float,
-    guess: float,
-    plant: tuple[float, float, F],
-    law: tuple[float, F, F],
-    inertia_s: tuple[float, float],
+    v: float, s: float, m: float, z: float, guess: float, plant: MapTable, law: LawTable, inertia_s: Pair
 ) -> float:
     """Return the rate g [m/s] with s(f(v - g) + m) = z + (hθ + damping)·g, by bracketed Newton iteration.
 
@@ -156,14 +152,7 @@ def move_in_bracket(g: float, low: float, high: float, wrong: float, fall: float
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def series_stroke(
-    speed: F,
-    level: F,
-    memory: F,
-    plant: tuple[float, float, F],
-    law: tuple[float, F, F],
-    damping_s: float,
-    step_s: float,
-    substeps: int,
+    speed: F, level: F, memory: F, plant: MapTable, law: LawTable, damping_s: float, step_s: float, substeps: int
 ) -> F:
     """Return the stroke z [m] (n,) of a spring in series: z + damping·dz/dt = s(f(v - dz/dt) + memory).
 
@@ -189,9 +178,7 @@ def series_stroke(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def leaking_force(
-    speed: F, level: F, rest: float, plant: tuple[float, float, F], own: float, law: tuple[float, F, F]
-) -> F:
+def leaking_force(speed: F, level: F, rest: float, plant: MapTable, own: float, law: LawTable) -> F:
     """Return F = f(v - g) - rest [N] (n,), g = q(F) + own·(F - F₋₁) [m/s]: the leak and the plant's own spring.
 
     `plant` is (narrow, reach, table) of `map_force_and_slope`, `own` the compliance of the plant's own spring divided
@@ -210,15 +197,7 @@ def leaking_force(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def pumped_stroke(
-    speed: F,
-    level: F,
-    memory: F,
-    plant: tuple[float, float, F],
-    own: tuple[float, float],
-    added: tuple[float, float],
-    widths: tuple[float, float],
-    step_s: float,
-    substeps: int,
+    speed: F, level: F, memory: F, plant: MapTable, own: Pair, added: Pair, widths: Pair, step_s: float, substeps: int
 ) -> F:
     """Return the stroke z [m] (n,), dz/dt = C·dF/dt, of a compliance C in addition to the plant's own spring.
 
@@ -244,14 +223,14 @@ def pumped_stroke(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def pumping_share(force: float, speed: float, widths: tuple[float, float]) -> float:
+def pumping_share(force: float, speed: float, widths: Pair) -> float:
     """Return the degree, 0 to 1, to which a damper is pushed and moves in."""
     return 0.25 * (1.0 + tanh(force / widths[0])) * (1.0 + tanh(speed / widths[1]))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve_squeeze_rate(
-    v: float, s: float, before: float, guess: float, whole: float, plant: tuple[float, float, F]
+    v: float, s: float, before: float, guess: float, whole: float, plant: MapTable
 ) -> tuple[float, float]:
     """Return g [m/s] = whole·(f(v - g) - before), by bracketed Newton iteration, and the force f [N]."""
     g, low, high = guess, -np.inf, np.inf

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ces_gap.diagnosis import Estimate, GapRegion, Interval
-from ces_report.typesetting import minus
+from ces_report.typesetting import join_with, minus
 
 AXES = {
     "stroke_m": ("stroke", "mm", 1e3),
@@ -44,8 +44,7 @@ def effect_name(effect: str) -> str:
 
 def join_effect_names(effects: Sequence[str]) -> str:
     """Return `a, b and c`."""
-    names = [effect_name(e) for e in effects]
-    return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}" if names else "nothing"
+    return join_with([effect_name(e) for e in effects]) or "nothing"
 
 
 def sentence_case(text: str) -> str:

@@ -1,12 +1,10 @@
-"""The page of a campaign: all cells in a table to sort, the front of cost against size and time, and what each axis
-does."""
+"""The page of a campaign: all cells in a table to sort, and the front of cost against size and time."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Mapping
 from pathlib import Path
-from statistics import median
 from typing import Any
 from urllib.parse import quote
 
@@ -17,7 +15,6 @@ from ces_identify.campaign.rows import CampaignRows, front, is_proved, pooled_co
 from ces_identify.jobs import Row
 from ces_identify.structures import KITS
 from ces_observer.json_text import write_atomically
-from ces_report.charts import IntervalRow, draw_intervals
 from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, series_css
 from ces_report.shell import command_block, page_template, replace_unencodable
 
@@ -41,14 +38,14 @@ def write_campaign_page(
         headline=_headline(results),
         refresh=REFRESH_S if running else None,
         command=command_block(facts["command"]) if "command" in facts else "",
-        compare=command_block(f"ces compare {folder} BAG --report compare.html"),
+        compare=command_block(f"ces compare {folder}/models/*.json BAG --report compare.html"),
         recommended=[
             {"bags": bags, "name": results.names.name(row), "size": row["size"], "cost": _number(row["selection_J"]),
              **_links(row, folder, start)} for bags, row in results.recommended().items()
         ],
         panels=[_panel(results, n, name) for n, name in enumerate(results.bags) if results.of_bags(name)],
         sets=results.sets,
-        delays="delay" in results.varied,
+        delays="delay" in results.names.varied,
         several=len(results.bags) > 1,
         rows=[_row(results, row, row["key"] in recommended) | _links(row, folder, start) for row in results.done],
         failed=[{**row, "name": results.names.full_name(row)} for row in results.failed],
@@ -114,26 +111,11 @@ def _panel(results: CampaignRows, number: int, bags: str) -> dict[str, Any]:
         "size": _pareto(results, rows, f"size{number}", "parameters", "size", "Size [parameters]"),
         "tick": _pareto(results, rows, f"tick{number}", "tick_us", "time of a tick", "Time of a tick [µs]"),
         "delay": _draw_delays(results, f"delay{number}", bags),
-        "effects": [
-            draw_intervals(
-                f"axis{number}-{axis}",
-                f"Selection cost by {axis}",
-                "Selection cost J [%]",
-                [IntervalRow(value, min(J), max(J), median(J), _effect_text(J)) for value, J in values],
-            )
-            for axis, values in results.effects(bags).items()
-        ],
     }
 
 
 def _structure_css(structure: str) -> str:
     return series_css(list(KITS).index(structure))
-
-
-def _effect_text(costs: list[float]) -> str:
-    if len(costs) == 1:
-        return f"{costs[0]:.2f} (1 cell)"
-    return f"{median(costs):.2f} ({min(costs):.2f} to {max(costs):.2f}; {len(costs)} cells)"
 
 
 def _pareto(results: CampaignRows, rows: list[Row], ident: str, column: str, what: str, x_label: str) -> Markup | None:

@@ -2,24 +2,15 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
-from ces_identify.jobs import DONE, Row, read_rows
-from ces_observer.errors import CesError
+from ces_identify.jobs import DONE, Row
 
-COUNTED = ("terms", "units", "rules", "springs", "curves", "memberships")
+COUNTED = ("terms", "units", "rules", "curves", "memberships")
 COST_TOLERANCE = 0.1  # relative to the lowest selection cost: the excess allowed for a smaller model
-RESULTS = "results.jsonl"
-RESULT_COLUMNS = (
-    "key", "status", "reason", "bags", "structure", "size", "parameters", "selection_J", "costs", "pooled", "gain",
-    "force_bound_N", "seconds", "trials", "ended", "tick_us",
-)  # fmt: skip
 IDENTIFICATION = "identification"
-COMMON_AXES = ("seed", "rate", "delay", "certificate")
 
 
 @dataclass(frozen=True)
@@ -79,14 +70,11 @@ def recommend_model(rows: Sequence[Row]) -> Row | None:
 
 @dataclass(frozen=True)
 class CampaignRows:
-    """The rows of a campaign's cells that have a result, of `planned` cells in all.
-
-    `planned_names` are those of the plan; without a plan, names show the settings that differ among the rows.
-    """
+    """The rows of a campaign's cells that have a result, of `planned` cells in all, and the names of the cells."""
 
     rows: tuple[Row, ...]
     planned: int
-    planned_names: CellNames | None = None
+    names: CellNames
 
     @cached_property
     def done(self) -> list[Row]:
@@ -109,21 +97,6 @@ class CampaignRows:
         """Sets of bags that models were validated on."""
         names = dict.fromkeys(cost["set"] for row in self.rows for cost in row.get("costs", ()))
         return [name for name in names if name != IDENTIFICATION]
-
-    @cached_property
-    def varied(self) -> list[str]:
-        """Settings that differ among cells of one structure."""
-        values: dict[str, dict[str, set[str]]] = {}
-        for row in self.rows:
-            for name in row.keys() - set(RESULT_COLUMNS):
-                values.setdefault(name, {}).setdefault(row["structure"], set()).add(str(row[name]))
-        names = dict.fromkeys(name for row in self.rows for name in row if name in values)
-        return [name for name in names if any(len(found) > 1 for found in values[name].values())]
-
-    @cached_property
-    def names(self) -> CellNames:
-        """Names of the cells."""
-        return self.planned_names or CellNames(tuple(self.varied), len(self.bags) > 1)
 
     def of_bags(self, name: str) -> list[Row]:
         """Return the cells with a model that was identified on one set of bags."""
@@ -149,42 +122,8 @@ class CampaignRows:
                 found[name] = recommend_model(rows)
         return {name: row for name, row in found.items() if row is not None}
 
-    def effects(self, bags: str) -> dict[str, list[tuple[str, list[float]]]]:
-        """Return for each axis its values with the selection costs of their cells; sizes belong to their structure."""
-        axes = {}
-        for axis in ("structure", *self.varied):
-            costs: dict[str, list[float]] = {}
-            for row in self.of_bags(bags):
-                if axis in row and row["selection_J"] is not None:
-                    value = [] if axis == "structure" else [describe_setting(axis, row)]
-                    value = value if axis in COMMON_AXES else [row["structure"], *value]
-                    costs.setdefault(", ".join(value), []).append(row["selection_J"])
-            if len(costs) > 1:
-                axes[axis] = sorted(costs.items(), key=lambda item: _in_order(item[0]))
-        return axes
 
-
-def read_campaign(folder: Path) -> CampaignRows:
-    """Return the rows in a campaign's folder; raises CesError if there are none or a line cannot be read."""
-    path = folder / RESULTS
-    try:
-        with path.open("rb") as file:
-            rows = tuple(read_rows(file, path, "a campaign").values())
-    except OSError as error:
-        raise CesError(f"{path}: cannot be read: {error.strerror}") from None
-    if not rows or not all(isinstance(row, dict) and {"status", "bags", "structure"} <= row.keys() for row in rows):
-        raise CesError(f"{path}: holds no results of a campaign; `ces identify --campaign` writes them")
-    return CampaignRows(rows, len(rows))
-
-
-def pooled_cost(row: Row, name: str) -> tuple[float | None, tuple[float, float] | None]:
+def pooled_cost(row: Row, name: str) -> tuple[float | None, Sequence[float] | None]:
     """Return J [%] of a row over a set of bags and its 95 % interval; None where there is none."""
     pooled = row.get("pooled", {}).get(name, {})
-    interval = pooled.get("ci95")
-    return pooled.get("J"), None if interval is None else (interval[0], interval[1])
-
-
-def _in_order(text: str) -> list[tuple[int, float | str]]:
-    """Return a key that sorts texts by the numbers in them."""
-    parts = re.split(r"(\d+(?:\.\d+)?)", text)
-    return [(0, float(part)) if i % 2 else (1, part) for i, part in enumerate(parts)]
+    return pooled.get("J"), pooled.get("ci95")

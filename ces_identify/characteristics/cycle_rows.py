@@ -19,10 +19,9 @@ from ces_identify.characteristics.cycles import (
     Cycles,
     CycleValues,
     evaluate_cycles,
-    find_knee,
 )
 from ces_identify.characteristics.motion import MEASURED, Stretch, noise_rms
-from ces_identify.characteristics.rows import ContinuousForce, CycleWork, Knee, LoopPoint, PeakForce
+from ces_identify.characteristics.rows import ContinuousForce, CycleWork, LoopPoint, PeakForce
 
 CURRENT_SHARE = 0.03  # of the largest current: less is the same current
 CURRENT_NOISE = 8.0  # times the noise of the measured current: less is the same current
@@ -194,19 +193,11 @@ def work_rows(one: SourceValues) -> Iterator[CycleWork]:
     )
 
 
-def knee_rows(one: SourceValues) -> Iterator[Knee]:
-    """Yield the knee in both directions, or why there is none."""
-    for direction in DIRECTIONS:
-        knee: dict[str, Any] | str = find_knee(one.values.halves[direction])
-        yield Knee(**one.key, direction=direction, **({"note": knee} if isinstance(knee, str) else knee))
-
-
 ROWS_OF: dict[str, Callable[[SourceValues], Iterator[Any]]] = {
     "peak_velocity": peak_rows,
     "continuous": continuous_rows,
     "loops": loop_rows,
     "work": work_rows,
-    "knees": knee_rows,
 }
 
 

@@ -1,11 +1,9 @@
-"""Cycles of a stretch between turning points at full rebound: which of them repeat, what each says, and the knee.
+"""Cycles of a stretch between turning points at full rebound: which of them repeat, and what each says.
 
 A cycle is used if its stroke is nearly that of its neighbours (sine, triangle, slow sweep), the current stays constant
 from `SETTLE_S` before it to its end, and there are enough samples and bandwidth. The others are counted by reason.
 Compression is the half with rising position, rebound the other. In each half the speed first rises to its peak (the
-accelerating branch) and then falls to zero (the decelerating branch). A knee is where two straight lines that meet
-describe the force-speed curve, the mean of both branches, much better than one line; each cycle gives one of its own,
-so that its spread is known.
+accelerating branch) and then falls to zero (the decelerating branch).
 """
 
 from __future__ import annotations
@@ -44,12 +42,7 @@ PEAK_SHARE = 0.97  # the peak is where the speed is at least this share of the l
 EVEN = 7  # instants of a half over which the speed is averaged to find the peak: 0.2 % lower for a sine
 SHARES = np.round(np.arange(1, 20) * 0.05, 2)  # of the peak speed, at which the branches are read
 SKEW_S = 1e-3  # [s] delay between force and position whose effect on widths is stated
-MAX_ERROR_RATIO = 0.5  # RMS error of two lines over that of one line, at most
-MIN_SLOPE_CHANGE = 1.5  # ratio of the steeper to the flatter slope, at least
-CANDIDATES = np.round(np.arange(0.10, 0.81, 0.01), 2)  # shares of the peak speed tried as the knee
-RESOLUTION = 0.025 / np.sqrt(3.0)  # standard deviation of a knee between two neighbours of SHARES
-MAX_WIDTH = 0.3  # of the force: where the branches differ more, their mean is no curve
-MIN_CYCLES = 3  # for a spread, a loop, work, branches and a knee
+MIN_CYCLES = 3  # for a spread, a loop, work and branches
 ARRAYS = ("time_s", "position", "speed", "current_A", "reason", "recording")  # of cycles, beside the forces
 
 
@@ -278,45 +271,3 @@ def _evaluate_half(speed: F, force: F, sign: float) -> HalfValues:
         rising[i] = np.interp(wanted, np.maximum.accumulate(v[i, : m + 1]), force[i, : m + 1])
         falling[i] = np.interp(wanted, np.maximum.accumulate(v[i, m:][::-1]), force[i, m:][::-1])
     return HalfValues(sign * peak_speed, np.where(np.isfinite(force).all(axis=1), peak_force, np.nan), rising, falling)
-
-
-def find_knee(half: HalfValues) -> dict[str, float] | str:
-    """Return the columns of a knee's row of one direction, or the reason why there is none."""
-    known = np.isfinite(half.mean).all(axis=1)
-    if known.sum() < MIN_CYCLES:
-        return f"{known.sum()} cycles; {MIN_CYCLES} needed"
-    curve, peak = half.mean[known], half.peak_speed[known]
-    mean = curve.mean(axis=0)
-    one = float(np.sqrt(_errors(np.stack([np.ones_like(SHARES), SHARES], axis=1), mean[None])[0]))
-    best = int(np.argmin(np.stack([_errors(_design(share), mean[None])[0] for share in CANDIDATES])))
-    level, slope, change = np.linalg.lstsq(_design(CANDIDATES[best]), mean, rcond=None)[0]
-    two = float(np.sqrt(_errors(_design(CANDIDATES[best]), mean[None])[0]))
-    below, above = float(slope) / float(peak.mean()), float(slope + change) / float(peak.mean())
-    if best in (0, len(CANDIDATES) - 1) or two > MAX_ERROR_RATIO * one:
-        return "no knee: two lines are not much better than one"
-    at = int(np.argmin(np.abs(SHARES - CANDIDATES[best])))
-    width = abs(float(half.width[known][:, at].mean()) / float(mean[at]))
-    if width > MAX_WIDTH:
-        return f"cannot know: at the knee the branches differ by {100.0 * width:.0f} % of the force; move slower"
-    if max(abs(below), abs(above)) < MIN_SLOPE_CHANGE * min(abs(below), abs(above)):
-        return f"no knee: the slope changes from {below:.0f} to {above:.0f} Ns/m only"
-    errors = np.stack([_errors(_design(share), curve) for share in CANDIDATES])
-    each = CANDIDATES[np.argmin(errors, axis=0)] * peak
-    return {
-        "knee_speed_m_s": float(CANDIDATES[best] * peak.mean()),
-        "knee_speed_sd_m_s": float(np.hypot(each.std(ddof=1), RESOLUTION * peak.mean())),
-        "knee_force_N": float(level + slope * CANDIDATES[best]),
-        "slope_below_Ns_m": below,
-        "slope_above_Ns_m": above,
-    }
-
-
-def _design(share: float) -> F:
-    """Return the regressors (shares, 3) of two lines that meet at `share`."""
-    return np.stack([np.ones_like(SHARES), SHARES, np.maximum(SHARES - share, 0.0)], axis=1)
-
-
-def _errors(design: F, curves: F) -> F:
-    """Return the mean squared error (n,) of the least-squares fit of each curve (n, shares)."""
-    base = np.linalg.qr(design)[0]
-    return np.asarray(np.mean((curves - (curves @ base) @ base.T) ** 2, axis=1))

@@ -85,9 +85,7 @@ def format_page(results: Characteristics, command: str = "") -> str:
         return [(draw_plot(plot, limit), plot.title) for plot in some]
 
     beside = f" beside {join_names(results.sources[1:])}" if len(results.sources) > 1 else ""
-    long_tables = (
-        tables.peak_table, tables.work_table, tables.zero_speed_table, tables.width_table, tables.knee_table,
-    )  # fmt: skip
+    long_tables = (tables.peak_table, tables.work_table, tables.zero_speed_table, tables.width_table)
     short_tables = (tables.response_table, tables.recording_table, tables.omission_table)
     page = page_template("characteristics.html.j2", "ces_identify.characteristics", ("characteristics.css",)).render(
         title=f"Characteristics: {join_names([r.name for r in results.recordings])}{beside}",

@@ -105,19 +105,6 @@ class CycleWork(ConditionRow):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Knee(ConditionRow):
-    """Where the slope of the force-speed curve (mean of both branches) changes, if two lines describe it."""
-
-    direction: str = column("", "compression or rebound", "")
-    knee_speed_m_s: float = column("m/s", "speed where the two lines meet")
-    knee_speed_sd_m_s: float = column("m/s", "standard deviation between cycles")
-    knee_force_N: float = column("N", "force there")
-    slope_below_Ns_m: float = column("Ns/m", "slope at lower speeds")
-    slope_above_Ns_m: float = column("Ns/m", "slope at higher speeds")
-    note: str = column("", "why there is no knee", "")
-
-
-@dataclass(frozen=True, kw_only=True)
 class SpeedBin:
     """Quantiles of the force in a bin of speed, over any motion."""
 
@@ -232,7 +219,6 @@ class Characteristics:
     continuous: tuple[ContinuousForce, ...]
     loops: tuple[LoopPoint, ...]
     work: tuple[CycleWork, ...]
-    knees: tuple[Knee, ...]
     responses: tuple[ValveResponse, ...]
     response_points: tuple[ResponsePoint, ...]
     steps: tuple[StepResponse, ...]
@@ -253,7 +239,6 @@ TABLES: dict[str, type[Any]] = {
     "continuous": ContinuousForce,
     "loops": LoopPoint,
     "work": CycleWork,
-    "knees": Knee,
     "responses": ValveResponse,
     "response_points": ResponsePoint,
     "steps": StepResponse,

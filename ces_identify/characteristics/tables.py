@@ -16,7 +16,6 @@ from ces_identify.characteristics.rows import (
     ConditionRow,
     ContinuousForce,
     CycleWork,
-    Knee,
     Omission,
     PeakForce,
     RecordingFacts,
@@ -83,20 +82,6 @@ def width_table(results: Characteristics) -> Table[tuple[ContinuousForce, ...]]:
         _of_point(middle, _number(Markup("Force at 50&#160;% [N]"), "force_N", 4)),
     ]
     return Table(columns, [rows[k : k + size] for k in range(0, len(rows), size)])
-
-
-def knee_table(results: Characteristics) -> Table[Knee]:
-    """Return a row for each knee that was found."""
-    columns: list[Column[Knee]] = [
-        *CONDITION,
-        SOURCE,
-        DIRECTION,
-        _spread("Knee [m/s]", "knee_speed", "m_s"),
-        _number("Force there [N]", "knee_force_N"),
-        _number("Slope below [Ns/m]", "slope_below_Ns_m"),
-        _number("Slope above [Ns/m]", "slope_above_Ns_m"),
-    ]
-    return Table(columns, [row for row in results.knees if not row.note])
 
 
 def response_table(results: Characteristics) -> Table[ValveResponse]:

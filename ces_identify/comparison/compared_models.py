@@ -21,7 +21,7 @@ from ces_data.arrays import F, Mask
 from ces_data.checks.content import find_known_recording, identification_rows
 from ces_data.recording import Recording
 from ces_identify.prepare.sampling import delay_text
-from ces_identify.prepare.series import force_at, hold_current, usable_samples
+from ces_identify.prepare.series import force_at, usable_samples
 from ces_identify.simulations.simulate import SampleRun, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.validation.evaluate import UNITS as SIGNAL_UNITS
@@ -114,8 +114,7 @@ class AlignedRecording:
     (models, n) [N] are NaN where there is none; `scored` (n,) is true where all of them count. `diverged` says which
     models have a force that is not finite or, of those without an envelope, exceeds MAX_RATIO times the measured force.
     `exits` lists the signals outside each model's input envelope, `holds` tells of forces held at its force envelope
-    (empty if none was), `ranges` has the lowest and highest position [m], speed [m/s] and current [A] at the scored
-    samples.
+    (empty if none was).
     """
 
     name: str
@@ -130,7 +129,6 @@ class AlignedRecording:
     scored: Mask
     diverged: tuple[bool, ...]
     exits: tuple[tuple[RangeUse, ...], ...]
-    ranges: Mapping[str, tuple[float, float]]
     holds: tuple[str, ...] = ()
 
     @property
@@ -171,7 +169,6 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
     speeds = (np.append(run.series.speed, np.nan)[run.newest] for _, run, _ in runs if run is not None)
     speed = next(speeds, None)  # of the first model, for charts
     speed = np.asarray(np.gradient(position.values, time_s)) if speed is None else speed
-    signals = {"position": position.values, "speed": speed, "current": hold_current(recording, stamps, 1e6)}
     return AlignedRecording(
         name=recording.name,
         sha256=recording.sha256,
@@ -186,10 +183,6 @@ def align(models: Sequence[ComparedModel], recording: Recording, part: tuple[flo
         diverged=diverged,
         exits=tuple(_find_exits(model, run, counted) for model, (_, run, _) in zip(models, runs, strict=True)),
         holds=tuple("" if run is None else describe_held(recording.name, *run.held_at(counted)) for _, run, _ in runs),
-        ranges={
-            name: (float(np.nanmin(values[counted])), float(np.nanmax(values[counted])))
-            for name, values in signals.items()
-        },
     )
 
 

@@ -37,7 +37,7 @@ from ces_identify.validation.cost_table import NONE, interval_text, percent
 from ces_identify.validation.evaluate import CostInterval, ScoredTicks, interval_of_ticks
 from ces_observer.errors import CesError
 from ces_report.table import Column, Table
-from ces_report.typesetting import minus
+from ces_report.typesetting import join_with, minus
 
 MAX_MODELS = 40
 MAX_NAMES = 3  # of other models in a sentence
@@ -156,12 +156,12 @@ class Comparison:
         if models:
             notes.append(
                 f"charts show the {MAX_DRAWN} models of the lowest cost, the tables all {len(self.models)}; not in the "
-                f"charts: {join(models)}"
+                f"charts: {join_with(models)}"
             )
         if recordings:
             notes.append(
                 f"charts show {len(self.drawn_recordings)} of {len(self.recordings)} recordings, the tables all; "
-                f"not in the charts: {join(recordings)}"
+                f"not in the charts: {join_with(recordings)}"
             )
         return notes
 
@@ -242,15 +242,15 @@ def _training_notes(comparison: Comparison) -> list[str]:
             if cost.use == TRAINED:
                 by_recording.setdefault(cost.recording, []).append(model.name)
     notes = [
-        f"{join(names)} {_was(names)} identified on {recording}; {'its' if len(names) == 1 else 'their'} cost there is "
-        "not a test"
+        f"{join_with(names)} {_was(names)} identified on {recording}; {'its' if len(names) == 1 else 'their'} cost "
+        "there is not a test"
         for recording, names in by_recording.items()
     ]
     unknown = [m.name for m in comparison.models if any(cost.use == UNKNOWN for cost in m.costs)]
     if unknown:
         notes.append(
-            f"no file says what {join(unknown)} {_was(unknown)} identified on; whether these recordings are a test is "
-            "not known"
+            f"no file says what {join_with(unknown)} {_was(unknown)} identified on; whether these recordings are a "
+            "test is not known"
         )
     return notes
 
@@ -266,10 +266,10 @@ def _exit_notes(comparison: Comparison) -> list[str]:
                 by_recording.setdefault((recording.name, ranges), []).append(model.name)
     groups: dict[tuple[str, str], list[str]] = {}
     for (recording_name, ranges), names in by_recording.items():
-        models = "all models" if len(names) == len(comparison.models) > 2 else join(names)
+        models = "all models" if len(names) == len(comparison.models) > 2 else join_with(names)
         groups.setdefault((models, ranges), []).append(recording_name)
     return [
-        f"{join(names)} {'leaves' if len(names) == 1 else 'leave'} the envelope of {models} {ranges}"
+        f"{join_with(names)} {'leaves' if len(names) == 1 else 'leave'} the envelope of {models} {ranges}"
         for (models, ranges), names in groups.items()
     ]
 
@@ -287,11 +287,6 @@ def _divergence_notes(comparison: Comparison) -> Iterator[str]:
                 yield f"{model.name}, {text}"
 
 
-def join(names: Sequence[str]) -> str:
-    """Return names as text: a, b and c."""
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
-
-
 def _was(names: Sequence[str]) -> str:
     return "was" if len(names) == 1 else "were"
 
@@ -303,7 +298,7 @@ def headline(comparison: Comparison) -> str:
     for verdict, text in HEADLINES.items():
         others = [i for i in range(count + 1) if i != best and comparison.pair(best, i).verdict == verdict]
         if others:
-            shown = join([comparison.models[i].name for i in others[:MAX_NAMES]])
+            shown = join_with([comparison.models[i].name for i in others[:MAX_NAMES]])
             if len(others) > MAX_NAMES:
                 shown = f"all {count} others" if len(others) == count else f"{len(others)} of the others"
             parts.append(text.format(best=comparison.models[best].name, others=shown))
@@ -344,5 +339,5 @@ def cost_table(comparison: Comparison) -> Table[int]:
         Column("95 % interval [%]", lambda i: interval_text(models[i].pooled_interval), figure=True, short="95 %"),
         Column("Above the lowest [%]", above, figure=True, short="above the lowest"),
     ]
-    title = f"cost J over {join(tests)}" if tests else "cost J over all (not a test)"
+    title = f"cost J over {join_with(tests)}" if tests else "cost J over all (not a test)"
     return Table(columns, comparison.by_cost, title)

@@ -1,6 +1,6 @@
 """A comparison for people and programs: its tables, its self-contained page, and its document.
 
-The page holds verdicts, costs, differences, overlaid forces and envelopes.
+The page holds verdicts, costs, differences, and overlaid forces.
 """
 
 from __future__ import annotations
@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F
 from ces_identify.comparison.compared_models import MAX_GAP_S, TRAINED, AlignedRecording
 from ces_identify.comparison.comparison import (
     Comparison,
@@ -23,18 +22,17 @@ from ces_identify.comparison.comparison import (
     describe_interval,
     format_signed,
     headline,
-    join,
     p_text,
 )
 from ces_identify.comparison.pair_results import Difference, PairResult
 from ces_identify.validation.cost_table import NONE, interval_text, percent
-from ces_identify.validation.evaluate import UNITS, CostInterval
+from ces_identify.validation.evaluate import CostInterval, find_working_windows
 from ces_observer.json_text import write_atomically
 from ces_report.charts import IntervalRow, draw_intervals
 from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, series_css, share_points
 from ces_report.shell import command_block, page_template, replace_unencodable
 from ces_report.table import Column, Table
-from ces_report.typesetting import minus
+from ces_report.typesetting import join_with
 
 TOO_SHORT = "too short"
 WINDOW_S = 1.5  # shown first
@@ -105,7 +103,7 @@ def pair_table(comparison: Comparison) -> Table[PairResult]:
 
     pages: list[Column[PairResult]] = [
         Column("First − second", lambda p: f"{models[p.first].name} − {models[p.second].name}"),
-        Column("On", lambda p: join(p.pooled.recordings)),
+        Column("On", lambda p: join_with(p.pooled.recordings)),
         Column(
             "Difference of J [%]",
             lambda p: difference_text(p.pooled),
@@ -166,14 +164,14 @@ def _model_facts(i: int, comparison: Comparison) -> dict[str, Any]:
             {
                 "recording": cost.recording,
                 "use": cost.use,
-                "J_percent": _finite(cost.cost),
+                "J_percent": cost.cost,
                 "ci95_percent": _ends(cost.interval),
-                "rms_N": _finite(cost.rms_N),
+                "rms_N": cost.rms_N,
                 "outside_envelope": [asdict(one) for one in recording.exits[i]],
             }
             for cost, recording in zip(result.costs, comparison.recordings, strict=True)
         ],
-        "pooled": {"J_percent": _finite(result.pooled), "ci95_percent": _ends(result.pooled_interval)},
+        "pooled": {"J_percent": result.pooled, "ci95_percent": _ends(result.pooled_interval)},
         "tick": None if result.tick is None else asdict(result.tick),
         "force_bound_N": result.force_bound_N,
     }
@@ -195,17 +193,13 @@ def _pair_facts(pair: PairResult, names: list[str]) -> dict[str, Any]:
 def _difference(one: Difference) -> dict[str, Any]:
     return {
         "recordings": list(one.recordings),
-        "first_minus_second_percent": _finite(one.value),
+        "first_minus_second_percent": one.value,
         "interval_percent": None if one.low is None else [one.low, one.high],
     }
 
 
 def _ends(interval: CostInterval | None) -> list[float] | None:
     return None if interval is None else [interval.low, interval.high]
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
 
 
 def write_comparison(path: Path, comparison: Comparison, command: str) -> None:
@@ -224,7 +218,7 @@ def comparison_page(comparison: Comparison, command: str = "") -> str:
         warnings=comparison.notes(),
         command=command_block(command) if command else "",
         comparison=comparison,
-        pooled_over=join(tests) if tests else "",
+        pooled_over=join_with(tests) if tests else "",
         rows=[_model_row(comparison, i) for i in comparison.by_cost],
         pairs=pair_table(comparison),
         forest=_draw_differences(comparison) if all_pairs else _draw_above_lowest(comparison),
@@ -238,7 +232,6 @@ def comparison_page(comparison: Comparison, command: str = "") -> str:
             }
             for n in comparison.drawn_recordings
         ],
-        envelopes=[chart for signal in UNITS if (chart := _envelope_chart(comparison, signal))],
         fold=MAX_OPEN_ROWS,
         swatches=[_swatch(comparison, i) for i in range(len(models))],
         notes_on_charts=[note[0].upper() + note[1:] for note in comparison.notes_on_charts()],
@@ -255,7 +248,7 @@ def _page_interval(interval: CostInterval | None) -> str:
 
 
 def _name_some(names: list[str], kind: str) -> str:
-    return join(names) if len(names) <= NAMES_IN_TITLE else f"{len(names)} {kind}"
+    return join_with(names) if len(names) <= NAMES_IN_TITLE else f"{len(names)} {kind}"
 
 
 def _model_row(comparison: Comparison, i: int) -> dict[str, Any]:
@@ -309,25 +302,6 @@ def _row(name: str, one: Difference, css: str, *, starts: bool) -> IntervalRow:
     return IntervalRow(name, low, high, one.value, difference_text(one), css, starts, not starts)
 
 
-def _envelope_chart(comparison: Comparison, signal: str) -> Markup | None:
-    """Return the envelopes of the models in one signal, and below them its ranges in the recordings."""
-    unit, nan = UNITS[signal], float("nan")
-
-    def row(name: str, ends: tuple[float, float], css: str, starts: bool = False) -> IntervalRow:
-        return IntervalRow(name, *ends, nan, minus(f"{ends[0]:.3g} to {ends[1]:.3g} {unit}"), css, starts)
-
-    rows = [
-        row(result.name, result.model.model.envelope.by_signal[signal], _css(comparison, i))
-        for i, result in enumerate(comparison.models)
-        if result.model.model is not None
-    ]
-    if not rows:
-        return None
-    rows += [row(r.name, r.ranges[signal], "outline", starts=n == 0) for n, r in enumerate(comparison.recordings)]
-    title = f"{signal.capitalize()}: envelopes of the models, and what the recordings hold"
-    return draw_intervals(f"envelope-{signal}", title, f"{signal.capitalize()} [{unit}]", rows)
-
-
 def _css(comparison: Comparison, i: int) -> str:
     """Return the class of a model's colour; one that no chart of forces shows has none of its own."""
     return series_css(comparison.drawn.index(i)) if i in comparison.drawn else "outline"
@@ -359,28 +333,15 @@ def draw_overlay(comparison: Comparison, number: int) -> dict[str, Any]:
 
 
 def choose_window(recording: AlignedRecording) -> tuple[int, int]:
-    """Return the samples [first, last) of a window where the damper works and the errors are typical.
-
-    Of the windows whose force varies at least as much as in the median one, it is that with the median error of all
-    models together.
-    """
+    """Return the samples [first, last) of the window where the damper works with the median error of all models."""
     length = max(2, round(WINDOW_S * recording.rate_Hz))
     n = len(recording.time_s)
     if length >= n:
         return 0, n
-    scored = recording.scored
-    force = np.where(scored, recording.measured, 0.0)
-    squares = np.where(scored, np.nansum((recording.measured - recording.forces) ** 2, axis=0), 0.0)
-    count, one, two, error = (_sliding(v, length) for v in (scored.astype(float), force, force**2, squares))
-    variance = np.where(count >= count.max(), two / count.max() - (one / count.max()) ** 2, -1.0)
-    able = np.flatnonzero(variance >= np.median(variance[variance >= 0.0]))
-    first = int(able[np.argsort(error[able], kind="stable")[len(able) // 2]])
+    squares = np.nansum((recording.measured - recording.forces) ** 2, axis=0)
+    starts, means = find_working_windows(length, recording.scored, recording.measured, recording.speed, squares)
+    first = int(starts[np.argsort(means, kind="stable")[len(means) // 2]])
     return first, first + length
-
-
-def _sliding(values: F, length: int) -> F:
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    return np.asarray(total[length:] - total[:-length])
 
 
 def _time_plot(recording: AlignedRecording, names: list[str], number: int, view: tuple[float, float]) -> Plot:

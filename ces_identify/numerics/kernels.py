@@ -300,22 +300,12 @@ def probed_gain(probes: F, outputs: I, coefficients: F) -> float:
 
 @njit(cache=True, nogil=True)
 def first_better(
-    gram: F,
-    chosen: I,
-    trial: I,
-    run: ScoredRun,
-    terms: TermArrays,
-    best: float,
-    ridge: float,
-    probes: F,
-    max_gain: float,
-    drop: bool,
+    gram: F, chosen: I, trial: I, run: ScoredRun, terms: TermArrays, best: float, ridge: float, drop: bool
 ) -> tuple[int, float, F]:
     """Try each candidate of `trial` added to (or, with `drop`, each place of `trial` removed from) `chosen`.
 
-    Fits by least squares on `gram`, skips models with a probed gain of `max_gain` or more, evaluates the free run, and
-    stops at the first cost below `best`. Returns the place in `trial` (-1 if none was better), the cost and the
-    coefficients.
+    Fits by least squares on `gram`, evaluates the free run, and stops at the first cost below `best`. Returns the place
+    in `trial` (-1 if none was better), the cost and the coefficients.
     """
     n = len(chosen) - 1 if drop else len(chosen) + 1
     subset = np.empty(n, np.int64)
@@ -332,7 +322,7 @@ def first_better(
             subset[: n - 1] = chosen
             subset[n - 1] = trial[place]
         coefficients, independent = solve_normal(gram, subset, ridge)
-        if not independent or probed_gain(probes[subset], terms.outputs[subset], coefficients) >= max_gain:
+        if not independent:
             continue
         arrays = TermArrays(terms.columns[subset], terms.lags[subset], terms.counts[subset], terms.outputs[subset])
         cost = free_run_cost(run, arrays, coefficients, best, work, force)

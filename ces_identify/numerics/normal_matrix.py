@@ -9,10 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 from numba import njit
-from numpy.typing import NDArray
 
-F = NDArray[np.float64]
-I = NDArray[np.int64]  # noqa: E741
+from ces_data.arrays import F, I
 
 BLOCK = 256  # ticks of sensitivities in memory at a time
 TILE = 8  # ticks added to the normal matrix in one pass over it

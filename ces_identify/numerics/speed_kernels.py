@@ -207,17 +207,9 @@ def _restart(bank: Bank, states: F, weights: F, mean: F, kept: F, position: floa
 
 @njit(cache=True, nogil=True)
 def _track(
-    stamps: I,
-    positions: F,
-    motion: F,
-    bank: Bank,
-    delay: int,
-    measured: bool,
-    max_gap_ns: int,
-    limits: F,
-    settling: float,
-    rate: float,
-) -> Any:
+    stamps: I, positions: F, motion: F, bank: Bank, delay: int, measured: bool, max_gap_ns: int, limits: F,
+    settling: float, rate: float,
+) -> Any:  # fmt: skip
     """Do the work of `track`; `limits` are outlier [m], stroke [m] twice, largest change [m/s] and overdue [s]."""
     n, modes = len(stamps), len(bank.moves)
     outlier, low, high, largest_change, overdue = limits[0], limits[1], limits[2], limits[3], limits[4]

@@ -12,6 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.polynomial.legendre import legvander
 
 from ces_data.arrays import F
 
@@ -63,7 +64,10 @@ STARTS = {
         EdgeStart(MOVED, MOVED, moved=True), EdgeStart(SHUT, SHUT), EdgeStart(SHUT, SHUT), compression=100.0
     ),
     "magneto-rheological": KindStart(
-        EdgeStart(THICK, THICK, moved=True), EdgeStart(FOOT, EASY), EdgeStart(SHUT, SHUT), friction=PLUG,
+        EdgeStart(THICK, THICK, moved=True),
+        EdgeStart(FOOT, EASY),
+        EdgeStart(SHUT, SHUT),
+        friction=PLUG,
         creep_m_Ns=1e-5,
     ),
 }
@@ -119,17 +123,24 @@ class LawEdge:
 
 
 class NodeEdge:
-    """An edge fitted by the rises between its nodes: one parameter each, the logarithm of how much larger it is."""
+    """An edge fitted by the rises between its nodes: the logarithms of how much larger they are than in `base`.
 
-    def __init__(self, base: F) -> None:
+    These are free in each row, or polynomials over the rows of a `degree`, where few currents were recorded.
+    """
+
+    def __init__(self, base: F, degree: int | None = None) -> None:
         self.rows, self._base = len(base), np.maximum(base, LEAST_RISE)
-        self.start = np.zeros(base.size)
-        self.weight = np.full(base.size, NODE_WEIGHT)
+        few = degree is not None and self.rows > degree + 1
+        settings = np.linspace(-1.0, 1.0, self.rows)
+        self._shapes: F = np.asarray(legvander(settings, degree or 0), np.float64) if few else np.eye(self.rows)
+        self.start = np.zeros(self._shapes.shape[1] * base.shape[1])
+        self.weight = np.full(len(self.start), NODE_WEIGHT)
 
     def rises(self, values: F) -> F:
-        """Return the rises (rows, 26) between nodes for parameters (rows * 26,)."""
-        return np.asarray(self._base * np.exp(np.clip(values, -MOST_CHANGE, MOST_CHANGE)).reshape(self._base.shape))
+        """Return the rises (rows, 26) between nodes for parameters (shapes * 26,)."""
+        larger = self._shapes @ values.reshape(self._shapes.shape[1], -1)
+        return np.asarray(self._base * np.exp(np.clip(larger, -MOST_CHANGE, MOST_CHANGE)))
 
     def derivatives(self, values: F) -> F:
-        """Return the derivatives (rows * 26, rows * 26) of the rises."""
-        return np.diag(self.rises(values).ravel())
+        """Return the derivatives (rows * 26, shapes * 26) of the rises."""
+        return np.asarray(self.rises(values).reshape(-1, 1) * np.kron(self._shapes, np.eye(self._base.shape[1])))

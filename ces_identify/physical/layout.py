@@ -8,14 +8,14 @@ error of (J / 100)^2 for each recording.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 from scipy.linalg import block_diag
 
 from ces_data.arrays import F, I
-from ces_identify.physical.laws import NODES, STARTS, KindStart, LawEdge, NodeEdge
+from ces_identify.physical.laws import NODES, STARTS, STEP, KindStart, LawEdge, NodeEdge
 from ces_identify.trained.training import Training
 
 CURRENTS = 6  # nodes of the valve's characteristic
@@ -98,6 +98,27 @@ class Group:
         return np.asarray(values) / self.unit
 
 
+@dataclass(frozen=True)
+class Bump(Group):
+    """The opening of a bypass at `nodes` (m,) [m] about a stretch of the stroke: the law from which its fit starts.
+
+    Its parameters: logarithm of the opening within, middle [`unit` m], logarithms of half the length and of the edges.
+    """
+
+    nodes: F = field(default_factory=lambda: np.empty(0))
+
+    def values(self, theta: F) -> F:
+        """Return the openings (m,)."""
+        high, middle, half, edge = theta
+        beyond = (np.abs(self.nodes - (self.unit or 1.0) * middle) - np.exp(half)) / np.exp(edge)
+        return np.asarray(np.exp(np.clip(high - np.logaddexp(0.0, beyond), -LIMIT, LIMIT)))
+
+    def derivatives(self, theta: F) -> F:
+        """Return their derivatives (m, 4)."""
+        at = self.values(theta)
+        return np.column_stack([(self.values(theta + step) - at) / STEP for step in STEP * np.eye(len(theta))])
+
+
 def positive(name: str, centre: float | F, weight: float = 1.0) -> Group:
     """Return a group of positive numbers."""
     at = np.log(np.atleast_1d(np.asarray(centre, dtype=np.float64)))
@@ -130,6 +151,7 @@ def head_groups(scales: DataScales, kind: KindStart, held: bool) -> list[Group]:
         signed("rebound_growth", 10.0, 0.5),
         positive("mount", MOUNT_M_N),
         positive("creep", kind.creep_m_Ns),
+        signed("fade_1_W", 1.0 / (size * speed)),
         positive("reservoir", 0.07 * size),
         positive("air", 3.0),
     ]
@@ -141,7 +163,8 @@ def tail_groups(scales: DataScales, kind: KindStart, bypass: int) -> list[Group]
     least, moved, way = np.reshape(kind.friction, (-1, 3)).T
     opening = 0.1 * speed / np.sqrt(0.25 * size)  # a tenth of the fastest flow at a quarter of the force
     return [
-        positive("bypass", np.full(bypass, opening), 0.1),
+        positive("bypass", np.full(bypass, opening)),
+        positive("narrow_N", np.full(min(bypass, 1), 0.03 * size)),
         positive("friction", size * (least + moved) / way),
         positive("friction_yield", size * least),
         positive("friction_moved", size * moved),
@@ -193,14 +216,15 @@ class Layout:
         names = [g.name for g in self.groups for _ in g.centre]
         return names + [name for name, e in zip(EDGE_NAMES, self.edges, strict=True) for _ in e.start]
 
-    def _split(self, theta: F) -> tuple[list[F], list[F]]:
+    def split(self, theta: F) -> tuple[list[F], list[F]]:
+        """Return the parameters of each group, and of each edge."""
         ends = np.cumsum([len(g.centre) for g in self.groups] + [len(e.start) for e in self.edges])
         parts = np.split(theta, ends[:-1])
         return parts[: len(self.groups)], parts[len(self.groups) :]
 
     def values(self, theta: F) -> dict[str, F]:
         """Return the kernels' values by the names of groups and edges; those of an edge are nodes (rows, flows)."""
-        own, edges = self._split(theta)
+        own, edges = self.split(theta)
         found = {g.name: g.values(part) for g, part in zip(self.groups, own, strict=True)}
         for name, edge, part in zip(EDGE_NAMES, self.edges, edges, strict=True):
             found[name] = edge.rises(part) @ self.to_nodes.T
@@ -214,7 +238,7 @@ class Layout:
 
     def derivatives(self, theta: F) -> F:
         """Return the derivatives (k, theta) of the kernels' vector."""
-        own, edges = self._split(theta)
+        own, edges = self.split(theta)
         blocks = [g.derivatives(part) for g, part in zip(self.groups, own, strict=True)]
         for edge, part in zip(self.edges, edges, strict=True):
             blocks.append(np.kron(np.eye(edge.rows), self.to_nodes) @ edge.derivatives(part))
@@ -234,12 +258,16 @@ class Layout:
 EDGE_NAMES = ("piston", "base", "external")
 
 
-def first_layout(scales: DataScales, kind: str, rows: int, held: bool, bypass: int) -> Layout:
-    """Return the layout from which a fit starts: laws for the edges, one friction element, nodes of a bypass."""
+def first_layout(scales: DataScales, kind: str, rows: int, held: bool, bypassed: F) -> Layout:
+    """Return the layout from which a fit starts: laws for the edges, and for a bypass at nodes (m,) [m] if any."""
     start = STARTS[kind]
     edges = (start.piston, start.base, start.external)
     laws = tuple(LawEdge(edge, rows if edge.moved else 1) for edge in edges)
-    head, tail = head_groups(scales, start, held), tail_groups(scales, start, bypass)
+    head, tail = head_groups(scales, start, held), tail_groups(scales, start, len(bypassed))
+    if len(bypassed):
+        span, opening = float(np.ptp(bypassed)), tail[0].centre[0]
+        law = np.array([opening + 1.0, 0.0, np.log(0.25 * span), np.log(0.05 * span)])
+        tail[0] = Bump("bypass", law, np.full(4, 0.1 * WEIGHT), 0.25 * span, bypassed)
     return Layout(tuple(head), tuple(tail), laws, scales.speed_m_s * NODES, scales.force_N)
 
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
-from ces_identify.physical.hydraulic_kernels import NetworkArrays, run_network
+from ces_identify.physical.hydraulic_kernels import run_network
 from ces_identify.physical.laws import STARTS, NodeEdge
 from ces_identify.physical.layout import (
     BYPASS_M,
@@ -22,14 +22,16 @@ from ces_identify.physical.layout import (
     as_floats,
     first_layout,
     head_groups,
+    positive,
     read_scales,
     tail_groups,
 )
+from ces_identify.physical.network_step import NetworkArrays
 from ces_identify.physical.valve_kernels import RunData, Score
 from ces_identify.trained.training import Training
 from ces_observer.model import Model
-from ces_observer.structures.curves import FlowMap, IncreasingCurve
-from ces_observer.structures.hydraulic import Bypass, Hydraulic
+from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
+from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.physical import INPUTS, FrictionElement, SideForces, ValvePath, widen
 
 FITTED_RATE_HZ = 500.0  # rate of the ticks whose errors a fit counts: forces hold nothing faster
@@ -37,16 +39,22 @@ LAMINAR = 2e-3  # drop below which openings are laminar, relative to the largest
 UNLIMITED_N = 1e9
 MOST = 2.0  # pressures at which they are held, relative to the largest that the recordings need
 REACH = 2.0
+HELD_DEGREE = 2  # of a valve's change over its rows where the current was held at a few values
+LEAST_OPENING = 1e-6  # of a bypass, relative to its largest
 NO_FIT = np.empty((0, 0))
 PLACES = (
-    "lead_s", "viscous_Ns_m", "mass_kg", "gas_N", "ratio", "compression", "rebound", "mount", "creep", "reservoir", *EDGE_NAMES,
-    "bypass", "friction", "friction_yield", "friction_moved", "growth", "closing_s",
+    "lead_s", "viscous_Ns_m", "mass_kg", "gas_N", "ratio", "compression", "rebound", "mount", "creep", "fade_1_W",
+    "reservoir", *EDGE_NAMES, "bypass", "narrow_N", "friction", "friction_yield", "friction_moved", "growth",
+    "closing_s",
 )  # fmt: skip
 
 
 @dataclass(frozen=True)
 class HydraulicModels:
-    """All networks of one `kind` and `layout`, to be fitted to `training`; `bypassed` are the bypass' nodes [m]."""
+    """All networks of one `kind` and `layout`, to be fitted to `training`, whose current was `held` or not.
+
+    `bypassed` are the bypass' nodes [m].
+    """
 
     training: Training
     scales: DataScales
@@ -55,26 +63,30 @@ class HydraulicModels:
     bypassed: F
     laminar_N: float
     most_N: float = UNLIMITED_N
+    held: bool = False
 
     @classmethod
     def first(
         cls, training: Training, scales: DataScales, kind: str, rows: int, held: bool, bypass: bool = False
     ) -> HydraulicModels:
-        """Return the models from which the fit of a kind starts, with `rows` curves for the valve of the current.
-
-        A bypass starts a little open all over the recorded stroke.
-        """
+        """Return the models from which the fit of a kind starts, with `rows` curves for the valve of the current."""
         low, high = scales.positions_m[0], scales.positions_m[-1]
         nodes = np.linspace(low, high, max(2, round((high - low) / BYPASS_M) + 1) if bypass else 0)
-        layout = first_layout(scales, kind, rows, held, len(nodes))
-        return cls(training, scales, kind, layout, nodes, LAMINAR * scales.force_N)
+        layout = first_layout(scales, kind, rows, held, nodes)
+        return cls(training, scales, kind, layout, nodes, LAMINAR * scales.force_N, held=held)
 
     def free(self, theta: F) -> tuple[HydraulicModels, F]:
-        """Return the models whose edges' nodes are free, about those of `theta`, and their parameters."""
-        values, count = self.layout.values(theta), sum(len(g.centre) for g in self.layout.groups)
-        edges = tuple(NodeEdge(np.diff(values[name]) / self.layout.force_N) for name in EDGE_NAMES)
-        layout = replace(self.layout, edges=edges)
-        return replace(self, layout=layout), np.concatenate([theta[:count], *(e.start for e in edges)])
+        """Return the models whose edges' and bypass' nodes are free, about those of `theta`, and their parameters."""
+        values = self.layout.values(theta)
+        own = dict(zip((g.name for g in self.layout.groups), self.layout.split(theta)[0], strict=True))
+        tail = self.layout.tail
+        if len(self.bypassed):
+            freed = positive("bypass", np.maximum(values["bypass"], LEAST_OPENING * values["bypass"].max()))
+            tail, own["bypass"] = (freed, *tail[1:]), freed.centre
+        degree = HELD_DEGREE if self.held else None
+        edges = tuple(NodeEdge(np.diff(values[name]) / self.layout.force_N, degree) for name in EDGE_NAMES)
+        layout = replace(self.layout, tail=tail, edges=edges)
+        return replace(self, layout=layout), np.concatenate([*own.values(), *(e.start for e in edges)])
 
     @classmethod
     def reopen(cls, body: Hydraulic, interval_s: float, training: Training) -> tuple[HydraulicModels, F]:
@@ -168,11 +180,13 @@ class HydraulicModels:
             rebound_growth_1_m=number["rebound_growth"],
             mount_m_N=number["mount"],
             creep_m_Ns=number["creep"],
+            fade_1_W=number["fade_1_W"],
             reservoir_N=number["reservoir"],
             air=number["air"],
             most_N=self.most_N,
             **edges,
             bypass=Bypass(as_floats(self.bypassed), as_floats(values["bypass"])) if len(self.bypassed) else None,
+            bypass_laminar_N=number.get("narrow_N", self.laminar_N),
             laminar_N=self.laminar_N,
             **lags,
             friction_growth_1_N=number["growth"],
@@ -212,9 +226,11 @@ def _own_values(body: Hydraulic) -> dict[str, object]:
         "rebound_growth": body.rebound_growth_1_m,
         "mount": body.mount_m_N,
         "creep": body.creep_m_Ns,
+        "fade_1_W": body.fade_1_W,
         "reservoir": body.reservoir_N,
         "air": body.air,
         "bypass": body.bypass.values if body.bypass else (),
+        "narrow_N": body.bypass_laminar_N if body.bypass else (),
         "friction": [one.stiffness_N_m for one in side.friction],
         "friction_yield": [one.yield_N for one in side.friction],
         "friction_moved": [one.moved_N for one in side.friction],

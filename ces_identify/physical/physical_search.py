@@ -24,11 +24,11 @@ from ces_identify.physical.models import HydraulicModels
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end
 from ces_identify.trained.training import Training
 
-LAW_STEPS, NODE_STEPS, LAST_STEPS = 12, 12, 6  # of each of two descents on laws, on nodes, and the last to all ticks
+LAW_STEPS, NODE_STEPS, LAST_STEPS = 8, 8, 6  # of each of two descents on laws, on nodes, and the last to all ticks
 STIFF = 30.0  # in the first, all but the laws is pulled so much more strongly: far from the data it would run away
-SHORT_WORK = 0.5  # less than this is a short fit: each kind with half the steps, nothing more
+SHORT_WORK, SHORT_SHARE = 0.5, 0.75  # less than this is a short fit: each kind with this share of steps, no more
 STRENGTHS = (0.3, 0.03, 0.003, 0.001)  # of the pull towards usual values,
-HELD_STRENGTHS = STRENGTHS[:1]  # and where the current was held: blocks of the same strokes cannot tell how weak
+HELD_STRENGTHS = (0.3, 0.1, 0.03)  # and where the current was held
 WORTHWHILE = 0.995  # a weaker pull must lower the selection cost to this share for a still weaker one to be tried
 STROKE_NODES, STROKE_SHARE = 12, 0.05  # of the error's energy that follows the stroke: a bypass is tried
 MIN_GAIN = 1e-3  # mean relative fall of the error a step, over WINDOW steps, below which a descent has ended
@@ -79,12 +79,10 @@ class PhysicalSearch:
         return self._sorted()
 
     def refit(self, fit: PhysicalFit, share: F | float = 1.0) -> F:
-        """Return the parameters after a last fit to all ticks, weighted by `share` (ticks,), if it is not worse."""
+        """Return the parameters after a last fit to all ticks, weighted by `share` (ticks,)."""
         everything = (fit.models.training.estimation + fit.models.training.selection) * share
-        before = fit.models.cost(fit.theta, everything)
         steps = [theta for _, theta in self._descend(fit.models, everything, fit.theta, fit.strength, LAST_STEPS)]
-        theta = steps[-1] if steps else fit.theta
-        return theta if fit.models.cost(theta, everything) <= before else fit.theta
+        return steps[-1] if steps else fit.theta
 
     def _fit_kinds(self, starts: Sequence[HydraulicModels]) -> None:
         with ThreadPoolExecutor(max(1, self.limits.threads)) as pool:
@@ -97,7 +95,7 @@ class PhysicalSearch:
                 raise
 
     def _fit_kind(self, models: HydraulicModels, seed: int) -> None:
-        share = 0.5 if self.limits.work < SHORT_WORK else 1.0
+        share = SHORT_SHARE if self.limits.work < SHORT_WORK else 1.0
         estimation = models.training.estimation
         theta = models.layout.centre
         for stiff in (STIFF, 1.0):

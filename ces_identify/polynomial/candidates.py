@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_data.config_file import parse_yaml_mapping, read_yaml_mapping
-from ces_identify.polynomial.search_limits import BOTH, THESIS
+from ces_identify.polynomial.search_limits import GAUSS_NEWTON, THESIS
 from ces_observer.errors import CesError
 from ces_observer.fields import Field, require_known_keys
 from ces_observer.json_text import JsonObject
@@ -210,13 +210,13 @@ def merge_signs(choice: Sequence[Factor]) -> tuple[Factor, ...]:
     return tuple(merged)
 
 
-def built_in_rules(method: str = BOTH) -> str:
+def built_in_rules(method: str = GAUSS_NEWTON) -> str:
     """Return the text of the built-in rules for a search method, without the line that names their schema."""
     name = "thesis.yaml" if method == THESIS else "candidates.yaml"
     return (files(__package__) / name).read_text(encoding="utf-8").partition("\n")[2]
 
 
-def load_rules(path: Path | None, method: str = BOTH) -> CandidateRules:
+def load_rules(path: Path | None, method: str = GAUSS_NEWTON) -> CandidateRules:
     """Read candidate rules, by default the built-in ones of `method`; raises CesError naming file and key."""
     if path is not None:
         return parse_rules(read_yaml_mapping(path, EXPECTED), str(path))

@@ -1,4 +1,4 @@
-"""Constructed inputs in a search: the options that add them, their ranges in the data, and open time constants.
+"""Constructed inputs in a search: sub-models, ranges in the data, and open time constants.
 
 The force lags behind the current because of coil and pilot valve; a free run shows best by how much. A short search
 with a guess finds a model; refitting it with other time constants gives the best of these, which is the next guess.
@@ -7,24 +7,16 @@ with a guess finds a model; refitting it with other time constants gives the bes
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import cache, partial
 from math import inf
-from typing import Any
 
 import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics import search_clock
-from ces_identify.polynomial.candidates import (
-    AUTO,
-    FIRST_GUESS_S,
-    CandidateRules,
-    SignalRule,
-    constructions_from,
-    replace_auto,
-)
+from ces_identify.polynomial.candidates import FIRST_GUESS_S, CandidateRules, SignalRule, constructions_from
 from ces_identify.polynomial.compiled_terms import signal_values
 from ces_identify.polynomial.gauss_newton import GaussNewtonStart, fit_free_run
 from ces_identify.polynomial.problem import Problem, assemble_problem, coarsen
@@ -42,45 +34,9 @@ from ces_observer.structures.constructed_inputs import (
     TriangularMembership,
 )
 
-CURRENT, VALVE = "current", "valve"  # products with the current use the valve's if the rules have it
+CURRENT, VALVE = "current", "valve"  # a blend over the current is one over the valve's if the rules have only that
 MAX_BLENDED_INPUTS = 2  # inputs of a term besides its membership
 NO_LAG = SignalRule((0,))
-EXPECTED = "hysteresis:M,... or remanence:A,... or lag:S,... or frequency or frequency:S"
-
-
-FREQUENCY = "frequency"
-KINDS: Mapping[str, tuple[Mapping[str, Any], str, SignalRule, Sequence[tuple[str, ...]]]] = {
-    # kind of --construct: its definition, the key that its numbers set, its rule, and the products with it
-    "hysteresis": ({"kind": "stop", "of": "position"}, "half_width", SignalRule((0,), (1.0, 2.0), ("signed",)),
-                   ((), (CURRENT,), ("speed",), ("speed", CURRENT))),
-    "remanence": ({"kind": "play", "of": CURRENT}, "half_width",
-                  SignalRule((0, 8), (1.0, 2.0), ("magnitude",), in_ms=True), ((), ("speed",), ("position",))),
-    "lag": ({"kind": "lag", "of": CURRENT}, "time_constant_s", SignalRule((0,), (1.0, 2.0), ("magnitude",)),
-            ((), ("speed",), ("position",))),
-    FREQUENCY: ({"kind": FREQUENCY}, "time_constant_s", SignalRule((0,), (0.5, 1.0), ("magnitude",)),
-                (("speed",), ("speed", CURRENT))),
-}  # fmt: skip
-
-
-def add_constructed_inputs(rules: CandidateRules, spec: str) -> CandidateRules:
-    """Return `rules` with the constructed inputs of `spec` and their products; raises CesError.
-
-    `spec` is `hysteresis:W,...` (stops of the position, half widths in m), `remanence:W,...` (plays of the current,
-    half widths in A), `lag:T,...` (first-order lags of the current, time constants in s or `auto`), `frequency` or
-    `frequency:T` (window in s).
-    """
-    name, _, text = spec.partition(":")
-    if name not in KINDS or (name != FREQUENCY and not text):
-        raise CesError(f"'{spec}': expected {EXPECTED}")
-    definition, key, rule, multiplied = KINDS[name]
-    settings = [AUTO if name == "lag" and one == AUTO else _parse_number(one, spec) for one in text.split(",") if one]
-    raw = {f"{name}_{i}": {**definition, key: one} for i, one in enumerate(settings, start=1)}
-    if name == FREQUENCY:
-        raw = {name: next(iter(raw.values()), dict(definition))}
-    current = VALVE if VALVE in rules.signals else CURRENT
-    beside = [tuple(current if signal == CURRENT else signal for signal in p) for p in multiplied]
-    products = [(name, *p) for name in raw for p in beside if set(p) <= set(rules.signals)]
-    return _extend_rules(rules, raw, rule, products)
 
 
 def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
@@ -98,36 +54,21 @@ def add_blend(rules: CandidateRules, spec: str) -> CandidateRules:
     if of not in known:
         raise CesError(f"'{spec}': expected SIGNAL:A,B,... with a signal among {', '.join(known)}")
     name = f"by_{of}"
-    raw = {name: {"kind": "hats", "of": of, "at": [_parse_number(one, spec) for one in text.split(",") if one]}}
+    if name in rules.constructed:
+        raise CesError(f"constructed input '{name}': is defined already; give --blend once for a signal")
+    try:
+        peaks = [float(one) for one in text.split(",") if one]
+    except ValueError:
+        raise CesError(f"'{spec}': expected numbers after the colon, with commas between") from None
     blended = [p for p in rules.products if len(set(p) - {"force"}) <= MAX_BLENDED_INPUTS]
     beside = rules.beside_force.get(of, rules.signals.get(of, NO_LAG))  # the lag beside past forces keeps proofs short
     rule = SignalRule(beside.lags[-1:], (1.0,), ("magnitude",), beside.in_ms)
-    return _extend_rules(rules, raw, rule, [(name, *p) for p in blended])
-
-
-def _parse_number(text: str, spec: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        raise CesError(f"'{spec}': expected numbers after the colon, with commas between") from None
-
-
-def _extend_rules(
-    rules: CandidateRules, raw: Mapping[str, object], rule: SignalRule, products: Sequence[tuple[str, ...]]
-) -> CandidateRules:
-    """Return `rules` with the definitions `raw`, all with `rule`, and `products`."""
-    repeated = sorted(set(raw) & {*rules.signals, *rules.constructed})
-    if repeated:
-        raise CesError(
-            f"constructed input '{repeated[0]}': is defined already; give each of --construct and --blend once"
-        )
-    block, open_lags = replace_auto(raw)
+    raw = {name: {"kind": "hats", "of": of, "at": peaks}}
     return replace(
         rules,
-        signals={**rules.signals, **dict.fromkeys(raw, rule)},
-        products=(*rules.products, *products),
-        constructed=constructions_from(block, "constructed", rules.constructed),
-        open_lags=(*rules.open_lags, *open_lags),
+        signals={**rules.signals, name: rule},
+        products=(*rules.products, *((name, *p) for p in blended)),
+        constructed=constructions_from(raw, "constructed", rules.constructed),
     )
 
 

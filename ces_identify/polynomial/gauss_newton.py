@@ -18,6 +18,7 @@ import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.numerics import kernels
+from ces_identify.numerics.levenberg import damped_step
 from ces_identify.polynomial.problem import Problem
 from ces_identify.polynomial.search_limits import SearchResult, SearchStart
 from ces_identify.polynomial.sensitivity_kernels import candidate_products, normal_equations, output_gains
@@ -61,7 +62,7 @@ def fit_free_run(problem: Problem, chosen: I, coefficients: F, weights: F, itera
     for _ in range(iterations):
         curvature, slope = hinge.derive(coefficients)
         for _ in range(TRIES):
-            step = _damped_step(matrix + curvature, gradient - slope, damping)
+            step = damped_step(matrix + curvature, gradient - slope, damping)
             e, h, g = equations(coefficients + step)
             trial = e + hinge.value(coefficients + step)
             if trial < value:
@@ -106,13 +107,6 @@ class _Hinge:
             return np.zeros(1)
         gain = sum(np.abs(coefficients @ group) for group in self.groups)
         return np.maximum(gain - self.limit, 0.0)
-
-
-def _damped_step(matrix: F, gradient: F, damping: float) -> F:
-    """Return the Levenberg-Marquardt step, scaled by the diagonal."""
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(matrix), 1e-300))
-    scaled = matrix * scale[:, None] * scale + damping * np.eye(len(matrix))
-    return np.asarray(scale * np.linalg.solve(scaled, scale * gradient))
 
 
 ITERATIONS = 20  # of the last fit, to all ticks

@@ -1,6 +1,6 @@
 """A selection problem: candidates and prepared series as the arrays on which the search works.
 
-Alternating blocks of ticks serve estimation (least squares on measured past forces) and selection (cost of the free
+Alternating blocks of ticks serve estimation (fit) and selection (cost of the free
 run), so that both cover every regime, such as a whole sweep, and share no tick. Every recording has the same weight.
 """
 
@@ -34,10 +34,10 @@ EXTENSION = 0.5  # of the measured force's span, on both sides; the force envelo
 
 @dataclass(frozen=True)
 class Problem:
-    """Candidates with their Gram matrix on the estimation ticks, and the data for free runs on the selection ticks.
+    """Candidates, and the data for fits on the estimation ticks and for free runs on the selection ticks.
 
-    `gram` (n + 1, n + 1) holds the measured force as its last row and column. `selection` and `everything` (ticks,) are
-    the weights of the selection ticks and of all scored ticks in the free-run cost. `probes` (n, points) are the
+    `selection` and `everything` (ticks,) are the weights of the selection ticks and of all scored ticks in the free-run
+    cost, `one_step` those of a least-squares fit with measured past forces. `probes` (n, points) are the
     inputs' factors over the envelope; the search skips models with a gain of `max_gain` or more there. For the other
     arrays see `kernels.ScoredRun`. `initial` are the indices of the terms from which the thesis' procedure starts.
     """
@@ -52,7 +52,7 @@ class Problem:
     recordings: I
     selection: F
     everything: F
-    gram: F
+    one_step: F
     probes: F
     max_gain: float
     initial: I = field(default_factory=lambda: np.empty(0, np.int64))
@@ -68,6 +68,22 @@ class Problem:
         """Weights (ticks,) of the estimation ticks in the free-run error, 0 elsewhere."""
         return np.where(self.selection > 0.0, 0.0, self.everything)
 
+    @cached_property
+    def gram(self) -> F:
+        """Inner products (terms + 1, terms + 1) of the regressors and, last, the force, weighted by `one_step`."""
+        n, weights = len(self.candidates), self.one_step
+        gram = np.zeros((n + 1, n + 1))
+        for s, k0, k1 in pieces(self.segments):
+            if weights[k0:k1].any():
+                rows = np.empty((n + 1, k1 - k0))
+                rows[:n] = kernels.regressor_columns(
+                    self.powers, self.measured, self.segments, self.compiled.arrays, k0, k1, s
+                )
+                rows[n] = self.measured[k0:k1]
+                rows *= np.sqrt(weights[k0:k1])
+                gram += rows @ rows.T
+        return gram
+
     def gain(self, chosen: I, coefficients: F) -> float:
         """Return the largest gain of past forces at the probed inputs of the terms at the indices `chosen`."""
         return float(kernels.probed_gain(self.probes[chosen], self.compiled.arrays.outputs[chosen], coefficients))
@@ -79,7 +95,7 @@ class Problem:
 
 
 def coarsen(problem: Problem, step: int) -> Problem:
-    """Return the problem on every `step`-th tick, lags rounded; past forces keep their lags, Gram matrix its ticks."""
+    """Return the problem on every `step`-th tick, lags rounded; past forces keep their lags."""
     parts = [np.arange(start, stop, step) for start, stop in problem.segments]
     ends = np.cumsum([len(part) for part in parts])
     ticks, arrays = np.concatenate(parts), problem.compiled.arrays
@@ -91,6 +107,7 @@ def coarsen(problem: Problem, step: int) -> Problem:
         measured=problem.measured[ticks],
         segments=np.stack([ends - [len(part) for part in parts], ends], axis=1),
         selection=step * problem.selection[ticks],
+        one_step=problem.one_step[ticks],
         everything=step * problem.everything[ticks],
     )
 
@@ -117,12 +134,11 @@ def assemble_problem(
     weighting = weighting.with_common_stroke(series)
     everything = np.concatenate([_weights(s, s.scored, weighting) for s in series])
     selection = np.concatenate([_weights(s, s.scored & ~estimation_ticks(s), weighting) for s in series])
-    estimation = _fit_weights(series, compiled, weighting)
-    if np.count_nonzero(estimation) < MIN_TICKS:
+    one_step = _fit_weights(series, compiled, weighting)
+    if np.count_nonzero(one_step) < MIN_TICKS:
         raise RecordingError(
-            f"{np.count_nonzero(estimation)} estimation ticks; expected at least {MIN_TICKS}: record longer"
+            f"{np.count_nonzero(one_step)} estimation ticks; expected at least {MIN_TICKS}: record longer"
         )
-    gram = gram_matrix(compiled, powers, measured, segments, estimation)
     known = measured[everything > 0]
     margin = EXTENSION * float(np.ptp(known))
     return Problem(
@@ -136,7 +152,7 @@ def assemble_problem(
         recordings=recordings,
         selection=selection,
         everything=everything,
-        gram=gram,
+        one_step=one_step,
         probes=probe(compiled, envelope),
         max_gain=MAX_GAIN if stable else np.inf,
     )
@@ -187,20 +203,6 @@ def _from_zero(unit: F, one: Range) -> F:
         return low + (high - low) * unit
     side = 2.0 * unit - 1.0
     return np.asarray(np.where(side < 0.0, -low, high) * side * np.abs(side))
-
-
-def gram_matrix(compiled: CompiledTerms, powers: F, measured: F, segments: I, weights: F) -> F:
-    """Return the weighted inner products (terms + 1, terms + 1) of the regressors and, last, the measured force."""
-    n = len(compiled.arrays.outputs)
-    gram = np.zeros((n + 1, n + 1))
-    for s, k0, k1 in pieces(segments):
-        if weights[k0:k1].any():
-            rows = np.empty((n + 1, k1 - k0))
-            rows[:n] = kernels.regressor_columns(powers, measured, segments, compiled.arrays, k0, k1, s)
-            rows[n] = measured[k0:k1]
-            rows *= np.sqrt(weights[k0:k1])
-            gram += rows @ rows.T
-    return gram
 
 
 def pieces(segments: I) -> Iterator[tuple[int, int, int]]:

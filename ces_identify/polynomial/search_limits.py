@@ -18,14 +18,14 @@ from ces_identify.numerics import search_clock
 from ces_identify.polynomial.problem import Problem
 from ces_observer.structures.terms import MAX_TERMS
 
-RANDOM, GAUSS_NEWTON, BOTH, THESIS = "random", "gauss-newton", "both", "thesis"
+GAUSS_NEWTON, THESIS = "gauss-newton", "thesis"
 DEFAULT_TERMS = 25
 INTERRUPTED = "interrupted"  # by Ctrl-C: why a start ended
 TIME_IS_UP = "ended by --time: another machine may answer differently"
 WORK_IS_DONE = "its share of the work is done"
 POLL_S = 0.1  # between two checks for Ctrl-C
 LONG_TICKS, MIN_STARTS = 100_000, 2
-METHODS = (BOTH, RANDOM, GAUSS_NEWTON, THESIS)
+METHODS = (GAUSS_NEWTON, THESIS)
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,8 @@ class Limits:
     The size of a search is counted in `work`, relative to the default, so that the same seed gives the same model on
     any machine and with any number of threads; `time` is a hard end, by default none.
 
-    `method` chooses terms by random forward selection in `rounds`, by Gauss-Newton gain, or by both: every other start
-    then continues with the latter from the result of the former. `thesis` is the thesis' own procedure
-    (ces_identify.polynomial.selection). Without `exchanges`, a full model keeps its weak terms; without
-    `terms`, `term_limit` says how many there may be.
+    `method` chooses terms by Gauss-Newton gain, or as the thesis does (ces_identify.polynomial.selection). Without
+    `exchanges`, a full model keeps its weak terms; without `terms`, `term_limit` says how many there may be.
     """
 
     terms: int | None = None
@@ -47,8 +45,7 @@ class Limits:
     starts: int = 8
     seed: int = 1
     threads: int = 4
-    rounds: int = 2
-    method: str = BOTH
+    method: str = GAUSS_NEWTON
     exchanges: bool = True
     work: float = 1.0
 
@@ -132,28 +129,21 @@ def _stop_on_interrupt(stop: threading.Event) -> Iterator[None]:
 
 
 class SearchStart(ABC):
-    """A start from nothing or from the model `begin`; `listener` receives each better model."""
+    """A start; `listener` receives each better model."""
 
     work: float  # ticks times trials, at most
 
     def __init__(
-        self,
-        problem: Problem,
-        limits: Limits,
-        seed: int,
-        deadline: float,
-        stop: threading.Event,
-        listener: Listener,
-        begin: SearchResult | None = None,
+        self, problem: Problem, limits: Limits, seed: int, deadline: float, stop: threading.Event, listener: Listener
     ) -> None:
         self.problem, self.limits, self.seed = problem, limits, seed
         self.deadline, self.stop, self.listener = deadline, stop, listener
         self.random = np.random.default_rng(seed)
         self.trials = 0
-        self.current = begin or self._first_model()
+        self.current = self._first_model()
         self.trials = self.current.trials
         self.budget = max(1.0, limits.work * self.work / len(problem.measured)) + self.trials
-        self._met = {len(model.chosen): model for model in (self.current, *self.current.met)}
+        self._met = {len(self.current.chosen): self.current}
 
     def run(self) -> SearchResult:
         """Search until no candidate helps or a limit is reached or Ctrl-C; return the best model."""

@@ -1,7 +1,7 @@
 """The figures of a model's evaluations: force over speed and time, correlations of the residual, maps, a quick plot.
 
 Force over time shows first a window where the damper works and the error is typical. The maps show time and error over
-speed and current, or over speed alone where the current is constant.
+speed and current.
 """
 
 from __future__ import annotations
@@ -14,22 +14,11 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, Mask
-from ces_identify.validation.evaluate import VALIDATION, Evaluation
+from ces_identify.validation.evaluate import VALIDATION, Evaluation, find_working_windows
 from ces_identify.validation.residuals import Correlation, ResidualTests
 from ces_observer.model import Envelope, Model
 from ces_report.drawing import Panel, axes, cells, legend, note, panel, ramp, svg
-from ces_report.plot import (
-    Plot,
-    PlotArea,
-    PlotBand,
-    PlotBars,
-    PlotDots,
-    PlotLine,
-    PlotMark,
-    PlotShade,
-    draw_plot,
-    value_table,
-)
+from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, PlotMark, PlotShade, draw_plot, value_table
 from ces_report.typesetting import minus
 
 if TYPE_CHECKING:
@@ -38,8 +27,6 @@ if TYPE_CHECKING:
 
 LENGTH_S = 1.5
 BEFORE_EXIT = 0.8  # share of the window
-WORKING = 0.5  # of the work done where the damper works most: windows with less are not shown
-MOST = 0.9  # quantile of the work over all windows that counts as most
 MAX_ROWS = 6
 CLOUD = 4000  # points of a speed-force plot
 MEASURED, SIMULATED = "#3b6ea5", "#d9722e"
@@ -51,10 +38,9 @@ HEADROOM = 1.15  # of the scale over the largest correlation or band
 HEADS = ("Correlation", "Largest", "at a lag of [ms]", "99 % band", "Significant over all lags")
 SPEEDS, CURRENTS = 30, 14  # cells
 MIN_TICKS = 10  # of a cell with an error
-SAME_CURRENT = 0.01  # of the largest current: a narrower range counts as constant
+MIN_SPAN = 0.05  # [m/s, A] of a map
 SIZE = (550, 400)
 BOX = (58.0, 34.0, 476.0, 276.0)
-FLAT_HEIGHT = 312.0
 SPEED = "Speed [m/s], positive in compression"
 RAMP = (BOX[0], SIZE[1] - 38.0)
 TABLE_CELLS = 12
@@ -73,9 +59,8 @@ class Window:
 def choose_window(evaluation: Evaluation) -> Window:
     """Return the window of LENGTH_S in which the damper works and whose local J is nearest the median of such windows.
 
-    The local J is 100 times the RMS error in the window over the standard deviation of the whole scored force. The
-    damper works where the product of RMS speed and RMS variation of the force is large. Only windows with the most
-    scored ticks count. A run whose force leaves its envelope shows where.
+    The local J is 100 times the RMS error in the window over the standard deviation of the whole scored force. A run
+    whose force leaves its envelope shows where.
     """
     series, run = evaluation.series, evaluation.run
     length = max(2, round(LENGTH_S * series.rate_Hz))
@@ -84,27 +69,13 @@ def choose_window(evaluation: Evaluation) -> Window:
     if len(exits := np.flatnonzero(run.held | ~np.isfinite(run.force))):
         start = int(np.clip(exits[0] - BEFORE_EXIT * length, 0, len(series) - length))
         return Window(start, start + length, f"where the force left its envelope, at {series.time_s[exits[0]]:.2f} s")
-    scored = series.scored
-    force = np.where(scored, series.force, 0.0)
-    square = np.where(scored, (force - run.force) ** 2, 0.0)
-    count = _sliding(scored.astype(float), length)
-    full = np.flatnonzero(count == count.max())
-    variation = np.where(scored, force - series.force[scored].mean(), 0.0)
-    speed_squares = _sliding(np.where(scored, series.speed, 0.0) ** 2, length)
-    work = np.sqrt(speed_squares * _sliding(variation**2, length))[full]
-    best = full[work >= WORKING * np.quantile(work, MOST)]
-    rms = np.sqrt(_sliding(square, length)[best] / max(count.max(), 1.0))
-    local = 100.0 * rms / series.force[scored].std()
+    squares = (series.force - run.force) ** 2
+    starts, means = find_working_windows(length, series.scored, series.force, series.speed, squares)
+    local = 100.0 * np.sqrt(means) / series.force[series.scored].std()
     typical = int(np.argmin(np.abs(local - np.median(local))))
-    start = int(best[typical])
+    start = int(starts[typical])
     why = f"typical: local J {local[typical]:.1f} %, median {np.median(local):.1f} %, worst {local.max():.1f} %"
     return Window(start, start + length, why)
-
-
-def _sliding(values: F, length: int) -> F:
-    """Return the sum of each window of `length` values."""
-    total = np.concatenate([[0.0], np.cumsum(values)])
-    return np.asarray(np.maximum(total[length:] - total[:-length], 0.0))
 
 
 def draw_costs(evaluations: Sequence[Evaluation]) -> Figure:
@@ -269,15 +240,10 @@ def _area(correlation: Correlation, scale: float) -> PlotArea:
 
 @dataclass(frozen=True)
 class SpeedCurrentGrid:
-    """Edges of the cells in speed [m/s] and current [A], as (SPEEDS + 1,) and (CURRENTS + 1,); (2,) if constant."""
+    """Edges of the cells in speed [m/s] and current [A], as (SPEEDS + 1,) and (CURRENTS + 1,)."""
 
     speed: F
     current: F
-
-    @property
-    def one_current(self) -> bool:
-        """Whether the current is constant, so that the maps show speed only."""
-        return len(self.current) == 2
 
     def share(self, evaluations: Sequence[Evaluation]) -> F:
         """Return the share of the scored time [%] spent in each cell, shape (speeds, currents)."""
@@ -305,16 +271,14 @@ def make_grid(evaluations: Sequence[Evaluation], envelope: Envelope) -> SpeedCur
     """Return a grid over the model's envelope and all speeds and currents of the scored ticks."""
     speed = np.concatenate([e.series.speed[e.series.scored] for e in evaluations])
     current = np.concatenate([e.series.current[e.series.scored] for e in evaluations])
-    speed, low, high = np.append(speed, envelope.speed_m_s), float(current.min()), float(current.max())
-    if high - low <= SAME_CURRENT * max(abs(low), abs(high), 1e-9):
-        currents = np.array([low - 1e-6, high + 1e-6])
-    else:
-        currents = _edges(min(low, envelope.current_A[0]), max(high, envelope.current_A[1]), CURRENTS)
-    return SpeedCurrentGrid(_edges(speed.min(), speed.max(), SPEEDS), currents)
+    speeds, currents = np.append(speed, envelope.speed_m_s), np.append(current, envelope.current_A)
+    return SpeedCurrentGrid(_edges(speeds, SPEEDS), _edges(currents, CURRENTS))
 
 
-def _edges(low: float, high: float, cells: int) -> F:
-    return np.linspace(low, max(high, low + 1e-9), cells + 1)
+def _edges(values: F, cells: int) -> F:
+    """Return the edges of cells over all `values`, the outer ones at least MIN_SPAN apart."""
+    low = float(values.min())
+    return np.linspace(low, max(float(values.max()), low + MIN_SPAN), cells + 1)
 
 
 def coverage_map(
@@ -323,11 +287,6 @@ def coverage_map(
     """Return the share of time [%] of `filled` in each cell, with the outline of the cells of `outlined`."""
     share, beside = grid.share(filled), grid.share(outlined)
     title = "Share of time over speed and current"
-    if grid.one_current:
-        text, label = "The current is constant.", "Share of time [%]"
-        marks = [PlotBars("identification" if outlined else "", grid.speed, share[:, 0], "cover")]
-        marks += [PlotBars("validation", grid.speed, beside[:, 0], "outline")] if outlined else []
-        return _histogram(ident, "Share of time over speed", text, label, marks, _table(grid, share, text, label))
     p = panel((grid.speed[0], grid.speed[-1]), (grid.current[0], grid.current[-1]), BOX)
     shade = np.sqrt(share / share.max())
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, share, shade, "cover", " % of the time")]
@@ -351,10 +310,6 @@ def error_map(
     """Return the RMS error [N] of `evaluations` in each cell, with the outline of the cells of `identified`."""
     rms = grid.rms(evaluations)
     worst = float(np.nanmax(rms, initial=0.0)) or 1.0
-    if grid.one_current:
-        text, label = f"Largest: {worst:.3g} N.", "RMS error [N]"
-        marks = [PlotBars("", grid.speed, rms[:, 0], "wrong")]
-        return _histogram(ident, "RMS error over speed", text, label, marks, _table(grid, rms, text, label))
     p = panel((grid.speed[0], grid.speed[-1]), (grid.current[0], grid.current[-1]), BOX)
     parts = [axes(p, SPEED, "Current [A]", 7, 6), _cells(p, grid, rms, rms / worst, "wrong", " N RMS error")]
     if identified:
@@ -399,10 +354,3 @@ def _outline(p: Panel, grid: SpeedCurrentGrid, inside: Mask) -> str:
     d = [f"M{x[a]:.1f},{y[b]:.1f}V{y[b + 1]:.1f}" for a, b in upright]
     d += [f"M{x[a]:.1f},{y[b]:.1f}H{x[a + 1]:.1f}" for a, b in level]
     return f'<path class="outline" d="{"".join(d)}"/>' if d else ""
-
-
-def _histogram(ident: str, title: str, text: str, y_label: str, marks: Sequence[PlotBars], table: Markup) -> Markup:
-    """Return bars over speed."""
-    top = max(float(np.nanmax(bars.values, initial=0.0)) for bars in marks) or 1.0
-    area = PlotArea(y_label, marks, FLAT_HEIGHT, (0.0, 1.05 * top), y_ticks=6)
-    return draw_plot(Plot(ident, title, text, SPEED, [area], float(SIZE[0]), x_ticks=7), table=table)

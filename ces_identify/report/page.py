@@ -39,7 +39,7 @@ from ces_identify.validation.evaluate import (
     pool_evaluations,
 )
 from ces_identify.validation.lacks import UNDETERMINED, head_lines
-from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
+from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.json_text import write_atomically
 from ces_observer.model import Model
 from ces_report.charts import SIZES, draw_chart
@@ -53,7 +53,6 @@ USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 MARKS = "marks"  # key of the hashes in the provenance by which copies and parts of recordings are recognised
 SHOWN_ABOVE = (ERRORS, UNDETERMINED, "structure", "structures", LEFT_OUT, DIFFERENCE, TIE)  # of the selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
-WORST_CELLS = 6  # rows in the table of errors
 NEGATIVE = re.compile(r"(?<=\s)-(?=\d)")
 NO_CERTIFICATE = (
     "None: this model comes without a proof of stability. The observer tries one itself; if that fails, it refuses the "
@@ -132,7 +131,6 @@ def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int
             for n, (chart, size) in enumerate(zip(table.charts, SIZES, strict=False))
         ],
         "maps": _draw_maps(mine, model, suffix),
-        "cells": error_cells(shown)[:WORST_CELLS],
         "coverage": coverage_regions(shown),
     }
 
@@ -273,7 +271,6 @@ def _draw_maps(evaluations: Sequence[Evaluation], model: Model, suffix: str) -> 
     held_out, fitted = ([e for e in evaluations if e.role == role] for role in ROLES)
     grid = make_grid(evaluations, model.envelope)
     return {
-        "one_current": grid.one_current,
         "fitted": bool(fitted),
         "held_out": bool(held_out),
         "coverage": coverage_map(f"coverage{suffix}", grid, fitted or held_out, held_out if fitted else [], model),

@@ -17,7 +17,6 @@ from ces_identify.numerics.speed_kernels import STATUS_OK, STATUS_RESTART
 from ces_identify.prepare.series import FreeRun, Series, prepare, select_samples, track_samples
 from ces_identify.structures import run_batch
 from ces_observer.band import STATE, Band
-from ces_observer.errors import ModelError
 from ces_observer.model import Model
 from ces_observer.structures.structure import Range
 
@@ -60,14 +59,6 @@ class SampleRun:
 def sample_force(model: Model, recording: Recording) -> F:
     """Return the force [N] at every position sample (n,), as the estimator returns it, NaN where it withholds it."""
     return sample_run(model, recording).force
-
-
-def sample_bounds(at: SampleRun) -> tuple[F, F]:
-    """Return both bounds [N] of the band at the position samples (n,), NaN without a force. Raises ModelError."""
-    if at.model.band is None:
-        raise ModelError("the model has no band; identify it again without --no-band")
-    widths = np.append(band_half_width(at.model.band, at.series, at.run.force), np.nan)[at.newest]
-    return at.force - widths, at.force + widths
 
 
 def sample_run(model: Model, recording: Recording) -> SampleRun:

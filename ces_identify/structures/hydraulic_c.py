@@ -7,7 +7,7 @@ from itertools import chain
 from ces_identify.structures.kit import ConstantTable, number
 from ces_identify.structures.physical import curve_tables, physical_facts
 from ces_observer.model import Model
-from ces_observer.structures.curves import FlowMap
+from ces_observer.structures.curves import Bypass, FlowMap
 from ces_observer.structures.hydraulic import (
     CLOSE,
     EDGES,
@@ -17,7 +17,8 @@ from ces_observer.structures.hydraulic import (
     ROUNDING,
     STILL_N,
     TURN,
-    Bypass,
+    WARMEST,
+    WARMING_S,
     Hydraulic,
     oil_pieces,
 )
@@ -46,6 +47,11 @@ def tick_facts(body: Hydraulic, model: Model) -> dict[str, object]:
         "edge_tables": list(chain(*tables)),
         **_oil_facts(body),
         **_bypass_facts(body.bypass),
+        "bypass_laminar_N": body.bypass_laminar_N,
+        "fade": body.fade_1_W,
+        "warming": 1.0 / (1.0 + rate * WARMING_S),
+        "warmest": WARMEST,
+        "spring_m_N": body.mount_m_N,
         "ratio": 1.0 + body.area_ratio,
         "compression": _stored(rate * body.compression_m_N, body.compression_growth_1_m),
         "rebound": _stored(rate * body.rebound_m_N, body.rebound_growth_1_m),
@@ -86,5 +92,5 @@ def _oil_facts(body: Hydraulic) -> dict[str, object]:
 def _bypass_facts(bypass: Bypass | None) -> dict[str, object]:
     if bypass is None:
         return {"bypass_tables": []}
-    tables = curve_tables("BYPASS_POSITIONS", "BYPASS", bypass.position_m, bypass.values)
+    tables = curve_tables("BYPASS_POSITIONS", "BYPASS", bypass.position_m, bypass.logarithms)
     return {"bypass_tables": tables, "bypass_pieces": len(bypass.values) - 1}

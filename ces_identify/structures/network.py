@@ -15,15 +15,7 @@ from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
 from ces_identify.structures.lagged import LaggedShape, lagged_facts
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
 from ces_identify.trained.network_kernels import NetworkArrays
-from ces_identify.trained.training import (
-    LAG_SETS,
-    Family,
-    LagCounts,
-    Lags,
-    Training,
-    build_regressors,
-    regressor_table,
-)
+from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_regressors, regressor_table
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.network import STEEPEST, Network, SigmoidUnit

@@ -22,7 +22,7 @@ from ces_observer.structures.physical import PLAYS, PhysicalStructure, widen
 from ces_report.typesetting import Chart, ChartCurve, ModelTable, TableColumn, four_figures, minus
 
 IN_95_PERCENT = 1.96  # standard errors of a normal distribution
-SIGNED = ("Lead", "Gas", "Stiffness of the gas")  # quantities that may be negative
+SIGNED = ("Lead", "Gas", "Stiffness of the gas", "Flow gained")  # quantities that may be negative
 ABOUT = (
     "Intervals hold for the noise of these recordings and the penalty, if the damper has this structure. A dash stands "
     "for a value at the end of its range, or for too few data."

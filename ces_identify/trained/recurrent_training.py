@@ -344,12 +344,7 @@ def count_steps(limits: Limits) -> int:
 
 
 def train_member(
-    family: RecurrentFamily,
-    limits: Limits,
-    listener: Listener,
-    seed: int,
-    deadline: float,
-    stop: threading.Event,
+    family: RecurrentFamily, limits: Limits, listener: Listener, seed: int, deadline: float, stop: threading.Event
 ) -> SearchResult:
     """Return the parameters with the lowest cost on the selection ticks that a seeded fit met."""
     random, training, steps = np.random.default_rng(seed), family.training, count_steps(limits)

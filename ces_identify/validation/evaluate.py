@@ -18,7 +18,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ces_data.arrays import F, Mask
+from ces_data.arrays import F, I, Mask
 from ces_identify.numerics.correlation import MIN_BINS, add_errors, estimate_sum_error, sum_bins
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
 from ces_identify.prepare.sampling import late
@@ -328,3 +328,25 @@ def describe_held(name: str, force_envelope_N: Range, time_s: F, held: Mask) -> 
     share = f"{100.0 * held.mean():.3g} % of the time, first at {time_s[held.argmax()]:.2f} s"
     doubt = ": the model does not fit this recording" if held.mean() > MIN_SHARE else ""
     return f"{name}: the force was held at its envelope ({ends}) for {share}{doubt}"
+
+
+WORKING = 0.5  # of the work done where the damper works most: a window with less is not working
+MOST = 0.9  # quantile of the work over all windows that counts as most
+
+
+def find_working_windows(length: int, scored: Mask, force: F, speed: F, squares: F) -> tuple[I, F]:
+    """Return the starts of the windows of `length` ticks in which the damper works, and the mean of `squares` in each.
+
+    The damper works where the product of RMS speed and RMS variation of the force is large. Only windows with the most
+    scored ticks count.
+    """
+
+    def sliding_sum(values: F | float) -> F:
+        total = np.concatenate([[0.0], np.cumsum(np.nan_to_num(np.where(scored, values, 0.0)))])
+        return np.asarray(np.maximum(total[length:] - total[:-length], 0.0))
+
+    count = sliding_sum(1.0)
+    full = np.flatnonzero(count == count.max())
+    work = np.sqrt(sliding_sum(speed**2) * sliding_sum((force - force[scored].mean()) ** 2))[full]
+    starts = full[work >= WORKING * np.quantile(work, MOST)]
+    return starts, sliding_sum(squares)[starts] / max(count.max(), 1.0)

@@ -15,14 +15,12 @@ periodic part of the residual correlates with every input: a model could explain
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import product
 
 import numpy as np
 from scipy.stats import chi2, norm
 
-from ces_data.arrays import F, I, Mask
+from ces_data.arrays import F, I
 from ces_identify.numerics.correlation import (
     INSIGNIFICANT_IN_A_ROW,
     autocorrelation,
@@ -40,9 +38,6 @@ LAG_S = 0.1  # [s] longest lag: longer than the memory of dampers and valves
 MIN_TICKS = 200
 INPUTS = ("speed", "position", "current")
 CONSTANT_SPREAD = 1e-2  # standard deviation over maximum below which an input counts as constant
-SPEEDS, CURRENTS = 6, 3  # cells of the coarse table
-QUANTILE = 0.995  # of |speed| at the limit of the outermost cells, which also hold faster ticks
-SAME_CURRENT = 0.01  # of the largest current: a narrower range counts as constant
 
 
 @dataclass(frozen=True)
@@ -182,76 +177,3 @@ def verdicts(tests: ResidualTests) -> tuple[str, str]:
         f"{len(significant)} of {len(tests.inputs)} correlations with inputs are significant, the largest "
         f"{100.0 * top.share:.2g} % of {top.second}, with {top.first} {1e3 * top.lags_s[top.worst]:.0f} ms before"
     )
-
-
-@dataclass(frozen=True)
-class ErrorShare:
-    """A region's share of the squared error and of the ticks, its RMS error [N], and its part of J [%].
-
-    The squares of the parts of J of all regions of an `axis` sum to J^2.
-    """
-
-    axis: str
-    region: str
-    energy: float
-    ticks: float
-    rms_N: float
-    cost: float
-
-
-@dataclass(frozen=True)
-class _Scored:
-    """Ticks of all evaluations, concatenated; `spread` is the sum of (y - mean y)^2."""
-
-    speed: F
-    current: F
-    error: F
-    spread: float
-
-
-def error_cells(evaluations: Sequence[Evaluation]) -> list[ErrorShare]:
-    """Return the visited cells of speed and current, or of speed if the current is constant; largest error first."""
-    ticks = _collect_scored_ticks(evaluations)
-    top = float(np.quantile(np.abs(ticks.speed), QUANTILE)) if len(ticks.speed) else 0.0
-    speeds = np.linspace(-top, top, SPEEDS + 1)
-    low_A, high_A = (float(ticks.current.min()), float(ticks.current.max())) if len(ticks.current) else (0.0, 0.0)
-    constant = high_A - low_A <= SAME_CURRENT * max(abs(low_A), abs(high_A), 1e-9)
-    currents = np.linspace(low_A, high_A, 2 if constant else CURRENTS + 1)
-    v, c = _cell(ticks.speed, speeds), _cell(ticks.current, currents)
-    cells = []
-    for a, b in product(range(SPEEDS), range(len(currents) - 1)):
-        low, high = (round(float(speed), 2) + 0.0 for speed in speeds[a : a + 2])  # no negative zero
-        name = f"{low:.2f} to {high:.2f} m/s"
-        if len(currents) > 2:
-            name += f", {currents[b]:.2f} to {currents[b + 1]:.2f} A"
-        cells.append(_share(ticks, "speed x current", name, (v == a) & (c == b)))
-    return sorted((s for s in cells if s.ticks > 0.0), key=lambda s: -s.energy)
-
-
-def _collect_scored_ticks(evaluations: Sequence[Evaluation]) -> _Scored:
-    masks = [e.series.scored & np.isfinite(e.run.force) for e in evaluations]
-    pairs = list(zip(evaluations, masks, strict=True))
-
-    def concatenate(signal: str) -> F:
-        return np.concatenate([np.empty(0), *(getattr(e.series, signal)[k] for e, k in pairs)])
-
-    error = [e.series.force[k] - e.run.force[k] for e, k in pairs]
-    spread = sum(float(((f - f.mean()) ** 2).sum()) for e in evaluations for f in (e.series.force[e.series.scored],))
-    return _Scored(concatenate("speed"), concatenate("current"), np.concatenate([np.empty(0), *error]), spread)
-
-
-def _share(ticks: _Scored, axis: str, region: str, mask: Mask) -> ErrorShare:
-    squares = ticks.error[mask] ** 2
-    inside, energy = float(squares.sum()), float((ticks.error**2).sum())
-    return ErrorShare(
-        axis,
-        region,
-        inside / energy if energy > 0.0 else 0.0,
-        float(mask.mean()) if len(mask) else 0.0,
-        float(np.sqrt(squares.mean())) if len(squares) else 0.0,
-        float(100.0 * np.sqrt(inside / ticks.spread)) if ticks.spread > 0.0 else 0.0,
-    )
-
-
-def _cell(values: F, edges: F) -> I:
-    return np.clip(np.searchsorted(edges, values, "right") - 1, 0, len(edges) - 2)

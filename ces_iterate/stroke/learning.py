@@ -9,14 +9,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_iterate.errors import StrokeError
-from ces_iterate.stroke.actuator import (
-    ActuatorModel,
-    CommandedRun,
-    ComplexArray,
-    MeasuredResponse,
-    identify_actuator,
-    measure_response,
-)
+from ces_iterate.stroke.actuator import ActuatorModel, CommandedRun, ComplexArray, identify_actuator, measure_response
 from ces_iterate.stroke.learning_filter import LearningFilter, design_filter
 from ces_iterate.stroke.limits import NAMES, StrokeLimits, measure_peaks, project_command
 from ces_iterate.stroke.rigs import StrokeRig, position_on_grid
@@ -42,7 +35,6 @@ class LearningSettings:
     max_iterations: int = quantity(8, "1", "most updates of the command", 1, 50)
     repeats: int = quantity(2, "1", "first runs of the wanted stroke, for the repeatability", 2, 10)
     stop_at: float = quantity(1.15, "1", "error over repeatability at which learning stops", 1.0, 10.0)
-    correct_model: bool = True  # use the response that the first runs show, where they do, instead of a given model's
     model_tolerance: float = quantity(0.3, "1", "share by which the model may be wrong", 0.0, 0.6)
     step_m: float = quantity(0.020, "m", "largest change of the command from run to run", 1e-6, 0.5)
 
@@ -81,7 +73,6 @@ class LearnedStroke:
     stopped: str
     repeatability_m: float
     learning_filter: LearningFilter
-    measured: MeasuredResponse | None
     probe: CommandedRun | None
 
     @property
@@ -165,7 +156,6 @@ class StrokeLearner:
         wanted = [CommandedRun(run.command_m, run.position_m, goal.interval_s) for run in first]
         self._seen: list[Sequence[CommandedRun]] = [wanted, [probe] if probe else []]
         self.model: ActuatorModel | None = goal.model
-        self.measured: MeasuredResponse | None = None
         self._design()
         self.scale, self.stopped, self._idle = 1.0, "", 0
         self.best_index = min(range(len(first)), key=lambda n: first[n].error_m)
@@ -223,12 +213,10 @@ class StrokeLearner:
         """Measure the response from all runs so far and design the filter anew; a model is fitted once."""
         goal = self.goal
         if self.model is None:
-            self.model, self.measured = identify_actuator(self._seen, goal.probe.to_Hz)
-        elif goal.model is None or goal.settings.correct_model:
-            self.measured = measure_response(self._seen, goal.probe.to_Hz, self.model)
+            self.model, measured = identify_actuator(self._seen, goal.probe.to_Hz)
         else:
-            self.measured = None
-        self.filter = design_filter(self.model, self.measured, goal.settings.model_tolerance, goal.probe.to_Hz)
+            measured = measure_response(self._seen, goal.probe.to_Hz, self.model)
+        self.filter = design_filter(self.model, measured, goal.settings.model_tolerance, goal.probe.to_Hz)
 
     def _check_progress(self, best: LearningRun) -> None:
         if best.error_m <= self.goal.settings.stop_at * self.repeatability_m:
@@ -280,9 +268,7 @@ def learn_stroke(
     confirmation = run(learner.best.command_m, REPEATED)
     on_run(confirmation)
     runs, stopped = (*learner.runs, confirmation), learner.stopped or EXHAUSTED
-    return LearnedStroke(
-        goal, runs, learner.best_index, stopped, learner.repeatability_m, learner.filter, learner.measured, probe
-    )
+    return LearnedStroke(goal, runs, learner.best_index, stopped, learner.repeatability_m, learner.filter, probe)
 
 
 def require_learnable(goal: StrokeGoal) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F
 from ces_iterate.stroke.learning import (
     CONVERGED,
     DIVERGED,
@@ -27,7 +26,7 @@ from ces_iterate.stroke.learning_filter import MAX_CONTRACTION
 from ces_iterate.stroke.plan import StrokePlan, write_learned_experiment
 from ces_observer.json_text import write_all_atomically
 from ces_report.drawing import Panel, dots, label, legend, line, panel, svg, with_value
-from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, value_table
+from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, value_table
 from ces_report.shell import page_template, replace_unencodable
 from ces_report.typesetting import three_figures
 
@@ -77,7 +76,6 @@ def as_json(learned: LearnedStroke) -> dict[str, Any]:
             "model_tolerance": f.tolerance,
             "max_contraction": float(f.contraction.max()),
             "max_contraction_of_exact_model": float(f.nominal.max()),
-            "response_measured": learned.measured is not None,
         },
         "model": asdict(f.model),
         "limits": {
@@ -132,18 +130,17 @@ def error_above_bandwidth(learned: LearnedStroke) -> float:
 
 def stroke_page(learned: LearnedStroke, title: str, facts: Mapping[str, str]) -> str:
     """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) follow the headline."""
-    f, model, measured = learned.learning_filter, learned.learning_filter.model, learned.measured
+    f, model = learned.learning_filter, learned.learning_filter.model
     points = len(learned.runs) * len(learned.goal.wanted_m)
     points += 0 if learned.probe is None else len(learned.probe.command_m)
-    source = "the probe and the first runs" if learned.probe is not None else "the first runs"
     actuator = (
         f"gain {model.gain:.3f}, delay {1e3 * model.delay_s:.1f} ms, {model.bandwidth_Hz:.0f} Hz, "
         f"damping {model.damping:.2f}" + (f", {1e3 * model.valve_s:.1f} ms" if model.valve_s else "")
     )
     condition = (
         f"|Q(1 − LG)| < 1 holds at all frequencies for an actuator of which the model is wrong by "
-        f"{100.0 * f.tolerance:.0f} % in gain, bandwidth and delay at once"
-        f"{'' if measured is None else ', and within the uncertainty of the measured response'}: at most "
+        f"{100.0 * f.tolerance:.0f} % in gain, bandwidth and delay at once, "
+        "and within the uncertainty of the measured response: at most "
         f"{f.contraction.max():.2f} (designed for {MAX_CONTRACTION}). Learning ends at {f.bandwidth_Hz:.0f} Hz."
     )
     page = page_template("stroke.html.j2", __package__, ("stroke.css",)).render(
@@ -161,14 +158,7 @@ def stroke_page(learned: LearnedStroke, title: str, facts: Mapping[str, str]) ->
         runs_figure=_draw_runs(learned),
         tracking_figure=_draw_tracking(learned),
         robustness_figure=_draw_robustness(learned),
-        response_figure=_draw_response(learned),
         condition=condition,
-        response_note=(
-            "The model as given in the plan; the runs did not correct it."
-            if measured is None
-            else f"Measured in bands of frequencies with {source}; where it was measured, learning uses it instead of "
-            "the model."
-        ),
         limits=[(name, *(f"{value:.4g}" for value in row)) for name, *row in command_peaks(learned)],
         runs=[
             (
@@ -261,12 +251,11 @@ def _draw_robustness(learned: LearnedStroke) -> Markup:
     """Return the bounds on |Q (1 - L G)|, its value for an exact model, and Q, over the frequency."""
     f = learned.learning_filter
     frequency = f.frequency_Hz
-    measured = f.share * f.bound_measured if learned.measured is not None else None
     marks = [
         PlotLine("limit", frequency[[0, -1]], np.ones(2), "limit"),
         PlotLine("Q", frequency, f.share, "filter"),
         PlotLine("exact", frequency, f.nominal, "before"),
-        *([PlotLine("measured", frequency, measured, "again")] if measured is not None else []),
+        PlotLine("measured", frequency, f.share * f.bound_measured, "again"),
         PlotLine(f"{100.0 * f.tolerance:.0f} % wrong", frequency, f.share * f.bound_in_tolerance, "after"),
     ]
     text = (
@@ -275,25 +264,3 @@ def _draw_robustness(learned: LearnedStroke) -> Markup:
     )
     area = PlotArea("Factor of the error from run to run", marks, 226.0, (0.0, 1.25), y_ticks=6)
     return draw_plot(Plot("robustness", "Condition of convergence", text, FREQUENCY, [area], 550.0, group="frequency"))
-
-
-def _draw_response(learned: LearnedStroke) -> Markup:
-    """Return gain and phase of the actuator, measured in bands and modelled, over the frequency."""
-    f, measured = learned.learning_filter, learned.measured
-    frequency = f.frequency_Hz[1:]
-    model = f.model.response(frequency)
-    at = frequency[:0] if measured is None else measured.frequency_Hz
-    found = model[:0] if measured is None else measured.response
-    phase = np.degrees(np.unwrap(np.angle(model)))
-    found_phase = np.degrees(np.angle(found / f.model.response(at))) + np.interp(at, frequency, phase)
-    top = 1.1 * float(max(np.abs(model).max(), np.abs(found).max(initial=0.0)))
-    gains = _model_and_measured(frequency, np.abs(model), at, np.abs(found))
-    phases = _model_and_measured(frequency, phase, at, found_phase)
-    areas = [PlotArea("Gain", gains, 96.0, (0.0, top), y_ticks=4), PlotArea("Phase [°]", phases, 86.0, y_ticks=4)]
-    text = "Position over command: gain and phase."
-    return draw_plot(Plot("response", "Response of the actuator", text, FREQUENCY, areas, 550.0, group="frequency"))
-
-
-def _model_and_measured(x: F, model: F, at: F, found: F) -> list[PlotLine | PlotDots]:
-    dots = [PlotDots("measured", at, found, "after spot small")] if len(at) else []
-    return [PlotLine("model", x, model, "before"), *dots]

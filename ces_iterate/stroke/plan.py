@@ -42,12 +42,6 @@ class StrokePlan:
     source: Path
     rig: Mapping[str, Any]
 
-    @property
-    def identity(self) -> str:
-        """Everything besides the command that a run depends on, as text."""
-        e = self.experiment
-        return repr((e.settings, e.current, e.damper, e.sensors, e.actuator, dict(self.rig)))
-
     def open_rig(self, folder: Path) -> StrokeRig:
         """Return the rig of the plan, which may keep files in `folder`; raises CesError naming the key at fault."""
         if self.rig.get("kind") == VIRTUAL:

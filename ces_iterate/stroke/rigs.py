@@ -7,23 +7,20 @@ run alike, and the piston makes the wanted stroke as much later.
 
 from __future__ import annotations
 
-import io
-import zipfile
 from dataclasses import replace
-from hashlib import sha256
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
-from ces_iterate.commands import INTERVAL_S, RigCommands, write_commands
+from ces_iterate.commands import INTERVAL_S, RigCommands, read_commands, write_commands
 from ces_iterate.errors import StrokeError
 from ces_iterate.plan import RigLimits
+from ces_iterate.rigs.folder import DROP
 from ces_iterate.rigs.kinds import RigAdapter
-from ces_observer.json_text import write_atomically
 from ces_rig import experiment as virtual
 from ces_rig.drive.currents import Reg1
 from ces_rig.drive.sequences import SampledStroke
@@ -87,9 +84,6 @@ def _find_start(recording: Recording, command_m: F, interval_s: float) -> float:
     return first + 1e9 * shift
 
 
-MAX_CHANNELS = 20
-
-
 class StrokeRig(Protocol):
     """Anything that moves a damper by a commanded stroke: the virtual rig, or an adapter to a real one."""
 
@@ -117,44 +111,6 @@ class VirtualStrokeRig:
         return virtual.run(replace(self._experiment, stroke=stroke, settings=settings))
 
 
-class StoredRuns:
-    """A rig whose recordings are kept in `folder`; `plan` says what they depend on besides the command."""
-
-    def __init__(self, rig: StrokeRig, folder: Path, plan: str) -> None:
-        self._rig, self._folder, self._plan = rig, folder, plan
-
-    def run(self, command_m: F, number: int) -> Recording:
-        """Return the stored recording of this run, or run the command and store it; raises StrokeError."""
-        path = self._folder / f"run_{number:02d}.npz"
-        key = sha256(self._plan.encode() + command_m.tobytes()).hexdigest()
-        if path.exists():
-            return _read_run(path, key)
-        recording, file = self._rig.run(command_m, number), io.BytesIO()
-        arrays: dict[str, Any] = {"key": np.array(key), "name": np.array(recording.name)}
-        for name, channel in recording.channels.items():
-            arrays |= {f"{name}.stamps_ns": channel.stamps_ns, f"{name}.values": channel.values}
-            arrays[f"{name}.unit"] = np.array(channel.unit)
-        np.savez_compressed(file, **arrays)
-        write_atomically(path, file.getvalue())
-        return recording
-
-
-def _read_run(path: Path, key: str) -> Recording:
-    try:
-        with np.load(path, allow_pickle=False) as arrays:
-            if str(arrays["key"]) != key:
-                raise StrokeError(
-                    f"{path}: is a run of another plan or version; choose another --out, or --overwrite to start anew"
-                )
-            names = [name.removesuffix(".values") for name in arrays.files if name.endswith(".values")][:MAX_CHANNELS]
-            channels = {
-                n: Channel(n, str(arrays[f"{n}.unit"]), arrays[f"{n}.stamps_ns"], arrays[f"{n}.values"]) for n in names
-            }
-            return Recording(str(arrays["name"]), channels)
-    except (OSError, KeyError, ValueError, zipfile.BadZipFile) as error:
-        raise StrokeError(f"{path}: cannot be read as a stored run: {error}; delete it to repeat the run") from None
-
-
 class CommandedRig:
     """Runs commands with the current of an experiment; every run has a folder of its own in `folder`."""
 
@@ -171,6 +127,8 @@ class CommandedRig:
         time = np.arange(len(command_m), dtype=np.float64) * INTERVAL_S
         current = self._current.samples(time, command_m, np.random.default_rng([self._seed, STREAMS["current"]]))
         asked = RigCommands(f"{self._name.replace('/', '_')}_{number:02d}", command_m, current, number)
-        commands = self._limits.require_within(asked)
-        write_commands(folder / "commands.csv", commands)
+        commands, file = self._limits.require_within(asked), folder / "commands.csv"
+        if any(folder.glob(f"{DROP}/*")) and not commands.are_like(read_commands(file)):
+            raise StrokeError(f"{folder}: has the log of another command; choose another --out, or start anew")
+        write_commands(file, commands)
         return self._rig.run(commands, folder)

@@ -30,9 +30,9 @@ class Certificate(ABC):
     method: str
 
     @property
-    @abstractmethod
     def holds(self) -> bool:
         """True if the model is proved stable."""
+        return isfinite(self.force_N)
 
     @property
     @abstractmethod
@@ -50,9 +50,9 @@ class Certificate(ABC):
         """The proved bounds by their keys in the model file, which must not claim tighter ones."""
 
     @property
-    @abstractmethod
     def doubt(self) -> str:
         """Why stability is not proved, in words."""
+        return "the bound on its force is not finite"
 
     @property
     @abstractmethod
@@ -164,11 +164,6 @@ class EnergyCertificate(Certificate):
     def bounds(self) -> Mapping[str, float]:
         """Bounds on the force, in the envelope and for every input."""
         return {"force_bound_N": self.envelope_N, "force_bound_any_input_N": self.force_bound_N}
-
-    @property
-    def doubt(self) -> str:
-        """Why stability is not proved, in words."""
-        return "the bound on its force is not finite"
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:

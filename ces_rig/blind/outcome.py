@@ -163,7 +163,6 @@ class CaseOutcome:
     probability: Mapping[str, float]
     composition: tuple[str, ...]
     indistinguishable: tuple[frozenset[str], ...]
-    claimed_shrink: float | None = None
     figures: Mapping[str, float] = field(default_factory=dict)
     baselines: Mapping[str, str] = field(default_factory=dict)
     seconds: float = 0.0
@@ -264,7 +263,6 @@ def build_case_outcome(
         probability={**{c["effect"]: c["probability"] for c in causes}, NONE: rest["none"], UNKNOWN: rest["unknown"]},
         composition=tuple(gap["composition"]["effects"]),
         indistinguishable=tuple(frozenset(group) for group in gap["indistinguishable"]),
-        claimed_shrink=gap["composition"]["shrink"],
         figures=figures,
         baselines=baselines,
         seconds=seconds,

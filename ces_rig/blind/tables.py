@@ -1,4 +1,4 @@
-"""The tables of a scored blind test as records, and its cases as rows; the program prints them."""
+"""The tables of a scored blind test as records; the program prints them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 from ces_rig.blind.metrics import BY_NAME, IN_SLICES, IN_SUMMARY, METRICS, Cases, Metric, baselines, cases_of_kind
 from ces_rig.blind.metrics import cases_with_targets as with_targets
-from ces_rig.blind.outcome import NONE, UNKNOWN, CaseOutcome
+from ces_rig.blind.outcome import CaseOutcome
 
 WORDS = {0.0: "0", 1.0 / 3.0: "1/3"}
 
@@ -102,25 +102,6 @@ def baseline_table(cases: Cases) -> ScoreTable:
     methods = {"the diagnosis": metric.count(cases), **baselines(cases)}
     rows = [[name, *metric.describe(figure)[:3]] for name, figure in methods.items()]
     return ScoreTable(("method", "top-1", "95 % interval", "cases"), rows)
-
-
-def case_table(cases: Cases) -> ScoreTable:
-    """Return one row for each case: withheld effects, diagnosis, and the true figures."""
-    names = sorted({name for case in cases for name in case.figures})
-    head = (
-        "mode", "case", "kind", "plant", "excitation", "gap_to_noise", "baseline_ratio", "withheld", "verdict", "found",
-        "causes", "probability_none", "probability_unknown", "claimed_shrink", *names, "seconds",
-    )  # fmt: skip
-    rows = []
-    for c in cases:
-        levels = [c.mode.name, c.case, c.kind, c.plant, c.excitation, f"{c.gap_to_noise:g}", f"{c.baseline_ratio:.3g}"]
-        first = [f"{name} {c.probability.get(name, 0.0):.3f}" for name in c.ranked[:3]]
-        rest = [f"{c.probability.get(name, 0.0):.3f}" for name in (NONE, UNKNOWN)]
-        figures = [f"{c.figures[name]:.4g}" if name in c.figures else "" for name in names]
-        result = ["+".join(c.truth), c.verdict, "+".join(c.composition), "; ".join(first)]
-        claimed = "" if c.claimed_shrink is None else f"{c.claimed_shrink:.4g}"
-        rows.append([*levels, *result, *rest, claimed, *figures, f"{c.seconds:.1f}"])
-    return ScoreTable(head, rows)
 
 
 def _format_counts(words: Iterable[str]) -> str:

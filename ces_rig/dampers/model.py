@@ -42,7 +42,6 @@ class DamperModel(ABC):
 
     kind: ClassVar[str]
     coil_path: ClassVar[str] = "coil_s"  # of the coil's time constant
-    delay_s: float = 0.0  # [s] dead time of the current, for kinds that have one
     foaming_1_J: float
     damper: Any  # the description that the effects change
 

@@ -15,7 +15,7 @@ from scipy.interpolate import CubicSpline
 from ces_data.arrays import F
 from ces_rig.dampers.kinds import KINDS
 from ces_rig.dampers.model import DamperKind, DamperModel
-from ces_rig.drive.kernels import CURRENT, GIVEN, LATE, MOTION_SIZE, ROWS, STROKE, STROKE_SPEED
+from ces_rig.drive.kernels import CURRENT, GIVEN, MOTION_SIZE, ROWS, STROKE, STROKE_SPEED
 from ces_rig.errors import RigError
 
 
@@ -53,22 +53,19 @@ class DamperStepper:
 
     def settle(self, stroke_m: float = 0.0, speed_m_s: float = 0.0, current_A: float = 0.0) -> float:
         """Bring the damper to rest at this input and return its force [N]."""
-        self._last = np.array([stroke_m, speed_m_s, current_A, current_A])
+        self._last = np.array([stroke_m, speed_m_s, current_A])
         return float(self.kind.kernel.settle(self._coefficients, self.state, stroke_m, speed_m_s, current_A))
 
-    def advance(
-        self, stroke_m: F, speed_m_s: F | float, current_A: F | float, late_A: F | float | None = None,
-        states: F | None = None,
-    ) -> F:  # fmt: skip
+    def advance(self, stroke_m: F, speed_m_s: F | float, current_A: F | float, states: F | None = None) -> F:
         """Return the force [N] (n,) at the next n inputs, one every `interval_s`; fills `states` (n, STATE_SIZE).
 
         `stroke_m` (n,) is the road's height or the servo's input if these move the damper; the speed then does not
-        matter. `late_A` is the current after the damper's dead time, by default the current itself.
+        matter.
         """
         moves = np.empty((ROWS, len(stroke_m) + 1))
         moves[:, 0] = self._last
         moves[STROKE, 1:], moves[STROKE_SPEED, 1:] = stroke_m, speed_m_s
-        moves[CURRENT, 1:], moves[LATE, 1:] = current_A, current_A if late_A is None else late_A
+        moves[CURRENT, 1:] = current_A
         force = np.empty(len(stroke_m))
         self.kind.kernel.run(
             self.numbers, self.state, self.mover.kind, self.mover.numbers, self.motion, moves, self.interval_s,
@@ -126,7 +123,6 @@ def simulate(
     model.check_input(stroke, current)
     time = np.arange(len(stroke), dtype=np.float64) * interval_s
     speed = spline_speed(time, stroke) if speed_m_s is None else np.asarray(speed_m_s, dtype=np.float64)
-    late = np.interp(time - model.delay_s, time, current) if model.delay_s > 0.0 else current
     stepper = DamperStepper(model, interval_s, step_s)
     force, states = np.empty(len(stroke)), np.empty((len(stroke), len(stepper.state)))
     force[0], states[0] = stepper.settle(stroke[0], speed[0], current[0]), stepper.state
@@ -134,7 +130,7 @@ def simulate(
     while start < len(stroke):
         length = min(model.refresh(stepper.numbers, absorbed_J) / interval_s, len(stroke))
         part = slice(start, start + max(1, round(length)))
-        force[part] = stepper.advance(stroke[part], speed[part], current[part], late[part], states[part])
+        force[part] = stepper.advance(stroke[part], speed[part], current[part], states[part])
         absorbed_J += abs(float(np.dot(force[part], speed[part]))) * interval_s
         start = part.stop
     return SimulatedRun(time, force, states, stepper.kind, stepper.rest_N)

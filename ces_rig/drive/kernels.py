@@ -26,9 +26,9 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from ces_data.arrays import F
 
 GIVEN, VEHICLE, SERVO = 0, 1, 2  # what moves the damper
-# Rows of `moves` (ROWS, n + 1): stroke [m] (or road height, or the servo's input), its speed, current [A], and that
-# current after the damper's dead time. Column 0 is the last input, one every `interval` seconds follows.
-STROKE, STROKE_SPEED, CURRENT, LATE, ROWS = 0, 1, 2, 3, 4
+# Rows of `moves` (ROWS, n + 1): stroke [m] (or road height, or the servo's input), its speed, current [A]. Column 0 is
+# the last input, one every `interval` seconds follows.
+STROKE, STROKE_SPEED, CURRENT, ROWS = 0, 1, 2, 3
 # The `motion` (MOTION_SIZE,): STROKE, STROKE_SPEED, the damper's force [N] minus the gas force at mid-stroke, and the
 # state of the vehicle or of the servo actuator.
 FORCE, BODY, WHEEL, BODY_SPEED, WHEEL_SPEED, TYRE, BLOWS, VALVE, MOTION_SIZE = 2, 3, 4, 5, 6, 7, 8, 9, 10

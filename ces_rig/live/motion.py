@@ -22,12 +22,10 @@ from ces_rig.dampers.stepper import spline_speed
 from ces_rig.drive.sequences import Shape
 from ces_rig.drive.strokes import REAR, Common, NoiseStroke, Rest, Sine, Stroke, Sweep, Triangle, smooth_step
 from ces_rig.errors import RigError
-from ces_rig.experiment import Experiment
 from ces_rig.sensors import make_rng
 
 BLOCK = 200  # grid points computed at once; a changed script waits for the next block
 BLEND_S = 0.5  # [s] from one script to the next
-SEAM_M = 1e-6  # [m] largest distance between the ends of a loop
 CYCLES_S = 5.0  # [s] shortest loop of whole cycles: rounds the frequency by 5e-5 at most
 PERIODIC = ("sine", "triangle")
 
@@ -70,22 +68,10 @@ def make_loop(script: Script, interval_s: float, seed: int) -> Loop:
     return Loop(stroke[:-1], spline_speed(time, stroke)[:-1])
 
 
-def make_experiment_loop(experiment: Experiment, interval_s: float) -> Loop:
-    """Return the experiment's stroke as a loop; raises RigError if it does not end where it begins."""
-    settings = experiment.settings
-    time = _times(round(settings.duration_s / interval_s), interval_s)
-    stroke = experiment.stroke.samples(time, make_rng(settings.seed, "stroke"))
-    miss = abs(stroke[-1] - stroke[0])
-    if miss > SEAM_M:
-        raise RigError(f"{settings.name}: its stroke ends {miss:.2g} m from its start; set stroke.fade_s to repeat it")
-    return Loop(stroke[:-1], spline_speed(time, stroke)[:-1])
-
-
 class Actuator:
     """Moves through a loop at grid points every `interval_s` seconds, and blends into another loop on request."""
 
     def __init__(self, loop: Loop, interval_s: float) -> None:
-        self.start = float(loop.stroke_m[0]), float(loop.speed_m_s[0])
         self._loop, self._place = loop, 0
         self._new: Loop | None = None
         self._requested: Loop | None = None
@@ -164,7 +150,6 @@ class Follower:
     """Follows the newest set point at grid points every `interval_s`; a set point that is not finite is refused."""
 
     def __init__(self, bandwidth_Hz: float, reach_m: float, interval_s: float) -> None:
-        self.start = 0.0, 0.0
         self._omega, self._reach_m, self._interval_s = 2.0 * pi * bandwidth_Hz, reach_m, interval_s
         self._decay = exp(-self._omega * interval_s)
         self._wanted_m = self._stroke_m = self._speed_m_s = 0.0

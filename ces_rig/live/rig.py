@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.random import Generator
 
-from ces_data.arrays import F
 from ces_data.config_file import parse_yaml_mapping
 from ces_observer.fields import choice, quantity, require_known_keys, setting, walk_record
 from ces_observer.nodes.parameter_table import EXECUTOR
@@ -27,19 +26,13 @@ from ces_rig.dampers.stepper import GIVEN_STROKE, DamperStepper, Mover
 from ces_rig.drive.kernels import BODY_SPEED, FORCE, STROKE, TYRE
 from ces_rig.drive.kernels import VEHICLE as VEHICLE_MOVER
 from ces_rig.errors import RigError
-from ces_rig.experiment import (
-    DamperDescription,
-    describe_experiment,
-    find_experiment,
-    load_description,
-    load_experiment,
-)
-from ces_rig.live.motion import Actuator, Follower, LiveRoad, Loop, Script, Vehicle, make_experiment_loop, make_loop
+from ces_rig.experiment import DamperDescription, load_description
+from ces_rig.live.motion import Actuator, Follower, LiveRoad, Loop, Script, Vehicle, make_loop
 from ces_rig.live.timing import Command
 from ces_rig.sensors import GRID_S, Sensor, Sensors, Truth, make_rng
 from ces_rig.withheld import environment, plants
 
-SCRIPT, EXPERIMENT, VEHICLE, SET_POINTS = "script", "experiment", "vehicle", "set_points"
+SCRIPT, VEHICLE, SET_POINTS = "script", "vehicle", "set_points"
 ROAD_STREAM = 6  # beside ces_rig.sensors.STREAMS
 LIVE_SENSING = ("current_scale", "force_offset", "force_drift", "force_scale", "mains_hum", "position_wave")
 LIVE = (
@@ -52,9 +45,8 @@ LIVE = (
 class RigSettings:
     """The settings of a live rig."""
 
-    drive: str = choice(SCRIPT, "what moves the damper", (SCRIPT, EXPERIMENT, VEHICLE, SET_POINTS))
-    experiment: str = setting("sine_4hz", "experiment whose stroke is repeated: packaged name or file")
-    damper: str = setting("", "rig YAML of the damper, any kind; empty: experiment's or packaged")
+    drive: str = choice(SCRIPT, "what moves the damper", (SCRIPT, VEHICLE, SET_POINTS))
+    damper: str = setting("", "rig YAML of the damper, any kind; empty: the packaged CES damper")
     withheld: tuple[str, ...] = setting(
         (), "effects added: name or 'name: {severity: 1.0, proportion: …}' (docs/rig.md)"
     )
@@ -118,15 +110,12 @@ class LiveRig:
     """The rig, at rest at tick 0; raises RigError for unusable settings.
 
     A tick is a whole number of intervals of at most the recorded rig's grid. Its forces equal those of a recorded run
-    with the same commands bit for bit (except for rounding in a dead time).
+    with the same commands bit for bit.
     """
 
     def __init__(self, settings: RigSettings) -> None:
         self.settings = settings
-        experiment = load_experiment(find_experiment(settings.experiment)) if settings.drive == EXPERIMENT else None
-        damper = DamperDescription() if experiment is None else describe_experiment(experiment)
-        if settings.damper:
-            damper = load_description(Path(settings.damper).expanduser())
+        damper = load_description(Path(settings.damper).expanduser()) if settings.damper else DamperDescription()
         self.damper = with_effects(damper, settings.withheld)
         model, self.period_s = self.damper.model, 1.0 / settings.rate_hz
         self._count = ceil(self.period_s / GRID_S - 1e-9)
@@ -141,17 +130,12 @@ class LiveRig:
         rng = np.random.default_rng([settings.seed, ROAD_STREAM])
         self._road = LiveRoad(settings.vehicle.road_class, settings.vehicle.speed_m_s, self._interval_s, rng)
         self.follower = Follower(settings.follow_hz, model.reach_m, self._interval_s)
-        # An experiment fades in by itself, a script is blended in from rest.
-        at_rest = Loop(np.zeros(1), np.zeros(1))
-        loop = make_experiment_loop(experiment, self._interval_s) if experiment else at_rest
-        self._actuator = Actuator(loop.require_within(model.reach_m), self._interval_s)
-        if settings.drive == SCRIPT:
+        self._actuator = Actuator(Loop(np.zeros(1), np.zeros(1)), self._interval_s)
+        if settings.drive == SCRIPT:  # blended in from rest
             loop = make_loop(settings.script, self._interval_s, settings.seed)
             self._actuator.change(loop.require_within(model.reach_m))
         self.ticks = 0
-        start_A = self.command.at(0.0)
-        self._dead_time = CommandDelay(model.delay_s / self._interval_s, self._count, start_A)
-        self._stepper.settle(*self._actuator.start, start_A)
+        self._stepper.settle(current_A=self.command.at(0.0))
 
     @property
     def time_s(self) -> float:
@@ -166,15 +150,14 @@ class LiveRig:
     def tick(self) -> RigSample:
         """Advance one tick with the present command."""
         current = self.command.at(self.time_s)
-        late = self._dead_time.after(current)
         self.ticks += 1
         motion, before = self.motion, self.motion[BODY_SPEED]
         if self.settings.drive == VEHICLE:
-            self._stepper.advance(self._road.heights(self._count), 0.0, current, late)
+            self._stepper.advance(self._road.heights(self._count), 0.0, current)
         else:
             source = self.follower if self.settings.drive == SET_POINTS else self._actuator
             stroke, speed = source.moves(self._count)
-            force = self._stepper.advance(stroke, speed, current, late)
+            force = self._stepper.advance(stroke, speed, current)
             motion[STROKE], motion[FORCE] = stroke[-1], force[-1] - self._stepper.rest_N
         return self._sample(current, (motion[BODY_SPEED] - before) / self.period_s)
 
@@ -273,24 +256,6 @@ class LiveSensors:
         for name, numbers in self._effects:
             pair = environment.SENSING[name](pair, numbers)
         return float(pair.stroke_m[1]), float(pair.coil_A[1]), float(pair.force_N[1])
-
-
-class CommandDelay:
-    """A dead time of `intervals` (need not be whole) for commands that last `count` intervals each."""
-
-    def __init__(self, intervals: float, count: int, start: float) -> None:
-        self._none, self._count = intervals <= 0.0, count
-        self._past = np.full(int(intervals) + 2 + count, start)
-        self._at = np.arange(count) + len(self._past) - count - intervals
-        self._grid = np.arange(len(self._past), dtype=np.float64)
-
-    def after(self, value: float) -> F | float:
-        """Feed `value` for `count` intervals and return the delayed values meanwhile, shape (count,), or `value`."""
-        if self._none:
-            return value
-        self._past[: -self._count] = self._past[self._count :].copy()
-        self._past[-self._count :] = value
-        return np.asarray(np.interp(self._at, self._grid, self._past))
 
 
 def with_effects(damper: DamperDescription, effects: Iterable[str]) -> DamperDescription:

@@ -206,7 +206,6 @@ def _run_on_frame(model: DamperModel, p: Numbers, interval_s: float, stroke_m: F
     free, pushed = _discretise_frame(p, interval_s)
     time = np.arange(count, dtype=np.float64) * interval_s
     logged = np.stack([stroke_m, spline_speed(time, stroke_m)])
-    late = np.interp(time - model.delay_s, time, current_A)
     stepper, force, frame = DamperStepper(model, interval_s), np.empty(count), np.zeros(2)
     states = np.empty((count, len(stepper.state)))
     force[0] = stepper.settle(logged[0, 0], logged[1, 0], current_A[0]) - stepper.rest_N
@@ -216,7 +215,7 @@ def _run_on_frame(model: DamperModel, p: Numbers, interval_s: float, stroke_m: F
         frame = free @ frame + pushed * middle
         one = slice(n, n + 1)
         left = logged[:, one] - frame[:, np.newaxis]
-        force[one] = stepper.advance(left[0], left[1], current_A[one], late[one], states[one]) - stepper.rest_N
+        force[one] = stepper.advance(left[0], left[1], current_A[one], states[one]) - stepper.rest_N
     return force, np.asarray(states[:, stepper.kind.kernel.TEMPERATURE])
 
 

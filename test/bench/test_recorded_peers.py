@@ -11,7 +11,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "bench"))
 
 import measurement
-from identification_peers import PeerModel, boosted_trees
+from identification_peers import PeerModel
 from recorded_cases import (
     EVERY,
     PLAIN,
@@ -70,44 +70,6 @@ def test_a_peer_gets_scaled_columns_and_its_run_is_in_newtons(case, feed):
     assert mean_cost(case.tests["rough, rest"], lambda one: one.force) == 0.0
     assert fitted.selection_cost < 3.0
     assert mean_cost(case.tests["rough, rest"], fitted.simulate) < 3.0  # what is left is the causal speed's error
-
-
-def test_boosted_trees_run_freely_and_stop_by_selection_data(case):
-    pytest.importorskip("sklearn")
-    fitted = fit_peer(boosted_trees, PREPARED, case, 1.0)
-    assert fitted.parameters > 31
-    assert fitted.selection_cost < 20.0
-    assert mean_cost(case.tests["rough, rest"], fitted.simulate) < 20.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", ["GRU", "lagged MLP", "R2DN"])
-def test_a_network_learns_without_looking_ahead(case, name):
-    pytest.importorskip("torch")
-    from network_peers import NETWORKS, fit_network
-
-    fitted = fit_network(NETWORKS[name], case, 1.0, steps=60)
-    (rest,) = case.tests["rough, rest"]
-    late = replace(rest, speed=np.where(np.arange(len(rest)) < 900, rest.speed, 0.0))
-    np.testing.assert_allclose(fitted.simulate(rest)[:900], fitted.simulate(late)[:900], atol=1e-3 * np.ptp(rest.force))
-    assert fitted.selection_cost < 60.0
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_two_runs_of_an_r2dn_draw_together_for_any_parameters(seed):
-    torch = pytest.importorskip("torch")
-    from network_peers import CONTRACTION, R2dn, run_states
-
-    torch.manual_seed(seed)
-    network = R2dn(2, 1000.0).double()
-    with torch.no_grad():
-        for parameters in network.parameters():
-            parameters.copy_(3.0 * torch.randn_like(parameters))
-        gains, n = network.gains(), network.states
-        drive = network.drive(torch.randn(50, 2, 2, dtype=torch.float64))
-        drive[1:] = drive[1:, :1]  # the two runs differ on the first tick only
-        apart = (run_states(drive, gains[:n], gains[n:, :n]).diff(dim=1) ** 2).sum((1, 2)).sqrt()
-    assert torch.all(apart[1:] <= CONTRACTION * apart[:-1] + 1e-9)
 
 
 def test_the_setting_is_chosen_on_selection_data_and_pays_for_all():

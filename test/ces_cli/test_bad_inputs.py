@@ -26,7 +26,6 @@ identify one --out nowhere/m.json | the folder nowhere does not exist
 identify one --out full | full: is a folder; expected the name of a file
 identify one --out m.json --report taken | taken: exists; choose another name for --report
 identify one --out m.json --report m.json | m.json: is named by --out and --report
-identify one --out m.json --picture nowhere/x.png | the folder nowhere does not exist
 identify one --teacher model.json --overwrite | model.json: is an input, too
 identify one --validate two --out mine.json --report empty | empty/mine_on_two.html: exists; choose another name for
 identify one two --folds 3 --out m.json | --folds 3: 2 recordings
@@ -65,9 +64,9 @@ identify --campaign c.yaml --seed 1 | --seed has no effect with --campaign
 identify --campaign c.yaml --dask a:1 --jobs 1 | --jobs applies to this machine
 identify --show-candidates one | BAG does not apply with --show-candidates
 identify one --structure sigmoid --terms 25 | --terms applies to --structure polynomial or auto, not to sigmoid
-identify one --structure sigmoid --method both | --method applies to --structure polynomial or auto, not to sigmoid
+identify one --structure sigmoid --method thesis | --method applies to --structure polynomial or auto, not to sigmoid
 identify one --structure sigmoid --candidates rules.yaml | --candidates applies to --structure polynomial or auto
-identify one --structure anfis --construct frequency | --construct applies to --structure polynomial or auto
+identify one --structure anfis --memberships 4x4 --rules 5x2 --out m.json | --rules 5x2 and --memberships 4x4: give one
 identify one --structure anfis --blend speed:0,1 | --blend applies to --structure polynomial or auto
 identify one --units 9 | --units applies to --structure sigmoid or auto, not to polynomial
 identify one --lags 2,2,2 | --lags applies to --structure sigmoid or auto
@@ -90,7 +89,6 @@ validate model.json | no recording given
 validate model.json b.csv | convert it: ces import b.csv --out BAG
 validate model.json two --part 1:0 | --part
 validate model.json two --weight everything=2 | --weight 'everything=2'
-validate model.json two --picture p.bmp | p.bmp
 validate model.json two --report taken | taken: exists; choose another name for --report, or replace it with --overwrite
 validate model.json two --report new.pdf | a report is an HTML page; expected a name that ends in .html
 validate model.json two --report empty | empty/model_on_two.html: exists; choose another name for --report
@@ -106,7 +104,6 @@ simulate --sim what one --out x.csv | 'what' is no simulation; expected MODEL.js
 simulate --sim topic:/none one --out x.csv | no topic /none; it has /joint_states
 simulate --sim no_module:f one --out x.csv | cannot be imported
 simulate --sim my/sim.py one --out x.csv | 'my/sim.py' is a file; expected sim:FUNCTION
-simulate --sim topic:/measured_force one --out x.csv --band | --band: only a model
 simulate --sim model.json one --out taken | taken: exists; choose another name for --out, or replace it
 simulate --sim model.json one --out model.json --overwrite | model.json: is an input, too
 simulate --sim none.fmu one --out x.csv | none.fmu: no such file
@@ -165,7 +162,6 @@ diagnose --sim broken.fmu --real one --out o | broken.fmu:
 diagnose --sim law:force --real one --out taken | taken: is not a folder
 diagnose --sim law:force --real one --each recording --out taken | taken: is not a folder
 diagnose --sim law:force --real one --out full | full: exists; choose another name for --out
-diagnose --sim model.json --real one --out o --report empty | empty/model_on_one.html: exists; choose another name for
 diagnose --sim law:raises --real one --out o | law:raises: raised RuntimeError: no licence
 diagnose --sim law:nothing --real one --out o | law:nothing: returned nan at 0.000 s; expected finite forces
 diagnose --sim law:short --real one --out o | law:short: returned shape (1999,); expected (2000,), one for each
@@ -188,12 +184,10 @@ blind make --out x --seed 1 --effects magic | --effects: invalid choice: 'magic'
 blind make --out x --seed 1 --kind odd | --kind: invalid choice: 'odd'
 blind make --out . --seed 1 --cases 1 | .: exists; choose another name for --out, or replace it with
 blind make --out full --seed 1 --cases 1 --overwrite | more than blind cases (note)
-blind make --out o --seed 1 --grid small --gap-to-noise 3 | --gap-to-noise does not
 blind run x --out y --simulation identified --references 0 | add --references 1 or 2
 blind run nowhere --out y | nowhere: contains no cases/NNNN/case.json
 blind run full --out taken | taken: is not a folder
 blind score nowhere y | nowhere: not a sealed blind test
-blind score full full --rows taken | taken: exists; choose another name for --rows, or replace it
 info nowhere | nowhere: no such file
 info cut.mcap | cut.mcap:
 info torn_bag | the file ends early
@@ -201,9 +195,6 @@ info empty.mcap | empty.mcap
 info none | none
 info other | no topic 'joint_states' for position; the bag has /other (std_msgs/msg/Float64)
 info one --signals front.yaml | front_damper
-info one --picture x.bmp | x.bmp: cannot draw a '.bmp' picture; use one of .png, .svg
-info one --picture nowhere/x.png | nowhere does not exist; make it first, or choose another
-info one --picture taken.png | taken.png: exists; choose another name for --picture, or replace it
 info still | still: position: constant at 0.01 m
 info spotted | position: 667 of 2000 samples are NaN
 info infinite --json | force: 2000 of 2000 samples are NaN or infinite
@@ -226,7 +217,6 @@ export-data one --out taken.csv | taken.csv: exists; choose another name for --o
 export-data one --out run.xlsx | expected a name that ends in .csv, .parquet, .pq, or a folder
 export-data one --out run.csv --format parquet | is a csv file by its name; omit --format
 export-data one --out run.csv --model none.json | none.json
-export-data one --out run.csv --as-logged --rate 100 | give one of them
 export-data one --out run.csv --rate 5000 | more than twice the 250 Hz of its fastest channel; nothing was recorded
 export-data one two --out one.csv | 2 bags need a folder, which gets a file for each
 export-data other --out other.csv | 'ces signals
@@ -259,7 +249,6 @@ learn-stroke p10.yaml --out o | model: gain is 0; expected a number from 0.1 to 
 learn-stroke p11.yaml --out o | probe: duration_s is 'nan'; expected
 learn-stroke p12.yaml --out o | does not begin and end at rest in one place
 learn-stroke stroke.yaml --out taken | taken: is not a folder; expected the name of a folder to write
-learn-stroke stroke.yaml --out torn | run_00.npz: cannot be read as a stored run
 schema signals --list | NAME does not apply with --list
 schema --list --path | --path does not apply with --list
 schema signals --json | --json applies to --list

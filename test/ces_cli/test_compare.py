@@ -96,23 +96,6 @@ def test_recordings_of_a_diagnosis_are_no_test_for_its_simulation(folder, monkey
     assert document["pairs"][0]["verdict"] == "not a test"
 
 
-def test_the_front_of_a_campaign_is_compared(folder, monkeypatch, capsys):
-    monkeypatch.chdir(folder)
-    (folder / "sizes/models").mkdir(parents=True)
-    rows = [
-        {"key": key, "status": "done", "bags": "noise", "structure": "polynomial", "terms": terms, "size": "terms",
-         "parameters": terms, "selection_J": cost, "costs": [], "gain": 0.9, "seconds": 1.0}
-        for key, terms, cost in (("aa", 4, 9.0), ("ab", 8, 5.0), ("ac", 8, 6.0))
-    ]  # fmt: skip
-    (folder / "sizes/results.jsonl").write_text("".join(json.dumps(row) + "\n" for row in rows))
-    for row in rows:
-        shutil.copy(SAMPLE, folder / f"sizes/models/{row['key']}.json")
-    assert ces("sizes", SINE, "--json") == 0
-    names = [model["name"] for model in json.loads(capsys.readouterr().out)["models"]]
-    assert names == ["polynomial 8 terms", "polynomial 4 terms"]
-    assert "no recording given" in programs.error_line(capsys, "compare", "sizes")
-
-
 def test_the_page_names_everything(compared):
     text = compared.read_text(encoding="utf-8")
     for word in ("ours/model", "theirs/model", "rig_like:force", "identified on road; its cost there is not a test"):

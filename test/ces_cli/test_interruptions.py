@@ -41,7 +41,7 @@ def work(shared_model: SharedResults, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 def identify(folder: Path, *bags: Path | str, terms: int = 4) -> list[object]:
     words = ["identify", *(folder / name for name in bags), "--candidates", folder / "rules.yaml", "--terms", terms]
-    return [*words, "--starts", 1, "--method", "gauss-newton", "--threads", 1]
+    return [*words, "--starts", 1, "--threads", 1]
 
 
 def interrupt(*_: object, **__: object) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from programs import NO_SHORT_FITS, ces, error_line, text_of
+from programs import NO_SHORT_FITS, ces, text_of
 from shared_results import SharedResults
 from small_recordings import make_columns, write_columns
 
@@ -46,21 +46,12 @@ def read_effort(bag: str, topic: str, joint: str) -> NDArray[np.float64]:
     return read_recording(Path(bag), Signals.from_mapping({"sim_force": described}, "test")).channel("sim_force").values
 
 
-def test_identify_writes_a_model_and_a_report(work: Path) -> None:
-    history = load_model("model.json").provenance
-    costs = {row["role"]: row["J"] for row in history["cost_J_percent"]}
-    assert costs["validation"] < 6.0
-    assert history["identification"][0]["sha256"]
-    assert "<html" in Path("report.html").read_text()
-
-
 @pytest.mark.slow
 def test_validate_and_identify_agree_on_the_cost(work: Path, capsys: pytest.CaptureFixture[str]) -> None:
     rows = json.loads(Path("model.json").read_text())["provenance"]["cost_J_percent"]
     expected = next(row["J"] for row in rows if row["role"] == "validation")
-    printed = text_of(capsys, "validate", "model.json", "two", "--report", "v.html", "--picture", "v.png")
+    printed = text_of(capsys, "validate", "model.json", "two", "--report", "v.html")
     assert f"{expected:.2f}" in printed
-    assert Path("v.png").read_bytes().startswith(b"\x89PNG")
     assert "band %" in printed and "meant to hold 90 % of the measured forces" in printed
     share = float(next(line for line in printed.splitlines() if "test" in line and "two" in line).split()[-1])
     model = load_model("model.json")
@@ -72,7 +63,7 @@ def test_validate_and_identify_agree_on_the_cost(work: Path, capsys: pytest.Capt
 @pytest.mark.slow
 def test_replay_and_simulate_agree(work: Path) -> None:
     assert ces("replay", "model.json", "two", "--out", "replayed") == 0
-    assert ces("simulate", "--sim", "model.json", "two", "--out", "two.csv", "--band") == 0
+    assert ces("simulate", "--sim", "model.json", "two", "--out", "two.csv") == 0
     described = {"topic": "/observer/estimate", "type": "sensor_msgs/msg/JointState", "field": "effort[rear_damper]"}
     replayed = read_recording(Path("replayed"), Signals.from_mapping({"sim_force": described}, "test"))
     position, estimate = replayed.channel("position"), replayed.channel("sim_force")
@@ -81,10 +72,7 @@ def test_replay_and_simulate_agree(work: Path) -> None:
     there = np.isfinite(force)
     np.testing.assert_array_equal(estimate.stamps_ns - position.stamps_ns[0], np.rint(time_s[there] * 1e9))
     np.testing.assert_allclose(estimate.values, force[there], rtol=1e-9, atol=1e-6)
-    lower, upper = (forces_in("two.csv", column)[there] for column in ("lower_N", "upper_N"))
-    for side, values in (("lower", lower), ("upper", upper)):
-        bound = read_effort("replayed", "/observer/estimate_band", f"rear_damper_{side}")
-        np.testing.assert_allclose(bound, values, rtol=1e-9, atol=1e-6)
+    lower, upper = (read_effort("replayed", "/observer/estimate_band", f"rear_damper_{s}") for s in ("lower", "upper"))
     assert (lower < force[there]).all() and (force[there] < upper).all()
     assert ces("simulate", "--sim", "topic:/observer/estimate", "replayed", "--out", "p.csv") == 0
     assert np.isfinite(forces_in("p.csv")).mean() > 0.9  # predictions in a bag are a simulation
@@ -96,8 +84,6 @@ def test_a_model_without_a_band_is_used_as_before(work: Path, capsys: pytest.Cap
     text = text_of(capsys, "validate", "plain.json", "two", "--report", "n.html")
     assert "band" not in text + text_of(capsys, "replay", "plain.json", "two", "--out", "plain")
     assert 'id="band"' not in Path("n.html").read_text()
-    line = error_line(capsys, "simulate", "--sim", "plain.json", "two", "--out", "n.csv", "--band")
-    assert "the model has no band; identify it again without --no-band" in line
 
 
 @pytest.mark.slow

@@ -24,15 +24,6 @@ from ces_cli.serve import make_parser
 pytestmark = pytest.mark.slow
 pytest.importorskip("flask", reason="Flask is not installed")
 
-BROWSER = """\
-import sys, urllib.request
-with urllib.request.urlopen(sys.argv[1]) as answer:
-    assert answer.status == 200
-from pathlib import Path
-Path(__file__).with_name("seen.part").write_text(sys.argv[1])
-Path(__file__).with_name("seen.part").rename(Path(__file__).with_name("seen"))
-"""
-
 
 @contextmanager
 def serving(folder: Path, *words: str, **environment: str) -> Iterator[tuple[subprocess.Popen[str], str]]:
@@ -75,20 +66,8 @@ def test_it_ends_in_order_when_its_connection_breaks(tmp_path: Path) -> None:
     assert list(tmp_path.glob("ces-serve-*")) == []
 
 
-def test_open_starts_the_chosen_browser_while_it_serves(tmp_path: Path) -> None:
-    browser = tmp_path / "browser"
-    browser.write_text(f"#!{sys.executable}\n{BROWSER}")
-    browser.chmod(0o755)
-    with serving(tmp_path, "--open", BROWSER=str(browser)) as (process, url):
-        wait_until((tmp_path / "seen").exists, "the browser has the page")
-        assert (tmp_path / "seen").read_text() == url
-        process.terminate()
-        assert process.communicate(timeout=PATIENCE_S) == ("stopped\n", "")
-
-
-def test_another_address_gives_a_warning_and_open_without_a_desktop_says_how_to_see_the_page(tmp_path: Path) -> None:
-    nowhere = {"BROWSER": "", "DISPLAY": "", "WAYLAND_DISPLAY": ""}
-    with serving(tmp_path, "--host", "0.0.0.0", "--open", **nowhere) as (process, url):
+def test_another_address_gives_a_warning(tmp_path: Path) -> None:
+    with serving(tmp_path, "--host", "0.0.0.0") as (process, url):
         assert url.startswith(f"http://{socket.gethostname()}:")
         port = urlsplit(url).port
         asked = urllib.request.Request(f"http://127.0.0.1:{port}/", headers={"Host": url.split("/")[2]})
@@ -96,11 +75,7 @@ def test_another_address_gives_a_warning_and_open_without_a_desktop_says_how_to_
             assert answer.status == 200
         process.terminate()
         errors = process.communicate(timeout=PATIENCE_S)[1].splitlines()
-    tunnel = f"ssh -N -L {port}:localhost:{port} {socket.gethostname()} and open http://localhost:{port}/"
-    assert errors == [
-        f"warning: --host 0.0.0.0: everyone on that network can read {tmp_path}",
-        f"warning: --open: no desktop here; on yours, run {tunnel}",
-    ]
+    assert errors == [f"warning: --host 0.0.0.0: everyone on that network can read {tmp_path}"]
 
 
 def test_a_port_in_use_is_one_line(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

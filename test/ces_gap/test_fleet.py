@@ -1,7 +1,6 @@
-"""A fleet is diagnosed equally here and on a Dask cluster, streams to disk, and resumes."""
+"""A fleet is diagnosed equally here and on a Dask cluster."""
 
 import json
-import shutil
 import sys
 from pathlib import Path
 
@@ -11,17 +10,11 @@ from cheap_diagnosis import OFFSETS_N, Offset, Options, made
 from dask_clusters import dask_scheduler
 
 from ces_gap.fleet import DiagnosisRequest, diagnose_unit, job_of
-from ces_identify.jobs import CRASHED, DONE, FAILED, Task, failed_job, open_results, run_on_cluster
+from ces_identify.jobs import CRASHED, DONE, FAILED, Task, run_on_cluster
 from ces_identify.simulations.simulation import FunctionSimulation, function_simulation
-from ces_observer.errors import CesError
 
 ROOT = Path(__file__).parents[2]
 SPEC = "cheap_diagnosis:damper"
-ROWS = "fleet.jsonl"
-
-
-def open_fleet(folder):
-    return open_results(folder / ROWS, "a fleet")
 
 
 def answer(job, packed, recordings):
@@ -151,32 +144,3 @@ def test_different_requests_have_different_keys(tmp_path, monkeypatch):
     assert len({job.key for job in keys}) == 3
     assert job_of("a", recordings, filed, "", tmp_path).sim["spec"] == "../../m.json"
     assert job_of("renamed", recordings, make_request(), "s", tmp_path).key == keys[0].key
-
-
-def test_rows_and_files_are_written_immediately_and_a_torn_line_is_made_again(tmp_path, expected):
-    work, packed, _ = expected
-    with open_fleet(tmp_path) as fleet:
-        for job, recordings in work:
-            fleet.add(answer(job, packed, recordings))
-            assert json.loads((tmp_path / ROWS).read_text().splitlines()[-1])["name"] == job.name
-        with pytest.raises(CesError, match="another run is writing"), open_fleet(tmp_path):
-            pass
-    found = {job.name: job for job, _ in work}
-    output = tmp_path / found["b"].output
-    assert {path.name for path in output.iterdir()} == {"gap.json", "report.html"}
-    whole = (tmp_path / ROWS).read_bytes()
-    (tmp_path / ROWS).write_bytes(whole + b'{"key": "torn')
-    with open_fleet(tmp_path) as fleet:
-        kept = {name: fleet.has(job) for name, job in found.items()}
-        assert kept == {"a": True, "b": True, "c": True, "refused": True, "broken": False}
-        shutil.rmtree(output)
-        assert not fleet.has(found["b"])
-    assert (tmp_path / ROWS).read_bytes() == whole
-
-
-def test_a_failure_has_no_files(tmp_path):
-    (job, _), *_ = jobs(tmp_path)
-    with open_fleet(tmp_path) as fleet:
-        fleet.add(failed_job(job, FAILED, "why"))
-        assert not (tmp_path / job.output).exists()
-        assert fleet.rows[job.key]["reason"] == "why"

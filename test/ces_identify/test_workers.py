@@ -25,7 +25,7 @@ def work(tmp_path_factory):
     (folder / "rules.yaml").write_text(RULES)
     (folder / "c.yaml").write_text(
         "bags: {one: [one], short: [short]}\nvalidate: {other: two}\n"
-        "structures: {polynomial: {terms: 2, method: random, candidates: rules.yaml}}\nlimits: {time: 600}\n"
+        "structures: {polynomial: {terms: 2, candidates: rules.yaml}}\nlimits: {time: 600}\n"
     )
     campaign = load_campaign(folder / "c.yaml")
     recordings = {path: made(seed, name=path.name) for seed, path in enumerate(campaign.paths, start=1)}

@@ -12,7 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ces_report.plot import Plot, PlotArea, PlotBand, PlotBars, PlotDots, PlotLine, PlotShade, draw_plot
+from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, PlotShade, draw_plot
 
 SVG = "{http://www.w3.org/2000/svg}"
 TIME = np.arange(5000) / 1000.0
@@ -116,13 +116,11 @@ def test_a_shade_is_where_the_mask_is_true() -> None:
 
 
 def test_the_table_has_the_extremes_of_every_mark() -> None:
-    bars = PlotBars("share", np.array([0.0, 1.0, 2.0]), np.array([30.0, 70.0]))
-    root = drawn(one_area(PlotLine("model", TIME, WAVE), PlotBand("band", TIME, WAVE - 1, WAVE + 1), bars))
+    root = drawn(one_area(PlotLine("model", TIME, WAVE), PlotBand("band", TIME, WAVE - 1, WAVE + 1)))
     rows = {r.find("th").text: [c.text for c in r.iter("td")] for r in root.iter("tr") if r.find("td") is not None}
-    names = ("model", "band, lower end", "band, upper end", "share")
+    names = ("model", "band, lower end", "band, upper end")
     assert list(rows) == [f"{name}: Force [N]" for name in names]
     assert rows["model: Force [N]"][:2] == ["5000", "−300"]
-    assert rows["share: Force [N]"][3:5] == ["70", "1.5"]
 
 
 @pytest.mark.parametrize("values", [np.zeros(0), np.full(10, np.nan), np.full(10, 3.0), np.ones(1)])

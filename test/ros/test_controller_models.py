@@ -105,17 +105,6 @@ def loop(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Loop]:
     assert not [key for key in loop.told[-1] if key.startswith("interruptions") and "no estimates" not in key]
 
 
-def test_by_latched_topic(loop: Loop) -> None:
-    model = damper_with_past(0.88)
-    loop.models.publish(String(data=model.to_json()))
-    loop.commands_for(0.88)
-    loop.hears("model sha256", model.digest())
-    loop.hears("model", "topic identify/model")
-    loop.models.publish(String(data="{}"))
-    loop.hears("last change of the model", "refused, the old model runs on: topic identify/model: ")
-    assert loop.commands[-1] == pytest.approx(current_A(0.88), abs=1e-3)
-
-
 def test_by_parameter_and_by_service_which_reads_the_file_again(loop: Loop, tmp_path: Path) -> None:
     path = tmp_path / "model.json"
     damper_with_past(0.91).save(path)

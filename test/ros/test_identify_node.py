@@ -19,7 +19,7 @@ from vehicle import Vehicle, wait
 from ces_observer.model import load_model
 from ces_observer.nodes.outputs import LATCHED
 
-QUICK = {"terms": 2, "threads": 1, "method": "random", "bags": f"[{ROOT / 'bags' / 'noise' / 'noise.mcap'}]"}
+QUICK = {"terms": 2, "threads": 1, "bags": f"[{ROOT / 'bags' / 'noise' / 'noise.mcap'}]"}
 Begin = Callable[..., NodeProcess]
 
 

@@ -61,11 +61,3 @@ def test_the_band_is_withheld_with_the_estimate(
     recovers = time.time_ns()
     vehicle.drive_until(lambda: stamp_of(heard[-1]) > recovers, "bands again")
     assert not [band for band in heard if fails < stamp_of(band) < recovers]
-
-
-def test_a_model_without_a_band_publishes_none(vehicle: Vehicle, heard: list[JointState], start: Start) -> None:
-    start()
-    vehicle.meets_node()
-    vehicle.drive_until(lambda: len(vehicle.estimates) > 100, "estimates")
-    assert vehicle.node.count_publishers(TOPIC) == 1
-    assert not heard

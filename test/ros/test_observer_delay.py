@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
-from bands import BAND
+from bands import BAND, lower_bounds
 from damper_models import damper_with_past, delayed_damper, plain_damper
 from node_process import NodeProcess
 from replay import Samples, currents, jittered_positions, offline, require_equal
@@ -20,7 +20,7 @@ from sensor_msgs.msg import JointState
 from vehicle import DEEP, JOINT, STAMPED_CURRENT, Vehicle, lossless_topics, stamp_of, wait
 
 from ces_data.recording import Channel, Recording
-from ces_identify.simulations.simulate import sample_bounds, sample_run
+from ces_identify.simulations.simulate import sample_run
 from ces_observer.model import Model
 
 Start = Callable[..., NodeProcess]
@@ -57,7 +57,7 @@ def batch(positions: Samples, model: Model) -> tuple[dict[int, float], dict[int,
     stamps = recording.channel("position").stamps_ns.tolist()
     known = np.isfinite(run.force)
     forces = dict(zip(np.array(stamps)[known].tolist(), run.force[known].tolist(), strict=True))
-    bounds = sample_bounds(run)[0][known].tolist()
+    bounds = lower_bounds(run)[known].tolist()
     return forces, dict(zip(forces, bounds, strict=True))
 
 

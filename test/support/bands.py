@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
+from ces_data.arrays import F
+from ces_identify.simulations.simulate import SampleRun, band_half_width
 from ces_observer.band import Band
 
 BAND = Band(
@@ -24,3 +28,9 @@ BAND = Band(
 def make_band(**changes: Any) -> Band:
     """Return the band with some numbers changed."""
     return replace(BAND, **changes)
+
+
+def lower_bounds(at: SampleRun) -> F:
+    """Return the lower bound [N] at the position samples (n,), NaN without a force."""
+    assert at.model.band is not None
+    return np.asarray(at.force - np.append(band_half_width(at.model.band, at.series, at.run.force), np.nan)[at.newest])

@@ -12,7 +12,7 @@ bags:
 validate:
   other: two
 structures:
-  polynomial: {terms: [2, 4], method: random, candidates: rules.yaml}
+  polynomial: {terms: [2, 4], candidates: rules.yaml}
   sigmoid: {units: 2}
 seed: [1, 2]
 limits: {time: 600}

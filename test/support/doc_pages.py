@@ -59,7 +59,7 @@ SLOW = re.compile(
     r"^rig characterise|^diagnose .*--sim \S+\.yaml"
 )  # 5 and 10 s; test/ces_rig and test/ces_gap run these
 QUICK = ("--template", "--list", "--show-candidates", "--help")  # such commands run all the same
-OUTPUTS = ("--out", "--report", "--picture", "--ros-package", "--rows")
+OUTPUTS = ("--out", "--report", "--ros-package")
 NEEDS_ROS = re.compile(r"^\s*(from|import) (launch|launch_ros|rclpy|ros2launch)\b|\bNode\(package=", re.MULTILINE)
 SIMULATOR = """\
 import numpy as np
@@ -278,7 +278,7 @@ def list_shorter(words: list[str]) -> list[str]:
         return []
     if "--method" in words and "--candidates" not in words:
         return shlex.split(f"{SHORTER[words[0]]} --terms 3 --candidates rules.yaml")
-    plain = not {"--structure", "--candidates", "--method", "--construct", "--blend"} & set(words)
+    plain = not {"--structure", "--candidates", "--method", "--blend"} & set(words)
     small = shlex.split(SMALL) if words[0] == "identify" and (plain or "auto" in words) else []
     return shlex.split(SHORTER[words[0]]) + small
 

@@ -12,15 +12,15 @@ from typing import Any
 from samplings import make_sampling
 
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.structures.curves import FlowMap, IncreasingCurve
-from ces_observer.structures.hydraulic import KINDS, Bypass, Hydraulic
+from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
+from ces_observer.structures.hydraulic import KINDS, Hydraulic
 from ces_observer.structures.physical import FrictionElement, SideForces, ValvePath
 
 ENVELOPE = Envelope((-0.018, 0.018), (-1.5, 1.4), (0.1, 0.9))
 SAMPLING = make_sampling(outlier_m=0.004, warm_up_s=0.1)
 POSITIONS, GAS = (-0.02, -0.01, 0.0, 0.01, 0.02), (-40.0, -25.0, 0.0, 30.0, 80.0)
 FLOWS = (0.004, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4, 0.8, 1.2)  # [m/s]
-GROOVE = Bypass((-0.01, -0.005, 0.0, 0.005, 0.01), (0.0, 0.004, 0.012, 0.004, 0.0))
+GROOVE = Bypass((-0.01, -0.005, 0.0, 0.005, 0.01), (1e-6, 0.004, 0.012, 0.004, 1e-12))
 
 
 def make_hydraulic(valve: ValvePath, **changes: Any) -> Hydraulic:
@@ -35,6 +35,7 @@ def make_hydraulic(valve: ValvePath, **changes: Any) -> Hydraulic:
         "rebound_growth_1_m": 5.0,
         "mount_m_N": 4e-7,
         "creep_m_Ns": 1e-6,
+        "fade_1_W": 1e-5,
         "reservoir_N": 200.0,
         "air": 0.5,
         "most_N": 20_000.0,
@@ -42,6 +43,7 @@ def make_hydraulic(valve: ValvePath, **changes: Any) -> Hydraulic:
         "base": _edge((400.0,), 0.05, 300.0, back=0.05),
         "external": _edge((2000.0,), 0.02, 3000.0),
         "bypass": None,
+        "bypass_laminar_N": 40.0,
         "laminar_N": 20.0,
         "piston_s": 1e-3,
         "base_s": 2e-3,
@@ -73,11 +75,13 @@ def random_hydraulic(random: Random) -> Hydraulic:
         *growths,
         random.choice((0.0, _log(random, 1e-9, 1e-5))),
         random.choice((0.0, _log(random, 1e-8, 1e-4))),
+        random.choice((0.0, 1.0, -1.0)) * _log(random, 1e-4, 1.0),
         _log(random, 1.0, 1e5),
         random.choice((0.0, _log(random, 1e-3, 100.0))),
         _log(random, 300.0, 1e6),
         *_random_edges(random),
         random.choice((None, _random_bypass(random))),
+        _log(random, 1e-6, 1e4),
         _log(random, 1e-3, 1e3),
         *lags,
         random.choice((0.0, _log(random, 1e-6, 1e-2))),
@@ -147,4 +151,4 @@ def _through_zero(random: Random, count: int, size: float, zero: int) -> tuple[f
 def _random_bypass(random: Random) -> Bypass:
     count = random.randint(2, 9)
     at = accumulate((_log(random, 1e-4, 0.01) for _ in range(count)), initial=-0.02)
-    return Bypass(tuple(at), tuple(random.choice((0.0, random.uniform(0.0, 0.1))) for _ in range(count + 1)))
+    return Bypass(tuple(at), tuple(random.choice((1e-12, _log(random, 1e-6, 0.1))) for _ in range(count + 1)))

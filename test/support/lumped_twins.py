@@ -64,52 +64,6 @@ def bouc_wen(d, stroke, current, interval):
     return np.array(forces)
 
 
-def polyviscous(d, stroke, current, interval):
-    """Force [N] at the samples after the first; no play, no dead time, no loop of the voltage, no void."""
-    zero = d.rod_m2 * (d.gas_Pa - 101_325)
-    v, e, warm, lift, heat, before, relaxed = 0.0, 0.0, 0.0, 0.0, 0.0, None, zero / d.mount_N_m
-    x = stroke[0] - relaxed
-    coil = first = second = current[0]
-    travels = d.seal_m * np.array([0.25, 0.75, 1.25, 1.75])
-    slipped = np.zeros(4)
-    forces = []
-    for s, ds, i, sample in driven(stroke, current, interval):
-        coil = lag(i, coil, d.coil_s)
-        first = lag(coil, first, d.field_s)
-        second = lag(first, second, d.field_s)
-        bend = abs(e)  # e = F/k + air·F/(F + air_N), solved for F
-        b = d.oil_N_m * (bend - d.air_m) - d.air_N
-        size = (b + np.sqrt(b * b + 4 * d.oil_N_m * bend * d.air_N)) / 2
-        thin = 1 + d.fade_1_K * warm
-        knee = (d.knee_N + d.knee_N_A2 * second**2) / thin * (d.knee_rebound if e < 0 else 1)
-        beyond = d.beyond_Ns_m / thin * (d.beyond_rebound if e < 0 else 1)
-        passed = thin * d.thinning_N / d.bleed_Ns_m * np.sinh(size / d.thinning_N)
-        width = d.knee_width_N
-        passed += width * (np.logaddexp(0, (size - knee) / width) - np.logaddexp(0, -knee / width)) / beyond
-        passed += d.bypass_m_sN * size / (size**2 + 25) ** 0.25 + lift * size / d.relief_Ns_m
-        passed *= np.sign(e)
-        oil = size * np.sign(e)
-        lift = lag(np.tanh(max(size - d.relief_N, 0.0) / (0.2 * d.relief_N)), lift, d.relief_s)
-        level = d.seal_N * (1 + d.seal_rise * np.exp(-abs(v) / d.seal_m_s))
-        seal = level * np.mean(slipped / travels)
-        gas = d.rod_m2 * (d.gas_Pa * d.gas_m3 / (d.gas_m3 - d.rod_m2 * x) - 101_325)
-        heat = lag(0.0, heat + 0.4 * (gas - (gas if before is None else before)), d.gas_s)
-        before = gas
-        give = s - x
-        spring = d.mount_N_m * give * (1 + d.mount_stiffening * (1e3 * give) ** 2)
-        spring += d.mount_N_m * d.mount_relaxing * (give - relaxed)
-        mount = spring + d.mount_Ns_m * (ds - v)
-        relaxed = lag(give, relaxed, d.mount_s)
-        v += STEP * (mount - oil - seal - gas - heat) / d.mass_kg
-        x += STEP * v
-        e += STEP * (v - passed)
-        slipped = np.clip(slipped + STEP * v, -travels, travels)
-        warm += STEP * (oil * passed + abs(seal * v) - d.heat_loss_W_K * warm) / d.heat_J_K
-        if sample:
-            forces.append(mount - zero)
-    return np.array(forces)
-
-
 def monotube(d, stroke, current, interval):
     """Force [N] at the samples after the first; no play, no relief valve, nothing that sticks or closes late."""
 

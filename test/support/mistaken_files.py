@@ -68,7 +68,6 @@ def short(time_s, position_m, current_A): return force(time_s, position_m, curre
     "i1.yaml": "limits: [1, 2]\nrig: {kind: virtual}\n", "i2.yaml": TEMPLATE.replace("kind: virtual", "kind: cloud"),
     "i3.yaml": TEMPLATE.replace("budget_s: 60", "budget_s: -3"), "i5.yaml": "limits: {",
     "i4.yaml": TEMPLATE.replace("validate: []", "validate: [missing]"), "i6.yaml": TEMPLATE,
-    "torn/runs/run_00.npz": "no zip",
 }  # fmt: skip
 MODELS: dict[str, Callable[[dict[str, Any]], object]] = {
     "no_envelope.json": lambda m: m.pop("force_envelope_N"),

@@ -11,7 +11,7 @@ from scipy.optimize import brentq
 
 from ces_observer.model import Model
 from ces_observer.structures.curves import interpolate
-from ces_observer.structures.hydraulic import EDGES, SPREAD, STILL_N, Hydraulic
+from ces_observer.structures.hydraulic import EDGES, SPREAD, STILL_N, WARMEST, WARMING_S, Hydraulic
 from ces_observer.structures.physical import INPUTS, widen
 
 Inputs = Sequence[tuple[float, float, float]]
@@ -92,7 +92,7 @@ def pressures(
     """Return both pressures and friction [N] of each tick from positions [m], drives [m/s] and settings."""
     body, interval, ratio = model.body, 1.0 / model.sampling.rate_Hz, 1.0 + model.body.area_ratio
     stored, opened, result = (0.0, 0.0), [0.0, 0.0, 0.0], []
-    pull, rubbing, give = 0.0, [0.0] * len(body.side.friction), body.mount_m_N + interval * body.creep_m_Ns
+    heat, pull, rubbing, give = 0.0, 0.0, [0.0] * len(body.side.friction), body.mount_m_N + interval * body.creep_m_Ns
     shares = [interval / (lag + interval) for lag in (body.piston_s, body.base_s, body.external_s)]
     for x, drive, setting in zip(positions, driven, valve, strict=True):
         curves = [getattr(body, edge).blend(setting) for edge in EDGES]
@@ -100,14 +100,29 @@ def pressures(
         springs = [(clip(z, -y, y), one, y) for z, one, y in zip(rubbing, body.side.friction, limits, strict=True)]
         ends = {0.0, *((end - z) / one.stiffness_N_m for z, one, y in springs for end in (-y, y))}
         ways = sorted({*ends, min(ends) - 1.0, max(ends) + 1.0})
-        bypass = [body.bypass(x) if body.bypass else 0.0, 0.0, 0.0]
+        bypass, warm = (
+            body.bypass(x - body.mount_m_N * pull) if body.bypass else 0.0,
+            exp(clip(body.fade_1_W * heat, -WARMEST, WARMEST)),
+        )
 
         def steady(n, drop, curves=curves):
             return interpolate(curves[n], getattr(body, EDGES[n]).at, drop)
 
-        def flow(n, drop, opened=tuple(opened), bypass=bypass, steady=steady):
-            opening = (1.0 - shares[n]) * opened[n] + bypass[n]
-            return shares[n] * steady(n, drop) + opening * drop / sqrt(abs(drop) + body.laminar_N)
+        def flow(n, drop, opened=tuple(opened), bypass=bypass, warm=warm, steady=steady):
+            passed = shares[n] * steady(n, drop) + (1.0 - shares[n]) * opened[n] * drop / sqrt(
+                abs(drop) + body.laminar_N
+            )
+            return warm * (
+                passed
+                + (
+                    0.0
+                    if n
+                    else 2.0
+                    * bypass
+                    * drop
+                    / (sqrt(body.bypass_laminar_N + 4.0 * abs(drop)) + sqrt(body.bypass_laminar_N))
+                )
+            )
 
         def rub(way, springs=springs):
             return [clip(z + one.stiffness_N_m * way, -y, y) for z, one, y in springs]
@@ -133,6 +148,7 @@ def pressures(
         p_c, p_r = (clip(p, -body.most_N, body.most_N) for p in (balanced(p_r), p_r))
         stored, rubbing = volumes(body, x, p_c, p_r), rub(behind(p_c, p_r))
         pull = ratio * p_c - p_r + sum(rubbing)
+        heat += interval / (WARMING_S + interval) * (abs(pull * drive) - heat)
         for n, drop in enumerate((p_c - p_r, p_c, p_r)):
             if abs(drop) >= STILL_N:
                 opening = steady(n, drop) * sqrt(abs(drop) + body.laminar_N) / drop

@@ -16,7 +16,7 @@ import pytest
 from small_recordings import RULES, make_columns, write_columns
 
 SECONDS, RATE, COULOMB_N = 8.0, 250.0, 60.0
-QUICK = ("--terms=4", "--starts=1", "--method=gauss-newton", "--threads=1")
+QUICK = ("--terms=4", "--starts=1", "--threads=1")
 
 
 @dataclass(frozen=True)

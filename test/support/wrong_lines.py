@@ -43,7 +43,7 @@ def word_for(action):
     if "MODEL" in str(action.metavar) and action.dest != "out":
         return MODEL
     if action.type in (None, str, Path):
-        return _new_name(action) if action.dest in ("out", "report", "picture") else NOTES
+        return _new_name(action) if action.dest in ("out", "report") else NOTES
     return next(word for word in WORDS if accepts(action, word))
 
 

@@ -9,7 +9,7 @@ from numba import njit
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import MOTION, Effect, EffectParameter, magnitude
-from ces_gap.effects.series import move_in_bracket, soft_width, subtract_stroke
+from ces_gap.effects.series import MapTable, move_in_bracket, soft_width, subtract_stroke
 from ces_gap.grid import thin_out
 from ces_gap.plant_map import map_force_and_slope, remove_high_frequencies
 from ces_gap.trace import Trace, TraceInputs
@@ -84,7 +84,7 @@ def gated_play(x: F, openness: F, gap: float) -> F:
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def tight_force(speed: F, level: F, plant: tuple[float, float, F], own: float, step_s: float, substeps: int) -> F:
+def tight_force(speed: F, level: F, plant: MapTable, own: float, step_s: float, substeps: int) -> F:
     """Return the force [N] of F = f(v - own·dF/dt) by implicit Euler, f the map of `plant`, `substeps` per tick."""
     out = np.empty((len(speed) - 1) * substeps + 1)
     g = speed[0]
@@ -98,17 +98,9 @@ def tight_force(speed: F, level: F, plant: tuple[float, float, F], own: float, s
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def loose_force(
-    speed: F,
-    level: F,
-    memory: F,
-    tight: F,
-    gap: float,
-    parted: float,
-    plant: tuple[float, float, F],
-    own: float,
-    step_s: float,
+    speed: F, level: F, memory: F, tight: F, gap: float, parted: float, plant: MapTable, own: float, step_s: float,
     substeps: int,
-) -> F:
+) -> F:  # fmt: skip
     """Return the force [N] ((n - 1)·substeps + 1,) of a damper behind a joint with a gap, minus `memory`.
 
     The damper is f(v' - own·dF/dt) + memory, f the `map_force_and_slope` of `plant`; `tight` is its `tight_force`
@@ -138,7 +130,7 @@ def loose_force(
 
 @njit(cache=True, nogil=True, error_model="numpy")
 def _solve_map_speed(
-    v: float, s: float, before: float, guess: float, own: float, plant: tuple[float, float, F]
+    v: float, s: float, before: float, guess: float, own: float, plant: MapTable
 ) -> tuple[float, float]:
     """Return g [m/s] with g + own·(f(g) - before) = v, by bracketed Newton iteration, and f(g) [N]."""
     g, low, high = v, -np.inf, np.inf
@@ -153,7 +145,7 @@ def _solve_map_speed(
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def _solve_speed_at_force(force: float, s: float, guess: float, plant: tuple[float, float, F]) -> float:
+def _solve_speed_at_force(force: float, s: float, guess: float, plant: MapTable) -> float:
     """Return the speed [m/s] at which f is `force` [N], within the map's range, by bracketed Newton iteration."""
     fastest = plant[0] * ((1.0 + plant[1]) ** 2 - 1.0)
     low, high = -fastest, fastest

@@ -68,5 +68,4 @@ def _excess(force: F, level: float) -> F:
     if not np.isfinite(level):
         return np.zeros_like(force)
     width = ROUNDING * level
-    beyond = (force - level) / width
-    return np.asarray(width * (np.maximum(beyond, 0.0) + np.log1p(np.exp(-np.abs(beyond)))))
+    return np.asarray(width * np.logaddexp(0.0, (force - level) / width))

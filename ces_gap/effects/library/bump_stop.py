@@ -38,8 +38,7 @@ class BumpStop(Effect):
         stiffness, hardening, *contacts = values
         for end, contact_m in zip(self.ends, contacts, strict=True):
             contact = max(end * contact_m, float(np.quantile(end * trace.inputs.position, FREE)))
-            ratio = (end * inputs.position - contact) / ROUNDING_M
-            deflection = ROUNDING_M * (np.maximum(ratio, 0.0) + np.log1p(np.exp(-np.abs(ratio))))
+            deflection = ROUNDING_M * np.logaddexp(0.0, (end * inputs.position - contact) / ROUNDING_M)
             force = force + end * deflection * (stiffness + hardening * deflection)
         return force
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ces_cli.bags import export_data, import_
+from ces_cli.bags import export_data
 from ces_cli.terminal import terminal
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
@@ -49,30 +49,6 @@ def columns(path):
     names = path.read_text().splitlines()[0].split(",")
     table = np.genfromtxt(path, delimiter=",", skip_header=1)
     return dict(zip(names, table.T, strict=True))
-
-
-def assert_same(one, other, names=SIGNALS):
-    for name in names:
-        np.testing.assert_array_equal(one.channel(name).stamps_ns, other.channel(name).stamps_ns)
-        np.testing.assert_array_equal(one.channel(name).values, other.channel(name).values)
-
-
-@pytest.mark.parametrize("suffix", [".csv", ".parquet"])
-def test_as_logged_and_imported_again_is_the_same(bag, tmp_path, suffix):
-    if suffix == ".parquet":
-        pytest.importorskip("pyarrow", reason="pyarrow is not installed")
-    file = tmp_path / f"run{suffix}"
-    assert run(bag, "--as-logged", "--out", file) == 0
-    assert terminal.run("import", import_.main, [str(file), "--out", str(tmp_path / "again")]) == 0
-    assert_same(read_recording(bag, load_signals()), read_recording(tmp_path / "again", load_signals()))
-
-
-def test_a_sample_bag_comes_back_equal(tmp_path):
-    assert run(ROOT / "bags" / "sine_4hz", "--as-logged", "--out", tmp_path / "sine.csv") == 0
-    assert terminal.run("import", import_.main, [str(tmp_path / "sine.csv"), "--out", str(tmp_path / "again")]) == 0
-    assert_same(
-        read_recording(ROOT / "bags" / "sine_4hz", load_signals()), read_recording(tmp_path / "again", load_signals())
-    )
 
 
 def test_the_position_gives_the_rows_and_names_say_what_was_held(bag, tmp_path):

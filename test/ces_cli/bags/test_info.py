@@ -68,11 +68,3 @@ def test_constant_signal_and_own_signals_file(tmp_path, capsys):
     rows = [line.split() for line in capsys.readouterr().out.splitlines()]
     assert ["current", "A", "0.5", "0.5"] in rows
     assert any(row[:2] == ["position", "m"] and row[-2:] == ["-0.04", "0.04"] for row in rows)
-
-
-@pytest.mark.parametrize(("suffix", "magic"), [(".png", b"\x89PNG"), (".svg", b"<?xml")])
-def test_picture(tmp_path, suffix, magic):
-    path = tmp_path / f"coverage{suffix}"
-    assert info.main([bag(tmp_path / "run"), "--picture", str(path)]) == 0
-    assert path.read_bytes().startswith(magic)
-    assert sorted(p.name for p in tmp_path.iterdir()) == [path.name, "run"]

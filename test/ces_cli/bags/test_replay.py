@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bands import BAND
+from bands import BAND, lower_bounds
 from damper_models import delayed_damper
 from programs import ces, document_of
 from small_recordings import write_columns
 
 from ces_data.bags.reader import read_recording
 from ces_data.recording import Channel
-from ces_identify.simulations.simulate import sample_bounds, sample_run
+from ces_identify.simulations.simulate import sample_run
 from ces_observer.signals import Signals
 
 JOINT = "rear_damper"
@@ -45,7 +45,7 @@ def test_the_delayed_estimates_are_the_batchs(alone: bool, capsys: pytest.Captur
     stamps = recording.channel("position").stamps_ns
     for values, topic, field in (
         (run.force, "/observer/estimate_delayed", f"effort[{JOINT}]"),
-        (sample_bounds(run)[0], "/observer/estimate_delayed_band", f"effort[{JOINT}_lower]"),
+        (lower_bounds(run), "/observer/estimate_delayed_band", f"effort[{JOINT}_lower]"),
     ):
         found = read(topic, field)
         np.testing.assert_array_equal(found.stamps_ns, stamps[known])

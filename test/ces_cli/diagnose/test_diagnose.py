@@ -9,14 +9,13 @@ from pathlib import Path
 import cheap_diagnosis
 import diagnoses
 import pytest
-from programs import ces, run_here, text_of
+from programs import ces, run_here
 from samplings import make_sampling
 
 from ces_cli.terminal.recordings import find_bags, find_fleet_units
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.checks.content import recording_marks
-from ces_identify.jobs import run_on_this_machine
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, load_model
 from ces_observer.signals import Signals
@@ -234,26 +233,3 @@ def test_failures_do_not_stop_the_other_diagnoses(quick, capsys, tmp_path):
         assert "warning: refused: refused: too short" in printed.err
         assert "torn: cannot be opened as a bag" in printed.err
     assert {row["status"] for row in rows_of(tmp_path / "out").values()} == {"done", "failed"}
-
-
-def test_a_fleet_without_any_diagnosis(quick, capsys, tmp_path):
-    bag(tmp_path / "refused", 10.0, 6)
-    words = ("--sim", SIM, "--real", tmp_path / "refused", "--each", "recording", "--out", tmp_path / "out")
-    assert ces("diagnose", *words) == 2
-    printed = capsys.readouterr().err.splitlines()
-    assert "warning: refused: refused: too short" in printed
-    assert printed[-1] == "ces diagnose: error: all 1 diagnoses failed, for the reasons above"
-
-
-def test_a_dask_scheduler_runs_the_diagnoses(quick, capsys, monkeypatch):
-    """Its address is handed on; test_workers runs jobs on a cluster."""
-    seen = []
-
-    def run(work, tasks, shared, address):
-        seen.append(address)
-        return run_on_this_machine(work, tasks, shared, 1, 1)
-
-    monkeypatch.setattr("ces_cli.terminal.progress.run_on_cluster", run)
-    words = ("--each", "recording", "--out", "dask_gap", "--dask", "here:1")
-    assert "6 of 6 diagnosed" in text_of(capsys, "diagnose", "--sim", SIM, "--real", "fleet", *words)
-    assert seen == ["here:1"] and {row["status"] for row in rows_of(quick / "dask_gap").values()} == {"done"}

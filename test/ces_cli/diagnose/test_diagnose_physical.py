@@ -14,7 +14,6 @@ from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.recording import Channel, Recording
 from ces_identify.simulations.simulate import sample_force
-from ces_observer.model import load_model
 from ces_observer.signals import Signals
 
 RATE, NOISE_N, COULOMB_N, SECONDS = 1000.0, 6.0, 40.0, 7.0
@@ -72,12 +71,3 @@ def test_its_repair_closes_the_gap_as_claimed(diagnosed, tmp_path):
     assert len(left) > 0.9 * len(simulated) - 550
     left_N = float(np.sqrt(max(np.mean(left**2) - NOISE_N**2, 0.0)))
     assert left_N == pytest.approx(gap["composition"]["gap_after_N"], abs=0.1 * COULOMB_N)
-
-
-@pytest.mark.parametrize("diagnosed", ["plain"], indirect=True)
-def test_its_repair_is_distilled(diagnosed, capsys):
-    network = ("--structure", "hydraulic", "--kind", "twin tube", "--curves", 2, "--time", 4, "--no-band")
-    words = ("identify", "one", "two", "--validate", "held", "--teacher", "gap/augmented.json", *network)
-    assert ces(*words, "--out", "repaired.json") == 0
-    assert load_model("repaired.json").structure == "hydraulic"
-    assert "model to teacher" in capsys.readouterr().out

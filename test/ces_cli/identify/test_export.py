@@ -135,14 +135,6 @@ def test_an_fmu_without_a_compiler_needs_an_option(tmp_path, capsys, monkeypatch
     assert "sources only" in capsys.readouterr().out
 
 
-def test_an_unstable_model_needs_an_option_for_an_fmu(tmp_path, capsys):
-    words = (model_file(tmp_path / "m.json", past=1.01), "--out", tmp_path / "m.fmu", "--sources-only")
-    assert "stability cannot be proved" in error_line(capsys, *words)
-    assert export(*words, "--allow-uncertified") == 0
-    with zipfile.ZipFile(tmp_path / "m.fmu") as archive:
-        assert "STABILITY NOT PROVED" in archive.read("modelDescription.xml").decode()
-
-
 # ------------------------------------------------------------------------------------------------- a ROS 2 package
 
 

@@ -14,8 +14,8 @@ from ces_observer.errors import CesError
 from ces_observer.options import NO_WORDS
 
 CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
-# A node does not need campaigns, clusters, cross-validation, pictures or text on standard output.
-LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "picture", "show_candidates", "help", "json"})
+# A node does not need campaigns, clusters, cross-validation or text on standard output.
+LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "show_candidates", "help", "json"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
 RANGED = [o for o in SHARED if math.isfinite(o.high)]
@@ -72,7 +72,7 @@ def test_a_value_with_a_dash_is_no_option():
 def test_a_missing_recording_and_a_wrong_choice_are_named():
     with pytest.raises(CesError, match="parameter 'bags' is not set; set it to the paths of recordings"):
         build_command_line(DEFAULTS)
-    with pytest.raises(CesError, match="parameter 'method' is 'best'; expected one of both, random, gauss-newton"):
+    with pytest.raises(CesError, match="parameter 'method' is 'best'; expected one of gauss-newton, thesis"):
         BY_NAME["method"].check_parameter("best")
 
 

@@ -48,7 +48,7 @@ def test_interrupted_it_sends_stages_costs_warnings_and_the_best_so_far(
     shared_model: SharedResults, tmp_path: Path
 ) -> None:
     out, report = tmp_path / "model.json", tmp_path / "report.html"
-    words = ["--terms=2", "--threads=1", "--method=random", "--time=600", "--starts=10000", f"--out={out}"]
+    words = ["--terms=2", "--threads=1", "--time=600", "--starts=10000", f"--out={out}"]
     words += [f"--report={report}", f"--candidates={shared_model.folder / 'rules.yaml'}"]
     process = IdentifyProcess([*words, "--", str(shared_model.folder / "one" / "one.mcap")])
     messages = read_until(process, "cost")

@@ -1,4 +1,4 @@
-"""Hydraulic networks from end to end: a teacher's force, and the report's sections."""
+"""Hydraulic networks from end to end: the report's sections of a model that learned a teacher's force."""
 
 import xml.etree.ElementTree as ET
 from dataclasses import replace
@@ -37,14 +37,6 @@ def taught(work):
     words = ("identify", "one", "--validate", "two", "--teacher", "planted.json", *NETWORK, "--rate", 400, "--no-band")
     assert ces(*words, "--out", "taught.json", "--report", "r.html") == 0
     return load_model(work / "taught.json"), ET.fromstring((work / "r.html").read_text(encoding="utf-8"))
-
-
-def test_a_model_learns_the_force_of_a_teacher(taught):
-    model, _ = taught
-    assert model.structure == "hydraulic" and model.body.kind == "uniflow"
-    costs = [row["model_to_teacher"] for row in model.provenance["teacher"]["cost_J_percent"]]
-    assert len(costs) == 2
-    assert max(costs) < 3.0
 
 
 def test_its_report_shows_the_damper_with_intervals_and_curves(taught):

@@ -14,7 +14,7 @@ from programs import NO_SHORT_FITS
 from samplings import make_sampling
 
 from ces_cli import compare
-from ces_cli.bags import characterise, export_data, import_, info, replay
+from ces_cli.bags import characterise, export_data, import_, info
 from ces_cli.identify import program, validate
 from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
@@ -170,16 +170,6 @@ def test_all_programs_show_the_same_words(bags, tmp_path, capsys):
     assert [f["text"] for f in recording["findings"]] == [
         f.text for f in check_recording(read_recording(Path(bag), load_signals()))
     ]
-
-
-def test_replay_names_ranges_outside(bags, tmp_path, capsys):
-    replay.main([str(bags / "model.json"), str(bags / "wide"), "--out", str(tmp_path / "replayed")])
-    assert "warning: wide is outside the model's envelope for" in capsys.readouterr().err
-
-
-def test_info_shows_what_makes_no_sense(bags, capsys):
-    assert info.main([str(bags / "reversed")]) == 0
-    assert "wrong model: force: acts with the motion" in capsys.readouterr().out
 
 
 def write_log(path: Path, recording: Recording):

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 import pytest
-from programs import ces, error_line, text_of
+from programs import ces, text_of
 
 from ces_identify.polynomial.candidates import built_in_rules
 from ces_observer.model import load_model
@@ -43,20 +43,3 @@ def test_an_unproved_model_is_written_and_said_to_be_unproved(tmp_path, capsys):
     assert load_model(out).certificate is None
     assert ces("validate", out, "--certificate") == 1
     assert f"not proved: {out}: the gains of the past forces may sum to" in capsys.readouterr().out
-
-
-def test_a_model_with_a_certificate_says_so(tmp_path, capsys):
-    """A past force alone decays slowly and can be proved stable."""
-    rules = tmp_path / "rules.yaml"
-    rules.write_text("initial: [[{signal: force, lag: 1}], [{signal: speed}]]\n")
-    assert identify("--candidates", rules, "--out", tmp_path / "model.json") == 0
-    assert "stable: contraction" in capsys.readouterr().out
-    assert load_model(tmp_path / "model.json").certificate["gain"] < 1.0
-
-
-def test_initial_terms_that_diverge_are_refused_in_one_line(tmp_path, capsys):
-    sweep = ROOT / "config" / "thesis" / "sweep.yaml"
-    words = ("identify", ROOT / "bags" / "sweep", "--method", "thesis", "--candidates", sweep)
-    error = error_line(capsys, *words, "--out", tmp_path / "model.json")
-    assert error.startswith("ces identify: error: no model below 100 %: the free run of the initial model diverges")
-    assert not (tmp_path / "model.json").exists()

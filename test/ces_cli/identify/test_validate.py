@@ -80,17 +80,14 @@ def test_costs_come_with_interval_floor_and_weighted_cost(work, printed):
     assert "weights: zero_crossing:0.1=3 current:0.6..0.7=2" in printed
 
 
-def test_residuals_and_error_regions_take_a_line_each(printed):
+def test_residuals_take_a_line_each(printed):
     lines = printed.splitlines()
     assert sum(line.startswith("residual of cycles: ") for line in lines) == 2
-    shares = [int(re.match(r"error: (\d+) % of its energy", line)[1]) for line in lines if line.startswith("error: ")]
-    assert len(shares) == 3
-    assert shares == sorted(shares, reverse=True)
 
 
 def test_the_report_shows_them_too(work, printed):
     page = (work / "v.html").read_text()
-    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed → residual", "Error by cells of speed"):
+    for text in ("95&#160;% interval", "noise floor", "Weighted J", "speed → residual"):
         assert text in page
 
 
@@ -137,7 +134,6 @@ def test_a_certificate_is_proved_again_without_a_bag(work, capsys):
     proof = load_model(work / "model.json").certify()
     assert f"gain            {proof.gain:.6g} < 1" in out
     assert f"{proof.force_N:.6g} N" in out
-    assert "in the file     the same bounds" in out
 
 
 def write_changed(work, path, change):
@@ -177,16 +173,10 @@ def test_a_failed_proof_gives_one_line_and_status_1(work, tmp_path, capsys, chan
 
 
 @pytest.mark.parametrize(
-    ("change", "expected"),
-    [
-        (lambda m: m.update(certificate=None), "in the file     no certificate"),
-        (lambda m: m["certificate"].update(drive_N=1e9), "looser bounds: drive_N"),
-        (lambda m: m["certificate"].pop("gain"), "incomplete: no gain"),
-    ],
+    "change", [lambda m: m.update(certificate=None), lambda m: m["certificate"].update(drive_N=1e9)]
 )
-def test_a_proof_with_tighter_bounds_than_the_file_is_accepted(work, tmp_path, capsys, change, expected):
+def test_a_proof_with_tighter_bounds_than_the_file_is_accepted(work, tmp_path, change):
     assert ces("validate", write_changed(work, tmp_path / "m.json", change), "--certificate") == 0
-    assert expected in capsys.readouterr().out
 
 
 def test_a_passive_model_is_proved_with_both_bounds(capsys):
@@ -197,4 +187,4 @@ def test_a_passive_model_is_proved_with_both_bounds(capsys):
     assert "|F| stays bounded for every input" in out
     assert f"{bounds.envelope_N:.6g} N for inputs in the envelope" in out
     assert f"{bounds.force_bound_N:.6g} N for any input" in out
-    assert "used as they are up to 2 times the envelope" in out and "the same bounds" in out
+    assert "used as they are up to 2 times the envelope" in out

@@ -14,10 +14,8 @@ import pytest
 
 from ces_cli.main import main
 from ces_cli.terminal.outputs import print_document
-from ces_cli.terminal.progress import BestResults
 from ces_cli.terminal.results import describe_range
 from ces_cli.terminal.terminal import run
-from ces_identify.polynomial.search_limits import SearchResult
 
 READ_ONLY_INSTALLATION = """
 import os
@@ -110,21 +108,6 @@ def test_a_full_disk_under_the_compiled_code_is_named(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "ces rig: error: compiled code cannot be kept: File too large; free space" in done.stderr
     assert done.stderr.count("\n") == 1
-
-
-def test_the_count_of_starts_that_are_done_never_falls() -> None:
-    results = BestResults(2)
-    counts = []
-    for seed, ended in (
-        (1, "running"),
-        (1, "no candidates left"),
-        (1, "running"),
-        (2, "running"),
-        (2, "its share of the work is done"),
-    ):
-        results.update(SearchResult([0], [1.0], 5.0, seed, 10, ended))  # type: ignore[arg-type]
-        counts.append(results.finished)
-    assert counts == [0, 1, 1, 1, 2]
 
 
 def test_a_range_of_two_numbers_that_read_the_same_is_one_number() -> None:

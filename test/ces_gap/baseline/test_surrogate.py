@@ -54,6 +54,12 @@ def rms(values: F, trace: Trace) -> float:
     return float(np.sqrt(np.mean(values[trace.usable] ** 2)))
 
 
+def between_steps(trace: Trace) -> Trace:
+    """The trace without 20 ms after each step of the current: this damper's valve has no lag, fitted ones have one."""
+    stepped = np.diff(trace.inputs.current, prepend=trace.inputs.current[0]) != 0.0
+    return replace(trace, usable=trace.usable & (np.convolve(stepped, np.ones(10))[: len(trace)] == 0.0))
+
+
 def late(trace: Trace, delay_s: float) -> F:
     return np.interp(trace.time_s - delay_s, trace.time_s, trace.inputs.position)
 
@@ -92,11 +98,11 @@ def test_its_cost_is_that_on_data_left_out() -> None:
 
 @pytest.mark.parametrize("name", ["weaker", "late"])
 def test_its_estimate_of_the_error_is_no_promise_that_it_breaks(name: str) -> None:
-    few = learnt_from_little()
-    inputs = change(name, unseen())
-    size = rms(few.force(unseen(), inputs) - unseen().simulated, unseen())
-    estimated = rms(few.error_of_change(unseen(), inputs), unseen()) / size
-    assert relative_error(few, unseen(), inputs) < 2.0 * estimated
+    few, trace = learnt_from_little(), between_steps(unseen())
+    inputs = change(name, trace)
+    size = rms(few.force(trace, inputs) - trace.simulated, trace)
+    estimated = rms(few.error_of_change(trace, inputs), trace) / size
+    assert relative_error(few, trace, inputs) < 2.0 * estimated
     assert estimated < 0.3
     assert 0.005 < few.difference_error < 0.3
 

@@ -59,7 +59,7 @@ def test_a_row_tells_settings_size_and_costs(work, structure, size):
 def comparison(tmp_path):
     """The jobs of a campaign of the thesis' procedures, by the settings that vary, and its recording."""
     structures = (
-        "{polynomial: {method: [random, thesis], terms: 6, candidates: rules.yaml}, "
+        "{polynomial: {method: [gauss-newton, thesis], terms: 6, candidates: rules.yaml}, "
         "sigmoid: {units: 2, lags: ['1,2,3']}, anfis: {memberships: 2x2}}"
     )
     (tmp_path / "rules.yaml").write_text(RULES)
@@ -79,8 +79,8 @@ def test_lags_memberships_and_the_procedure_of_the_thesis_reach_the_cells(compar
         *(("force", 1), ("speed", 0), ("speed", 1), ("speed", 2), ("current", 0), ("current", 1))
     ]
     assert (len(models["anfis"].body.rules), done["anfis"].row["gain"]) == (4, 0.0)
-    methods = {name: models[name].provenance["selection"]["method"] for name in ("random", "thesis")}
-    assert methods == {name: f"{name}, judged by free run" for name in ("random", "thesis")}
+    methods = {name: models[name].provenance["selection"]["method"] for name in ("gauss-newton", "thesis")}
+    assert methods == {name: f"{name}, judged by free run" for name in ("gauss-newton", "thesis")}
 
 
 def test_data_that_hold_too_little_fail_the_cell_in_a_line(work):

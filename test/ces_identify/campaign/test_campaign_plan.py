@@ -61,16 +61,18 @@ def test_settings_recordings_and_signals_change_the_key(keys, change):
 
 
 def test_the_procedure_of_the_thesis_has_its_own_built_in_candidates(tmp_path, keys):
-    text = "bags: {a: one}\nstructures: {polynomial: {method: [random, thesis], candidates: [built-in, rules.yaml]}}\n"
+    methods = "{method: [gauss-newton, thesis], candidates: [built-in, rules.yaml]}"
+    text = f"bags: {{a: one}}\nstructures: {{polynomial: {methods}}}\n"
     assert len(set(keys(text))) == 4
     campaign = load_campaign(tmp_path / "c.yaml")
     rules = {
         (job.cell.settings["method"], job.cell.settings["candidates"]): job.rules
         for job in jobs(campaign, {path: made(1) for path in campaign.paths}, "defaults")
     }
-    assert rules["random", "built-in"] == load_rules(None)
+    assert rules["gauss-newton", "built-in"] == load_rules(None)
     assert rules["thesis", "built-in"] == load_rules(None, THESIS)
-    assert rules["random", "rules.yaml"] == rules["thesis", "rules.yaml"] == load_rules(tmp_path / "rules.yaml")
+    own = load_rules(tmp_path / "rules.yaml")
+    assert rules["gauss-newton", "rules.yaml"] == rules["thesis", "rules.yaml"] == own
 
 
 def test_keys_of_a_campaign_differ(keys):

@@ -20,7 +20,7 @@ def read(folder, pattern):
 
 
 def test_a_magnetorheological_damper_on_sines():
-    """Five currents, three strokes: forces and work rise with the current, the knees are those of a yield force."""
+    """Five currents, three strokes: forces and work rise with the current."""
     results = characterise(read("utfsm_mr", "sine_*.csv"))
     assert len(results.work) == 15
     for frequency in (0.5, 2.0, 4.0):
@@ -32,9 +32,6 @@ def test_a_magnetorheological_damper_on_sines():
         assert all(r.work_sd_J < 0.03 * r.work_J for r in rows)
     compressions = [r for r in results.peak_velocity if r.direction == "compression"]
     assert all(r.force_N > 0.0 for r in compressions)
-    knees = [k for k in results.knees if not k.note and k.frequency_Hz < 1.0]
-    assert len(knees) >= 8
-    assert all(0.01 < abs(k.knee_speed_m_s) < 0.03 and k.slope_below_Ns_m > 5.0 * k.slope_above_Ns_m for k in knees)
 
 
 def test_random_motion_and_voltage_have_quantiles_for_both_levels():

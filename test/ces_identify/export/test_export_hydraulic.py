@@ -26,8 +26,7 @@ from physical_examples import make_valve
 
 from ces_identify.export.export_c import export_c
 from ces_observer.estimator import UNBOUNDED
-from ces_observer.structures.curves import FlowMap
-from ces_observer.structures.hydraulic import Bypass
+from ces_observer.structures.curves import Bypass, FlowMap
 from ces_observer.structures.physical import FrictionElement, SideForces, widen
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("cc")]
@@ -40,11 +39,13 @@ BODIES = {
     "groove": {"bypass": GROOVE, "kind": "monotube"},
     "no lags": AT_ONCE,
     "lags": {"piston_s": 0.05, "base_s": 1.0, "external_s": 3e-3, "laminar_N": 1e-6},
-    "groove without lags": {**AT_ONCE, "bypass": Bypass((-0.01, 0.01), (0.0, 0.5))},
+    "groove without lags": {**AT_ONCE, "bypass": Bypass((-0.01, 0.01), (1e-9, 0.5)), "fade_1_W": -0.5},
     "least": {
         **AT_ONCE,
         **dict.fromkeys(("piston", "base", "external"), LINE),
-        **dict.fromkeys(("area_ratio", "air", "mount_m_N", "compression_growth_1_m", "rebound_growth_1_m"), 0.0),
+        **dict.fromkeys(
+            ("area_ratio", "air", "fade_1_W", "mount_m_N", "compression_growth_1_m", "rebound_growth_1_m"), 0.0
+        ),
         "side": NO_SIDE,
     },
     "springs": {**AT_ONCE, "creep_m_Ns": 1e-4, "side": replace(NO_SIDE, friction=SPRINGS)},

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
+import yaml
 from planted import planted
 from samplings import make_sampling
 
 from ces_identify.identification import identify
-from ces_identify.polynomial.candidates import load_rules, parse_rules
-from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs, restrict_to_data
+from ces_identify.polynomial.candidates import built_in_rules, load_rules, parse_rules
+from ces_identify.polynomial.constructed import add_blend, restrict_to_data
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
@@ -97,13 +98,19 @@ def test_without_blend_and_hysteresis_the_same_number_of_terms_does_worse(blende
     assert fresh_cost(identified(parse_rules(plain, "test"))) > 1.5 * fresh_cost(blended)
 
 
+def rules_with(**constructed):
+    """Return the built-in rules with more constructed inputs, which no product uses."""
+    built_in = yaml.safe_load(built_in_rules())
+    return parse_rules({**built_in, "constructed": {**built_in["constructed"], **constructed}}, "test")
+
+
 @pytest.fixture(scope="module")
 def data():
     return [prepare(ride(1), SAMPLING)]
 
 
 def test_the_range_of_a_frequency_is_narrowed_to_the_data(data):
-    rules = add_blend(add_constructed_inputs(load_rules(None), "frequency"), "frequency:3,5")
+    rules = add_blend(rules_with(frequency={"kind": "frequency"}), "frequency:3,5")
     restricted = restrict_to_data(rules, data).constructed
     low, high = restricted["frequency"][0].range_Hz
     assert 1.5 < low < 3.0
@@ -112,17 +119,20 @@ def test_the_range_of_a_frequency_is_narrowed_to_the_data(data):
 
 
 @pytest.mark.parametrize(
-    ("make", "spec", "message"),
+    ("blended", "message"),
     [
-        (add_blend, "current:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
-        (add_blend, "valve:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
-        (add_constructed_inputs, "hysteresis:0.03", "hysteresis_1: half width 0.03 spans all of the data's position"),
-        (add_constructed_inputs, "remanence:0.3", "remanence_1: half width 0.3 spans all of the data's current"),
+        ("current:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
+        ("valve:0.4,7", r"by_valve_2: peaks at valve 7, outside the data's 0\.2.* to 0\.7"),
     ],
 )
-def test_what_the_data_do_not_reach_is_refused(data, make, spec, message):
+def test_what_the_data_do_not_reach_is_refused(data, blended, message):
     with pytest.raises(CesError, match=message):
-        restrict_to_data(make(load_rules(None), spec), data)
+        restrict_to_data(add_blend(load_rules(None), blended), data)
+
+
+def test_a_hysteresis_wider_than_the_data_is_refused(data):
+    with pytest.raises(CesError, match=r"slip: half width 0\.03 spans all of the data's position"):
+        restrict_to_data(rules_with(slip={"kind": "stop", "of": "position", "half_width": 0.03}), data)
 
 
 def test_memberships_of_a_lag_may_be_where_its_signal_goes_until_its_time_constant_is_known(data):

@@ -7,7 +7,7 @@ import pytest
 import yaml
 
 from ces_identify.polynomial.candidates import built_in_rules, load_rules, parse_rules
-from ces_identify.polynomial.constructed import add_blend, add_constructed_inputs
+from ces_identify.polynomial.constructed import add_blend
 from ces_observer.errors import CesError
 from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, TriangularMembership
 from ces_observer.structures.constructed_inputs import make_memberships as hats_over
@@ -128,23 +128,6 @@ def test_the_rules_in_the_documentation_can_be_used_as_they_stand():
     assert thesis.count() == len(thesis.candidates()) == 4 * 3 * 4
 
 
-@pytest.mark.parametrize(
-    ("spec", "names"),
-    [
-        ("hysteresis:0.0005,0.002", {"hysteresis_1", "hysteresis_2"}),
-        ("remanence:0.05", {"remanence_1"}),
-        ("lag:0.003,0.03", {"lag_1", "lag_2"}),
-        ("frequency", {"frequency"}),
-    ],
-)
-def test_short_options_add_inputs_and_products(spec, names):
-    plain, rules = load_rules(None), add_constructed_inputs(load_rules(None), spec)
-    assert set(rules.constructed) == {"valve"} | names
-    assert {f.signal for f in factors(rules)} == {"force", "speed", "valve", "position"} | names
-    assert set(plain.at_rate(1000.0).candidates()) < set(rules.at_rate(1000.0).candidates())
-    assert len(set(rules.at_rate(1000.0).candidates())) == rules.count()
-
-
 OF_CURRENT = parse_rules(
     {
         "force": {"lags": [1], "current": {"lags_ms": [0, 16]}},
@@ -154,20 +137,6 @@ OF_CURRENT = parse_rules(
     },
     "test",
 )
-
-
-def test_products_of_a_short_option_take_the_current_the_rules_know():
-    """The valve's where they define it, the current itself if not, and none if they have neither."""
-    for rules, current in ((load_rules(None), ["valve"]), (OF_CURRENT, ["current"]), (parse_rules(RULES, "test"), [])):
-        made = add_constructed_inputs(rules, "hysteresis:0.0005").products[len(rules.products) :]
-        extra = [("hysteresis_1", *c, *current) for c in ((), ("speed",))] if current else []
-        assert set(made) == {("hysteresis_1",), ("hysteresis_1", "speed"), *extra}
-
-
-@pytest.mark.parametrize(("rate_Hz", "late"), [(250.0, 2), (3000.0, 24)])
-def test_remanence_is_late_by_the_same_time_at_every_rate(rate_Hz, late):
-    rules = add_constructed_inputs(load_rules(None), "remanence:0.05").at_rate(rate_Hz)
-    assert {f.lag for f in factors(rules) if f.signal == "remanence_1"} == {0, late}
 
 
 def test_a_blend_gives_every_sub_model_the_terms_of_the_whole():
@@ -191,21 +160,16 @@ def test_memberships_stand_at_the_lag_of_their_signal_beside_a_past_force():
 
 
 @pytest.mark.parametrize(
-    ("make", "spec", "message"),
+    ("spec", "message"),
     [
-        (add_constructed_inputs, "friction:1", "'friction:1': expected hysteresis:M"),
-        (add_constructed_inputs, "hysteresis:a", "'hysteresis:a': expected numbers after the colon"),
-        (add_constructed_inputs, "hysteresis:-1", "half_width is -1.0"),
-        (add_constructed_inputs, "lag", "'lag': expected .* or lag:S,... or"),
-        (add_constructed_inputs, "lag:soon", "'lag:soon': expected numbers after the colon"),
-        (add_blend, "remanence_1:1,2", "expected SIGNAL:A,B,... with a signal among position, speed, current, valve"),
-        (add_blend, "speed:a,2", "'speed:a,2': expected numbers after the colon"),
-        (add_blend, "speed:1", "expected 2 to 20 ascending"),
+        ("remanence_1:1,2", "expected SIGNAL:A,B,... with a signal among position, speed, current, valve"),
+        ("speed:a,2", "'speed:a,2': expected numbers after the colon"),
+        ("speed:1", "expected 2 to 20 ascending"),
     ],
 )
-def test_a_wrong_option_is_named(make, spec, message):
+def test_a_wrong_option_is_named(spec, message):
     with pytest.raises(CesError, match=message):
-        make(load_rules(None), spec)
+        add_blend(load_rules(None), spec)
 
 
 def test_asking_twice_is_refused():

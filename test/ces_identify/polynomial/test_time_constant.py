@@ -8,7 +8,7 @@ from samplings import make_sampling
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.constructed import GRID_S, find_time_constants
-from ces_identify.polynomial.search_limits import GAUSS_NEWTON, Limits
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.series import prepare
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.model import Envelope, Model
@@ -28,7 +28,7 @@ RULES = parse_rules(
     },
     "test",
 ).at_rate(SAMPLING.rate_Hz)
-LIMITS = Limits(terms=5, time=60.0, threads=2, method=GAUSS_NEWTON)
+LIMITS = Limits(terms=5, time=60.0, threads=2)
 
 
 FIRST, SPEED = Factor("force", 1), Factor("speed", 0, 0.5)

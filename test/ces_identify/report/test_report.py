@@ -17,7 +17,7 @@ from ces_identify.prepare.cost import parse_weighting, weighted_cost
 from ces_identify.report.figures import choose_window, make_grid
 from ces_identify.report.page import write_report
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, evaluate, pooled_cost
-from ces_identify.validation.residuals import error_cells, residual_tests, verdicts
+from ces_identify.validation.residuals import residual_tests, verdicts
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.structures.polynomial import Polynomial
@@ -167,14 +167,6 @@ def test_part_diverged_leaves_the_costs_of_the_others_in_the_headline(tmp_path: 
     lost, other = without_force(replace(both[1], role=VALIDATION)), replace(both[0], role=VALIDATION)
     text, _ = page(tmp_path, [lost, other])
     assert re.search(r"Validation: cost J = [\d.]+ % \(sine\); the free run diverged on 1 more\.", text)
-
-
-def test_constant_current_gives_a_histogram_over_speed(tmp_path: Path) -> None:
-    ran = evaluate(model(), [damper("passive", current_A=0.5)], IDENTIFICATION)
-    _, root = page(tmp_path, ran + evaluate(model(), [damper("held out", current_A=0.5, seed=4)], VALIDATION))
-    figures = list(section(root, "coverage").iter(f"{SVG}svg"))
-    assert [words(f[0]) for f in figures] == ["Share of time over speed", "RMS error over speed"]
-    assert all(len(list(f.iter(f"{SVG}rect"))) > 5 for f in figures)
 
 
 def test_without_validation_the_page_says_so(tmp_path: Path, both: list[Evaluation]) -> None:
@@ -346,15 +338,6 @@ def test_correlations_are_drawn_with_their_bands_and_told(
         heights = [(max(ys) - min(ys)) / c.band for ys, c in zip(edges, plots, strict=True)][1:]
         assert heights == pytest.approx([heights[0]] * len(heights), rel=0.02)  # one scale for all inputs
         assert verdicts(tests)[1] in words(article)
-
-
-def test_where_the_error_sits_is_a_table(whole: tuple[str, ET.Element], both: list[Evaluation]) -> None:
-    root = whole[1]
-    table = list(section(root, "coverage").iter(f"{XHTML}table"))[-1]  # after those of the maps
-    cells = [[words(c) for c in row.iter(f"{XHTML}td")] for row in table.iter(f"{XHTML}tr")][1:]
-    worst = error_cells(both[1:])[0]
-    assert cells[0][0].replace("−", "-") == worst.region
-    assert cells[0][1:3] == [f"{100 * worst.energy:.0f}", f"{100 * worst.ticks:.0f}"]
 
 
 def test_weighted_cost_has_a_column_if_asked_for(tmp_path: Path, both: list[Evaluation]) -> None:

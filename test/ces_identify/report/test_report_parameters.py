@@ -34,12 +34,6 @@ def test_rules_are_named_by_their_memberships():
     assert [plain(cell) for cell in table.rows[0][1:]] == ["−200", "400", "50", "25", "−25"]
 
 
-def test_a_polynomial_shows_its_terms():
-    model = Model(SAMPLING, Polynomial((Term(-1.5, ()),)), NETWORK.envelope, (-1, 1))
-    table = model_table(model, [], VALIDATION)
-    assert (table.ident, [plain(cell) for cell in table.rows[0]]) == ("terms", ["1", "−1.5", "N", "–", "–"])
-
-
 @pytest.mark.parametrize(("model", "rows"), [(NETWORK, 4), (FUZZY, 2)])
 def test_the_page_is_whole_and_shows_the_table_in_place_of_terms(model, rows, tmp_path):
     write_report(

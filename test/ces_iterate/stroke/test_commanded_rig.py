@@ -55,6 +55,10 @@ def test_a_stroke_is_learned_on_a_dyno_behind_a_folder(tmp_path):
     assert operator.count == len(learned.runs) + 1
     assert learned.first.error_m > 10 * learned.repeatability_m  # shape and compliance; the mean delay is aligned away
     assert learned.confirmation.error_m < 1.5 * learned.repeatability_m
+    assert learn_stroke(rig, goal).confirmation.error_m == learned.confirmation.error_m  # from the logs that are there
+    assert operator.count == len(learned.runs) + 1
+    with pytest.raises(StrokeError, match="run_00: has the log of another command; choose another --out"):
+        rig.run(wanted, 0)
 
 
 def test_the_current_is_that_of_the_experiment(tmp_path):

@@ -15,9 +15,10 @@ from physical_models import LINEAR, NO_SIDE, PLAIN_VALVE, hostile_inputs, straig
 from physical_twins import hydraulic_forces, settings
 from samplings import make_sampling
 
-from ces_observer.structures.curves import IncreasingCurve
-from ces_observer.structures.hydraulic import EDGES, Bypass
-from ces_observer.structures.physical import FrictionElement, MountRun, ValvePath, ValveRun
+from ces_observer.structures.curves import Bypass, IncreasingCurve
+from ces_observer.structures.hydraulic import EDGES, WARMING_S
+from ces_observer.structures.mount import MountRun
+from ces_observer.structures.physical import LONG_TICK, FrictionElement, ValvePath, ValveRun
 from ces_observer.structures.structure import OperatingRange
 
 VALVE = ValvePath(IncreasingCurve((0.1, 0.4, 0.9), (0.0, 0.3, 1.0)), 0.3, 0.02, 8e-3, 5e-3)
@@ -114,9 +115,33 @@ def test_a_valve_that_closes_late_passes_oil_back():
 
 
 def test_a_bypass_opens_where_the_stroke_says():
-    model = hydraulic_model(replace(LINEAR, bypass=Bypass((-0.01, 0.0, 0.01), (0.0, 0.05, 0.0))))
+    model = hydraulic_model(replace(LINEAR, bypass=Bypass((-0.01, 0.0, 0.01), (1e-3, 0.05, 1e-3))))
     forces = [model.make_predictor().tick(x, 0.5, 0.5) for x in (-0.015, -0.01, -0.005, 0.0, 0.005, 0.01)]
     assert forces[0] == forces[1] == forces[5] > forces[2] == forces[4] > forces[3]
+
+
+def test_a_bypass_moves_with_the_mount():
+    """All else is closed: a flow of u times the opening has the drop u^2 + sqrt(n) u."""
+    bypass = Bypass((-0.02, 0.02), (0.05 * math.exp(-2.0), 0.05 * math.exp(2.0)))
+    run = replace(CLOSED, area_ratio=0.0, bypass=bypass, mount_m_N=1e-5).make_predictor(LONG_TICK)
+    force = 0.0
+    for x in (0.01, 0.003, 0.003):
+        u = 0.5 / (0.05 * math.exp(100.0 * (x - 1e-5 * force)))
+        force = run.tick(x, 0.5, 0.5)
+        assert force == pytest.approx(u**2 + math.sqrt(30.0) * u, rel=1e-5)
+
+
+@pytest.mark.parametrize("fade", [1e-3, -1e-3, 1.0, -1.0])
+def test_heat_grows_the_flows_with_its_lag_up_to_a_limit(fade):
+    """Ticks as long as the lag take up half of the power; flows that are straight share their growth with the force."""
+    body = replace(LINEAR, fade_1_W=fade, mount_m_N=0.0, creep_m_Ns=0.0)
+    run = body.make_predictor(replace(LONG_TICK, rate_Hz=1.0 / WARMING_S))
+    heat, first = 0.0, run.tick(0.0, 1.0, 0.5)
+    force = first
+    for _ in range(4):
+        heat = 0.5 * heat + 0.5 * force
+        force = run.tick(0.0, 1.0, 0.5)
+        assert force == pytest.approx(first * math.exp(-min(max(fade * heat, -2.0), 2.0)), rel=1e-5)
 
 
 def test_a_force_moves_a_mount_that_creeps():

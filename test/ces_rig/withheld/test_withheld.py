@@ -26,8 +26,8 @@ from ces_rig.withheld.plants import (
     simulate_signals,
 )
 
-SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "calibration": 1.0, "monotube": 1.0}
-WITHOUT = {"hydraulic": set(), "bouc_wen": {"sticking_check", "late_check"}, "calibration": set(), "monotube": set()}
+SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "monotube": 1.0}
+WITHOUT = {"hydraulic": set(), "bouc_wen": {"sticking_check", "late_check"}, "monotube": set()}
 
 
 def gap_N(plant, effects, *inputs):
@@ -146,8 +146,7 @@ def test_two_effects_add_up_to_more_than_either():
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"),
-    list(zip(PLANTS, ["valve_lag", "current_hysteresis", "current_crosstalk", "sticking_pilot"], strict=True)),
+    ("kind", "name"), list(zip(PLANTS, ["valve_lag", "current_hysteresis", "sticking_pilot"], strict=True))
 )
 def test_what_needs_a_changing_current_cannot_be_reached_without(kind, name):
     effect = draw_effect(kind, name, np.random.default_rng(1))
