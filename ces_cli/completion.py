@@ -42,7 +42,6 @@ KINDS: dict[str, str | tuple[str, ...]] = {  # what completes a value, by the op
     "MAP.yaml": YAML_FILES,
     "MODEL.json": ("*.json",),
     "FILE.csv": ("*.csv",),
-    "CASES.csv": ("*.csv",),
     "REPORT.md": ("*.md",),
 }
 
