@@ -12,7 +12,9 @@ without each recording, or without stretches of a single one.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -162,7 +164,9 @@ def cross_fit(
     else:
         count = min(len(series), MAX_PARTS)
         groups = [np.full(len(one), i % count) for i, one in enumerate(series)]
-    found = [_leave_out(fitted, series, [group == k for group in groups]) for k in range(count)]
+    masks = [[group == k for group in groups] for k in range(count)]
+    with ThreadPoolExecutor(max(1, options.limits.threads)) as pool:
+        found = list(pool.map(partial(_leave_out, fitted, series), masks))
     parts = tuple(part for group in found for part in group)
     return CrossFit(result, parts, tuple(group[0].model for group in found if group))
 

@@ -80,20 +80,17 @@ def pack(start: EdgeStart) -> F:
     return np.where(LOGARITHMIC, logs, laws).ravel()
 
 
-def increments(packed: F, rows: int) -> F:
-    """Return the rises (rows, 26) between the nodes of an edge's curves, in units of the largest force."""
-    settings = np.arange(rows) / max(rows - 1, 1)
-    onward, back = (np.where(LOGARITHMIC, np.exp(np.where(LOGARITHMIC, law, 0.0)), law) for law in packed.reshape(2, 8))
-    sides = [np.diff(_drops(law, settings), prepend=0.0, axis=1) for law in (onward, back)]
-    return np.hstack([sides[1][:, ::-1], sides[0]])
+def side_rises(laws: F, rows: int) -> F:
+    """Return the rises (laws, rows, 13) of the drops from node to node in one direction, for packed laws (laws, 8).
 
-
-def _drops(law: F, settings: F) -> F:
-    """Return the drops (settings, 13) at the flows of one direction, by bisection of the inner drop."""
-    linear, quadratic, by_setting, preload, rise, opening, width, port = law
-    quadratic = quadratic * np.exp(by_setting * settings)[:, None]
-    preload = preload * np.exp(rise * settings)[:, None]
-    low = np.zeros((len(settings), len(SIDE)))
+    They are in units of the largest force, and found by bisection of the inner drop.
+    """
+    settings = (np.arange(rows) / max(rows - 1, 1))[:, None]
+    numbers = np.where(LOGARITHMIC, np.exp(np.where(LOGARITHMIC, laws, 0.0)), laws)
+    linear, quadratic, by_setting, preload, rise, opening, width, port = numbers.T[:, :, None, None]
+    quadratic = quadratic * np.exp(by_setting * settings)
+    preload = preload * np.exp(rise * settings)
+    low = np.zeros((len(laws), rows, len(SIDE)))
     high = linear * SIDE + quadratic * SIDE**2
     closed = np.logaddexp(0.0, -preload / width)
     for _ in range(BISECTIONS):
@@ -101,7 +98,7 @@ def _drops(law: F, settings: F) -> F:
         bleed = 2.0 * inner / (linear + np.sqrt(linear**2 + 4.0 * quadratic * inner))
         flow = bleed + opening * width * (np.logaddexp(0.0, (inner - preload) / width) - closed)
         low, high = np.where(flow < SIDE, inner, low), np.where(flow < SIDE, high, inner)
-    return np.asarray(high + port * SIDE**2)
+    return np.diff(high + port * SIDE**2, prepend=0.0, axis=2)
 
 
 class LawEdge:
@@ -112,14 +109,19 @@ class LawEdge:
         self.weight = np.full(16, LAW_WEIGHT)
 
     def rises(self, values: F) -> F:
-        """Return the rises (rows, 26) between nodes for parameters (16,)."""
-        return increments(values, self.rows)
+        """Return the rises (rows, 26) between nodes for parameters (16,), in units of the largest force."""
+        onward, back = side_rises(values.reshape(2, 8), self.rows)
+        return np.hstack([back[:, ::-1], onward])
 
     def derivatives(self, values: F) -> F:
         """Return the derivatives (rows * 26, 16) of the rises, by differences."""
-        at = self.rises(values).ravel()
-        moved = [self.rises(values + step).ravel() - at for step in STEP * np.eye(16)]
-        return np.column_stack(moved) / STEP
+        derivatives, width = np.zeros((self.rows, 2 * len(SIDE), 16)), len(SIDE)
+        for part, law in enumerate(values.reshape(2, 8)):
+            at, *moved = side_rises(law + STEP * np.vstack([np.zeros(8), np.eye(8)]), self.rows)
+            changes = (np.stack(moved, axis=2) - at[:, :, None]) / STEP
+            nodes = slice(width - 1, None, -1) if part else slice(width, None)
+            derivatives[:, nodes, 8 * part : 8 * part + 8] = changes
+        return derivatives.reshape(-1, 16)
 
 
 class NodeEdge:

@@ -125,8 +125,9 @@ def _compare(
         return squares if np.isfinite(squares).all() else None
 
     found: dict[str, list[F | None]] = {}
+    longest_first = sorted(names, key=lambda name: not KITS[name].models)
     with ThreadPoolExecutor(min(SHORT_THREADS, how.limits.threads)) as pool:
-        running = [(name, pool.submit(fit, name, fold)) for name in names for fold in folds]
+        running = [(name, pool.submit(fit, name, fold)) for name in longest_first for fold in folds]
         try:
             for name, one in running:
                 found.setdefault(name, []).append(one.result())
