@@ -26,7 +26,7 @@ from ces_identify.trained.training import Training
 
 LAW_STEPS, NODE_STEPS, LAST_STEPS = 8, 8, 6  # of each of two descents on laws, on nodes, and the last to all ticks
 STIFF = 30.0  # in the first, all but the laws is pulled so much more strongly: far from the data it would run away
-SHORT_WORK, SHORT_SHARE = 0.5, 0.5  # less than this is a short fit: each kind with this share of steps, no more
+SHORT_WORK = 0.5  # less than this is a short fit: half of the steps and the share that is its work, nothing more
 STRENGTHS = (0.3, 0.03, 0.003, 0.001)  # of the pull towards usual values,
 HELD_STRENGTHS = (0.3, 0.1, 0.03)  # and where the current was held
 WORTHWHILE = 0.995  # a weaker pull must lower the selection cost to this share for a still weaker one to be tried
@@ -95,7 +95,7 @@ class PhysicalSearch:
                 raise
 
     def _fit_kind(self, models: HydraulicModels, seed: int) -> None:
-        share = SHORT_SHARE if self.limits.work < SHORT_WORK else 1.0
+        share = min(0.5 + self.limits.work, 1.0)
         estimation = models.training.estimation
         theta = models.layout.centre
         for stiff in (STIFF, 1.0):
