@@ -16,21 +16,23 @@ from numpy.polynomial.legendre import legvander
 
 from ces_data.arrays import F
 
-LOGARITHMIC = np.array([True, True, False, True, False, True, True, True])  # numbers of a law, in the order of `_drops`
-SIDE = np.array(
-    [0.003, 0.007, 0.014, 0.025, 0.042, 0.068, 0.105, 0.16, 0.24, 0.35, 0.5, 0.72, 1.05]
-)  # relative to the speed
+LOGARITHMIC = np.array(
+    [True, True, False, True, False, True, True, True]
+)  # numbers of a law, in the order of `side_rises`
+# Flows of one direction, relative to the largest speed.
+SIDE = np.array([0.003, 0.007, 0.014, 0.025, 0.042, 0.068, 0.105, 0.16, 0.24, 0.35, 0.5, 0.72, 1.05])
 NODES = np.concatenate([-SIDE[::-1], [0.0], SIDE])
 BISECTIONS = 50
 STEP = 1e-6
 LEAST_RISE, MOST_CHANGE = 1e-5, 8.0  # the latter as a logarithm
 LAW_WEIGHT, NODE_WEIGHT = 3e-5, 1e-5  # of squared parameters, against a squared error of (J / 100)^2 a recording
-# Laws in units of the largest force and speed; easy and shut valves, those that the current moves, bases and leaks.
+# Laws, in units of the largest force and speed: easy, shut, moved by the current, at the foot, for a thick fluid.
 EASY = (0.02, 0.05, 0.0, 0.01, 0.0, 8.0, 0.02, 0.05)
 SHUT = (8.0, 8.0, 0.0, 1.0, 0.0, 0.3, 0.15, 0.05)  # opens within reach: a valve shut for good would never be found open
 MOVED = (0.8, 1.0, 0.5, 0.12, 1.2, 2.0, 0.05, 0.15)
 FOOT = (0.5, 0.5, 0.0, 0.05, 0.0, 3.0, 0.05, 0.3)
 THICK = (1.0, 0.5, 0.3, 0.3, 0.5, 3.0, 0.1, 0.1)
+# Springs that yield: force at the lowest current, and what the highest adds, relative to the largest force; way [m].
 RUB = ((0.006, 0.006, 6e-5), (0.012, 0.012, 2e-4), (0.025, 0.025, 8e-4))  # seals
 PLUG = ((0.02, 0.1, 2e-4), (0.03, 0.2, 5e-4), (0.02, 0.1, 1.5e-3), (0.25, 1e-3, 0.5))  # a fluid that yields, gas
 

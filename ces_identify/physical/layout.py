@@ -119,13 +119,13 @@ class Bump(Group):
         return np.column_stack([(self.values(theta + step) - at) / STEP for step in STEP * np.eye(len(theta))])
 
 
-def positive(name: str, centre: float | F, weight: float = 1.0) -> Group:
+def positive_group(name: str, centre: float | F, weight: float = 1.0) -> Group:
     """Return a group of positive numbers."""
     at = np.log(np.atleast_1d(np.asarray(centre, dtype=np.float64)))
     return Group(name, at, np.full(len(at), WEIGHT * weight))
 
 
-def signed(name: str, unit: float, centre: float = 0.0, count: int = 1, weight: float = 1.0) -> Group:
+def signed_group(name: str, unit: float, centre: float = 0.0, count: int = 1, weight: float = 1.0) -> Group:
     """Return a group of numbers of either sign, whose usual size is `unit`."""
     return Group(name, np.full(count, centre), np.full(count, WEIGHT * weight), unit)
 
@@ -135,25 +135,25 @@ def head_groups(scales: DataScales, kind: KindStart, held: bool) -> list[Group]:
     size, speed, span = scales.force_N, scales.speed_m_s, float(np.ptp(scales.currents_A))
     path = HELD_WEIGHT if held else 1.0
     return [
-        positive("rise_s", VALVE_S, VALVE_WEIGHT * path),
-        positive("fall_s", VALVE_S, VALVE_WEIGHT * path),
-        positive("hysteresis_A", 0.01 * span, path),
-        positive("delay_ticks", 5e-4 / scales.interval_s, path),
+        positive_group("rise_s", VALVE_S, VALVE_WEIGHT * path),
+        positive_group("fall_s", VALVE_S, VALVE_WEIGHT * path),
+        positive_group("hysteresis_A", 0.01 * span, path),
+        positive_group("delay_ticks", 5e-4 / scales.interval_s, path),
         Group("setting", np.zeros(len(scales.currents_A) - 1), np.full(len(scales.currents_A) - 1, WEIGHT)),
-        signed("lead_s", 5e-4),
-        positive("viscous_Ns_m", 0.01 * size / speed),
-        positive("mass_kg", 0.5),
-        signed("gas_N", 0.05 * size, count=len(scales.positions_m)),
-        positive("ratio", 0.35),
-        positive("compression", CHAMBER_M_N * kind.compression),
-        signed("compression_growth", 10.0, -0.5),
-        positive("rebound", CHAMBER_M_N * kind.rebound),
-        signed("rebound_growth", 10.0, 0.5),
-        positive("mount", MOUNT_M_N),
-        positive("creep", kind.creep_m_Ns),
-        signed("fade_1_W", 1.0 / (size * speed)),
-        positive("reservoir", 0.07 * size),
-        positive("air", 3.0),
+        signed_group("lead_s", 5e-4),
+        positive_group("viscous_Ns_m", 0.01 * size / speed),
+        positive_group("mass_kg", 0.5),
+        signed_group("gas_N", 0.05 * size, count=len(scales.positions_m)),
+        positive_group("ratio", 0.35),
+        positive_group("compression", CHAMBER_M_N * kind.compression),
+        signed_group("compression_growth", 10.0, -0.5),
+        positive_group("rebound", CHAMBER_M_N * kind.rebound),
+        signed_group("rebound_growth", 10.0, 0.5),
+        positive_group("mount", MOUNT_M_N),
+        positive_group("creep", kind.creep_m_Ns),
+        signed_group("fade_1_W", 1.0 / (size * speed)),
+        positive_group("reservoir", 0.07 * size),
+        positive_group("air", 3.0),
     ]
 
 
@@ -163,13 +163,13 @@ def tail_groups(scales: DataScales, kind: KindStart, bypass: int) -> list[Group]
     least, moved, way = np.reshape(kind.friction, (-1, 3)).T
     opening = 0.1 * speed / np.sqrt(0.25 * size)  # a tenth of the fastest flow at a quarter of the force
     return [
-        positive("bypass", np.full(bypass, opening)),
-        positive("narrow_N", np.full(min(bypass, 1), 0.03 * size)),
-        positive("friction", size * (least + moved) / way),
-        positive("friction_yield", size * least),
-        positive("friction_moved", size * moved),
-        positive("growth", 0.1 / size),
-        positive("closing_s", np.full(3, CLOSING_S)),
+        positive_group("bypass", np.full(bypass, opening)),
+        positive_group("narrow_N", np.full(min(bypass, 1), 0.03 * size)),
+        positive_group("friction", size * (least + moved) / way),
+        positive_group("friction_yield", size * least),
+        positive_group("friction_moved", size * moved),
+        positive_group("growth", 0.1 / size),
+        positive_group("closing_s", np.full(3, CLOSING_S)),
     ]
 
 

@@ -22,7 +22,7 @@ from ces_identify.physical.layout import (
     as_floats,
     first_layout,
     head_groups,
-    positive,
+    positive_group,
     read_scales,
     tail_groups,
 )
@@ -81,7 +81,7 @@ class HydraulicModels:
         own = dict(zip((g.name for g in self.layout.groups), self.layout.split(theta)[0], strict=True))
         tail = self.layout.tail
         if len(self.bypassed):
-            freed = positive("bypass", np.maximum(values["bypass"], LEAST_OPENING * values["bypass"].max()))
+            freed = positive_group("bypass", np.maximum(values["bypass"], LEAST_OPENING * values["bypass"].max()))
             tail, own["bypass"] = (freed, *tail[1:]), freed.centre
         degree = HELD_DEGREE if self.held else None
         edges = tuple(NodeEdge(np.diff(values[name]) / self.layout.force_N, degree) for name in EDGE_NAMES)

@@ -53,8 +53,8 @@ def tick_facts(body: Hydraulic, model: Model) -> dict[str, object]:
         "warmest": WARMEST,
         "spring_m_N": body.mount_m_N,
         "ratio": 1.0 + body.area_ratio,
-        "compression": _stored(rate * body.compression_m_N, body.compression_growth_1_m),
-        "rebound": _stored(rate * body.rebound_m_N, body.rebound_growth_1_m),
+        "compression": _write_compliance(rate * body.compression_m_N, body.compression_growth_1_m),
+        "rebound": _write_compliance(rate * body.rebound_m_N, body.rebound_growth_1_m),
         "mount": rate * body.mount_m_N,
         "give": rate * body.mount_m_N + body.creep_m_Ns,
         "laminar_N": body.laminar_N,
@@ -69,7 +69,7 @@ def tick_facts(body: Hydraulic, model: Model) -> dict[str, object]:
     }
 
 
-def _stored(compliance_m_N: float, growth_1_m: float) -> str:
+def _write_compliance(compliance_m_N: float, growth_1_m: float) -> str:
     """Return the C text of a chamber's compliance, which grows over the stroke."""
     return number(compliance_m_N) + (f" * exp({number(growth_1_m)} * position)" if growth_1_m else "")
 
