@@ -73,7 +73,7 @@ def _headline(history: Sequence[Iteration]) -> str:
 
 def _cost_chart(history: Sequence[Iteration]) -> Markup:
     """Return the costs over the recorded time: on the newest recording before it was used, and after the fit."""
-    validation = [np.mean(list(one.validation_J.values()) or [np.nan]) for one in history]
+    validation = [float(np.mean(list(one.validation_J.values()) or [np.nan])) for one in history]
     curves = {
         "fresh": (_finite([one.fresh_J for one in history]), "series s1"),
         "after the fit": (_finite([one.fit_J for one in history]), "series s0"),
