@@ -262,7 +262,7 @@ class PageRunner:
             return True
         if SLOW.search(" ".join(words)):
             return True
-        if any(word == name or word.startswith(f"{name}/") for word in words for name in self.not_made):
+        if any(word == name or word.startswith((f"{name}/", f"{name}:")) for word in words for name in self.not_made):
             return True
         return any(word.endswith(".fmu") for word in words) and shutil.which("cc") is None
 
