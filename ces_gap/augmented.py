@@ -17,12 +17,14 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_data.recording import Recording
+from ces_gap.baseline.input_timing import ON_TIME, InputTiming, RetimedSimulation
 from ces_gap.baseline.learner import LearnedCorrection
-from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
-from ces_gap.baseline.surrogate import Surrogate
+from ces_gap.baseline.plant import DirectSimulator, Plant
+from ces_gap.baseline.twin import Twin
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.library import class_of, library_effect, user_effect
 from ces_gap.errors import GapError
+from ces_gap.sensor_noise import UNMEASURED
 from ces_gap.trace import make_trace, smooth_recording
 from ces_identify.simulations.fmu import SPEC
 from ces_identify.simulations.simulation import Simulation, find_predictions
@@ -36,18 +38,19 @@ MAX_BYTES = 4_000_000
 MAX_EFFECTS = 20
 
 Opener = Callable[[str], Simulation]
-LearnedPart = TypeVar("LearnedPart", LearnedCorrection, Surrogate)
+LearnedPart = TypeVar("LearnedPart", LearnedCorrection, Twin)
 
 
 @dataclass(frozen=True)
 class AugmentedSimulation(Simulation):
-    """A simulation with a correction and effects; `surrogate` replaces one that cannot be run again."""
+    """A simulation with a correction and effects; the `twin` holds those inside, and replaces one `is_recorded`."""
 
     name: str
     simulation: Simulation
     composition: Composition
     correction: LearnedCorrection | None = None
-    surrogate: TraceSimulator | None = None
+    twin: Twin | None = None
+    is_recorded: bool = False
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -59,15 +62,16 @@ class AugmentedSimulation(Simulation):
         """Return the force [N] at every position sample (n,), NaN where the simulation has none.
 
         As in the diagnosis, the simulation runs on the smoothed position, if it can be run. The added force is computed
-        on the grid of the trace and interpolated, so that the simulation's own force keeps its detail.
+        at the rate of the position and interpolated, so that the simulation's own force keeps its detail.
         """
         if not self.composition.settings and self.correction is None:
             return self.simulation.force(recording)
         if find_predictions(self.simulation) is None:
             recording = smooth_recording(recording, make_trace(recording, np.zeros(len(recording.channel("position")))))
         own = self.simulation.force(recording)
-        trace = make_trace(recording, own)
-        plant = Plant(self.surrogate or DirectSimulator(self.simulation), self.correction)
+        trace = make_trace(recording, own, UNMEASURED, thinned=False)
+        simulator = self.twin if self.is_recorded and self.twin else DirectSimulator(self.simulation)
+        plant = Plant(simulator, self.correction, self.twin)
         try:
             force = plant.with_effects(self.composition, trace)
         except CesError:
@@ -112,27 +116,33 @@ def save_augmented(
     spec: str,
     composition: Composition,
     correction: LearnedCorrection | None = None,
-    surrogate: Surrogate | None = None,
+    twin: Twin | None = None,
+    is_recorded: bool = False,
     provenance: Mapping[str, Any] | None = None,
+    timing: InputTiming = ON_TIME,
 ) -> None:
     """Write the file atomically; `spec` names the simulation. Raises CesError if it cannot be written."""
     sim = name_simulation(spec, path.parent)
-    write_atomically(path, augmented_text(sim, composition, correction, surrogate, provenance))
+    write_atomically(path, augmented_text(sim, composition, correction, twin, is_recorded, provenance, timing))
 
 
 def augmented_text(
     sim: Mapping[str, str | None],
     composition: Composition,
     correction: LearnedCorrection | None = None,
-    surrogate: Surrogate | None = None,
+    twin: Twin | None = None,
+    is_recorded: bool = False,
     provenance: Mapping[str, Any] | None = None,
+    timing: InputTiming = ON_TIME,
 ) -> str:
     """Return the text of the file; `sim` comes from `name_simulation`."""
     document = {
         "schema": SCHEMA,
         "sim": dict(sim),
+        **({"input_timing": timing.as_json()} if timing else {}),
         "correction": None if correction is None else correction.as_json(),
-        "surrogate": None if surrogate is None else surrogate.as_json(),
+        "twin": twin.as_json() if twin is not None and (is_recorded or composition.edits) else None,
+        "is_recorded": is_recorded,
         "effects": [_effect_as_json(setting) for setting in composition.settings],
         "provenance": {"tool": f"ces_observer {__version__}", **(provenance or {})},
     }
@@ -162,7 +172,7 @@ def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:
         raise GapError(f"{path}: schema is '{schema}'; expected '{SCHEMA}'; run `ces diagnose` again")
     settings = tuple(_read_setting(node) for node in root.items("effects", 0, MAX_EFFECTS))
     correction = _read_learned_part(root, "correction", LearnedCorrection)
-    surrogate = _read_learned_part(root, "surrogate", Surrogate)
+    twin, is_recorded = _read_learned_part(root, "twin", Twin), root.flag("is_recorded")
     spec, rest = _split(root.at("sim").text("spec"))
     if spec:
         file = path.parent / spec
@@ -172,7 +182,10 @@ def load_augmented(path: Path, open_simulation: Opener) -> AugmentedSimulation:
             raise GapError(f"{path}: its simulation {file} has changed since; run `ces diagnose` again")
         rest = f"{file}{rest}"
     simulation, provenance = open_simulation(rest), root.at("provenance").value
-    return AugmentedSimulation(str(path), simulation, Composition(settings), correction, surrogate, provenance)
+    if "input_timing" in root.value:
+        simulation = RetimedSimulation(simulation, InputTiming.from_json(root.at("input_timing")))
+    composition = Composition(settings)
+    return AugmentedSimulation(str(path), simulation, composition, correction, twin, is_recorded, provenance)
 
 
 def _digest(file: Path) -> str:

@@ -2,35 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
 
 from ces_gap.baseline.learner import LearnedCorrection
-from ces_gap.baseline.surrogate import Surrogate
+from ces_gap.baseline.twin import Twin
 from ces_gap.experiment.next_experiment import NextExperiment
 from ces_gap.grid import is_constant
 from ces_gap.inference.fit import Estimate, Interval
-from ces_gap.inference.held_out import CLEARLY_LESS, Explanation, Gap, HeldOutSeries
+from ces_gap.inference.held_out import Explanation, Gap, HeldOutSeries
 from ces_gap.inference.verdict import (
+    ALTERNATIVES,
     AMBIGUOUS,
     CALIBRATION,
+    LEAVES_MORE,
     NAMED,
     NO_GAP,
-    POSSIBLE,
+    NOT_CONFIRMED,
+    REFIT,
+    SIMULATION_ERROR,
     TIMING,
+    UNDETERMINED,
     UNKNOWN,
     WITHIN_BASELINE,
     WITHIN_NOISE,
     WITHIN_TOLERANCE,
     VerdictFigures,
 )
+from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
 from ces_gap.refit import ModelRefits
 from ces_gap.regions.axes import GapMap, GapRegion, Where
 from ces_gap.trace import usable_inputs, usable_values
-from ces_report.typesetting import join_with
+from ces_report.typesetting import format_number, format_range, join_with
 
 __all__ = [
     "AMBIGUOUS", "NAMED", "NO_GAP", "UNKNOWN", "Diagnosis", "Estimate", "Explanation", "Gap", "GapMap", "GapRegion",
@@ -61,18 +67,20 @@ class Diagnosis:
     probability_unknown: float
     rest: Where | None  # location of the unexplained rest, for "unknown"
     next_experiment: NextExperiment | None
-    surrogate_cost_J: float | None  # of the surrogate of recorded predictions, None if the simulation was run
+    is_recorded: bool  # whether the simulation is known from recorded predictions only
     held_out: tuple[HeldOutSeries, ...]
     by_region: tuple[tuple[GapRegion, float], ...] = ()  # gap after [N] in each region of `where`
     notes: tuple[str, ...] = ()
     seen_notes: tuple[str, ...] = ()  # those on recordings from which the simulation was identified
     correction: LearnedCorrection | None = None  # of the baseline error
-    surrogate: Surrogate | None = None  # of recorded predictions
-    surrogate_error: float | None = None  # its `difference_error`
-    baselines: Mapping[str, str] = field(default_factory=dict)  # effects that simpler selection rules name
+    twin: Twin | None = None  # of the simulation
     figures: VerdictFigures | None = None  # the basis of the verdict
     refits: ModelRefits | None = None  # of a physical model's parameters, None for other simulations
     refit_finding: str = ""  # what they say of the composition
+    doubt: str = ""  # what keeps a cause from being named: constants of `inference/verdict.py`
+    alternatives: tuple[str, ...] = ()  # effects outside the composition that stay possible
+    timed_N: float = float("nan")  # gap after the simulation's timing was fitted
+    probe: SimulationProbe = NOT_PROBED  # what the simulation does to its inputs
 
     def __repr__(self) -> str:
         return f"<{self.verdict}: {self.sentence}>"
@@ -113,28 +121,30 @@ def calibration_cells(diagnosis: Diagnosis) -> tuple[CalibrationCell, ...]:
     )
 
 
+def find_closest(diagnosis: Diagnosis) -> Explanation | None:
+    """Return what leaves least of the held-out gap, the composition or an effect alone; None if nothing shrinks it."""
+    together = [diagnosis.composition] if diagnosis.composition.effects else []
+    known = [e for e in (*together, *diagnosis.causes) if e.gap_after_N < diagnosis.gap.corrected_N]
+    return min(known, key=lambda e: e.gap_after_N, default=None)
+
+
 def format_verdict(diagnosis: Diagnosis) -> str:
     """Return the verdict in one sentence."""
+    gap, after_N, effects = diagnosis.gap, diagnosis.composition.gap_after_N, _causes(diagnosis, diagnosis.composition)
     if diagnosis.verdict == NO_GAP:
         return _describe_no_gap(diagnosis)
-    gap, after_N, effects = diagnosis.gap, diagnosis.composition.gap_after_N, _causes(diagnosis)
     if diagnosis.verdict == UNKNOWN:
-        closest = ""
-        if effects:  # the composition, or an effect alone that is less probable, whichever leaves less
-            alone = min(diagnosis.causes, key=lambda c: c.gap_after_N if np.isfinite(c.gap_after_N) else np.inf)
-            if alone.gap_after_N < after_N:
-                effects, after_N = [alone.effects[0]], alone.gap_after_N
-            closest = f"; the closest, {_join(effects, 'and')}, leaves {after_N:.0f} N"
-        return f"None of the known effects explains the gap of {gap.rms_N:.0f} N RMS{closest}."
-    shrink = f"the gap shrinks from {gap.rms_N:.0f} N to {after_N:.0f} N RMS"
-    if after_N >= gap.rms_N:
-        shrink = f"the gap does not shrink ({gap.rms_N:.0f} N RMS before, {after_N:.0f} N after)"
+        size = f"{_newtons(gap.corrected_N)} RMS{gap.own_error}"
+        return f"None of the known effects explains the gap of {size}{_describe_rest(diagnosis)}."
+    shrink = f"the gap shrinks from {_newtons(gap.rms_N)} to {_newtons(after_N)} RMS"
     if diagnosis.verdict == AMBIGUOUS:
         ambiguity = _describe_ambiguity(diagnosis)
-        return f"{ambiguity[:1].upper()}{ambiguity[1:]}; with {_join(effects, 'and')}, {shrink}."
+        shrink = f"the gap{gap.own_error} shrinks from {_newtons(gap.corrected_N)} to {_newtons(after_N)} RMS"
+        fitted = f"with {_join(effects, 'and')}, {shrink}" if effects else "what was fitted enlarges the held-out gap"
+        return f"{ambiguity[:1].upper()}{ambiguity[1:]}; {fitted}."
     if tuple(effects) == (CALIBRATION,):
         cell = max(calibration_cells(diagnosis), key=lambda c: abs(c.force_N))
-        speed, current = "{:.2g} to {:.2g} m/s".format(*cell.speed_m_s), f"{np.mean(cell.current_A):.2g} A"
+        speed, current = f"{format_range(*cell.speed_m_s)} m/s", f"{format_number(float(np.mean(cell.current_A)))} A"
         size = f"most at {speed} and about {current} ({cell.force_N:+.0f} N)"
         return f"The simulation's force map is off, {size}: recalibrated, {shrink} on held-out recordings."
     named = f"The gap is caused by {_join(effects, 'and')}: with this effect added, {shrink} on held-out recordings"
@@ -142,9 +152,30 @@ def format_verdict(diagnosis: Diagnosis) -> str:
     return f"{named}; a recalibration of the simulation would explain it, too." if imitated else f"{named}."
 
 
+def _describe_rest(diagnosis: Diagnosis) -> str:
+    """Return what the closest explanation and a learner leave of an unknown gap, and whether its noise is known."""
+    closest, text = find_closest(diagnosis), ""
+    if closest is not None:
+        names = _join(_causes(diagnosis, closest) or closest.effects, "and")
+        text = f"; the closest, {names}, leaves {_newtons(closest.gap_after_N)}"
+        if diagnosis.ceiling_after_N < closest.gap_after_N:
+            text += f", a learner without physics {_newtons(diagnosis.ceiling_after_N)}"
+    return text if diagnosis.gap.noise_known else f"{text}; noise not known: {diagnosis.gap.noise_source}"
+
+
+def describe_timing(diagnosis: Diagnosis) -> str:
+    """Return a sentence on the gap beyond the timing of the simulation's inputs, empty if that was not corrected."""
+    if not diagnosis.probe.corrected:
+        return ""
+    gap, own = diagnosis.gap, "" if diagnosis.correction is None else " and its own error"
+    beyond = f"{_newtons(gap.corrected_N)} lie beyond the timing of the simulation's inputs{own}"
+    return f" Of {_newtons(gap.rms_N)} RMS, {beyond}, which the report describes."
+
+
 def _describe_no_gap(diagnosis: Diagnosis) -> str:
     gap, reason = diagnosis.gap, diagnosis.no_gap_reason
     left_N = min(gap.corrected_N, gap.rms_N)
+    noise = f"the measurement noise of {gap.noise_floor_N:.1f} N RMS (from {gap.noise_source})"
     if reason == WITHIN_TOLERANCE:
         limit = f"the tolerance of {diagnosis.tolerance_N:.1f} N"
         return f"No gap above {limit}: {left_N:.1f} N RMS between simulation and measurement."
@@ -153,42 +184,43 @@ def _describe_no_gap(diagnosis: Diagnosis) -> str:
         hidden = f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen"
         return f"No gap beyond the simulation's own error: {explained}; {hidden} behind this simulation's error."
     if reason == WITHIN_NOISE:
-        noise = f"the measurement noise of {gap.noise_floor_N:.1f} N RMS (from {gap.noise_source})"
         return f"No gap: {left_N:.1f} N RMS remain, within {noise}."
-    return f"No gap beyond the simulation's timing of at most a sample: {left_N:.1f} N RMS before it is corrected."
+    timed = f"corrected, {diagnosis.timed_N:.1f} of {left_N:.1f} N RMS remain, within {noise}"
+    return f"No gap beyond the simulation's timing of at most a sample: {timed}."
 
 
-def _causes(diagnosis: Diagnosis) -> list[str]:
-    """Return the effects of the composition, the one that closes most alone first, without the simulation's timing."""
+def _causes(diagnosis: Diagnosis, explanation: Explanation) -> list[str]:
+    """Return the effects of an explanation, the one that closes most alone first, without the simulation's timing."""
     alone = {c.effects[0]: c.gap_after_N for c in diagnosis.causes}
-    effects = [e for e in diagnosis.composition.effects if e != TIMING]
-    return sorted(effects, key=lambda e: alone.get(e, np.inf))
+    return sorted((e for e in explanation.effects if e != TIMING), key=lambda e: alone.get(e, np.inf))
 
 
 def _describe_ambiguity(diagnosis: Diagnosis) -> str:
-    """Return what these recordings leave open: effects indistinguishable from a cause, or further possible causes."""
-    after = {c.effects[0]: c.gap_after_N for c in diagnosis.causes}
-    effects = diagnosis.composition.effects
-    group = next((g for g in diagnosis.indistinguishable if set(g) & set(effects)), ())
-    if group:
-        ordered = sorted(group, key=lambda e: after.get(e, np.inf))
-        return f"These recordings cannot distinguish between {_join(ordered, 'and')}"
-    outside = [c for c in diagnosis.causes if c.effects[0] not in (*effects, CALIBRATION)]
-    limit = CLEARLY_LESS * diagnosis.composition.gap_after_N
-    others = [c.effects[0] for c in outside if c.probability >= POSSIBLE or c.gap_after_N < limit]
-    if others:
-        return f"These recordings do not rule out {_join(others, 'or')}"
-    imitated = [e for e in _causes(diagnosis) if e in diagnosis.not_separable]
-    if imitated and len(effects) > 1:
-        return f"{_join(imitated, 'and')} may be an error of the simulation itself"
-    if diagnosis.refit_finding:
-        return diagnosis.refit_finding
-    if diagnosis.composition.shrink_ci95[0] <= 0.0:
-        return "The held-out recordings do not confirm the best explanation"
-    return "The best explanation is not certain enough to be named"
+    """Return what keeps a cause from being named."""
+    effects, others = _causes(diagnosis, diagnosis.composition), diagnosis.alternatives
+    if diagnosis.doubt == ALTERNATIVES:
+        after = {c.effects[0]: c.gap_after_N for c in diagnosis.causes}
+        group = next((g for g in diagnosis.indistinguishable if set(g) & set(effects) and set(g) & set(others)), ())
+        alike = sorted({*group} & {*effects, *others}, key=lambda e: (after.get(e, np.inf), e))
+        if alike:
+            return f"these recordings cannot distinguish between {_join(alike, 'and')}"
+        return f"these recordings do not rule out {_join(others, 'or')}"
+    if diagnosis.doubt == SIMULATION_ERROR:
+        imitated = [e for e in effects if e in diagnosis.not_separable]
+        return f"{_join(imitated or effects, 'and')} may be an error of the simulation itself"
+    return {
+        REFIT: diagnosis.refit_finding,
+        NOT_CONFIRMED: "the held-out recordings do not confirm the best explanation",
+        UNDETERMINED: "the interval of an effect's size includes no effect",
+        LEAVES_MORE: "the best explanation leaves more of the gap than it closes",
+    }.get(diagnosis.doubt, "the best explanation is not certain enough to be named")
+
+
+def _newtons(value: float) -> str:
+    return f"{format_number(value)} N"
 
 
 def _join(effects: Sequence[str], last: str) -> str:
     """Return `a, b and c`."""
-    names = ["the simulation's force map" if e == CALIBRATION else e.replace("_", " ") for e in effects]
-    return join_with(names, last)
+    own = {CALIBRATION: "the simulation's force map", TIMING: "the simulation's timing"}
+    return join_with([own.get(e, e.replace("_", " ")) for e in effects], last)

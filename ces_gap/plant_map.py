@@ -1,7 +1,7 @@
 """The plant's force as a static map of speed and current, from which effects know the slope of the damper.
 
 Effects use only slopes and differences of the map, so that a plant with memory keeps its memory. The map alone, and the
-same behind a spring with one compliance or two; the compiled loops of fit and evaluation follow at the end.
+same behind a spring; the compiled loops of fit and evaluation follow at the end.
 """
 
 from __future__ import annotations
@@ -26,7 +26,6 @@ MAX_RECENT = 2  # maps that are kept
 LEVEL = 1e-4  # weight of differences between currents, which fill empty cells
 CORNER_HZ = 100.0  # [Hz] above it a simulated force is mostly noise
 COMPLIANCES = (0.0, *(1.0 / np.geomspace(3e5, 3e7, 9)))  # [m/N] rigid, then from soft to stiff
-SOFT = 0.03  # of the RMS of force and speed: width of the change from one compliance to the other
 
 
 @dataclass(frozen=True)
@@ -127,19 +126,6 @@ class SprungMap:
     rest: float
 
 
-@dataclass(frozen=True)
-class PumpedMap:
-    """A map behind a spring with two compliances `own` [m/N]: while the damper is pushed and moves in, and otherwise.
-
-    `widths` [N], [m/s] smooth the change between them. `memory` [N] (n,) is the plant's force minus that of this model.
-    """
-
-    map: SpeedMap
-    own: tuple[float, float]
-    widths: tuple[float, float]
-    memory: F
-
-
 def remove_high_frequencies(force: F, rate_Hz: float) -> F:
     """Return the force (n,) behind a low-pass without delay, which halves the power at `CORNER_HZ`."""
     each = min(CORNER_HZ, 0.25 * rate_Hz) / sqrt(2.0**0.25 - 1.0)  # four first-order lags in all
@@ -160,30 +146,6 @@ def learn_sprung_map(speed: F, current: F, force: F, usable: Mask, rate_Hz: floa
         if float(residual @ residual) < least:
             best, least, compliant = trial, float(residual @ residual), compliance
     return SprungMap(best, compliant, best.rest(current))
-
-
-def learn_pumped_map(speed: F, current: F, force: F, usable: Mask, rate_Hz: float, equal: float) -> PumpedMap:
-    """Return the map and the two compliances that fit the simulated force [N] best, searched in turn.
-
-    Both start at `equal` [m/N], the compliance of `learn_sprung_map`; the other arguments are the same as there.
-    """
-    smooth, used = remove_high_frequencies(force, rate_Hz), usable | ~usable.any()
-    widths = (SOFT * rms(smooth[used]) + 1e-3, SOFT * rms(speed[used]) + 1e-6)
-    pumping = 0.25 * (1.0 + np.tanh(smooth / widths[0])) * (1.0 + np.tanh(speed / widths[1]))
-    rate = derivative(smooth, rate_Hz)
-
-    def fit(own: tuple[float, float]) -> tuple[float, SpeedMap, F]:
-        through = speed - (own[1] + pumping * (own[0] - own[1])) * rate
-        best = learn_map(through, current, force, usable)
-        residual = force - best.force(through, current)
-        return float(residual[used] @ residual[used]), best, residual
-
-    own = (equal, equal)
-    for _ in range(2):
-        own = min(((c, own[1]) for c in COMPLIANCES), key=lambda o: fit(o)[0])
-        own = min(((own[0], c) for c in COMPLIANCES), key=lambda o: fit(o)[0])
-    _, best, residual = fit(own)
-    return PumpedMap(best, own, widths, remove_high_frequencies(residual, rate_Hz))
 
 
 @njit(cache=True, nogil=True, error_model="numpy")

@@ -34,6 +34,7 @@ from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.trained.training import Training
 from ces_observer.model import Model
 from ces_observer.structures.hydraulic import Hydraulic
+from ces_report.typesetting import format_range
 
 BLOCK_S = 0.5  # [s] errors within a block count as one sample in standard errors
 MAX_TICKS = 40_000  # of the fitted recordings: the first part of each
@@ -290,28 +291,41 @@ def find_changes(model: Model, target: RefitTarget, theta: F) -> tuple[QuantityC
     return tuple(QuantityChange(name, old[name], new[name]) for name in largest[:MAX_CHANGES])
 
 
-def weigh_refits(verdict: str, composition: Sequence[str], found: ModelRefits | None) -> tuple[str, str]:
-    """Return the verdict that the refits support, and what they say of the effects in the composition.
+def find_contradiction(composition: Sequence[str], found: ModelRefits | None) -> GroupRefit | None:
+    """Return the refit that closes clearly more than those of the effects in the composition; None if none does.
 
-    A refit agrees if its group belongs to one of the effects, moved, and closes part of the held-out gap. Another group
-    that moved and closes clearly more disagrees. A model without a group for any of the effects says nothing, nor do
-    refits without a control, as the model's own error moves its parameters, too. Where no effect is named, they say
-    which group moved.
+    A model without a group for any of the effects says nothing, nor do refits without a control, as the model's own
+    error moves its parameters, too.
     """
-    refits = [] if found is None else [refit for refit in found.refits if refit.control_z is not None]
+    if found is None or not any(set(effects) & set(composition) for effects in found.group_effects):
+        return None
+    own = _find_own(composition, found)
+    others = [r for r in found.refits if r.control_z is not None and not set(r.effects) & set(composition)]
+    better = [refit for refit in others if has_moved(refit) and closes_more(refit, own)]
+    return max(better, key=lambda refit: refit.energy, default=None)
+
+
+def describe_refits(verdict: str, composition: Sequence[str], found: ModelRefits | None) -> str:
+    """Return what the refits say of the effects in the composition, "" if nothing.
+
+    Where the verdict is on no effect, they say which group moved.
+    """
     if found is None or verdict not in (NAMED, AMBIGUOUS):
-        first = next((refit for refit in refits if has_moved(refit)), None)
-        return verdict, "" if first is None else f"the model's {first.group} moved: {describe_refit(first)}"
-    own = [refit for refit in refits if set(refit.effects) & set(composition)]
-    best = max(own, key=lambda refit: refit.energy, default=None)
-    better = [refit for refit in refits if refit not in own and has_moved(refit) and closes_more(refit, best)]
-    if better and any(set(effects) & set(composition) for effects in found.group_effects):
-        most = max(better, key=lambda refit: refit.energy)
+        refits = () if found is None else found.refits
+        first = next((refit for refit in refits if refit.control_z is not None and has_moved(refit)), None)
+        return "" if first is None else f"the model's {first.group} moved: {describe_refit(first)}"
+    own, most = _find_own(composition, found), find_contradiction(composition, found)
+    if most is not None:
         text = f"a refit of the model's {most.group} explains more: {describe_refit(most)}"
-        return AMBIGUOUS, text if best is None else f"{text}, that of its {best.group} {best.closes:.0%}"
-    if best is None or not has_moved(best):
-        return verdict, ""
-    return verdict, f"the refit of the model's {best.group} agrees: {describe_refit(best)}"
+        return text if own is None else f"{text}, that of its {own.group} {own.closes:.0%}"
+    agrees = own is not None and has_moved(own)
+    return f"the refit of the model's {own.group} agrees: {describe_refit(own)}" if own is not None and agrees else ""
+
+
+def _find_own(composition: Sequence[str], found: ModelRefits) -> GroupRefit | None:
+    """Return the refit with a control that closes most of those that belong to the effects in the composition."""
+    own = [r for r in found.refits if r.control_z is not None and set(r.effects) & set(composition)]
+    return max(own, key=lambda refit: refit.energy, default=None)
 
 
 def has_moved(refit: GroupRefit) -> bool:
@@ -334,7 +348,7 @@ def describe_refit(refit: GroupRefit) -> str:
     changes = []
     for change in refit.changes:
         name, _, unit = change.name.partition(" [")
-        values = f"{change.before:.3g} to {change.after:.3g} {unit.rstrip(']')}".rstrip()
+        values = f"{format_range(change.before, change.after)} {unit.rstrip(']')}".rstrip()
         changes.append(f"{name[0].lower()}{name[1:]} {values}")
     control = "" if refit.control_z is None else f" ({refit.control_z:.0f} on the references)"
     moved = f"{refit.moved_z:.0f} standard errors{control}"

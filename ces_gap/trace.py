@@ -28,7 +28,7 @@ from ces_gap.grid import (
     thin_out,
     without_edges,
 )
-from ces_gap.plant_map import PumpedMap, RecentMaps, SpeedMap, SprungMap, learn_pumped_map, learn_sprung_map
+from ces_gap.plant_map import RecentMaps, SpeedMap, SprungMap, learn_sprung_map
 from ces_gap.sensor_noise import UNMEASURED, GridSignals, MeasuredNoise, measure_noise
 from ces_identify.prepare.series import hold_current
 from ces_identify.simulations.simulation import Simulation, find_predictions
@@ -64,8 +64,9 @@ class Trace:
     `simulated` force [N] on the smoothed position, `simulated_as_logged` [N] on the logged position. `usable` (n,)
     marks the ticks at which all of them are known and filters have settled; elsewhere they are interpolated.
     `noise_N` is the RMS of the force noise on the grid, `measured_noise` where it is from. `simulated_left_out` [N] is
-    the force by models that were not fitted to this recording, if the simulation was. `sprung_map` and `pumped_map` are
-    learnt on `map_ticks` (n,), on the usable ticks if None.
+    the force by models that were not fitted to this recording, if the simulation was; `simulated_at_base` [N] is the
+    simulated force at the position's rate, before the low-pass of the grid. `sprung_map` is learnt on
+    `map_ticks` (n,), on the usable ticks if None.
     """
 
     name: str
@@ -82,6 +83,7 @@ class Trace:
     map_ticks: Mask | None = None
     measured_noise: MeasuredNoise = UNMEASURED
     simulated_left_out: F | None = None
+    simulated_at_base: F | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -101,16 +103,8 @@ class Trace:
     @cached_property
     def sprung_map(self) -> SprungMap:
         """The map of speed and current behind a spring that fits the simulated force best."""
-        return learn_sprung_map(*self._map_data())
-
-    @cached_property
-    def pumped_map(self) -> PumpedMap:
-        """The same, with another spring while the damper is pushed and moves in."""
-        return learn_pumped_map(*self._map_data(), self.sprung_map.compliance)
-
-    def _map_data(self) -> tuple[F, F, F, Mask, float]:
         ticks = self.usable if self.map_ticks is None else self.map_ticks
-        return self.inputs.speed, self.inputs.current, self.simulated, ticks, self.rate_Hz
+        return learn_sprung_map(self.inputs.speed, self.inputs.current, self.simulated, ticks, self.rate_Hz)
 
     @cached_property
     def _recent_maps(self) -> RecentMaps:
@@ -125,8 +119,8 @@ class Trace:
         """Times [s] of the position samples (p,), times of an even grid at their rate, and its factor of decimation."""
         clock = self.recording.channel("position").stamps_ns
         seconds = (clock - clock[0]) * 1e-9
-        base, _, factor = lay_base_grid(seconds, self.name)
-        return seconds, base, factor
+        base, base_Hz, _ = lay_base_grid(seconds, self.name)
+        return seconds, base, round(base_Hz / self.rate_Hz)
 
     def grid_ns(self) -> NDArray[np.int64]:
         """Return the time stamps [ns] of the ticks (n,)."""
@@ -134,15 +128,17 @@ class Trace:
         return np.asarray(first + np.round(self.time_s * 1e9).astype(np.int64), dtype=np.int64)
 
 
-def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None = None) -> Trace:
+def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None = None, thinned: bool = True) -> Trace:
     """Return the trace of `recording`; `simulated_N` [N] (p,) is at its position samples, NaN where unknown.
 
-    The `noise` of the force is measured unless it is given. Without a force channel the force is zero and no tick is
-    usable. Raises GapError if there are too few samples.
+    The `noise` of the force is measured unless it is given. If it is not to be `thinned`, the grid has the rate of the
+    position. Without a force channel the force is zero and no tick is usable. Raises GapError if there are too few
+    samples.
     """
     clock = recording.channel("position").stamps_ns
     seconds = (clock - clock[0]) * 1e-9
     base, base_Hz, factor = lay_base_grid(seconds, recording.name)
+    factor = factor if thinned else 1
     base_ns = clock[0] + np.round(base * 1e9).astype(np.int64)
     position, known_x = bridge_gaps(seconds, recording.channel("position").values, base)
     position = smooth_out(position, find_low_pass_Hz(position, base_Hz), base_Hz)
@@ -180,6 +176,7 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
         recording=recording,
         noise_N=noise.rms_N,
         measured_noise=noise,
+        simulated_at_base=simulated,
     )
 
 

@@ -16,6 +16,8 @@ F = NDArray[np.float64]
 SYMBOLS = {"force": "F", "speed": "v", "current": "i", "position": "x"}
 MAX_NAMES = 5  # of recordings in a title
 MAX_NAMES_LENGTH = 120  # characters of those names together
+MAX_FIGURES = 7  # of an end of a range
+RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 UNITS = {"speed": "m/s", "current": "A", "position": "m", "frequency": "Hz"}
 MEANINGS = {
     "speed": "speed [m/s], positive in compression",
@@ -106,6 +108,28 @@ def three_figures(value: float) -> str:
     if not math.isfinite(value):
         return "\N{INFINITY}" if math.isinf(value) else "\N{EN DASH}"
     return f"{value:.0f}" if value >= 99.95 else f"{value:.1f}" if value >= 9.995 else f"{value:.2f}"
+
+
+def format_number(value: float, figures: int = 3) -> str:
+    """Return a number to some significant figures, with a power of ten if necessary; a dash if it is unknown."""
+    if not math.isfinite(value):
+        return minus("\N{EN DASH}" if math.isnan(value) else f"{value}".replace("inf", "\N{INFINITY}"))
+    digits = f"{value:.{figures}g}"
+    if "e" in digits and abs(value) >= 1.0:
+        digits = f"{float(digits):,.0f}".replace(",", "\N{NARROW NO-BREAK SPACE}") if abs(value) < 1e7 else digits
+    if "e" not in digits:
+        return minus(digits)
+    mantissa, power = digits.split("e")
+    return minus(f"{mantissa}·10") + str(int(power)).translate(RAISED)
+
+
+def format_range(low: float, high: float) -> str:
+    """Return `low to high` with as many figures as give it two ends; the one value if both are equal."""
+    for figures in range(3, MAX_FIGURES + 1):
+        ends = format_number(low, figures), format_number(high, figures)
+        if ends[0] != ends[1]:
+            return " to ".join(ends)
+    return ends[0]
 
 
 def minus(text: str) -> str:

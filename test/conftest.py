@@ -11,7 +11,7 @@ os.environ["OPENBLAS_NUM_THREADS"] = "1"  # before NumPy: beside other work, sev
 
 import pytest
 from needs import skip_without
-from shared_results import SharedResults, diagnose_once, identify_once
+from shared_results import SharedResults, common_folder, diagnose_once, identify_once
 
 with suppress(ImportError):  # as beside ROS 2
     from hypothesis import HealthCheck, settings
@@ -45,6 +45,14 @@ def busy_search_clock() -> Iterator[pytest.MonkeyPatch]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(search_clock, "time", BusyClock())
         yield patch
+
+
+@pytest.fixture(scope="session", autouse=True)
+def cache_folder(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Keep what programs store between calls, such as twins of simulations, with the results of the tests."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_CACHE_HOME", str(common_folder(tmp_path_factory) / "cache"))
+        yield
 
 
 @pytest.fixture(scope="session")

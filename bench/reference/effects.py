@@ -17,10 +17,10 @@ UNITS = (  # ends of parameters' names, the longest first
     ("_per_N", "1/N"), ("_kg", "kg"), ("_N", "N"), ("_m", "m"), ("_s", "s"), ("_A", "A"),
 )  # fmt: skip
 HEAD = """
-What a damper, its mounting and its sensors do that a simulation may lack. `ces diagnose` fits every form of every
-effect around the simulation. F is the force inside an effect (the oil's, or that of the effects further inside), an
-expression its force outside; x, v and i drive the simulation, which an effect may change to x', v' and i'. All are
-positive in compression. "Neutral" is the value without any effect. Bounds are no priors: a value at a bound is flagged.
+What a damper, its mounting and its sensors do that a simulation may lack. `ces diagnose` fits every form around the
+simulation, or inside its [twin](../gap.md#the-twin). F is the force inside an effect (the oil's, or that of effects
+further in), an expression its force outside; x, v and i drive the simulation, which an effect may change to x', v', i'.
+All are positive in compression. "Neutral" is without any effect. Bounds are no priors: a value at one is flagged.
 """
 
 

@@ -3,8 +3,8 @@
 Every mode has a folder of its own in the folder for results. The seal is never opened: a folder with a copy of `cases/`
 is enough. The results of a case are `gap.json`, `augmented.json`, `decision.json` (the figures behind the verdict),
 `replay.npz` with forces [N] at the position samples of the held-out recordings (`NAME_simulated_N` of the simulation,
-`NAME_augmented_N` from the saved file, `NAME_corrected_N` without the effects), and last `row.json`. A model that was
-identified in place of the simulation is `model.json`.
+`NAME_augmented_N` from the saved file), and last `row.json`. A model that was identified in place of the simulation is
+`model.json`.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -115,13 +115,17 @@ def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
 
 
 def _diagnose(case: Path, out: Path, mode: Mode) -> str:
-    """Diagnose the case and write its results, also the causes that simpler methods would have named; return a line."""
+    """Diagnose the case and write its results; return a line."""
     from ces_gap.augmented import save_augmented
     from ces_gap.inputs.checks import require_distinct
     from ces_gap.pipeline import DiagnoseOptions, diagnose
     from ces_gap.report.gap_json import write_gap
 
     described = json.loads((case / "case.json").read_text(encoding="utf-8"))
+    if len(described["reference"]) < mode.references:
+        raise CesError(
+            f"{case}: has {len(described['reference'])} references; expected {mode.references} for {mode.name}"
+        )
     spec = _prepare_simulation(case, out, described, mode)
     simulation = open_simulation(spec)
     real, held_out = (_read(simulation, case, described[role]) for role in ("real", "held_out"))
@@ -130,10 +134,10 @@ def _diagnose(case: Path, out: Path, mode: Mode) -> str:
     options = DiagnoseOptions(threads=1, experiment=False)
     diagnosis = diagnose(simulation, spec, real, held_out, reference, options)
     write_gap(out / GAP, diagnosis)
-    save_augmented(out / AUGMENTED, spec, diagnosis.composition.composition, diagnosis.correction, diagnosis.surrogate)
+    found = diagnosis.composition.composition, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded
+    save_augmented(out / AUGMENTED, spec, *found, timing=diagnosis.probe.corrected)
     figures = None if diagnosis.figures is None else asdict(diagnosis.figures)  # behind the verdict
-    decision = {"baselines": diagnosis.baselines, "figures": figures}
-    write_atomically(out / DECISION, json.dumps(decision, indent=1) + "\n")
+    write_atomically(out / DECISION, json.dumps({"figures": figures}, indent=1) + "\n")
     _replay(out, simulation, held_out)
     gap = json.loads((out / GAP).read_text(encoding="utf-8"))
     effects = " + ".join(gap["composition"]["effects"]) or "nothing"
@@ -148,7 +152,8 @@ def _prepare_simulation(case: Path, out: Path, described: Mapping[str, Any], mod
     if mode.simulation == IDENTIFIED:
         identify_baseline(_read_bags(case, described["reference"][: mode.references]), out / MODEL)
         return str(out / MODEL)
-    return str(case / described["simulation"])
+    inside = case / described["simulation"]
+    return str(inside) if inside.is_file() else str(described["simulation"])  # one of its own, such as module:function
 
 
 def _read(simulation: Simulation, case: Path, names: Sequence[str]) -> list[Recording]:
@@ -164,17 +169,14 @@ def _read_bags(case: Path, names: Sequence[str]) -> list[Recording]:
 
 
 def _replay(out: Path, simulation: Simulation, held_out: Sequence[Recording]) -> None:
-    """Run the simulation over the held-out recordings, and the augmented one from its file with and without effects."""
+    """Run the simulation over the held-out recordings, and the augmented one from its file."""
     from ces_gap.augmented import load_augmented
-    from ces_gap.effects.effect import Composition
 
     augmented = load_augmented(out / AUGMENTED, open_simulation)
-    corrected = replace(augmented, composition=Composition())
     arrays: dict[str, NDArray[np.float32]] = {}
     for recording in held_out:
         arrays[f"{recording.name}_simulated_N"] = simulation.force(recording).astype(np.float32)
         arrays[f"{recording.name}_augmented_N"] = augmented.force(recording).astype(np.float32)
-        arrays[f"{recording.name}_corrected_N"] = corrected.force(recording).astype(np.float32)
     part = out / f".part.{REPLAY}"
     np.savez_compressed(part, **arrays)  # type: ignore[arg-type]
     part.replace(out / REPLAY)

@@ -6,6 +6,7 @@ import argparse
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from operator import attrgetter
 from pathlib import Path
 from statistics import median
 from typing import Any
@@ -14,22 +15,26 @@ from rich.progress import track
 
 from ces_cli.blind.diagnosing import run
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, Argument
+from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, SIGNALS, Argument
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.progress import JobsProgress
+from ces_cli.terminal.recordings import find_bag
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.options import Option
 from ces_rig.blind import tables
 from ces_rig.blind.cases import make_cases, open_seal, remove_cases
-from ces_rig.blind.metrics import TARGET_GAP, cases_with_targets
 from ces_rig.blind.outcome import MAX_REFERENCES, RUN, SIMULATIONS, CaseOutcome
-from ces_rig.blind.plan import GAPS, KINDS, Levels, list_spare_effects, plan_grid, plan_sample
+from ces_rig.blind.plan import ERRORS, GAPS, KINDS, Levels, list_spare_effects, plan_sample
 from ces_rig.blind.scoring import find_modes, score_cases
 from ces_rig.dampers.effects import EFFECTS, OUTSIDE
-from ces_rig.withheld.plants import PLANTS
+from ces_rig.dampers.kinds import KINDS as DAMPERS
+from ces_rig.dampers.lookup.learning import learn_lookup
+from ces_rig.dampers.model import DamperModel
 
-RESERVED = ("monotube",)  # for sealed tests: used only if --plants names them
+DEFAULT_PLANTS = ("lookup", "bouc_wen")  # their equations are not those of the diagnosis' twin
+MAP = "map"  # the plant that --recording teaches
+SLICES = {"gap-to-noise": "gap_to_noise", "simulation's error / gap": "baseline_ratio", "plant": "plant"}
 EXAMPLE = """\
 ces blind make --out cases_1 --seed 1 --cases 100
   ces blind run cases_1 --out results_1 --simulation run predictions --references 0 2
@@ -62,17 +67,20 @@ def make_parser() -> terminal.Parser:
 
 
 def _make(options: argparse.Namespace) -> int:
-    chosen_plants = options.plants or [plant for plant in PLANTS if plant not in RESERVED]
+    plants: dict[str, DamperModel] = {name: DAMPERS[name].design for name in options.plants or DEFAULT_PLANTS}
+    if options.recording is not None:
+        signals = terminal.load_described_signals(options)
+        plants[MAP] = learn_lookup(terminal.read_one(find_bag(options.recording), signals, terminal.FORCE))
     levels = Levels(
         effects=tuple(dict.fromkeys(options.effects or EFFECTS)),
         outside=OUTSIDE,
-        plants=tuple(dict.fromkeys(chosen_plants)),
+        plants=plants,
         kinds=tuple(dict.fromkeys(options.kind or KINDS)),
         gaps=tuple(options.gap_to_noise or GAPS),
+        errors=tuple(options.simulation_error or ERRORS),
     )
     require_outputs(options.overwrite, folders={"--out": options.out})
-    seed, count = options.seed, options.cases
-    plan = plan_grid(levels, seed) if count is None else plan_sample(levels, seed, count)
+    plan = plan_sample(levels, options.seed, options.cases)
     if options.overwrite:
         remove_cases(options.out)
     with JobsProgress(len(plan), 0, "cases") as progress:
@@ -81,7 +89,7 @@ def _make(options: argparse.Namespace) -> int:
             [(case, list_spare_effects(case, levels)) for case in plan],
             options.seconds,
             options.jobs or os.cpu_count() or 1,
-            {"seed": seed, "planned": len(plan), "plants": list(levels.plants)},
+            {"seed": options.seed, "planned": len(plan), "plants": list(levels.plants)},
             lambda label: progress.count(f"case {label['case']} created"),
         )
     count_of = {kind: sum(case.kind == kind for case in plan) for kind in KINDS}
@@ -107,14 +115,13 @@ def _score(options: argparse.Namespace) -> int:
         if outcomes:
             by_mode[mode.name] = outcomes
             parts += [f"## `{mode.name}`", _format_opening(outcomes, failed, len(labels), about)]
-            parts += _list_tables(outcomes)
+            groups = {title: tables.group_cases(outcomes, attrgetter(key)) for title, key in SLICES.items()}
+            parts += [*(tables.metric_table(*group) for group in groups.items()), tables.withheld_table(outcomes)]
     if not by_mode:
         raise CesError(
             f"{options.results[0]}: contains no diagnosis of a case of {options.cases}; run 'ces blind run' first"
         )
-    chosen = {name: part for name, cases in by_mode.items() if (part := cases_with_targets(cases))}
-    summary = "cases that the targets apply to" if chosen else f"all cases; none has a gap of {TARGET_GAP:g} x noise"
-    parts = [f"## Summary: {summary}", tables.summary_table(chosen or by_mode), *parts]
+    parts = [tables.metric_table("mode", by_mode), *parts]
     text = "\n\n".join(_as_markdown(part) if isinstance(part, tables.ScoreTable) else part for part in parts)
     if options.json:
         print_document("blind-score", {"modes": {name: tables.mode_facts(cases) for name, cases in by_mode.items()}})
@@ -125,34 +132,13 @@ def _score(options: argparse.Namespace) -> int:
     return 0
 
 
-def _list_tables(cases: Sequence[CaseOutcome]) -> list[str | tables.ScoreTable]:
-    """Return headings and tables: the cases that the targets apply to, then all cases, also by their properties."""
-    target = cases_with_targets(cases)
-    parts: list[str | tables.ScoreTable] = []
-    if 0 < len(target) < len(cases):
-        parts = ["### Cases that the targets apply to", tables.headline_table(target), tables.baseline_table(target)]
-    return [
-        *parts,
-        "### All cases",
-        tables.headline_table(cases),
-        tables.baseline_table(cases),
-        tables.slice_table(cases, "gap-to-noise", lambda case: case.gap_to_noise),
-        tables.slice_table(cases, "simulation's error / gap", lambda case: case.baseline_ratio),
-        tables.slice_table(cases, "excitation", lambda case: case.excitation),
-        tables.slice_table(cases, "plant", lambda case: case.plant),
-        "### By effect",
-        tables.confusion_table(cases),
-        tables.no_effect_table(cases),
-    ]
-
-
 def _format_opening(
     cases: Sequence[CaseOutcome], failed: Mapping[str, str], sealed: int, about: Mapping[str, Any]
 ) -> str:
     seconds = median(case.seconds for case in cases)
     first = (
         f"Seed {about['seed']}: {len(cases)} of {sealed} sealed cases, {about['seconds']:g} s per recording, "
-        f"{cases[0].mode.text}; {seconds:.1f} s per case (median, one thread)."
+        f"{seconds:.1f} s per case (median, one thread)."
     )
     return "  \n".join([first, *(f"Case {case} could not be diagnosed: {why}" for case, why in failed.items())])
 
@@ -171,12 +157,15 @@ _MAKE = (
     Option("out", meaning="folder to write, new or empty", kind=Path, metavar="DIR"),
     OVERWRITE,
     Option("seed", meaning="random seed", low=0, high=2**31, kind=int, metavar="N"),
-    Option("cases", None, "draw a balanced sample of K cases", 1, 100_000, kind=int, metavar="K"),
-    _several("plants", (), "kinds of plant (default: hydraulic bouc_wen)", choices=tuple(PLANTS)),
+    Option("cases", 100, "cases, a balanced sample of all combinations", 1, 100_000, kind=int, metavar="K"),
+    _several("plants", (), f"kinds of plant (default: {' '.join(DEFAULT_PLANTS)})", choices=tuple(DAMPERS)),
+    Option("recording", None, "learn one more plant, a map, from a recording of your damper", metavar="BAG"),
+    SIGNALS,
     _several("kind", (), "effect, none, outside, pair (default: all)", choices=tuple(KINDS)),
     _several("effects", (), "library effects to draw from (default: all)", "NAME", choices=tuple(EFFECTS)),
-    _several("gap_to_noise", (), "gap-to-noise ratios (default: 1 3 10)", "X", kind=float, low=0.1, high=100.0),
-    Option("seconds", 10.0, "length of a recording", 2.0, 600.0, metavar="S"),
+    _several("gap_to_noise", (), "gap-to-noise ratios (default: 4 8 12 16)", "X", kind=float, low=0.1, high=100.0),
+    _several("simulation_error", (), "its errors over the gap (default: 0 0.333 1)", "X", kind=float, low=0, high=10),
+    Option("seconds", 20.0, "length of a recording", 2.0, 600.0, metavar="S"),
     *(JOBS, JSON),
 )
 _RUN = (

@@ -122,6 +122,9 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     _print_lines([f"{effect}: {', '.join(map(str, parameters))}" for effect, parameters in texts if parameters])
     if (recalibration := calibration_table(diagnosis)) is not None:
         terminal.print_table(terminal.lay_out(recalibration))
+    if diagnosis.probe.findings:
+        found = (f"{one.about.lower()} {one.found}" for one in diagnosis.probe.findings)
+        terminal.print_line(f"inputs of the simulation: {'; '.join(found)} (see the report)")
     if diagnosis.refits is not None and (says := diagnosis.refit_finding or diagnosis.refits.note):
         terminal.print_line(f"second check: {says}")
     if diagnosis.verdict != NO_GAP:
@@ -144,9 +147,11 @@ def _gap_lines(diagnosis: Diagnosis) -> list[str]:
         f"gap: {_newtons(gap.rms_N)} RMS {_interval(gap.ci95_N)} on held-out data, noise subtracted "
         f"(noise {_newtons(gap.noise_floor_N)} from {gap.noise_source}, J = {gap.cost_J:.2f} %)"
     ]
-    if diagnosis.correction is not None:
+    errors = ["own error, learned from the references"] * (diagnosis.correction is not None)
+    errors += ["timing of its inputs"] * bool(diagnosis.probe.corrected)
+    if errors:
         size = f"{_newtons(gap.corrected_N)} {_interval(gap.corrected_ci95_N)}"
-        lines.append(f"     {size} of it beyond the simulation's own error, learned from the references")
+        lines.append(f"     {size} of it beyond the simulation's {' and the '.join(errors)}")
     if together.effects:
         low, high = (100.0 * share for share in together.shrink_ci95)
         interval = f"[{low:.0f}, {high:.0f}]" if math.isfinite(low + high) else "unknown"
@@ -189,12 +194,8 @@ def _ambiguity_lines(diagnosis: Diagnosis) -> list[str]:
         effects = ", ".join(diagnosis.not_separable)
         lines.append(f"not separable from a calibration of the simulation: {effects} (use --reference)")
     lines += [f"not observable: {effect}: {reason}" for effect, reason in diagnosis.invisible]
-    if diagnosis.surrogate_cost_J is not None:
-        lines.append(f"a surrogate with J = {diagnosis.surrogate_cost_J:.2f} % replaced the simulation")
-        if diagnosis.surrogate_error is not None:
-            lines[-1] += (
-                f"; its error where inputs change: about {100.0 * diagnosis.surrogate_error:.0f} % of the change"
-            )
+    if diagnosis.is_recorded and diagnosis.twin is not None:
+        lines.append(f"a twin with J = {diagnosis.twin.cost_J:.2f} % replaced the simulation")
     return lines
 
 

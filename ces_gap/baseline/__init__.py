@@ -1,5 +1,4 @@
 """The simulation and its baseline error: references in, a plant (simulation plus correction) out.
 
-The same generic learner replaces slow simulations (`surrogate`) and shows how much any effect could explain
-(`ceiling`).
+Its twin holds what effects change inside; a generic learner shows how much any effect could explain (`ceiling`).
 """

@@ -1,7 +1,7 @@
 """The plant of a diagnosis: changed inputs on the grid of a trace in, the force on that grid out.
 
-It runs the simulation, or a surrogate if only its predictions were recorded, and adds the correction of the baseline
-error.
+It runs the simulation, or its twin if only its predictions were recorded, and adds the correction of the baseline
+error and what effects change inside the twin.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
 from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.effects.effect import Composition
+from ces_gap.errors import GapError
 from ces_gap.trace import Trace, TraceInputs, resample_to_grid
 from ces_identify.simulations.simulation import Simulation
 
@@ -28,6 +29,10 @@ class TraceSimulator(Protocol):
 
     def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the standard error [N] (n,) of the change of force from the recorded inputs to `inputs`: none here."""
+        return np.zeros(len(trace))
+
+    def change(self, trace: Trace, inputs: TraceInputs, composition: Composition) -> F:
+        """Return the change of force [N] (n,) by the effects of a composition that lie inside: none here."""
         return np.zeros(len(trace))
 
     def prepare_for(self, trace: Trace) -> TraceSimulator:
@@ -48,14 +53,16 @@ class DirectSimulator(TraceSimulator):
 
 @dataclass(frozen=True)
 class Plant:
-    """A simulation with its correction."""
+    """A simulation with its correction, and its twin for effects that lie inside."""
 
     simulation: TraceSimulator
     correction: LearnedCorrection | None = None
+    twin: TraceSimulator | None = None
 
     def prepare_for(self, trace: Trace) -> Plant:
-        """Return the plant for this trace only, with its simulator prepared."""
-        return replace(self, simulation=self.simulation.prepare_for(trace))
+        """Return the plant for this trace only, with its simulator and its twin prepared."""
+        twin = None if self.twin is None else self.twin.prepare_for(trace)
+        return replace(self, simulation=self.simulation.prepare_for(trace), twin=twin)
 
     def alone(self, trace: Trace) -> F:
         """Return the corrected force [N] (n,) for the recorded inputs, without running the simulation again."""
@@ -70,14 +77,18 @@ class Plant:
 
         Effects on the inputs that depend on the damper's force get the force without effects and solve for the rest.
         """
-        force = self.alone(trace) if alone is None else alone
-        if not composition.reruns:
-            return composition.respond(trace, trace.inputs, force)
-        inputs = composition.drive(trace, force)
-        return composition.respond(trace, inputs, self.force(trace, inputs))
+        force, inputs = self.alone(trace) if alone is None else alone, trace.inputs
+        if composition.reruns:
+            inputs = composition.drive(trace, force)
+            force = self.force(trace, inputs)
+        if composition.edits:
+            if self.twin is None:
+                raise GapError(f"{trace.name}: no twin of the simulation, into which effects could be put")
+            force = force + self.twin.change(trace, inputs, composition)
+        return composition.respond(trace, inputs, force)
 
     def error_with_effects(self, composition: Composition, trace: Trace, alone: F | None = None) -> F:
-        """Return the standard error [N] (n,) of `with_effects` that a surrogate of the simulation causes.
+        """Return the standard error [N] (n,) of `with_effects` that a twin in place of the simulation causes.
 
         It is zero for effects that do not run the simulation again, and where the simulation itself runs.
         """

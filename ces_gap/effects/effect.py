@@ -1,7 +1,7 @@
 """The base class of effects: physics around a simulation that is a black box, with parameters in SI units.
 
-An effect changes the inputs of the simulation (`drive`), its force (`respond`), or both. With its magnitude at zero it
-changes nothing. Each module of `ces_gap.effects.library` holds one effect in one or more forms.
+An effect changes the inputs of the simulation (`drive`), its force (`respond`), or its twin (`edit`). With its
+magnitude at zero it changes nothing. Each module of `ces_gap.effects.library` holds one effect in one or more forms.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from ces_data.arrays import F
+from ces_gap.effects.network import NetworkRun
 from ces_gap.trace import Trace, TraceInputs
 
 # Stages, from the outside in, then outward.
@@ -25,11 +26,11 @@ RUN_OUT_S = 0.25  # [s] of padding that leads from the last value of a response 
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """A parameter of an effect in SI units: `name` ends with the unit, [`low`, `high`] is plausible for real dampers.
+    """A parameter of an effect in SI units: `name` ends with the unit, [`low`, `high`] is plausible for any machine.
 
-    Searches begin at `starts`. `scale` of the search is "linear", "log" or "inverse" (a stiffness is searched as
-    compliance, so that no effect is 0). A `magnitude` scales the whole effect: at its `neutral` value (0; infinity for
-    "inverse") there is no effect.
+    Searches begin at `starts` and keep to the `usual` range of dampers until a fit ends at its bound. `scale` of the
+    search is "linear", "log" or "inverse" (a stiffness is searched as compliance, so that no effect is 0). A
+    `magnitude` scales the whole effect: at its `neutral` value (0; infinity for "inverse") there is no effect.
     """
 
     name: str
@@ -40,6 +41,7 @@ class EffectParameter:
     scale: str = "linear"
     magnitude: bool = False
     neutral: float = 0.0
+    usual: tuple[float, float] | None = None  # all of [`low`, `high`] if None
 
     def to_search(self, value: float) -> float:
         """Return the search variable of a value."""
@@ -49,17 +51,24 @@ class EffectParameter:
         """Return the value of a search variable, clipped to the bounds."""
         return float(min(max(_SCALES[self.scale][1](searched), self.low), self.high))
 
-    def search_bounds(self) -> tuple[float, float]:
-        """Return the bounds of the search variable in ascending order."""
-        low, high = sorted((self.to_search(self.low), self.to_search(self.high)))
+    def search_bounds(self, usual: bool = False) -> tuple[float, float]:
+        """Return the bounds of the search variable in ascending order, those of the `usual` range if so asked."""
+        ends = self.usual if usual and self.usual else (self.low, self.high)
+        low, high = sorted(map(self.to_search, ends))
         return low, high
 
 
 def magnitude(
-    name: str, low: float, high: float, starts: tuple[float, ...], what: str, neutral: float = 0.0
+    name: str,
+    low: float,
+    high: float,
+    starts: tuple[float, ...],
+    what: str,
+    neutral: float = 0.0,
+    usual: tuple[float, float] | None = None,
 ) -> EffectParameter:
     """Return a parameter that scales the whole effect, which does nothing at `neutral`."""
-    return EffectParameter(name, low, high, starts, what, magnitude=True, neutral=neutral)
+    return EffectParameter(name, low, high, starts, what, magnitude=True, neutral=neutral, usual=usual)
 
 
 def stiffness(name: str, low: float, high: float, starts: tuple[float, ...], what: str) -> EffectParameter:
@@ -80,11 +89,11 @@ _SCALES: dict[str, tuple[Callable[[float], float], Callable[[float], float]]] = 
 
 @dataclass(frozen=True)
 class Effect:
-    """One form of one effect. Subclasses set the class variables and override `drive`, `respond`, or both.
+    """One form of one effect. Subclasses set the class variables and override `drive` and `respond`, or `edit`.
 
-    `values` are in the order of `parameters`. Both methods get arrays (n,) on the trace's grid and return new ones,
-    finite for all values inside the bounds and smooth in the values; they never change their arguments. They may read
-    `trace.time_s`, `trace.rate_Hz` and `trace.acceleration`, but not `trace.force`: an effect also runs without a
+    `values` are in the order of `parameters`. `drive` and `respond` get arrays (n,) on the trace's grid and return new
+    ones, finite for all values inside the bounds and smooth in the values; they never change their arguments. They may
+    read `trace.time_s`, `trace.rate_Hz` and `trace.acceleration`, but not `trace.force`: an effect also runs without a
     measured force.
     """
 
@@ -95,6 +104,7 @@ class Effect:
     mistaken_for: ClassVar[tuple[str, ...]] = ()  # effects that look most like it
     stage: ClassVar[int] = PARALLEL
     reruns: ClassVar[bool] = False  # True if `drive` is not the identity: the simulation runs again
+    edits: ClassVar[bool] = False  # True if `edit` is not the identity: a form inside the damper, for its twin only
     nuisance: ClassVar[bool] = False  # True if it is fitted, but never named as a cause
     prior_share: ClassVar[float] = 0.0  # of the gap's energy, by which a flexible map must explain more than an effect
     limit: ClassVar[str] = ""  # effect to which this form tends at a bound: significance decides between the two
@@ -109,6 +119,10 @@ class Effect:
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         """Return the inputs of the damper inside the effect; `force` [N] (n,) is the damper's estimated force."""
         return inputs
+
+    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+        """Return the run of the simulation's twin with the effect inside."""
+        return run
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         """Return the force [N] (n,) outside the effect from `force` and `inputs` of the damper inside."""
@@ -138,6 +152,17 @@ class Composition:
     def reruns(self) -> bool:
         """Whether one of the effects changes the simulation's inputs."""
         return any(s.effect.reruns for s in self.settings)
+
+    @property
+    def edits(self) -> bool:
+        """Whether one of the effects lies inside the damper."""
+        return any(s.effect.edits for s in self.settings)
+
+    def edit(self, run: NetworkRun) -> NetworkRun:
+        """Return the run of the simulation's twin with the effects that lie inside."""
+        for setting in sorted(self.settings, key=lambda s: s.effect.stage):
+            run = setting.effect.edit(run, setting.values)
+        return run
 
     def drive(self, trace: Trace, force: F) -> TraceInputs:
         """Return the inputs of the simulation inside all effects."""

@@ -14,20 +14,13 @@ import yaml
 from ces_data.arrays import F
 from ces_data.recording import Channel, Recording
 from ces_gap.baseline.plant import Plant, TraceSimulator
-from ces_gap.baseline.surrogate import Surrogate
-from ces_gap.effects.effect import Composition, Setting
+from ces_gap.baseline.twin import Twin
+from ces_gap.effects.effect import Setting
 from ces_gap.errors import GapError
 from ces_gap.experiment.candidates import Recipe, generate_waveforms, list_candidate_experiments, reach_of
-from ces_gap.experiment.indistinguishable import (
-    Match,
-    Probe,
-    find_indistinguishable_effects,
-    find_nearest,
-    make_evidence_whitening,
-    refine_match,
-    sample_tangents,
-)
-from ces_gap.inference.search import EffectSearchResult, merge_groups
+from ces_gap.experiment.matches import Match, Probe, find_nearest, refine_match, sample_tangents
+from ces_gap.inference.search import EffectSearchResult
+from ces_gap.inference.verdict import Judgement
 from ces_gap.trace import Trace, make_trace
 from ces_identify.numerics import search_clock
 from ces_identify.schema_files import schema_line
@@ -66,7 +59,6 @@ Pair = tuple[Setting, Setting]
 
 FINALISTS = 3  # experiments on which effects are evaluated again instead of along tangents
 BUDGET_S = 20.0  # [s] computing time after which no further experiment is simulated
-MAX_COMPARED_EFFECTS = 6
 
 
 @dataclass(frozen=True)
@@ -101,7 +93,7 @@ def propose_experiment(
     """Return the experiment that distinguishes the `pairs` of fitted effects fastest, None without pairs.
 
     The noise is white, of `noise_N` RMS, on a force with unknown zero. `exact` runs once for each experiment if the
-    plant's own simulation is a surrogate. `recipes` are the candidates, by default those within reach of the traces.
+    plant's own simulation is a twin. `recipes` are the candidates, by default those within reach of the traces.
     Experiments that the simulation refuses are left out. Raises GapError if it refuses all, and if no experiment is
     expected to show a difference above the noise.
     """
@@ -135,8 +127,9 @@ def simulate_experiment(simulation: TraceSimulator, recipe: Recipe) -> Trace:
     signals = {"position": ("m", position), "current": ("A", current), "force": ("N", np.zeros_like(position))}
     channels = {name: Channel(name, unit, stamps, values) for name, (unit, values) in signals.items()}
     bare = make_trace(Recording(str(recipe["name"]), channels), np.zeros_like(position))
-    simulate = simulation.predict if isinstance(simulation, Surrogate) else simulation.force  # no force to start from
-    return replace(bare, simulated=simulate(bare, bare.inputs))
+    if isinstance(simulation, Twin):  # there is no force to start from
+        return replace(bare, simulated=simulation.prepare_for(bare).recorded)
+    return replace(bare, simulated=simulation.force(bare, bare.inputs))
 
 
 def _compare_candidates(
@@ -180,11 +173,11 @@ def _compare_effects(
 ) -> _Candidate:
     """Return the match of the nearest pair, each in the direction in which its effects are nearer."""
 
-    def whiten(_: int, force: F) -> F:  # white noise on a force with unknown zero
+    def whiten(force: F) -> F:  # white noise on a force with unknown zero
         usable = force[trace.usable]
         return np.asarray((usable - usable.mean()) / noise_N)
 
-    probe = Probe(plant, [trace], whiten)
+    probe = Probe(plant, trace, whiten)
     at = {s: probe.tangent(s) for pair in pairs for s in pair}
 
     def match(a: Setting, b: Setting) -> Match:
@@ -197,33 +190,13 @@ def _compare_effects(
     return _Candidate(recipe, trace, nearest, matches[nearest])
 
 
-@dataclass(frozen=True)
-class Ambiguities:
-    """Groups of `indistinguishable` effects, and the `pairs` that an experiment should distinguish."""
+def find_pairs(result: EffectSearchResult, composition: Sequence[str], judgement: Judgement) -> tuple[Pair, ...]:
+    """Return the pairs of effects that an experiment should distinguish.
 
-    indistinguishable: tuple[tuple[str, ...], ...]
-    pairs: tuple[tuple[Setting, Setting], ...]
-
-
-NO_AMBIGUITIES = Ambiguities((), ())
-
-
-def find_ambiguities(
-    plant: Plant, result: EffectSearchResult, interchangeable: Sequence[tuple[str, ...]]
-) -> Ambiguities:
-    """Return what the recordings leave open; `interchangeable` are the groups of alternatives from the search."""
-    classes: tuple[tuple[str, ...], ...] = ()
-    nearest: Sequence[tuple[str, ...]] = ()
-    if result.best is not None:
-        fitted = [f.composition.settings[0] for f in result.alone[:MAX_COMPARED_EFFECTS]]
-        names = {s.name for s in fitted}
-        others = Composition(tuple(s for s in result.best.composition.settings if s.name not in names))
-        whiten = make_evidence_whitening(result.evidence)
-        compared = find_indistinguishable_effects(plant, result.evidence.traces, fitted, whiten, around=others)
-        classes, nearest = compared.classes, compared.pairs()
-    settings = {f.names[0]: f.composition.settings[0] for f in result.alone}
-    pairs = tuple((settings[a], settings[b]) for a, b in [group[:2] for group in interchangeable] or nearest)
-    if not pairs and len(result.alone) > 1:
-        first, second = (f.composition.settings[0] for f in result.alone[:2])
-        pairs = ((first, second),)
-    return Ambiguities(merge_groups(interchangeable, classes), pairs)
+    They are those that the recordings cannot distinguish, an effect of the composition and each that may be the cause
+    instead, or else the two that fit best.
+    """
+    settings = {f.names[0]: f.composition.settings[0] for f in result.alone if not f.effects[0].nuisance}
+    pairs = [group[:2] for group in judgement.ties] or [(*composition[:1], other) for other in judgement.alternatives]
+    first = [tuple(settings)[:2]] if len(settings) > 1 else []
+    return tuple((settings[a], settings[b]) for a, b in pairs or first)

@@ -134,12 +134,14 @@ class Baseline:
     """The plant without effects, its evidence, and the generic learner fitted to the gap (`ceiling`).
 
     `plant` is the fast simulation with the `correction` learned from references (None without references).
+    `unseen_error_N` is the RMS error to expect at most on other recordings: the largest of n references, times 1 + 1/n.
     """
 
     plant: Plant
     correction: LearnedCorrection | None
     evidence: Evidence
     ceiling: Ceiling
+    unseen_error_N: float = 0.0
 
 
 def learn_baseline(inputs: DiagnosisInput) -> Baseline:
@@ -152,10 +154,13 @@ def learn_baseline(inputs: DiagnosisInput) -> Baseline:
         ceiling = learn_ceiling(inputs.real, [t.simulated for t in inputs.real])
         numerical_N = NUMERICAL_ERROR * rms(usable_values(inputs.real, [t.force for t in inputs.real]))
         noise = make_white_noise(max(noise_floor_N(inputs.real), numerical_N, MIN_NOISE_N))
-        plant = Plant(inputs.cheap)
+        plant = Plant(inputs.cheap, twin=inputs.twin)
         return Baseline(plant, None, gather(inputs.real, plant, noise), ceiling)
     correction, learnt = learn_correction(inputs.reference)
     features = [correction.dictionary.features(t, t.inputs, t.simulated) for t in inputs.real]
-    plant = Plant(inputs.cheap, correction)
+    plant = Plant(inputs.cheap, correction, inputs.twin)
     evidence = gather(inputs.real, plant, learnt.noise, features, learnt.covariance)
-    return Baseline(plant, correction, evidence, learn_ceiling(evidence.traces, evidence.alone))
+    rows = zip(inputs.reference, learnt.crossfitted, strict=True)
+    left = np.array([rms((t.force - t.simulated - learned)[t.usable]) for t, learned in rows])
+    unseen_N = (1.0 + 1.0 / len(left)) * learnt.noise.rms_N * float(left.max()) / max(rms(left), MIN_NOISE_N)
+    return Baseline(plant, correction, evidence, learn_ceiling(evidence.traces, evidence.alone), unseen_N)

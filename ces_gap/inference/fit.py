@@ -2,7 +2,7 @@
 
 Cross-validation is linearised: one Gauss-Newton step from the fit of all units gives the fit without one unit and its
 residual on that unit (exact for effects that are linear in their parameters). The parameters' intervals follow, and
-fits that are repeated with the simulation itself where a surrogate replaces it.
+fits that are repeated with the simulation itself where its twin replaces it.
 """
 
 from __future__ import annotations
@@ -73,16 +73,26 @@ def make_composition(effects: Sequence[Effect], searched: F) -> Composition:
     return Composition(tuple(Setting(e, tuple(p.to_value(next(values)) for p in e.parameters)) for e in effects))
 
 
-def bounds(effects: Sequence[Effect]) -> tuple[F, F]:
-    """Return the lowest and highest searched values (p,) of some effects."""
-    pairs = [p.search_bounds() for effect in effects for p in effect.parameters]
-    return np.array([low for low, _ in pairs]), np.array([high for _, high in pairs])
+def bounds(effects: Sequence[Effect], at: F | None = None) -> tuple[F, F]:
+    """Return the lowest and highest searched values (p,) of some effects.
+
+    With `at` (p,), those of a search from there: the usual ranges, but all that is plausible for a parameter that is
+    not inside its usual range.
+    """
+    parameters = [p for effect in effects for p in effect.parameters]
+    low, high = np.array([p.search_bounds() for p in parameters]).reshape(-1, 2).T
+    if at is None:
+        return low, high
+    usual_low, usual_high = np.array([p.search_bounds(usual=True) for p in parameters]).reshape(-1, 2).T
+    near = NEAR_BOUND * (usual_high - usual_low)
+    beyond = ((at - usual_low < near) & (low < usual_low)) | ((usual_high - at < near) & (high > usual_high))
+    return np.where(beyond, low, usual_low), np.where(beyond, high, usual_high)
 
 
 def fit_alone(evidence: Evidence, effect: Effect) -> EffectFit:
     """Return the best fit of one effect from its starts."""
     objective = _Objective(evidence, (effect,))
-    return _descend_from(objective, *_choose_start(objective, starts(evidence, effect)))
+    return _fit_from(objective, *_choose_start(objective, starts(evidence, effect)))
 
 
 def fit_together(evidence: Evidence, parts: Sequence[EffectFit]) -> EffectFit:
@@ -95,7 +105,7 @@ def fit_from(evidence: Evidence, effects: tuple[Effect, ...], start: F) -> Effec
     """Return the fit that Levenberg-Marquardt reaches from `start` (p,) inside the bounds."""
     objective = _Objective(evidence, effects)
     searched = np.clip(start, objective.low, objective.high)
-    return _descend_from(objective, searched, objective(searched))
+    return _fit_from(objective, searched, objective(searched))
 
 
 def starts(evidence: Evidence, effect: Effect) -> list[F]:
@@ -112,11 +122,11 @@ def starts(evidence: Evidence, effect: Effect) -> list[F]:
 
 
 class _Objective:
-    """The whitened residual (r,) as a function of searched values (p,)."""
+    """The whitened residual (r,) as a function of searched values (p,), inside the `bounds` of a search from `at`."""
 
-    def __init__(self, evidence: Evidence, effects: tuple[Effect, ...]) -> None:
+    def __init__(self, evidence: Evidence, effects: tuple[Effect, ...], at: F | None = None) -> None:
         self.evidence, self.effects = evidence, effects
-        self.low, self.high = bounds(effects)
+        self.low, self.high = bounds(effects, at)
         self.baseline_residual = evidence.residual(evidence.alone)
         parameters = [p for effect in effects for p in effect.parameters]
         self.magnitudes = {  # the searched value without effect of each parameter, by number, that is a magnitude
@@ -160,14 +170,37 @@ def _choose_start(objective: _Objective, points: Sequence[F]) -> tuple[F, F]:
             for k, neutral in objective.magnitudes.items():
                 scaled[k] = neutral + along / size * (scaled[k] - neutral)
             left = float(baseline @ baseline) - along**2 / size
-            predicted.append((left, np.clip(scaled, objective.low, objective.high)))
+            predicted.append((left, np.clip(scaled, *bounds(objective.effects, point))))
     promising = sorted(predicted, key=lambda pair: pair[0])[:MAX_SCALED_STARTS]
     found += [(scaled, objective(scaled)) for _, scaled in promising]
     return min(found, key=lambda pair: float(pair[1] @ pair[1]))
 
 
-def _descend_from(goal: _Objective, searched: F, residual: F) -> EffectFit:
-    """Return the fit that Levenberg-Marquardt reaches from `searched` (p,), where the residual is `residual` (r,).
+def _fit_from(objective: _Objective, searched: F, residual: F) -> EffectFit:
+    """Return the fit that is reached from `searched` (p,), where the residual is `residual` (r,).
+
+    A parameter that ends at the bound of its usual range is fitted once more, within all that is plausible.
+    """
+    evidence, effects = objective.evidence, objective.effects
+    goal = _Objective(evidence, effects, searched)
+    searched, residual, jacobian = _minimise(goal, searched, residual)
+    low, high = bounds(effects, searched)
+    if (low < goal.low).any() or (high > goal.high).any():
+        goal = _Objective(evidence, effects, searched)
+        searched, residual, jacobian = _minimise(goal, searched, residual)
+    unit, left_out = evidence.unit_of_row, residual.copy()
+    by_unit = np.tile(searched, (len(evidence.units), 1))
+    for k in range(len(evidence.units)):
+        out = unit == k
+        step = _bounded_step(jacobian[~out], residual[~out], searched, goal.low, goal.high, 1e-6)
+        left_out[out] = residual[out] - jacobian[out] @ step
+        by_unit[k] += step
+    covariance = _covariance(evidence, residual, jacobian)
+    return EffectFit(effects, searched, residual, jacobian, left_out, by_unit, covariance)
+
+
+def _minimise(goal: _Objective, searched: F, residual: F) -> tuple[F, F, F]:
+    """Return where Levenberg-Marquardt from `searched` (p,) ends, with the residual (r,) and the Jacobian (r, p).
 
     The last step is too small to change the Jacobian, so that it is not computed again.
     """
@@ -185,15 +218,7 @@ def _descend_from(goal: _Objective, searched: F, residual: F) -> EffectFit:
         jacobian = goal.jacobian(searched, residual)
         if whole - after < MIN_EXPLAINED * whole:
             break
-    evidence, unit, left_out = goal.evidence, goal.evidence.unit_of_row, residual.copy()
-    by_unit = np.tile(searched, (len(evidence.units), 1))
-    for k in range(len(evidence.units)):
-        out = unit == k
-        step = _bounded_step(jacobian[~out], residual[~out], searched, goal.low, goal.high, 1e-6)
-        left_out[out] = residual[out] - jacobian[out] @ step
-        by_unit[k] += step
-    covariance = _covariance(evidence, residual, jacobian)
-    return EffectFit(goal.effects, searched, residual, jacobian, left_out, by_unit, covariance)
+    return searched, residual, jacobian
 
 
 def _descend(goal: _Objective, searched: F, residual: F, jacobian: F, damping: float) -> tuple[F, F | None, float]:
@@ -256,7 +281,10 @@ def column_norms(jacobian: F) -> F:
 
 @dataclass(frozen=True)
 class Estimate:
-    """A parameter's value with its 95 % interval (SI); `at_bound` if it is on a bound, `drifts` if folds disagree."""
+    """A parameter's value with its 95 % interval (SI).
+
+    `at_bound` if it is on a bound of all that is plausible, `drifts` if folds disagree.
+    """
 
     name: str
     value: float
@@ -314,17 +342,17 @@ def _estimate(
 
 
 @dataclass(frozen=True)
-class AnchoredSurrogate(TraceSimulator):
-    """The surrogate `cheap` on one trace, with the anchor's `change` of inputs (2n,) and its `error` [N] (n,) there."""
+class AnchoredTwin(TraceSimulator):
+    """The twin `cheap` on one trace, with the inputs (2n,) `moved` by the anchor and its `error` [N] (n,)."""
 
     cheap: TraceSimulator
-    change: F
+    moved: F
     error: F
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the simulated force [N] (n,)."""
-        size = float(self.change @ self.change)
-        share = float(self.change @ _change(trace, inputs)) / size if size > 0.0 else 0.0
+        size = float(self.moved @ self.moved)
+        share = float(self.moved @ _change(trace, inputs)) / size if size > 0.0 else 0.0
         return self.cheap.force(trace, inputs) + min(max(share, -1.0), 3.0) * self.error
 
 
@@ -336,7 +364,7 @@ def _change(trace: Trace, inputs: TraceInputs) -> F:
 
 @dataclass(frozen=True)
 class Refinement:
-    """Repeats fits with the `exact` simulation where the evidence holds a surrogate; does nothing if it is None."""
+    """Repeats fits with the `exact` simulation where the evidence holds its twin; does nothing if it is None."""
 
     exact: TraceSimulator | None = None
 
@@ -352,12 +380,12 @@ class Refinement:
         return fit
 
     def anchor(self, evidence: Evidence, fit: EffectFit) -> Evidence:
-        """Return the evidence with surrogates that are exact at the fit."""
+        """Return the evidence with twins that are exact at the fit."""
         if self.exact is None or not fit.composition.reruns:
             return evidence
         plants = []
         for plant, trace, alone in zip(evidence.plants, evidence.traces, evidence.alone, strict=True):
             inputs = fit.composition.drive(trace, alone)
             error = self.exact.force(trace, inputs) - plant.simulation.force(trace, inputs)
-            plants.append(replace(plant, simulation=AnchoredSurrogate(plant.simulation, _change(trace, inputs), error)))
+            plants.append(replace(plant, simulation=AnchoredTwin(plant.simulation, _change(trace, inputs), error)))
         return replace(evidence, plants=tuple(plants))

@@ -1,7 +1,8 @@
-"""The gap on held-out recordings, what each explanation leaves of it, and the verdict that they support."""
+"""The gap on held-out recordings, what each explanation leaves of it, and the evidence of both for the verdict."""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -15,7 +16,16 @@ from ces_gap.grid import number_blocks
 from ces_gap.inference.evidence import Baseline
 from ces_gap.inference.fit import EffectFit, Estimate, Interval, estimate_parameters
 from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
-from ces_gap.inference.verdict import AMBIGUOUS, CALIBRATION, NAMED, NO_GAP, UNKNOWN, Decision
+from ces_gap.inference.ties import ClosedShare
+from ces_gap.inference.verdict import (
+    CALIBRATION,
+    NO_GAP,
+    TIMING,
+    GapSize,
+    Judgement,
+    SearchFindings,
+    VerdictEvidence,
+)
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
@@ -23,11 +33,9 @@ from ces_gap.trace import Trace, usable_values
 
 BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
+MIN_CORRECTED = 0.995  # of the gap: a correction that takes less is not told
 MIN_SHOWN_SHARE = 0.05  # of the gap's energy
 EXACT_CAUSES = 3  # as many of the first causes are always scored with the simulation itself
-MIN_MATERIAL_SHARE = 0.5  # of the energy that anything explains: a cause that explains less is none
-MIN_NAMED_SHARE = 0.5  # of the held-out gap's energy: what leaves more than it closes is not the cause of the gap
-CLEARLY_LESS = 0.95  # of the gap that the composition leaves: another effect that leaves less may be the cause
 
 
 @dataclass(frozen=True)
@@ -46,6 +54,12 @@ class Gap:
     corrected_N: float
     corrected_ci95_N: Interval
     noise_source: str = NO_SOURCE
+    noise_known: bool = True  # False if no source limits the noise of a recording
+
+    @property
+    def own_error(self) -> str:
+        """The words that tell `corrected_N` from `rms_N` where they differ."""
+        return " beyond the simulation's own error" if self.corrected_N < MIN_CORRECTED * self.rms_N else ""
 
 
 @dataclass(frozen=True)
@@ -61,7 +75,7 @@ class HeldOutSeries:
 class HeldOutScores:
     """The gap, the generic learner's gap after [N], each effect alone (ranked), the composition, and the forces.
 
-    `nothing` is the explanation by no effect.
+    `nothing` is the explanation by no effect, `timed_N` the gap after the simulation's timing was fitted.
     """
 
     gap: Gap
@@ -70,36 +84,39 @@ class HeldOutScores:
     composition: Explanation
     series: tuple[HeldOutSeries, ...]
     nothing: Explanation
+    timed_N: float
 
 
 def score_held_out(
     inputs: DiagnosisInput,
     baseline: Baseline,
     result: EffectSearchResult,
-    decision: Decision,
+    findings: SearchFindings,
     seed: int,
     progress: Progress = ignore_progress,
 ) -> HeldOutScores:
-    """Return the scores of each effect and of the best explanation; the latter is empty if there is no gap.
+    """Return the scores of each effect and of the best explanation.
 
     The noise is limited to what the references, or the best explanation and the learner, leave.
     """
     reference_N = result.evidence.noise.rms_N if inputs.reference else np.inf
-    limits = {"what the references leave": reference_N, "what a learner cannot explain": decision.rest_N}
+    limits = {"what the references leave": reference_N, "what a learner cannot explain": findings.rest_N}
     blocks = cut_into_blocks(inputs.held_out, seed, min(limits.values()))
     scorer = build_scorer(blocks, baseline.plant, inputs.best)
-    best = None if decision.verdict == NO_GAP else result.best
+    best, timing = result.best, [f for f in result.alone if f.effects[0].nuisance][:1]
     forces = tuple(scorer.alone if best is None else scorer.forces(best, True))
     nothing = scorer.explain()
     together = nothing if best is None else _add_gain(scorer.explain(best, forces), result, best)
+    timed = [scorer.explain(f, scorer.forces(f, True)).gap_after_N for f in timing]
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     return HeldOutScores(
-        gap=_gap(scorer, bool(inputs.reference), _find_noise_source(blocks.traces, limits)),
+        gap=_gap(scorer, bool(inputs.reference or inputs.probe.corrected), _find_noise_source(blocks.traces, limits)),
         ceiling_after_N=blocks.rms(ceiling)[0],
-        causes=_causes(scorer, result, decision, {} if best is None else {best.composition: forces}, progress),
+        causes=_causes(scorer, result, findings, {} if best is None else {best.composition: forces}, progress),
         composition=together,
         series=tuple(HeldOutSeries(*row) for row in zip(blocks.traces, scorer.alone, forces, strict=True)),
         nothing=nothing,
+        timed_N=min([nothing.gap_after_N, *timed]),
     )
 
 
@@ -116,14 +133,14 @@ def _find_noise_source(traces: Sequence[Trace], limits: dict[str, float]) -> str
 def _causes(
     scorer: HeldOutScorer,
     result: EffectSearchResult,
-    decision: Decision,
+    findings: SearchFindings,
     known: dict[Composition, tuple[F, ...]],
     progress: Progress,
 ) -> tuple[Explanation, ...]:
     """Return each effect alone, most probable first; `known` are forces [N] that have been computed already."""
-    odds, best = decision.probabilities.effects, result.best.names if result.best is not None else ()
+    odds, best = findings.odds.effects, result.best.names if result.best is not None else ()
     fits = [f for f in result.alone if f.names[0] in odds]
-    imitable = (*decision.absorbed, CALIBRATION)  # errors of the simulation: after other effects of the composition
+    imitable = (*findings.absorbed, CALIBRATION)  # errors of the simulation: after other effects of the composition
     ranked = sorted(fits, key=lambda f: (-odds[f.names[0]], f.names[0] not in best, f.names[0] in imitable, f.cost))
     causes = []
     for k, fit in enumerate(ranked):
@@ -148,38 +165,45 @@ def _gap(scorer: HeldOutScorer, corrected: bool, noise_source: str) -> Gap:
     force = usable_values(blocks.traces, [t.force for t in blocks.traces])
     simulated = usable_values(blocks.traces, [t.simulated_as_logged for t in blocks.traces])
     cost_J = 100.0 * float(np.linalg.norm(force - simulated) / max(float(np.linalg.norm(force - force.mean())), 1e-9))
-    return Gap(rms, ci95, noise, cost_J, rest, rest_ci95, noise_source)
+    known = all(t.measured_noise.known for t in blocks.traces)
+    return Gap(rms, ci95, noise, cost_J, rest, rest_ci95, noise_source, known)
 
 
-def review(verdict: str, scores: HeldOutScores) -> tuple[str, HeldOutScores]:
-    """Return the verdict that held-out recordings support, and the scores without a composition that enlarges the gap.
+def collect_evidence(search: SearchFindings, scores: HeldOutScores, refit: tuple[str, ...] | None) -> VerdictEvidence:
+    """Return the evidence for the verdict; `refit` holds the effects of a refit that explains more, None without."""
+    gap, composition = scores.gap, scores.composition
+    return VerdictEvidence(
+        search=search,
+        held_out=GapSize(min(gap.rms_N, gap.corrected_N), scores.timed_N, gap.noise_floor_N, gap.noise_known),
+        held_out_ci95_N=gap.corrected_ci95_N,
+        composition=tuple(e for e in composition.effects if e != TIMING),
+        closed=closed_share(gap, composition),
+        closed_alone={c.effects[0]: closed_share(gap, c) for c in scores.causes},
+        learnt=closed_share(gap, replace(composition, gap_after_N=scores.ceiling_after_N)).value,
+        is_undetermined=has_undetermined_effect(composition),
+        refit_effects=refit,
+    )
 
-    A cause is named only if its shrink is positive beyond its interval, material compared with what anything explains
-    and with the gap, not exceeded by another effect, and if the intervals of its parameters exclude no effect.
+
+def closed_share(gap: Gap, explanation: Explanation) -> ClosedShare:
+    """Return the share of the held-out gap's energy, after the correction, that an explanation closes."""
+    left_N = [explanation.gap_after_N, *(gap.rms_N * (1.0 - shrink) for shrink in explanation.shrink_ci95)]
+    before_N = gap.corrected_N if gap.corrected_N > 0.0 else math.nan
+    return ClosedShare(*(1.0 - (after_N / before_N) ** 2 for after_N in left_N))
+
+
+def apply_judgement(scores: HeldOutScores, judgement: Judgement) -> HeldOutScores:
+    """Return the scores with the final probabilities, the most probable effect first.
+
+    There is no composition if there is no gap, or if it enlarges the gap.
     """
-    composition = scores.composition
-    if verdict == NO_GAP or not composition.effects:
-        return verdict, scores
-    if composition.gap_after_N >= scores.gap.corrected_N:
-        series = tuple(replace(s, augmented=s.corrected) for s in scores.series)
-        return UNKNOWN, replace(scores, composition=scores.nothing, series=series)
-    closed = _closed_share(scores, composition)
-    learnt = 1.0 - (scores.ceiling_after_N / scores.gap.corrected_N) ** 2
-    explained = max(closed, learnt, *(_closed_share(scores, cause) for cause in scores.causes))
-    if not closed >= MIN_MATERIAL_SHARE * explained or (verdict == NAMED and closed < MIN_NAMED_SHARE):
-        return UNKNOWN, scores
-    uncertain = composition.shrink_ci95[0] <= 0.0 or has_undetermined_effect(composition)
-    if verdict == NAMED and (uncertain or find_better_effects(scores)):
-        return AMBIGUOUS, scores
-    return verdict, scores
-
-
-def find_better_effects(scores: HeldOutScores) -> list[Explanation]:
-    """Return the effects outside the composition that alone leave less of the held-out gap, the least first."""
-    limit = CLEARLY_LESS * scores.composition.gap_after_N
-    inside = (*scores.composition.effects, CALIBRATION)
-    better = [c for c in scores.causes if c.effects[0] not in inside and c.gap_after_N < limit]
-    return sorted(better, key=lambda c: c.gap_after_N)
+    odds, together = judgement.probabilities.effects, scores.composition
+    causes = [replace(c, probability=odds[c.effects[0]]) for c in scores.causes]
+    scores = replace(scores, causes=tuple(sorted(causes, key=lambda c: -c.probability)))
+    if judgement.verdict != NO_GAP and not together.gap_after_N >= scores.gap.corrected_N:
+        return scores
+    series = tuple(replace(s, augmented=s.corrected) for s in scores.series)
+    return replace(scores, composition=scores.nothing, series=series)
 
 
 def has_undetermined_effect(composition: Explanation) -> bool:
@@ -192,11 +216,6 @@ def has_undetermined_effect(composition: Explanation) -> bool:
         if len(sizes) == 1 and all(e.ci95[0] <= min(p.neutral, p.high) <= e.ci95[1] for p, e in sizes):
             return True
     return False
-
-
-def _closed_share(scores: HeldOutScores, explanation: Explanation) -> float:
-    """Return the share of the held-out gap's energy that an explanation closes."""
-    return 1.0 - (explanation.gap_after_N / scores.gap.corrected_N) ** 2
 
 
 @dataclass(frozen=True)

@@ -68,7 +68,7 @@ def search(
 ) -> EffectSearchResult:
     """Return the best explanations of the evidence by the effects.
 
-    `refinement` repeats the most promising fits with the simulation itself where the evidence holds a surrogate. Each
+    `refinement` repeats the most promising fits with the simulation itself where the evidence holds its twin. Each
     further effect must explain `min_gain_share` of the gap's energy.
     """
     forms: list[EffectFit] = []
@@ -90,6 +90,8 @@ def search(
     if best is not None and len(best.effects) > 1:
         progress("trying other effects in place of each", 0.0)
         best, tried = compositions.improve(best)
+    if best is not None and len(best.effects) == 1:  # what is left of a composition may be better than its first fit
+        alone = tuple(best if f.names == best.names and best.cost < f.cost else f for f in alone)
     return EffectSearchResult(residual, alone, best, energy, evidence, tried)
 
 
@@ -311,14 +313,14 @@ def min_unexplained_shares(result: EffectSearchResult) -> dict[str, float]:
     """Return the smallest share of the gap's energy that each effect leaves: alone, in the best, or as an alternative.
 
     An alternative counts only for the effect that it adds, not for those that it shares with the best. An effect that
-    loses to a nested form counts as leaving clearly more.
+    loses to a nested form explains what that form explains: it counts as leaving the whole gap.
     """
     best, energy = result.best, result.gap_energy
-    clear = MIN_GAIN_SHARE * energy
+    whole = len(result.baseline_residual) + energy
     costs = {fit.names[0]: fit.cost + prior_cost(fit, energy) for fit in result.alone if not fit.effects[0].nuisance}
     if best is not None and len(best.effects) == 1:
         lost = [f for f in result.alone if loses_to_nested_form(result.evidence, f, best)]
-        costs.update({f.names[0]: max(f.cost, best.cost + clear) for f in lost})
+        costs.update({f.names[0]: max(f.cost, whole) for f in lost})
     for fit in (*find_alternatives(result), *([best] if best is not None else [])):
         names = fit.names if best is None or fit is best else set(fit.names) - set(best.names)
         costs.update({name: min(costs[name], fit.cost + prior_cost(fit, energy)) for name in names if name in costs})
@@ -331,7 +333,7 @@ def interchangeable_effects(
     """Return groups: an effect of the best composition, followed by those that can replace it, best first.
 
     The simulation's timing replaces nothing and is not replaced, and a map of its calibration replaces nothing.
-    The `allowance` of a fit is the whitened energy that it may leave because of a surrogate's error.
+    The `allowance` of a fit is the whitened energy that it may leave because of the twin's error.
     """
     best = result.best
     groups: dict[str, list[str]] = {}
@@ -360,15 +362,6 @@ def _is_as_good(result: EffectSearchResult, best: EffectFit, fit: EffectFit, all
     if set(best.names) ^ set(fit.names) == ALIKE_AT_CONSTANT_CURRENT and is_current_constant(result.evidence.traces):
         return share < MAX_ALIKE_SHARE
     return share < NEGLIGIBLE_SHARE or (share < MIN_GAIN_SHARE and paired.z < MIN_GAIN_Z)
-
-
-def merge_groups(groups: Sequence[tuple[str, ...]], classes: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
-    """Return all groups, largest first, without those that are part of another."""
-    merged: list[tuple[str, ...]] = []
-    for group in sorted((*groups, *classes), key=len, reverse=True):
-        if not any(set(group) <= set(larger) for larger in merged):
-            merged.append(group)
-    return tuple(merged)
 
 
 def find_absorbed_effects(result: EffectSearchResult) -> tuple[str, ...]:

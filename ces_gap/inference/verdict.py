@@ -1,237 +1,55 @@
-"""The first verdict: the size of the gap, figures and probabilities from the search, on the parts left out.
+"""The verdict: one pure function of numbers, which also returns the probabilities that a report shows.
 
-`held_out.review` and `refit.weigh_refits` may weaken it afterwards; `pipeline.diagnose` calls all three.
+`judge` weighs what the search on the fitted recordings (`findings.py`), the held-out recordings and the refits of a
+physical model found. Each finding changes the probabilities, and the verdict follows from them, so that the two cannot
+contradict each other.
 
-The figures are comparable between plants. The probabilities come from a logistic model of them. It was calibrated on
-cases of a plant unlike those of its evaluation (`calibration.json` names them). Likelihoods would not do as
-probabilities: no form is exactly true.
+The probabilities of the search come from a logistic model of figures that are comparable between plants. It was
+calibrated on cases of a plant unlike those of its evaluation (`calibration.json` names them). Likelihoods would not do
+as probabilities: no form is exactly true.
 """
 
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ces_data.arrays import F
-from ces_gap.baseline.learner import Ceiling, learn_ceiling
-from ces_gap.baseline.plant import Plant, TraceSimulator
-from ces_gap.grid import rms
-from ces_gap.inference.evidence import Baseline, Evidence
-from ces_gap.inference.fit import EffectFit, count_stuck_parameters, measure_parameter_drift
-from ces_gap.inference.search import (
-    NEGLIGIBLE_SHARE,
-    EffectSearchResult,
-    compute_paired_gain,
-    find_absorbed_effects,
-    interchangeable_effects,
-    min_unexplained_shares,
-)
-from ces_gap.trace import noise_floor_N, usable_values
+from ces_gap.inference.search import NEGLIGIBLE_SHARE
+from ces_gap.inference.ties import ClosedShare, confirm_ties, probability_below
 
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
-POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous
 CALIBRATION, TIMING = "calibration", "simulation_timing"
-TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
-TOLERANCE_NOISES = 2.0  # times the noise: limit of that default, so that a gap clear of the noise is not overlooked
 WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE = "tolerance", "noise", "timing", "baseline_error"
+ALTERNATIVES, SIMULATION_ERROR, REFIT = "alternatives", "simulation_error", "refit"
+NOT_CONFIRMED, UNDETERMINED, LEAVES_MORE, UNCERTAIN = "not_confirmed", "undetermined", "leaves_more", "uncertain"
+POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous
+MAX_NONE = 1.0 / 3.0  # probability of no gap where the gap is not within anything: it never leads
 CLEAR = 1.5  # times noise and tolerance: a smaller gap is not named without references
 MAX_MAP_REST = 0.2  # of the gap's energy: a smooth map absorbs a part of anything, so it must explain most to be named
-CLEAR_Z = 20.0  # z of a gain as large as the noise, in however few blocks
+MIN_MATERIAL_SHARE = 0.5  # of the energy that anything explains: an explanation that closes less is none
+MIN_NAMED_SHARE = 0.5  # of the held-out gap's energy: what leaves more than it closes is not named
+CLEARLY_LESS = 0.95  # of the gap that the composition leaves: another effect that leaves less may be the cause
+MIN_PROBABILITY = 1e-12  # of a cause
+IMMATERIAL = 0.1  # of the held-out gap's energy: closing less is no cause, leaving less no unknown cause
 
 
 @dataclass(frozen=True)
 class GapSize:
-    """The gap on the fitted recordings, RMS [N]: without noise, and after the simulation's timing was fitted as well.
+    """The gap on some recordings, RMS [N]: without noise, and after the simulation's timing was fitted as well.
 
-    `noise_N` was measured, `force_N` is the RMS of the measured force; `corrected` if references taught a correction.
+    `noise_N` was measured; where it is not `noise_known`, no source limits it and `noise_N` is a guess.
     """
 
     gap_N: float
     timed_N: float
     noise_N: float
-    force_N: float
-    corrected: bool
-
-
-def measure_gap(baseline: Baseline, result: EffectSearchResult, rest_N: float) -> GapSize:
-    """Return the size of the gap on the fitted recordings; noise that was not measured is at most the `rest_N` [N]."""
-    evidence = result.evidence
-    forces, noise_N = [t.force for t in evidence.traces], noise_floor_N(evidence.traces)
-    if not all(t.measured_noise.known for t in evidence.traces):
-        noise_N = max(noise_N, rest_N)
-    timing = [f.composition for f in result.alone if f.effects[0].nuisance][:1]
-    above = []
-    for modelled in (evidence.alone, *map(evidence.forces, timing)):
-        errors = [force - f for force, f in zip(forces, modelled, strict=True)]
-        above.append(float(np.sqrt(max(rms(usable_values(evidence.traces, errors)) ** 2 - noise_N**2, 0.0))))
-    force_N = rms(usable_values(evidence.traces, forces))
-    return GapSize(above[0], min(above), noise_N, force_N, baseline.correction is not None)
-
-
-def tolerance_N(size: GapSize, share: float | None) -> float:
-    """Return the gap [N] that counts as none: a `share` of the RMS force, by default small beside force and noise."""
-    if share is not None:
-        return share * size.force_N
-    return min(TOLERANCE_SHARE * size.force_N, TOLERANCE_NOISES * size.noise_N)
-
-
-def find_no_gap_reason(size: GapSize, improbable: bool, limit_N: float) -> str:
-    """Return why there is no gap, "" if there is one; `improbable` if the figures speak against one.
-
-    Without references a gap larger than the noise is never called none, whatever the figures say.
-    """
-    if size.gap_N <= limit_N:
-        return WITHIN_TOLERANCE
-    if improbable and size.corrected:
-        return WITHIN_BASELINE
-    if improbable and size.timed_N <= size.noise_N:
-        return WITHIN_NOISE if size.gap_N <= size.noise_N else WITHIN_TIMING
-    return ""
-
-
-def is_clear_of_the_simulation(size: GapSize, limit_N: float) -> bool:
-    """True if a gap may be named: without references, a small one may be the simulation's own error."""
-    return size.corrected or size.gap_N > CLEAR * max(size.noise_N, limit_N)
-
-
-@dataclass(frozen=True)
-class Decision:
-    """The verdict and its basis.
-
-    `no_gap_reason` is the reason for "no gap", "" otherwise. `rest_N` is the RMS [N] that the best explanation and the
-    generic learner leave. `visible_from_N` is the RMS [N] below which an effect would hide behind noise and the
-    simulation's own error.
-    """
-
-    verdict: str
-    no_gap_reason: str
-    figures: VerdictFigures
-    probabilities: Probabilities
-    interchangeable: tuple[tuple[str, ...], ...]
-    rest_N: float
-    visible_from_N: float
-    tolerance_N: float
-    absorbed: tuple[str, ...]
-
-
-def decide(
-    baseline: Baseline,
-    result: EffectSearchResult,
-    simulation: TraceSimulator,
-    weights: Calibration,
-    tolerance: float | None = None,
-) -> Decision:
-    """Return the decision; `simulation` reruns the best explanation, `tolerance` is the user's (share of the force)."""
-    evidence, rest = result.evidence, baseline.ceiling
-    plants = [Plant(simulation, baseline.correction).prepare_for(t) for t in evidence.traces]
-    if result.best is not None:  # the generic learner, fitted to the rest of the best explanation
-        rows = zip(plants, evidence.traces, evidence.alone, strict=True)
-        composition = result.best.composition
-        rest = learn_ceiling(evidence.traces, [plant.with_effects(composition, t, a) for plant, t, a in rows])
-
-    def allowance(fit: EffectFit) -> float:
-        return surrogate_energy(evidence, plants, fit)
-
-    figures = compute_figures(result, baseline.ceiling, rest, 0.0 if result.best is None else allowance(result.best))
-    names = result.best.names if result.best is not None else ()
-    odds = probabilities(figures, min_unexplained_shares(result), names, weights)
-    groups = interchangeable_effects(result, allowance)
-    size = measure_gap(baseline, result, rest.learnt.noise.rms_N)
-    limit_N = tolerance_N(size, tolerance)
-    reason = find_no_gap_reason(size, odds.none > 1.0 - weights.least_gap, limit_N)
-    verdict = NO_GAP if reason else choose_verdict(result, figures, odds, bool(groups), weights)
-    absorbed = find_absorbed_effects(result)
-    causes = [] if result.best is None else [e.name for e in result.best.effects if not e.nuisance]
-    may_be_simulation = len(causes) > 1 and not set(causes).isdisjoint(absorbed)  # a recalibration would absorb it
-    if verdict == NAMED and (may_be_simulation or not is_clear_of_the_simulation(size, limit_N)):
-        verdict = AMBIGUOUS
-    rest_N = rest.learnt.noise.rms_N
-    return Decision(verdict, reason, figures, odds, groups, rest_N, evidence.noise.rms_N, limit_N, absorbed)
-
-
-def surrogate_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:
-    """Return the whitened energy that a surrogate's error may leave behind the right effects; 0 if none is used.
-
-    Only effects that run the simulation again are uncertain by it: at the recorded inputs the force is known.
-    """
-    rows = zip(plants, evidence.traces, evidence.alone, strict=True)
-    error = evidence.whiten([p.error_with_effects(fit.composition, t, a) for p, t, a in rows])
-    return float(error @ error)
-
-
-def compute_figures(
-    result: EffectSearchResult, before: Ceiling, after: Ceiling, allowance: float = 0.0
-) -> VerdictFigures:
-    """Return the figures; the learner was fitted to the gap `before` and `after` the best explanation.
-
-    Up to the `allowance`, a whitened energy, what the best explanation leaves is the error of a surrogate.
-    """
-    evidence, best, baseline = result.evidence, result.best, result.baseline_residual
-    timing = [f for f in result.alone if f.effects[0].nuisance and f.cost < baseline @ baseline]
-    if timing:  # the simulation's timing is not a part of the gap where correcting it is a gain
-        baseline = timing[0].left_out
-    residual = best.left_out if best is not None else baseline
-    gain = compute_paired_gain(evidence, baseline, residual)
-    learnt = result.baseline_residual - evidence.whiten(before.learnt.crossfitted)
-    ceiling = compute_paired_gain(evidence, baseline, learnt)
-    rest = compute_paired_gain(evidence, residual, residual - evidence.whiten(after.learnt.crossfitted))
-    left = float(residual @ residual) - len(residual)
-    return VerdictFigures(
-        energy=(float(baseline @ baseline) - len(baseline)) / len(baseline),
-        gain_z=max(gain.z, CLEAR_Z * gain.energy / len(residual)) if best is not None else 0.0,
-        ceiling_z=ceiling.z,
-        unexplained=(left - min(allowance, max(left, 0.0))) / result.gap_energy,
-        learnable=rest.energy / result.gap_energy,
-        learnable_z=rest.z,
-        stuck=count_stuck_parameters(best) if best is not None else 0,
-        drift=measure_parameter_drift(best) if best is not None else 0.0,
-    )
-
-
-def choose_verdict(
-    result: EffectSearchResult, figures: VerdictFigures, odds: Probabilities, replaceable: bool, weights: Calibration
-) -> str:
-    """Return the verdict on a gap; `replaceable` if an effect of the best explanation has an alternative."""
-    if result.best is None or all(e.nuisance for e in result.best.effects):
-        return UNKNOWN
-    is_map = all(e.nuisance or e.prior_share > 0.0 for e in result.best.effects)
-    is_improbable = odds.unknown > (1.0 - odds.none) * (1.0 - weights.least_known)
-    if is_improbable or (is_map and figures.unexplained > MAX_MAP_REST):
-        return UNKNOWN
-    return AMBIGUOUS if replaceable or has_alternatives(result.best.names, odds) else NAMED
-
-
-def name_by_simpler_rules(result: EffectSearchResult) -> dict[str, str]:
-    """Return the effects that simpler rules would name, for comparison in blind tests."""
-    n, none = len(result.baseline_residual), result.baseline_residual
-    bic = min(result.alone, key=lambda f: n * np.log(f.residual @ f.residual) + len(f.searched) * np.log(n))
-    flexible = max(result.alone, key=lambda f: (len(f.searched), -f.cost))
-
-    def correlation(signature: NDArray[np.float64]) -> float:
-        return float(abs(signature @ none) / max(float(np.linalg.norm(signature) * np.linalg.norm(none)), 1e-12))
-
-    similar = max(result.alone, key=lambda f: correlation(none - f.residual))
-    return {"signature_correlation": similar.names[0], "bic": bic.names[0], "most_flexible": flexible.names[0]}
-
-
-def timing_notes(result: EffectSearchResult, decision: Decision) -> tuple[str, ...]:
-    """Return a note on the simulation's timing where it is all or a part of the gap."""
-    best = () if result.best is None else result.best.composition.settings
-    fits = [f.composition.settings[0] for f in result.alone if f.effects[0].nuisance]
-    found = [s for s in best if s.effect.nuisance] or (fits if decision.no_gap_reason == WITHIN_TIMING else [])
-    if not found:
-        return ()
-    skew, spread = found[0].values
-    side, how = "early" if skew > 0.0 else "late", "less" if spread > 0.0 else "more"
-    return (
-        f"timing: the simulated force comes {abs(skew):.2f} samples {side} and is {how} smoothed than the measured one "
-        f"(by {abs(spread):.2f} samples²): an error of logging or resampling",
-    )
+    noise_known: bool = True
 
 
 @dataclass(frozen=True)
@@ -259,8 +77,8 @@ class VerdictFigures:
 class Calibration:
     """Weights of the logistic model for `gap_features` and `unknown_features`, and `sharpness` of the choice of effect.
 
-    The verdict is "no_gap" if the probability of a gap is below `least_gap`, "unknown" if that of a known effect is
-    below `least_known`.
+    A cause is named only if the probability of a gap is at least `least_gap`, and that of a known effect in a gap at
+    least `least_known`.
     """
 
     gap: tuple[float, ...]
@@ -277,6 +95,32 @@ class Probabilities:
     none: float
     unknown: float
     effects: Mapping[str, float]
+
+    @property
+    def known(self) -> float:
+        """The probability that any of the effects is the cause."""
+        return sum(self.effects.values())
+
+    @property
+    def known_given_gap(self) -> float:
+        """The same if there is a gap."""
+        return self.known / max(self.known + self.unknown, 1e-300)
+
+    def with_none(self, none: float) -> Probabilities:
+        """Return them with another probability of no gap; the others keep their proportions."""
+        gap = self.known + self.unknown
+        if gap <= 0.0:
+            return Probabilities(none, 1.0 - none, self.effects)
+        share = (1.0 - none) / gap
+        return Probabilities(none, self.unknown * share, {name: p * share for name, p in self.effects.items()})
+
+    def with_unknown(self, unknown: float) -> Probabilities:
+        """Return them with another probability of an unknown cause; the effects get the difference, in proportion."""
+        known = self.known
+        if known <= 0.0:
+            return self
+        share = max(known + self.unknown - unknown, 0.0) / known
+        return Probabilities(self.none, unknown, {name: p * share for name, p in self.effects.items()})
 
 
 def calibration(mode: str = "references") -> Calibration:
@@ -319,12 +163,216 @@ def probabilities(
     return Probabilities(none, unknown, dict(zip(names, share.tolist(), strict=True)))
 
 
-def has_alternatives(named: Sequence[str], odds: Probabilities) -> bool:
-    """True if an effect that is not named is possible, too.
+@dataclass(frozen=True)
+class SearchFindings:
+    """What the search found on the fitted recordings, as numbers.
+
+    `rest_N` is the RMS [N] that the best explanation and the generic learner leave; an effect below `visible_from_N`
+    would hide behind noise and the simulation's own error. `interchangeable` are groups, `absorbed` the effects that a
+    recalibration would imitate. The best explanation `is_map` if it holds errors of the simulation only.
+    """
+
+    figures: VerdictFigures
+    odds: Probabilities
+    weights: Calibration
+    size: GapSize
+    rest_N: float
+    visible_from_N: float
+    tolerance_N: float
+    has_references: bool
+    interchangeable: tuple[tuple[str, ...], ...]
+    absorbed: tuple[str, ...]
+    is_map: bool
+
+
+@dataclass(frozen=True)
+class VerdictEvidence:
+    """All that a verdict follows from, as plain numbers; any of them may be unknown (NaN).
+
+    On held-out recordings the gap has a size with an interval; the composition has `closed` a share of it, each effect
+    alone another, the generic learner the share `learnt`. The composition `is_undetermined` if one of its effects may
+    have no size. `refit_effects` are those of a refit that explains more, None if there is none.
+    """
+
+    search: SearchFindings
+    held_out: GapSize
+    held_out_ci95_N: tuple[float, float]
+    composition: tuple[str, ...]  # without the simulation's timing, which is never named
+    closed: ClosedShare
+    closed_alone: Mapping[str, ClosedShare]
+    learnt: float
+    is_undetermined: bool = False
+    refit_effects: tuple[str, ...] | None = None
+
+    @property
+    def sizes(self) -> tuple[GapSize, GapSize]:
+        """The gap on the fitted and on the held-out recordings."""
+        return self.search.size, self.held_out
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """The verdict with its probabilities, the `reason` for "no_gap", and what keeps a cause from being named: `doubt`.
+
+    `alternatives` are the effects outside the composition that stay possible, for "ambiguous"; `ties` are groups of
+    effects that the recordings cannot distinguish.
+    """
+
+    verdict: str
+    probabilities: Probabilities
+    reason: str = ""
+    doubt: str = ""
+    alternatives: tuple[str, ...] = ()
+    ties: tuple[tuple[str, ...], ...] = ()
+
+
+def judge(evidence: VerdictEvidence) -> Judgement:
+    """Return the verdict: the largest of the probabilities of no gap, of an unknown cause and of the known effects.
+
+    No gap also requires that the gap lies within what cannot be told from none. Known effects are "named" only if
+    nothing speaks against them; whatever does becomes possible by it, and the verdict "ambiguous".
+    """
+    raw = _normalise(evidence.search.odds, evidence.composition)
+    odds = _weigh_held_out(evidence, raw)
+    odds = odds.with_none(max(odds.none, _probability_within_tolerance(evidence)))
+    reason = find_no_gap_reason(evidence, odds.none >= max(odds.unknown, odds.known))
+    if reason:
+        return Judgement(NO_GAP, odds, reason)
+    odds = odds.with_none(min(odds.none, MAX_NONE))
+    if not evidence.composition or odds.unknown > odds.known:
+        return Judgement(UNKNOWN, odds)
+    ties = _confirm(evidence, evidence.search.interchangeable)
+    alternatives = _find_alternatives(evidence, odds, ties)
+    odds = _reject(odds, evidence.composition, (*alternatives, CALIBRATION))
+    doubts = _find_doubts(evidence, odds, alternatives, min(raw.known_given_gap, odds.known_given_gap))
+    for names in doubts.values():
+        odds = _make_possible(odds, names, evidence.composition)
+    return Judgement(AMBIGUOUS if doubts else NAMED, odds, "", next(iter(doubts), ""), alternatives, ties)
+
+
+def _normalise(odds: Probabilities, composition: Sequence[str]) -> Probabilities:
+    """Return finite probabilities that sum to 1, each cause's above 0; unknown ones count as 0."""
+
+    def known(probability: float) -> float:
+        return min(max(probability, 0.0), 1.0) if math.isfinite(probability) else 0.0
+
+    none, unknown = known(odds.none), known(odds.unknown)
+    effects = {name: known(odds.effects.get(name, 0.0)) for name in dict.fromkeys((*odds.effects, *composition))}
+    effects |= {name: max(effects[name], MIN_PROBABILITY) for name in composition}
+    total = none + unknown + sum(effects.values())
+    if total <= 0.0:
+        return Probabilities(0.0, 1.0, effects)
+    return Probabilities(none / total, unknown / total, {name: p / total for name, p in effects.items()})
+
+
+def _weigh_held_out(e: VerdictEvidence, odds: Probabilities) -> Probabilities:
+    """Return the probabilities after the held-out recordings.
+
+    Known effects keep the share of their probability with which the best explanation closes what it must: half of what
+    anything explains, of a map most of the gap. Where it leaves hardly anything, an unknown cause is improbable.
+    """
+    found = [c for c in (e.closed, *e.closed_alone.values()) if not math.isnan(c.value)]
+    best = max((c.value for c in found), default=-math.inf)
+    if not e.composition:  # no effect gains more than its error: none is more probable than an unknown cause
+        return odds.with_unknown(odds.unknown + 0.5 * odds.known)
+    if e.search.is_map:
+        share = min(e.closed.value, 1.0 - e.search.figures.unexplained)
+        support = replace(e.closed, value=share).probability_above(1.0 - MAX_MAP_REST)
+    else:
+        required = MIN_MATERIAL_SHARE * min(max(best, 0.0 if math.isnan(e.learnt) else e.learnt), 1.0)
+        support = max((c.probability_above(max(required, IMMATERIAL)) for c in found), default=0.0)
+    rest = min(1.0, max(1.0 - best, 0.0) / IMMATERIAL)
+    return odds.with_unknown(rest * (odds.unknown + (1.0 - support) * odds.known))
+
+
+def _probability_within_tolerance(e: VerdictEvidence) -> float:
+    low, high = e.held_out_ci95_N
+    return min(probability_below(size.gap_N, e.search.tolerance_N, high - low) for size in e.sizes)
+
+
+def find_no_gap_reason(e: VerdictEvidence, is_improbable: bool) -> str:
+    """Return within what the gap lies on fitted and held-out recordings, "" if there is one.
+
+    Beyond the tolerance there is none only if a gap `is_improbable`, too, and noise that nothing measured is no reason.
+    """
+    if all(s.gap_N <= e.search.tolerance_N for s in e.sizes):
+        return WITHIN_TOLERANCE
+    if not is_improbable:
+        return ""
+    if e.search.has_references:
+        return WITHIN_BASELINE if all(s.gap_N <= e.search.visible_from_N for s in e.sizes) else ""
+    if not all(s.noise_known and s.timed_N <= s.noise_N for s in e.sizes):
+        return ""
+    return WITHIN_NOISE if all(s.gap_N <= s.noise_N for s in e.sizes) else WITHIN_TIMING
+
+
+def _confirm(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
+    return confirm_ties(groups, e.composition, e.closed, {frozenset((n,)): c for n, c in e.closed_alone.items()})
+
+
+def _find_alternatives(e: VerdictEvidence, odds: Probabilities, ties: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
+    """Return the effects that may be the cause instead: in `ties`, clearly better on held-out data, or probable.
 
     A recalibration can absorb a part of any effect; an effect that explains as much with less stands against it.
     """
-    return any(p >= POSSIBLE for name, p in odds.effects.items() if name not in (*named, CALIBRATION))
+    limit = CLEARLY_LESS**2 * (1.0 - e.closed.value)
+    better = [name for name, closed in e.closed_alone.items() if 1.0 - closed.value < limit]
+    possible = [(e.composition[0], name) for name, p in odds.effects.items() if p >= POSSIBLE]
+    alike = [name for group in (*ties, *_confirm(e, possible)) for name in group]
+    found = dict.fromkeys((*alike, *better))
+    return tuple(name for name in found if name not in (*e.composition, CALIBRATION))
+
+
+def _find_doubts(
+    e: VerdictEvidence, odds: Probabilities, alternatives: tuple[str, ...], known: float
+) -> dict[str, tuple[str, ...]]:
+    """Return what speaks against the composition, with the effects that are possible by it (none: an unknown cause).
+
+    `known` is the probability of a known effect, given a gap. Without references a small gap, or an effect that a map
+    imitates, may be the simulation's own error.
+    """
+    others = {name: p for name, p in odds.effects.items() if name not in e.composition}
+    cause, error = odds.known - sum(others.values()), others.get(CALIBRATION, 0.0)
+    is_absorbed = len(e.composition) > 1 and not set(e.composition).isdisjoint(e.search.absorbed)
+    is_small = any(not s.gap_N > CLEAR * max(s.noise_N, e.search.tolerance_N) for s in e.sizes)
+    may_be_error = is_absorbed or (is_small and not e.search.has_references) or error > cause
+    least_gap, least_known = e.search.weights.least_gap, e.search.weights.least_known
+    is_certain = 1.0 - odds.none >= least_gap and known >= least_known and cause >= max(odds.none, odds.unknown)
+    doubts = {
+        ALTERNATIVES: alternatives or None,
+        SIMULATION_ERROR: tuple({CALIBRATION} & {*others}) if may_be_error else None,
+        REFIT: None if e.refit_effects is None else tuple(name for name in e.refit_effects if name in others),
+        NOT_CONFIRMED: None if e.closed.low > 0.0 else (),
+        UNDETERMINED: () if e.is_undetermined else None,
+        LEAVES_MORE: None if e.closed.value >= MIN_NAMED_SHARE else (),
+        UNCERTAIN: None if is_certain else (),
+    }
+    return {doubt: names for doubt, names in doubts.items() if names is not None}
+
+
+def _reject(odds: Probabilities, causes: Sequence[str], possible: Sequence[str]) -> Probabilities:
+    """Return the probabilities after effects that held-out recordings leave not `possible` gave way to the `causes`."""
+    kept = {n: p if n in (*causes, *possible) else min(p, POSSIBLE / 2.0) for n, p in odds.effects.items()}
+    total, rest = sum(kept[name] for name in causes), odds.known - sum(kept.values())
+    if total <= 0.0:
+        return odds
+    gained = {n: p + p / total * rest if n in causes else p for n, p in kept.items()}
+    return Probabilities(odds.none, odds.unknown, gained)
+
+
+def _make_possible(odds: Probabilities, names: Sequence[str], causes: Sequence[str]) -> Probabilities:
+    """Return the probabilities after those of the `causes` gave way: each name, or an unknown cause, gets `POSSIBLE`.
+
+    Together the known effects stay as probable as an unknown cause and no gap.
+    """
+    total, known = sum(odds.effects[name] for name in causes), odds.known
+    level = min(POSSIBLE, total / (len(names) + 1))
+    added = {name: max(level - odds.effects.get(name, 0.0), 0.0) for name in names}
+    unknown = 0.0 if names else max(min(level - odds.unknown, (known - odds.unknown) / 2.0, known - odds.none), 0.0)
+    kept = 1.0 - (sum(added.values()) + unknown) / total if total > 0.0 else 1.0
+    effects = {name: p * kept if name in causes else p for name, p in odds.effects.items()}
+    effects |= {name: effects.get(name, 0.0) + more for name, more in added.items()}
+    return Probabilities(odds.none, odds.unknown + unknown, effects)
 
 
 def _logistic(value: float) -> float:

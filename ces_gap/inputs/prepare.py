@@ -10,11 +10,13 @@ import numpy as np
 
 from ces_data.recording import Recording
 from ces_gap.baseline.identified import add_left_out_force
-from ces_gap.baseline.physical import make_changed_examples, make_recorded_examples
 from ces_gap.baseline.plant import DirectSimulator, TraceSimulator
-from ces_gap.baseline.surrogate import Surrogate, learn_surrogate
+from ces_gap.baseline.twin import Twin
+from ces_gap.baseline.twin_fit import find_own_twin, find_twin
 from ces_gap.errors import GapError
 from ces_gap.inputs.checks import exclude_saturated_ticks
+from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
+from ces_gap.inputs.probes import correct_inputs
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, open_trace, require_usable
 from ces_identify.numerics import search_clock
@@ -22,7 +24,7 @@ from ces_identify.simulations.simulation import Simulation, find_predictions
 
 MIN_FIT_S = 4.0  # [s] usable for the fit
 PARTS, PART_S = 10, 1.0  # of a single recording, shortest part [s]; every third part is held out
-SLOW_S = 0.025  # [s] of processor time: a simulation that is slower over all real recordings gets a surrogate
+SLOW_S = 0.025  # [s] of processor time: a simulation that is slower over all real recordings is replaced
 SLOW_CLOCK_S = 0.25  # [s] of the clock: the same for one that waits, for a file or for another process
 
 
@@ -30,7 +32,9 @@ SLOW_CLOCK_S = 0.25  # [s] of the clock: the same for one that waits, for a file
 class DiagnosisInput:
     """Traces for the fit (`real`), for validation (`held_out`) and as `reference`.
 
-    `exact` runs the simulation (None if it cannot be run); `cheap` is the `surrogate` if there is one, else `exact`.
+    `exact` runs the simulation (None if it cannot be run); `cheap` is its `twin` where it cannot be run or is `slow`,
+    else `exact`. All take their inputs as the `probe` has corrected them. There is no twin of a simulation that does
+    not move.
     """
 
     real: tuple[Trace, ...]
@@ -38,17 +42,18 @@ class DiagnosisInput:
     reference: tuple[Trace, ...]
     exact: TraceSimulator | None
     cheap: TraceSimulator
-    surrogate: Surrogate | None
+    twin: Twin | None
+    probe: SimulationProbe = NOT_PROBED
 
     @property
     def best(self) -> TraceSimulator:
-        """The simulation itself, or the surrogate of recorded predictions."""
+        """The simulation itself, or the twin of recorded predictions."""
         return self.exact or self.cheap
 
     @property
     def slow(self) -> TraceSimulator | None:
-        """The simulation if a surrogate replaces it in the search, otherwise None."""
-        return None if self.surrogate is None else self.exact
+        """The simulation if its twin replaces it in the search, otherwise None."""
+        return None if self.cheap is self.exact else self.exact
 
 
 def prepare_recordings(
@@ -57,8 +62,13 @@ def prepare_recordings(
     held_out: Sequence[Recording],
     reference: Sequence[Recording],
     progress: Progress = ignore_progress,
+    threads: int = 1,
+    inside: bool = True,
 ) -> DiagnosisInput:
-    """Return the traces of all recordings; without `held_out` a part of `real` is set aside. Raises GapError."""
+    """Return the traces of all recordings; without `held_out` a part of `real` is set aside. Raises GapError.
+
+    Effects `inside` the damper need a twin.
+    """
     roles = [(real, not held_out), (held_out, True), (reference, False)]  # True: needs the force on the logged position
     count, done = len(real) + len(held_out) + len(reference), 0
     traces: list[list[Trace]] = []
@@ -80,8 +90,22 @@ def prepare_recordings(
             f"{', '.join(t.name for t in fitted)}: {seconds:.1f} s remain for the fit; "
             f"expected at least {MIN_FIT_S:g} s; pass longer or more --real recordings"
         )
-    exact, cheap, surrogate = _make_simulators(simulation, fitted, [*held, *references])
-    return DiagnosisInput(tuple(fitted), tuple(held), tuple(references), exact, cheap, surrogate)
+    progress("probing the simulation", 0.0)
+    found, simulation = correct_inputs(simulation, fitted, references)
+    if found.corrected:
+        direct = DirectSimulator(simulation)
+        fitted, held, references = (
+            [replace(t, simulated=direct.force(t, t.inputs)) for t in traces] for traces in (fitted, held, references)
+        )
+    exact = None if find_predictions(simulation) is not None else DirectSimulator(simulation)
+    is_slow = exact is None or runs_slowly(exact, fitted)
+    twin, everything = None, [*fitted, *held, *references]
+    if inside or is_slow:
+        twin = find_own_twin(simulation, everything) or find_twin(everything, threads, progress)
+    cheap = twin if is_slow and twin is not None else exact
+    if cheap is None:
+        raise GapError(f"{', '.join(t.name for t in fitted)}: hardly any motion; expected strokes of the damper")
+    return DiagnosisInput(tuple(fitted), tuple(held), tuple(references), exact, cheap, twin, found)
 
 
 def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
@@ -96,20 +120,12 @@ def set_aside(traces: Sequence[Trace]) -> tuple[list[Trace], list[Trace]]:
     return [fitted], [replace(only, usable=only.usable & held, map_ticks=fitted.usable)]
 
 
-def _make_simulators(
-    simulation: Simulation, fitted: Sequence[Trace], others: Sequence[Trace]
-) -> tuple[TraceSimulator | None, TraceSimulator, Surrogate | None]:
-    """Return `exact`, `cheap` and `surrogate` of `DiagnosisInput`: slow or recorded simulations get a surrogate."""
-    if find_predictions(simulation) is not None:
-        surrogate = learn_surrogate(make_recorded_examples([*fitted, *others]), [*fitted, *others])
-        return None, surrogate, surrogate
-    direct = DirectSimulator(simulation)
+def runs_slowly(simulation: DirectSimulator, traces: Sequence[Trace]) -> bool:
+    """Return whether a simulation takes too long for a search."""
     for _ in range(2):  # what compiles first, or is held up once, is not slow
         processor, clock = time.process_time(), search_clock.now()
-        for trace in fitted:
-            direct.force(trace, trace.inputs)
+        for trace in traces:
+            simulation.force(trace, trace.inputs)
         if time.process_time() - processor <= SLOW_S and search_clock.now() - clock <= SLOW_CLOCK_S:
-            return direct, direct, None
-    examples = [*make_changed_examples(fitted, direct), *make_recorded_examples(others)]
-    surrogate = learn_surrogate(examples, [*fitted, *others])
-    return direct, surrogate, surrogate
+            return False
+    return True

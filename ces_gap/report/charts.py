@@ -10,7 +10,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_gap.diagnosis import GapMap, GapRegion, HeldOutSeries, NextExperiment
-from ces_gap.report.formatting import AXES, SIDES, axis_figure, axis_title, percent, region_name
+from ces_gap.report.formatting import AXES, SIDES, axis_figure, axis_range, axis_title, percent, region_name
 from ces_gap.trace import usable_values
 from ces_report.drawing import (
     F,
@@ -28,7 +28,7 @@ from ces_report.drawing import (
     with_value,
 )
 from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, value_table
-from ces_report.typesetting import minus, three_figures
+from ces_report.typesetting import format_number, format_range, three_figures
 
 SHARE_SIZE = (300.0, 186.0)
 SHARE_BOX = (34.0, 30.0, 258.0, 122.0)  # left, top, width, height [px]
@@ -105,7 +105,7 @@ def _draw_region(p: Panel, k: int, region: GapRegion, ends: F) -> str:
     whisker = f'<path class="span" d="M{float(p.x.px(k + 0.5)):.1f},{low:.1f}V{high:.1f}"/>'
     samples = "of the measured force's" if region.axis == "frequency_hz" else "of the time"
     first, last = region.ci95_N
-    interval = f" ({three_figures(first)} to {three_figures(last)})" if math.isfinite(first + last) else ""
+    interval = f" ({format_range(first, last)})" if math.isfinite(first + last) else ""
     text = (
         f"{region_name(region)}: {percent(region.share_of_energy)} % of the energy, "
         f"{percent(region.share_of_samples)} % {samples}; RMS {three_figures(region.rms_N)} N{interval}"
@@ -134,6 +134,7 @@ def draw_gap_maps(ident: str, maps: Sequence[GapMap]) -> list[Markup]:
 
 def _draw_map(ident: str, m: GapMap, worst: float) -> Markup:
     rms, (across, up) = m.rms_N.T, m.axes
+    texts = {at: format_number(value) for at, value in np.ndenumerate(rms)}
     x = np.asarray(AXES[across][2] * m.edges[0])
     y = np.arange(len(m.edges[1]), dtype=np.float64) if up == EQUAL_WIDTH else np.asarray(AXES[up][2] * m.edges[1])
     p = panel((x[0], x[-1]), (y[0], y[-1]), MAP_BOX)
@@ -144,21 +145,18 @@ def _draw_map(ident: str, m: GapMap, worst: float) -> Markup:
         parts += [label(p.x.start - 7, float(p.y.px(float(k))) + 4, text, "tick end") for k, text in rows]
 
     def name(a: int, b: int) -> str:
-        spans = []
-        for axis, edges, cell in zip(m.axes, m.edges, (a, b), strict=True):
-            low, high = (axis_figure(axis, e) for e in edges[cell : cell + 2])
-            spans.append(minus(f"{AXES[axis][0]} {low} to {high} {AXES[axis][1]}"))
-        return ", ".join(spans)
+        spans = [(axis, *edges[cell : cell + 2]) for axis, edges, cell in zip(m.axes, m.edges, (a, b), strict=True)]
+        return ", ".join(f"{AXES[axis][0]} {axis_range(axis, low, high)}" for axis, low, high in spans)
 
-    parts.append(cells(p, (x, y), rms, rms / worst, "wrong", lambda a, b: f"{name(a, b)}: {rms[a, b]:.3g} N"))
+    parts.append(cells(p, (x, y), rms, rms / worst, "wrong", lambda a, b: f"{name(a, b)}: {texts[a, b]} N"))
     parts.append(ramp(*RAMP[:2], [f * worst for f in SCALE], "wrong", "N, RMS gap", RAMP[2]))
     if not np.isfinite(rms).any():
         parts.append(note(p, "too few samples"))
-    text = f"The scale ends at {worst:.3g} N."
+    text = f"The scale ends at {format_number(worst)} N."
     figure = svg(ident, MAP_SIZE, f"RMS gap over {AXES[across][0]} and {AXES[up][0]}", text, parts, values=True)
     order = np.argsort(-np.nan_to_num(rms), axis=None)[:TABLE_CELLS]
     largest = [(a, b) for a, b in zip(*np.unravel_index(order, rms.shape), strict=True) if rms[a, b] > 0.0]
-    return figure + value_table(text, ("Cell", "RMS gap [N]"), [(name(a, b), f"{rms[a, b]:.3g}") for a, b in largest])
+    return figure + value_table(text, ("Cell", "RMS gap [N]"), [(name(a, b), texts[a, b]) for a, b in largest])
 
 
 def speed_force(ident: str, held_out: Sequence[HeldOutSeries], effects: str) -> list[Markup]:
@@ -232,5 +230,5 @@ def experiment_plot(ident: str, experiment: NextExperiment) -> Markup:
         PlotArea("Stroke [mm]", [stroke], height=124.0, y_ticks=4),
         PlotArea("Current [A]", [feed], height=64.0, y_range=span_of(current, np.zeros(1)), y_ticks=2),
     ]
-    text = f"{experiment.name}, {float(time[-1]):.3g} s." if len(time) else f"{experiment.name}, no signals."
+    text = f"{experiment.name}, {format_number(float(time[-1]))} s." if len(time) else f"{experiment.name}, no signals."
     return draw_plot(Plot(ident, "The next experiment", text, "Time [s]", areas, width=530.0, legend=False))

@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 
 from ces_gap.diagnosis import Estimate, GapRegion, Interval
-from ces_report.typesetting import join_with, minus
+from ces_report.typesetting import format_number, format_range, join_with, minus
 
 AXES = {
     "stroke_m": ("stroke", "mm", 1e3),
@@ -34,7 +34,6 @@ DISPLAY_UNITS = {
     "N/m": ("N/mm", 1e-3, 1e4, math.inf),
 }  # displayed unit, its factor, and the range of the largest number in SI for which it is used
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre"}
-RAISED = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
 def effect_name(effect: str) -> str:
@@ -60,9 +59,13 @@ def axis_title(axis: str) -> str:
 
 def axis_figure(axis: str, value: float) -> str:
     """Return a value on an axis to three digits in the displayed unit; `∞` for an open end."""
-    if not math.isfinite(value):
-        return minus("\N{INFINITY}" if value > 0 else "-\N{INFINITY}")
-    return minus(f"{AXES[axis][2] * value + 0.0:.3g}")
+    return format_number(AXES[axis][2] * value + 0.0)
+
+
+def axis_range(axis: str, low: float, high: float) -> str:
+    """Return a range on an axis in the displayed unit, such as `0.1 to 0.3 m/s`."""
+    _, unit, scale = AXES[axis]
+    return f"{format_range(scale * low + 0.0, scale * high + 0.0)} {unit}".rstrip()
 
 
 def region_name(region: GapRegion) -> str:
@@ -71,10 +74,11 @@ def region_name(region: GapRegion) -> str:
         both = region.low < 0.0 < region.high
         return " and ".join(SIDES) if both else SIDES[int(region.low + region.high > 0.0)]
     name, unit, _ = AXES[region.axis]
-    low, high = axis_figure(region.axis, region.low), axis_figure(region.axis, region.high)
     if math.isinf(region.high):
-        return f"{name} above {low} {unit}"
-    return f"{name} below {high} {unit}" if math.isinf(region.low) else f"{name} {low} to {high} {unit}"
+        return f"{name} above {axis_figure(region.axis, region.low)} {unit}"
+    if math.isinf(region.low):
+        return f"{name} below {axis_figure(region.axis, region.high)} {unit}"
+    return f"{name} {axis_range(region.axis, region.low, region.high)}"
 
 
 def parameter_text(estimate: Estimate) -> tuple[str, str, str, str]:
@@ -84,21 +88,8 @@ def parameter_text(estimate: Estimate) -> tuple[str, str, str, str]:
     display_unit, factor, at_least, below = DISPLAY_UNITS.get(unit, (unit, scale, 0.0, math.inf))
     if at_least <= max(abs(v) for v in (estimate.value, *estimate.ci95)) < below:
         unit, scale = display_unit, factor
-    value, low, high = (format_number(scale * v) for v in (estimate.value, *estimate.ci95))
-    return effect_name(estimate.name.removesuffix(suffix)), value, unit, f"{low} to {high}"
-
-
-def format_number(value: float) -> str:
-    """Return a number to three significant digits, with a power of ten if necessary; a dash if it is unknown."""
-    if not math.isfinite(value):
-        return minus("\N{EN DASH}" if math.isnan(value) else f"{value}".replace("inf", "\N{INFINITY}"))
-    digits = f"{value:.3g}"
-    if "e" in digits and abs(value) >= 1.0:
-        digits = f"{float(digits):,.0f}".replace(",", "\N{NARROW NO-BREAK SPACE}") if abs(value) < 1e7 else digits
-    if "e" not in digits:
-        return minus(digits)
-    mantissa, power = digits.split("e")
-    return minus(f"{mantissa}·10") + str(int(power)).translate(RAISED)
+    value, interval = format_number(scale * estimate.value), format_range(*(scale * v for v in estimate.ci95))
+    return effect_name(estimate.name.removesuffix(suffix)), value, unit, interval
 
 
 def percent(share: float) -> str:
@@ -112,4 +103,6 @@ def percents(interval: Interval) -> str:
     """Return an interval of shares as `85 to 92 %`, a dash if it is unknown."""
     if not all(map(math.isfinite, interval)):
         return "\N{EN DASH}"
-    return f"{percent(interval[0])} to {percent(interval[1])}\N{NO-BREAK SPACE}%"
+    low, high = map(percent, interval)
+    text = f"{low} to {high}" if low != high else format_range(*(100.0 * share for share in interval))
+    return f"{text}\N{NO-BREAK SPACE}%"

@@ -18,6 +18,7 @@ import numpy as np
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, calibration_cells
 from ces_gap.errors import GapError
 from ces_gap.inference.verdict import WITHIN_BASELINE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_TOLERANCE
+from ces_gap.inputs.probe_result import CURRENT_MEANINGS
 from ces_gap.report.formatting import AXES
 from ces_observer.fields import Schema
 from ces_observer.json_text import write_atomically
@@ -215,12 +216,21 @@ NEXT = Kind(
     {**EXPERIMENT.schema, "required": list(NO_EXPERIMENT)},
     lambda experiment: NO_EXPERIMENT if experiment is None else EXPERIMENT.write(experiment),
 )
-SURROGATE = record(
-    cost_J=(POSITIVE, "surrogate_cost_J"),
-    difference_error=(
-        POSITIVE("estimated RMS error of changes of the force by changed inputs, as a share of the change"),
-        "surrogate_error",
-    ),
+TWIN = record(
+    kind=(TEXT("of damper"), lambda d: d.twin.body.kind),
+    cost_J=(POSITIVE("on blocks of the simulated force left out of its fit"), lambda d: d.twin.cost_J),
+    replaces=(FLAG("whether it replaces a simulation that cannot be run"), "is_recorded"),
+)
+TIMING = record(current_lead_samples=NUMBER, position_delay_s=POSITIVE)
+PROBE = record(
+    summary=TEXT,
+    current_convention=Kind({"enum": list(CURRENT_MEANINGS)}),
+    current_lead_samples=NUMBER("how much earlier it answers than to a held current; negative if later"),
+    current_lead_s=NUMBER,
+    position_delay_s=INTERVAL("delay inside: a certain value, and one that it does not exceed"),
+    noise_N=POSITIVE("RMS by which equal calls differ, or a smooth force is rough"),
+    memory_N=POSITIVE("RMS by which they differ after another call"),
+    corrected=TIMING("undone before the effects are fitted, and in augmented.json; zero where nothing is"),
 )
 HELD_OUT = record(
     name=(TEXT, "trace.name"),
@@ -262,10 +272,11 @@ GAP = record(
         lambda d: None if d.refits is None else d,
     ),
     next_experiment=NEXT,
-    surrogate=(
-        or_null(SURROGATE)("of recorded predictions; null if the simulation itself was run"),
-        lambda d: None if d.surrogate_cost_J is None else d,
+    twin=(
+        or_null(TWIN)("the network fitted to the simulation, into which effects are put; null without"),
+        lambda d: None if d.twin is None else d,
     ),
+    input_probe=(PROBE("what the simulation does to its inputs"), "probe"),
     held_out=many(HELD_OUT),
     notes=many(TEXT),
 )

@@ -7,7 +7,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, Explanation, Interval, NextExperiment, Where
+from ces_gap.diagnosis import (
+    AMBIGUOUS,
+    NAMED,
+    NO_GAP,
+    UNKNOWN,
+    Diagnosis,
+    Explanation,
+    Interval,
+    NextExperiment,
+    Where,
+    find_closest,
+)
 from ces_gap.report.charts import (
     draw_gap_maps,
     draw_share_charts,
@@ -23,12 +34,13 @@ from ces_gap.report.tables import (
     cause_table,
     composition_table,
     effects_without_row,
+    probe_table,
     recording_table,
     refit_table,
     region_table,
 )
 from ces_report.shell import page_template, replace_unencodable
-from ces_report.typesetting import three_figures
+from ces_report.typesetting import format_range, three_figures
 
 VERDICTS = {NAMED: "cause named", AMBIGUOUS: "several causes fit", UNKNOWN: "cause unknown", NO_GAP: "no gap"}
 SIGNIFICANT = 0.05  # p-value of the test over all regions
@@ -97,6 +109,7 @@ def report_page(
         experiment=_experiment(d.next_experiment),
         held_out=recording_table(d),
         has_correction=has_correction(d),
+        probed=probe_table(d),
     )
     return replace_unencodable(page)
 
@@ -110,26 +123,31 @@ def build_gap_steps(d: Diagnosis) -> GapSteps:
     scale = STEP_ROOM * min(max([longest, *filter(math.isfinite, others)]), MAX_CONTROL * longest)
     steps = [_bar(scale, "before", "Original simulation", "", gap.rms_N, gap.ci95_N)]
     if has_correction(d):
-        remark = "learned from the reference recordings"
+        remark = "learned from the reference recordings" if d.correction is not None else ""
+        if d.probe.corrected:
+            remark = " and ".join(filter(None, ("timing of the inputs corrected", remark)))
         steps.append(_bar(scale, "corrected", "Baseline error removed", remark, gap.corrected_N, gap.corrected_ci95_N))
     if c.effects:
-        remark = "the best of the known effects" if d.verdict == UNKNOWN else ""
+        remark = _remark(d, c, "fits the other recordings best" if d.verdict == UNKNOWN else "")
         text = f"With {join_effect_names(c.effects)}"
         steps.append(_bar(scale, "after", text, remark, c.gap_after_N, after_ci95_N(c)))
     remark = f"from {gap.noise_source}; subtracted from all other bars"
     steps.append(_bar(scale, "noise", "Measurement noise", remark, gap.noise_floor_N, None))
     controls = []
     if d.wrong is not None:
-        text, remark = (
-            f"Best other effect: {effect_name(d.wrong.effects[0])}",
-            "any flexible effect reduces any gap a little",
-        )
+        remark = _remark(d, d.wrong, "any flexible effect reduces any gap a little")
+        text = f"Best {'other ' if c.effects else ''}effect: {effect_name(d.wrong.effects[0])}"
         controls.append(_bar(scale, "wrong", text, remark, d.wrong.gap_after_N, after_ci95_N(d.wrong)))
     if math.isfinite(ceiling):
         remark = "without physics: any smooth function with a memory"
         controls.append(_bar(scale, "ceiling", "Generic learner", remark, ceiling, None))
     is_cut = any(bar.css.endswith(" cut") for bar in (*steps, *controls))
     return GapSteps(tuple(steps), tuple(controls), steps[-1].length, is_cut)
+
+
+def _remark(d: Diagnosis, shown: Explanation, otherwise: str) -> str:
+    closest = find_closest(d) if d.verdict == UNKNOWN else None
+    return "the closest of the known effects" if closest and closest.effects == shown.effects else otherwise
 
 
 def has_correction(d: Diagnosis) -> bool:
@@ -151,13 +169,13 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
     """Return the most important figure with its unit and an explanation."""
     c = d.composition
     if d.verdict == UNKNOWN:
-        figure, unit = percent(1.0 - c.shrink if c.effects else 1.0), "%"
-        share = 1.0 - d.ceiling_after_N / d.gap.rms_N if d.gap.rms_N > 0.0 else math.nan
+        closest = find_closest(d)
+        before_N = d.gap.corrected_N if d.gap.corrected_N > 0.0 else math.nan
+        figure, unit = percent(1.0 if closest is None else closest.gap_after_N / before_N), "%"
+        share = 1.0 - d.ceiling_after_N / before_N
         learnt = "nothing of it" if share <= 0.0 else f"{percent(share)}\N{NO-BREAK SPACE}%"
-        left = "on held-out recordings remains unexplained by known effects"
-        if c.effects and c.shrink < 0.0:
-            left = "is there on held-out recordings with what was fitted, so the fit does not carry over"
-        text = f"of the gap {left}; a generic learner explains {learnt}."
+        text = f"of the gap{d.gap.own_error} on held-out recordings remains unexplained by known effects; "
+        text += f"a generic learner explains {learnt}."
     elif d.verdict == NO_GAP or not c.effects:
         figure, unit, noise = three_figures(d.gap.rms_N), "N", three_figures(d.gap.noise_floor_N)
         text = f"between simulation and measurement; the measurement noise is {noise} N."
@@ -172,12 +190,10 @@ def _key_figure(d: Diagnosis) -> dict[str, str]:
 def _warnings(d: Diagnosis) -> list[str]:
     """Return what a reader must know before the result; the other notes are at the end of the page."""
     texts = [f"{sentence_case(note)}." for note in d.seen_notes]
-    if d.surrogate_cost_J is not None:
-        cost = three_figures(d.surrogate_cost_J)
+    if d.is_recorded and d.twin is not None:
+        cost = three_figures(d.twin.cost_J)
         text = "The simulation is available only as recorded predictions. Effects on position and current were "
-        text += f"evaluated with a surrogate learned from these predictions; its cost J is {cost} %."
-        if d.surrogate_error is not None:
-            text += f" Its error where inputs change is about {percent(d.surrogate_error)} % of the change."
+        text += f"evaluated with a {d.twin.body.kind} network fitted to these predictions; its cost J is {cost} %."
         texts.append(text)
     return texts
 
@@ -244,5 +260,5 @@ def _bar(scale: float, css: str, label: str, remark: str, value: float, ci95: In
     css, interval, whisker = f"{css} cut" if value > scale else css, "", None
     if ci95 is not None and all(map(math.isfinite, ci95)):
         low, high = map(percent_of_scale, ci95)
-        interval, whisker = " to ".join(map(three_figures, ci95)), (low, high - low)
+        interval, whisker = format_range(*ci95), (low, high - low)
     return Bar(css, label, remark, three_figures(value), interval, percent_of_scale(value), whisker)

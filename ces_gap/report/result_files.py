@@ -38,7 +38,9 @@ def result_files(
     provenance = {role: [{"recording": r.name, "sha256": r.sha256} for r in recordings] for role, recordings in sources}
     found = diagnosis.composition.composition
     said = {"verdict": diagnosis.verdict, "gap": document["gap"], **provenance}
-    augmented = augmented_text(sim, found, diagnosis.correction, diagnosis.surrogate, said)
+    augmented = augmented_text(
+        sim, found, diagnosis.correction, diagnosis.twin, diagnosis.is_recorded, said, diagnosis.probe.corrected
+    )
     return {GAP: format_document(document), AUGMENTED: augmented, **page, **experiment}
 
 

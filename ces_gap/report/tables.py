@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from markupsafe import Markup
 
 from ces_gap.diagnosis import (
+    AMBIGUOUS,
+    NAMED,
     CalibrationCell,
     Diagnosis,
     Estimate,
@@ -19,10 +21,11 @@ from ces_gap.diagnosis import (
 )
 from ces_gap.effects.effect import Setting
 from ces_gap.inference.verdict import CALIBRATION
+from ces_gap.inputs.probe_result import ProbeFinding
 from ces_gap.refit import GroupRefit
 from ces_gap.report.formatting import effect_name, parameter_text, percent, percents, region_name, sentence_case
 from ces_report.table import Column, Table
-from ces_report.typesetting import three_figures
+from ces_report.typesetting import format_range, three_figures
 
 MAX_ROWS = 6  # effects with a row of their own
 ALWAYS = 3  # as many effects always have a row
@@ -58,7 +61,7 @@ class ParameterText:
 class CauseRow:
     """One effect alone, or one of the other possibilities; numbers that do not apply are None.
 
-    `css` is "named" if the verdict names the effect or one indistinguishable from it, and "left" for what is no effect.
+    `css` is "named" if the verdict names the effect, or leaves it possible, and "left" for what is no effect.
     """
 
     effect: str
@@ -129,8 +132,7 @@ def cause_table(d: Diagnosis) -> Table[CauseRow]:
 def cause_rows(d: Diagnosis) -> list[CauseRow]:
     """Return the rows of the probable causes, most probable first."""
     causes = [c for i, c in enumerate(d.causes[:MAX_ROWS]) if i < ALWAYS or c.probability >= MIN_PROBABILITY]
-    effects = set(d.composition.effects)
-    named = effects.union(*(group for group in d.indistinguishable if effects & set(group)))
+    named = {*d.composition.effects, *d.alternatives} if d.verdict in (NAMED, AMBIGUOUS) else set()
     return [
         CauseRow(
             effect=effect_name(cause.effects[0]),
@@ -198,8 +200,8 @@ def calibration_table(d: Diagnosis) -> Table[CellRow] | None:
     def force_at(current_A: tuple[float, float]) -> Callable[[CellRow], str]:
         return lambda row: next((f"{c.force_N:+.1f}" for c in row if c.current_A == current_A), "")
 
-    columns: list[Column[CellRow]] = [Column("Speed [m/s]", lambda row: "{:.2f} to {:.2f}".format(*row[0].speed_m_s))]
-    columns += [Column(f"{i[0]:.2f} to {i[1]:.2f}\N{NO-BREAK SPACE}A", force_at(i), figure=True) for i in currents]
+    columns: list[Column[CellRow]] = [Column("Speed [m/s]", lambda row: format_range(*row[0].speed_m_s))]
+    columns += [Column(f"{format_range(*i)}\N{NO-BREAK SPACE}A", force_at(i), figure=True) for i in currents]
     return Table(columns, rows, "what the recalibration adds to the simulated force [N]")
 
 
@@ -207,7 +209,7 @@ REFIT_COLUMNS: tuple[Column[GroupRefit], ...] = (
     Column("Parameters", lambda r: sentence_case(r.group)),
     Column(
         "Change",
-        lambda r: "; ".join(f"{c.name}: {three_figures(c.before)} to {three_figures(c.after)}" for c in r.changes),
+        lambda r: "; ".join(f"{c.name}: {format_range(c.before, c.after)}" for c in r.changes),
     ),
     Column("Moved [standard errors]", lambda r: f"{r.moved_z:.1f}", figure=True),
     Column("On the references", lambda r: "\N{EN DASH}" if r.control_z is None else f"{r.control_z:.1f}", figure=True),
@@ -219,6 +221,18 @@ def refit_table(d: Diagnosis) -> Table[GroupRefit] | None:
     """Return the refits of a physical model's parameters that close part of the gap; None if there are none."""
     refits = [] if d.refits is None else [r for r in d.refits.refits if r.energy > r.energy_error]
     return Table(REFIT_COLUMNS, refits) if refits else None
+
+
+PROBE_COLUMNS: tuple[Column[ProbeFinding], ...] = (
+    Column("Asked", lambda f: f.about),
+    Column("Found", lambda f: f.found),
+    Column("Meaning", lambda f: sentence_case(f.meaning)),
+)
+
+
+def probe_table(d: Diagnosis) -> Table[ProbeFinding] | None:
+    """Return what the simulation does to its inputs; None if nothing was found."""
+    return Table(PROBE_COLUMNS, d.probe.findings) if d.probe.findings else None
 
 
 RegionGap = tuple[GapRegion, float]  # a region and the gap after [N] in it

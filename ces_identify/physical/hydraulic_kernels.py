@@ -82,7 +82,7 @@ def run_network(
     k, at, interval = a.k, a.places, a.interval_s
     size, fitted, wide = len(k), matrix.shape[0] > 0, len(a.flows)
     ratio, growth, oil = 1.0 + k[at[RATIO]], k[at[GROWTH]], k[at[OIL] : at[OIL] + OILS]
-    valve = 4 + len(a.currents)
+    valve = 4 + len(a.currents) if fitted else 0
     plays, by_setting = np.zeros((3, len(valves.HALVES))), np.zeros(valve)
     by_c, by_r = np.zeros(size), np.zeros(size)
     rows, used_rows = np.zeros((ROWS if fitted else 1, size)), 0
@@ -101,7 +101,8 @@ def run_network(
     below, above, blends = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3)
     edges = np.array([at[PISTON], at[BASE], at[EXTERNAL]])
     spring, mount = k[at[MOUNT]], k[at[MOUNT]] + interval * k[at[CREEP]]  # a tick's creep gives way like a spring
-    at_rest = store(oil, 0.0, rest)
+    at_rest = store(oil, 0.0, stored, 0)
+    rest[:] = stored[0]
     total, steps, most, bypasses = 0.0, 0, 0.0, len(a.bypassed) > 0
     along_bypass, j, inside = 0.0, 0, False
     for s in range(data.segments.shape[0]):
@@ -110,6 +111,7 @@ def run_network(
             continue
         setting = valves.restart_valve(k, a.currents, data.current[first], plays, by_setting)
         start[:] = 0.0
+        last_c, last_r = 0.0, 0.0
         by_c[:] = 0.0
         by_r[:] = 0.0
         rub[:] = 0.0
@@ -174,13 +176,14 @@ def run_network(
                 p_c, p_r = min(max(p_c, -a.most_N), a.most_N), min(max(p_r, -a.most_N), a.most_N)
                 drops[0], drops[1], drops[2] = p_c - p_r, p_c, p_r
                 for m in range(3):
-                    pieces[m] = look_up(k, a.flows, below[m], above[m], blends[m], drops[m], pieces[m], values[m])
-                pieces[3], pieces[4] = store(oil, p_c, stored[0]), store(oil, p_r, stored[1])
+                    pieces[m] = look_up(k, a.flows, below[m], above[m], blends[m], drops[m], pieces[m], values, m)
+                pieces[3], pieces[4] = store(oil, p_c, stored, 0), store(oil, p_r, stored, 1)
                 way, held, _ = slide(
                     cells[4] - mount * (ratio * p_c - p_r), mount,
                     k[at[FRICTION] : at[FRICTION] + a.friction], rub, limits, slips,
                 )  # fmt: skip
-            start[0], start[1] = p_c, p_r
+            start[0], start[1] = 2.0 * p_c - last_c, 2.0 * p_r - last_r
+            last_c, last_r = p_c, p_r
             steps += used
             most = max(most, abs(p_c), abs(p_r))
             pulled_s = ratio * p_c - p_r

@@ -88,6 +88,12 @@ class HydraulicModels:
         layout = replace(self.layout, tail=tail, edges=edges)
         return replace(self, layout=layout), np.concatenate([*own.values(), *(e.start for e in edges)])
 
+    def at_interval(self, training: Training, interval_s: float, theta: F) -> tuple[HydraulicModels, F]:
+        """Return the models on ticks that are `interval_s` apart, and parameters of the same damper as `theta`."""
+        ratio, moved = self.scales.interval_s / interval_s, theta.copy()
+        moved[[name == "delay_ticks" for name in self.layout.owners]] += np.log(ratio)
+        return replace(self, training=training, scales=replace(self.scales, interval_s=interval_s)), moved
+
     @classmethod
     def reopen(cls, body: Hydraulic, interval_s: float, training: Training) -> tuple[HydraulicModels, F]:
         """Return the models about `body`, and its parameters."""
@@ -132,7 +138,13 @@ class HydraulicModels:
 
     def cost(self, theta: F, weights: F) -> float:
         """Return the mean J [%] over the recordings for weights (ticks,) as in `Training`."""
-        return self.training.cost(self.force(theta), weights)
+        last, force = self._last.get("run", (np.empty(0), np.empty(0)))
+        return self.training.cost(force if np.array_equal(last, theta) else self.force(theta), weights)
+
+    @cached_property
+    def _last(self) -> dict[str, tuple[F, F]]:
+        """The parameters of the last run, and its force: its cost on other ticks needs no new run."""
+        return {}
 
     def error(self, theta: F, weights: F) -> float:
         """Return the squared error for weights (ticks,) as in `Training`."""
@@ -157,6 +169,7 @@ class HydraulicModels:
     def _run(self, theta: F, score: Score, matrix: F, gradients: F) -> tuple[F, float]:
         force = np.empty(len(self.training.measured))
         error, _, _ = run_network(self.arrays(theta), self.data, score, force, matrix, gradients)
+        self._last["run"] = theta, force
         return force, float(error)
 
     def body(self, theta: F) -> Hydraulic:

@@ -8,11 +8,12 @@ import numpy as np
 from numba import njit
 
 from ces_data.arrays import F, I
-from ces_observer.structures.hydraulic import CLOSE, MAX_STEPS, NEAR, PATIENCE, ROUNDING, SPREAD, TURN
+from ces_observer.structures.hydraulic import MAX_STEPS, PATIENCE, ROUNDING, SPREAD, TURN
 
 LEAD, VISCOUS, MASS, GAS, RATIO, COMPRESSION, REBOUND, MOUNT, CREEP, FADE, OIL, PISTON, BASE, EXTERNAL = range(14)
 BYPASS, NARROW, FRICTION, YIELD, MOVED, GROWTH, LAGS = range(14, 21)  # of `places`, too
 OILS = 2  # absolute pressure of the reservoir [N], and air
+CLOSE, NEAR = 1e-8, 1e-4  # as on the vehicle, but a fit needs no more: a Newton step squares its error
 TIMES = np.array(SPREAD)  # absolute pressures over the reservoir's, where the pieces of the oil meet
 
 
@@ -39,10 +40,10 @@ class NetworkArrays(NamedTuple):
 
 
 @njit(cache=True)
-def look_up(k: F, flows: F, below: int, above: int, blend: float, drop: float, piece: int, out: F) -> int:
-    """Fill `out` with flow, slope and share of its piece at a pressure drop [N] of a blended edge; return the piece.
+def look_up(k: F, flows: F, below: int, above: int, blend: float, drop: float, piece: int, out: F, m: int) -> int:
+    """Fill row `m` of `out` with flow, slope and share of its piece at a drop [N] of a blended edge; return the piece.
 
-    The search begins at `piece`.
+    The search begins at `piece`. (Views of rows cost time.)
     """
     count = len(flows)
     j = piece
@@ -52,16 +53,15 @@ def look_up(k: F, flows: F, below: int, above: int, blend: float, drop: float, p
         j -= 1
     left = k[below + j] + blend * (k[above + j] - k[below + j])
     rise = k[below + j + 1] + blend * (k[above + j + 1] - k[below + j + 1]) - left
-    out[1] = (flows[j + 1] - flows[j]) / rise
-    out[2] = (drop - left) / rise
-    out[0] = flows[j] + out[1] * (drop - left)
+    slope = (flows[j + 1] - flows[j]) / rise
+    out[m, 0], out[m, 1], out[m, 2] = flows[j] + slope * (drop - left), slope, (drop - left) / rise
     return j
 
 
 @njit(cache=True)
-def store(oil: F, p: float, out: F) -> int:
-    """Fill `out` with phi(p) [N], its slope, and its derivatives by the numbers of `oil`; return the piece."""
-    reservoir, air = oil
+def store(oil: F, p: float, out: F, m: int) -> int:
+    """Fill row `m` of `out` with phi(p) [N], slope, and derivatives by the numbers of `oil`; return the piece."""
+    reservoir, air = oil[0], oil[1]
     time = p / reservoir + 1.0
     j = 0
     while j < len(TIMES) and time > TIMES[j]:
@@ -74,8 +74,8 @@ def store(oil: F, p: float, out: F) -> int:
     else:
         slope = 1.0 / (TIMES[j - 1] * TIMES[j])
         over = 1.0 - 1.0 / TIMES[j] - slope * (TIMES[j] - time)
-    out[0], out[1] = p + reservoir * air * over, 1.0 + air * slope
-    out[2], out[3] = air * (over - slope * (time - 1.0)), reservoir * over
+    out[m, 0], out[m, 1] = p + reservoir * air * over, 1.0 + air * slope
+    out[m, 2], out[m, 3] = air * (over - slope * (time - 1.0)), reservoir * over
     return j
 
 
@@ -123,11 +123,11 @@ def solve_step(
     p_c, p_r, d_c, d_r, slope, settled, smooth, which = start[0], start[1], 0.0, 0.0, 0.0, False, False, 0
     for step in range(MAX_STEPS):
         drop = p_c - p_r
-        b0, b1, b2, b3, b4 = pieces
-        pieces[0] = look_up(k, flows, below[0], above[0], blends[0], drop, pieces[0], values[0])
-        pieces[1] = look_up(k, flows, below[1], above[1], blends[1], p_c, pieces[1], values[1])
-        pieces[2] = look_up(k, flows, below[2], above[2], blends[2], p_r, pieces[2], values[2])
-        pieces[3], pieces[4] = store(oil, p_c, stored[0]), store(oil, p_r, stored[1])
+        b0, b1, b2, b3, b4 = pieces[0], pieces[1], pieces[2], pieces[3], pieces[4]
+        pieces[0] = look_up(k, flows, below[0], above[0], blends[0], drop, pieces[0], values, 0)
+        pieces[1] = look_up(k, flows, below[1], above[1], blends[1], p_c, pieces[1], values, 1)
+        pieces[2] = look_up(k, flows, below[2], above[2], blends[2], p_r, pieces[2], values, 2)
+        pieces[3], pieces[4] = store(oil, p_c, stored, 0), store(oil, p_r, stored, 1)
         drops[0], drops[1], drops[2] = drop, p_c, p_r
         for m in range(3):
             values[m, 3], values[m, 4] = shares[m] * values[m, 0], shares[m] * values[m, 1]

@@ -78,6 +78,23 @@ class PhysicalSearch:
             self.stop.set()
         return self._sorted()
 
+    def polish(
+        self, fit: PhysicalFit, training: Training, interval_s: float, strengths: Sequence[float]
+    ) -> PhysicalFit:
+        """Return the fit continued on other ticks of the same data, `interval_s` apart, with weaker and weaker pulls.
+
+        The last descent has as many steps as that on nodes; the others, which lead to it, half of them.
+        """
+        models, theta = fit.models.at_interval(training, interval_s, fit.theta)
+        best = fit
+        for k, strength in enumerate(strengths, 1):
+            steps = NODE_STEPS if k == len(strengths) else NODE_STEPS // 2
+            found = self._fit(models, theta, strength, 0, steps)
+            if k > 1 and found.cost > WORTHWHILE * best.cost:
+                break
+            best, theta = found, found.theta
+        return best
+
     def refit(self, fit: PhysicalFit, share: F | float = 1.0) -> F:
         """Return the parameters after a last fit to all ticks, weighted by `share` (ticks,)."""
         everything = (fit.models.training.estimation + fit.models.training.selection) * share

@@ -59,7 +59,8 @@ def restart_valve(k: F, nodes: F, current: float, plays: F, by: F) -> float:
     share = (current - nodes[j]) / (nodes[j + 1] - nodes[j])
     if share < 0.0 or share > 1.0:
         share = min(max(share, 0.0), 1.0)
-    add_share(by, SETTING + j, share, 1.0)
+    if len(by) > 0:
+        add_share(by, SETTING + j, share, 1.0)
     return float(k[SETTING + j] + share * (k[SETTING + j + 1] - k[SETTING + j]))
 
 
@@ -69,7 +70,8 @@ def advance_valve(
 ) -> float:
     """Return the setting after tick `n` of a segment that begins at `first`; `k` are the parameters.
 
-    `plays` are the positions of the plays and their derivatives by half width and delay; `by` the setting's.
+    `plays` are the positions of the plays and their derivatives by half width and delay; `by` the setting's, empty if
+    not wanted.
     """
     whole = int(k[DELAY])
     part = k[DELAY] - whole
@@ -97,6 +99,8 @@ def advance_valve(
     target = k[SETTING + j] + share * (k[SETTING + j + 1] - k[SETTING + j])
     lag = RISE if target > setting else FALL
     gain = interval / (k[lag] + interval)
+    if len(by) == 0:
+        return float(setting + gain * (target - setting))
     for m in range(len(by)):
         by[m] *= 1.0 - gain
     add_share(by, SETTING + j, share, gain)

@@ -22,7 +22,7 @@ from typing import Any
 import numpy as np
 import yaml
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline, PchipInterpolator
+from scipy.interpolate import PchipInterpolator
 
 from ces_data.arrays import F
 from ces_data.bags.writer import TopicData, recording_topics, write_bag
@@ -100,13 +100,10 @@ def _noise_free_arrays(name: str, ideal: IdealRecording, recording: Recording, s
     """Return the noise-free signals and the simulated force at the stamps of the position samples."""
     true = ideal.true
     at = (recording.channel("position").stamps_ns - EPOCH_NS) * 1e-9
-    motion = CubicSpline(true.time_s, true.stroke_m)
     columns = {
         "force_N": PchipInterpolator(true.time_s, true.force_N)(at),
         "effect_N": PchipInterpolator(true.time_s, ideal.effect_N)(at),
         "baseline_N": simulated,
-        "stroke_m": motion(at),
-        "speed_m_s": motion(at, 1),
     }
     return {f"{name}_{key}": np.asarray(values, np.float32) for key, values in columns.items()}
 
@@ -122,7 +119,7 @@ def _make_label(drawn: DrawnCase, arrays: Arrays) -> Label:
     return {
         "case": f"{case.number:04d}",
         "kind": case.kind,
-        "plant": drawn.plant.kind,
+        "plant": drawn.plant_name,
         "excitation": case.excitation,
         "gap_to_noise": case.gap_to_noise,
         "baseline_ratio": case.baseline_ratio,

@@ -23,7 +23,7 @@ from ces_rig.sensors import Sensors, Truth
 from ces_rig.withheld import plants
 
 NOISE_N = Sensors().force.noise  # [N] RMS
-REAL, REFERENCE, HELD_OUT = ("r1", "r2"), ("f1", "f2"), ("h1",)
+REAL, REFERENCE, HELD_OUT = ("r1", "r2"), ("f1", "f2", "f3", "f4", "f5"), ("h1",)
 ATTEMPTS = 3  # per set of effects
 SEARCH_S = 4.0  # [s] length of the part of a recording on which sizes are searched
 TOLERANCE = 0.1  # of the gap
@@ -43,6 +43,7 @@ class DrawnCase:
     """A drawn case: plant, withheld effects, `simulated` with wrong numbers; recordings and noise `seeds` by name."""
 
     case: BlindCase
+    plant_name: str
     plant: DamperModel
     withheld: tuple[WithheldEffect, ...]
     simulated: DamperModel
@@ -64,15 +65,16 @@ def draw_case(case: BlindCase, seconds: float, spare_effects: Sequence[tuple[str
 
 def _try_draw(case: BlindCase, seconds: float, attempt: int) -> DrawnCase:
     rng = np.random.default_rng([case.seed, attempt])
-    suitable = [kind for kind in case.plants if set(case.effects) <= set(plants.available_effects(kind))]
+    designs = case.plants.items()
+    suitable = [name for name, one in designs if set(case.effects) <= set(plants.available_effects(one.kind))]
     if not suitable:
         raise RigError(f"none of the plants {', '.join(case.plants)} can have {' and '.join(case.effects)}")
-    kind = suitable[int(rng.integers(len(suitable)))]
-    plant = plants.draw_plant(kind, rng)
+    name = suitable[int(rng.integers(len(suitable)))]
+    plant = plants.draw_plant(case.plants[name].kind, rng, case.plants[name])
     drive = draw_drive(case.excitation, plant.current_A, rng)
     seeds = {role: int(rng.integers(2**31)) for role in (*REAL, *REFERENCE, *HELD_OUT)}
     commands = {role: drive.commands(seconds, seed) for role, seed in seeds.items()}
-    shapes = [plants.draw_effect(kind, name, rng) for name in case.effects]
+    shapes = [plants.draw_effect(plant.kind, effect, rng) for effect in case.effects]
     target = case.gap_to_noise * NOISE_N
     free = {role: EffectFreeRecording.from_commands(plant, c) for role, c in commands.items()}
     withheld, recordings = _size_effects(plant, shapes, target, {role: free[role] for role in REAL})
@@ -85,7 +87,7 @@ def _try_draw(case: BlindCase, seconds: float, attempt: int) -> DrawnCase:
     if error_N > 0.0:
         part = commands[REAL[0]].around_peak(SEARCH_S)
         simulated, _ = plants.perturb_to_gap(plant, error_N, seed, part.time_s, part.stroke_m, part.command_A)
-    return DrawnCase(case, plant, withheld, simulated, recordings, seeds)
+    return DrawnCase(case, name, plant, withheld, simulated, recordings, seeds)
 
 
 @dataclass(frozen=True)

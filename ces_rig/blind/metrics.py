@@ -1,4 +1,4 @@
-"""Rates, quantiles, means and the calibration of probabilities, with 95 % intervals that hold for few cases, too.
+"""Rates, quantiles and the calibration of probabilities, with 95 % intervals that hold for few cases, too.
 
 Cases are drawn independently of each other, so that nothing of the errors of recordings (`numerics/sum_error.py`)
 applies here. An end of an interval that so few cases do not bound is infinite.
@@ -12,10 +12,10 @@ from functools import partial
 from math import inf, isfinite, nan, sqrt
 
 import numpy as np
-from scipy.stats import binom, norm, t
+from scipy.stats import binom, norm
 
 from ces_data.arrays import F
-from ces_rig.blind.outcome import CLASSES, IDENTIFIED, NONE, UNKNOWN, CaseOutcome
+from ces_rig.blind.outcome import CLASSES, NONE, UNKNOWN, CaseOutcome
 
 LEVEL = 0.95
 TAIL = 0.5 * (1.0 - LEVEL)
@@ -32,23 +32,15 @@ class Statistic:
     interval: Interval = (nan, nan)
 
 
-def rate(hits: Sequence[bool], cases: int | None = None) -> Statistic:
-    """Return the share of hits with Wilson's interval (J. Am. Stat. Assoc. 22, 1927).
-
-    Several hits of one case are not independent: with the number of `cases`, the interval is that of so many.
-    """
+def rate(hits: Sequence[bool]) -> Statistic:
+    """Return the share of hits with Wilson's interval (J. Am. Stat. Assoc. 22, 1927)."""
     if not hits:
         return Statistic()
-    share = sum(hits) / len(hits)
-    return Statistic(share, len(hits), wilson_interval(share, len(hits) if cases is None else cases))
-
-
-def wilson_interval(share: float, count: int) -> Interval:
-    """Return Wilson's interval of a share of `count` independent trials."""
-    z2 = float(norm.isf(TAIL)) ** 2
+    count, z2 = len(hits), float(norm.isf(TAIL)) ** 2
+    share = sum(hits) / count
     middle = (share + 0.5 * z2 / count) / (1.0 + z2 / count)
     half = sqrt(z2 * (share * (1.0 - share) / count + 0.25 * z2 / count**2)) / (1.0 + z2 / count)
-    return max(middle - half, 0.0), min(middle + half, 1.0)
+    return Statistic(share, count, (max(middle - half, 0.0), min(middle + half, 1.0)))
 
 
 def quantile(values: Sequence[float], share: float) -> Statistic:
@@ -63,16 +55,6 @@ def quantile(values: Sequence[float], share: float) -> Statistic:
     above = int(binom.isf(TAIL, n, share))  # more than these are too many
     interval = (float(ordered[below - 1]) if below > 0 else -inf, float(ordered[above]) if above < n else inf)
     return Statistic(float(np.quantile(ordered, share)), n, interval)
-
-
-def mean(values: Sequence[float]) -> Statistic:
-    """Return the mean with Student's interval, which one case does not bound."""
-    cases = np.asarray(values, np.float64)
-    n = len(cases)
-    if not n:
-        return Statistic()
-    middle, half = float(cases.mean()), float(t.isf(TAIL, n - 1) * cases.std(ddof=1) / sqrt(n)) if n > 1 else inf
-    return Statistic(middle, n, (middle - half, middle + half))
 
 
 def calibration_error(probability: F, right: F) -> Statistic:
@@ -102,24 +84,18 @@ def _sum_in_bins(probability: F, values: F) -> F:
     return np.stack([np.where(bins == b, values, 0.0).sum(axis=1) for b in range(BINS)], axis=1)
 
 
-def brier(probability: F, right: F) -> Statistic:
-    """Return the mean over cases of the squared distance of probabilities from the truth, each (cases, candidates)."""
-    return mean(np.sum((probability - right) ** 2, axis=1).tolist())
-
-
 Cases = Sequence[CaseOutcome]
 Count = Callable[[Cases], Statistic]
 
 LIBRARY = ("effect", "pair")
 KINDS_WITH_GAP = ("effect", "pair", "outside")
-TARGET_GAP = 3.0  # the targets apply from this gap-to-noise ratio on
 
 
 @dataclass(frozen=True)
 class Metric:
     """A figure of a set of cases, `percent` if it is a share; `targets` are by class of mode, in the order of CLASSES.
 
-    One target holds for all classes. `short` is its heading in the tables IN_SUMMARY and IN_SLICES.
+    One target holds for all classes.
     """
 
     name: str
@@ -127,8 +103,6 @@ class Metric:
     targets: tuple[float | None, ...] = ()
     target_is_minimum: bool = True
     percent: bool = True
-    shown: tuple[str, ...] = ()
-    short: str = ""
 
     def target(self, class_name: str) -> float | None:
         """Return the target of a class of modes, if it has one."""
@@ -148,17 +122,6 @@ class Metric:
             decided = "met" if met else "**not met**" if missed else "undecided"
             goal = f"{'≥' if at_least else '≤'} {self.format(target)} {decided}"
         return self.format(figure.value), f"{self.format(low)} to {self.format(high)}", str(figure.count), goal
-
-
-def cases_with_targets(cases: Cases) -> list[CaseOutcome]:
-    """Return the cases that the targets apply to: a gap of at least 3 x noise, and with an identified model a gap of
-    at least its own error on the held-out recording."""
-    return [
-        case
-        for case in cases
-        if case.gap_to_noise >= TARGET_GAP
-        and not (case.mode.simulation == IDENTIFIED and case.gap_N < case.figures.get("error_N", 0.0) and case.truth)
-    ]
 
 
 def cases_of_kind(cases: Cases, *kinds: str) -> list[CaseOutcome]:
@@ -197,11 +160,6 @@ def _claims(case: CaseOutcome, name: str) -> Collection[str]:
     return () if name in case.accepted else (name,)
 
 
-def _count_covered(cases: Cases) -> Statistic:
-    comparable = [case.covered for case in cases_of_kind(cases, *LIBRARY) if case.covered]
-    return rate([hit for covered in comparable for hit in covered], cases=len(comparable))
-
-
 def _top_calibration(cases: Cases) -> Statistic:
     claimed, right = candidates(cases)
     if not len(claimed):
@@ -210,62 +168,19 @@ def _top_calibration(cases: Cases) -> Statistic:
     return calibration_error(claimed[rows, first][:, None], right[rows, first][:, None])
 
 
-IN_SUMMARY, IN_SLICES = "summary", "slices"
-BOTH = (IN_SUMMARY, IN_SLICES)
-_median, _tenth, _ninetieth = (partial(quantile, share=share) for share in (0.5, 0.1, 0.9))
+_median, _tenth = (partial(quantile, share=share) for share in (0.5, 0.1))
 METRICS: tuple[Metric, ...] = (
-    Metric("top-1", _count_hits(("effect",), lambda c: c.is_in_top(1)), (0.95, 0.90, 0.85, 0.90), shown=BOTH),
-    Metric("top-1 without `calibration`", _count_hits(("effect",), CaseOutcome.is_first_effect)),
-    Metric("top-1 by class", _count_hits(("effect",), CaseOutcome.is_first_by_class), (0.97, 0.95, 0.92, 0.95),
-           shown=BOTH, short="class"),
-    Metric("top-3", _count_hits(("effect",), lambda c: c.is_in_top(3)), (0.99, 0.97, 0.96, 0.97), shown=BOTH),
-    Metric("verdict names exactly the effect", _count_hits(("effect",), CaseOutcome.names_exactly), (0.85,),
-           shown=(IN_SUMMARY,), short="named exactly"),
-    Metric("named, and not the cause", _count_hits(KINDS_WITH_GAP, CaseOutcome.is_named_wrongly),
-           (0.02, 0.03, 0.05, 0.03), False, shown=BOTH, short="named, not the cause"),
-    Metric("verdict `no_gap` although there is a gap", _count_hits(KINDS_WITH_GAP, lambda c: c.verdict == "no_gap"),
-           target_is_minimum=False),
-    Metric("confidently wrong", _count_hits((*KINDS_WITH_GAP, NONE), CaseOutcome.is_confidently_wrong),
-           target_is_minimum=False),
-    Metric("false alarms", _count_hits((NONE,), CaseOutcome.is_false_alarm), (0.02, 0.03, 0.05, 0.03), False,
-           shown=BOTH),
-    Metric("outside called `unknown`", _count_hits(("outside",), lambda c: c.verdict == UNKNOWN),
-           (0.85, 0.75, 0.65, 0.75), shown=BOTH, short="outside unknown"),
-    Metric("library called `unknown`", _count_hits(LIBRARY, lambda c: c.verdict == UNKNOWN), (0.05, None, None, None),
-           False, shown=(IN_SLICES,), short="library unknown"),
-    Metric("both of a pair", _count_hits(("pair",), CaseOutcome.finds_exactly), (0.85, 0.75, 0.60, 0.75), shown=BOTH,
-           short="pairs"),
-    Metric("both of a pair by class", _count_hits(("pair",), CaseOutcome.finds_by_class)),
-    Metric("one of a pair first", _count_hits(("pair",), lambda c: c.is_in_top(1))),
-    Metric("closure, median", _summarize_figure("closure", LIBRARY, _median)),
-    Metric("closure / oracle, median", _summarize_figure("relative", LIBRARY, _median), (0.95, 0.90, 0.85, 0.85),
-           percent=False, shown=BOTH, short="closure / oracle"),
-    Metric("closure / oracle, 10th percentile", _summarize_figure("relative", LIBRARY, _tenth),
-           (0.75, 0.60, 0.50, 0.50), percent=False, shown=(IN_SUMMARY,), short="10th percentile"),
-    Metric("closure of the oracle, median", _summarize_figure("oracle", LIBRARY, _median)),
-    Metric("closure of the oracle without correction, median", _summarize_figure("plain_oracle", LIBRARY, _median)),
+    Metric("first", _count_hits(("effect",), lambda c: c.is_in_top(1)), (0.95, 0.90, 0.85, 0.90)),
+    Metric("first, or indistinguishable from the first", _count_hits(("effect",), CaseOutcome.is_first_by_class)),
+    Metric("among the first three", _count_hits(("effect",), lambda c: c.is_in_top(3))),
+    Metric("named wrong", _count_hits(KINDS_WITH_GAP, CaseOutcome.is_named_wrongly), (0.02, 0.03, 0.05, 0.03), False),
+    Metric("false alarms", _count_hits((NONE,), CaseOutcome.is_false_alarm), (0.02, 0.03, 0.05, 0.03), False),
+    Metric("outside unknown", _count_hits(("outside",), lambda c: c.verdict == UNKNOWN), (0.85, 0.75, 0.65, 0.75)),
+    Metric("pairs (both found)", _count_hits(("pair",), CaseOutcome.finds_exactly), (0.85, 0.75, 0.60, 0.75)),
+    Metric("true shrink, median", _summarize_figure("closure", LIBRARY, _median)),
+    Metric("true shrink, 10th percentile", _summarize_figure("closure", LIBRARY, _tenth)),
     Metric("abs(claimed − true shrink), median", _summarize_figure("shrink_error", LIBRARY, _median), (0.05,), False,
-           False, BOTH, "shrink error"),
-    Metric("abs(claimed − true shrink), 90th percentile", _summarize_figure("shrink_error", LIBRARY, _ninetieth),
-           (0.15,), False, False, (IN_SUMMARY,), "90th percentile"),
-    Metric("parameters within their 95 % interval", _count_covered, (0.90,), shown=(IN_SUMMARY,),
-           short="parameters covered"),
-    Metric("`where`: misplaced energy over direction, mean",
-           _summarize_figure("where_direction", KINDS_WITH_GAP, mean), target_is_minimum=False),
-    Metric("`where`: misplaced energy over speed, mean", _summarize_figure("where_speed_m_s", KINDS_WITH_GAP, mean),
-           target_is_minimum=False),
-    Metric("ECE of the first candidate", _top_calibration, (0.05,), False, False, BOTH, "ECE"),
-    Metric("ECE of all candidates", lambda cases: calibration_error(*candidates(cases)), (), False, False),
-    Metric("Brier score", lambda cases: brier(*candidates(cases)), (), False, False),
+           False),
+    Metric("calibration error", _top_calibration, (0.05,), False, False),
 )  # fmt: skip
 BY_NAME: Mapping[str, Metric] = {metric.name: metric for metric in METRICS}
-
-
-def baselines(cases: Cases) -> dict[str, Statistic]:
-    """Return the top-1 rates of the simpler methods in the results, and of drawing a cause at random."""
-    effects = cases_of_kind(cases, "effect")
-    names = sorted({name for case in effects for name in case.baselines})
-    rates = {name: rate([c.baselines[name] in c.truth for c in effects if name in c.baselines]) for name in names}
-    rng = np.random.default_rng(0)
-    hits = [bool(case.ranked) and case.ranked[int(rng.integers(len(case.ranked)))] in case.truth for case in effects]
-    return {**rates, "one drawn at random": rate(hits)}

@@ -6,9 +6,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import combinations
 from typing import TypeVar
 
 import numpy as np
@@ -16,6 +16,7 @@ from numpy.random import Generator
 from scipy.signal import butter, sosfiltfilt
 
 from ces_data.arrays import F
+from ces_rig.dampers.model import DamperModel
 from ces_rig.drive.currents import Binary, ConstantLevel, FilteredNoise, Prbs, StrokeFollowing
 from ces_rig.drive.sequences import Current, Shape
 from ces_rig.drive.strokes import FrequencyModulated, NoiseStroke, RoadStroke, fade
@@ -101,10 +102,8 @@ T = TypeVar("T")
 
 EFFECT, NONE, OUTSIDE, PAIR = "effect", "none", "outside", "pair"
 KINDS = (EFFECT, NONE, OUTSIDE, PAIR)
-GAPS = (1.0, 3.0, 10.0)  # RMS of the effect's force over that of the force sensor's noise
+GAPS = (4.0, 8.0, 12.0, 16.0)  # RMS of the effect's force over that of the force sensor's noise
 ERRORS = (0.0, 1.0 / 3.0, 1.0)  # RMS of the simulation's own error over that of the effect's force
-GRID_PAIRS = 8  # pairs of effects in a grid
-GRID_NONE = 6  # repeats of each cell without an effect: false alarms are rare
 SHARES = {EFFECT: 0.60, NONE: 0.14, OUTSIDE: 0.12, PAIR: 0.14}  # of a sample
 INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_crosstalk", "sticking_pilot"})}
 """Effects that have no influence under an excitation."""
@@ -112,14 +111,17 @@ INVISIBLE = {CONSTANT: frozenset({"valve_lag", "current_hysteresis", "current_cr
 
 @dataclass(frozen=True)
 class BlindCase:
-    """One case: none to two `effects`, `seed`; without an effect `gap_to_noise` sizes the simulation's error."""
+    """One case: none to two `effects`, `seed`; without an effect `gap_to_noise` sizes the simulation's error.
+
+    `plants` are the designs by name around which its plant is drawn.
+    """
 
     kind: str
     effects: tuple[str, ...]
     gap_to_noise: float
     baseline_ratio: float
     excitation: str
-    plants: tuple[str, ...]
+    plants: Mapping[str, DamperModel]
     number: int = 0
     seed: int = 0
 
@@ -130,18 +132,11 @@ class Levels:
 
     effects: tuple[str, ...]
     outside: tuple[str, ...]
-    plants: tuple[str, ...]
+    plants: Mapping[str, DamperModel]
     kinds: tuple[str, ...] = KINDS
     gaps: tuple[float, ...] = GAPS
     errors: tuple[float, ...] = ERRORS
     excitations: tuple[str, ...] = EXCITATIONS
-
-
-def plan_grid(levels: Levels, seed: int) -> list[BlindCase]:
-    """Return all cases of the grid, shuffled: effects, outside effects and some pairs at all levels."""
-    rng = np.random.default_rng([seed, 0])
-    cases = [case for kind in levels.kinds for case in _cross_levels(levels, kind, rng)]
-    return _number_cases(cases, seed, rng)
 
 
 def plan_sample(levels: Levels, seed: int, count: int) -> list[BlindCase]:
@@ -165,20 +160,6 @@ def list_spare_effects(case: BlindCase, levels: Levels, count: int = 3) -> list[
 def is_visible(effects: Sequence[str], excitation: str) -> bool:
     """Return whether every effect has an influence under the excitation."""
     return not INVISIBLE.get(excitation, frozenset()) & set(effects)
-
-
-def _cross_levels(levels: Levels, kind: str, rng: Generator) -> Iterator[BlindCase]:
-    """Yield all combinations; without an effect, as many with a correct simulation as with a wrong one."""
-    if kind == NONE:
-        wrong = [error for error in levels.errors if error > 0.0] or [0.0]
-        for _, error, gap, excitation in product(range(GRID_NONE), wrong, levels.gaps, levels.excitations):
-            for ratio in (error, 0.0):
-                yield BlindCase(NONE, (), gap, ratio, excitation, levels.plants)
-        return
-    choices = _list_effects(levels, kind, rng)[: GRID_PAIRS if kind == PAIR else None]
-    for effects, gap, error, excitation in product(choices, levels.gaps, levels.errors, levels.excitations):
-        if is_visible(effects, excitation):
-            yield BlindCase(kind, effects, gap, error, excitation, levels.plants)
 
 
 def _balance_levels(levels: Levels, kind: str, count: int, rng: Generator) -> list[BlindCase]:

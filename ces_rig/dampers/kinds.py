@@ -1,8 +1,8 @@
 """The kinds of damper: each is a package beside this file and an entry in `KINDS`.
 
 A new kind needs parameters (a `LumpedDamper` if its description is flat), a kernel, its `KIND` and an entry here;
-simulations, blind cases and the live rig then support it. `ces_cli.blind.program.RESERVED` names the kinds that blind
-cases use only on request.
+simulations, blind cases and the live rig then support it. `ces_cli.blind.program.DEFAULT_PLANTS` names those that blind
+cases use without `--plants`.
 """
 
 from __future__ import annotations
@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from ces_observer.fields import read_record
-from ces_rig.dampers import bouc_wen, hydraulic, monotube
+from ces_rig.dampers import bouc_wen, hydraulic, lookup, monotube
 from ces_rig.dampers.hydraulic.parameters import Hydraulic, parse_damper
 from ces_rig.dampers.model import DamperKind, DamperModel, LumpedDamper
 from ces_rig.errors import RigError
 
 HYDRAULIC = Hydraulic.kind
-KINDS: Mapping[str, DamperKind] = {m.KIND.design.kind: m.KIND for m in (hydraulic, bouc_wen, monotube)}
+KINDS: Mapping[str, DamperKind] = {m.KIND.design.kind: m.KIND for m in (hydraulic, bouc_wen, monotube, lookup)}
 LUMPED: Mapping[str, type[LumpedDamper]] = {
     name: type(kind.design) for name, kind in KINDS.items() if isinstance(kind.design, LumpedDamper)
 }

@@ -93,7 +93,6 @@ class DamperModel(ABC):
 class LumpedDamper(DamperModel):
     """Base of the kinds with a flat description: what all have; raises RigError if a number is out of range."""
 
-    current_A: ClassVar[tuple[float, float]]
     gas_m3: float
     rod_m2: float
     play_m: float = quantity(0.0, "m", "free play of the bushing, end to end", 0.0, 0.02)
@@ -146,7 +145,10 @@ LUMPED_SPREADS: Mapping[str, Proportions] = {
     "groove": {"bypass_m_Ns": log_spread(6e-5, 2e-4), "at_m": uniform_spread(-0.012, 0.012),
                "half_m": log_spread(0.004, 0.01)},
     "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": uniform_spread(-0.01, 0.01)},
-    "backlash": {"play_m": log_spread(2e-4, 6e-4), "edge_m": log_spread(3e-6, 3e-5)},
+    "backlash": {"play_m": log_spread(2e-4, 6e-4)},
+    "cavitation": {"gas_loss": log_spread(60.0, 120.0)},
+    "leakage": {"bypass_m_Ns": log_spread(2e-5, 8e-5)},
+    "bump_stop": {"stiffness_N_m": log_spread(3e4, 2e5), "progression_1_m": uniform_spread(0.0, 120.0)},
     "gas_spring": {"pressure": uniform_spread(0.3, 1.2), "volume": log_spread(0.5, 2.0),
                    "exponent": uniform_spread(1.05, 1.4)},
     "foaming": {"growth_m_J": log_spread(2e-8, 2e-7)},
@@ -190,7 +192,13 @@ LUMPED_CHANGES: Mapping[str, Change] = {
     "compressibility": lambda d, s, p: {
         "oil_N_m": 1.0 / (1.0 / d.oil_N_m + s * p["compliance_m_N"]), "air_m": d.air_m + s * p["air_m"],
     },
-    "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"], "play_edge_m": p["edge_m"]},
+    "backlash": add_to(play_m="play_m"),
+    "cavitation": lambda d, s, p: {"void_N": d.void_N / (1.0 + s * p["gas_loss"])},
+    "leakage": add_to(bypass_m_Ns="bypass_m_Ns"),
+    "bump_stop": lambda d, s, p: {
+        "stop_clearance_m": d.stop_clearance_m / (1.0 + s), "stop_N_m": p["stiffness_N_m"],
+        "stop_progression_1_m": p["progression_1_m"],
+    },
     "inertia": add_to(mass_kg="mass_kg"),
     "gas_spring": _gas_spring,
     "blow_off": lambda d, s, p: {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_Ns_m": p["beyond_Ns_m"]},

@@ -41,11 +41,15 @@ def available_effects(kind: str) -> tuple[str, ...]:
     return tuple(name for name in EFFECTS + OUTSIDE if name in spreads)
 
 
-def draw_plant(kind: str, rng: Generator) -> DamperModel:
-    """Return a damper of the kind with log-normally drawn numbers; raises RigError for a kind not in PLANTS."""
+def draw_plant(kind: str, rng: Generator, design: DamperModel | None = None) -> DamperModel:
+    """Return a damper with log-normally drawn numbers around a `design`, by default that of the kind.
+
+    Raises RigError for a kind not in PLANTS.
+    """
     one = _require_kind(kind)
+    middle = one.design if design is None else design
     factors = {path: float(np.exp(spread * rng.standard_normal())) for path, spread in one.varied.items()}
-    return one.design.with_numbers({path: f * one.design.number(path) for path, f in factors.items()})
+    return middle.with_numbers({path: f * middle.number(path) for path, f in factors.items()})
 
 
 def draw_effect(kind: str, name: str, rng: Generator) -> WithheldEffect:

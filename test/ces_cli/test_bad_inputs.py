@@ -184,7 +184,7 @@ blind make --out x --seed 1 --effects magic | --effects: invalid choice: 'magic'
 blind make --out x --seed 1 --kind odd | --kind: invalid choice: 'odd'
 blind make --out . --seed 1 --cases 1 | .: exists; choose another name for --out, or replace it with
 blind make --out full --seed 1 --cases 1 --overwrite | more than blind cases (note)
-blind run x --out y --simulation identified --references 0 | add --references 1 or 2
+blind run x --out y --simulation identified --references 0 | add --references 5
 blind run nowhere --out y | nowhere: contains no cases/NNNN/case.json
 blind run full --out taken | taken: is not a folder
 blind score nowhere y | nowhere: not a sealed blind test

@@ -11,8 +11,7 @@ from made_recordings import recording_of
 from ces_data.recording import Channel, Recording
 from ces_gap.augmented import MAX_BYTES, is_augmented, load_augmented, save_augmented
 from ces_gap.baseline.learner import Dictionary, LearnedCorrection, Scales
-from ces_gap.baseline.physical import make_recorded_examples
-from ces_gap.baseline.surrogate import learn_surrogate
+from ces_gap.baseline.twin_fit import fit_twin
 from ces_gap.effects.effect import FLUID, Composition, Effect, EffectParameter, Setting
 from ces_gap.trace import make_trace
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation
@@ -138,20 +137,30 @@ def test_the_correction_is_added(tmp_path):
 
 
 @pytest.mark.slow
-def test_recorded_predictions_change_through_the_surrogate(tmp_path):
+def test_recorded_predictions_change_through_the_twin(tmp_path):
     ride = recording(4.0)
     own = open_here("x").force(ride)
     force = Channel("force", "N", stamps(ride), own)
     taught = make_trace(Recording("taught", {**ride.channels, "force": force}), own)
-    surrogate = learn_surrogate(make_recorded_examples([taught]), [taught])
-    path = save(tmp_path, GAIN, spec="topic:/p", surrogate=surrogate)
+    twin = fit_twin([taught])
+    path = save(tmp_path, GAIN, spec="topic:/p", twin=twin, is_recorded=True)
     augmented = load_augmented(path, lambda spec: RecordedSimulation(spec.removeprefix("topic:")))
     bag = Recording("bag", {**ride.channels, "sim_force": Channel("sim_force", "N", stamps(ride), own)})
     trace = make_trace(bag, own)
     more = trace.inputs.with_current(1.3 * trace.inputs.current)
-    predicted = surrogate.force(trace, more) - surrogate.force(trace, trace.inputs)
+    predicted = twin.force(trace, more) - twin.force(trace, trace.inputs)
     np.testing.assert_allclose(augmented.force(bag) - own, predicted, atol=1e-9)
     assert np.corrcoef(inner(predicted), inner(damper_at(1.3, ride) - own))[0, 1] > 0.7
+
+
+def test_jumps_of_the_current_stay_sharp(tmp_path):
+    """The added force has the rate of the position, four times that of the diagnosis."""
+    seconds = np.arange(8000) / (4.0 * RATE)
+    position, current = 0.01 * np.sin(2 * np.pi * 2.0 * seconds), np.where(seconds % 0.4 < 0.2, 0.3, 1.2)
+    ride = recording_of(seconds, start_ns=10**18, position=position, current=current)
+    force = load_augmented(save(tmp_path, GAIN), open_here).force(ride)
+    off = inner(force - damper_at(1.3, ride))
+    assert np.sqrt(np.mean(off**2)) < 0.02 * np.std(inner(damper_at(1.3, ride) - damper_at(1.0, ride)))
 
 
 def damper_at(gain, ride):

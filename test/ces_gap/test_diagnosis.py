@@ -10,6 +10,15 @@ from diagnoses import named
 from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis, format_verdict
 from ces_gap.effects.effect import Composition, Setting
 from ces_gap.effects.simulation_errors import SpeedCurve
+from ces_gap.inference.verdict import (
+    ALTERNATIVES,
+    LEAVES_MORE,
+    NOT_CONFIRMED,
+    REFIT,
+    SIMULATION_ERROR,
+    UNCERTAIN,
+    UNDETERMINED,
+)
 
 
 def format_text(**changed: object) -> str:
@@ -23,6 +32,8 @@ def test_the_verdict_is_one_sentence(verdict: str) -> None:
         verdict=verdict,
         no_gap_reason=reason,
         indistinguishable=(("friction", "valve_lag"),) if verdict == AMBIGUOUS else (),
+        doubt=ALTERNATIVES if verdict == AMBIGUOUS else "",
+        alternatives=("valve_lag",) if verdict == AMBIGUOUS else (),
     )
     assert text.endswith(".") and text.count(". ") == 0 and "\n" not in text
     assert "_" not in text and "None of" not in text.replace("None of the known effects", "")
@@ -44,15 +55,16 @@ def test_several_causes_are_all_named() -> None:
 
 def test_indistinguishable_effects_are_named() -> None:
     text = format_text(
-        verdict=AMBIGUOUS, indistinguishable=(("inertia", "gas_spring"), ("friction", "current_hysteresis"))
+        verdict=AMBIGUOUS,
+        doubt=ALTERNATIVES,
+        alternatives=("current_hysteresis",),
+        indistinguishable=(("inertia", "gas_spring"), ("friction", "current_hysteresis", "backlash")),
     )
-    assert "between friction and current hysteresis" in text and "inertia" not in text
+    assert "between friction and current hysteresis;" in text and "inertia" not in text
 
 
 def test_other_possible_causes_are_named() -> None:
-    first, second, *others = named().causes
-    causes = (first, replace(second, probability=0.3), *others)
-    text = format_text(verdict=AMBIGUOUS, indistinguishable=(), causes=causes)
+    text = format_text(verdict=AMBIGUOUS, doubt=ALTERNATIVES, alternatives=("valve_lag",))
     assert "do not rule out valve lag;" in text and "with friction" in text
 
 
@@ -60,25 +72,46 @@ def test_the_closest_effect_is_the_one_that_leaves_least() -> None:
     first, second, *others = named().causes
     less = replace(second, gap_after_N=0.5 * named().composition.gap_after_N)
     text = format_text(verdict=UNKNOWN, causes=(first, less, *others))
-    assert f"closest, {second.effects[0].replace('_', ' ')}, leaves {less.gap_after_N:.0f} N" in text
+    assert f"closest, {second.effects[0].replace('_', ' ')}, leaves {less.gap_after_N:.3g} N" in text
 
 
 def test_an_unknown_cause_comes_with_the_closest_effect() -> None:
     assert "closest" in format_text(verdict=UNKNOWN) and "friction" in format_text(verdict=UNKNOWN)
-    nothing = replace(named().composition, effects=())
-    assert "closest" not in format_text(verdict=UNKNOWN, composition=nothing)
+    nothing = replace(named().composition, effects=(), gap_after_N=36.1)
+    assert "closest, friction" in format_text(verdict=UNKNOWN, composition=nothing)
+    assert "closest" not in format_text(verdict=UNKNOWN, composition=nothing, causes=())
+    assert "a learner without physics 4 N" in format_text(verdict=UNKNOWN)
+    unlimited = replace(named().gap, noise_known=False, noise_source="high frequencies, not limited by any source")
+    assert "noise not known: high frequencies" in format_text(verdict=UNKNOWN, gap=unlimited)
+
+
+@pytest.mark.parametrize(
+    ("doubt", "text"),
+    [
+        (SIMULATION_ERROR, "Friction may be an error of the simulation itself; with friction, the gap beyond"),
+        (REFIT, "A refit explains more; with friction"),
+        (UNDETERMINED, "The interval of an effect's size includes no effect"),
+        (NOT_CONFIRMED, "The held-out recordings do not confirm"),
+        (LEAVES_MORE, "leaves more of the gap than it closes"),
+        (UNCERTAIN, "not certain enough to be named"),
+    ],
+)
+def test_an_ambiguous_verdict_says_what_speaks_against_the_cause(doubt: str, text: str) -> None:
+    assert text in format_text(verdict=AMBIGUOUS, doubt=doubt, refit_finding="a refit explains more")
+    withdrawn = replace(named().composition, effects=())
+    assert "; what was fitted enlarges" in format_text(verdict=AMBIGUOUS, doubt=doubt, composition=withdrawn)
 
 
 def no_gap(reason: str, rms_N: float, corrected_N: float) -> str:
     gap = replace(named().gap, rms_N=rms_N, corrected_N=corrected_N)
-    found: Diagnosis = replace(named(), verdict=NO_GAP, no_gap_reason=reason, visible_from_N=57.0, gap=gap)
+    found: Diagnosis = replace(named(), verdict=NO_GAP, no_gap_reason=reason, visible_from_N=57.0, gap=gap, timed_N=2.5)
     return format_verdict(found)
 
 
 def test_no_gap_comes_with_what_it_lies_within() -> None:
     assert "within the measurement noise of 8.0 N" in no_gap("noise", 3.0, 3.0)
     assert "above the tolerance of 5.0 N: 3.0 N" in no_gap("tolerance", 3.0, 3.0)
-    assert "timing" in no_gap("timing", 9.0, 9.0)
+    assert "timing" in no_gap("timing", 9.0, 9.0) and "2.5 of 9.0 N RMS remain" in no_gap("timing", 9.0, 9.0)
 
 
 def test_behind_a_poor_simulation_the_smallest_visible_effect_is_stated() -> None:

@@ -16,7 +16,7 @@ from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.effects.library import library_effect
 from ces_gap.errors import GapError
-from ces_gap.inference import evidence, verdict
+from ces_gap.inference import evidence, findings
 from ces_gap.inference.held_out import HeldOutScorer
 from ces_gap.inputs import prepare
 from ces_gap.pipeline import DiagnoseOptions, diagnose
@@ -112,7 +112,7 @@ def test_a_cause_is_named_with_its_parameter_despite_a_baseline_error() -> None:
     assert stiffness.ci95[0] < stiffness.value < stiffness.ci95[1]
     assert "gas spring" in found.sentence
     assert sum_of_probabilities(found) == pytest.approx(1.0)
-    assert found.surrogate is None and found.surrogate_cost_J is None
+    assert not found.is_recorded
 
 
 @pytest.mark.slow
@@ -166,8 +166,7 @@ def test_an_effect_of_the_user_explains_the_gap(few_effects: None) -> None:
 def test_recorded_predictions_are_sufficient(few_effects: None) -> None:
     found = run_diagnosis(sprung, only_recorded=True)
     assert found.verdict == NAMED and found.composition.effects == ("gas_spring",)
-    assert found.surrogate is not None and found.surrogate_cost_J == found.surrogate.cost_J
-    assert found.surrogate_error == found.surrogate.difference_error
+    assert found.is_recorded and found.twin is not None and found.twin.cost_J < 10.0
     assert found.composition.shrink > 0.85
 
 
@@ -192,7 +191,7 @@ def count(monkeypatch: pytest.MonkeyPatch, places: list[Any], name: str) -> list
 @pytest.mark.parametrize("references", [True, False])
 def test_each_step_is_computed_once(monkeypatch: pytest.MonkeyPatch, few_effects: None, references: bool) -> None:
     """The ceiling is learnt from the gap and from the rest; each explanation has its held-out forces once."""
-    ceilings = count(monkeypatch, [evidence, verdict], "learn_ceiling")
+    ceilings = count(monkeypatch, [evidence, findings], "learn_ceiling")
     forces = count(monkeypatch, [HeldOutScorer], "forces")
     found = run_diagnosis(sprung, references=references)
     assert found.figures is not None and len(ceilings) == 2

@@ -1,4 +1,4 @@
-"""Maps of speed, current and the plant's own spring: learnt from their data, once; a leak relaxes a friction force."""
+"""Maps of speed, current and the plant's own spring: learnt from their data, once."""
 
 from __future__ import annotations
 
@@ -6,37 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from input_physics import FINE_S, TABLE, Brake, brakes, dahl, plain, recorded, series
-from numba import njit
+from input_physics import TABLE, plain, recorded, series
 
-from ces_gap.baseline.plant import Plant
-from ces_gap.effects.effect import Composition, Setting
-from ces_gap.effects.library.leakage import TwoWayLeak
 from ces_gap.plant_map import MAX_RECENT, RecentMaps, learn_map
-from ces_gap.trace import Trace
-
-LEAK = 3e-5  # [m/(s N)]
-
-
-@njit(cache=True)
-def leaky_brake(x, current, leak, step_s):
-    """Friction with a leak in parallel: it moves by the stroke that has not leaked."""
-    out = np.zeros_like(x)
-    for k in range(1, len(x)):
-        step = x[k] - x[k - 1] - leak * out[k - 1] * step_s
-        out[k] = dahl(out[k - 1], step, current[k])
-    return out
-
-
-def leaking() -> Trace:
-    trace = recorded(lambda x, v, i: leaky_brake(x, i, LEAK, FINE_S))
-    return replace(trace, simulated=brakes(trace.inputs.position, trace.inputs.current))
-
-
-def left(trace: Trace, leak: float) -> float:
-    """RMS [N] of the gap with a leak, over the usable ticks."""
-    force = Plant(Brake()).with_effects(Composition((Setting(TwoWayLeak(), (leak,)),)), trace)
-    return float(np.sqrt(np.mean((trace.force - force)[trace.usable] ** 2)))
 
 
 @pytest.mark.slow
@@ -54,19 +26,10 @@ def test_a_plant_without_a_spring_has_none() -> None:
 def test_a_map_is_learnt_once_for_a_trace_from_its_map_ticks() -> None:
     trace = plain()
     early = trace.usable & (trace.time_s < 0.5 * trace.time_s[-1])
-    assert trace.sprung_map is trace.sprung_map and trace.pumped_map is trace.pumped_map
+    assert trace.sprung_map is trace.sprung_map
     part, judged = replace(trace, usable=early), replace(trace, usable=trace.usable & ~early, map_ticks=early)
     np.testing.assert_array_equal(judged.sprung_map.map.table, part.sprung_map.map.table)
     assert not np.array_equal(judged.sprung_map.map.table, trace.sprung_map.map.table)
-
-
-def test_a_leak_relaxes_a_friction_force() -> None:
-    """Friction independent of speed is the hardest plant: the leak is found a fifth too small."""
-    trace = leaking()
-    shares = (0.0, 0.5, 0.8, 1.0, 1.5)
-    errors = [left(trace, share * LEAK) for share in shares]
-    assert shares[int(np.argmin(errors))] in (0.8, 1.0)
-    assert min(errors) < 0.3 * errors[0]
 
 
 TICKS = 2000

@@ -96,7 +96,7 @@ def diagnose(simulation, spec, real, held_out, reference, options, progress=lamb
         probability_unknown=0.0,
         rest=None,
         next_experiment=None,
-        surrogate_cost_J=None,
+        is_recorded=False,
         held_out=(),
     )
 

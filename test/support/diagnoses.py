@@ -8,10 +8,13 @@ from functools import cache
 
 import numpy as np
 from example_effects import Friction
+from hydraulic_models import make_hydraulic
 from made_recordings import recording_of
+from physical_models import PLAIN_VALVE
 
 from ces_data.arrays import F
 from ces_gap.baseline.learner import make_white_noise
+from ces_gap.baseline.twin import Twin
 from ces_gap.diagnosis import (
     AMBIGUOUS,
     NAMED,
@@ -26,6 +29,7 @@ from ces_gap.diagnosis import (
     Where,
 )
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
+from ces_gap.inference.verdict import ALTERNATIVES
 from ces_gap.regions.locate import locate
 from ces_gap.trace import make_trace
 
@@ -118,7 +122,7 @@ def named() -> Diagnosis:
         probability_unknown=0.02,
         rest=None,
         next_experiment=experiment(),
-        surrogate_cost_J=None,
+        is_recorded=False,
         held_out=held_out,
         notes=("bags/held_out_noise: 0.4 % of the position samples were left out as outliers.",),
     )
@@ -164,13 +168,15 @@ def ambiguous() -> Diagnosis:
         causes=causes,
         composition=causes[0],
         indistinguishable=(("valve_lag", "current_hysteresis"),),
+        doubt=ALTERNATIVES,
+        alternatives=("current_hysteresis",),
         not_separable=("force_scale", "gas_spring", "leakage"),
         wrong=replace(causes[2], gap_after_N=24.8, shrink=0.38, shrink_ci95=(0.31, 0.45)),
         probability_none=0.04,
         probability_unknown=0.06,
         next_experiment=replace(experiment(), separates=("valve_lag", "current_hysteresis"), distance_N=31.0),
-        surrogate_cost_J=2.7,
-        surrogate_error=0.15,
+        is_recorded=True,
+        twin=Twin(make_hydraulic(PLAIN_VALVE, kind="twin tube"), 1e-3, 2.7, 8.0, 0.1),
     )
 
 

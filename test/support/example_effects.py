@@ -43,10 +43,6 @@ def drive(current: str = "steps", seconds: float = 6.0, rate_Hz: float = 500.0) 
     return trace_of(position, level if current == "steps" else np.full_like(time, 0.5), rate_Hz)
 
 
-def whiten_by(traces: Sequence[Trace], noise_N: float):  # type: ignore[no-untyped-def]
-    return lambda k, force: force[traces[k].usable] / noise_N
-
-
 class Scale(Effect):
     """More force everywhere."""
 

@@ -85,42 +85,25 @@ def spring_in_series(speed, current, forces, strokes, relaxation, step):
 
 
 @njit(cache=True)
-def pumped(speed, current, pumping, other, step):
-    """The force through a spring of 1/`pumping` while pushed and moving in, 1/`other` otherwise."""
-    out = np.zeros_like(speed)
-    for k in range(1, len(speed)):
-        compliance = 1.0 / pumping if out[k - 1] > 0.0 and speed[k] > 0.0 else 1.0 / other
-        low, high = -6000.0, 6000.0
-        for _ in range(45):
-            out[k] = 0.5 * (low + high)
-            if valve(speed[k] - compliance * (out[k] - out[k - 1]) / step, current[k]) > out[k]:
-                low = out[k]
-            else:
-                high = out[k]
-    return out
-
-
-@njit(cache=True)
-def leaking(speed, current, forces, leaks):
-    out = np.empty_like(speed)
-    for k in range(len(speed)):
-        low, high = forces[0], forces[-1]
-        for _ in range(45):
-            out[k] = 0.5 * (low + high)
-            if valve(speed[k] - np.interp(out[k], forces, leaks), current[k]) > out[k]:
-                low = out[k]
-            else:
-                high = out[k]
-    return out
-
-
-@njit(cache=True)
 def play(x, half):
     out = np.zeros_like(x)
     y = x[0]
     for k in range(len(x)):
         y = min(max(y, x[k] - half), x[k] + half)
         out[k] = y
+    return out
+
+
+@njit(cache=True)
+def gradual_play(x, half, contact):
+    """The damper's position: it follows the rod the more, the nearer the joint is to its end in that direction."""
+    out = np.zeros_like(x)
+    own = x[0]
+    for k in range(1, len(x)):
+        step = x[k] - x[k - 1]
+        room = half - np.sign(step) * (x[k - 1] - own)
+        own += step * np.exp(-max(room, 0.0) / contact)
+        out[k] = own
     return out
 
 
@@ -166,40 +149,6 @@ def loose(x, current, gap, level, step_s):
 
 
 @njit(cache=True)
-def starving(speed, force, side, limit, share, bubbles, step):
-    out = force.copy()
-    z = 0.0
-    for k in range(len(speed)):
-        onward = side * speed[k]
-        z = max(z + step * (share * (onward - limit[k]) if onward > 0.0 else onward - share * limit[k]), 0.0)
-        if side * force[k] < 0.0:
-            out[k] = force[k] * np.exp(-z / bubbles)
-    return out
-
-
-def floored(speed, current, side, limit, bubbles, step):
-    """The force of `valves` held at the limit while there is a void, which takes what they do not pass."""
-    low, high = np.zeros_like(speed), np.full_like(speed, 5.0)
-    for _ in range(50):
-        middle = 0.5 * (low + high)
-        less = side * valves(side * middle, current) < limit
-        low, high = np.where(less, middle, low), np.where(less, high, middle)
-    return held_by_void(speed, valves(speed, current), low, side, limit, bubbles, step)
-
-
-@njit(cache=True)
-def held_by_void(speed, force, passed, side, limit, bubbles, step):
-    out = force.copy()
-    z = 0.0
-    for k in range(len(speed)):
-        pull = side * force[k]
-        z = max(z + step * (side * speed[k] - passed[k]), 0.0) if z > 0.0 or pull > limit else 0.0
-        left = np.exp(-((z / bubbles) ** 2))
-        out[k] = side * (left * min(pull, limit) + (1.0 - left) * limit)
-    return out
-
-
-@njit(cache=True)
 def slow_valve(current, rise, fall, step):
     out = current.copy()
     for k in range(1, len(current)):
@@ -225,10 +174,6 @@ def series(strokes: F, relaxation: float = 0.0) -> Truth:
     return lambda x, v, i: spring_in_series(v, i, TABLE, strokes, relaxation, FINE_S)
 
 
-def leak(leaks: F) -> Truth:
-    return lambda x, v, i: leaking(v, i, TABLE, leaks)
-
-
 def acting(change: Callable[[F], F]) -> Truth:
     return lambda x, v, i: valves(v, change(i))
 
@@ -238,25 +183,7 @@ def late(values: F, seconds: float) -> F:
     return np.concatenate((np.full(ticks, values[0]), values[: len(values) - ticks]))
 
 
-def two_sides(low: float, high: float) -> F:
-    return np.where(TABLE > 0.0, TABLE * high, TABLE * low)
-
-
 PLANTED: dict[str, tuple[tuple[float, ...], Truth]] = {
-    "mount_compliance-linear": ((1.5e6, 0.002), series(TABLE / 1.5e6, 0.002)),
-    "mount_compliance-progressive": ((5e5, 400.0), series(400.0 / 5e5 * np.arcsinh(TABLE / 400.0))),
-    "compressibility-sides": ((3e6, 1e6), series(two_sides(1e-6, 1 / 3e6))),
-    "compressibility-aerated": (
-        (1e-3, 3e-4, 200.0),
-        series(np.where(TABLE > 0, 1e-3, 3e-4) * TABLE / (np.abs(TABLE) + 200.0)),
-    ),
-    "compressibility-pumped": ((1e6, 5e6), lambda x, v, i: pumped(v, i, 1e6, 5e6, FINE_S)),
-    "leakage-rebound": ((3e-5,), leak(np.minimum(TABLE, 0.0) * 3e-5)),
-    "leakage-both": ((3e-5,), leak(TABLE * 3e-5)),
-    "leakage-orifice": (
-        (1e-3, 5e-4),
-        leak(np.where(TABLE < 0.0, 1e-3, 5e-4) * np.sign(TABLE) * np.sqrt(np.abs(TABLE))),
-    ),
     "position_delay-shift": ((0.004,), lambda x, v, i: valves(late(v, 0.004), i)),
     "valve_lag-first_order": ((0.03,), acting(lambda i: slow_valve(i, 0.03, 0.03, FINE_S))),
     "valve_lag-rise_fall": ((0.02, 0.05), acting(lambda i: slow_valve(i, 0.02, 0.05, FINE_S))),
@@ -269,21 +196,11 @@ PLANTED: dict[str, tuple[tuple[float, ...], Truth]] = {
     "current_scale-gain": ((1.1,), acting(lambda i: 1.1 * i)),
     "current_scale-gain_offset": ((0.9, 0.05), acting(lambda i: 0.9 * i + 0.05)),
     "backlash-held": ((1e-3,), lambda x, v, i: valves(np.gradient(play(x, 5e-4)) / FINE_S, i)),
+    "backlash-soft": (
+        (1e-3, 0.2),
+        lambda x, v, i: valves(np.gradient(gradual_play(x, 5e-4, 2e-4)) / FINE_S, i),
+    ),
     "backlash-parted": ((1e-3, -30.0), lambda x, v, i: loose(x, i, 1e-3, -30.0, FINE_S)),
-    "cavitation-rebound_intake": (
-        (0.8, 0.04, 5e-4),
-        lambda x, v, i: starving(v, valves(v, i), -1.0, 0.04 + 0.0 * v, 0.8, 5e-4, FINE_S),
-    ),
-    "cavitation-rebound_reservoir": (
-        (1.0, 0.08, 3e-3, 0.06),
-        lambda x, v, i: starving(v, valves(v, i), -1.0, 0.08 * np.sqrt(1.0 + x / 0.06), 1.0, 3e-3, FINE_S),
-    ),
-    "cavitation-compression_intake": (
-        (0.8, 0.04, 5e-4),
-        lambda x, v, i: starving(v, valves(v, i), 1.0, 0.04 + 0.0 * v, 0.8, 5e-4, FINE_S),
-    ),
-    "cavitation-rebound_floor": ((1.0, 400.0, 5e-4, 1.0), lambda x, v, i: floored(v, i, -1.0, 400.0, 5e-4, FINE_S)),
-    "cavitation-compression_floor": ((1.0, 250.0, 5e-4, 1.0), lambda x, v, i: floored(v, i, 1.0, 250.0, 5e-4, FINE_S)),
 }
 
 

@@ -1,8 +1,9 @@
-"""The MR and the ER damper's equations once more, slowly and readably, by tiny explicit steps: the kernels' twins."""
+"""The equations of the lumped dampers once more, slowly and readably, by tiny explicit steps: the kernels' twins."""
 
 import numpy as np
 from scipy.interpolate import CubicHermiteSpline
 
+from ces_rig.dampers.lookup.parameters import LEVELS, SPEEDS
 from ces_rig.dampers.stepper import spline_speed
 
 STEP = 1e-5
@@ -116,6 +117,41 @@ def monotube(d, stroke, current, interval):
         seal += STEP * v / d.seal_m * (1 - np.sign(v) * seal)
         v += STEP * (mount - inside) / d.mass_kg
         x += STEP * v
+        if sample:
+            forces.append(mount - zero)
+    return np.array(forces)
+
+
+def lookup(d, stroke, current, interval):
+    """Force [N] at the samples after the first; no play, no groove, no foam."""
+    zero = d.rod_m2 * (d.gas_Pa - 101_325)
+    x, v, e, seal, warm = stroke[0] - zero / d.mount_N_m, 0.0, 0.0, 0.0, 0.0
+    coil = held = acting = current[0]
+    rows = np.array(d.table).reshape(LEVELS, -1)
+    speeds = d.speed_m_s * np.array(SPEEDS)
+    forces = []
+    for s, ds, i, sample in driven(stroke, current, interval):
+        coil = lag(i, coil, d.coil_s)
+        held = np.clip(held, coil - d.loop_A, coil + d.loop_A)
+        acting = lag(held, acting, d.rise_s if held > acting else d.fall_s)
+        at = np.clip(d.authority * (acting - d.low_A) / (d.high_A - d.low_A), 0, 1) * (LEVELS - 1)
+        row = np.array([np.interp(at, range(LEVELS), column) for column in rows.T])
+        row *= np.where(speeds > 0, d.compression, d.rebound) * np.exp(-d.fade_1_K * warm)
+        roots = np.roots([1 / d.oil_N_m, 80 / d.oil_N_m + d.air_m - abs(e), -80 * abs(e)])  # e = f / k + a f / (f + 80)
+        oil = np.sign(e) * max(roots.real)
+        oil = min(oil, d.void_N) + 1e-4 * max(oil - d.void_N, 0.0)
+        passed = np.interp(oil, row, speeds) + d.bypass_m_Ns * oil
+        passed += np.sign(oil) * max(abs(oil) - d.relief_N, 0.0) / d.relief_Ns_m
+        level = d.seal_N * (1 + d.seal_rise * np.exp(-abs(v) / d.seal_m_s))
+        gas = d.rod_m2 * (d.gas_Pa * (d.gas_m3 / (d.gas_m3 - d.rod_m2 * x)) ** d.gas_exponent - 101_325)
+        into = max(abs(x) - d.stop_clearance_m, 0.0)
+        stop = np.sign(x) * d.stop_N_m * into * (1 + d.stop_progression_1_m * into)
+        mount = d.mount_N_m * (s - x) + d.mount_Ns_m * (ds - v)
+        warm += STEP * (abs(oil * passed) + abs(level * v) - d.heat_loss_W_K * warm) / d.heat_J_K
+        e += STEP * (v - passed)
+        v += STEP * (mount - oil - gas - stop - level * seal / d.seal_m) / d.mass_kg
+        x += STEP * v
+        seal = np.clip(seal + STEP * v, -d.seal_m, d.seal_m)
         if sample:
             forces.append(mount - zero)
     return np.array(forces)

@@ -119,23 +119,12 @@ def gas(pressure: float, area: float, volume: float, tare: float = 0.0) -> Plant
     return force
 
 
-def faded(per_joule: float, cooling: float = np.inf, laminar: float = np.inf) -> Planted:
+def faded(per_joule: float, cooling: float = np.inf) -> Planted:
     def force(m: Motion) -> F:
         heat, power = np.zeros_like(m.time), m.force * m.speed
         for k in range(1, len(heat)):
             heat[k] = heat[k - 1] + m.step * (power[k] - heat[k - 1] / cooling)
-        viscous = 1.0 / (1.0 + np.abs(m.speed) / laminar)
-        return m.force * (1.0 - viscous * (1.0 - np.exp(-per_joule * heat)))
-
-    return force
-
-
-def limited(rebound: float, compression: float, slope: float) -> Planted:
-    """Sharp corners."""
-
-    def force(m: Motion) -> F:
-        inside = np.clip(m.force, -rebound, compression)
-        return inside + slope * (m.force - inside)
+        return m.force * np.exp(-per_joule * heat)
 
     return force
 

@@ -55,8 +55,8 @@ def run_here(function: Callable[..., Any], tasks: Iterable[tuple[Any, ...]], *_:
 
 # Without the fits of other structures that `ces identify` compares with: `monkeypatch.setattr(*NO_SHORT_FITS)`.
 NO_SHORT_FITS = ("ces_identify.structures.auto.physical_structures", tuple)
-# With surrogates of one kind of damper alone, which are learned in a second: `monkeypatch.setattr(*ONE_KIND)`.
-ONE_KIND = ("ces_gap.baseline.physical.KINDS", ("uniflow",))
+# With twins of one kind of damper alone, which are fitted in a second: `monkeypatch.setattr(*ONE_KIND)`.
+ONE_KIND = ("ces_gap.baseline.twin_fit.KINDS", ("uniflow",))
 
 
 def only_effects(*names: str) -> tuple[str, Callable[[], tuple[object, ...]]]:

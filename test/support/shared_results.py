@@ -52,10 +52,15 @@ def diagnose_once(factory: pytest.TempPathFactory) -> SharedResults:
     return _once(factory, "shared_gap", _diagnose)
 
 
+def common_folder(factory: pytest.TempPathFactory) -> Path:
+    """Return the temporary folder of all processes of this run."""
+    base = factory.getbasetemp()
+    return base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+
+
 def _once(factory: pytest.TempPathFactory, name: str, make: Callable[[SharedResults], None]) -> SharedResults:
     """Call `make` in the first process that asks; the others wait for it."""
-    base = factory.getbasetemp()
-    common = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    common = common_folder(factory)
     results = SharedResults(common / "shared_results")
     with (common / f"{name}.lock").open("a+") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)

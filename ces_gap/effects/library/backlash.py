@@ -3,26 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import exp, expm1, log1p
 
 import numpy as np
 from numba import njit
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import MOTION, Effect, EffectParameter, magnitude
-from ces_gap.effects.series import MapTable, move_in_bracket, soft_width, subtract_stroke
-from ces_gap.grid import thin_out
+from ces_gap.grid import rms, thin_out
 from ces_gap.plant_map import map_force_and_slope, remove_high_frequencies
 from ces_gap.trace import Trace, TraceInputs
 
-GAP = magnitude("gap_m", 0.0, 0.01, (5e-4, 2e-3), "total free play")
+GAP = magnitude("gap_m", 0.0, 0.1, (5e-4, 2e-3), "total free play", usual=(0.0, 0.01))
 SAME_N = 1e-6  # [N] difference below which the force of a loose joint equals that of a tight one
+FAR = 30.0  # times the stroke of contact: room beyond which a joint is open
 SUBSTEP_S = 5e-4  # [s] of the integration: the joint separates and closes between ticks
+SOFT = 0.03  # of the RMS force: width of its change of direction
+
+MapTable = tuple[float, float, F]  # narrow, reach and table of `map_force_and_slope`
 
 
 class Backlash(Effect):
     name, stage, needs = "backlash", MOTION, "reversals"
     summary, moves = "free play in the linkage", ("elasticity",)
     visible, mistaken_for = "at reversals, for a fixed stroke", ("compressibility", "cavitation")
+
+    @staticmethod
+    def without_play(trace: Trace, inputs: TraceInputs, force: F, gap: float, contact: float) -> TraceInputs:
+        """Return the motion of the damper whose joint is crossed once the force [N] (n,) has reversed."""
+        acting = force - trace.learn_map(trace.inputs, force).rest(inputs.current)
+        width = SOFT * rms(acting[trace.usable] if trace.usable.any() else acting) + 1e-3
+        play = gated_play(inputs.position, 0.5 * (1.0 + np.tanh(acting / width)), gap, contact)
+        return inputs.with_position(inputs.position - play, trace.rate_Hz)
 
 
 class HeldPlay(Backlash):
@@ -36,9 +48,23 @@ class HeldPlay(Backlash):
     parameters = (GAP,)
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        acting = force - trace.learn_map(trace.inputs, force).rest(inputs.current)
-        pushed = 0.5 * (1.0 + np.tanh(acting / soft_width(trace, acting)))
-        return subtract_stroke(inputs, gated_play(inputs.position, pushed, values[0]), trace.rate_Hz)
+        return self.without_play(trace, inputs, force, values[0], 0.0)
+
+
+class SoftPlay(Backlash):
+    """The same, but closing gradually: a stroke s from one side moves the damper by c·ln(1 + exp((s - gap)/c)).
+
+    Contacts that close one after the other, and bands that tighten, carry their load gradually.
+    """
+
+    form, reruns = "soft", True
+    parameters = (
+        GAP,
+        EffectParameter("softness", 0.01, 0.5, (0.05, 0.2), "stroke c of closing, over the play", "log"),
+    )
+
+    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
+        return self.without_play(trace, inputs, force, values[0], values[1] * values[0])
 
 
 class PartedPlay(Backlash):
@@ -51,7 +77,9 @@ class PartedPlay(Backlash):
     form = "parted"
     parameters = (
         GAP,
-        EffectParameter("parted_N", -500.0, 500.0, (-20.0,), "reading of the cell while the joint is open"),
+        EffectParameter(
+            "parted_N", -1e4, 1e4, (-20.0,), "reading of the cell while the joint is open", usual=(-500.0, 500.0)
+        ),
     )
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
@@ -65,11 +93,11 @@ class PartedPlay(Backlash):
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
-def gated_play(x: F, openness: F, gap: float) -> F:
+def gated_play(x: F, openness: F, gap: float, contact: float = 0.0) -> F:
     """Return the position (n,) of a joint in its free play, within [-gap/2, gap/2], initially 0.
 
     It follows x (n,); the force limits the rate by `openness` (n,) towards +gap/2 (1: pushed in compression), and by
-    1 - openness towards -gap/2.
+    1 - openness towards -gap/2. Within about `contact` [m] of its end it follows less and less.
     """
     out = np.empty_like(x)
     half = 0.5 * gap
@@ -77,10 +105,19 @@ def gated_play(x: F, openness: F, gap: float) -> F:
     out[0] = z
     for k in range(1, len(x)):
         step = x[k] - x[k - 1]
+        side = 1.0 if step > 0.0 else -1.0
         share = openness[k] if step > 0.0 else 1.0 - openness[k]
-        z = min(max(z + share * step, -half), half)
+        z = side * (half - _close(half - side * z, share * abs(step), contact))
         out[k] = z
     return out
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def _close(room: float, step: float, contact: float) -> float:
+    """Return the room r [m] to the end of the play after a step s [m]: dr/ds = exp(-r/contact) - 1, exactly."""
+    if room > FAR * contact + step:
+        return room - step
+    return contact * log1p(expm1(room / contact) * exp(-step / contact)) if contact > 0.0 else 0.0
 
 
 @njit(cache=True, nogil=True, error_model="numpy")
@@ -156,3 +193,16 @@ def _solve_speed_at_force(force: float, s: float, guess: float, plant: MapTable)
         if abs(move) < 1e-9:
             break
     return g
+
+
+@njit(cache=True, nogil=True, error_model="numpy")
+def move_in_bracket(g: float, low: float, high: float, wrong: float, fall: float) -> tuple[float, float, float, float]:
+    """Return g after a Newton step towards the root of a falling residual, its bracket ]low, high[, and the step.
+
+    The residual is `wrong` at g and falls by `fall` per unit. A step out of a closed bracket halves it instead.
+    """
+    low, high = (g, high) if wrong > 0.0 else (low, g)
+    move = wrong / fall
+    if not low < g + move < high and abs(low) < np.inf and abs(high) < np.inf:
+        move = 0.5 * (low + high) - g
+    return g + move, low, high, move

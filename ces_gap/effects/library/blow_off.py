@@ -8,23 +8,23 @@ from typing import ClassVar
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.effects.effect import FLUID, Effect, EffectParameter, stiffness
-from ces_gap.trace import Trace, TraceInputs
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
+from ces_gap.effects.network import NetworkRun
+from ces_gap.trace import Trace
 
-ROUNDING = 0.02  # of the level: width over which the valve opens
 OPENS_AT = (0.97, 0.9, 0.75, 0.55)  # shares of the largest simulated force at which searches begin
+WIDE, AT = 0.05, (-6.0, -4.0, -2.0, -1.0, 0.0, 1.0, 2.0, 4.0, 6.0)  # width over the level, and nodes in widths
 REBOUND, COMPRESSION = (
-    stiffness(f"{side}_N", 100.0, 100000.0, (800.0, 2000.0), f"force in {side} at which the valve opens")
+    EffectParameter(f"{side}_N", 100.0, 1e6, (800.0,), f"pressure drop in {side} at which the valve opens", "log")
     for side in ("rebound", "compression")
 )
-SLOPE = EffectParameter("slope", 0.0, 0.9, (0.2,), "slope of the force above the level, relative to no valve")
+OPENING = magnitude("opening_m_sN", 0.0, 0.1, (1e-4,), "growth of the valve's flow with the drop")
 
 
 class BlowOff(Effect):
-    """Above the level L of a valve, the force is L + s (F - L), rounded over 2 % of L.
+    """Inside the damper: a valve between the chambers opens beyond a drop P, q = κ w ln(1 + exp((Δp - P)/w)).
 
-    Source: relief valves (Dixon, The Shock Absorber Handbook, 2nd ed. 2007). They open at 0.5 to 5 kN; s is 0 for an
-    ideal valve.
+    Source: relief valves (Dixon, The Shock Absorber Handbook, 2nd ed. 2007). They open at 0.5 to 5 kN.
     """
 
     name, stage = "blow_off", FLUID
@@ -32,40 +32,41 @@ class BlowOff(Effect):
     visible, mistaken_for = "only at the largest forces", ("leakage", "force_scale")
     sides: ClassVar[tuple[float, ...]] = ()
 
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        *levels, slope = values
-        excess = sum(side * _excess(side * force, level) for side, level in zip(self.sides, levels, strict=True))
-        return np.asarray(force - (1.0 - slope) * excess)
+    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+        *levels, opening = values
+        drops = [side * level * (1.0 + WIDE * at) for side, level in zip(self.sides, levels, strict=True) for at in AT]
+
+        def relieve(flow: F, drop: F) -> F:
+            for side, level in zip(self.sides, levels, strict=True):
+                width = WIDE * level
+                past = np.logaddexp(0.0, (side * drop - level) / width) - np.logaddexp(0.0, -level / width)
+                flow = flow + side * opening * width * past
+            return flow
+
+        return run.with_flow("piston", relieve, drops)
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        largest = [max(float(np.quantile(side * trace.simulated, 0.998)), 200.0) for side in self.sides]
-        return [(*(share * force for force in largest), SLOPE.starts[0]) for share in OPENS_AT]
+        force, speed = trace.simulated[trace.usable], float(np.abs(trace.inputs.speed[trace.usable]).max())
+        largest = [max(float(np.quantile(side * force, 0.998)), 200.0) for side in self.sides]
+        return [(*(share * f for f in largest), speed / max(largest)) for share in OPENS_AT]
 
 
-class ReboundBlowOff(BlowOff):
+class ReboundRelief(BlowOff):
     """A valve that opens in rebound."""
 
-    form, sides, needs = "rebound", (-1.0,), "rebound forces at which the real valve opens"
-    parameters = (REBOUND, SLOPE)
+    form, edits, sides, needs = "rebound_relief", True, (-1.0,), "rebound forces at which the real valve opens"
+    parameters = (REBOUND, OPENING)
 
 
-class CompressionBlowOff(BlowOff):
+class CompressionRelief(BlowOff):
     """A valve that opens in compression."""
 
-    form, sides, needs = "compression", (1.0,), "compression forces at which the real valve opens"
-    parameters = (COMPRESSION, SLOPE)
+    form, edits, sides, needs = "compression_relief", True, (1.0,), "compression forces at which the real valve opens"
+    parameters = (COMPRESSION, OPENING)
 
 
-class TwoSidedBlowOff(BlowOff):
+class TwoSidedRelief(BlowOff):
     """One valve for each direction, each with its level."""
 
-    form, sides, needs = "both", (-1.0, 1.0), "forces at which the real valves open"
-    parameters = (REBOUND, COMPRESSION, SLOPE)
-
-
-def _excess(force: F, level: float) -> F:
-    """Return the part of the force [N] (n,) above the level, rounded (softplus)."""
-    if not np.isfinite(level):
-        return np.zeros_like(force)
-    width = ROUNDING * level
-    return np.asarray(width * np.logaddexp(0.0, (force - level) / width))
+    form, edits, sides, needs = "relief", True, (-1.0, 1.0), "forces at which the real valves open"
+    parameters = (REBOUND, COMPRESSION, OPENING)

@@ -16,10 +16,15 @@ FREE = 0.6  # minimum share of the time without contact
 TOUCHES_AT = (0.93, 0.8, 0.6)  # from mean to largest stroke: contacts at which searches begin
 KINDS = ((1e5, 0.0), (1e4, 1e7))  # [N/m], [N/m2] at which searches begin: linear stop, foam
 
-STIFFNESS = magnitude("stiffness_N_m", 0.0, 5e6, (1e5,), "stiffness of the stop at first contact")
+STIFFNESS = magnitude("stiffness_N_m", 0.0, 5e8, (1e5,), "stiffness of the stop at first contact", usual=(0.0, 5e6))
 HARDENING = magnitude("hardening_N_m2", 0.0, 1e9, (0.0, 1e7), "added force over deflection squared")
-COMPRESSION = EffectParameter("compression_m", -0.5, 0.5, (0.02, 0.04), "position of contact with the compression stop")
-REBOUND = EffectParameter("rebound_m", -0.5, 0.5, (-0.02, -0.04), "position of contact with the rebound stop")
+END_M = 10.0  # [m] farthest contact from the zero of the position
+COMPRESSION = EffectParameter(
+    "compression_m", -END_M, END_M, (0.02, 0.04), "position of contact with the compression stop", usual=(-0.5, 0.5)
+)
+REBOUND = EffectParameter(
+    "rebound_m", -END_M, END_M, (-0.02, -0.04), "position of contact with the rebound stop", usual=(-0.5, 0.5)
+)
 
 
 class BumpStop(Effect):
@@ -49,7 +54,7 @@ class BumpStop(Effect):
         out: list[tuple[float, ...]] = []
         for share in TOUCHES_AT:
             contacts = [end * (end * mean + share * (m - end * mean)) for end, m in zip(self.ends, reach, strict=True)]
-            out += [(*kind, *np.clip(contacts, -0.5, 0.5).tolist()) for kind in KINDS]
+            out += [(*kind, *np.clip(contacts, -END_M, END_M).tolist()) for kind in KINDS]
         return out
 
 

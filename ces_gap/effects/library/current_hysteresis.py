@@ -13,7 +13,7 @@ from ces_gap.effects.effect import VALVE, Effect, EffectParameter, magnitude
 from ces_gap.trace import Trace, TraceInputs
 
 PLAYS = 8
-HYSTERESIS = magnitude("hysteresis_A", 0.0, 0.5, (0.02, 0.1), "half-width of the hysteresis loop")
+HYSTERESIS = magnitude("hysteresis_A", 0.0, 5.0, (0.02, 0.1), "half-width of the hysteresis loop", usual=(0.0, 0.5))
 
 
 class CurrentHysteresis(Effect):

@@ -39,4 +39,7 @@ class GainAndOffset(CurrentScale):
     """The zero has drifted, too, by up to some tenths of an ampere."""
 
     form, needs = "gain_offset", "a changing current"
-    parameters = (GAIN, magnitude("offset_A", -0.3, 0.3, (0.0, 0.03), "acting current at zero logged current"))
+    parameters = (
+        GAIN,
+        magnitude("offset_A", -3.0, 3.0, (0.0, 0.03), "acting current at zero logged current", usual=(-0.3, 0.3)),
+    )

@@ -25,7 +25,7 @@ class LinearDrift(ForceDrift):
     """
 
     form, needs = "linear", "at least some tens of seconds, tared at the start"
-    parameters = (magnitude("drift_N_s", -20.0, 20.0, (0.5,), "drift of the zero"),)
+    parameters = (magnitude("drift_N_s", -1e3, 1e3, (0.5,), "drift of the zero", usual=(-20.0, 20.0)),)
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return force + values[0] * trace.time_s
@@ -34,10 +34,10 @@ class LinearDrift(ForceDrift):
 class SettlingDrift(ForceDrift):
     """F + A (1 - exp(-t/tau)), as a cell reaches its temperature or a charge leaks."""
 
-    form = "settling"
+    form, limit = "settling", "force_offset"
     needs = "a recording about as long as the drift lasts, tared at the start"
     parameters = (
-        magnitude("settled_N", -2000.0, 2000.0, (20.0,), "drift after a long time"),
+        magnitude("settled_N", -1e5, 1e5, (20.0,), "drift after a long time", usual=(-2000.0, 2000.0)),
         EffectParameter("settling_s", 2.0, 500.0, (8.0, 60.0), "time constant of the drift", "log"),
     )
 

@@ -15,7 +15,11 @@ class ForceOffset(Effect):
     name, form, stage, needs = "force_offset", "constant", CELL, "a tare that agrees with the simulation"
     summary, moves = "the zero of the force is wrong", ("gas force",)
     visible, mistaken_for = "equally everywhere", ("gas_spring",)
-    parameters = (magnitude("offset_N", -3000.0, 3000.0, (20.0,), "measured force when the damper force is zero"),)
+    parameters = (
+        magnitude(
+            "offset_N", -1e5, 1e5, (20.0,), "measured force when the damper force is zero", usual=(-3000.0, 3000.0)
+        ),
+    )
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
         return force + values[0]

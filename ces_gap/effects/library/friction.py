@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import exp
 
 import numpy as np
@@ -10,18 +11,25 @@ from numba import njit
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, magnitude
+from ces_gap.effects.network import NetworkRun
 from ces_gap.trace import Trace, TraceInputs
+from ces_observer.structures.physical import FrictionElement
 
+MIN_COULOMB_N = 1e-6  # [N] of a seal without friction
 STRIBECK_M_S = 0.02  # [m/s] if it is not a parameter: typical strokes pass it within milliseconds
 
-COULOMB = magnitude("coulomb_N", 0.0, 500.0, (20.0,), "sliding friction")
+COULOMB = magnitude("coulomb_N", 0.0, 5e4, (20.0,), "sliding friction", usual=(0.0, 500.0))
 EXCESS = EffectParameter("static_excess", 0.0, 3.0, (0.3,), "static friction over sliding friction, minus one")
 STRIBECK = EffectParameter(
     "stribeck_m_s", 0.002, 0.5, (0.02, 0.1), "speed of the change from static to sliding friction", "log"
 )
 ROUNDING = EffectParameter("rounding_m_s", 5e-4, 0.1, (0.003, 0.03), "speed over which the direction changes", "log")
-PRESLIDING = EffectParameter("presliding_m", 2e-6, 2e-3, (2e-5, 2e-4), "stroke over which friction reverses", "log")
-VISCOUS = EffectParameter("viscous_s_m", 0.0, 10.0, (0.3,), "growth of friction with speed, over sliding friction")
+PRESLIDING = EffectParameter(
+    "presliding_m", 2e-6, 0.02, (2e-5, 2e-4), "stroke over which friction reverses", "log", usual=(2e-6, 2e-3)
+)
+VISCOUS = EffectParameter(
+    "viscous_s_m", 0.0, 1e3, (0.3,), "growth of friction with speed, over sliding friction", usual=(0.0, 10.0)
+)
 PRESSED = EffectParameter(
     "pressed_per_N", 0.0, 0.01, (2e-4,), "growth of friction with damper force: pressure on the seal"
 )
@@ -89,6 +97,21 @@ class PressureDependent(FrictionForce):
         coulomb, presliding, pressed = values
         level = 1.0 + pressed * np.abs(force)
         return np.asarray(force + coulomb * bristles(inputs.position, level, presliding))
+
+
+class Seal(FrictionForce):
+    """Inside the damper, behind its mounts: a spring that yields at Fc, and more of it with the rebound pressure."""
+
+    form, edits, needs = "seal", True, "strokes that reverse"
+    parameters = (COULOMB, PRESLIDING, PRESSED)
+
+    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+        coulomb, presliding, pressed = max(values[0], MIN_COULOMB_N), *values[1:]
+        body, side = run.body, run.body.side
+        added = FrictionElement(coulomb / presliding, coulomb)
+        own = side.friction_N  # which grows as before
+        growth = (body.friction_growth_1_N * own + pressed * coulomb) / (own + coulomb)
+        return run.with_body(side=replace(side, friction=(*side.friction, added)), friction_growth_1_N=growth)
 
 
 def _stribeck(speed: F, excess: float, stribeck: float) -> F:

@@ -6,14 +6,17 @@ A cell that was tared on the damper reads only the change of the gas force with 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, magnitude
+from ces_gap.effects.network import NetworkRun
 from ces_gap.trace import Trace, TraceInputs
 
 POLYTROPIC = 1.3  # exponent of nitrogen at stroke frequencies, between isothermal 1 and adiabatic 1.4
+GAS_NODES, MIN_RATIO, MIN_PRESSURE = 15, 0.02, 0.05  # the latter relative to the reservoir's
 MIN_COLUMN_SHARE = 0.15  # of the column: limit of compression
 
 STIFFNESS = magnitude("stiffness_N_m", -20000.0, 40000.0, (800.0,), "real minus simulated stiffness at zero gas force")
@@ -81,3 +84,24 @@ def _per_stiffness(position: F, column_m: float) -> F:
     """Return the polytropic force divided by the stiffness at zero [m] (n,)."""
     share = np.maximum(1.0 - position / column_m, MIN_COLUMN_SHARE)
     return np.asarray(column_m / POLYTROPIC * (share**-POLYTROPIC - 1.0))
+
+
+class Charge(GasSpring):
+    """Another gas charge: its force on the rod, and with it the pressure from which the chambers run empty.
+
+    The force is F0 ((1 - x/L)^-n - 1), of a tared cell; the reservoir's pressure on the rod side's area grows by F0
+    over the ratio of the areas.
+    """
+
+    form, edits, needs = "charge", True, "long strokes"
+    parameters = (PRELOAD, CHARGED_COLUMN)
+
+    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+        preload, column = values
+        side, body = run.body.side, run.body
+        at = np.linspace(side.position_m[0], side.position_m[-1], GAS_NODES)
+        added = preload * POLYTROPIC / column * _per_stiffness(at, column)
+        force = np.interp(at, side.position_m, side.gas_N) + added
+        reservoir = body.reservoir_N + preload / max(body.area_ratio, MIN_RATIO)
+        changed = replace(side, position_m=tuple(at.tolist()), gas_N=tuple(force.tolist()))
+        return run.with_body(side=changed, reservoir_N=max(reservoir, MIN_PRESSURE * body.reservoir_N))

@@ -15,7 +15,7 @@ DAMPING = 0.05  # damping ratio of the mass on the cell: bolted steel has 0.01 t
 RESONANCES_HZ = (45.0, 60.0, 80.0, 105.0, 140.0, 200.0)  # at which searches begin
 MASS_KG = 2.0  # [kg] at which they begin
 
-MASS = magnitude("mass_kg", 0.0, 20.0, (0.5,), "moving mass between cell and piston")
+MASS = magnitude("mass_kg", 0.0, 2000.0, (0.5,), "moving mass between cell and piston", usual=(0.0, 20.0))
 
 
 class Inertia(Effect):
@@ -25,7 +25,7 @@ class Inertia(Effect):
 
 
 class Mass(Inertia):
-    """F + m a. Eyes, adapters and flanges have 0.2 to 5 kg, the body of a truck's damper up to 20 kg."""
+    """F + m a. Eyes and flanges have 0.2 to 5 kg, a truck's damper up to 20 kg, the slide of an axis 100 kg."""
 
     form = "mass"
     needs = "strokes at several hertz (the force grows with the square of frequency)"

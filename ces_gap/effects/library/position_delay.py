@@ -9,7 +9,6 @@ from scipy.ndimage import shift
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import SENSOR, Effect, magnitude
-from ces_gap.effects.series import subtract_stroke
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -26,4 +25,4 @@ class Skew(Effect):
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         position = shift(inputs.position, values[0] * trace.rate_Hz, order=3, mode="nearest")
-        return subtract_stroke(inputs, inputs.position - np.asarray(position, dtype=np.float64), trace.rate_Hz)
+        return inputs.with_position(np.asarray(position, dtype=np.float64), trace.rate_Hz)

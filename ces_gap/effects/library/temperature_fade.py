@@ -10,16 +10,14 @@ from scipy.signal import lfilter
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
+from ces_gap.effects.network import NetworkRun
 from ces_gap.trace import Trace, TraceInputs
-
-RETURN_S = 0.5  # [s] time constant with which the leaked stroke returns
+from ces_observer.structures.hydraulic import WARMING_S
 
 PER_HEAT = magnitude("fade_per_J", 0.0, 1e-3, (5e-6, 4e-5), "share of the force lost per joule")
 COOLING = EffectParameter(
     "cooling_s", 5.0, 3000.0, (40.0,), "time constant of cooling: heat capacity over conductance", "log"
 )
-LEAKING = magnitude("leak_m_sN_per_J", 0.0, 1e-7, (3e-9, 1e-8), "growth per joule of the leaking speed per newton")
-LAMINAR = EffectParameter("laminar_m_s", 0.005, 5.0, (0.1,), "speed at which half of the force is viscous", "log")
 PER_KELVIN = magnitude("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lost per kelvin")
 
 
@@ -50,41 +48,6 @@ class FadeWithCooling(FadeByWork):
     parameters = (PER_HEAT, COOLING)
 
 
-class Viscous(TemperatureFade):
-    """Only the viscous share fades, not that of density: F (1 - (1 - exp(-b E)) / (1 + |v|/w)) (Merritt 1967)."""
-
-    form = "viscous"
-    needs = "hard work over some tens of seconds or more, with slow and fast strokes"
-    parameters = (PER_HEAT, LAMINAR)
-
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        lost = -np.expm1(-values[0] * _heat(trace, inputs, force))
-        return np.asarray(force * (1.0 - lost / (1.0 + np.abs(inputs.speed) / values[1])))
-
-
-class ThinnerOil(TemperatureFade):
-    """Thin oil also leaks: the simulation is driven by x - s, ds/dt = l E F - s/(0.5 s), then F exp(-b E).
-
-    Laminar flow through gaps delays the build-up of force; the slow return keeps the mean stroke as measured.
-    """
-
-    form, reruns = "thinner_oil", True
-    needs = "hard work over some tens of seconds or more, with reversals"
-    parameters = (PER_HEAT, LEAKING)
-
-    def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
-        leaking = values[1] * _heat(trace, inputs, force) * force
-        decay = float(np.exp(-trace.step_s / RETURN_S))
-        leaked = np.asarray(lfilter([trace.step_s], [1.0, -decay], leaking))
-        return inputs.with_position(inputs.position - leaked, trace.rate_Hz)
-
-    def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:
-        return np.asarray(force * np.exp(-values[0] * _heat(trace, inputs, force)))
-
-    def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
-        return [(1e-5, 5e-9), (4e-5, 1e-9)]
-
-
 class FadeByTemperature(TemperatureFade):
     """F exp(-b (T - T0)) by the measured temperature, T0 at the start."""
 
@@ -106,3 +69,13 @@ def _heat(trace: Trace, inputs: TraceInputs, force: F, cooling_s: float = np.inf
     decay = float(np.exp(-trace.step_s / cooling_s))
     heat = lfilter([trace.step_s], [1.0, -decay], force * inputs.speed)
     return np.asarray(np.maximum(heat, 0.0))
+
+
+class ThinnerInside(TemperatureFade):
+    """Inside the damper: all flows grow with the work done, by e^(b E) while little heat is lost."""
+
+    form, edits, needs = "thinner_inside", True, "hard work over some tens of seconds or more"
+    parameters = (magnitude("growth_per_J", 0.0, 1e-2, (5e-6, 5e-5), "growth of the flows per joule"),)
+
+    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+        return run.with_body(fade_1_W=run.body.fade_1_W + WARMING_S * values[0])

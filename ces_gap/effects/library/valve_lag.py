@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from math import exp
 
 import numpy as np
@@ -11,6 +12,7 @@ from scipy.ndimage import shift
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import VALVE, Effect, magnitude
+from ces_gap.effects.network import NetworkRun
 from ces_gap.trace import Trace, TraceInputs
 
 LONGEST_S = 0.3  # [s] a slower valve is defective
@@ -18,15 +20,19 @@ TIME_CONSTANT = magnitude("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time
 
 
 class ValveLag(Effect):
-    name, stage, reruns, needs = "valve_lag", VALVE, True, "a changing current"
+    name, stage, needs = "valve_lag", VALVE, "a changing current"
     summary, moves = "the valve follows the current with a lag", ("valve lag",)
     visible, mistaken_for = "after changes of current", ("current_hysteresis",)
+
+
+class _Filter(ValveLag):
+    reruns = True
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:
         return inputs.with_current(rise_fall_lag(inputs.current, values[0], values[-1], trace.step_s))
 
 
-class FirstOrderLag(ValveLag):
+class FirstOrderLag(_Filter):
     """τ·di'/dt + i' = i.
 
     Source: a coil's R-L circuit, or a pilot chamber behind an orifice; Spencer et al., J. Eng. Mech. 123 (1997). CES
@@ -37,7 +43,7 @@ class FirstOrderLag(ValveLag):
     parameters = (TIME_CONSTANT,)
 
 
-class RiseFall(ValveLag):
+class RiseFall(_Filter):
     """The same with one time constant while the acting current grows and another while it falls.
 
     A spool is returned by its spring, a driver's current decays slowly through a diode.
@@ -50,7 +56,7 @@ class RiseFall(ValveLag):
     )
 
 
-class DeadTime(ValveLag):
+class DeadTime(_Filter):
     """A dead time before the lag: τ·di'/dt + i' = i(t - delay). Buses have 1 to 20 ms."""
 
     form = "delay_and_lag"
@@ -82,3 +88,14 @@ def _lag_step(z: float, before: float, now: float, time_s: float, step_s: float)
     pole = exp(-1.0 / ratio)
     ramp = ratio * (1.0 - pole)
     return pole * z + (ramp - pole) * before + (1.0 - ramp) * now
+
+
+class SlowerPath(ValveLag):
+    """Inside the damper: longer time constants of the valve, upwards and downwards."""
+
+    form, edits = "path", True
+    parameters = RiseFall.parameters
+
+    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+        valve = run.body.valve
+        return run.with_body(valve=replace(valve, rise_s=valve.rise_s + values[0], fall_s=valve.fall_s + values[1]))

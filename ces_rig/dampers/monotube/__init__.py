@@ -34,6 +34,7 @@ SPREADS: Mapping[str, Proportions] = {
         "compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4),
         "stiffening_m": log_spread(5e-4, 5e-3),
     },
+    "backlash": {"play_m": log_spread(2e-4, 6e-4), "edge_m": log_spread(3e-6, 3e-5)},
     "cavitation": {"gas_loss": log_spread(0.5, 1.5), "air": log_spread(0.2, 2.0)},
     "temperature_fade": {
         "thinning_1_K": log_spread(0.006, 0.02), "discharge": uniform_spread(0.6, 1.4),
@@ -61,6 +62,7 @@ def _temperature_fade(d: Monotube, s: float, p: Mapping[str, float]) -> dict[str
 
 CHANGES: Mapping[str, Change] = {
     **LUMPED_CHANGES,
+    "backlash": lambda d, s, p: {"play_m": d.play_m + s * p["play_m"], "play_edge_m": p["edge_m"]},
     "cavitation": lambda d, s, p: {  # gas is lost; some of it is then in the oil
         "gas_Pa": d.gas_Pa / (1.0 + s * p["gas_loss"]), "air_m": d.air_m * (1.0 + s * p["air"]),
     },

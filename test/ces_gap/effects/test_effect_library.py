@@ -23,12 +23,16 @@ DESIGNED = {
 }  # fmt: skip
 # the last part of a unit is enough: "N_m", "m_s_rtN"
 UNITS = ("_N", "_m", "_s", "_kg", "_A", "_sN", "_rtN", "_m2", "_per_J", "_per_K", "_per_N")
-NUMBERS = {"gain", "share", "slope", "static_excess", "passing_share"}  # without a unit
+NUMBERS = {
+    "gain", "share", "slope", "static_excess", "softness", "area_share", "floor_share", "air",
+}  # without a unit  # fmt: skip
 SECONDS = 2.0
 EFFECTS = library()
 IDS = [f"{e.name}-{e.form}" for e in EFFECTS]
 
 each = pytest.mark.parametrize("effect", EFFECTS, ids=IDS)
+OUTSIDE = [e for e in EFFECTS if not e.edits]  # the others: test_network.py
+each_outside = pytest.mark.parametrize("effect", OUTSIDE, ids=[f"{e.name}-{e.form}" for e in OUTSIDE])
 
 
 @cache
@@ -78,9 +82,10 @@ def first_values(effect: Effect) -> list[float]:
 @each
 def test_an_effect_is_described_and_its_bounds_hold_its_starts(effect: Effect) -> None:
     assert effect.form and effect.needs and effect.summary and type(effect).__doc__
-    assert effect.parameters and any(p.magnitude for p in effect.parameters)
+    assert effect.parameters and (effect.edits or any(p.magnitude for p in effect.parameters))
     assert len({p.name for p in effect.parameters}) == len(effect.parameters)
     assert effect.reruns == (type(effect).drive is not Effect.drive)
+    assert effect.edits == (type(effect).edit is not Effect.edit)
     for p in effect.parameters:
         assert p.name in NUMBERS or p.name.endswith(UNITS), p.name
         assert p.what and p.low < p.high
@@ -96,7 +101,7 @@ def test_an_effect_is_described_and_its_bounds_hold_its_starts(effect: Effect) -
         assert all(p.low <= v <= p.high for p, v in zip(effect.parameters, values, strict=True)), values
 
 
-@each
+@each_outside
 def test_an_effect_changes_inputs_or_force_away_from_its_neutral_value_only(effect: Effect) -> None:
     before = unchanged(rough()).copy()
     assert arrays(effect, rough(), neutral(effect)) == pytest.approx(before, rel=1e-9, abs=1e-9)
@@ -107,7 +112,7 @@ def test_an_effect_changes_inputs_or_force_away_from_its_neutral_value_only(effe
     assert np.array_equal(one, other), "an effect does not use the measured force"
 
 
-@each
+@each_outside
 def test_forces_are_finite_at_every_corner_and_smooth_in_between(effect: Effect) -> None:
     """Difference quotients of different steps agree, as a Gauss-Newton search needs."""
     for values in product(*((p.low, p.high) for p in effect.parameters)):

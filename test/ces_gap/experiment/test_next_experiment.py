@@ -12,9 +12,8 @@ import yaml
 from example_effects import PLANT, SIMULATION, CurrentOffset, Friction, Rubbing, Scale, Spring, damper, drive
 
 from ces_data.arrays import F
-from ces_gap.baseline.physical import make_recorded_examples
 from ces_gap.baseline.plant import DirectSimulator, Plant
-from ces_gap.baseline.surrogate import learn_surrogate
+from ces_gap.baseline.twin_fit import fit_twin
 from ces_gap.diagnosis import NextExperiment
 from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.errors import GapError
@@ -126,12 +125,13 @@ def test_an_experiment_is_left_out_if_the_simulation_refuses_what_an_effect_make
 
 
 @pytest.mark.slow
-def test_a_surrogate_of_recorded_predictions_proposes_too() -> None:
-    surrogate = learn_surrogate(make_recorded_examples([STEPS]), [STEPS])
-    plant = Plant(surrogate)
+def test_a_twin_of_recorded_predictions_proposes_too() -> None:
+    twin = fit_twin([STEPS])
+    assert twin is not None
+    plant = Plant(twin)
     proposed = propose_experiment(plant, [STEPS], [PAIR], NOISE_N, recipes=RECIPES)
     assert proposed is not None and proposed.distance_N > 1.0
-    trace = simulate_experiment(surrogate, proposed.recipe)
+    trace = simulate_experiment(twin, proposed.recipe)
     true = simulate_experiment(DirectSimulator(SIMULATION), proposed.recipe).simulated
     assert np.corrcoef(trace.simulated, true)[0, 1] > 0.9
 

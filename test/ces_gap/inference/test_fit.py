@@ -1,4 +1,4 @@
-"""Fitting: planted parameters are recovered with their errors, cross-validation is exact, surrogates are anchored."""
+"""Fitting: planted parameters are recovered with their errors, cross-validation is exact, twins are anchored."""
 
 from __future__ import annotations
 
@@ -16,7 +16,17 @@ from ces_data.arrays import F
 from ces_gap.baseline.plant import DirectSimulator, TraceSimulator
 from ces_gap.effects.effect import Effect, EffectParameter, Setting
 from ces_gap.inference.evidence import Evidence
-from ces_gap.inference.fit import EffectFit, Refinement, bounds, estimate_parameters, fit_alone, fit_from, fit_together
+from ces_gap.inference.findings import bound_notes
+from ces_gap.inference.fit import (
+    EffectFit,
+    Refinement,
+    bounds,
+    count_stuck_parameters,
+    estimate_parameters,
+    fit_alone,
+    fit_from,
+    fit_together,
+)
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -108,6 +118,45 @@ def test_a_parameter_beyond_its_bound_ends_there_and_the_others_are_fitted() -> 
     assert (fit.by_unit >= low).all() and (fit.by_unit <= high).all()
 
 
+class WideLine(Line):
+    """The same, for machines with larger offsets than are usual."""
+
+    parameters = (
+        EffectParameter("offset_N", -5e3, 5e3, (10.0,), "offset", magnitude=True, usual=(-500.0, 500.0)),
+        Line.parameters[1],
+    )
+
+
+def notes(fit: EffectFit) -> tuple[str, ...]:
+    return bound_notes(fit.composition, estimate_parameters(fit))
+
+
+@pytest.mark.parametrize("together", [False, True], ids=["alone", "together"])
+def test_a_parameter_at_the_bound_of_its_usual_range_is_fitted_again_within_all_that_is_plausible(
+    together: bool,
+) -> None:
+    evidence = planted(Setting(WideLine(), (700.0, 1500.0)))
+    fit = fit_alone(evidence, WideLine())
+    fit = fit_together(evidence, [fit, fit_alone(evidence, Friction())]) if together else fit
+    assert fit.composition.settings[0].values == pytest.approx((700.0, 1500.0), rel=0.05)
+    assert count_stuck_parameters(fit) == 0
+    assert notes(fit)[0] == "line: offset_N of 700 is outside the usual range of dampers, -500 to 500"
+
+
+def test_a_fit_inside_the_usual_range_does_not_depend_on_what_is_plausible_beyond() -> None:
+    evidence = planted(Setting(Line(), (25.0, -1500.0)))
+    usual, wide = fit_alone(evidence, Line()), fit_alone(evidence, WideLine())
+    np.testing.assert_array_equal(usual.searched, wide.searched)
+    assert notes(wide) == ()
+
+
+@pytest.mark.parametrize(("offset_N", "side"), [(700.0, "500 or more"), (-700.0, "-500 or less")])
+def test_a_parameter_at_the_bound_of_what_is_plausible_is_said(offset_N: float, side: str) -> None:
+    fit = fit_alone(planted(Setting(WideLine(), (offset_N, 1500.0))), Line())
+    assert notes(fit) == (f"line: offset_N is at its bound of {side[:-8]}: read it as {side}",)
+    assert count_stuck_parameters(fit) == 1
+
+
 def test_a_parameter_without_influence_does_no_harm() -> None:
     evidence = planted(Setting(Spring(), (3000.0,)))
     fit = fit_together(evidence, [fit_alone(evidence, Spring()), fit_alone(evidence, Useless())])
@@ -172,8 +221,8 @@ GAIN = 1.12
 
 
 @dataclass(frozen=True)
-class InexactSurrogate(TraceSimulator):
-    """A surrogate that predicts two thirds of a change, with a small error."""
+class InexactTwin(TraceSimulator):
+    """A twin that predicts two thirds of a change, with a small error."""
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
         changed = EXACT.force(trace, inputs) - trace.simulated
@@ -195,8 +244,8 @@ def evidence_of(rerun: TraceSimulator) -> Evidence:
     return planted(Setting(CurrentGain(), (GAIN,)), seed=3, simulator=rerun)
 
 
-def test_surrogate_is_exact_at_the_anchor_and_at_the_recorded_inputs() -> None:
-    evidence = evidence_of(InexactSurrogate())
+def test_a_twin_is_exact_at_the_anchor_and_at_the_recorded_inputs() -> None:
+    evidence = evidence_of(InexactTwin())
     fit = fit_alone(evidence, CurrentGain())
     anchored = Refinement(EXACT).anchor(evidence, fit)
     rows = zip(evidence.traces, evidence.alone, evidence.plants, anchored.plants, strict=True)
@@ -209,7 +258,7 @@ def test_surrogate_is_exact_at_the_anchor_and_at_the_recorded_inputs() -> None:
 
 
 def test_refinement_runs_the_simulation_once_per_trace_and_round() -> None:
-    evidence = evidence_of(InexactSurrogate())
+    evidence = evidence_of(InexactTwin())
     inexact = fit_alone(evidence, CurrentGain())
     counter = CountedSimulator([])
     refined = Refinement(counter).refine(evidence, inexact)
@@ -220,7 +269,7 @@ def test_refinement_runs_the_simulation_once_per_trace_and_round() -> None:
 
 
 def test_effects_that_keep_the_inputs_and_exact_simulations_need_no_run() -> None:
-    evidence = evidence_of(InexactSurrogate())
+    evidence = evidence_of(InexactTwin())
     fit = fit_alone(evidence, Spring())
     counter = CountedSimulator([])
     assert Refinement(counter).refine(evidence, fit) is fit and not counter.runs

@@ -1,4 +1,4 @@
-"""What an effect leaves on held-out recordings: estimates, the shrink with its interval, and the review of both."""
+"""What an effect leaves on held-out recordings: estimates, shrink with its interval, evidence for the verdict."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from engine_plant import NOISE_N, SIMULATION, F, traced
 from example_effects import CurrentGain, Friction, Spring
 
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
-from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN
+from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN
 from ces_gap.effects.effect import Composition, Effect, EffectParameter, Setting
 from ces_gap.inference.fit import (
     MISFIT_ALIGNED,
@@ -26,11 +26,13 @@ from ces_gap.inference.held_out import (
     Explanation,
     HeldOutScorer,
     HeldOutScores,
+    apply_judgement,
     build_scorer,
+    closed_share,
     cut_into_blocks,
-    find_better_effects,
-    review,
+    has_undetermined_effect,
 )
+from ces_gap.inference.verdict import Judgement, Probabilities
 from ces_gap.trace import Trace, TraceInputs
 
 
@@ -196,8 +198,8 @@ def test_units_that_disagree_make_a_parameter_drift() -> None:
 
 
 @dataclass(frozen=True)
-class ConstantSurrogate(TraceSimulator):
-    """A surrogate that ignores changes of the inputs."""
+class ConstantTwin(TraceSimulator):
+    """A twin that ignores changes of the inputs."""
 
     def force(self, trace: Trace, inputs: TraceInputs) -> F:
         return trace.simulated
@@ -237,7 +239,7 @@ def test_the_right_effect_leaves_nothing_and_no_effect_leaves_the_gap() -> None:
 
 
 def test_only_exact_scores_run_the_simulation() -> None:
-    scorer = scorer_of(Setting(CurrentGain(), (1.1,)), ConstantSurrogate())
+    scorer = scorer_of(Setting(CurrentGain(), (1.1,)), ConstantTwin())
     fit = make_fit((CurrentGain(),), [1.1], [0.01])
     assert explain(scorer, fit).shrink > 0.9
     assert explain(scorer, fit, False).shrink == pytest.approx(0.0, abs=1e-6)
@@ -246,52 +248,30 @@ def test_only_exact_scores_run_the_simulation() -> None:
 @cache
 def scores_of_named() -> HeldOutScores:
     nothing = replace(named().composition, effects=(), forms=(), gap_after_N=36.1, shrink=0.0, shrink_ci95=(0.0, 0.0))
-    return HeldOutScores(named().gap, 4.0, named().causes, named().composition, named().held_out, nothing)
+    return HeldOutScores(named().gap, 4.0, named().causes, named().composition, named().held_out, nothing, 36.1)
 
 
-def with_composition(**changed: object) -> HeldOutScores:
-    return replace(scores_of_named(), composition=replace(scores_of_named().composition, **changed))  # type: ignore[arg-type]
+def test_the_closed_share_is_that_of_the_energy_beyond_the_correction() -> None:
+    share = closed_share(named().gap, replace(named().composition, gap_after_N=18.05, shrink_ci95=(0.0975, 0.7)))
+    assert share.value == pytest.approx(0.75) and share.low == pytest.approx(0.0)
+    assert share.high == pytest.approx(1.0 - (12.0 / 36.1) ** 2)
+    assert np.isnan(closed_share(replace(named().gap, corrected_N=0.0), named().composition).value)
 
 
-def with_cause(name: str, after_N: float) -> HeldOutScores:
-    first, second, *others = scores_of_named().causes
-    rival: Explanation = replace(second, effects=(name,), gap_after_N=after_N)
-    return replace(scores_of_named(), causes=(first, rival, *others))
+@pytest.mark.parametrize(("verdict", "after_N"), [(UNKNOWN, 50.0), (AMBIGUOUS, 36.1), (NO_GAP, 4.5)])
+def test_a_composition_that_enlarges_the_gap_or_has_none_is_withdrawn(verdict: str, after_N: float) -> None:
+    before = replace(scores_of_named(), composition=replace(named().composition, gap_after_N=after_N))
+    odds = Probabilities(0.0, 0.2, {"friction": 0.1, "valve_lag": 0.6, "current_hysteresis": 0.1})
+    scores = apply_judgement(before, Judgement(verdict, odds))
+    assert scores.composition == before.nothing and all((s.augmented == s.corrected).all() for s in scores.series)
+    assert (scores.causes[0].effects[0], scores.causes[0].probability) == ("valve_lag", 0.6)
+    kept = apply_judgement(scores_of_named(), Judgement(UNKNOWN, odds))
+    assert kept.composition == named().composition
 
 
-def test_a_composition_that_enlarges_the_gap_is_withdrawn() -> None:
-    verdict, scores = review(NAMED, with_composition(gap_after_N=50.0, shrink=-0.25, shrink_ci95=(-0.4, -0.1)))
-    assert verdict == UNKNOWN and scores.composition == scores_of_named().nothing
-    assert all((s.augmented == s.corrected).all() for s in scores.series)
-
-
-@pytest.mark.parametrize(("rival", "verdict"), [("valve_lag", AMBIGUOUS), ("calibration", NAMED)])
-def test_an_effect_that_leaves_less_is_a_rival_but_a_flexible_map_is_not(rival: str, verdict: str) -> None:
-    scores = with_cause(rival, 0.8 * scores_of_named().composition.gap_after_N)
-    assert review(NAMED, scores)[0] == verdict
-    assert bool(find_better_effects(scores)) == (verdict == AMBIGUOUS)
-
-
-@pytest.mark.parametrize(
-    ("before", "changed", "after"),
-    [
-        (NAMED, {}, NAMED),
-        (NAMED, {"shrink_ci95": (-0.05, 0.4)}, AMBIGUOUS),  # the gap may not shrink at all
-        (NAMED, {"gap_after_N": 34.0}, UNKNOWN),  # little of what can be explained
-        (AMBIGUOUS, {"gap_after_N": 34.0}, UNKNOWN),
-        (NO_GAP, {"gap_after_N": 50.0}, NO_GAP),
-    ],
-)
-def test_what_held_out_recordings_do_not_support_is_not_named(
-    before: str, changed: dict[str, object], after: str
-) -> None:
-    assert review(before, with_composition(**changed))[0] == after
-
-
-def test_what_leaves_more_than_it_closes_or_may_have_no_size_is_not_the_cause() -> None:
-    scores = replace(with_composition(gap_after_N=27.0), ceiling_after_N=27.0)
-    scores = replace(scores, causes=tuple(replace(c, gap_after_N=27.0) for c in scores.causes))
-    assert review(NAMED, scores)[0] == UNKNOWN
-    first, *others = scores_of_named().composition.estimates[0]
-    loose = ((replace(first, ci95=(-5.0, 80.0)), *others),)
-    assert review(NAMED, with_composition(estimates=loose))[0] == AMBIGUOUS
+def test_an_effect_whose_interval_includes_none_is_undetermined() -> None:
+    first, *others = named().composition.estimates[0]
+    assert not has_undetermined_effect(named().composition)
+    assert has_undetermined_effect(
+        replace(named().composition, estimates=((replace(first, ci95=(-5.0, 80.0)), *others),))
+    )

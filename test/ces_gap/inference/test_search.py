@@ -26,7 +26,6 @@ from ces_gap.inference.search import (
     find_alternatives,
     interchangeable_effects,
     loses_to_nested_form,
-    merge_groups,
     min_unexplained_shares,
     order_nested_forms,
     rank_additions,
@@ -230,12 +229,6 @@ def test_distinguishable_effects_are_not_interchangeable(effects: tuple) -> None
     assert interchangeable_effects(result) == () and find_alternatives(result)
     shares = min_unexplained_shares(result)
     assert min(shares[n] for n in shares if n not in {s.name for s in effects}) > NEGLIGIBLE_SHARE
-
-
-def test_groups_and_classes_are_merged_without_subsets() -> None:
-    assert merge_groups((("b", "c"),), (("a", "b", "c"), ("d", "e"))) == (("a", "b", "c"), ("d", "e"))
-    assert merge_groups((("b", "a"),), (("a", "b"),)) == (("b", "a"),)
-    assert merge_groups((), ()) == ()
 
 
 class Chirps(Effect):

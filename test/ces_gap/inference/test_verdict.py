@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -11,17 +12,30 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ces_gap.inference.verdict import (
+    ALTERNATIVES,
+    AMBIGUOUS,
+    IMMATERIAL,
+    LEAVES_MORE,
+    MIN_NAMED_SHARE,
+    NAMED,
+    NO_GAP,
+    NOT_CONFIRMED,
     POSSIBLE,
+    REFIT,
+    SIMULATION_ERROR,
+    UNCERTAIN,
+    UNDETERMINED,
+    UNKNOWN,
     Calibration,
+    ClosedShare,
     GapSize,
     Probabilities,
+    SearchFindings,
+    VerdictEvidence,
     VerdictFigures,
     calibration,
-    find_no_gap_reason,
-    has_alternatives,
-    is_clear_of_the_simulation,
+    judge,
     probabilities,
-    tolerance_N,
 )
 
 CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 1.0, 0, 1.0)
@@ -95,46 +109,184 @@ def test_calibrated_weights_are_complete_and_finite(mode: str) -> None:
     assert 0.0 < weights.least_gap < 1.0 and 0.0 < weights.least_known < 1.0 and weights.sharpness > 0.0
 
 
-def test_an_effect_that_leaves_as_little_as_the_named_one_is_an_alternative() -> None:
-    assert not has_alternatives(["friction"], odds(CLEAR))
+def test_effects_that_leave_as_little_are_as_probable() -> None:
     tied = odds(CLEAR, {**LEFT, "gas_spring": 0.02})
-    assert tied.effects["gas_spring"] == pytest.approx(tied.effects["friction"]) and has_alternatives(
-        ["friction"], tied
-    )
-    assert not has_alternatives(["friction", "gas_spring"], tied)
-    weak = Probabilities(0.0, 0.0, {"friction": 1.0 - 0.9 * POSSIBLE, "gas_spring": 0.9 * POSSIBLE})
-    assert not has_alternatives(["friction"], weak)
+    assert tied.effects["gas_spring"] == pytest.approx(tied.effects["friction"])
 
 
-SMALL = GapSize(gap_N=4.0, timed_N=4.0, noise_N=8.0, force_N=300.0, corrected=False)
+ABOVE = GapSize(gap_N=40.0, timed_N=40.0, noise_N=8.0)
+WITHIN = GapSize(gap_N=4.0, timed_N=4.0, noise_N=8.0)
+ODDS = Probabilities(0.01, 0.04, {"friction": 0.93, "gas_spring": 0.01, "calibration": 0.01})
+NO_GAP_ODDS = Probabilities(0.8, 0.1, {"friction": 0.1})
+MOST, SOME, NOTHING = ClosedShare(0.95, 0.93, 0.97), ClosedShare(0.4, 0.36, 0.44), ClosedShare(0.02, -0.05, 0.06)
+FOUND = SearchFindings(
+    figures=replace(CLEAR, unexplained=0.03),
+    odds=ODDS,
+    weights=WEIGHTS,
+    size=ABOVE,
+    rest_N=8.0,
+    visible_from_N=9.0,
+    tolerance_N=3.0,
+    has_references=True,
+    interchangeable=(),
+    absorbed=(),
+    is_map=False,
+)
+CLEARLY = VerdictEvidence(FOUND, ABOVE, (36.0, 44.0), ("friction",), MOST, {}, 0.97)
+
+
+def changed(evidence: VerdictEvidence, **values: Any) -> VerdictEvidence:
+    """Return the evidence with other values, those of the search by name as well."""
+    of_search = {key: value for key, value in values.items() if hasattr(FOUND, key)}
+    others = {key: value for key, value in values.items() if key not in of_search}
+    return replace(evidence, search=replace(evidence.search, **of_search), **others)
+
+
+SHARED = Probabilities(0.01, 0.04, {"friction": 0.8, "gas_spring": 0.15})
+SMALL = changed(CLEARLY, odds=NO_GAP_ODDS, size=WITHIN, held_out=WITHIN, held_out_ci95_N=(3.0, 5.0))
+ALONE = changed(SMALL, has_references=False)
 
 
 @pytest.mark.parametrize(
-    ("size", "improbable", "reason"),
+    ("values", "verdict", "doubt"),
     [
-        (replace(SMALL, gap_N=2.9), False, "tolerance"),
-        (SMALL, True, "noise"),
-        (SMALL, False, ""),
-        (replace(SMALL, gap_N=20.0, timed_N=5.0), True, "timing"),
-        (replace(SMALL, gap_N=20.0, timed_N=5.0, corrected=True), True, "baseline_error"),
-        (replace(SMALL, gap_N=72.0, timed_N=72.0), True, ""),
+        ({}, NAMED, ""),
+        ({"interchangeable": (("friction", "gas_spring"),)}, AMBIGUOUS, ALTERNATIVES),
+        ({"odds": SHARED}, AMBIGUOUS, ALTERNATIVES),
+        ({"closed_alone": {"gas_spring": ClosedShare(0.97, 0.96, 0.98)}}, AMBIGUOUS, ALTERNATIVES),
+        ({"closed_alone": {"calibration": ClosedShare(0.97, 0.96, 0.98)}}, NAMED, ""),
+        ({"odds": SHARED, "closed_alone": {"gas_spring": SOME}}, NAMED, ""),  # held-out recordings decide
+        ({"interchangeable": (("friction", "gas_spring"),), "closed_alone": {"gas_spring": SOME}}, NAMED, ""),
+        ({"composition": ("friction", "gas_spring"), "absorbed": ("friction",)}, AMBIGUOUS, SIMULATION_ERROR),
+        ({"has_references": False, "size": replace(ABOVE, gap_N=10.0)}, AMBIGUOUS, SIMULATION_ERROR),
+        ({"odds": Probabilities(0.01, 0.04, {"friction": 0.4, "calibration": 0.55})}, AMBIGUOUS, SIMULATION_ERROR),
+        ({"refit_effects": ("gas_spring",)}, AMBIGUOUS, REFIT),
+        ({"refit_effects": ()}, AMBIGUOUS, REFIT),
+        ({"is_undetermined": True}, AMBIGUOUS, UNDETERMINED),
+        ({"closed": replace(MOST, low=-0.05)}, AMBIGUOUS, NOT_CONFIRMED),
+        ({"closed": SOME, "learnt": 0.4}, AMBIGUOUS, LEAVES_MORE),
+        ({"weights": replace(WEIGHTS, least_known=0.97)}, AMBIGUOUS, UNCERTAIN),
+        ({"closed": SOME}, UNKNOWN, ""),  # of what a learner closes, too little
+        ({"closed": NOTHING, "learnt": -0.3}, UNKNOWN, ""),
+        ({"composition": ()}, UNKNOWN, ""),
+        ({"is_map": True, "figures": replace(CLEAR, unexplained=0.3)}, UNKNOWN, ""),
+        ({"odds": Probabilities(0.01, 0.7, {"friction": 0.29}), "closed": replace(MOST, value=0.8)}, UNKNOWN, ""),
+        (
+            {"odds": Probabilities(0.01, 0.9, {"friction": 0.09}), "closed": replace(MOST, value=0.99)},
+            AMBIGUOUS,
+            UNCERTAIN,
+        ),
     ],
 )
-def test_the_reason_for_no_gap(size: GapSize, improbable: bool, reason: str) -> None:
-    assert find_no_gap_reason(size, improbable, 3.0) == reason
+def test_what_speaks_against_a_cause(values: dict[str, Any], verdict: str, doubt: str) -> None:
+    found = judge(changed(CLEARLY, **values))
+    assert (found.verdict, found.doubt) == (verdict, doubt)
+    possible = [found.probabilities.none, found.probabilities.unknown]
+    possible += [p for name, p in found.probabilities.effects.items() if name != "friction"]
+    assert (max(possible) >= POSSIBLE - 1e-9) == (verdict != NAMED)
 
 
-def test_without_references_a_gap_about_as_large_as_the_noise_is_not_named() -> None:
-    assert not is_clear_of_the_simulation(replace(SMALL, gap_N=10.0), 3.0)
-    assert is_clear_of_the_simulation(replace(SMALL, gap_N=13.0), 3.0)
-    assert is_clear_of_the_simulation(replace(SMALL, gap_N=10.0, corrected=True), 3.0)
-    assert not is_clear_of_the_simulation(replace(SMALL, gap_N=13.0), 9.0)
+@pytest.mark.parametrize(
+    ("evidence", "reason"),
+    [
+        (SMALL, "baseline_error"),
+        (ALONE, "noise"),
+        (changed(ALONE, size=replace(WITHIN, gap_N=20.0)), "timing"),
+        (changed(CLEARLY, tolerance_N=40.0), "tolerance"),
+        (changed(CLEARLY, tolerance_N=39.0), ""),
+        (changed(ALONE, odds=ODDS), ""),  # the figures speak for a gap inside the noise
+        (changed(ALONE, size=replace(WITHIN, noise_known=False)), ""),
+        (replace(ALONE, held_out=replace(WITHIN, noise_known=False)), ""),
+        (replace(ALONE, held_out=ABOVE), ""),
+        (replace(SMALL, held_out=ABOVE), ""),
+    ],
+)
+def test_the_reason_for_no_gap(evidence: VerdictEvidence, reason: str) -> None:
+    found = judge(evidence)
+    assert found.reason == reason and (found.verdict == NO_GAP) == bool(reason)
+    highest = max(found.probabilities.unknown, *found.probabilities.effects.values())
+    assert (found.probabilities.none >= highest) == bool(reason)
 
 
-def test_the_default_tolerance_is_small_beside_force_and_noise() -> None:
-    assert tolerance_N(SMALL, None) == pytest.approx(3.0)
-    assert tolerance_N(replace(SMALL, force_N=5000.0), None) == pytest.approx(16.0)
-    assert tolerance_N(replace(SMALL, force_N=5000.0), 0.02) == pytest.approx(100.0)
+def test_a_gap_far_above_the_noise_is_no_noise_that_a_learner_cannot_learn() -> None:
+    """What a user met: 63 N RMS were no gap, with a probability of no gap of 0.0005."""
+    size = GapSize(63.0, 63.0, 5.7, noise_known=False)
+    weak = changed(ALONE, odds=Probabilities(0.0005, 0.71, {"friction": 0.2895}), size=size, held_out=size)
+    found = judge(changed(weak, tolerance_N=11.4, closed=SOME))
+    assert found.verdict == UNKNOWN and found.probabilities.unknown > 0.7
+
+
+def test_what_held_out_recordings_reject_gives_its_probability_to_an_unknown_cause_smoothly() -> None:
+    closed = [
+        replace(CLEARLY, closed=ClosedShare(s, s - 0.1, s + 0.1), closed_alone={}) for s in np.linspace(0.2, 0.8, 61)
+    ]
+    unknown = [judge(one).probabilities.unknown for one in closed]
+    assert unknown == sorted(unknown, reverse=True) and max(-np.diff(unknown)) < 0.2
+    assert unknown[0] > 0.9 and unknown[-1] < 0.1
+
+
+ANY = st.floats() | st.floats(0.0, 1.0) | st.sampled_from([0.0, 1.0, 0.5, np.nan, np.inf, -np.inf, 5e-324, 1e308])
+SIZES = st.floats() | st.floats(0.0, 100.0)
+NAMES = ("friction", "gas_spring", "valve_lag", "calibration")
+SOME_NAMES = st.lists(st.sampled_from(NAMES), unique=True).map(tuple)
+GAP_SIZES = st.builds(GapSize, SIZES, SIZES, SIZES, st.booleans())
+SHARES = st.builds(ClosedShare, ANY, ANY, ANY) | st.floats(0.0, 1.0).map(lambda s: ClosedShare(s, s - 0.05, s + 0.05))
+SEARCH = st.builds(
+    SearchFindings,
+    figures=ANY.map(lambda share: replace(CLEAR, unexplained=share)),
+    odds=st.builds(Probabilities, ANY, ANY, st.dictionaries(st.sampled_from(NAMES), ANY)),
+    weights=st.tuples(SHARE, SHARE).map(lambda least: Calibration((), (), 1.0, *least)),
+    size=GAP_SIZES,
+    rest_N=SIZES,
+    visible_from_N=SIZES,
+    tolerance_N=SIZES,
+    has_references=st.booleans(),
+    interchangeable=st.lists(SOME_NAMES.filter(bool), max_size=2).map(tuple),
+    absorbed=SOME_NAMES,
+    is_map=st.booleans(),
+)
+ALONE_SHARES = st.dictionaries(st.sampled_from(NAMES), SHARES)
+INTERVALS = st.tuples(SIZES, SIZES)
+REFITS = st.none() | SOME_NAMES
+EVIDENCE = st.builds(
+    VerdictEvidence, SEARCH, GAP_SIZES, INTERVALS, SOME_NAMES, SHARES, ALONE_SHARES, ANY, st.booleans(), REFITS
+)
+ROUNDING = 1e-9
+
+
+@given(EVIDENCE)
+@settings(max_examples=5000, deadline=None, derandomize=True)
+def test_no_verdict_contradicts_its_probabilities_or_sizes(e: VerdictEvidence) -> None:
+    found = judge(e)
+    none, unknown, effects = found.probabilities.none, found.probabilities.unknown, found.probabilities.effects
+    causes = {name: p for name, p in effects.items() if name in e.composition}
+    others, known = [p for name, p in effects.items() if name not in causes], sum(effects.values())
+    assert all(0.0 <= p <= 1.0 for p in (none, unknown, *effects.values()))
+    assert none + unknown + known == pytest.approx(1.0)
+    closed = [c.value for c in (e.closed, *e.closed_alone.values()) if not np.isnan(c.value)]
+    assert (found.verdict == NO_GAP) == bool(found.reason) and (found.verdict == AMBIGUOUS) == bool(found.doubt)
+    if found.verdict == NO_GAP:
+        limit_N = {
+            "tolerance": lambda s: s.gap_N <= e.search.tolerance_N,
+            "noise": lambda s: s.noise_known and s.gap_N <= s.noise_N,
+            "timing": lambda s: s.noise_known and s.timed_N <= s.noise_N,
+            "baseline_error": lambda s: s.gap_N <= e.search.visible_from_N,
+        }[found.reason]
+        assert all(map(limit_N, e.sizes)) and none >= max(unknown, known) - ROUNDING
+    elif found.verdict == UNKNOWN:
+        assert unknown >= max(none, known) - ROUNDING
+        assert not e.composition or e.search.is_map or max(closed, default=0.0) <= 1.0 - IMMATERIAL / 2.0 + ROUNDING
+    else:
+        assert e.composition and known >= max(none, unknown) - ROUNDING
+    if found.verdict == NAMED:
+        assert sum(causes.values()) >= max(none, unknown, *others) - ROUNDING
+        assert e.closed.value >= MIN_NAMED_SHARE and e.closed.low > 0.0
+        left = [1.0 - c.value for name, c in e.closed_alone.items() if name not in (*causes, "calibration")]
+        assert all(np.isnan(x) or x >= 0.9 * (1.0 - e.closed.value) for x in left)
+        assert all(p < POSSIBLE for name, p in effects.items() if name not in (*causes, "calibration"))
+    if found.verdict == AMBIGUOUS:
+        enough = min(POSSIBLE, max(causes.values())) / (len(effects) + 1)
+        assert found.alternatives or max(none, unknown, *others, 0.0) >= enough - ROUNDING
 
 
 def test_a_gap_far_above_the_known_noise_is_a_gap_even_without_explanation() -> None:

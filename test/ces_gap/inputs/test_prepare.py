@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from engine_plant import SIMULATION, F, add_predictions, damper, recorded, trace
 
 from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator
-from ces_gap.baseline.surrogate import Surrogate
+from ces_gap.baseline.twin import Twin
 from ces_gap.errors import GapError
 from ces_gap.inputs import prepare as prepare_module
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings, set_aside
@@ -54,16 +55,16 @@ def test_a_fast_simulation_is_run_directly(monkeypatch: pytest.MonkeyPatch) -> N
     monkeypatch.setattr(prepare_module, "SLOW_S", 60.0)
     monkeypatch.setattr(prepare_module, "SLOW_CLOCK_S", 60.0)
     inputs = prepare([recorded()])
-    assert isinstance(inputs.exact, DirectSimulator) and inputs.cheap is inputs.exact and inputs.surrogate is None
+    assert isinstance(inputs.exact, DirectSimulator) and inputs.cheap is inputs.exact
     assert inputs.best is inputs.exact and inputs.slow is None
 
 
 @pytest.mark.slow
-def test_a_slow_simulation_gets_a_surrogate_with_changed_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_twin_replaces_a_slow_simulation(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(prepare_module, "SLOW_S", 0.0)
     inputs = prepare([recorded(seed=1, seconds=5.0), recorded(seed=2, seconds=5.0)])
-    assert isinstance(inputs.exact, DirectSimulator) and isinstance(inputs.surrogate, Surrogate)
-    assert inputs.cheap is inputs.surrogate
+    assert isinstance(inputs.exact, DirectSimulator) and isinstance(inputs.twin, Twin)
+    assert inputs.cheap is inputs.twin
     assert inputs.best is inputs.exact and inputs.slow is inputs.exact
     (trace, *_) = inputs.real
     weaker = trace.inputs.with_current(0.95 * trace.inputs.current)
@@ -86,20 +87,20 @@ def test_a_simulation_that_waits_each_time_is_slow(monkeypatch: pytest.MonkeyPat
         return damper(time_s, position_m, current_A)
 
     monkeypatch.setattr(prepare_module, "time", SimpleNamespace(process_time=lambda: 0.0))
-    nothing = Surrogate((), None, np.empty(0), 100.0)
-    monkeypatch.setattr(prepare_module, "learn_surrogate", lambda examples, traces: nothing)
+    nothing: Any = object()
+    monkeypatch.setattr(prepare_module, "find_twin", lambda *_: nothing)
     monkeypatch.setattr(prepare_module, "search_clock", SimpleNamespace(now=read))
     inputs = prepare_recordings(FunctionSimulation("waiting", wait), [recorded(seconds=6.5)], [], [])
     assert (inputs.slow is not None) == each_time
-    assert inputs.cheap is (inputs.surrogate if each_time else inputs.exact)
+    assert inputs.cheap is (nothing if each_time else inputs.exact)
 
 
 @pytest.mark.slow
 def test_recorded_predictions_cannot_be_rerun() -> None:
     recordings = [add_predictions(recorded(seed=s, seconds=5.0)) for s in (1, 2)]
     inputs = prepare_recordings(RecordedSimulation("/prediction"), recordings, [], [])
-    assert inputs.exact is None and inputs.slow is None and inputs.best is inputs.cheap is inputs.surrogate
-    assert inputs.surrogate is not None and 0.0 < inputs.surrogate.cost_J < 20.0
+    assert inputs.exact is None and inputs.slow is None and inputs.best is inputs.cheap is inputs.twin
+    assert inputs.twin is not None and 0.0 < inputs.twin.cost_J < 20.0
 
 
 def spoil(signal: str, spoil: Callable[[F], F], seconds: float = 8.0) -> Recording:

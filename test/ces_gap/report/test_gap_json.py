@@ -81,7 +81,10 @@ KEYS = {  # of ces-gap/1: other programs read them, whatever table writes them
     "ceiling": "gap_after_N shrink",
     "witness": "says note refits",
     "next_experiment": "name purpose recipe separates distance_N",
-    "surrogate": "cost_J difference_error",
+    "twin": "kind cost_J replaces",
+    "input_probe": (
+        "summary current_convention current_lead_samples current_lead_s position_delay_s noise_N memory_N corrected"
+    ),
     "held_out": "name sha256 usable_s",
 }
 
@@ -116,7 +119,7 @@ def test_what_only_some_verdicts_have() -> None:
     pair, missing, nothing, found = (gap_document(make()) for make in (ambiguous, unknown, no_gap, named))
     assert pair["indistinguishable"] == [["valve_lag", "current_hysteresis"]]
     assert pair["next_experiment"]["separates"] == ["valve_lag", "current_hysteresis"]
-    assert pair["surrogate"] == {"cost_J": 2.7, "difference_error": 0.15}
+    assert pair["twin"] == {"kind": "twin tube", "cost_J": 2.7, "replaces": True}
     recipe = found["next_experiment"]["recipe"]  # as plain JSON
     assert recipe["stroke"]["amplitude_m"] == 0.02 and type(recipe["stroke"]["amplitude_m"]) is float
     assert recipe["current"] == {"kind": "steps", "levels_A": [0.3, 1.2], "hold_s": 4}

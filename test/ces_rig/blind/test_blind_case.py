@@ -12,13 +12,15 @@ from ces_identify.simulations.simulation import FunctionSimulation
 from ces_rig.blind.cases import open_arrays, open_seal, write_arrays, write_case, write_seal
 from ces_rig.blind.draw import draw_case
 from ces_rig.blind.plan import BlindCase
+from ces_rig.dampers.kinds import KINDS
 from ces_rig.errors import RigError
 from ces_rig.experiment import load_rig
 from ces_rig.sensors import EPOCH_NS
 
 SECONDS = 2.0
 
-FRICTION = BlindCase("effect", ("friction",), 3.0, 1.0 / 3.0, "rich", ("hydraulic",), number=7, seed=11)
+PLANTS = {"hydraulic": KINDS["hydraulic"].design}
+FRICTION = BlindCase("effect", ("friction",), 3.0, 1.0 / 3.0, "rich", PLANTS, number=7, seed=12)
 
 
 def rms(values):
@@ -82,7 +84,7 @@ def test_the_folder_tells_nothing_of_what_is_withheld(made):
     described = json.loads((folder / "case.json").read_text())
     assert not set(described) & {"kind", "plant", "effects", "gap_to_noise", "baseline_ratio", "gap_N"}
     other_label, other_arrays = write_case(
-        draw_case(BlindCase("none", (), 3.0, 0.0, "rich", ("hydraulic",), 8, 5), SECONDS), folder.parent / "0008"
+        draw_case(BlindCase("none", (), 3.0, 0.0, "rich", PLANTS, 8, 5), SECONDS), folder.parent / "0008"
     )
     names = [sorted(str(p.relative_to(f)) for p in f.rglob("*")) for f in (folder, folder.parent / "0008")]
     assert names[0] == names[1]

@@ -7,21 +7,10 @@ import numpy as np
 import pytest
 
 from ces_observer.errors import CesError
-from ces_rig.blind.metrics import (
-    BY_NAME,
-    baselines,
-    brier,
-    calibration_error,
-    candidates,
-    cases_with_targets,
-    mean,
-    quantile,
-    rate,
-    wilson_interval,
-)
+from ces_rig.blind.metrics import BY_NAME, calibration_error, candidates, quantile, rate
 from ces_rig.blind.outcome import CaseOutcome, Mode, combine_modes
-from ces_rig.blind.scoring import closure, where_error
-from ces_rig.blind.tables import confusion_table, summary_table
+from ces_rig.blind.scoring import closure
+from ces_rig.blind.tables import metric_table, withheld_table
 
 RIGHT = CaseOutcome(
     case="0001", kind="effect", truth=("friction",), gap_to_noise=3.0, baseline_ratio=0.0, excitation="rich", plant="a",
@@ -32,13 +21,9 @@ WRONG = replace(RIGHT, truth=("inertia",))
 PAIR = replace(RIGHT, kind="pair", truth=("friction", "leakage"), composition=("leakage", "friction"))
 
 
-def test_the_interval_of_a_rate_is_wilsons_and_several_hits_of_one_case_count_as_one():
+def test_the_interval_of_a_rate_is_wilsons():
     assert rate([True] * 9 + [False]).interval == pytest.approx((0.5958, 0.9821), abs=1e-4)
     assert isnan(rate([]).value)
-    assert rate([True] * 20 + [False] * 10, cases=10).interval == pytest.approx(wilson_interval(2.0 / 3.0, 10))
-    assert np.ptp(rate([True] * 20 + [False] * 10, cases=10).interval) > np.ptp(
-        rate([True] * 20 + [False] * 10).interval
-    )
 
 
 @pytest.mark.parametrize(("share", "count"), [(0.1, 30), (0.5, 11), (0.9, 4)])
@@ -49,21 +34,15 @@ def test_intervals_of_quantiles_hold_for_few_cases(share, count):
     assert np.mean([low <= true <= high for low, high in intervals]) >= 0.94
 
 
-def test_intervals_of_means_hold_and_few_cases_leave_an_end_open():
+def test_few_cases_leave_an_end_of_a_quantile_open():
     assert quantile([0.7, 0.8, 0.9, 0.95], 0.1).interval == (-inf, 0.9)
-    assert mean([0.5]).interval == (-inf, inf)
-    rng = np.random.default_rng(3)
-    intervals = [mean(rng.beta(8.0, 1.0, 11)).interval for _ in range(300)]
-    assert np.mean([low <= 8.0 / 9.0 <= high for low, high in intervals]) >= 0.9
 
 
-def test_calibration_error_and_brier():
+def test_calibration_error():
     p = np.array([0.9] * 10 + [0.25] * 4)[:, None]
     right = np.array([1.0] * 9 + [0.0] + [1.0, 0.0, 0.0, 0.0])[:, None]
     assert calibration_error(p, right).value == pytest.approx(0.0)
     assert calibration_error(p, np.zeros((14, 1))).value == pytest.approx(10.0 / 14.0)
-    two = brier(np.array([[0.8, 0.2], [0.0, 1.0]]), np.array([[1.0, 0.0], [0.0, 1.0]]))
-    assert two.value == pytest.approx(0.04)
 
 
 @pytest.mark.parametrize("too_sure", [0.0, 0.2])
@@ -80,12 +59,9 @@ def test_intervals_of_the_calibration_error_hold(too_sure):
 
 def test_outcomes():
     assert RIGHT.is_in_top(1)
-    assert RIGHT.names_exactly()
-    assert not RIGHT.is_confidently_wrong()
     assert not WRONG.is_in_top(1)
     assert WRONG.is_in_top(3)
-    assert WRONG.is_confidently_wrong()
-    assert not replace(WRONG, probability={"friction": 0.8}).is_confidently_wrong()
+    assert WRONG.is_named_wrongly() and not RIGHT.is_named_wrongly()
     assert replace(WRONG, indistinguishable=(frozenset({"friction", "inertia"}),)).is_first_by_class()
     assert not replace(WRONG, indistinguishable=(frozenset({"friction", "backlash"}),)).is_first_by_class()
 
@@ -93,11 +69,7 @@ def test_outcomes():
 def test_both_of_a_pair():
     assert PAIR.finds_exactly()
     assert not replace(PAIR, composition=("friction",)).finds_exactly()
-    twin = replace(PAIR, composition=("friction", "blow_off"), indistinguishable=(frozenset({"leakage", "blow_off"}),))
-    assert not twin.finds_exactly()
-    assert twin.finds_by_class()
-    once = replace(PAIR, composition=("friction", "backlash"), indistinguishable=(frozenset({"friction", "leakage"}),))
-    assert not once.finds_by_class()
+    assert not replace(PAIR, composition=("friction", "leakage", "inertia")).finds_exactly()
 
 
 def test_candidates_include_an_answer_without_a_probability():
@@ -109,12 +81,11 @@ def test_candidates_include_an_answer_without_a_probability():
 
 def test_metrics_count_only_their_own_kinds_of_case():
     cases = [RIGHT, WRONG, PAIR, replace(RIGHT, kind="none", truth=(), verdict="ambiguous")]
-    figures = {name: BY_NAME[name].count(cases) for name in ("top-1", "false alarms", "both of a pair")}
+    figures = {name: BY_NAME[name].count(cases) for name in ("first", "false alarms", "pairs (both found)")}
     assert {name: (f.value, f.count) for name, f in figures.items()} == {
-        "top-1": (0.5, 2), "false alarms": (1.0, 1), "both of a pair": (1.0, 1)
+        "first": (0.5, 2), "false alarms": (1.0, 1), "pairs (both found)": (1.0, 1)
     }  # fmt: skip
-    assert baselines([replace(RIGHT, baselines={"bic": "friction"}), WRONG])["bic"].value == 1.0
-    assert ["`inertia`", "1", "0.0 %", "0.0 %", "100.0 %", "named 1", "friction 1"] in confusion_table(cases).rows
+    assert ["effect: inertia", "named 1", "friction 1"] in withheld_table(cases).rows
 
 
 def test_without_references_a_wrong_simulation_is_a_cause_of_its_own():
@@ -131,28 +102,21 @@ def test_without_references_a_wrong_simulation_is_a_cause_of_its_own():
 
 def test_calibration_beside_the_right_effect_is_not_wrong():
     both = replace(RIGHT, composition=("calibration", "friction"), baseline_ratio=1.0, mode=Mode("run", 0))
-    assert both.names_exactly() and both.finds_exactly() and not both.is_named_wrongly()
+    assert both.finds_exactly() and not both.is_named_wrongly()
     assert replace(both, baseline_ratio=0.0).is_named_wrongly()
     assert replace(both, composition=("calibration",)).is_named_wrongly()
     assert replace(both, composition=("calibration", "friction", "inertia")).is_named_wrongly()
     assert not replace(both, composition=("inertia",), verdict="ambiguous").is_named_wrongly()
-    first = replace(both, ranked=("calibration", "friction"))
-    assert first.is_first_effect() and not first.is_in_top(1)
-    assert not replace(first, baseline_ratio=0.0).is_first_effect()
-
-
-def test_targets_apply_from_a_gap_of_three_times_the_noise_and_of_the_identified_models_error():
-    model = replace(RIGHT, mode=Mode("identified", 2), gap_N=30.0, figures={"error_N": 29.0})
-    small = [replace(RIGHT, gap_to_noise=1.0), replace(model, figures={"error_N": 31.0})]
-    assert cases_with_targets([*small, RIGHT, model]) == [RIGHT, model]
 
 
 def test_a_target_is_met_or_not_only_if_the_whole_interval_says_so():
-    model = replace(RIGHT, mode=Mode("identified", 2), gap_N=30.0, figures={"error_N": 29.0})
-    table = str(summary_table({"run_2": [RIGHT] * 9 + [WRONG], "identified_2": [model]}).rows)
+    model = replace(RIGHT, mode=Mode("identified", 2))
+    table = str(metric_table("mode", {"run_2": [RIGHT] * 9 + [WRONG], "identified_2": [model]}).rows)
     assert "90.0 % (59.6 % to 98.2 %; 10); ≥ 95.0 % undecided" in table
     assert "; 1); ≥ 90.0 % undecided" in table
-    many = str(summary_table({"run_2": [RIGHT] * 400, "identified_2": [replace(WRONG, mode=model.mode)] * 40}).rows)
+    many = str(
+        metric_table("mode", {"run_2": [RIGHT] * 400, "identified_2": [replace(WRONG, mode=model.mode)] * 40}).rows
+    )
     assert "100.0 % (99.0 % to 100.0 %; 400); ≥ 95.0 % met" in many
     assert "0.0 % (0.0 % to 8.8 %; 40); ≥ 90.0 % **not met**" in many
 
@@ -164,37 +128,16 @@ def test_modes():
         "run_0": "no_references", "run_1": "references", "predictions_0": "predictions",
         "predictions_1": "predictions", "identified_1": "identified",
     }  # fmt: skip
-    for simulation, references in (("identified", 0), ("walk", 1), ("run", 3)):
+    for simulation, references in (("identified", 0), ("walk", 1), ("run", 6)):
         with pytest.raises(CesError, match=r"expected|add --references"):
             Mode(simulation, references)
 
 
-def test_closure_and_its_oracles():
+def test_closure():
     rng = np.random.default_rng(2)
     force, effect, error = rng.normal(0.0, [[900.0], [24.0], [18.0]], (3, 20_000))
-    truth = {"h1_force_N": force, "h1_effect_N": effect, "h1_baseline_N": force - effect - error}
-    replay = {
-        "h1_simulated_N": truth["h1_baseline_N"],
-        "h1_corrected_N": force - effect - 0.1 * error,
-        "h1_augmented_N": force - 0.5 * effect - 0.1 * error,
-    }
+    truth = {"h1_force_N": force}
+    replay = {"h1_simulated_N": force - effect - error, "h1_augmented_N": force - 0.5 * effect - 0.1 * error}
     got = closure(truth, replay, "h1")
-    assert got["gap_N"] == pytest.approx(30.0, rel=0.02)
-    assert got["oracle"] == pytest.approx(1.0 - 1.8 / 30.0, abs=0.003)
-    assert got["plain_oracle"] == pytest.approx(1.0 - 18.0 / 30.0, abs=0.01)
     assert got["closure"] == pytest.approx(1.0 - np.hypot(12.0, 1.8) / 30.0, abs=0.01)
     assert closure(truth, {name: values[1:] for name, values in replay.items()}, "h1") == {}
-
-
-def test_misplaced_energy():
-    speed = np.tile([-1.0, 1.0], 5000)
-    truth = {"h1_speed_m_s": speed, "h1_effect_N": np.where(speed > 0.0, 10.0, 0.0), "h1_force_N": speed}
-    truth["h1_baseline_N"] = truth["h1_force_N"] - 3.0
-
-    def regions(rebound, compression):
-        shares = ((-1.0, 0.0, rebound), (0.0, 1.0, compression))
-        return [{"axis": "direction", "from": a, "to": b, "share_of_energy": s} for a, b, s in shares]
-
-    assert where_error(truth, regions(0.0, 1.0), ("h1",), True) == {"where_direction": pytest.approx(0.0, abs=1e-9)}
-    assert where_error(truth, regions(0.5, 0.5), ("h1",), True) == {"where_direction": pytest.approx(0.5)}
-    assert where_error(truth, regions(0.5, 0.5), ("h1",), False) == {"where_direction": pytest.approx(0.0, abs=1e-9)}

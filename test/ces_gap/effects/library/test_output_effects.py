@@ -44,10 +44,6 @@ CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] =
     ),
     (("temperature_fade", "heated"), plants.faded(2e-5), (2e-5,), (0.02,)),
     (("temperature_fade", "cooled"), plants.faded(4e-5, 8.0), (4e-5, 8.0), (0.05, 0.1)),
-    (("temperature_fade", "viscous"), plants.faded(4e-5, laminar=0.2), (4e-5, 0.2), (0.05, 0.1)),
-    (("blow_off", "rebound"), plants.limited(1300.0, 1e9, 0.3), (1300.0, 0.3), (0.02, 0.05)),
-    (("blow_off", "compression"), plants.limited(1e9, 700.0, 0.1), (700.0, 0.1), (0.02, 0.1)),
-    (("blow_off", "both"), plants.limited(1300.0, 700.0, 0.2), (1300.0, 700.0, 0.2), (0.02, 0.02, 0.08)),
     (("bump_stop", "compression"), plants.stopped(6e4, 9e6, 0.03, -1.0), (6e4, 9e6, 0.03), (0.08, 0.05, 0.01)),
     (("bump_stop", "rebound"), plants.stopped(6e4, 9e6, 1.0, -0.03), (6e4, 9e6, -0.03), (0.08, 0.05, 0.01)),
     (("bump_stop", "both"), plants.stopped(4e4, 6e6, 0.03, -0.035), (4e4, 6e6, 0.03, -0.035), (0.08, 0.05, 0.01, 0.01)),
@@ -60,7 +56,7 @@ CASES: list[tuple[tuple[str, str], Planted, Sequence[float], Sequence[float]]] =
 
 def refit(effect: Effect, trace: Trace) -> tuple[float, ...]:
     """Return the values that fit best from the effect's starts, searched inside the bounds."""
-    low, high = np.array([p.search_bounds() for p in effect.parameters]).T
+    low, high = np.array([p.search_bounds(usual=True) for p in effect.parameters]).T
     starts = effect.starts_for(trace)
 
     def values(u: np.ndarray) -> tuple[float, ...]:
@@ -134,13 +130,11 @@ def test_without_a_known_temperature_there_is_no_measured_fade() -> None:
         assert np.array_equal(respond("temperature_fade", "measured", trace, (0.05,)), trace.simulated)
 
 
-def test_starts_of_stops_and_valves_lie_within_the_recording() -> None:
+def test_starts_of_stops_lie_within_the_recording() -> None:
     trace = plants.trace(seconds=5.0)
-    furthest, hardest = trace.inputs.position.max(), -trace.simulated.min()
+    furthest = trace.inputs.position.max()
     contacts = [start[2] for start in FORMS["bump_stop", "compression"].starts_for(trace)]
-    levels = [start[0] for start in FORMS["blow_off", "rebound"].starts_for(trace)]
     assert all(0.3 * furthest < at < furthest for at in contacts)
-    assert all(0.4 * hardest < level < hardest for level in levels)
 
 
 def respond(name: str, form: str, trace: Trace, values: Sequence[float]) -> np.ndarray:

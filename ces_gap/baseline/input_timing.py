@@ -1,0 +1,91 @@
+"""What a simulation does to the timing of its inputs, undone: the current comes later, the position earlier.
+
+A simulation that interpolates the current between samples, where the real one is held, answers before it should; one
+that filters the position answers late. `ces_gap.inputs.probes` measures by how much.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ces_data.arrays import F
+from ces_data.recording import Channel, Recording
+from ces_identify.simulations.simulation import Simulation
+from ces_observer.json_text import JsonObject
+
+MAX_LEAD_SAMPLES = 10.0
+MAX_DELAY_S = 0.1
+
+
+@dataclass(frozen=True)
+class InputTiming:
+    """The lead of the simulation's current, in samples of the position, and its delay of the position [s]."""
+
+    current_lead_samples: float = 0.0
+    position_delay_s: float = 0.0
+
+    def __bool__(self) -> bool:
+        return self != ON_TIME
+
+    def as_json(self) -> dict[str, float]:
+        """Return the timing as a JSON object."""
+        return asdict(self)
+
+    @classmethod
+    def from_json(cls, node: JsonObject) -> InputTiming:
+        """Read the timing; raises ModelError if a number is missing or out of bounds."""
+        lead = node.number("current_lead_samples", -MAX_LEAD_SAMPLES, MAX_LEAD_SAMPLES)
+        return cls(lead, node.number("position_delay_s", 0.0, MAX_DELAY_S))
+
+
+ON_TIME = InputTiming()
+
+
+@dataclass(frozen=True)
+class RetimedSimulation(Simulation):
+    """A simulation whose inputs are shifted against the `timing` that was found in it."""
+
+    simulation: Simulation
+    timing: InputTiming
+
+    @property
+    def innermost(self) -> Simulation:
+        """The simulation inside."""
+        return self.simulation.innermost
+
+    def force(self, recording: Recording) -> F:
+        """Return the force [N] at every position sample (n,), as if the simulation took its inputs on time."""
+        channels = dict(recording.channels)
+        if self.timing.current_lead_samples and "current" not in recording.constants:
+            channels["current"] = _delay_current(recording, self.timing.current_lead_samples)
+        if self.timing.position_delay_s:
+            channels["position"] = _advance_position(recording.channel("position"), self.timing.position_delay_s)
+        return self.simulation.force(replace(recording, channels=channels))
+
+
+def _delay_current(recording: Recording, lead: float) -> Channel:
+    """Return the current at the position samples, each the mean of the held one over a sample interval around it.
+
+    The interval begins `lead` samples before, so that interpolation (0.5) has the mean delay of the held current.
+    """
+    logged, clock = recording.channel("current").in_order(), recording.channel("position").in_order().stamps_ns
+    seconds, at = (logged.stamps_ns - clock[0]) * 1e-9, (clock - clock[0]) * 1e-9
+    step = float(np.median(np.diff(at)))
+    edges = np.concatenate(
+        [[min(seconds[0], at[0]) - 20.0 * step], seconds[1:], [max(seconds[-1], at[-1]) + 20 * step]]
+    )
+    charge = np.concatenate([[0.0], np.cumsum(logged.values * np.diff(edges))])
+    before, after = (np.interp(at + (share - lead) * step, edges, charge) for share in (0.0, 1.0))
+    return replace(logged, stamps_ns=clock, values=(after - before) / step)
+
+
+def _advance_position(logged: Channel, delay_s: float) -> Channel:
+    """Return the position that comes `delay_s` later."""
+    known = logged.in_order()
+    start = known.stamps_ns[0]
+    spline = CubicSpline((known.stamps_ns - start) * 1e-9, known.values)
+    at = np.clip((logged.stamps_ns - start) * 1e-9 + delay_s, 0.0, (known.stamps_ns[-1] - start) * 1e-9)
+    return replace(logged, values=np.where(np.isfinite(logged.values), spline(at), np.nan))

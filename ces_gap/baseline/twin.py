@@ -1,0 +1,175 @@
+"""The twin of a simulation: a hydraulic network fitted to its force, into which effects can be put.
+
+Only differences are used. The force with an effect inside is that of the simulation, plus the twin's with the effect,
+minus the twin's without; that of a simulation which cannot be run again, under other inputs, is the recorded one plus
+the difference of the twin's. So the force at the recorded inputs is exact. A simulation does not know what time it is:
+if an effect moves the motion in time, the twin's error there is moved with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from ces_data.arrays import F
+from ces_gap.baseline.plant import TraceSimulator
+from ces_gap.effects.effect import Composition
+from ces_gap.effects.network import NetworkRun
+from ces_gap.grid import thin_out
+from ces_gap.trace import CURRENT_AGE_S, Trace, TraceInputs
+from ces_identify.prepare.series import hold_current
+from ces_observer.json_text import JsonObject
+from ces_observer.structures.hydraulic import Hydraulic
+
+SCHEMA = "ces-twin/1"
+STEP_S = 1e-3  # [s] longest step of a twin: half of it gains next to nothing
+MAX_TICKS = 400_000  # of all steps of one run: longer recordings get longer steps, down to the position's rate
+
+
+@dataclass(frozen=True)
+class Twin(TraceSimulator):
+    """A network `body`, whose dead time is counted in ticks of `tick_s`.
+
+    `cost_J` is the cost J [%] (thesis eq. 3.5) on blocks of the simulated force left out of the fit, `error_N` the RMS
+    of the error there. `change_error` is the error of a change of force by other inputs, relative to the change.
+    """
+
+    body: Hydraulic
+    tick_s: float
+    cost_J: float
+    error_N: float
+    change_error: float
+
+    def prepare_for(self, trace: Trace) -> TraceTwin:
+        """Return the twin for this trace only, its force for the recorded inputs computed once."""
+        return TraceTwin(self, trace)
+
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the simulated force [N] (n,) for the inputs."""
+        return self.prepare_for(trace).force(trace, inputs)
+
+    def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the standard error [N] (n,) of the change of force from the recorded inputs to `inputs`."""
+        return self.prepare_for(trace).error_of_change(trace, inputs)
+
+    def change(self, trace: Trace, inputs: TraceInputs, composition: Composition) -> F:
+        """Return the change of force [N] (n,) by the effects of a composition that lie inside."""
+        return self.prepare_for(trace).change(trace, inputs, composition)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the twin as plain values."""
+        numbers = {name: getattr(self, name) for name in ("tick_s", "cost_J", "error_N", "change_error")}
+        return {"schema": SCHEMA, **numbers, **self.body.to_json()}
+
+    @classmethod
+    def from_json(cls, document: Mapping[str, Any]) -> Twin:
+        """Return the twin from `as_json`; raises ValueError or ModelError if the document is not one."""
+        if document.get("schema") != SCHEMA:
+            raise ValueError(f"schema is {document.get('schema')!r}; expected {SCHEMA!r}")
+        root = JsonObject(document, "twin")
+        numbers = (root.number(name, 0.0) for name in ("cost_J", "error_N", "change_error"))
+        return cls(Hydraulic.from_json(root, {}), root.number("tick_s", 1e-6, 1.0), *numbers)
+
+
+@dataclass(frozen=True)
+class TraceTwin(TraceSimulator):
+    """A twin on one trace."""
+
+    twin: Twin
+    trace: Trace
+
+    @cached_property
+    def run(self) -> NetworkRun:
+        """The run with the recorded inputs: the smoothed motion, and the current as it was held."""
+        return make_run(self.twin, self.trace)
+
+    @cached_property
+    def recorded(self) -> F:
+        """The twin's force [N] (n,) for the recorded inputs."""
+        return self._on_grid(self.run)
+
+    def force(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the simulated force [N] (n,) for the inputs."""
+        if inputs is self.trace.inputs:
+            return self.trace.simulated
+        error = self.trace.simulated - self.recorded
+        return self._on_grid(self._with(inputs)) + carry_error(error, self.trace, inputs)
+
+    def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
+        """Return the standard error [N] (n,) of the change of force from the recorded inputs to `inputs`."""
+        return np.asarray(self.twin.change_error * np.abs(self.force(trace, inputs) - self.trace.simulated))
+
+    def predict(self, inputs: TraceInputs) -> F:
+        """Return the twin's own force [N] (n,) for the inputs."""
+        return self._on_grid(self._with(inputs))
+
+    def change(self, trace: Trace, inputs: TraceInputs, composition: Composition) -> F:
+        """Return the change of force [N] (n,) by the effects of a composition that lie inside."""
+        plain = self._with(inputs)
+        before = self.recorded if inputs is self.trace.inputs else self._on_grid(plain)
+        return self._on_grid(composition.edit(plain)) - before
+
+    def _with(self, inputs: TraceInputs) -> NetworkRun:
+        """Return the run with changed inputs."""
+        if inputs is self.trace.inputs:
+            return self.run
+        time_s = self.run.step_s * np.arange(len(self.run.position))
+        moved = CubicSpline(self.trace.time_s, inputs.position - self.trace.inputs.position)
+        position, speed = self.run.position + moved(time_s), self.run.speed + moved(time_s, 1)
+        current = self.run.current
+        if not inputs.current_as_logged:
+            current = current + np.interp(time_s, self.trace.time_s, inputs.current - self.trace.inputs.current)
+        return replace(self.run, position=position, speed=speed, current=current)
+
+    def _on_grid(self, run: NetworkRun) -> F:
+        _, base, factor = self.trace.base_grid
+        return thin_out(run.force()[:: count_steps(self.trace)][: len(base)], factor)
+
+
+def count_steps(trace: Trace) -> int:
+    """Return how many steps a twin takes from one tick of the trace's base grid to the next."""
+    _, base, _ = trace.base_grid
+    wanted = max(1, round(float(base[1] - base[0]) / STEP_S))
+    return max(1, min(wanted, MAX_TICKS // len(base)))
+
+
+def make_run(twin: Twin, trace: Trace, steps: int | None = None) -> NetworkRun:
+    """Return the run of a twin over the recorded inputs of a trace."""
+    position, speed, current, step_s = sample_inputs(trace, steps or count_steps(trace))
+    valve = twin.body.valve
+    body = replace(twin.body, valve=replace(valve, delay_ticks=valve.delay_ticks * twin.tick_s / step_s))
+    return NetworkRun(body, position, speed, current, step_s)
+
+
+def sample_inputs(trace: Trace, steps: int) -> tuple[F, F, F, float]:
+    """Return position [m], speed [m/s] and current [A] (m,) at `steps` to a tick of the base grid, and the step [s].
+
+    A simulation gets a current with each position sample, and holds it.
+    """
+    _, base, _ = trace.base_grid
+    step_s = float(base[1] - base[0]) / steps
+    time_s = np.arange((len(base) - 1) * steps + 1) * step_s
+    motion, inside = CubicSpline(trace.time_s, trace.inputs.position), np.minimum(time_s, trace.time_s[-1])
+    first = int(trace.recording.channel("position").stamps_ns[0])
+    current = hold_current(trace.recording, first + np.round(base * 1e9).astype(np.int64), CURRENT_AGE_S)
+    known = np.isfinite(current)
+    current = np.interp(base, base[known], current[known]) if known.any() else np.zeros_like(base)
+    current = np.repeat(current, steps)[: len(time_s)]
+    return motion(inside), motion(inside, 1), current, step_s
+
+
+def carry_error(error: F, trace: Trace, inputs: TraceInputs) -> F:
+    """Return the error [N] (n,) at the recorded inputs moved in time as the changed motion is.
+
+    The delay is that of the position that fits the change best, in least squares: x - x' = delay v.
+    """
+    speed = trace.inputs.speed
+    moved = trace.inputs.position - inputs.position
+    size = float(speed @ speed)
+    delay_s = float(speed @ moved) / size if size > 0.0 else 0.0
+    return error if delay_s == 0.0 else np.interp(trace.time_s - delay_s, trace.time_s, error)

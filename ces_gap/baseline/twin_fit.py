@@ -1,0 +1,205 @@
+"""The fit of a twin: traces with their simulated force in, the kind and the numbers of a hydraulic network out.
+
+Kinds of damper are compared at the position's rate. The best is then fitted at the steps of the twin, with weaker pulls
+towards usual values: there is no noise in a simulated force. Blocks left out decide.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from ces_data.arrays import F, I, Mask
+from ces_gap.baseline.twin import Twin, count_steps, sample_inputs
+from ces_gap.grid import is_constant, rms
+from ces_gap.progress import Progress, ignore_progress
+from ces_gap.trace import Trace, usable_values
+from ces_identify.physical.layout import read_scales
+from ces_identify.physical.physical_search import PhysicalFit, PhysicalSearch
+from ces_identify.polynomial.search_limits import Limits
+from ces_identify.simulations.simulation import ModelSimulation, Simulation
+from ces_identify.trained.training import Training
+from ces_observer import __version__
+from ces_observer.errors import ModelError
+from ces_observer.json_text import write_atomically
+from ces_observer.model import Envelope
+from ces_observer.structures.hydraulic import Hydraulic
+
+KINDS = ("uniflow", "twin tube", "magneto-rheological")
+WORK, ROWS = 0.25, 4  # of the comparison of kinds: work of a fit, and curves of the valve
+STRENGTHS = (0.03, 0.003)  # of the pulls of the last fit
+CLOSE = 1.15  # times the lowest cost: a second kind that is also fitted to the end
+MAX_TICKS, MAX_STEPS = 24_000, 60_000  # of both fits: more are thinned out to windows
+WINDOW_S, BLOCK_S, EVERY = 4.0, 1.0, 4  # [s], [s] length of a window and of a block; every fourth block is left out
+START_UP_S = 0.3  # [s] after the start of a window that does not count
+CURRENT_BINS = 6  # of the range of currents; a bin with MIN_BIN_SHARE of the ticks gets a node
+MIN_BIN_SHARE, MIN_NODE_GAP = 0.02, 0.5  # the latter relative to a bin
+CONSTANT_REACH = 0.5  # of a constant current, by which the characteristic reaches beyond it
+MIN_REACH_A = 0.1
+MAX_OWN_COST_J = 3.0  # [%] of a model as its own twin: the observer's speed and ticks differ from the twin's
+CHANGE_ERROR = 3.0  # of a change of force over that of the force: measured on the dampers of the rig
+
+
+def find_own_twin(simulation: Simulation, traces: Sequence[Trace]) -> Twin | None:
+    """Return the simulation itself as its twin, if it is a hydraulic model that is close to the traces on the grid."""
+    inside = simulation.innermost
+    if not isinstance(inside, ModelSimulation) or not isinstance(inside.model.body, Hydraulic):
+        return None
+    twin = Twin(inside.model.body, 1.0 / inside.model.sampling.rate_Hz, 0.0, 0.0, 0.0)
+    force = usable_values(traces, [t.simulated for t in traces])
+    error_N = rms(force - usable_values(traces, [twin.prepare_for(t).recorded for t in traces]))
+    cost_J = 100.0 * error_N / max(float(force.std()), 1e-9)
+    found = replace(twin, cost_J=cost_J, error_N=error_N, change_error=min(CHANGE_ERROR * 0.01 * cost_J, 1.0))
+    return found if cost_J < MAX_OWN_COST_J else None
+
+
+def find_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ignore_progress) -> Twin | None:
+    """Return the twin of the simulation behind the traces, as stored if it was fitted before; None without motion."""
+    path = _folder() / f"{_hash(traces)}.json"
+    try:
+        return Twin.from_json(json.loads(path.read_text(encoding="utf-8")))
+    except (OSError, ValueError, ModelError):
+        pass
+    twin = fit_twin(traces, threads, progress)
+    if twin is not None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(path, json.dumps(twin.as_json()))
+        except OSError:
+            pass  # it is fitted again next time
+    return twin
+
+
+def _folder() -> Path:
+    cache = os.environ.get("XDG_CACHE_HOME", "")
+    return (Path(cache) if cache else Path.home() / ".cache") / "ces_observer" / "twins"
+
+
+def _hash(traces: Sequence[Trace]) -> str:
+    digest = hashlib.sha256(repr((__version__, KINDS, WORK, ROWS, STRENGTHS, MAX_TICKS, MAX_STEPS)).encode())
+    for trace in traces:
+        for values in (trace.inputs.position, trace.inputs.current, trace.simulated):
+            digest.update(np.ascontiguousarray(values).tobytes())
+    return digest.hexdigest()
+
+
+def fit_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ignore_progress) -> Twin | None:
+    """Return the twin fitted to the simulated force of the traces; None if they are too short or hold no motion."""
+    rate_Hz = traces[0].rate_Hz
+    alike = [t for t in traces if t.rate_Hz == rate_Hz and t.simulated_at_base is not None]
+    coarse, tick_s = build_training(alike, [1] * len(alike), MAX_TICKS)
+    if not (coarse.estimation.any() and coarse.selection.any()) or np.ptp(coarse.inputs[1]) == 0.0:
+        return None
+    progress("fitting a twin of the simulation: kinds of damper", 0.0)
+    scales = replace(read_scales(coarse, 1.0 / tick_s), currents_A=place_current_nodes(coarse.inputs[2]))
+    search = PhysicalSearch(Limits(threads=threads, work=WORK), lambda _: None)
+    fits = search.run(coarse, scales, KINDS, ROWS, held=is_constant(coarse.inputs[2]))
+    if not fits:
+        return None
+    progress(f"fitting a twin of the simulation: {fits[0].models.kind}", 0.5)
+    steps = max(count_steps(t) for t in alike)
+    fine, step_s = build_training(alike, [steps] * len(alike), MAX_STEPS)
+    close = [fit for fit in fits if fit.cost < CLOSE * fits[0].cost][:2]
+    with ThreadPoolExecutor(max(1, threads)) as pool:
+        polished = list(pool.map(lambda fit: search.polish(fit, fine, step_s, STRENGTHS), close))
+    return make_twin(min(polished, key=lambda fit: fit.cost), step_s)
+
+
+def make_twin(fit: PhysicalFit, step_s: float) -> Twin:
+    """Return the twin with the numbers of a fit."""
+    training = fit.models.training
+    used = training.selection > 0.0
+    error = fit.models.force(fit.theta)[used] - training.measured[used]
+    body = fit.models.hold_pressures(fit.theta).body(fit.theta)
+    size = float(np.sqrt(np.mean(error**2)))
+    return Twin(body, step_s, fit.cost, size, min(CHANGE_ERROR * 0.01 * fit.cost, 1.0))
+
+
+def place_current_nodes(current: F) -> F:
+    """Return nodes [A] of the valve's characteristic: one at each current that occurs often, one beyond either end.
+
+    Between currents that were recorded nothing is known but that the characteristic rises: it is a straight line there.
+    """
+    low, high, middle = float(current.min()), float(current.max()), float(current.mean())
+    if is_constant(current):
+        reach = max(CONSTANT_REACH * abs(middle), MIN_REACH_A)
+        return np.array([middle - reach, middle, middle + reach])
+    width = (high - low) / CURRENT_BINS
+    levels: list[float] = []
+    for k in range(CURRENT_BINS):
+        inside = current[(current >= low + k * width) & (current <= low + (k + 1) * width)]
+        if len(inside) < MIN_BIN_SHARE * len(current):
+            continue
+        level = float(np.median(inside))
+        if levels and level - levels[-1] < MIN_NODE_GAP * width:
+            levels[-1] = 0.5 * (levels[-1] + level)
+        else:
+            levels.append(level)
+    gaps = np.diff(levels) if len(levels) > 1 else np.array([high - low])
+    return np.array([levels[0] - gaps[0], *levels, levels[-1] + gaps[-1]])
+
+
+def build_training(traces: Sequence[Trace], steps: Sequence[int], max_ticks: int) -> tuple[Training, float]:
+    """Return windows of the traces as data of a fit, and the time [s] between ticks; blocks left out choose.
+
+    There are `steps` ticks to each tick of a base grid, at which the simulated force is known.
+    """
+    inputs, measured, usable, out, lengths, owners, step_s = [], [], [], [], [], [], 0.0
+    for number, (trace, count) in enumerate(zip(traces, steps, strict=True)):
+        *rows, step_s = sample_inputs(trace, count)
+        simulated = trace.simulated if trace.simulated_at_base is None else trace.simulated_at_base
+        force = np.repeat(simulated, count)[: len(rows[0])]
+        ticks = np.arange(len(force))
+        known = np.interp(ticks * step_s, trace.time_s, trace.usable) > 0.99
+        for window in _windows(len(force), max_ticks // len(traces), round(WINDOW_S / step_s / count) * count, count):
+            at = ticks[window]
+            good = known[window] & (at % count == 0) & (at - at[0] >= START_UP_S / step_s)
+            inputs.append(np.stack([row[window] for row in rows]))
+            measured.append(force[window])
+            usable.append(good)
+            out.append((at * step_s / BLOCK_S).astype(np.int64) % EVERY == EVERY - 1)
+            lengths.append(len(at))
+            owners.append(number)
+    ends, of_tick = np.cumsum([0, *lengths]), np.repeat(owners, lengths)
+    whole, used, left = np.concatenate(measured), np.concatenate(usable), np.concatenate(out)
+    driven = np.concatenate(inputs, axis=1)
+    training = Training(
+        driven,
+        whole,
+        np.column_stack([ends[:-1], ends[1:]]),
+        np.array(owners, dtype=np.int64),
+        _weights(used & ~left, whole, of_tick),
+        _weights(used & left, whole, of_tick),
+        Envelope(*(_range(row) for row in driven)),
+        _range(whole),
+        float(whole.std()),
+    )
+    return training, step_s
+
+
+def _windows(ticks: int, share: int, length: int, steps: int) -> list[slice]:
+    """Return all ticks, or windows of a `length`, evenly spread, if they are more than their share."""
+    if ticks <= max(share, length):
+        return [slice(0, ticks)]
+    starts = np.linspace(0, ticks - length, max(1, share // length)).astype(np.int64) // steps * steps
+    return [slice(int(start), int(start) + length) for start in starts]
+
+
+def _weights(used: Mask, measured: F, of_tick: I) -> F:
+    """Return weights (ticks,) with which the squared errors of a trace on the ticks `used` sum to (J / 100)^2."""
+    count = int(of_tick.max()) + 1
+    ticks = np.maximum(np.bincount(of_tick, used, count), 1.0)
+    mean = np.bincount(of_tick, used * measured, count) / ticks
+    energy = np.bincount(of_tick, used * (measured - mean[of_tick]) ** 2, count)
+    return np.asarray(used / np.maximum(energy, 1e-9)[of_tick])
+
+
+def _range(values: F) -> tuple[float, float]:
+    return float(values.min()), float(values.max())

@@ -1,0 +1,100 @@
+"""A run of the simulation's twin, a hydraulic network: what effects inside the damper change.
+
+A form outside a simulation cannot say what happens in a chamber. The twin can: the force of a simulation with an effect
+is that of the simulation, plus the twin's with the effect, minus the twin's without.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ces_data.arrays import F
+from ces_identify.physical.layout import EDGE_NAMES
+from ces_identify.physical.models import free_run
+from ces_identify.physical.valve_kernels import RunData
+from ces_observer.structures.curves import FlowMap
+from ces_observer.structures.hydraulic import Hydraulic
+
+BEYOND = 4.0  # times the largest flow, by which changed curves reach beyond their nodes
+MIN_GAP = 1e-6  # between flows of a changed curve, relative to the largest
+MIN_RISE = 1e-9  # between its drops, relative to the largest
+
+
+@dataclass(frozen=True)
+class NetworkRun:
+    """A network and its inputs at steps of `step_s`: `position` [m], `speed` [m/s] and `current` [A], each (m,)."""
+
+    body: Hydraulic
+    position: F
+    speed: F
+    current: F
+    step_s: float
+
+    def force(self) -> F:
+        """Return the force (m,) [N], not finite where a step has no solution."""
+        data = RunData(self.position, self.speed, self.current, np.array([[0, len(self.position)]]))
+        return free_run(self.body, self.step_s, data)
+
+    def with_body(self, **numbers: object) -> NetworkRun:
+        """Return the run with other numbers of the network."""
+        return replace(self, body=replace(self.body, **numbers))  # type: ignore[arg-type]
+
+    def with_flow(self, edge: str, change: Callable[[F, F], F], drops: Sequence[float] = ()) -> NetworkRun:
+        """Return the run with the flow [m/s] through an edge replaced by `change`(flow, drop), which must rise.
+
+        Curves are changed at their nodes, beyond them and at further `drops` [N].
+        """
+        changed = [change_curve(flow, drop, change, drops) for drop, flow in _curves(self.body, edge)]
+        return self.with_body(**tabulate(self.body, {edge: changed}))
+
+
+Curve = tuple[F, F]
+"""Drops [N] and flows [m/s] (k,), both rising."""
+
+
+def _curves(body: Hydraulic, edge: str) -> list[Curve]:
+    """Return the curves of an edge, with a node far beyond either end."""
+    flow: FlowMap = getattr(body, edge)
+    at = np.array(flow.at)
+    wide = np.concatenate([[at[0] - BEYOND * np.ptp(at)], at, [at[-1] + BEYOND * np.ptp(at)]])
+    curves = []
+    for row in flow.rows:
+        drop = np.array(row)
+        low, high = (drop[1] - drop[0]) / (at[1] - at[0]), (drop[-1] - drop[-2]) / (at[-1] - at[-2])
+        ends = drop[0] + low * (wide[0] - at[0]), drop[-1] + high * (wide[-1] - at[-1])
+        curves.append((np.concatenate([[ends[0]], drop, [ends[1]]]), wide))
+    return curves
+
+
+def change_curve(flow: F, drop: F, change: Callable[[F, F], F], drops: Sequence[float]) -> Curve:
+    """Return a curve with its flow replaced by `change`(flow, drop)."""
+    at = np.unique(np.concatenate([drop, np.asarray(drops, dtype=np.float64)]))
+    return at, change(np.interp(at, drop, flow), at)
+
+
+def tabulate(body: Hydraulic, changed: dict[str, list[Curve]]) -> dict[str, FlowMap]:
+    """Return all edges of a network, some of them `changed`, over flows that hold the nodes of every curve."""
+    largest = max(map(abs, body.piston.at))
+    nodes = np.unique(np.concatenate([body.piston.at, *(flow for curves in changed.values() for _, flow in curves)]))
+    nodes = nodes[np.insert(np.diff(nodes) > MIN_GAP * largest, 0, True)]
+    nodes = np.unique(np.append(nodes[np.abs(nodes) > MIN_GAP * largest], 0.0))
+    at = tuple(nodes.tolist())
+    edges = {name: changed.get(name) or _curves(body, name) for name in EDGE_NAMES}
+    return {name: FlowMap(at, tuple(_drops_at(nodes, curve) for curve in curves)) for name, curves in edges.items()}
+
+
+def _drops_at(nodes: F, curve: Curve) -> tuple[float, ...]:
+    """Return the drops [N] of a curve at flows `nodes` (k,), straight beyond its ends, 0 at no flow."""
+    drop, flow = curve
+    out = np.interp(nodes, flow, drop)
+    for (a, b), beyond in (((0, 1), nodes < flow[0]), ((-2, -1), nodes > flow[-1])):
+        slope = (drop[b] - drop[a]) / max(flow[b] - flow[a], 1e-12)
+        end = b if a else a
+        out[beyond] = drop[end] + slope * (nodes[beyond] - flow[end])
+    out -= out[nodes == 0.0]
+    rises = np.maximum(np.diff(out), MIN_RISE * float(np.abs(out).max()))
+    rising = np.insert(np.cumsum(rises), 0, 0.0)
+    return tuple((rising - rising[nodes == 0.0]).tolist())

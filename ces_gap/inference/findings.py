@@ -1,0 +1,160 @@
+"""What the search found, as numbers: the size of the gap, figures and probabilities on the fitted recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ces_gap.baseline.learner import Ceiling, learn_ceiling
+from ces_gap.baseline.plant import Plant, TraceSimulator
+from ces_gap.effects.effect import Composition
+from ces_gap.grid import rms
+from ces_gap.inference.evidence import Baseline, Evidence
+from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters, measure_parameter_drift
+from ces_gap.inference.search import (
+    EffectSearchResult,
+    compute_paired_gain,
+    find_absorbed_effects,
+    interchangeable_effects,
+    min_unexplained_shares,
+)
+from ces_gap.inference.verdict import (
+    WITHIN_TIMING,
+    Calibration,
+    GapSize,
+    Judgement,
+    SearchFindings,
+    VerdictFigures,
+    probabilities,
+)
+from ces_gap.trace import noise_floor_N, usable_values
+
+TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
+TOLERANCE_NOISES = 2.0  # times the noise: limit of that default, so that a gap clear of the noise is not overlooked
+CLEAR_Z = 20.0  # z of a gain as large as the noise, in however few blocks
+
+
+def collect_findings(
+    baseline: Baseline,
+    result: EffectSearchResult,
+    simulation: TraceSimulator,
+    weights: Calibration,
+    tolerance: float | None = None,
+) -> SearchFindings:
+    """Return the findings; `simulation` reruns the best explanation, `tolerance` is the user's (share of the force)."""
+    evidence, best, rest = result.evidence, result.best, baseline.ceiling
+    plants = [replace(baseline.plant, simulation=simulation).prepare_for(t) for t in evidence.traces]
+    if best is not None:  # the generic learner, fitted to the rest of the best explanation
+        rows = zip(plants, evidence.traces, evidence.alone, strict=True)
+        rest = learn_ceiling(evidence.traces, [plant.with_effects(best.composition, t, a) for plant, t, a in rows])
+
+    def allowance(fit: EffectFit) -> float:
+        return twin_error_energy(evidence, plants, fit)
+
+    figures = compute_figures(result, baseline.ceiling, rest, 0.0 if best is None else allowance(best))
+    size = measure_gap(result)
+    return SearchFindings(
+        figures=figures,
+        odds=probabilities(figures, min_unexplained_shares(result), best.names if best is not None else (), weights),
+        weights=weights,
+        size=size,
+        rest_N=rest.learnt.noise.rms_N,
+        visible_from_N=max(evidence.noise.rms_N, baseline.unseen_error_N),
+        tolerance_N=tolerance_N(
+            size, rms(usable_values(evidence.traces, [t.force for t in evidence.traces])), tolerance
+        ),
+        has_references=baseline.correction is not None,
+        interchangeable=interchangeable_effects(result, allowance),
+        absorbed=find_absorbed_effects(result),
+        is_map=best is not None and all(e.nuisance or e.prior_share > 0.0 for e in best.effects),
+    )
+
+
+def measure_gap(result: EffectSearchResult) -> GapSize:
+    """Return the size of the gap on the fitted recordings, without the noise that was measured."""
+    evidence = result.evidence
+    noise_N = noise_floor_N(evidence.traces)
+    timing = [f.composition for f in result.alone if f.effects[0].nuisance][:1]
+    above = []
+    for modelled in (evidence.alone, *map(evidence.forces, timing)):
+        errors = [trace.force - force for trace, force in zip(evidence.traces, modelled, strict=True)]
+        above.append(float(np.sqrt(max(rms(usable_values(evidence.traces, errors)) ** 2 - noise_N**2, 0.0))))
+    return GapSize(above[0], min(above), noise_N, all(t.measured_noise.known for t in evidence.traces))
+
+
+def tolerance_N(size: GapSize, force_N: float, share: float | None) -> float:
+    """Return the gap [N] that counts as none: a `share` of the RMS force, by default small beside force and noise."""
+    return min(TOLERANCE_SHARE * force_N, TOLERANCE_NOISES * size.noise_N) if share is None else share * force_N
+
+
+def twin_error_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFit) -> float:
+    """Return the whitened energy that the twin's error may leave behind the right effects; 0 if none is used.
+
+    Only effects that run the simulation again are uncertain by it: at the recorded inputs the force is known.
+    """
+    rows = zip(plants, evidence.traces, evidence.alone, strict=True)
+    error = evidence.whiten([p.error_with_effects(fit.composition, t, a) for p, t, a in rows])
+    return float(error @ error)
+
+
+def compute_figures(
+    result: EffectSearchResult, before: Ceiling, after: Ceiling, allowance: float = 0.0
+) -> VerdictFigures:
+    """Return the figures; the learner was fitted to the gap `before` and `after` the best explanation.
+
+    Up to the `allowance`, a whitened energy, what the best explanation leaves is the error of the twin.
+    """
+    evidence, best, baseline = result.evidence, result.best, result.baseline_residual
+    timing = [f for f in result.alone if f.effects[0].nuisance and f.cost < baseline @ baseline]
+    if timing:  # the simulation's timing is not a part of the gap where correcting it is a gain
+        baseline = timing[0].left_out
+    residual = best.left_out if best is not None else baseline
+    gain = compute_paired_gain(evidence, baseline, residual)
+    learnt = result.baseline_residual - evidence.whiten(before.learnt.crossfitted)
+    ceiling = compute_paired_gain(evidence, baseline, learnt)
+    rest = compute_paired_gain(evidence, residual, residual - evidence.whiten(after.learnt.crossfitted))
+    left = float(residual @ residual) - len(residual)
+    return VerdictFigures(
+        energy=(float(baseline @ baseline) - len(baseline)) / len(baseline),
+        gain_z=max(gain.z, CLEAR_Z * gain.energy / len(residual)) if best is not None else 0.0,
+        ceiling_z=ceiling.z,
+        unexplained=(left - min(allowance, max(left, 0.0))) / result.gap_energy,
+        learnable=rest.energy / result.gap_energy,
+        learnable_z=rest.z,
+        stuck=count_stuck_parameters(best) if best is not None else 0,
+        drift=measure_parameter_drift(best) if best is not None else 0.0,
+    )
+
+
+def timing_notes(result: EffectSearchResult, judgement: Judgement) -> tuple[str, ...]:
+    """Return a note on the simulation's timing where it is all or a part of the gap."""
+    best = () if result.best is None else result.best.composition.settings
+    fits = [f.composition.settings[0] for f in result.alone if f.effects[0].nuisance]
+    found = [s for s in best if s.effect.nuisance] or (fits if judgement.reason == WITHIN_TIMING else [])
+    if not found:
+        return ()
+    skew, spread = found[0].values
+    side, how = "early" if skew > 0.0 else "late", "less" if spread > 0.0 else "more"
+    return (
+        f"timing: the simulated force comes {abs(skew):.2f} samples {side} and is {how} smoothed than the measured one "
+        f"(by {abs(spread):.2f} samples²): an error of logging or resampling",
+    )
+
+
+def bound_notes(composition: Composition, estimates: Sequence[Sequence[Estimate]]) -> tuple[str, ...]:
+    """Return a note on each parameter at a bound, and on each outside the usual range of dampers."""
+    notes = []
+    for setting, found in zip(composition.settings, estimates, strict=True):
+        if setting.effect.nuisance or setting.effect.prior_share > 0.0:  # no physics
+            continue
+        for p, estimate in zip(setting.effect.parameters, found, strict=True):
+            low, high = p.usual or (p.low, p.high)
+            name, value = f"{setting.name}: {p.name}", estimate.value
+            if estimate.at_bound:
+                side = "more" if value - p.low > p.high - value else "less"
+                notes.append(f"{name} is at its bound of {value:.3g}: read it as {value:.3g} or {side}")
+            elif not low <= value <= high:
+                notes.append(f"{name} of {value:.3g} is outside the usual range of dampers, {low:g} to {high:g}")
+    return tuple(notes)

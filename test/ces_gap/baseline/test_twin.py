@@ -1,0 +1,141 @@
+"""The twin of a simulation: fitted to the force of a known network, stored, and used for differences only."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hydraulic_models import make_hydraulic
+from made_recordings import recording_of
+from physical_models import PLAIN_VALVE
+
+from ces_data.arrays import F
+from ces_gap.baseline import twin_fit
+from ces_gap.baseline.twin import STEP_S, Twin, make_run
+from ces_gap.baseline.twin_fit import find_twin, fit_twin, place_current_nodes
+from ces_gap.effects.effect import Composition, Setting
+from ces_gap.effects.library.leakage import PastPiston
+from ces_gap.effects.library.mount_compliance import SeriesMount
+from ces_gap.grid import rms
+from ces_gap.trace import Trace, make_trace
+from ces_observer.errors import ModelError
+
+SECONDS, RATE_HZ = 10.0, 500.0
+MADE = Twin(make_hydraulic(PLAIN_VALVE, air=0.0), STEP_S, 1.5, 12.0, 0.1)
+LEAK = Composition((Setting(PastPiston(), (3e-5,)),))
+
+
+def traced(twin: Twin | None = MADE, seed: int = 1, current_A: float | None = None, moving: bool = True) -> Trace:
+    """A random stroke, a current in steps unless it is given, and the twin's force as the simulated one."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(round(SECONDS * RATE_HZ)) / RATE_HZ
+    position = np.zeros_like(time)
+    for frequency in rng.uniform(0.4, 6.0, 12) if moving else ():
+        position += 0.006 / frequency**0.7 * np.sin(2.0 * np.pi * (frequency * time + rng.random()))
+    current = rng.choice([0.1, 0.5, 0.9], 31)[(3.0 * time).astype(int)]
+    current = current if current_A is None else np.full_like(time, current_A)
+    made = recording_of(time, f"made{seed}", position=position, current=current, force=np.zeros_like(time))
+    bare = make_trace(made, np.zeros_like(time))
+    if twin is None:
+        return bare
+    base = make_run(twin, bare, 4).force()[::4]
+    return replace(bare, simulated=twin.prepare_for(bare).recorded, simulated_at_base=base)
+
+
+@pytest.fixture(scope="module")
+def fitted() -> Twin:
+    twin = fit_twin([traced(seed=1), traced(seed=2)])
+    assert twin is not None
+    return twin
+
+
+def test_the_recorded_force_is_exact_and_changes_are_the_twins() -> None:
+    trace = replace(traced(), simulated=traced().simulated + 100.0)  # which the twin does not know
+    alone = MADE.prepare_for(trace)
+    np.testing.assert_array_equal(alone.force(trace, trace.inputs), trace.simulated)
+    np.testing.assert_array_equal(alone.error_of_change(trace, trace.inputs), 0.0)
+    equal = replace(trace.inputs, position=trace.inputs.position.copy())
+    np.testing.assert_allclose(alone.force(trace, equal), trace.simulated, atol=1e-6)
+    wider = trace.inputs.with_position(1.1 * trace.inputs.position, trace.rate_Hz)
+    change = alone.force(trace, wider) - trace.simulated
+    np.testing.assert_allclose(change, alone.predict(wider) - alone.recorded, atol=2.0)
+    assert rms(change) > 20.0
+    np.testing.assert_allclose(alone.error_of_change(trace, wider), 0.1 * np.abs(change))
+
+
+def test_a_delay_moves_the_error_in_time() -> None:
+    """What the twin does not know of the simulated force comes as late as all of it."""
+    trace = traced()
+    wave = 40.0 * np.sin(2.0 * np.pi * 2.0 * trace.time_s)
+    own, late_s = replace(trace, simulated=trace.simulated + wave), 0.01
+    late = np.interp(trace.time_s - late_s, trace.time_s, trace.inputs.position)
+    inputs = trace.inputs.with_position(late, trace.rate_Hz)
+    error = (MADE.force(own, inputs) - MADE.force(trace, inputs))[100:-100]
+    np.testing.assert_allclose(error, np.interp(trace.time_s - late_s, trace.time_s, wave)[100:-100], atol=1.0)
+
+
+def test_effects_inside_act_at_changed_inputs_too() -> None:
+    trace = traced()
+    slower = trace.inputs.with_position(0.8 * trace.inputs.position, trace.rate_Hz)
+    here, there = (MADE.change(trace, inputs, LEAK) for inputs in (trace.inputs, slower))
+    assert rms(here) > 5.0 and rms(there) > 5.0 and rms(here - there) > 5.0
+    nothing = Composition((Setting(PastPiston(), (0.0,)),))
+    np.testing.assert_allclose(MADE.change(trace, slower, nothing), 0.0, atol=0.5)
+
+
+def test_a_twin_is_read_as_it_was_written() -> None:
+    document = json.loads(json.dumps(MADE.as_json()))
+    assert Twin.from_json(document) == MADE
+    with pytest.raises(ValueError, match="expected 'ces-twin/1'"):
+        Twin.from_json({**document, "schema": "ces-model/1"})
+    with pytest.raises(ModelError):
+        Twin.from_json({**document, "tick_s": 0.0})
+
+
+def test_nodes_lie_where_currents_are_frequent_and_one_beyond() -> None:
+    def place(*levels: float) -> list[float]:
+        current: F = np.repeat(levels, 100)
+        return [round(float(node), 3) for node in place_current_nodes(current)]
+
+    assert place(0.2, 0.5, 1.1) == [-0.1, 0.2, 0.5, 1.1, 1.7]
+    assert place(0.5) == [0.25, 0.5, 0.75]
+    assert place(0.0) == [-0.1, 0.0, 0.1]
+
+
+def test_without_motion_there_is_no_twin() -> None:
+    still = traced(moving=False)
+    assert fit_twin([replace(still, simulated_at_base=np.zeros_like(still.time_s))]) is None
+
+
+@pytest.mark.slow
+def test_a_twin_of_a_network_is_close_to_it(fitted: Twin) -> None:
+    trace = traced(seed=3)
+    own, made = fitted.prepare_for(trace), MADE.prepare_for(trace)
+    assert fitted.cost_J < 3.0 and fitted.body.kind in twin_fit.KINDS
+    assert rms(own.recorded - made.recorded) < 0.05 * rms(made.recorded)
+    soft = Composition((Setting(SeriesMount(), (1e6,)),))
+    wanted = made.change(trace, trace.inputs, soft)
+    assert rms(own.change(trace, trace.inputs, soft) - wanted) < 0.2 * rms(wanted)
+
+
+@pytest.mark.slow
+def test_a_stored_twin_is_used_again(fitted: Twin, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    calls = []
+    monkeypatch.setattr(twin_fit, "fit_twin", lambda *_: calls.append(0) or fitted)
+    one, other = [traced(seed=1)], [traced(seed=2)]
+    assert find_twin(one) == find_twin(one) == fitted and len(calls) == 1
+    find_twin(other)
+    assert len(calls) == 2
+    for stored in (tmp_path / "ces_observer" / "twins").iterdir():
+        stored.write_text("{")
+    assert find_twin(one) == fitted and len(calls) == 3
+
+
+@pytest.mark.slow
+def test_a_twin_knows_a_constant_current() -> None:
+    twin = fit_twin([traced(seed=1, current_A=0.5)])
+    assert twin is not None and twin.cost_J < 3.0
