@@ -15,7 +15,7 @@ from rich.progress import track
 
 from ces_cli.blind.diagnosing import run
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, SIGNALS, Argument
+from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, SIGNALS, Argument, only_with
 from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.progress import JobsProgress
 from ces_cli.terminal.recordings import find_bag
@@ -56,6 +56,7 @@ def make_parser() -> terminal.Parser:
         "draws cases by seed and seals the answers, 'run' diagnoses from the recordings alone, 'score' opens the seal "
         "and compares.",
         EXAMPLE,
+        rules=(only_with("signals", "recording", "applies to --recording only; add it"),),
     )
     parts = p.add_subparsers(metavar="make|run|score", required=True)
     for (name, (about, program, options)), example in zip(_PARTS.items(), EXAMPLE.splitlines(), strict=True):

@@ -8,12 +8,11 @@ import numpy as np
 from numba import njit
 
 from ces_data.arrays import F, I
-from ces_observer.structures.hydraulic import MAX_STEPS, PATIENCE, ROUNDING, SPREAD, TURN
+from ces_observer.structures.hydraulic import CLOSE, MAX_STEPS, NEAR, PATIENCE, ROUNDING, SPREAD, TURN
 
 LEAD, VISCOUS, MASS, GAS, RATIO, COMPRESSION, REBOUND, MOUNT, CREEP, FADE, OIL, PISTON, BASE, EXTERNAL = range(14)
 BYPASS, NARROW, FRICTION, YIELD, MOVED, GROWTH, LAGS = range(14, 21)  # of `places`, too
 OILS = 2  # absolute pressure of the reservoir [N], and air
-CLOSE, NEAR = 1e-8, 1e-4  # as on the vehicle, but a fit needs no more: a Newton step squares its error
 TIMES = np.array(SPREAD)  # absolute pressures over the reservoir's, where the pieces of the oil meet
 
 

@@ -173,7 +173,9 @@ def test_faulty_samples_give_the_same_estimates_and_reasons(
         python, cpp = (pair.heard[name][topic] for name in NODES)
         wait(lambda: len(cpp) == len(python) == int(pair.values(NODES[0])[key]) > 1000, f"all {key}")  # noqa: B023
         assert_equal_messages(python, cpp)
-        assert_equal_messages(*(pair.heard[name][f"{topic}_band"] for name in NODES))
+        bands = [pair.heard[name][f"{topic}_band"] for name in NODES]
+        wait(lambda: len(bands[0]) == len(bands[1]) == len(python), f"all bands of {topic}")  # noqa: B023
+        assert_equal_messages(*bands)
     counts = [withheld(pair.values(name)) for name in NODES]
     assert counts[0] == counts[1]
     assert set(counts[0]) >= {"warming up", "position is not finite", "no usable current", "position is an outlier"}
