@@ -73,8 +73,8 @@ def diagnose(
     """
     options = options or DiagnoseOptions()
     effects = (*library(), *options.effects, *(() if reference else simulation_errors()))
-    inside = any(effect.edits for effect in effects)
-    inputs = prepare_recordings(simulation, real, held_out, reference, progress, options.threads, inside)
+    needs_twin = any(effect.edits for effect in effects)
+    inputs = prepare_recordings(simulation, real, held_out, reference, progress, options.threads, needs_twin)
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)

@@ -77,13 +77,13 @@ class Trace:
     force: F
     simulated: F
     simulated_as_logged: F
+    simulated_at_base: F
     usable: Mask
     recording: Recording
     noise_N: float
     map_ticks: Mask | None = None
     measured_noise: MeasuredNoise = UNMEASURED
     simulated_left_out: F | None = None
-    simulated_at_base: F | None = None
 
     def __len__(self) -> int:
         return len(self.time_s)

@@ -31,13 +31,13 @@ KEYWORD = "# yaml-language-server: $schema="
 def path_of_schema(name: str) -> Path:
     """Return the file of a schema: one made when the package was built, else the user's, which `ces` makes."""
     built = Path(str(files("ces_identify"))) / "schemas" / f"{name}.json"
-    return built if built.is_file() else users_folder() / built.name
+    return built if built.is_file() else cache_folder() / "schemas" / built.name
 
 
-def users_folder() -> Path:
-    """Return the folder in which `ces` keeps a user's schemas."""
+def cache_folder() -> Path:
+    """Return the folder in which `ces` keeps what it can make again for a user."""
     cache = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(cache) if cache else Path.home() / ".cache") / "ces_observer" / "schemas"
+    return (Path(cache) if cache else Path.home() / ".cache") / "ces_observer"
 
 
 def schema_line(name: str) -> str:

@@ -175,7 +175,7 @@ def schema_line(name: str) -> str:
 
 def make_schemas() -> None:
     """Make the user's schemas, unless the build or this version has made them, or the folder cannot be written."""
-    folder = schema_files.users_folder()
+    folder = schema_files.cache_folder() / "schemas"
     if schema_files.path_of_schema("signals").parent != folder:
         return
     try:

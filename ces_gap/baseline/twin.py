@@ -19,7 +19,7 @@ from scipy.interpolate import CubicSpline
 from ces_data.arrays import F
 from ces_gap.baseline.plant import TraceSimulator
 from ces_gap.effects.effect import Composition
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 from ces_gap.grid import thin_out
 from ces_gap.trace import CURRENT_AGE_S, Trace, TraceInputs
 from ces_identify.prepare.series import hold_current
@@ -28,6 +28,7 @@ from ces_observer.structures.hydraulic import Hydraulic
 
 SCHEMA = "ces-twin/1"
 STEP_S = 1e-3  # [s] longest step of a twin: half of it gains next to nothing
+CHANGE_ERROR = 3.0  # of a change of force over that of the force: assumed
 MAX_TICKS = 400_000  # of all steps of one run: longer recordings get longer steps, down to the position's rate
 
 
@@ -35,15 +36,17 @@ MAX_TICKS = 400_000  # of all steps of one run: longer recordings get longer ste
 class Twin(TraceSimulator):
     """A network `body`, whose dead time is counted in ticks of `tick_s`.
 
-    `cost_J` is the cost J [%] (thesis eq. 3.5) on blocks of the simulated force left out of the fit, `error_N` the RMS
-    of the error there. `change_error` is the error of a change of force by other inputs, relative to the change.
+    `cost_J` is the cost J [%] (thesis eq. 3.5) on blocks of the simulated force left out of the fit.
     """
 
     body: Hydraulic
     tick_s: float
     cost_J: float
-    error_N: float
-    change_error: float
+
+    @property
+    def change_error(self) -> float:
+        """The error of a change of force by other inputs, relative to the change."""
+        return min(CHANGE_ERROR * 0.01 * self.cost_J, 1.0)
 
     def prepare_for(self, trace: Trace) -> TraceTwin:
         """Return the twin for this trace only, its force for the recorded inputs computed once."""
@@ -63,8 +66,7 @@ class Twin(TraceSimulator):
 
     def as_json(self) -> dict[str, Any]:
         """Return the twin as plain values."""
-        numbers = {name: getattr(self, name) for name in ("tick_s", "cost_J", "error_N", "change_error")}
-        return {"schema": SCHEMA, **numbers, **self.body.to_json()}
+        return {"schema": SCHEMA, "tick_s": self.tick_s, "cost_J": self.cost_J, **self.body.to_json()}
 
     @classmethod
     def from_json(cls, document: Mapping[str, Any]) -> Twin:
@@ -72,8 +74,7 @@ class Twin(TraceSimulator):
         if document.get("schema") != SCHEMA:
             raise ValueError(f"schema is {document.get('schema')!r}; expected {SCHEMA!r}")
         root = JsonObject(document, "twin")
-        numbers = (root.number(name, 0.0) for name in ("cost_J", "error_N", "change_error"))
-        return cls(Hydraulic.from_json(root, {}), root.number("tick_s", 1e-6, 1.0), *numbers)
+        return cls(Hydraulic.from_json(root, {}), root.number("tick_s", 1e-6, 1.0), root.number("cost_J", 0.0))
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,7 @@ class TraceTwin(TraceSimulator):
     trace: Trace
 
     @cached_property
-    def run(self) -> NetworkRun:
+    def run(self) -> TwinRun:
         """The run with the recorded inputs: the smoothed motion, and the current as it was held."""
         return make_run(self.twin, self.trace)
 
@@ -104,17 +105,13 @@ class TraceTwin(TraceSimulator):
         """Return the standard error [N] (n,) of the change of force from the recorded inputs to `inputs`."""
         return np.asarray(self.twin.change_error * np.abs(self.force(trace, inputs) - self.trace.simulated))
 
-    def predict(self, inputs: TraceInputs) -> F:
-        """Return the twin's own force [N] (n,) for the inputs."""
-        return self._on_grid(self._with(inputs))
-
     def change(self, trace: Trace, inputs: TraceInputs, composition: Composition) -> F:
         """Return the change of force [N] (n,) by the effects of a composition that lie inside."""
         plain = self._with(inputs)
         before = self.recorded if inputs is self.trace.inputs else self._on_grid(plain)
         return self._on_grid(composition.edit(plain)) - before
 
-    def _with(self, inputs: TraceInputs) -> NetworkRun:
+    def _with(self, inputs: TraceInputs) -> TwinRun:
         """Return the run with changed inputs."""
         if inputs is self.trace.inputs:
             return self.run
@@ -126,7 +123,7 @@ class TraceTwin(TraceSimulator):
             current = current + np.interp(time_s, self.trace.time_s, inputs.current - self.trace.inputs.current)
         return replace(self.run, position=position, speed=speed, current=current)
 
-    def _on_grid(self, run: NetworkRun) -> F:
+    def _on_grid(self, run: TwinRun) -> F:
         _, base, factor = self.trace.base_grid
         return thin_out(run.force()[:: count_steps(self.trace)][: len(base)], factor)
 
@@ -138,12 +135,12 @@ def count_steps(trace: Trace) -> int:
     return max(1, min(wanted, MAX_TICKS // len(base)))
 
 
-def make_run(twin: Twin, trace: Trace, steps: int | None = None) -> NetworkRun:
+def make_run(twin: Twin, trace: Trace, steps: int | None = None) -> TwinRun:
     """Return the run of a twin over the recorded inputs of a trace."""
     position, speed, current, step_s = sample_inputs(trace, steps or count_steps(trace))
     valve = twin.body.valve
     body = replace(twin.body, valve=replace(valve, delay_ticks=valve.delay_ticks * twin.tick_s / step_s))
-    return NetworkRun(body, position, speed, current, step_s)
+    return TwinRun(body, position, speed, current, step_s)
 
 
 def sample_inputs(trace: Trace, steps: int) -> tuple[F, F, F, float]:

@@ -8,11 +8,9 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -22,8 +20,9 @@ from ces_gap.grid import is_constant, rms
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, usable_values
 from ces_identify.physical.layout import read_scales
-from ces_identify.physical.physical_search import PhysicalFit, PhysicalSearch
+from ces_identify.physical.physical_search import PhysicalSearch
 from ces_identify.polynomial.search_limits import Limits
+from ces_identify.schema_files import cache_folder
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.trained.training import Training
 from ces_observer import __version__
@@ -44,7 +43,6 @@ MIN_BIN_SHARE, MIN_NODE_GAP = 0.02, 0.5  # the latter relative to a bin
 CONSTANT_REACH = 0.5  # of a constant current, by which the characteristic reaches beyond it
 MIN_REACH_A = 0.1
 MAX_OWN_COST_J = 3.0  # [%] of a model as its own twin: the observer's speed and ticks differ from the twin's
-CHANGE_ERROR = 3.0  # of a change of force over that of the force: measured on the dampers of the rig
 
 
 def find_own_twin(simulation: Simulation, traces: Sequence[Trace]) -> Twin | None:
@@ -52,17 +50,16 @@ def find_own_twin(simulation: Simulation, traces: Sequence[Trace]) -> Twin | Non
     inside = simulation.innermost
     if not isinstance(inside, ModelSimulation) or not isinstance(inside.model.body, Hydraulic):
         return None
-    twin = Twin(inside.model.body, 1.0 / inside.model.sampling.rate_Hz, 0.0, 0.0, 0.0)
+    twin = Twin(inside.model.body, 1.0 / inside.model.sampling.rate_Hz, 0.0)
     force = usable_values(traces, [t.simulated for t in traces])
-    error_N = rms(force - usable_values(traces, [twin.prepare_for(t).recorded for t in traces]))
-    cost_J = 100.0 * error_N / max(float(force.std()), 1e-9)
-    found = replace(twin, cost_J=cost_J, error_N=error_N, change_error=min(CHANGE_ERROR * 0.01 * cost_J, 1.0))
-    return found if cost_J < MAX_OWN_COST_J else None
+    error = force - usable_values(traces, [twin.prepare_for(t).recorded for t in traces])
+    cost_J = 100.0 * rms(error) / max(float(force.std()), 1e-9)
+    return replace(twin, cost_J=cost_J) if cost_J < MAX_OWN_COST_J else None
 
 
 def find_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ignore_progress) -> Twin | None:
     """Return the twin of the simulation behind the traces, as stored if it was fitted before; None without motion."""
-    path = _folder() / f"{_hash(traces)}.json"
+    path = cache_folder() / "twins" / f"{_hash(traces)}.json"
     try:
         return Twin.from_json(json.loads(path.read_text(encoding="utf-8")))
     except (OSError, ValueError, ModelError):
@@ -77,11 +74,6 @@ def find_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ig
     return twin
 
 
-def _folder() -> Path:
-    cache = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(cache) if cache else Path.home() / ".cache") / "ces_observer" / "twins"
-
-
 def _hash(traces: Sequence[Trace]) -> str:
     digest = hashlib.sha256(repr((__version__, KINDS, WORK, ROWS, STRENGTHS, MAX_TICKS, MAX_STEPS)).encode())
     for trace in traces:
@@ -93,8 +85,8 @@ def _hash(traces: Sequence[Trace]) -> str:
 def fit_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ignore_progress) -> Twin | None:
     """Return the twin fitted to the simulated force of the traces; None if they are too short or hold no motion."""
     rate_Hz = traces[0].rate_Hz
-    alike = [t for t in traces if t.rate_Hz == rate_Hz and t.simulated_at_base is not None]
-    coarse, tick_s = build_training(alike, [1] * len(alike), MAX_TICKS)
+    alike = [t for t in traces if t.rate_Hz == rate_Hz]
+    coarse, tick_s = build_training(alike, 1, MAX_TICKS)
     if not (coarse.estimation.any() and coarse.selection.any()) or np.ptp(coarse.inputs[1]) == 0.0:
         return None
     progress("fitting a twin of the simulation: kinds of damper", 0.0)
@@ -105,21 +97,12 @@ def fit_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ign
         return None
     progress(f"fitting a twin of the simulation: {fits[0].models.kind}", 0.5)
     steps = max(count_steps(t) for t in alike)
-    fine, step_s = build_training(alike, [steps] * len(alike), MAX_STEPS)
+    fine, step_s = build_training(alike, steps, MAX_STEPS)
     close = [fit for fit in fits if fit.cost < CLOSE * fits[0].cost][:2]
     with ThreadPoolExecutor(max(1, threads)) as pool:
         polished = list(pool.map(lambda fit: search.polish(fit, fine, step_s, STRENGTHS), close))
-    return make_twin(min(polished, key=lambda fit: fit.cost), step_s)
-
-
-def make_twin(fit: PhysicalFit, step_s: float) -> Twin:
-    """Return the twin with the numbers of a fit."""
-    training = fit.models.training
-    used = training.selection > 0.0
-    error = fit.models.force(fit.theta)[used] - training.measured[used]
-    body = fit.models.hold_pressures(fit.theta).body(fit.theta)
-    size = float(np.sqrt(np.mean(error**2)))
-    return Twin(body, step_s, fit.cost, size, min(CHANGE_ERROR * 0.01 * fit.cost, 1.0))
+    best = min(polished, key=lambda fit: fit.cost)
+    return Twin(best.models.hold_pressures(best.theta).body(best.theta), step_s, best.cost)
 
 
 def place_current_nodes(current: F) -> F:
@@ -146,16 +129,15 @@ def place_current_nodes(current: F) -> F:
     return np.array([levels[0] - gaps[0], *levels, levels[-1] + gaps[-1]])
 
 
-def build_training(traces: Sequence[Trace], steps: Sequence[int], max_ticks: int) -> tuple[Training, float]:
+def build_training(traces: Sequence[Trace], count: int, max_ticks: int) -> tuple[Training, float]:
     """Return windows of the traces as data of a fit, and the time [s] between ticks; blocks left out choose.
 
-    There are `steps` ticks to each tick of a base grid, at which the simulated force is known.
+    There are `count` ticks to each tick of a base grid, at which the simulated force is known.
     """
     inputs, measured, usable, out, lengths, owners, step_s = [], [], [], [], [], [], 0.0
-    for number, (trace, count) in enumerate(zip(traces, steps, strict=True)):
+    for number, trace in enumerate(traces):
         *rows, step_s = sample_inputs(trace, count)
-        simulated = trace.simulated if trace.simulated_at_base is None else trace.simulated_at_base
-        force = np.repeat(simulated, count)[: len(rows[0])]
+        force = np.repeat(trace.simulated_at_base, count)[: len(rows[0])]
         ticks = np.arange(len(force))
         known = np.interp(ticks * step_s, trace.time_s, trace.usable) > 0.99
         for window in _windows(len(force), max_ticks // len(traces), round(WINDOW_S / step_s / count) * count, count):

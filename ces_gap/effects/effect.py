@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy.fft import irfft, next_fast_len, rfft
 
 from ces_data.arrays import F
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 from ces_gap.trace import Trace, TraceInputs
 
 # Stages, from the outside in, then outward.
@@ -120,7 +120,7 @@ class Effect:
         """Return the inputs of the damper inside the effect; `force` [N] (n,) is the damper's estimated force."""
         return inputs
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         """Return the run of the simulation's twin with the effect inside."""
         return run
 
@@ -158,7 +158,7 @@ class Composition:
         """Whether one of the effects lies inside the damper."""
         return any(s.effect.edits for s in self.settings)
 
-    def edit(self, run: NetworkRun) -> NetworkRun:
+    def edit(self, run: TwinRun) -> TwinRun:
         """Return the run of the simulation's twin with the effects that lie inside."""
         for setting in sorted(self.settings, key=lambda s: s.effect.stage):
             run = setting.effect.edit(run, setting.values)

@@ -24,7 +24,7 @@ MIN_RISE = 1e-9  # between its drops, relative to the largest
 
 
 @dataclass(frozen=True)
-class NetworkRun:
+class TwinRun:
     """A network and its inputs at steps of `step_s`: `position` [m], `speed` [m/s] and `current` [A], each (m,)."""
 
     body: Hydraulic
@@ -38,11 +38,11 @@ class NetworkRun:
         data = RunData(self.position, self.speed, self.current, np.array([[0, len(self.position)]]))
         return free_run(self.body, self.step_s, data)
 
-    def with_body(self, **numbers: object) -> NetworkRun:
+    def with_body(self, **numbers: object) -> TwinRun:
         """Return the run with other numbers of the network."""
         return replace(self, body=replace(self.body, **numbers))  # type: ignore[arg-type]
 
-    def with_flow(self, edge: str, change: Callable[[F, F], F], drops: Sequence[float] = ()) -> NetworkRun:
+    def with_flow(self, edge: str, change: Callable[[F, F], F], drops: Sequence[float] = ()) -> TwinRun:
         """Return the run with the flow [m/s] through an edge replaced by `change`(flow, drop), which must rise.
 
         Curves are changed at their nodes, beyond them and at further `drops` [N].

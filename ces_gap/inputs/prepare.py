@@ -63,11 +63,11 @@ def prepare_recordings(
     reference: Sequence[Recording],
     progress: Progress = ignore_progress,
     threads: int = 1,
-    inside: bool = True,
+    needs_twin: bool = True,
 ) -> DiagnosisInput:
     """Return the traces of all recordings; without `held_out` a part of `real` is set aside. Raises GapError.
 
-    Effects `inside` the damper need a twin.
+    With `needs_twin`, a simulation that is run gets one, too: for effects inside the damper.
     """
     roles = [(real, not held_out), (held_out, True), (reference, False)]  # True: needs the force on the logged position
     count, done = len(real) + len(held_out) + len(reference), 0
@@ -100,7 +100,7 @@ def prepare_recordings(
     exact = None if find_predictions(simulation) is not None else DirectSimulator(simulation)
     is_slow = exact is None or runs_slowly(exact, fitted)
     twin, everything = None, [*fitted, *held, *references]
-    if inside or is_slow:
+    if needs_twin or is_slow:
         twin = find_own_twin(simulation, everything) or find_twin(everything, threads, progress)
     cheap = twin if is_slow and twin is not None else exact
     if cheap is None:

@@ -27,10 +27,9 @@ class SimulationProbe:
 
     `current_convention` is one of those above, `current_lead_samples` how much earlier than to a held current it
     answers (NaN if unknown). `position_delay_s` is the delay of a filter inside, between a value that is certain and
-    one that is not exceeded. `noise_N` (RMS) differs between equal
-    calls or makes a force at constant speed and current rough, `memory_N` depends on earlier calls. `corrected` was
-    undone before the diagnosis; nothing is if the timing `is_learnt`, as that of an identified model. `note` says why
-    the simulation could not be probed.
+    one that is not exceeded. `noise_N` (RMS) differs between equal calls or makes a force at constant speed and current
+    rough, `memory_N` depends on earlier calls. `corrected` was undone before the diagnosis; nothing is if the timing
+    `is_learnt`, as that of an identified model. `note` says why the simulation could not be probed.
     """
 
     current_convention: str = UNCLEAR
@@ -111,4 +110,4 @@ def _describe(found: SimulationProbe) -> Iterator[ProbeFinding]:
 
 
 def _say_corrected(corrected: bool, effect: str) -> str:
-    return f"corrected, so that {effect} counts beyond it" if corrected else "not corrected: it would come no closer"
+    return f"corrected, so that {effect} counts beyond it" if corrected else "not corrected: the simulation would come no closer"

@@ -176,7 +176,7 @@ def ambiguous() -> Diagnosis:
         probability_unknown=0.06,
         next_experiment=replace(experiment(), separates=("valve_lag", "current_hysteresis"), distance_N=31.0),
         is_recorded=True,
-        twin=Twin(make_hydraulic(PLAIN_VALVE, kind="twin tube"), 1e-3, 2.7, 8.0, 0.1),
+        twin=Twin(make_hydraulic(PLAIN_VALVE, kind="twin tube"), 1e-3, 2.7),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 from ces_gap.trace import Trace
 
 OPENS_AT = (0.97, 0.9, 0.75, 0.55)  # shares of the largest simulated force at which searches begin
@@ -32,7 +32,7 @@ class BlowOff(Effect):
     visible, mistaken_for = "only at the largest forces", ("leakage", "force_scale")
     sides: ClassVar[tuple[float, ...]] = ()
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         *levels, opening = values
         drops = [side * level * (1.0 + WIDE * at) for side, level in zip(self.sides, levels, strict=True) for at in AT]
 

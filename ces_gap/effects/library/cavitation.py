@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 from ces_gap.trace import Trace
 
 STARVED_AT, LOW_FLOOR = (0.3, 0.08, 0.02), 0.2  # shares of area and of pressure at which searches begin
@@ -35,7 +35,7 @@ class StarvedRefill(Cavitation):
         EffectParameter("floor_share", 0.01, 5.0, (1.0,), "reservoir's pressure over the twin's", "log"),
     )
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         area, floor = values
         narrowed = run.with_flow(self.edge, lambda flow, drop: np.where(drop < 0.0, area * flow, flow))
         return narrowed.with_body(reservoir_N=floor * run.body.reservoir_N)
@@ -59,5 +59,5 @@ class LowerFloor(Cavitation):
         magnitude("air", 0.0, 100.0, (0.0, 1.0), "compliance of air that comes out, over that of the oil"),
     )
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         return run.with_body(reservoir_N=values[0] * run.body.reservoir_N, air=run.body.air + values[1])

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ces_gap.effects.effect import FLUID, Effect, magnitude
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 
 MIN_OWN_M_N = 1e-9  # [m/N] compliance that every chamber has at least
 
@@ -23,7 +23,7 @@ class SofterOil(Compressibility):
     form, edits = "softer_oil", True
     parameters = (magnitude("compliance_m_N", 0.0, 1e-3, (1e-7,), "mean compliance added to both chambers"),)
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         own = [max(c, MIN_OWN_M_N) for c in (run.body.compression_m_N, run.body.rebound_m_N)]
         softer = 1.0 + values[0] / (0.5 * sum(own))
         return run.with_body(compression_m_N=softer * own[0], rebound_m_N=softer * own[1])
@@ -38,7 +38,7 @@ class SofterChambers(Compressibility):
         magnitude("rebound_m_N", 0.0, 1e-3, (1e-7,), "compliance added to the rebound chamber"),
     )
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         body = run.body
         return run.with_body(compression_m_N=body.compression_m_N + values[0], rebound_m_N=body.rebound_m_N + values[1])
 
@@ -49,5 +49,5 @@ class MoreAir(Compressibility):
     form, edits = "more_air", True
     parameters = (magnitude("air", 0.0, 300.0, (0.5, 3.0), "compliance of the air over that of the oil, at rest"),)
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         return run.with_body(air=run.body.air + values[0])

@@ -11,7 +11,7 @@ from numba import njit
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 from ces_gap.trace import Trace, TraceInputs
 from ces_observer.structures.physical import FrictionElement
 
@@ -99,13 +99,13 @@ class PressureDependent(FrictionForce):
         return np.asarray(force + coulomb * bristles(inputs.position, level, presliding))
 
 
-class Seal(FrictionForce):
+class InnerSeal(FrictionForce):
     """Inside the damper, behind its mounts: a spring that yields at Fc, and more of it with the rebound pressure."""
 
     form, edits, needs = "seal", True, "strokes that reverse"
     parameters = (COULOMB, PRESLIDING, PRESSED)
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         coulomb, presliding, pressed = max(values[0], MIN_COULOMB_N), *values[1:]
         body, side = run.body, run.body.side
         added = FrictionElement(coulomb / presliding, coulomb)

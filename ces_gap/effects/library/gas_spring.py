@@ -12,7 +12,7 @@ import numpy as np
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import PARALLEL, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 from ces_gap.trace import Trace, TraceInputs
 
 POLYTROPIC = 1.3  # exponent of nitrogen at stroke frequencies, between isothermal 1 and adiabatic 1.4
@@ -80,12 +80,6 @@ class ChargedSpring(GasSpring):
         return force + preload * (1.0 + POLYTROPIC / column * _per_stiffness(inputs.position, column))
 
 
-def _per_stiffness(position: F, column_m: float) -> F:
-    """Return the polytropic force divided by the stiffness at zero [m] (n,)."""
-    share = np.maximum(1.0 - position / column_m, MIN_COLUMN_SHARE)
-    return np.asarray(column_m / POLYTROPIC * (share**-POLYTROPIC - 1.0))
-
-
 class Charge(GasSpring):
     """Another gas charge: its force on the rod, and with it the pressure from which the chambers run empty.
 
@@ -96,7 +90,7 @@ class Charge(GasSpring):
     form, edits, needs = "charge", True, "long strokes"
     parameters = (PRELOAD, CHARGED_COLUMN)
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         preload, column = values
         side, body = run.body.side, run.body
         at = np.linspace(side.position_m[0], side.position_m[-1], GAS_NODES)
@@ -105,3 +99,9 @@ class Charge(GasSpring):
         reservoir = body.reservoir_N + preload / max(body.area_ratio, MIN_RATIO)
         changed = replace(side, position_m=tuple(at.tolist()), gas_N=tuple(force.tolist()))
         return run.with_body(side=changed, reservoir_N=max(reservoir, MIN_PRESSURE * body.reservoir_N))
+
+
+def _per_stiffness(position: F, column_m: float) -> F:
+    """Return the polytropic force divided by the stiffness at zero [m] (n,)."""
+    share = np.maximum(1.0 - position / column_m, MIN_COLUMN_SHARE)
+    return np.asarray(column_m / POLYTROPIC * (share**-POLYTROPIC - 1.0))

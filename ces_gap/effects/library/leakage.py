@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
 import numpy as np
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, magnitude
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 
 HOLE_NODES = 12  # of the curve of a hole, in each direction
 
@@ -23,10 +24,11 @@ class PastPiston(Leakage):
     """Inside the damper: a laminar gap between the chambers, which passes κ times their pressure difference."""
 
     form, edits = "past_piston", True
+    edge: ClassVar[str] = "piston"
     parameters = (magnitude("leak_m_sN", 0.0, 1e-2, (1e-5,), "leaking speed per newton of pressure on the rod side"),)
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
-        return run.with_flow("piston", lambda flow, drop: flow + values[0] * drop)
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
+        return run.with_flow(self.edge, lambda flow, drop: flow + values[0] * drop)
 
 
 class HeldOpen(Leakage):
@@ -38,7 +40,7 @@ class HeldOpen(Leakage):
         magnitude("compression_m_s_rtN", 0.0, 0.1, (5e-4,), "the same in compression"),
     )
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         laminar, most = run.body.laminar_N, run.body.most_N
         drops = np.geomspace(0.1 * laminar, min(most, 1e4 * laminar), HOLE_NODES)
 
@@ -48,14 +50,10 @@ class HeldOpen(Leakage):
         return run.with_flow("piston", leak, [*-drops, *drops])
 
 
-class PastBase(Leakage):
-    """Inside the damper: a laminar gap from the compression chamber to the reservoir."""
+class PastBase(PastPiston):
+    """The same from the compression chamber to the reservoir."""
 
-    form, edits = "past_base", True
-    parameters = (magnitude("leak_m_sN", 0.0, 1e-2, (1e-5,), "leaking speed per newton of pressure on the rod side"),)
-
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
-        return run.with_flow("base", lambda flow, drop: flow + values[0] * drop)
+    form, edge = "past_base", "base"
 
 
 class PastAll(Leakage):
@@ -64,5 +62,5 @@ class PastAll(Leakage):
     form, edits = "past_all", True
     parameters = (magnitude("leak_m_sN", 0.0, 1e-2, (1e-5,), "creeping speed per newton"),)
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         return run.with_body(creep_m_Ns=run.body.creep_m_Ns + values[0])

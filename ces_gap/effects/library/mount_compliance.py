@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ces_gap.effects.effect import MOTION, Effect, stiffness
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 
 
 class SeriesMount(Effect):
@@ -20,5 +20,5 @@ class SeriesMount(Effect):
     visible, mistaken_for = "as force builds up, equally in both directions", ("compressibility", "position_delay")
     parameters = (stiffness("stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing"),)
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         return run.with_body(mount_m_N=run.body.mount_m_N + 1.0 / values[0])

@@ -10,7 +10,7 @@ from scipy.signal import lfilter
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 from ces_gap.trace import Trace, TraceInputs
 from ces_observer.structures.hydraulic import WARMING_S
 
@@ -77,5 +77,5 @@ class ThinnerInside(TemperatureFade):
     form, edits, needs = "thinner_inside", True, "hard work over some tens of seconds or more"
     parameters = (magnitude("growth_per_J", 0.0, 1e-2, (5e-6, 5e-5), "growth of the flows per joule"),)
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         return run.with_body(fade_1_W=run.body.fade_1_W + WARMING_S * values[0])

@@ -12,7 +12,7 @@ from scipy.ndimage import shift
 
 from ces_data.arrays import F
 from ces_gap.effects.effect import VALVE, Effect, magnitude
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 from ces_gap.trace import Trace, TraceInputs
 
 LONGEST_S = 0.3  # [s] a slower valve is defective
@@ -96,6 +96,6 @@ class SlowerPath(ValveLag):
     form, edits = "path", True
     parameters = RiseFall.parameters
 
-    def edit(self, run: NetworkRun, values: Sequence[float]) -> NetworkRun:
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         valve = run.body.valve
         return run.with_body(valve=replace(valve, rise_s=valve.rise_s + values[0], fall_s=valve.fall_s + values[1]))

@@ -18,7 +18,7 @@ from ces_gap.baseline.plant import Plant
 from ces_gap.baseline.twin import Twin, make_run
 from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.effects.library import library
-from ces_gap.effects.network import NetworkRun
+from ces_gap.effects.network import TwinRun
 from ces_gap.errors import GapError
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Evidence, gather
@@ -47,7 +47,7 @@ PLANTED = {
     "temperature_fade-thinner_inside": (2e-4,),
     "valve_lag-path": (0.02, 0.04),
 }
-TWIN = Twin(make_hydraulic(PLAIN_VALVE, fade_1_W=1e-4), 0.5e-3, 1.0, 5.0, 0.03)
+TWIN = Twin(make_hydraulic(PLAIN_VALVE, fade_1_W=1e-4), 0.5e-3, 1.0)
 each = pytest.mark.parametrize("form", FORMS)
 
 
@@ -64,7 +64,7 @@ def trace() -> Trace:
 
 
 @cache
-def run() -> NetworkRun:
+def run() -> TwinRun:
     return make_run(TWIN, trace())
 
 
