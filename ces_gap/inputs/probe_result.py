@@ -110,4 +110,6 @@ def _describe(found: SimulationProbe) -> Iterator[ProbeFinding]:
 
 
 def _say_corrected(corrected: bool, effect: str) -> str:
-    return f"corrected, so that {effect} counts beyond it" if corrected else "not corrected: the simulation would come no closer"
+    if corrected:
+        return f"corrected, so that {effect} counts beyond it"
+    return "not corrected: the simulation would come no closer"
