@@ -28,7 +28,7 @@ EXECUTORS = ("events", "single")
 
 
 def damper() -> Model:
-    """Return a model that has forgotten its past when it has warmed up: a restart changes no force by 1e-9."""
+    """Return a model that has forgotten its past when it has warmed up: a restart changes no force by 1e-5 N."""
     return plain_damper(warm_up_s=0.5, max_gap_s=5.0, max_current_age_s=60.0)
 
 
@@ -95,7 +95,10 @@ def compare(vehicle: Vehicle) -> None:
     for message in vehicle.estimates:
         assert list(message.name) == [JOINT]
         heard = message.position[0], message.velocity[0], message.effort[0]
-        if heard != pytest.approx(expected[stamp_of(message)], rel=1e-6, abs=1e-9):
+        position, speed, force = expected[stamp_of(message)]
+        # 600 N at most times: where the force crosses zero, 1e-10 m/s of a restart are more than 1e-6 of it
+        same = heard[2] == pytest.approx(force, rel=1e-6, abs=1e-5)
+        if not same or heard[:2] != pytest.approx((position, speed), rel=1e-6, abs=1e-9):
             wrong.append((stamp_of(message), heard, expected[stamp_of(message)]))
     assert not wrong, f"{len(wrong)} of {len(vehicle.estimates)} estimates, such as {wrong[:3]}"
     assert len(vehicle.estimates) > 0.5 * len(vehicle.driven) > 1000
