@@ -2,9 +2,8 @@
 
 The rooms in reading order: `trace` (recording and simulation on one grid), `effects` (the physics that a simulation may
 lack), `baseline` (what the simulation gets wrong without any effect), `inputs` (checked inputs), `inference` (which
-effects, how sure), `refit` (a second check: refitting the parameters of a physical model), `regions` (in which stroke,
-speed, current ...), `experiment` (what to record next), `augmented` (the repaired simulation as a file), `report` (page
-and gap.json), `fleet` (many diagnoses). `pipeline` runs them in turn.
+effects, how sure), `regions` (in which stroke, speed, current ...), `experiment` (what to record next), `augmented`
+(the repaired simulation as a file), `report` (page and gap.json), `fleet` (many diagnoses). `pipeline` runs them.
 
 The names below are the public interface; they are imported when they are first used.
 """

@@ -21,8 +21,9 @@ from ces_gap.baseline.input_timing import ON_TIME, InputTiming, RetimedSimulatio
 from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.plant import DirectSimulator, Plant
 from ces_gap.baseline.twin import Twin
-from ces_gap.effects.effect import Composition, Setting
+from ces_gap.effects.effect import Composition, Effect, Setting
 from ces_gap.effects.library import class_of, library_effect, user_effect
+from ces_gap.effects.refitted import FORM, NetworkPart, read_part
 from ces_gap.errors import GapError
 from ces_gap.sensor_noise import UNMEASURED
 from ces_gap.trace import make_trace, smooth_recording
@@ -194,7 +195,9 @@ def _digest(file: Path) -> str:
 
 def _effect_as_json(setting: Setting) -> dict[str, Any]:
     user_class = class_of(setting.effect)
-    code = {} if user_class is None else {"class": user_class}
+    code: dict[str, Any] = {} if user_class is None else {"class": user_class}
+    if isinstance(setting.effect, NetworkPart):
+        code = {"networks": setting.effect.as_json()}
     parameters = {p.name: v for p, v in zip(setting.effect.parameters, setting.values, strict=True)}
     return {"effect": setting.name, "form": setting.effect.form, **code, "parameters": parameters}
 
@@ -203,8 +206,11 @@ def _read_setting(node: JsonObject) -> Setting:
     """Return an effect with its values, each within its bounds apart from rounding."""
     name, form = node.text("effect"), node.text("form")
     try:
-        effect = user_effect(node.text("class")) if "class" in node.value else library_effect(name, form)
-    except GapError as error:
+        if form == FORM:
+            effect: Effect = read_part(name, node.at("networks"))
+        else:
+            effect = user_effect(node.text("class")) if "class" in node.value else library_effect(name, form)
+    except (GapError, ModelError) as error:
         raise GapError(f"{node.where}: {error}") from None
     if (effect.name, effect.form) != (name, form):
         found = f"{effect.name} ({effect.form})"

@@ -10,6 +10,7 @@ import numpy as np
 
 from ces_gap.baseline.learner import LearnedCorrection
 from ces_gap.baseline.twin import Twin
+from ces_gap.effects.effect import Composition
 from ces_gap.experiment.next_experiment import NextExperiment
 from ces_gap.grid import is_constant
 from ces_gap.inference.fit import Estimate, Interval
@@ -22,7 +23,6 @@ from ces_gap.inference.verdict import (
     NAMED,
     NO_GAP,
     NOT_CONFIRMED,
-    REFIT,
     SIMULATION_ERROR,
     TIMING,
     UNDETERMINED,
@@ -33,7 +33,6 @@ from ces_gap.inference.verdict import (
     VerdictFigures,
 )
 from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
-from ces_gap.refit import ModelRefits
 from ces_gap.regions.axes import GapMap, GapRegion, Where
 from ces_gap.trace import usable_inputs, usable_values
 from ces_report.typesetting import format_number, format_range, join_with
@@ -75,8 +74,6 @@ class Diagnosis:
     correction: LearnedCorrection | None = None  # of the baseline error
     twin: Twin | None = None  # of the simulation
     figures: VerdictFigures | None = None  # the basis of the verdict
-    refits: ModelRefits | None = None  # of a physical model's parameters, None for other simulations
-    refit_finding: str = ""  # what they say of the composition
     doubt: str = ""  # what keeps a cause from being named: constants of `inference/verdict.py`
     alternatives: tuple[str, ...] = ()  # effects outside the composition that stay possible
     timed_N: float = float("nan")  # gap after the simulation's timing was fitted
@@ -107,6 +104,8 @@ def calibration_cells(diagnosis: Diagnosis) -> tuple[CalibrationCell, ...]:
     if setting is None or not traces:
         return ()
     maps = [setting.effect.respond(t, t.inputs, np.zeros(len(t)), setting.values) for t in traces]
+    if setting.effect.edits and diagnosis.twin is not None:
+        maps = [diagnosis.twin.change(t, t.inputs, Composition((setting,))) for t in traces]
     added, speed, current = (usable_values(traces, maps), *(usable_inputs(traces, n) for n in ("speed", "current")))
     speeds = np.quantile(speed, SPEED_SHARES)
     ends = np.array([current.min(), current.max()])
@@ -209,7 +208,6 @@ def _describe_ambiguity(diagnosis: Diagnosis) -> str:
         imitated = [e for e in effects if e in diagnosis.not_separable]
         return f"{_join(imitated or effects, 'and')} may be an error of the simulation itself"
     return {
-        REFIT: diagnosis.refit_finding,
         NOT_CONFIRMED: "the held-out recordings do not confirm the best explanation",
         UNDETERMINED: "the interval of an effect's size includes no effect",
         LEAVES_MORE: "the best explanation leaves more of the gap than it closes",

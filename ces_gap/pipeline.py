@@ -2,8 +2,8 @@
 
 Each stage is a function from records to a record:
 
-    prepare_recordings -> learn_baseline -> search -> collect_findings -> score_held_out -> refit_physical_model
-    -> judge -> locate_gap -> propose_experiment -> Diagnosis
+    prepare_recordings -> learn_baseline -> search -> collect_findings -> score_held_out -> judge
+    -> locate_gap -> propose_experiment -> Diagnosis
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ces_gap.effects.library import library, require_sound
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.experiment.next_experiment import find_pairs, propose_experiment
 from ces_gap.inference.evidence import Baseline, learn_baseline
-from ces_gap.inference.findings import bound_notes, collect_findings, timing_notes
+from ces_gap.inference.findings import bound_notes, collect_findings, network_notes, timing_notes
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.held_out import HeldOutScores, apply_judgement, collect_evidence, score_held_out
 from ces_gap.inference.search import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED, EffectSearchResult, search
@@ -27,7 +27,6 @@ from ces_gap.inference.verdict import Judgement, SearchFindings, calibration, ju
 from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_notes
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress
-from ces_gap.refit import ModelRefits, describe_refits, find_contradiction, refit_physical_model
 from ces_gap.regions.locate import NOWHERE, locate_gap
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 
@@ -53,7 +52,6 @@ class _Stages:
     result: EffectSearchResult
     findings: SearchFindings
     scores: HeldOutScores
-    refits: ModelRefits | None
     judgement: Judgement
 
 
@@ -89,11 +87,9 @@ def diagnose(
     weights = calibration(_mode(simulation, inputs))
     findings = collect_findings(baseline, result, inputs.best, weights, options.tolerance)
     scores = score_held_out(inputs, baseline, result, findings, options.seed, progress)
-    refits = refit_physical_model(simulation, inputs, baseline, progress)
-    contradiction = find_contradiction(scores.composition.effects, refits)
-    judgement = judge(collect_evidence(findings, scores, None if contradiction is None else contradiction.effects))
+    judgement = judge(collect_evidence(findings, scores))
     scores = apply_judgement(scores, judgement)
-    stages = _Stages(inputs, invisible, baseline, result, findings, scores, refits, judgement)
+    stages = _Stages(inputs, invisible, baseline, result, findings, scores, judgement)
     diagnosis = replace(_complete(stages, spec, options, progress), seen_notes=seen)
     diagnosis = replace(diagnosis, notes=(*notes, *seen, *diagnosis.notes))
     return replace(diagnosis, sentence=format_verdict(diagnosis) + describe_timing(diagnosis))
@@ -158,11 +154,10 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
         notes=(
             *optional.notes,
             *timing_notes(result, judgement),
+            *network_notes(scores.composition.composition),
             *bound_notes(scores.composition.composition, scores.composition.estimates),
         ),
         correction=baseline.correction,
         figures=findings.figures,
-        refits=stages.refits,
-        refit_finding=describe_refits(judgement.verdict, scores.composition.effects, stages.refits),
         probe=inputs.probe,
     )

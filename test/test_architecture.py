@@ -42,7 +42,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     "ces_rig": ("errors drive sensors dampers experiment withheld blind live"),
     "ces_gap": (
         "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
-        "experiment refit regions diagnosis report pipeline api fleet"
+        "experiment regions diagnosis report pipeline api fleet"
     ),
     "ces_iterate": "errors commands plan design rigs loop stroke page",
     "ces_serve": "items catalogue contents work security app server",

@@ -125,8 +125,6 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     if diagnosis.probe.findings:
         found = (f"{one.about.lower()} {one.found}" for one in diagnosis.probe.findings)
         terminal.print_line(f"inputs of the simulation: {'; '.join(found)} (see the report)")
-    if diagnosis.refits is not None and (says := diagnosis.refit_finding or diagnosis.refits.note):
-        terminal.print_line(f"second check: {says}")
     if diagnosis.verdict != NO_GAP:
         _print_lines(_where_lines("where", diagnosis.where))
     if diagnosis.rest is not None:

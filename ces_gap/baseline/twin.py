@@ -108,8 +108,11 @@ class TraceTwin(TraceSimulator):
     def change(self, trace: Trace, inputs: TraceInputs, composition: Composition) -> F:
         """Return the change of force [N] (n,) by the effects of a composition that lie inside."""
         plain = self._with(inputs)
+        after, share = self._on_grid(composition.edit(plain)), composition.replaced
+        if share:
+            return np.asarray(share * (after - self.force(trace, inputs)))
         before = self.recorded if inputs is self.trace.inputs else self._on_grid(plain)
-        return self._on_grid(composition.edit(plain)) - before
+        return np.asarray(after - before)
 
     def _with(self, inputs: TraceInputs) -> TwinRun:
         """Return the run with changed inputs."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -20,7 +20,7 @@ from ces_gap.grid import is_constant, rms
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, usable_values
 from ces_identify.physical.layout import read_scales
-from ces_identify.physical.physical_search import PhysicalSearch
+from ces_identify.physical.physical_search import PhysicalFit, PhysicalSearch
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.schema_files import cache_folder
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
@@ -84,25 +84,37 @@ def _hash(traces: Sequence[Trace]) -> str:
 
 def fit_twin(traces: Sequence[Trace], threads: int = 1, progress: Progress = ignore_progress) -> Twin | None:
     """Return the twin fitted to the simulated force of the traces; None if they are too short or hold no motion."""
+    found = fit_network(
+        traces, STRENGTHS, threads, lambda what: progress(f"fitting a twin of the simulation: {what}", 0.0)
+    )
+    if found is None:
+        return None
+    fit, step_s = found
+    return Twin(fit.models.hold_pressures(fit.theta).body(fit.theta), step_s, fit.cost)
+
+
+def fit_network(
+    traces: Sequence[Trace], strengths: Sequence[float], threads: int, progress: Callable[[str], None]
+) -> tuple[PhysicalFit, float] | None:
+    """Return the network fitted to the simulated force of the traces, with weaker pulls in turn, and its steps [s]."""
     rate_Hz = traces[0].rate_Hz
     alike = [t for t in traces if t.rate_Hz == rate_Hz]
     coarse, tick_s = build_training(alike, 1, MAX_TICKS)
     if not (coarse.estimation.any() and coarse.selection.any()) or np.ptp(coarse.inputs[1]) == 0.0:
         return None
-    progress("fitting a twin of the simulation: kinds of damper", 0.0)
+    progress("kinds of damper")
     scales = replace(read_scales(coarse, 1.0 / tick_s), currents_A=place_current_nodes(coarse.inputs[2]))
     search = PhysicalSearch(Limits(threads=threads, work=WORK), lambda _: None)
     fits = search.run(coarse, scales, KINDS, ROWS, held=is_constant(coarse.inputs[2]))
     if not fits:
         return None
-    progress(f"fitting a twin of the simulation: {fits[0].models.kind}", 0.5)
+    progress(fits[0].models.kind)
     steps = max(count_steps(t) for t in alike)
     fine, step_s = build_training(alike, steps, MAX_STEPS)
     close = [fit for fit in fits if fit.cost < CLOSE * fits[0].cost][:2]
     with ThreadPoolExecutor(max(1, threads)) as pool:
-        polished = list(pool.map(lambda fit: search.polish(fit, fine, step_s, STRENGTHS), close))
-    best = min(polished, key=lambda fit: fit.cost)
-    return Twin(best.models.hold_pressures(best.theta).body(best.theta), step_s, best.cost)
+        polished = list(pool.map(lambda fit: search.polish(fit, fine, step_s, strengths), close))
+    return min(polished, key=lambda fit: fit.cost), step_s
 
 
 def place_current_nodes(current: F) -> F:

@@ -109,7 +109,6 @@ class Effect:
     prior_share: ClassVar[float] = 0.0  # of the gap's energy, by which a flexible map must explain more than an effect
     limit: ClassVar[str] = ""  # effect to which this form tends at a bound: significance decides between the two
     needs: ClassVar[str] = ""  # what a recording must contain for the effect to be visible: "a changing current"
-    moves: ClassVar[tuple[str, ...]] = ()  # groups of a physical model's parameters that it would move: `refit.GROUPS`
     parameters: ClassVar[tuple[EffectParameter, ...]] = ()
 
     def starts_for(self, trace: Trace) -> list[tuple[float, ...]]:
@@ -157,6 +156,11 @@ class Composition:
     def edits(self) -> bool:
         """Whether one of the effects lies inside the damper."""
         return any(s.effect.edits for s in self.settings)
+
+    @property
+    def replaced(self) -> float:
+        """The share of the simulation's force in whose place the network of an effect stands."""
+        return sum(s.values[0] for s in self.settings if s.effect.edits and s.effect.stage == SIMULATION)
 
     def edit(self, run: TwinRun) -> TwinRun:
         """Return the run of the simulation's twin with the effects that lie inside."""

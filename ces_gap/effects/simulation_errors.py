@@ -74,7 +74,7 @@ class _Calibration(Effect):
     """A map of the simulation's inputs added to its force: the weighted sum of the terms."""
 
     name, stage, prior_share = "calibration", SIMULATION, MAP_SHARE
-    summary, moves = "the simulation's force map is off", ("flow map",)
+    summary = "the simulation's force map is off"
     terms: ClassVar[tuple[Term, ...]] = ()
 
     def respond(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> F:

@@ -169,8 +169,8 @@ def _gap(scorer: HeldOutScorer, corrected: bool, noise_source: str) -> Gap:
     return Gap(rms, ci95, noise, cost_J, rest, rest_ci95, noise_source, known)
 
 
-def collect_evidence(search: SearchFindings, scores: HeldOutScores, refit: tuple[str, ...] | None) -> VerdictEvidence:
-    """Return the evidence for the verdict; `refit` holds the effects of a refit that explains more, None without."""
+def collect_evidence(search: SearchFindings, scores: HeldOutScores) -> VerdictEvidence:
+    """Return the evidence for the verdict."""
     gap, composition = scores.gap, scores.composition
     return VerdictEvidence(
         search=search,
@@ -181,7 +181,6 @@ def collect_evidence(search: SearchFindings, scores: HeldOutScores, refit: tuple
         closed_alone={c.effects[0]: closed_share(gap, c) for c in scores.causes},
         learnt=closed_share(gap, replace(composition, gap_after_N=scores.ceiling_after_N)).value,
         is_undetermined=has_undetermined_effect(composition),
-        refit_effects=refit,
     )
 
 

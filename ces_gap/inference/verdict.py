@@ -1,8 +1,7 @@
 """The verdict: one pure function of numbers, which also returns the probabilities that a report shows.
 
-`judge` weighs what the search on the fitted recordings (`findings.py`), the held-out recordings and the refits of a
-physical model found. Each finding changes the probabilities, and the verdict follows from them, so that the two cannot
-contradict each other.
+`judge` weighs what the search on the fitted recordings (`findings.py`) and the held-out recordings found. Each finding
+changes the probabilities, and the verdict follows from them, so that the two cannot contradict each other.
 
 The probabilities of the search come from a logistic model of figures that are comparable between plants. It was
 calibrated on cases of a plant unlike those of its evaluation (`calibration.json` names them). Likelihoods would not do
@@ -26,7 +25,7 @@ from ces_gap.inference.ties import ClosedShare, confirm_ties, probability_below
 NAMED, AMBIGUOUS, UNKNOWN, NO_GAP = "named", "ambiguous", "unknown", "no_gap"
 CALIBRATION, TIMING = "calibration", "simulation_timing"
 WITHIN_TOLERANCE, WITHIN_NOISE, WITHIN_TIMING, WITHIN_BASELINE = "tolerance", "noise", "timing", "baseline_error"
-ALTERNATIVES, SIMULATION_ERROR, REFIT = "alternatives", "simulation_error", "refit"
+ALTERNATIVES, SIMULATION_ERROR = "alternatives", "simulation_error"
 NOT_CONFIRMED, UNDETERMINED, LEAVES_MORE, UNCERTAIN = "not_confirmed", "undetermined", "leaves_more", "uncertain"
 POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous
 MAX_NONE = 1.0 / 3.0  # probability of no gap where the gap is not within anything: it never leads
@@ -191,7 +190,7 @@ class VerdictEvidence:
 
     On held-out recordings the gap has a size with an interval; the composition has `closed` a share of it, each effect
     alone another, the generic learner the share `learnt`. The composition `is_undetermined` if one of its effects may
-    have no size. `refit_effects` are those of a refit that explains more, None if there is none.
+    have no size.
     """
 
     search: SearchFindings
@@ -202,7 +201,6 @@ class VerdictEvidence:
     closed_alone: Mapping[str, ClosedShare]
     learnt: float
     is_undetermined: bool = False
-    refit_effects: tuple[str, ...] | None = None
 
     @property
     def sizes(self) -> tuple[GapSize, GapSize]:
@@ -334,6 +332,7 @@ def _find_doubts(
     others = {name: p for name, p in odds.effects.items() if name not in e.composition}
     cause, error = odds.known - sum(others.values()), others.get(CALIBRATION, 0.0)
     is_absorbed = len(e.composition) > 1 and not set(e.composition).isdisjoint(e.search.absorbed)
+    is_absorbed = is_absorbed and CALIBRATION not in e.composition
     is_small = any(not s.gap_N > CLEAR * max(s.noise_N, e.search.tolerance_N) for s in e.sizes)
     may_be_error = is_absorbed or (is_small and not e.search.has_references) or error > cause
     least_gap, least_known = e.search.weights.least_gap, e.search.weights.least_known
@@ -341,7 +340,6 @@ def _find_doubts(
     doubts = {
         ALTERNATIVES: alternatives or None,
         SIMULATION_ERROR: tuple({CALIBRATION} & {*others}) if may_be_error else None,
-        REFIT: None if e.refit_effects is None else tuple(name for name in e.refit_effects if name in others),
         NOT_CONFIRMED: None if e.closed.low > 0.0 else (),
         UNDETERMINED: () if e.is_undetermined else None,
         LEAVES_MORE: None if e.closed.value >= MIN_NAMED_SHARE else (),

@@ -194,21 +194,6 @@ CEILING = record(gap_after_N=(POSITIVE, "ceiling_after_N"), shrink=(SHRINK, shri
 CONTROLS = record(
     best_wrong_effect=(or_null(record(effect=(WORD, first("effects")), **LEFT)), "wrong"), ceiling=(CEILING, itself)
 )
-REFIT = record(
-    group=TEXT,
-    effects=many(TEXT)("that would move the group"),
-    moved_z=NUMBER("[standard errors], net of the references"),
-    control_z=NUMBER("of the references; null without any"),
-    closes=SHRINK("share of the held-out gap, RMS"),
-    energy=NUMBER("share of its energy"),
-    energy_error=POSITIVE,
-    changes=many(record(name=TEXT("with its unit"), before=NUMBER, after=NUMBER)),
-)
-REFITS = record(
-    says=(TEXT("of the composition; empty if nothing"), "refit_finding"),
-    note=(TEXT("why there are no refits"), "refits.note"),
-    refits=(many(REFIT), "refits.refits"),
-)
 RECIPE = Kind({"type": "object"})
 EXPERIMENT = record(name=TEXT, purpose=TEXT, recipe=RECIPE, separates=many(WORD), distance_N=POSITIVE)
 NO_EXPERIMENT = {"purpose": "", "recipe": {}}
@@ -266,10 +251,6 @@ GAP = record(
     rest=(
         or_null(many(REGION))("where the unexplained rest lies"),
         lambda d: None if d.rest is None else d.rest.regions,
-    ),
-    witness=(
-        or_null(REFITS)("refits of a physical model's parameters to the real recordings; null for other simulations"),
-        lambda d: None if d.refits is None else d,
     ),
     next_experiment=NEXT,
     twin=(

@@ -36,7 +36,6 @@ from ces_gap.report.tables import (
     effects_without_row,
     probe_table,
     recording_table,
-    refit_table,
     region_table,
 )
 from ces_report.shell import page_template, replace_unencodable
@@ -100,7 +99,6 @@ def report_page(
         others=effects_without_row(d),
         together=composition_table(d),
         calibration=calibration_table(d) if has_gap else None,
-        refits=refit_table(d),
         open_questions=_open_questions(d),
         where=_where("where", "gap", d.where) if has_gap else None,
         rest=_where("rest", "rest", d.rest) if d.rest is not None else None,

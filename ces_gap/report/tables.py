@@ -1,4 +1,4 @@
-"""The tables of a diagnosis, each declared once for page and terminal: causes, refits, recalibration, recordings."""
+"""The tables of a diagnosis, each declared once for page and terminal: causes, recalibration, recordings."""
 
 from __future__ import annotations
 
@@ -22,7 +22,6 @@ from ces_gap.diagnosis import (
 from ces_gap.effects.effect import Setting
 from ces_gap.inference.verdict import CALIBRATION
 from ces_gap.inputs.probe_result import ProbeFinding
-from ces_gap.refit import GroupRefit
 from ces_gap.report.formatting import effect_name, parameter_text, percent, percents, region_name, sentence_case
 from ces_report.table import Column, Table
 from ces_report.typesetting import format_range, three_figures
@@ -203,24 +202,6 @@ def calibration_table(d: Diagnosis) -> Table[CellRow] | None:
     columns: list[Column[CellRow]] = [Column("Speed [m/s]", lambda row: format_range(*row[0].speed_m_s))]
     columns += [Column(f"{format_range(*i)}\N{NO-BREAK SPACE}A", force_at(i), figure=True) for i in currents]
     return Table(columns, rows, "what the recalibration adds to the simulated force [N]")
-
-
-REFIT_COLUMNS: tuple[Column[GroupRefit], ...] = (
-    Column("Parameters", lambda r: sentence_case(r.group)),
-    Column(
-        "Change",
-        lambda r: "; ".join(f"{c.name}: {format_range(c.before, c.after)}" for c in r.changes),
-    ),
-    Column("Moved [standard errors]", lambda r: f"{r.moved_z:.1f}", figure=True),
-    Column("On the references", lambda r: "\N{EN DASH}" if r.control_z is None else f"{r.control_z:.1f}", figure=True),
-    Column("Closes [%]", lambda r: percent(r.closes), figure=True),
-)
-
-
-def refit_table(d: Diagnosis) -> Table[GroupRefit] | None:
-    """Return the refits of a physical model's parameters that close part of the gap; None if there are none."""
-    refits = [] if d.refits is None else [r for r in d.refits.refits if r.energy > r.energy_error]
-    return Table(REFIT_COLUMNS, refits) if refits else None
 
 
 PROBE_COLUMNS: tuple[Column[ProbeFinding], ...] = (

@@ -14,7 +14,6 @@ from ces_gap.inference.verdict import (
     ALTERNATIVES,
     LEAVES_MORE,
     NOT_CONFIRMED,
-    REFIT,
     SIMULATION_ERROR,
     UNCERTAIN,
     UNDETERMINED,
@@ -89,7 +88,6 @@ def test_an_unknown_cause_comes_with_the_closest_effect() -> None:
     ("doubt", "text"),
     [
         (SIMULATION_ERROR, "Friction may be an error of the simulation itself; with friction, the gap beyond"),
-        (REFIT, "A refit explains more; with friction"),
         (UNDETERMINED, "The interval of an effect's size includes no effect"),
         (NOT_CONFIRMED, "The held-out recordings do not confirm"),
         (LEAVES_MORE, "leaves more of the gap than it closes"),
@@ -97,7 +95,7 @@ def test_an_unknown_cause_comes_with_the_closest_effect() -> None:
     ],
 )
 def test_an_ambiguous_verdict_says_what_speaks_against_the_cause(doubt: str, text: str) -> None:
-    assert text in format_text(verdict=AMBIGUOUS, doubt=doubt, refit_finding="a refit explains more")
+    assert text in format_text(verdict=AMBIGUOUS, doubt=doubt)
     withdrawn = replace(named().composition, effects=())
     assert "; what was fitted enlarges" in format_text(verdict=AMBIGUOUS, doubt=doubt, composition=withdrawn)
 

@@ -25,7 +25,7 @@ MapTable = tuple[float, float, F]  # narrow, reach and table of `map_force_and_s
 
 class Backlash(Effect):
     name, stage, needs = "backlash", MOTION, "reversals"
-    summary, moves = "free play in the linkage", ("elasticity",)
+    summary = "free play in the linkage"
     visible, mistaken_for = "at reversals, for a fixed stroke", ("compressibility", "cavitation")
 
     @staticmethod

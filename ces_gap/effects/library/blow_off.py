@@ -28,7 +28,7 @@ class BlowOff(Effect):
     """
 
     name, stage = "blow_off", FLUID
-    summary, moves = "a relief valve opens and limits the force", ("flow map",)
+    summary = "a relief valve opens and limits the force"
     visible, mistaken_for = "only at the largest forces", ("leakage", "force_scale")
     sides: ClassVar[tuple[float, ...]] = ()
 

@@ -35,7 +35,7 @@ class BumpStop(Effect):
     """
 
     name, stage = "bump_stop", PARALLEL
-    summary, moves = "a stop engages near the end of the stroke", ("gas force",)
+    summary = "a stop engages near the end of the stroke"
     visible, mistaken_for = "only at the ends of the stroke", ("gas_spring",)
     ends: ClassVar[tuple[float, ...]] = ()
 

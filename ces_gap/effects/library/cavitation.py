@@ -18,7 +18,7 @@ class Cavitation(Effect):
     """A void that opens in rebound takes force in compression, one that opens in compression takes force in rebound."""
 
     name, stage, needs = "cavitation", FLUID, "fast strokes followed by reversals"
-    summary, moves = "a void forms in a fast stroke and must refill", ("refilling",)
+    summary = "a void forms in a fast stroke and must refill"
     visible, mistaken_for = "after fast strokes, on the way back", ("backlash", "compressibility")
 
 

@@ -13,7 +13,7 @@ MIN_OWN_M_N = 1e-9  # [m/N] compliance that every chamber has at least
 class Compressibility(Effect):
     name, stage = "compressibility", FLUID
     needs = "motion fast enough to change the force within tens of milliseconds"
-    summary, moves = "oil, hoses and bubbles are elastic", ("elasticity",)
+    summary = "oil, hoses and bubbles are elastic"
     visible, mistaken_for = "as force builds up, differently in each direction", ("mount_compliance", "position_delay")
 
 

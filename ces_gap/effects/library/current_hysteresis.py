@@ -18,7 +18,7 @@ HYSTERESIS = magnitude("hysteresis_A", 0.0, 5.0, (0.02, 0.1), "half-width of the
 
 class CurrentHysteresis(Effect):
     name, stage, reruns, needs = "current_hysteresis", VALVE, True, "a current that reverses"
-    summary, moves = "magnetic hysteresis of the valve", ("magnetic loop",)
+    summary = "magnetic hysteresis of the valve"
     visible, mistaken_for = "when the current reverses", ("valve_lag",)
 
 

@@ -18,7 +18,7 @@ class CurrentScale(Effect):
     """i' = gain·i + offset, clipped to the logged range widened by half."""
 
     name, stage, reruns = "current_scale", SENSOR, True
-    summary, moves = "gain or offset of the measured current", ("valve characteristic", "flow map")
+    summary = "gain or offset of the measured current"
     visible, mistaken_for = "in proportion to the effect of the current", ("force_scale", "leakage")
 
     def drive(self, trace: Trace, inputs: TraceInputs, force: F, values: Sequence[float]) -> TraceInputs:

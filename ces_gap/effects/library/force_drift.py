@@ -13,7 +13,7 @@ from ces_gap.trace import Trace, TraceInputs
 
 class ForceDrift(Effect):
     name, stage = "force_drift", CELL
-    summary, moves = "the zero of the force drifts", ("gas force",)
+    summary = "the zero of the force drifts"
     visible, mistaken_for = "with elapsed time", ("temperature_fade",)
 
 

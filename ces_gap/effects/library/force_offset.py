@@ -13,7 +13,7 @@ class ForceOffset(Effect):
     """F + F0. Bridges keep their zero within some newtons; a tare at another gas force is wrong by hundreds."""
 
     name, form, stage, needs = "force_offset", "constant", CELL, "a tare that agrees with the simulation"
-    summary, moves = "the zero of the force is wrong", ("gas force",)
+    summary = "the zero of the force is wrong"
     visible, mistaken_for = "equally everywhere", ("gas_spring",)
     parameters = (
         magnitude(

@@ -13,7 +13,7 @@ class ForceScale(Effect):
     """g F. Strain-gauge cells keep their gain within 1 %; a wrong range, lever or unit causes some 10 %."""
 
     name, form, stage, needs = "force_scale", "gain", CELL, "forces well above the noise"
-    summary, moves = "the gain of the force is wrong", ("flow map",)
+    summary = "the gain of the force is wrong"
     visible, mistaken_for = "in proportion to the force", ("current_scale", "temperature_fade")
     parameters = (magnitude("gain", 0.7, 1.3, (1.03,), "measured force over damper force", 1.0),)
 

@@ -37,7 +37,7 @@ PRESSED = EffectParameter(
 
 class FrictionForce(Effect):
     name, stage = "friction", PARALLEL
-    summary, moves = "friction of seals and bearings", ("friction",)
+    summary = "friction of seals and bearings"
     visible, mistaken_for = "after every reversal, equally at any speed", ("mount_compliance", "force_scale")
 
 

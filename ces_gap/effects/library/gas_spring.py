@@ -27,7 +27,7 @@ CHARGED_COLUMN = EffectParameter("column_m", 0.05, 1.0, (0.15, 0.5), "gas volume
 
 class GasSpring(Effect):
     name, stage = "gas_spring", PARALLEL
-    summary, moves = "gas pressure pushes the rod out", ("gas force",)
+    summary = "gas pressure pushes the rod out"
     visible, mistaken_for = "over stroke, equally at any speed", ("bump_stop", "force_offset")
 
 

@@ -20,7 +20,7 @@ MASS = magnitude("mass_kg", 0.0, 2000.0, (0.5,), "moving mass between cell and p
 
 class Inertia(Effect):
     name, stage = "inertia", PARALLEL
-    summary, moves = "mass between sensor and piston", ("moving mass",)
+    summary = "mass between sensor and piston"
     visible, mistaken_for = "at high frequency", ("position_delay",)
 
 

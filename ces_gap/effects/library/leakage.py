@@ -16,7 +16,7 @@ HOLE_NODES = 12  # of the curve of a hole, in each direction
 
 class Leakage(Effect):
     name, stage, needs = "leakage", FLUID, "motion in the direction that leaks"
-    summary, moves = "oil bypasses the valves", ("flow map",)
+    summary = "oil bypasses the valves"
     visible, mistaken_for = "at low speed, under high pressure", ("current_scale", "temperature_fade")
 
 

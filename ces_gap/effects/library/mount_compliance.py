@@ -8,16 +8,20 @@ from ces_gap.effects.effect import MOTION, Effect, stiffness
 from ces_gap.effects.network import TwinRun
 
 
-class SeriesMount(Effect):
+class MountCompliance(Effect):
+    name, stage = "mount_compliance", MOTION
+    needs = "motion fast enough to change the force within tens of milliseconds"
+    summary = "elastic bushings"
+    visible, mistaken_for = "as force builds up, equally in both directions", ("compressibility", "position_delay")
+
+
+class SeriesMount(MountCompliance):
     """The simulation's twin behind a spring: its equations are solved with the spring in one step.
 
     Source: Dixon 2007, on bushings. Rubber has 1e5 to 1e7 N/m, rod ends are stiffer.
     """
 
-    name, form, stage, edits = "mount_compliance", "series", MOTION, True
-    needs = "motion fast enough to change the force within tens of milliseconds"
-    summary, moves = "elastic bushings", ("elasticity",)
-    visible, mistaken_for = "as force builds up, equally in both directions", ("compressibility", "position_delay")
+    form, edits = "series", True
     parameters = (stiffness("stiffness_N_m", 5e4, 1e9, (3e5, 2e6, 1e7), "stiffness of the bushing"),)
 
     def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:

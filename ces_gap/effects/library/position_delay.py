@@ -19,7 +19,7 @@ class Skew(Effect):
     """
 
     name, form, stage, reruns, needs = "position_delay", "shift", SENSOR, True, "motion"
-    summary, moves = "position and force are not synchronous", ("lead of the drive",)
+    summary = "position and force are not synchronous"
     visible, mistaken_for = "wherever the force changes with motion", ("inertia", "compressibility")
     parameters = (magnitude("delay_s", -0.02, 0.03, (0.003, -0.003), "delay of the force relative to the position"),)
 

@@ -23,7 +23,7 @@ PER_KELVIN = magnitude("fade_per_K", 0.0, 0.05, (0.003,), "share of the force lo
 
 class TemperatureFade(Effect):
     name, stage = "temperature_fade", FLUID
-    summary, moves = "warm oil damps less", ("flow map",)
+    summary = "warm oil damps less"
     visible, mistaken_for = "as heat accumulates", ("force_scale", "leakage")
 
 

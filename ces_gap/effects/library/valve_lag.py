@@ -21,7 +21,7 @@ TIME_CONSTANT = magnitude("time_constant_s", 0.0, LONGEST_S, (0.01, 0.05), "time
 
 class ValveLag(Effect):
     name, stage, needs = "valve_lag", VALVE, "a changing current"
-    summary, moves = "the valve follows the current with a lag", ("valve lag",)
+    summary = "the valve follows the current with a lag"
     visible, mistaken_for = "after changes of current", ("current_hysteresis",)
 
 

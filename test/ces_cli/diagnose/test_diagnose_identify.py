@@ -39,13 +39,11 @@ def test_it_diagnoses_with_a_model_of_the_references(folder, capsys):
     gap = json.loads((folder / "gap" / "gap.json").read_text())
     assert faults(gap) == []
     assert gap["simulation"] == "gap/model.json"
-    assert gap["witness"]["refits"][0]["group"] == "valve lag"
     names = [one["recording"] for one in load_model("gap/model.json").provenance["identification"]]
     assert names == ["new1", "new2"]
     assert json.loads((folder / "gap" / "augmented.json").read_text())["sim"]["spec"] == "model.json"
     repaired = load_augmented(folder / "gap" / "augmented.json", open_simulation)
     assert len(repaired.force(read_recording(folder / "slow9", DEFAULT))) == len(rig_ride(9, SLOW).channel("position"))
-    assert "second check: the" in capsys.readouterr().out and "model's valve lag" in gap["witness"]["says"]
 
 
 def test_a_fleet_has_one_model_beside_its_units(folder, capsys):

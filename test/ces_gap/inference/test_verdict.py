@@ -21,7 +21,6 @@ from ces_gap.inference.verdict import (
     NO_GAP,
     NOT_CONFIRMED,
     POSSIBLE,
-    REFIT,
     SIMULATION_ERROR,
     UNCERTAIN,
     UNDETERMINED,
@@ -160,8 +159,6 @@ ALONE = changed(SMALL, has_references=False)
         ({"composition": ("friction", "gas_spring"), "absorbed": ("friction",)}, AMBIGUOUS, SIMULATION_ERROR),
         ({"has_references": False, "size": replace(ABOVE, gap_N=10.0)}, AMBIGUOUS, SIMULATION_ERROR),
         ({"odds": Probabilities(0.01, 0.04, {"friction": 0.4, "calibration": 0.55})}, AMBIGUOUS, SIMULATION_ERROR),
-        ({"refit_effects": ("gas_spring",)}, AMBIGUOUS, REFIT),
-        ({"refit_effects": ()}, AMBIGUOUS, REFIT),
         ({"is_undetermined": True}, AMBIGUOUS, UNDETERMINED),
         ({"closed": replace(MOST, low=-0.05)}, AMBIGUOUS, NOT_CONFIRMED),
         ({"closed": SOME, "learnt": 0.4}, AMBIGUOUS, LEAVES_MORE),
@@ -247,9 +244,8 @@ SEARCH = st.builds(
 )
 ALONE_SHARES = st.dictionaries(st.sampled_from(NAMES), SHARES)
 INTERVALS = st.tuples(SIZES, SIZES)
-REFITS = st.none() | SOME_NAMES
 EVIDENCE = st.builds(
-    VerdictEvidence, SEARCH, GAP_SIZES, INTERVALS, SOME_NAMES, SHARES, ALONE_SHARES, ANY, st.booleans(), REFITS
+    VerdictEvidence, SEARCH, GAP_SIZES, INTERVALS, SOME_NAMES, SHARES, ALONE_SHARES, ANY, st.booleans()
 )
 ROUNDING = 1e-9
 

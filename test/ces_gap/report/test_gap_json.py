@@ -79,7 +79,6 @@ KEYS = {  # of ces-gap/1: other programs read them, whatever table writes them
     "probabilities": "none unknown",
     "controls": "best_wrong_effect ceiling",
     "ceiling": "gap_after_N shrink",
-    "witness": "says note refits",
     "next_experiment": "name purpose recipe separates distance_N",
     "twin": "kind cost_J replaces",
     "input_probe": (

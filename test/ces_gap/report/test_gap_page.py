@@ -1,4 +1,4 @@
-"""The page of a diagnosis: sound, to scale, complete, in words; and the refits of the model on it."""
+"""The page of a diagnosis: sound, to scale, complete, in words."""
 
 from __future__ import annotations
 
@@ -13,16 +13,13 @@ import pytest
 from diagnoses import ALL, ambiguous, experiment, explained, named, no_gap, pair, unknown
 from example_effects import Friction
 from pages import assert_self_contained
-from schema_rules import faults
 
 from ces_gap.diagnosis import Diagnosis, Estimate, GapRegion, HeldOutSeries, Where, format_verdict
 from ces_gap.effects.effect import Setting
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
-from ces_gap.refit import GroupRefit, ModelRefits, QuantityChange
 from ces_gap.report.charts import find_largest_errors, shares_ci95
 from ces_gap.report.formatting import join_effect_names, parameter_text, percent, percents, region_name
-from ces_gap.report.gap_json import gap_document
 from ces_gap.report.page import build_gap_steps, report_page
 from ces_gap.report.result_files import result_files
 from ces_gap.report.tables import cause_rows, effects_without_row
@@ -359,32 +356,3 @@ def test_a_range_has_two_ends_and_no_exponent(low: float, high: float, text: str
 
 def test_shares_that_round_to_one_percentage_keep_two_ends() -> None:
     assert percents((0.952, 0.954)).startswith("95.2 to 95.4") and percents((0.9, 0.95)).startswith("90 to 95")
-
-
-CHANGE = QuantityChange("Friction of the seals [N]", 12.0, 24.5)
-
-REFIT = GroupRefit("friction", ("friction",), 9.25, -0.5, 0.61, 0.85, 0.04, (CHANGE,), (0.4, 0.45))
-
-
-@cache
-def refitted() -> Diagnosis:
-    return replace(
-        named(),
-        refits=ModelRefits((REFIT, replace(REFIT, group="valve lag", energy=0.01)), (("friction",), ("valve_lag",))),
-        refit_finding="the refit of the model's friction agrees: closes 61% of the held-out gap",
-    )
-
-
-def test_gap_json_has_the_refits_without_their_blocks():
-    document = gap_document(refitted())
-    assert faults(document) == []
-    first = document["witness"]["refits"][0]
-    assert first["moved_z"] == 9.25 and first["changes"][0]["after"] == 24.5 and "block_energy" not in first
-    assert gap_document(named())["witness"] is None
-
-
-def test_the_page_shows_what_moved_and_leaves_out_what_closes_nothing():
-    page = report_page(refitted())
-    assert "The refit of the model" in page and "Friction of the seals [N]: 12" in page and "9.2" in page
-    assert "<td>Valve lag</td>" not in page
-    assert "Second check" not in report_page(named())

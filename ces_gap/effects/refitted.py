@@ -1,0 +1,143 @@
+"""Parts of a network that was fitted to the real recordings, in the form of effects.
+
+A simulation that lacks several effects at once, such as a static map of force over speed and current, has no twin into
+which one effect after another could be put. A network of the real recordings replaces it (`Recalibration`): curves of
+the valves, and no more dynamics than the simulation has. Each other part is a cause: what its numbers add.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any, ClassVar
+
+from ces_gap.effects.effect import SIMULATION, Effect, magnitude
+from ces_gap.effects.library.compressibility import Compressibility
+from ces_gap.effects.library.current_hysteresis import CurrentHysteresis
+from ces_gap.effects.library.friction import FrictionForce
+from ces_gap.effects.library.inertia import Inertia
+from ces_gap.effects.library.mount_compliance import MountCompliance
+from ces_gap.effects.library.valve_lag import ValveLag
+from ces_gap.effects.network import TwinRun
+from ces_gap.effects.simulation_errors import MAP_SHARE
+from ces_gap.errors import GapError
+from ces_observer.json_text import JsonObject
+from ces_observer.structures.hydraulic import Hydraulic
+
+FORM = "network"
+
+
+@dataclass(frozen=True)
+class NetworkPart(Effect):
+    """Numbers of a network, on the way from those of `before` to those of `after`; dead times count `tick_s`."""
+
+    before: Hydraulic
+    after: Hydraulic
+    tick_s: float
+
+    groups: ClassVar[tuple[str, ...]] = ()  # of a fit's parameters (`ces_identify.physical.layout`)
+    numbers: ClassVar[tuple[str, ...]] = ()  # the same in a model file
+    form, reruns, edits = FORM, False, True
+    needs = "a simulation without it"
+    parameters = (magnitude("share", 0.0, 2.0, (1.0,), "share of what the network of the real recordings has"),)
+
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
+        """Return the run with the part's numbers."""
+        before, after = (_at_steps(network, self.tick_s, run.step_s) for network in (self.before, self.after))
+        return replace(run, body=_exchange(run.body, before, after, values[0], self.numbers))
+
+    def put_into(self, network: Hydraulic) -> Hydraulic:
+        """Return a network with the part's numbers as in `after`."""
+        changed: Hydraulic = _exchange(network, self.before, self.after, 1.0, self.numbers)
+        return changed
+
+    def as_json(self) -> dict[str, Any]:
+        """Return both networks as plain values."""
+        return {"tick_s": self.tick_s, "before": self.before.to_json(), "after": self.after.to_json()}
+
+
+class Recalibration(NetworkPart):
+    """The network in place of the simulation: F + share (network - F)."""
+
+    name, stage, prior_share = "calibration", SIMULATION, MAP_SHARE
+    summary, needs = "the simulation's force map is off", "speeds or currents at which the simulation is off"
+
+    def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
+        """Return the run with the network."""
+        return replace(run, body=_at_steps(self.before, self.tick_s, run.step_s))
+
+
+class StoredVolume(NetworkPart, Compressibility):
+    """What both chambers store, and the air in their oil."""
+
+    groups = ("compression", "rebound", "compression_growth", "rebound_growth", "air")
+    numbers = ("compression_m_N", "rebound_m_N", "compression_growth_1_m", "rebound_growth_1_m", "air")
+
+
+class ElasticMount(NetworkPart, MountCompliance):
+    """The mount's spring and creep."""
+
+    groups, numbers = ("mount", "creep"), ("mount_m_N", "creep_m_Ns")
+
+
+class Seals(NetworkPart, FrictionForce):
+    """Springs that yield, behind the mount."""
+
+    groups = ("friction", "friction_yield", "friction_moved", "growth")
+    numbers = ("friction", "friction_growth_1_N")
+
+
+class SlowValve(NetworkPart, ValveLag):
+    """Lags and dead time of the valve."""
+
+    groups, numbers = ("rise_s", "fall_s", "delay_ticks"), ("rise_s", "fall_s", "delay_ticks")
+
+
+class MagneticLoop(NetworkPart, CurrentHysteresis):
+    """The loop of setting over current."""
+
+    groups, numbers = ("hysteresis_A",), ("hysteresis_A",)
+
+
+class MovingMass(NetworkPart, Inertia):
+    """The mass between piston and sensor."""
+
+    groups, numbers = ("mass_kg",), ("mass_kg",)
+
+
+PARTS: tuple[type[NetworkPart], ...] = (StoredVolume, ElasticMount, Seals, SlowValve, MagneticLoop, MovingMass)
+
+
+def read_part(name: str, node: JsonObject) -> NetworkPart:
+    """Return the part of a network from `NetworkPart.as_json`; raises GapError or ModelError."""
+    kinds: dict[str, type[NetworkPart]] = {kind.name: kind for kind in PARTS} | {Recalibration.name: Recalibration}
+    if name not in kinds:
+        raise GapError(f"effect '{name}' has no form '{FORM}'; expected one of {', '.join(kinds)}")
+    before, after = (Hydraulic.from_json(node.at(end), {}) for end in ("before", "after"))
+    return kinds[name](before, after, node.number("tick_s", 1e-6, 1.0))
+
+
+def _at_steps(network: Hydraulic, tick_s: float, step_s: float) -> Hydraulic:
+    valve = network.valve
+    return replace(network, valve=replace(valve, delay_ticks=valve.delay_ticks * tick_s / step_s))
+
+
+def _exchange(into: Any, before: Any, after: Any, share: float, names: Sequence[str]) -> Any:
+    """Return the record `into` with the fields `names`, also those of records in it, between `before` and `after`."""
+    changed = {}
+    for field in fields(into):
+        own, low, high = (getattr(record, field.name) for record in (into, before, after))
+        if field.name in names:
+            changed[field.name] = _between(low, high, share)
+        elif is_dataclass(own):
+            changed[field.name] = _exchange(own, low, high, share, names)
+    return replace(into, **changed)
+
+
+def _between(before: Any, after: Any, share: float) -> Any:
+    if isinstance(before, tuple):
+        return tuple(_between(*pair, share) for pair in zip(before, after, strict=True))
+    if is_dataclass(before):
+        names = [field.name for field in fields(before)]
+        return _exchange(before, before, after, share, names)
+    return max(before + share * (after - before), min(before, after))

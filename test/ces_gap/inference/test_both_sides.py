@@ -1,0 +1,91 @@
+"""A network of the real recordings beside a simulation that lacks several effects: calibration, and the causes."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hydraulic_models import make_hydraulic
+from physical_models import PLAIN_VALVE
+from twin_traces import traced
+
+from ces_gap.augmented import load_augmented, save_augmented
+from ces_gap.baseline.learner import make_white_noise
+from ces_gap.baseline.plant import Plant
+from ces_gap.baseline.twin import STEP_S, Twin
+from ces_gap.effects.effect import Composition
+from ces_gap.effects.refitted import StoredVolume
+from ces_gap.grid import rms
+from ces_gap.inference.both_sides import fit_both_sides
+from ces_gap.inference.evidence import Evidence, gather
+from ces_gap.inference.findings import network_notes
+from ces_gap.inference.fit import EffectFit
+from ces_identify.simulations.simulation import FunctionSimulation
+from ces_observer.errors import CesError
+
+NOISE_N = 5.0
+SOFT = make_hydraulic(PLAIN_VALVE, air=0.0, compression_m_N=2.5e-6, rebound_m_N=2e-6)
+STATIC = replace(
+    SOFT,
+    compression_m_N=3e-9,
+    rebound_m_N=3e-9,
+    mount_m_N=1e-9,
+    piston=replace(SOFT.piston, rows=tuple(tuple(1.2 * drop for drop in row) for row in SOFT.piston.rows)),
+)
+REAL, SIMULATED = Twin(SOFT, STEP_S, 0.0), Twin(STATIC, STEP_S, 0.0)
+
+
+def evidence(*seeds: int) -> Evidence:
+    """Recordings of the real damper, and the simulation without elasticity whose valve is too stiff."""
+    traces = []
+    for seed in seeds:
+        trace, noise = traced(SIMULATED, seed), np.random.default_rng(seed)
+        force = REAL.prepare_for(trace).recorded
+        traces.append(replace(trace, force=force + NOISE_N * noise.standard_normal(len(force))))
+    return gather(traces, Plant(SIMULATED, twin=SIMULATED), make_white_noise(NOISE_N))
+
+
+@pytest.fixture(scope="module")
+def fit() -> EffectFit:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("ces_gap.baseline.twin_fit.KINDS", ("twin tube",))
+        found = fit_both_sides(evidence(1, 2), 2)
+    assert found is not None
+    return found
+
+
+def test_what_the_simulation_lacks_is_told_from_its_calibration(fit: EffectFit) -> None:
+    """Found on two recordings, it closes the gap on a third, and its numbers are those of the real damper."""
+    assert fit.names[:2] == ("calibration", "compressibility")
+    unseen = evidence(3)
+    (force,), (trace,) = unseen.forces(fit.composition), unseen.traces
+    assert rms(trace.force - force) < 0.3 * rms(trace.force - trace.simulated)
+    part = fit.effects[1]
+    assert isinstance(part, StoredVolume)
+    assert part.before.compression_m_N < 0.2 * part.after.compression_m_N
+    (note, *_) = network_notes(fit.composition)
+    assert note.startswith("compressibility: in the network") and "chamber [kN/mm]" in note
+
+
+def test_without_the_part_the_network_explains_less(fit: EffectFit) -> None:
+    known = evidence(1, 2)
+    without = Composition(tuple(s for s in fit.composition.settings if s.name != "compressibility"))
+    whole, less = (known.residual(known.forces(c)) for c in (fit.composition, without))
+    assert less @ less > 2.0 * whole @ whole
+
+
+def test_it_survives_its_file(fit: EffectFit, tmp_path: Path) -> None:
+    trace, path = evidence(3).traces[0], tmp_path / "augmented.json"
+    simulation = FunctionSimulation("m:f", lambda time, x, i: np.interp(time, trace.time_s, trace.simulated))
+    save_augmented(path, "m:f", fit.composition, twin=SIMULATED)
+    again = load_augmented(path, lambda spec: simulation)
+    assert again.composition.settings[1].effect == fit.effects[1]
+    expected = SIMULATED.prepare_for(trace)
+    change = expected.change(trace, trace.inputs, fit.composition)
+    replayed = again.force(trace.recording)
+    assert rms(replayed - trace.simulated - change) < 0.05 * rms(change)
+    path.write_text(path.read_text().replace('"tick_s": ', '"tick_s": -', 2))
+    with pytest.raises(CesError, match="tick_s"):
+        load_augmented(path, lambda spec: simulation)
