@@ -105,7 +105,6 @@ setup(
         "numpy>=1.26",
         "scipy>=1.11",
         "numba>=0.58",
-        "matplotlib>=3.6",
         "jinja2>=3.1",
         "rich>=13",
         "PyYAML>=6",
@@ -116,7 +115,13 @@ setup(
         "shtab>=1.13",  # ces completion
     ],
     extras_require={
-        "bench": ["joblib>=1.4", "sysidentpy>=0.9", "fastcan>=0.6", "anfis-toolbox>=0.2"],  # the peers in bench/
+        "bench": [
+            "joblib>=1.4",
+            "sysidentpy>=0.9",
+            "fastcan>=0.6",
+            "anfis-toolbox>=0.2",
+            "matplotlib>=3.6",
+        ],  # the peers in bench/
         "mdf": MDF,  # ces import FILE.mf4
         "mat73": MAT73,  # ces import FILE.mat, saved with -v7.3
         "can": CAN,  # ces import FILE.blf with a DBC
@@ -127,7 +132,7 @@ setup(
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "serve": ["flask>=3.0"],  # ces serve
         "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
-        "notebook": ["notebook>=7", "ipykernel>=6.25"],  # examples/own_data.ipynb
+        "notebook": ["notebook>=7", "ipykernel>=6.25", "matplotlib>=3.6"],  # examples/own_data.ipynb
         "docs": ["mkdocs-material>=9.5", "ruff>=0.6"],  # make docs
         "dev": [
             "pytest>=7.4",
@@ -148,6 +153,7 @@ setup(
             "types-jsonschema",
             "nbclient>=0.8",
             "nbformat>=5.9",
+            "matplotlib>=3.6",  # the notebook's, and that of make tables
             "ipykernel>=6.25",
             "types-PyYAML",
         ],

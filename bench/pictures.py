@@ -1,7 +1,7 @@
 """The pictures of the documents that show pages: python -m bench.pictures [NAME...]
 
 Each is made by the commands of `PICTURES`, in out/pictures, and drawn by Chromium (playwright). Commands whose output
-exists are not run again. Others are written by `make tables` (thesis_5_*) and `ces_identify.plot` (results_*).
+exists are not run again. Others are written by `make tables` (thesis_5_*).
 """
 
 from __future__ import annotations
@@ -29,9 +29,6 @@ validate: [bags/road, bags/sine_4hz]
 """
 IDENTIFY = "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --structure auto --out best.json"
 
-EVALUATE = "c.validate('best.json', ['bags/sine_4hz', 'bags/road'])"
-PLOT = f"""{sys.executable} -c "import ces_identify as c; c.plot({EVALUATE}).savefig('readme.png', dpi=150)" """
-
 
 @dataclass(frozen=True)
 class Picture:
@@ -39,7 +36,7 @@ class Picture:
 
     output: str
     commands: tuple[str, ...]
-    page: str = ""
+    page: str
     first: str = "header"
     last: str = "main"
     files: tuple[tuple[str, str], ...] = ()
@@ -55,9 +52,10 @@ def read_page(name: str) -> tuple[tuple[tuple[str, str], ...], tuple[str, ...]]:
 FILES, DIAGNOSE = read_page("diagnose.md")
 LEARN = "ces learn-stroke config/learn_stroke.yaml --out learned"
 FIRST = "main section:first-of-type"
+TIME = ".recording figure"
 GAP = ("gap_rig", DIAGNOSE, "gap_rig/report.html")
 PICTURES = {
-    "readme": Picture("readme.png", (f"{IDENTIFY} --report best.html --overwrite", PLOT)),
+    "readme": Picture("best.json", (f"{IDENTIFY} --report best.html",), "best.html", TIME, TIME),
     "iterate": Picture(
         "rear_damper",
         ("ces iterate rear_damper.yaml",),
@@ -116,12 +114,9 @@ def main(names: list[str]) -> None:
         for name in names or list(PICTURES):
             picture = PICTURES[name]
             make(picture)
-            if picture.page:
-                page = browser.new_page(viewport={"width": WIDTH_px, "height": 760})
-                photograph(page, picture, WORK / f"{name}.png")
-                Image.open(WORK / f"{name}.png").quantize(128).save(IMAGES / f"{name}.png", optimize=True)
-            else:
-                (IMAGES / f"{name}.png").write_bytes((WORK / picture.output).read_bytes())
+            page = browser.new_page(viewport={"width": WIDTH_px, "height": 760})
+            photograph(page, picture, WORK / f"{name}.png")
+            Image.open(WORK / f"{name}.png").quantize(128).save(IMAGES / f"{name}.png", optimize=True)
             print(IMAGES / f"{name}.png", flush=True)
 
 

@@ -98,13 +98,11 @@ def sentences(comparison: Comparison) -> Iterator[str]:
         yield f"{NONE}: too short for an interval"
     others = [m.name for m in comparison.models if m.model.model is None]
     if others:
-        yield f"{NONE} for {join_with(others)}: no size, time of a tick, bound or envelope, because it is no model file"
+        yield f"{NONE} for {join_with(others)}: no size, bound or envelope, because it is no model file"
     if len(comparison.pairs) > MAX_PAIRS:
         yield f"{len(comparison.pairs)} pairs of models: all differences with --report or --json"
     if any(m.force_bound_N is not None for m in comparison.models):
         yield "bound: |force| for inputs within the model's envelope, proved when it was identified"
-    if comparison.machine:
-        yield f"µs/tick: the observer's estimator on this machine ({comparison.machine}), models in turns"
     yield from (f"note: {note}" for note in comparison.notes())
 
 

@@ -10,7 +10,6 @@ import re
 import textwrap
 from collections.abc import Sequence
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ces_cli.terminal import terminal
@@ -21,29 +20,8 @@ if TYPE_CHECKING:
     from ces_cli.main import ProgramTable
 
 SHELLS = ("bash", "zsh", "fish")
-ANY_FILE, FOLDER = "file", "folder"
-BAG_FILES, YAML_FILES = ("*.mcap", "*.db3"), ("*.yaml", "*.yml")
 MAX_ABOUT = 72  # characters of a description
 OPTION_RULE = '"$current_action_is_positional" = true'  # in shtab's script for bash: when a word with - is an option
-KINDS: dict[str, str | tuple[str, ...]] = {  # what completes a value, by the option's name, else by its metavar
-    "--signals": YAML_FILES,
-    "--candidates": YAML_FILES,
-    "--mapping": YAML_FILES,
-    "--report": ("*.html",),
-    "--sim": ("*.json", "*.yaml", "*.fmu"),
-    "--teacher": ("*.json", "*.yaml", "*.fmu"),
-    "BAG": BAG_FILES,
-    "BAG2": FOLDER,
-    "DIR": FOLDER,
-    "RESULTS": FOLDER,
-    "PLAN": YAML_FILES,
-    "EXPERIMENT": YAML_FILES,
-    "FILE.yaml": YAML_FILES,
-    "MAP.yaml": YAML_FILES,
-    "MODEL.json": ("*.json",),
-    "FILE.csv": ("*.csv",),
-    "REPORT.md": ("*.md",),
-}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -80,7 +58,8 @@ def completion_script(shell: str) -> str:
 
 
 def build_whole_parser(programs: ProgramTable) -> argparse.ArgumentParser:
-    """Return a parser of `ces` with all programs as its subparsers, each value marked with what completes it."""
+    """Return a parser of `ces` with all programs as subparsers; file names complete values without choices."""
+    shtab = _import_shtab()
     whole = argparse.ArgumentParser(prog="ces")
     whole.add_argument("--version", action="store_true", help="show the versions in use")
     parts = whole.add_subparsers()
@@ -90,27 +69,11 @@ def build_whole_parser(programs: ProgramTable) -> argparse.ArgumentParser:
         for action in list_actions(part):
             if action.help:  # its first part, short enough for a list of completions
                 action.help = textwrap.shorten(re.split(r"[;(]", action.help)[0], MAX_ABOUT, placeholder=" …")
-            mark_action(action)
+            if action.choices is None and action.nargs != 0:
+                action.complete = shtab.FILE  # type: ignore[attr-defined]  # from which shtab takes what completes it
     about = "show the help of a program"
     parts.add_parser("help", help=about).add_argument("program", choices=tuple(programs), help=about)
     return whole
-
-
-def mark_action(action: argparse.Action) -> None:
-    """Give an action the attribute `complete`, from which shtab takes what completes its value."""
-    kind = find_kind(action)
-    if kind is not None:
-        shtab = _import_shtab()
-        forms = {ANY_FILE: shtab.FILE, FOLDER: shtab.DIRECTORY}
-        action.complete = forms[kind] if isinstance(kind, str) else shtab.glob(*kind)  # type: ignore[attr-defined]
-
-
-def find_kind(action: argparse.Action) -> str | tuple[str, ...] | None:
-    """Return what completes an action's value: a kind, patterns of file names, or None for choices, flags, numbers."""
-    if action.choices is not None or action.nargs == 0:
-        return None
-    names = (*action.option_strings, str(action.metavar))
-    return next((KINDS[name] for name in names if name in KINDS), ANY_FILE if action.type is Path else None)
 
 
 def _import_shtab() -> Any:

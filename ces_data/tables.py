@@ -1,7 +1,6 @@
-"""A recording as a table: a column for each channel, with the unit in its name.
+"""A recording as a table on the position's times: a column for each channel, with the unit in its name.
 
-On common times (the position's, or a uniform grid) a channel with other stamps is held or interpolated, and its column
-says so.
+A channel with other stamps is held or interpolated, and its column says so.
 """
 
 from __future__ import annotations
@@ -14,16 +13,14 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from numpy.typing import NDArray
 
-from ces_data.findings import mean_rate
 from ces_data.logs.log_file import import_reader
 from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_data.samples import GAP_INTERVALS, measured_at
-from ces_observer.errors import CesError, RecordingError
+from ces_observer.errors import CesError
 from ces_observer.signals import UNITS
 
 HELD = ("current", "temperature")  # the newest value counts; the others are interpolated
 SUFFIXES = {"m/s": "m_s", "m/s2": "m_s2"}  # of units that a column's name cannot hold
-MAX_RATE_RATIO = 2.0  # of a uniform grid to the fastest channel; more rows would hold nothing new
 BATCH = 50_000  # rows that are converted at a time
 SECOND = 1_000_000_000
 FORMATS = ("csv", "parquet")
@@ -71,32 +68,19 @@ class DataTable:
         return (slice(begin, begin + BATCH) for begin in range(0, len(self.stamps_ns), BATCH))
 
 
-def tabulate(recording: Recording, more: Mapping[str, Channel], *, rate_Hz: float | None = None) -> DataTable:
-    """Return a recording on the position's stamps, or on a uniform grid of `rate_Hz`.
+def tabulate(recording: Recording, more: Mapping[str, Channel]) -> DataTable:
+    """Return a recording on the position's stamps.
 
-    `more` are channels on some of the position's stamps, such as estimates; on those stamps they have no cell where
-    they have no sample. Raises RecordingError for a rate beyond twice that of the fastest channel.
+    `more` are channels on some of these stamps, such as estimates; they have no cell where they have no sample.
     """
-    position = recording.channel("position").stamps_ns
-    fastest = max(mean_rate(channel) for channel in recording.channels.values())
-    if rate_Hz is None:
-        stamps = position
-    elif rate_Hz > MAX_RATE_RATIO * fastest:
-        text = f"--rate {rate_Hz:g} is more than twice the {fastest:.4g} Hz of its fastest channel"
-        raise RecordingError(f"{recording.name}: {text}; nothing was recorded between")
-    else:
-        count = int((position[-1] - position[0]) * rate_Hz / 1e9) + 1
-        stamps = position[0] + np.rint(np.arange(count) * (1e9 / rate_Hz)).astype(np.int64)
+    stamps = recording.channel("position").stamps_ns
     columns = [_column(name, channel, stamps) for name, channel in recording.channels.items()]
     columns += [
         DataColumn.of(name, UNITS[name], np.full(len(stamps), value)) for name, value in recording.constants.items()
     ]
     for name, channel in more.items():
-        if rate_Hz is None:
-            rows = np.searchsorted(stamps, channel.stamps_ns)
-            columns.append(DataColumn.at_rows(name, channel, rows, len(stamps)))
-        else:
-            columns.append(_column(name, channel, stamps))
+        rows = np.searchsorted(stamps, channel.stamps_ns)
+        columns.append(DataColumn.at_rows(name, channel, rows, len(stamps)))
     notes = {"recording": recording.name, "source": recording.source, "source_sha256": recording.sha256}
     return DataTable(stamps, tuple(columns), notes)
 

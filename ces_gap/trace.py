@@ -84,6 +84,7 @@ class Trace:
     map_ticks: Mask | None = None
     measured_noise: MeasuredNoise = UNMEASURED
     simulated_left_out: F | None = None
+    own_error_N: float = 0.0  # RMS error that the simulation may have here, 0 if it does not say
 
     def __len__(self) -> int:
         return len(self.time_s)
@@ -202,6 +203,13 @@ def resample_to_grid(trace: Trace, simulated_N: F) -> F:
     return thin_out(interpolate(seconds, simulated_N, base), factor)
 
 
+def with_simulation(trace: Trace, simulated_N: F) -> Trace:
+    """Return the trace with another simulated force [N], at the position samples of its recording."""
+    seconds, base, factor = trace.base_grid
+    force = interpolate(seconds, simulated_N, base)
+    return replace(trace, simulated=thin_out(force, factor), simulated_at_base=force)
+
+
 def smooth_recording(recording: Recording, trace: Trace) -> Recording:
     """Return the recording with the finite position samples replaced by the smoothed position of the trace."""
     position = recording.channel("position")
@@ -224,6 +232,11 @@ def usable_inputs(traces: Sequence[Trace], name: str) -> F:
 def noise_floor_N(traces: Sequence[Trace]) -> float:
     """Return the RMS [N] of the measured noise of several traces together."""
     return float(np.sqrt(np.mean([t.noise_N**2 for t in traces])))
+
+
+def own_error_N(traces: Sequence[Trace]) -> float:
+    """Return the RMS error [N] that the simulation may have on several traces together, 0 if it does not say."""
+    return float(np.sqrt(np.mean([t.own_error_N**2 for t in traces])))
 
 
 def require_usable(trace: Trace) -> None:

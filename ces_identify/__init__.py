@@ -18,7 +18,6 @@ if TYPE_CHECKING:
         compare_models,
         identify,
         make_recording,
-        plot,
         simulate,
         simulate_arrays,
         validate,
@@ -39,8 +38,7 @@ __getattr__ = import_on_use(
     __name__,
     {
     "ces_identify.api": (
-        "compare_models", "identify", "make_recording", "plot", "simulate", "simulate_arrays", "validate",
-        "write_recording",
+        "compare_models", "identify", "make_recording", "simulate", "simulate_arrays", "validate", "write_recording",
     ),
     "ces_identify.characteristics.characterise": ("characterise",),
     "ces_identify.characteristics.page": ("write_characteristics",),
@@ -60,6 +58,6 @@ __getattr__ = import_on_use(
 __all__ = [
     "Channel", "Characteristics", "Comparison", "Evaluation", "FunctionSimulation", "IdentificationResult",
     "IdentifyOptions", "Limits", "Model", "ModelSimulation", "Recording", "Simulation", "characterise",
-    "compare_models", "identify", "load_model", "make_recording", "plot", "read_log", "read_recording", "simulate",
+    "compare_models", "identify", "load_model", "make_recording", "read_log", "read_recording", "simulate",
     "simulate_arrays", "validate", "write_characteristics", "write_recording",
 ]  # fmt: skip

@@ -1,4 +1,4 @@
-"""The functions for scripts: read a recording, identify, simulate, validate, compare, plot.
+"""The functions for scripts: read a recording, identify, simulate, validate, compare.
 
 Import them from `ces_identify`. Wherever recordings are expected, paths are, too; wherever a model is, the path of its
 file is. Keyword names are those of the command line. Every mistake of a user is a CesError of one line.
@@ -11,7 +11,7 @@ import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,9 +40,6 @@ from ces_identify.validation.cost_table import Evaluations
 from ces_identify.validation.evaluate import VALIDATION, Evaluation, evaluate
 from ces_observer.errors import CesError
 from ces_observer.model import Model, load_model
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 EPOCH_NS = 10**18  # stamps of recordings made of arrays count from here
 ModelInput: TypeAlias = "Model | PathInput"
@@ -124,13 +121,12 @@ def compare_models(
     recordings: RecordingInputs,
     *,
     part: tuple[float, float] = (0.0, 1.0),
-    timing: bool = True,
     signals: PathInput | None = None,
 ) -> Comparison:
     """Compare models, or other simulations, by name on the same recordings with a measured force.
 
     The models of a file are compared, too: `name` is known at once, `name 3 ms later` after its delay. Only the `part`
-    (shares from 0 to 1) of each recording is scored; `timing` also measures the time of a tick. The result's `pairs`
+    (shares from 0 to 1) of each recording is scored. The result's `pairs`
     say of every two models whether their costs differ by more than chance, its `notes()` which costs are no test.
     Raises CesError for fewer than two models.
 
@@ -143,7 +139,7 @@ def compare_models(
         for name, one in models.items()
         for found in make_compared_models(name, one if isinstance(one, Simulation) else _as_model(one))
     ]
-    return compare(named, as_recordings(recordings, signals), part, timing=timing)
+    return compare(named, as_recordings(recordings, signals), part)
 
 
 def simulate(model: ModelInput, recording: RecordingInput) -> NDArray[np.float64]:
@@ -162,13 +158,6 @@ def simulate_arrays(
 ) -> NDArray[np.float64]:
     """Return the force [N] for arrays of shape (n,), as `simulate`."""
     return sample_force(_as_model(model).best, make_recording(time_s, position_m, current_A))
-
-
-def plot(evaluations: Sequence[Evaluation]) -> Figure:
-    """Return a matplotlib figure of measured and simulated force, a row for each evaluation."""
-    from ces_identify.report.figures import draw_costs
-
-    return draw_costs(evaluations)
 
 
 _LIMIT_NAMES = {field.name for field in fields(Limits)}

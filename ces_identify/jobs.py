@@ -61,6 +61,7 @@ def run_job(job: Job, work: Callable[[], JobResult]) -> JobResult:
     except CesError as error:
         return failed_job(job, FAILED, str(error))
     except Exception as error:  # one job must not stop the others
+        logging.getLogger(__name__).exception("%s", job.output)
         return failed_job(job, CRASHED, _describe_error(error))
 
 

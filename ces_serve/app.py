@@ -118,8 +118,15 @@ def show(kind: str, path: str) -> str:
         elif kind != UNREADABLE:
             content = contents.content_of(_site().folder, _listing(), one)
     except (CesError, OSError, *WRONG_CONTENT) as error:
-        content = contents.PageContent(warnings=[f"cannot be read now: {error}"])
+        content = _content_without(error)
     return _render("detail.html", title=one.name, kind=kind, one=one, content=content, follows=follows)
+
+
+def _content_without(error: Exception) -> contents.PageContent:
+    """Return the page of what cannot be read; what may be an error of the program is logged."""
+    if isinstance(error, WRONG_CONTENT):
+        current_app.logger.warning("%s", request.path, exc_info=error)
+    return contents.PageContent(warnings=[f"cannot be read now: {error}"])
 
 
 @pages.get("/search/<path:path>")
@@ -131,7 +138,7 @@ def search(path: str) -> str:
         try:
             content = contents.running_content(path, progress)
         except (CesError, OSError, *WRONG_CONTENT) as error:
-            content = contents.PageContent(warnings=[f"cannot be read now: {error}"])
+            content = _content_without(error)
     else:
         found = [one for one in _site().catalogue.listing(anew=True).items if path in (one.path, one.folder)]
         content = contents.PageContent("" if found else "It has left no result in this folder.")

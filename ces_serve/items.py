@@ -7,6 +7,7 @@ a file whose values are not those that our programs write.
 from __future__ import annotations
 
 import json
+import logging
 import re
 import stat
 from collections import Counter
@@ -141,6 +142,7 @@ def read_item(read: ItemReader, path: Path, where: str, modified_s: float) -> It
     except CesError as error:
         problem = str(error).partition(": ")[2] or str(error)  # without the path
     except WRONG_CONTENT as error:
+        logging.getLogger(__name__).warning("%s", path, exc_info=error)  # it may be an error of ours
         missing = isinstance(error, KeyError)
         problem = f"no key {error}" if missing else f"not the content that our programs write: {error}"
     return Item(UNREADABLE, where, modified_s, {}, problem)

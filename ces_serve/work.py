@@ -8,6 +8,7 @@ any size.
 from __future__ import annotations
 
 import json
+import logging
 import os
 import resource
 import shutil
@@ -114,6 +115,8 @@ class Works:
             if status == -signal.SIGALRM:
                 return WorkState(problem=f"stopped: it took longer than {LIMIT_S} s")
             lines = (folder / "errors").read_text(encoding="utf-8", errors="replace").splitlines()
+            if len(lines) > 1:  # a traceback
+                logging.getLogger(__name__).error("%s", "\n".join(lines))
             return WorkState(problem=lines[-1] if lines else f"the process ended without a result (status {status})")
         finally:
             shutil.rmtree(folder, ignore_errors=True)
@@ -149,7 +152,7 @@ def compare_files(models: list[str], bags: list[str], signals: str | None) -> st
         require_usable(recording)
     named = zip(name_sources(models), models, strict=True)
     compared = [one for name, path in named for one in make_compared_models(name, load_model(path), path)]
-    return comparison_page(compare(compared, recordings, (0.0, 1.0), timing=False))
+    return comparison_page(compare(compared, recordings))
 
 
 def inspect_recording(path: str, signals: str | None) -> PageContent:

@@ -9,7 +9,7 @@ import sys
 
 import numpy as np
 
-from ces_identify import IdentifyOptions, Limits, Recording, identify, make_recording, plot, validate
+from ces_identify import IdentifyOptions, Limits, Recording, identify, make_recording, validate
 
 
 def read_csv(path: str) -> Recording:
@@ -25,7 +25,6 @@ def main(estimation_csv: str, validation_csv: str, model_json: str, seconds: flo
     result = identify(estimation, options=options)
     evaluations = validate(result.model, validation)
     result.model.save(model_json)
-    plot(evaluations).savefig(f"{model_json}.png")
     print(f"{result.model.size}, J = {evaluations[0].cost:.2f} % on {validation_csv}; wrote {model_json}")
     return evaluations[0].cost
 

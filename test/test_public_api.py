@@ -135,6 +135,6 @@ def test_a_delay_is_a_number_or_zero_and_another():
     assert (two.sampling.delay_s, two.best.sampling.delay_s) == (0.0, 0.003)
     evaluations = validate(two, SINE)
     assert [e.delay_s for e in evaluations] == [0.0, 0.003] and "3 ms later" in repr(evaluations)
-    compared = ces_identify.compare_models({"mine": two}, SINE, timing=False)
+    compared = ces_identify.compare_models({"mine": two}, SINE)
     assert [one.name for one in compared.models] == ["mine", "mine 3 ms later"] and "delay ms" in repr(compared)
     np.testing.assert_array_equal(simulate(two, SINE), simulate(two.delayed, SINE))

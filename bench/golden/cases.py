@@ -33,7 +33,7 @@ FILES = {
     "worn.yaml": _NEW + "damper: {ces_valve: {pilot_rise_s: 0.016, pilot_fall_s: 0.012}}\n",
     "long.yaml": _NEW.replace("6.0", "9.0") + "damper: {oil: {air_fraction: 0.03}}\n",
     "actuated.yaml": _NEW + "actuator: {}\n",
-    **{f"{kind}.yaml": f"kind: {kind}\n" for kind in ("bouc_wen", "monotube")},
+    "bouc_wen.yaml": "kind: bouc_wen\n",
     "sines.yaml": _SINES,
     "damper.yaml": "ces_valve: {cracking_high_Pa: 3.8e+06}\noil: {air_fraction: 0.011}\n",
     "passive.py": "import numpy as np\n\n\ndef force(time_s, position_m, current_A):\n"
@@ -131,11 +131,9 @@ CASES: dict[str, tuple[str, ...]] = {
                "simulate --sim topic:/observer/estimate replayed --out topic.csv"),
     "simulate": (*(f"simulate --sim {M}/{name}.json {NEW} --out {name}.csv" for name in STRUCTURES),
                  f"simulate --sim {IN}/damper.yaml {IN}/sines --out rig.csv",
-                 *(f"simulate --sim {IN}/{kind}.yaml {IN}/sines --out {kind}.csv --json"
-                   for kind in ("bouc_wen", "monotube")),
+                 f"simulate --sim {IN}/bouc_wen.yaml {IN}/sines --out bouc_wen.csv --json",
                  f"simulate --sim passive:force {NEW} --out passive.csv"),
     "export-data": (f"export-data {NEW} --out table.csv --model {IN}/poly.json",
-                    f"export-data {NEW} --out even.csv --rate 200",
                     f"export-data {IN}/sines --out logged.csv", "import logged.csv --out back"),
     "export": (*(f"export {M}/{name}.json --out {name}.c" for name in STRUCTURES),
                f"export {M}/sample.json --out sample.c --name rear --json",

@@ -26,14 +26,12 @@ from bench.golden.cases import CASES, COMPARED, FILES, INPUTS, RENAMED, SERVED
 
 ROOT = Path(__file__).resolve().parents[2]  # the inputs come from here, the code from the checkout
 STARTUP = """\
-import itertools, sys, time
+import sys, time
 # Modules that the checkout lacks must not come from an editable install of another one.
 sys.meta_path[:] = [f for f in sys.meta_path if not getattr(f, "__module__", "").startswith("__editable__")]
 def slow(clock):  # no search ends by time and no simulation counts as slow on a busy computer; durations print as 0
     return lambda: 1e-6 * clock()
 time.monotonic, time.perf_counter, time.process_time = map(slow, (time.monotonic, time.perf_counter, time.process_time))
-calls = itertools.count()
-time.thread_time = lambda: 3e-3 * next(calls)  # by which the time of a tick is measured
 """
 MASKS = (
     (r"\d{4}-\d\d-\d\d([T ]\d\d:\d\d(:\d\d(\.\d+)?)?( UTC|Z|[+-]\d\d:?\d\d)?)?", "<date>"),

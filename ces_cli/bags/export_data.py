@@ -46,7 +46,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         recording = terminal.read_one(bag, signals, ("position",))
         print_findings([recording])
         with terminal.err.status(f"writing {path}"):
-            table = tabulate(recording, _estimate(model, recording) if model else {}, rate_Hz=options.rate)
+            table = tabulate(recording, _estimate(model, recording) if model else {})
             write_table(table, path, kind)
         print(f"{path}: {len(table.stamps_ns)} rows of {', '.join(column.name for column in table.columns)}")
     return 0
@@ -56,7 +56,6 @@ def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
     out = "FILE.csv, FILE.parquet, or a folder, which gets a file for each bag"
     model = "add the speed and force that a model estimates, and the bounds of its band"
-    rate = "rows at a uniform rate instead of the position's times"
     return terminal.parser(
         "export-data",
         "Write recordings as CSV or Parquet, in SI units, which the names of the columns state (position_m, force_N). "
@@ -69,7 +68,6 @@ def make_parser() -> terminal.Parser:
         Option("out", meaning=out, kind=Path, metavar="FILE"),
         Option("format", None, "of the files in a folder", choices=FORMATS, none="csv"),
         Option("model", None, model, kind=Path, metavar="MODEL.json"),
-        Option("rate", None, rate, 0.001, 1e6, kind=float, metavar="HZ"),
         *(SIGNALS, OVERWRITE),
     )
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import logging
 import os
 import time
 import warnings
@@ -108,6 +109,7 @@ def diagnose_case(case: Path, out: Path, mode: Mode) -> dict[str, Any]:
     except CesError as error:
         row |= {"status": "failed", "reason": str(error)}
     except Exception as error:  # a fault of the diagnosis counts as its result; the other cases continue
+        logging.getLogger(__name__).exception("%s", case)
         row |= {"status": "failed", "reason": f"{type(error).__name__}: {error}"}
     row["seconds"] = round(time.perf_counter() - start, 2)
     write_atomically(out / ROW, json.dumps(row) + "\n")

@@ -22,8 +22,8 @@ from ces_cli.terminal.recordings import find_bag
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.options import Option
-from ces_rig.blind import tables
 from ces_rig.blind.cases import make_cases, open_seal, remove_cases
+from ces_rig.blind.metrics import ScoreTable, group_cases, metric_table, mode_facts, withheld_table
 from ces_rig.blind.outcome import MAX_REFERENCES, RUN, SIMULATIONS, CaseOutcome
 from ces_rig.blind.plan import ERRORS, GAPS, KINDS, Levels, list_spare_effects, plan_sample
 from ces_rig.blind.scoring import find_modes, score_cases
@@ -107,7 +107,7 @@ def _score(options: argparse.Namespace) -> int:
     require_outputs(options.overwrite, {"--out": options.out})
     about, labels = open_seal(options.cases)
     by_mode: dict[str, list[CaseOutcome]] = {}
-    parts: list[str | tables.ScoreTable] = []
+    parts: list[str | ScoreTable] = []
     for folder, mode in find_modes(options.results, options.cases):
         if mode.name in by_mode:
             raise CesError(f"{folder}: a second folder with results of mode {mode.name}; give one for each mode")
@@ -116,16 +116,16 @@ def _score(options: argparse.Namespace) -> int:
         if outcomes:
             by_mode[mode.name] = outcomes
             parts += [f"## `{mode.name}`", _format_opening(outcomes, failed, len(labels), about)]
-            groups = {title: tables.group_cases(outcomes, attrgetter(key)) for title, key in SLICES.items()}
-            parts += [*(tables.metric_table(*group) for group in groups.items()), tables.withheld_table(outcomes)]
+            groups = {title: group_cases(outcomes, attrgetter(key)) for title, key in SLICES.items()}
+            parts += [*(metric_table(*group) for group in groups.items()), withheld_table(outcomes)]
     if not by_mode:
         raise CesError(
             f"{options.results[0]}: contains no diagnosis of a case of {options.cases}; run 'ces blind run' first"
         )
-    parts = [tables.metric_table("mode", by_mode), *parts]
-    text = "\n\n".join(_as_markdown(part) if isinstance(part, tables.ScoreTable) else part for part in parts)
+    parts = [metric_table("mode", by_mode), *parts]
+    text = "\n\n".join(_as_markdown(part) if isinstance(part, ScoreTable) else part for part in parts)
     if options.json:
-        print_document("blind-score", {"modes": {name: tables.mode_facts(cases) for name, cases in by_mode.items()}})
+        print_document("blind-score", {"modes": {name: mode_facts(cases) for name, cases in by_mode.items()}})
     else:
         print(text)
     if options.out is not None:
@@ -144,7 +144,7 @@ def _format_opening(
     return "  \n".join([first, *(f"Case {case} could not be diagnosed: {why}" for case, why in failed.items())])
 
 
-def _as_markdown(table: tables.ScoreTable) -> str:
+def _as_markdown(table: ScoreTable) -> str:
     lines = ["| " + " | ".join(row) + " |" for row in (table.head, *table.rows)]
     return "\n".join([lines[0], "|" + "---|" * len(table.head), *lines[1:]])
 

@@ -1,11 +1,10 @@
-"""`ces identify --campaign`: many identifications, with a live page, tables, and the recommended reports."""
+"""`ces identify --campaign`: many identifications, with a page, tables, and the recommended reports."""
 
 from __future__ import annotations
 
 import argparse
 import shlex
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -32,7 +31,6 @@ from ces_observer.json_text import write_atomically
 from ces_observer.model import load_model
 from ces_report.table import Column, Table
 
-REFRESH_S = 5.0  # between two versions of the page
 MAX_ROWS_SHOWN = 40  # rows in the terminal
 RESULTS = "results.jsonl"
 FRONT, BEST = "○", "●"
@@ -68,20 +66,19 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     print_warnings(found)
     todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), forced)
     with open_results(folder / RESULTS, "a campaign") as results:
-        page = LivePage(folder, campaign, todo, results)
         missing = [job for job in todo if not results.has(job)]
         finished = True
         if missing:
             tasks = [Task(job, job.paths) for job in missing]
             threads = max(job.limits.threads for job in missing)
             progress = JobsProgress(len(todo), len(todo) - len(missing), "cells")
-            describe = partial(describe_cell, page.rows())
-            finished = run_jobs(
-                compute_cell, tasks, recordings, threads, options, results, progress, describe, page.refresh
-            )
-        rows = page.rows()
+            describe = partial(describe_cell, collect_rows(campaign, todo, results))
+            finished = run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, describe)
+        rows = collect_rows(campaign, todo, results)
         _write_recommended_reports(rows, folder, recordings, todo)
-        page.write(running=False)
+        if rows.rows:
+            facts = {"command": shlex.join(["ces", *sys.argv[1:]])}
+            write_campaign_page(folder / PAGE, rows, folder, campaign.source.stem, facts)
         planned = Counter(job.cell.bags for job in todo)
         with without_text(options.json):
             if rows.done:
@@ -104,34 +101,12 @@ def describe_cell(rows: CampaignRows, row: Row) -> str:
     return f"{name}: selection J {cost}, {row['parameters']} parameters, {row['seconds']:.1f} s"
 
 
-class LivePage:
-    """Writes the page into `folder` while results come in, at most every REFRESH_S."""
-
-    def __init__(self, folder: Path, campaign: Campaign, todo: Sequence[CampaignJob], results: ResultsFolder) -> None:
-        self._folder, self._campaign, self._todo, self._results = folder, campaign, todo, results
-        self._written = -REFRESH_S
-
-    def rows(self) -> CampaignRows:
-        """Return the results of the planned cells so far, by set of bags, size and cost."""
-        found, bags = self._results.rows, list(self._campaign.bags)
-        rows = [{**found[j.key], "bags": j.cell.bags, **j.cell.settings} for j in self._todo if j.key in found]
-        rows.sort(key=lambda r: (bags.index(r["bags"]), r.get("parameters", 1e9), r.get("selection_J") or 1e9))
-        return CampaignRows(tuple(rows), len(self._todo), self._campaign.names)
-
-    def refresh(self) -> None:
-        """Write the page if the last version is old enough."""
-        if time.monotonic() - self._written >= REFRESH_S:
-            self.write(running=True)
-
-    def write(self, *, running: bool) -> None:
-        """Write the page, if there is any result."""
-        rows = self.rows()
-        if rows.rows:
-            facts = {"command": shlex.join(["ces", *sys.argv[1:]])}
-            write_campaign_page(
-                self._folder / PAGE, rows, self._folder, self._campaign.source.stem, facts, running=running
-            )
-        self._written = time.monotonic()
+def collect_rows(campaign: Campaign, todo: Sequence[CampaignJob], results: ResultsFolder) -> CampaignRows:
+    """Return the results of the planned cells so far, by set of bags, size and cost."""
+    found, bags = results.rows, list(campaign.bags)
+    rows = [{**found[job.key], "bags": job.cell.bags, **job.cell.settings} for job in todo if job.key in found]
+    rows.sort(key=lambda r: (bags.index(r["bags"]), r.get("parameters", 1e9), r.get("selection_J") or 1e9))
+    return CampaignRows(tuple(rows), len(todo), campaign.names)
 
 
 def _write_recommended_reports(

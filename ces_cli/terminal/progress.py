@@ -176,9 +176,8 @@ def run_jobs(
     results: ResultsFolder,
     progress: JobsProgress,
     describe: Callable[[Row], str],
-    after_each: Callable[[], None] = lambda: None,
 ) -> bool:
-    """Run the tasks on --dask or in --jobs processes, store each result, call `after_each`; False after Ctrl-C."""
+    """Run the tasks on --dask or in --jobs processes, store each result; False after Ctrl-C."""
     if options.dask is not None:
         running = run_on_cluster(work, tasks, shared, options.dask)
     else:
@@ -190,7 +189,6 @@ def run_jobs(
                 results.add(result)
                 progress.count(describe(result.row), failed=result.row["status"] != DONE)
                 file.write({"done": progress.finished, "failed": progress.failed})
-                after_each()
     except KeyboardInterrupt:
         results.refresh()
         return False

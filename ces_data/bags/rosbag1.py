@@ -59,5 +59,5 @@ def _reading(path: Path) -> Iterator[Reader]:
     except (RecordingError, GeneratorExit):
         raise
     except Exception as error:  # a damaged file makes rosbags raise errors of any kind
-        reason = first_line(error).rstrip(".")
-        raise RecordingError(f"{path}: not a ROS 1 bag, or damaged: {reason}; 'rosbag reindex' may repair it") from None
+        reason = f"{first_line(error).rstrip('.')}; 'rosbag reindex' may repair it"
+        raise RecordingError(f"{path}: not a ROS 1 bag, or damaged: {reason}") from error

@@ -152,7 +152,7 @@ def open_format(kind: str, path: Path, mapping: DynoMapping, progress: Progress)
         return log
     except OSError as error:
         raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except (ValueError, TypeError, RecursionError, NotImplementedError) as error:
+    except (ValueError, RecursionError, NotImplementedError) as error:
         raise RecordingError(f"{path}: not a {kind} file: {first_line(error)}") from None
 
 

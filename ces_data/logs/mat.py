@@ -33,7 +33,10 @@ def open_log(path: Path, mapping: DynoMapping, _: Progress) -> LogTable | TimedL
             return open_tree(path, mapping, open_mat73(path))
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # scipy before 1.18 gives all objects one name
-        tree: dict[str, Any] = scipy.io.loadmat(path, simplify_cells=True)
+        try:
+            tree: dict[str, Any] = scipy.io.loadmat(path, simplify_cells=True)
+        except TypeError as error:  # by scipy, of a damaged file
+            raise ValueError(error) from None
         if any(isinstance(value, MatlabOpaque) for value in tree.values()):
             with path.open("rb") as file:
                 parts = [scipy.io.loadmat(part, simplify_cells=True) for _, part in varmats_from_mat(file)]

@@ -138,9 +138,9 @@ def count_steps(trace: Trace) -> int:
     return max(1, min(wanted, MAX_TICKS // len(base)))
 
 
-def make_run(twin: Twin, trace: Trace, steps: int | None = None) -> TwinRun:
+def make_run(twin: Twin, trace: Trace) -> TwinRun:
     """Return the run of a twin over the recorded inputs of a trace."""
-    position, speed, current, step_s = sample_inputs(trace, steps or count_steps(trace))
+    position, speed, current, step_s = sample_inputs(trace, count_steps(trace))
     valve = twin.body.valve
     body = replace(twin.body, valve=replace(valve, delay_ticks=valve.delay_ticks * twin.tick_s / step_s))
     return TwinRun(body, position, speed, current, step_s)

@@ -1,10 +1,9 @@
-"""Both sides as networks: one fitted to the real recordings, and what of it the simulation lacks.
+"""Both sides of a gap as networks: one fitted to the real recordings, and what of it a static map lacks.
 
-A simulation without dynamics, such as a map of speed and current, lacks several effects. None of them alone explains
-much, so that a search which adds one after another never begins. Here the search goes the other way: all parts of the
-network that the simulation may lack are there, and each is taken back to the simulation's numbers, the rest refitted,
-until only those remain without which the recordings are not explained. What curves of the valves explain is
-calibration.
+A map of speed and current lacks several effects at once. None of them alone explains much, so that a search which adds
+one after another never begins. Here the search goes the other way: all parts of a network that a map cannot have are
+there, and each is taken out, the rest refitted, until only those remain without which the recordings are not explained.
+What the curves of the valves explain is calibration.
 """
 
 from __future__ import annotations
@@ -15,45 +14,84 @@ from dataclasses import dataclass, replace
 from itertools import islice
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from ces_data.arrays import F, Mask
 from ces_gap.baseline.twin import count_steps
 from ces_gap.baseline.twin_fit import MAX_TICKS, build_training, fit_network
+from ces_gap.effects.effect import Effect
 from ces_gap.effects.refitted import PARTS, NetworkPart, Recalibration
+from ces_gap.effects.simulation_errors import CALIBRATION_FORMS
+from ces_gap.grid import rms
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit, fit_from
-from ces_gap.trace import Trace
+from ces_gap.progress import Progress
+from ces_gap.trace import Trace, usable_inputs, usable_values
 from ces_identify.numerics.levenberg import CentredProblem, descend_about_centre
 from ces_identify.physical.models import HydraulicModels
 
+WEIGHTS = 0.3, 1.0, 1.0  # of stroke, speed and current in a distance: a gas spring is soft
+MOMENTS, NEIGHBOURS, APART_S, NEAR = 4000, 60, 0.15, 0.1  # compared moments; NEAR is a distance
+MAX_STATIC = 0.03  # of the force's standard deviation
 STRENGTH = 0.03  # of the pulls towards usual values
-STEPS, STEPS_TO_SIMULATION = 5, 12  # of a refit
-ABSENT = 4.0  # of the logarithm of a number, by which it is lowered where the simulation has nothing of the kind
-MAX_OWN_COST = 2.0  # [%] of the network on the simulation, above which that is not a damper with dynamics
-MIN_PART_SHARE = 0.01  # of the gap's energy on blocks left out, that a part must explain beside the others
-MAX_LEFT_SHARE = 0.5  # of the gap's energy: a network that leaves more is none of this damper
+STEPS = 5  # of a refit
+ABSENT = 5.0  # by which the logarithm of a number is lowered where there is nothing of the kind
+MAX_REST = 0.1  # of the gap's energy: where an effect leaves less, it is enough; a network must leave less
+MIN_PART_SHARE = 0.01  # of the gap's energy: what a part must explain beside the others, on blocks left out
+
+
+def explain_static_map(
+    evidence: Evidence, first: EffectFit, energy: float, effects: Sequence[Effect], threads: int, progress: Progress
+) -> EffectFit | None:
+    """Return what a network of the recordings has and a static map lacks, where the `first` effect leaves much.
+
+    None for other simulations, and with references (no calibration among the `effects`): they have shown its error.
+    """
+    much = first.cost - len(first.residual) > MAX_REST * energy
+    corrected = not any(e in CALIBRATION_FORMS for e in effects)
+    if not much or corrected or evidence.plants[0].twin is None or not is_static(evidence.traces):
+        return None
+    progress("fitting a network to the real recordings", 0.0)
+    found = fit_both_sides(evidence, threads)
+    rest = np.inf if found is None else found.cost - len(found.residual)
+    return found if rest < MAX_REST * energy else None
 
 
 def fit_both_sides(evidence: Evidence, threads: int) -> EffectFit | None:
-    """Return a recalibration of the simulation and what it lacks; None if a network does not explain the recordings."""
-    fitted = fit_network([_with_force(t) for t in evidence.traces], (STRENGTH,), threads, lambda _: None)
-    if fitted is None:
+    """Return a recalibration of a static map and what it lacks; None if there is no network of the recordings."""
+    real = [_with_force(t) for t in evidence.traces]
+    found = fit_network(real, (STRENGTH,), threads, lambda _: None)
+    if found is None:
         return None
-    fit, step_s = fitted
-    alike = [t for t in evidence.traces if t.rate_Hz == evidence.traces[0].rate_Hz]
-    steps = max(count_steps(t) for t in alike)
-    real, _ = build_training([_with_force(t) for t in alike], steps, MAX_TICKS)
-    simulated, _ = build_training(alike, steps, MAX_TICKS)
-    sides = _Sides.make(replace(fit.models, training=real), simulated.measured, fit.theta)
-    if sides.cost(fit.theta) ** 2 > MAX_LEFT_SHARE * sides.gap:
-        return None
-    kept, theta = sides.eliminate(threads)
-    before = sides.take_back(theta, kept)
-    models = sides.models.hold_pressures(theta)
-    ends = models.body(before), models.body(theta), step_s
-    parts = [kind for kind in kept if sides.adds(kind, theta)]
+    fit, step_s = found
+    alike = [t for t in real if t.rate_Hz == real[0].rate_Hz]
+    training, _ = build_training(alike, max(count_steps(t) for t in alike), MAX_TICKS)
+    error = usable_values(evidence.traces, [t.force - t.simulated for t in evidence.traces])
+    gap = (100.0 * rms(error) / training.scale_N) ** 2
+    parts, theta = _Network(replace(fit.models, training=training), gap).eliminate(fit.theta, threads)
+    models = fit.models.hold_pressures(theta)
+    ends = models.body(_take_out(models, theta, parts)), models.body(theta), step_s
     effects = Recalibration(*ends), *(part(*ends) for part in parts)
     return fit_from(evidence, effects, np.ones(len(effects)))
+
+
+def is_static(traces: Sequence[Trace]) -> bool:
+    """Return whether the simulated force follows from stroke, speed and current alone.
+
+    It is compared with itself at the nearest moment of another time. Dampers with a memory differ there by 8 to 60 % of
+    the force's standard deviation, maps by 2 (false nearest neighbours: Rhodes and Morari, AIChE Journal 44, 1998).
+    """
+    force = usable_values(traces, [t.simulated for t in traces])
+    axes = [usable_inputs(traces, name) for name in ("position", "speed", "current")]
+    at = np.column_stack([share * x / max(float(x.std()), 1e-9) for share, x in zip(WEIGHTS, axes, strict=True)])
+    ends = np.cumsum([0.0, *(t.time_s[-1] + APART_S for t in traces[:-1])])
+    time_s = usable_values(traces, [t.time_s + end for t, end in zip(traces, ends, strict=True)])
+    chosen = np.linspace(0, len(force) - 1, min(MOMENTS, len(force))).astype(np.int64)
+    distance, near = cKDTree(at).query(at[chosen], min(NEIGHBOURS, len(force)))
+    valid = (np.abs(time_s[near] - time_s[chosen, None]) > APART_S) & (distance < NEAR)
+    pairs = np.column_stack([near[np.arange(len(chosen)), valid.argmax(axis=1)], chosen])[valid.any(axis=1)]
+    difference = force[pairs[:, 0]] - force[pairs[:, 1]]
+    return len(pairs) > 0.5 * len(chosen) and rms(difference) < np.sqrt(2.0) * MAX_STATIC * float(force.std())
 
 
 def _with_force(trace: Trace) -> Trace:
@@ -62,65 +100,40 @@ def _with_force(trace: Trace) -> Trace:
 
 
 @dataclass(frozen=True)
-class _Sides:
-    """Networks on the real recordings: `theta` of those, the simulation's `own` numbers, and the `gap` [%²] to it."""
+class _Network:
+    """Networks of the real recordings, whose difference from the simulation is the `gap` (%²)."""
 
     models: HydraulicModels
-    theta: F
-    own: F
     gap: float
 
-    @classmethod
-    def make(cls, models: HydraulicModels, simulated: F, theta: F) -> _Sides:
-        """Return both sides, the network fitted to the `simulated` force (ticks,) from `theta`."""
-        training = models.training
-        gap = 1e4 * float(training.selection @ (training.measured - simulated) ** 2)
-        of_simulation = replace(models, training=replace(training, measured=simulated))
-        owners = np.array(models.layout.owners)
-        own = theta - ABSENT * (np.isin(owners, [g for kind in PARTS for g in kind.groups]) & _is_positive(models))
-        near = _descend(of_simulation, own, STEPS_TO_SIMULATION, np.ones(len(theta), bool))
-        scale = training.scale_N / max(float(simulated.std()), 1e-9)
-        if of_simulation.cost(near, training.selection) * scale < MAX_OWN_COST:
-            own = near
-        return cls(models, theta, own, gap)
-
-    def cost(self, theta: F) -> float:
-        """Return the cost [%] on blocks left out."""
-        return self.models.cost(theta, self.models.training.selection)
-
-    def take_back(self, theta: F, parts: Sequence[type[NetworkPart]]) -> F:
-        """Return theta with the numbers of some parts as in the simulation."""
-        return np.where(self._places(parts), self.own, theta)
-
-    def adds(self, part: type[NetworkPart], theta: F) -> bool:
-        """Return whether theta has more of a part than the simulation."""
-        return bool((theta - self.own)[self._places((part,)) & _is_positive(self.models)].sum() > 0.0)
-
-    def eliminate(self, threads: int) -> tuple[list[type[NetworkPart]], F]:
-        """Return the parts that are needed beside the others, and theta without the rest."""
-        theta = self._without(self.theta, ())
+    def eliminate(self, theta: F, threads: int) -> tuple[list[type[NetworkPart]], F]:
+        """Return the parts that are needed beside the others, and theta without the rest, the others refitted."""
+        theta = self._without(theta, ())
         with ThreadPoolExecutor(max(1, threads)) as pool:
-            costs = list(pool.map(lambda part: self.cost(self._without(theta, (part,))), PARTS))
+            costs = list(pool.map(lambda part: self._cost(self._without(theta, (part,))), PARTS))
         weakest_first = [PARTS[k] for k in np.argsort(costs)]
         gone: list[type[NetworkPart]] = []
         for part in weakest_first:
             fewer = self._without(theta, (*gone, part))
-            if self.cost(fewer) ** 2 - self.cost(theta) ** 2 < MIN_PART_SHARE * self.gap:
+            if self._cost(fewer) ** 2 - self._cost(theta) ** 2 < MIN_PART_SHARE * self.gap:
                 gone, theta = [*gone, part], fewer
         return [part for part in reversed(weakest_first) if part not in gone], theta
 
+    def _cost(self, theta: F) -> float:
+        return self.models.cost(theta, self.models.training.selection)
+
     def _without(self, theta: F, parts: Sequence[type[NetworkPart]]) -> F:
-        return _descend(self.models, self.take_back(theta, parts), STEPS, ~self._places(parts))
-
-    def _places(self, parts: Sequence[type[NetworkPart]]) -> Mask:
-        groups = [group for part in parts for group in part.groups]
-        return np.isin(np.array(self.models.layout.owners), groups)
+        return _descend(self.models, _take_out(self.models, theta, parts), STEPS, ~_places(self.models, parts))
 
 
-def _is_positive(models: HydraulicModels) -> Mask:
-    """Return which entries of theta are logarithms."""
+def _take_out(models: HydraulicModels, theta: F, parts: Sequence[type[NetworkPart]]) -> F:
+    """Return theta with next to nothing of some parts: their logarithms are lowered."""
     signed = [group.name for group in models.layout.groups if group.unit is not None]
-    return ~np.isin(np.array(models.layout.owners), signed)
+    return theta - ABSENT * (_places(models, parts) & ~np.isin(models.layout.owners, signed))
+
+
+def _places(models: HydraulicModels, parts: Sequence[type[NetworkPart]]) -> Mask:
+    return np.isin(models.layout.owners, [group for part in parts for group in part.groups])
 
 
 def _descend(models: HydraulicModels, start: F, steps: int, free: Mask) -> F:

@@ -15,10 +15,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ces_data.arrays import F
-from ces_gap.baseline.twin import TraceTwin
 from ces_gap.effects.effect import Effect
 from ces_gap.effects.simulation_errors import CALIBRATION_FORMS
-from ces_gap.inference.both_sides import fit_both_sides
+from ces_gap.inference.both_sides import explain_static_map
 from ces_gap.inference.evidence import Evidence
 from ces_gap.inference.fit import EffectFit, Refinement, count_stuck_parameters, fit_alone, fit_together
 from ces_gap.inputs.checks import is_current_constant
@@ -32,8 +31,6 @@ PARAMETER = 0.005  # share of the gap's energy that each parameter costs when ef
 CLEAR_SHARE = 0.1  # of the noise's energy
 BEAM = 2
 MAX_EFFECTS = 3
-MANY_SHARE = 0.4  # of the gap's energy: where the best effect leaves more, several may be missing at once
-MAX_TWIN_COST = 3.0  # [%] of a twin, above which the simulation is no damper, such as a static map
 MAX_ADDITIONS = 3  # additions refitted jointly for each composition in the beam
 MAX_SWAPS = 3  # replacements fitted for each effect
 MAX_REFINED_SWAPS = 2  # the best of these
@@ -88,43 +85,18 @@ def search(
         progress(f"running the simulation with {fit.names[0]}", k / MAX_REFINED_FORMS)
         forms[k] = refinement.refine(evidence, fit)
     alone = order_nested_forms(evidence, best_forms(forms, energy))
-    many = fit_many(evidence, forms[0], energy, effects, threads, progress)
-    if many is not None and not has_good_twin(evidence):
-        return EffectSearchResult(residual, alone, many, energy, evidence)
+    several = explain_static_map(evidence, forms[0], energy, effects, threads, progress)
+    if several is not None:
+        return EffectSearchResult(residual, alone, several, energy, evidence)
     compositions = CompositionSearch(evidence, residual, forms, energy, refinement, threads, min_gain_share)
     best = compositions.grow(alone, progress)
     tried: tuple[EffectFit, ...] = ()
     if best is not None and len(best.effects) > 1:
         progress("trying other effects in place of each", 0.0)
         best, tried = compositions.improve(best)
-    added = 0.0 if best is None or many is None else prior_cost(many, energy) - prior_cost(best, energy)
-    if many is not None and is_worthwhile(evidence, residual if best is None else best.left_out, many, added):
-        best, tried = many, ()
     if best is not None and len(best.effects) == 1:  # what is left of a composition may be better than its first fit
         alone = tuple(best if f.names == best.names and best.cost < f.cost else f for f in alone)
     return EffectSearchResult(residual, alone, best, energy, evidence, tried)
-
-
-def fit_many(
-    evidence: Evidence, first: EffectFit, energy: float, effects: Sequence[Effect], threads: int, progress: Progress
-) -> EffectFit | None:
-    """Return what a network of the recordings has and the simulation lacks, where the `first` effect leaves much.
-
-    With references (no calibration among the `effects`) the simulation's own error has been learned.
-    """
-    if first.cost - len(first.residual) < MANY_SHARE * energy or not any(e in CALIBRATION_FORMS for e in effects):
-        return None
-    progress("fitting a network to the real recordings", 0.0)
-    many = fit_both_sides(evidence, threads)
-    if many is None or not is_worthwhile(evidence, first.left_out, many, prior_cost(many, energy)):
-        return None
-    return many
-
-
-def has_good_twin(evidence: Evidence) -> bool:
-    """Return whether the simulation has a twin into which effects can be put: one that is a damper, too."""
-    twin = evidence.plants[0].twin
-    return isinstance(twin, TraceTwin) and twin.twin.cost_J < MAX_TWIN_COST
 
 
 def best_forms(forms: Sequence[EffectFit], energy: float) -> tuple[EffectFit, ...]:

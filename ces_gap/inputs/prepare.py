@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ces_data.recording import Recording
-from ces_gap.baseline.identified import add_left_out_force
+from ces_gap.baseline.identified import add_left_out_force, add_own_error
 from ces_gap.baseline.plant import DirectSimulator, TraceSimulator
 from ces_gap.baseline.twin import Twin
 from ces_gap.baseline.twin_fit import find_own_twin, find_twin
@@ -18,13 +18,14 @@ from ces_gap.inputs.checks import exclude_saturated_ticks
 from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
 from ces_gap.inputs.probes import correct_inputs
 from ces_gap.progress import Progress, ignore_progress
-from ces_gap.trace import Trace, open_trace, require_usable
+from ces_gap.trace import Trace, open_trace, require_usable, with_simulation
 from ces_identify.numerics import search_clock
 from ces_identify.simulations.simulation import Simulation, find_predictions
 
 MIN_FIT_S = 4.0  # [s] usable for the fit
 PARTS, PART_S = 10, 1.0  # of a single recording, shortest part [s]; every third part is held out
 SLOW_S = 0.025  # [s] of processor time: a simulation that is slower over all real recordings is replaced
+MAX_TWIN_COST_J = 20.0  # [%] up to it, effects inside the twin are told apart
 SLOW_CLOCK_S = 0.25  # [s] of the clock: the same for one that waits, for a file or for another process
 
 
@@ -54,6 +55,13 @@ class DiagnosisInput:
     def slow(self) -> TraceSimulator | None:
         """The simulation if its twin replaces it in the search, otherwise None."""
         return None if self.cheap is self.exact else self.exact
+
+    @property
+    def twin_problem(self) -> str:
+        """Why no effect can be put inside the twin, empty if they can."""
+        if self.twin is None:
+            return "it hardly moves"
+        return "" if self.twin.cost_J <= MAX_TWIN_COST_J else f"its twin leaves J {self.twin.cost_J:.3g} %"
 
 
 def prepare_recordings(
@@ -93,10 +101,11 @@ def prepare_recordings(
     progress("probing the simulation", 0.0)
     found, simulation = correct_inputs(simulation, fitted, references)
     if found.corrected:
-        direct = DirectSimulator(simulation)
         fitted, held, references = (
-            [replace(t, simulated=direct.force(t, t.inputs)) for t in traces] for traces in (fitted, held, references)
+            [with_simulation(t, simulation.force(t.recording)) for t in traces] for traces in (fitted, held, references)
         )
+    if not references:
+        fitted, held = ([add_own_error(simulation, t) for t in traces] for traces in (fitted, held))
     exact = None if find_predictions(simulation) is not None else DirectSimulator(simulation)
     is_slow = exact is None or runs_slowly(exact, fitted)
     twin, everything = None, [*fitted, *held, *references]

@@ -28,7 +28,7 @@ from ces_report.drawing import (
     with_value,
 )
 from ces_report.plot import Plot, PlotArea, PlotDots, PlotLine, draw_plot, value_table
-from ces_report.typesetting import format_number, format_range, three_figures
+from ces_report.typesetting import MAX_FIGURES, format_number, format_range, three_figures
 
 SHARE_SIZE = (300.0, 186.0)
 SHARE_BOX = (34.0, 30.0, 258.0, 122.0)  # left, top, width, height [px]
@@ -119,7 +119,8 @@ def _share_ticks(p: Panel, regions: Sequence[GapRegion]) -> list[str]:
     if axis == "direction" and len(regions) == 2:
         return [label(float(p.x.px(k + 0.5)), y, SIDES[k], "tick mid") for k in (0, 1)]
     edges = [*(r.low for r in regions), regions[-1].high]
-    texts = [axis_figure(axis, e) for e in edges]
+    several = ([axis_figure(axis, e, figures) for e in edges] for figures in range(3, MAX_FIGURES + 1))
+    texts = next(t for t in several if len({*t}) == len(edges))
     stride = max(1, math.ceil((LETTER * max(map(len, texts)) + 4) / ((p.x.stop - p.x.start) / len(regions))))
     first = (edges.index(0.0) if 0.0 in edges else 0) % stride
     return [label(float(p.x.px(k)), y, texts[k], "tick mid") for k in range(first, len(edges), stride)]

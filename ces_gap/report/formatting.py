@@ -57,9 +57,9 @@ def axis_title(axis: str) -> str:
     return sentence_case(name) + (f" [{unit}]" if unit else "")
 
 
-def axis_figure(axis: str, value: float) -> str:
-    """Return a value on an axis to three digits in the displayed unit; `∞` for an open end."""
-    return format_number(AXES[axis][2] * value + 0.0)
+def axis_figure(axis: str, value: float, figures: int = 3) -> str:
+    """Return a value on an axis in the displayed unit; `∞` for an open end."""
+    return format_number(AXES[axis][2] * value + 0.0, figures)
 
 
 def axis_range(axis: str, low: float, high: float) -> str:

@@ -11,7 +11,6 @@ import numpy as np
 
 from ces_data.recording import Recording
 from ces_identify.campaign.plan import AUTO, CampaignJob
-from ces_identify.comparison.compared_models import measure_tick_times
 from ces_identify.identification import identify
 from ces_identify.jobs import DONE, JobResult, Row, run_job
 from ces_identify.options import build_identify_options
@@ -41,7 +40,6 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
     if any(start.ended == INTERRUPTED for start in result.search_results):
         raise KeyboardInterrupt
     seconds = time.monotonic() - began
-    (tick,) = measure_tick_times([result.model], recordings[0])
     best, certificate = result.search_results[0], result.model.certificate or {}
     row = {
         **job.identity,
@@ -52,7 +50,6 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
         **_costs(job, result.evaluations),
         "gain": certificate.get("gain"),
         "force_bound_N": certificate.get("force_bound_N"),
-        "tick_us": round(tick.fastest_us, 2),
         "seconds": round(seconds, 3),
         "trials": sum(start.trials for start in result.search_results),
         "ended": best.ended,

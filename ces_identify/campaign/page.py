@@ -20,23 +20,16 @@ from ces_report.shell import command_block, page_template, replace_unencodable
 
 PAGE = "campaign.html"
 SELECTION = "selection"
-REFRESH_S = 10  # between reloads of a page whose campaign is running
 
 
-def write_campaign_page(
-    path: Path, results: CampaignRows, folder: Path, title: str, facts: Mapping[str, str], *, running: bool = False
-) -> None:
-    """Write the page of the campaign in `folder` to `path`; `facts` may hold the `command`. Raises CesError.
-
-    The page of a `running` campaign reloads itself.
-    """
+def write_campaign_page(path: Path, results: CampaignRows, folder: Path, title: str, facts: Mapping[str, str]) -> None:
+    """Write the page of the campaign in `folder` to `path`; `facts` may hold the `command`. Raises CesError."""
     links = os.path.relpath(folder.resolve(), path.resolve().parent)
     start = "" if links == "." else f"{links}/"
     recommended = {row["key"] for row in results.recommended().values()}
     page = page_template("campaign.html.j2", __package__ or "", ("campaign.css",)).render(
         title=title,
         headline=_headline(results),
-        refresh=REFRESH_S if running else None,
         command=command_block(facts["command"]) if "command" in facts else "",
         compare=command_block(f"ces compare {folder}/models/*.json BAG --report compare.html"),
         recommended=[
@@ -80,7 +73,6 @@ def _row(results: CampaignRows, row: Row, recommended: bool) -> dict[str, Any]:
         "parameters": row["parameters"],
         "selection": _number(row["selection_J"]),
         "costs": [_cost(row, name) for name in results.sets],
-        "tick": _number(row["tick_us"], 1),
         "stability": proof,
         "seconds": _number(row["seconds"], 1),
     }
@@ -108,8 +100,7 @@ def _panel(results: CampaignRows, number: int, bags: str) -> dict[str, Any]:
         "structures": [
             (swatch.format(_structure_css(name)), name) for name in dict.fromkeys(row["structure"] for row in rows)
         ],
-        "size": _pareto(results, rows, f"size{number}", "parameters", "size", "Size [parameters]"),
-        "tick": _pareto(results, rows, f"tick{number}", "tick_us", "time of a tick", "Time of a tick [µs]"),
+        "size": _pareto(results, rows, f"size{number}"),
         "delay": _draw_delays(results, f"delay{number}", bags),
     }
 
@@ -118,8 +109,8 @@ def _structure_css(structure: str) -> str:
     return series_css(list(KITS).index(structure))
 
 
-def _pareto(results: CampaignRows, rows: list[Row], ident: str, column: str, what: str, x_label: str) -> Markup | None:
-    """Return the chart of cost against a column, each point with the name of its model; None without rows.
+def _pareto(results: CampaignRows, rows: list[Row], ident: str) -> Markup | None:
+    """Return the chart of cost against size, each point with the name of its model; None without rows.
 
     Validation costs have their intervals. The front is drawn as steps: from each model on to the next larger one.
     """
@@ -128,7 +119,7 @@ def _pareto(results: CampaignRows, rows: list[Row], ident: str, column: str, wha
     dots: list[PlotLine | PlotDots] = []
     validation: list[PlotLine | PlotDots] = []
     for row in rows:
-        x, model = float(row[column]), results.names.name(row)
+        x, model = float(row["parameters"]), results.names.name(row)
         css = f"{_structure_css(row['structure'])} spot{'' if is_proved(row) else ' unproved'}"
         dots.append(PlotDots(f"{model}: selection", np.array([x]), np.array([row["selection_J"]]), css))
         for name in results.sets:
@@ -139,15 +130,15 @@ def _pareto(results: CampaignRows, rows: list[Row], ident: str, column: str, wha
                 validation.append(PlotLine(f"{model}: {name}", np.array([x, x]), np.array(interval), "validation"))
     lines = []
     for group in results.of_delay(rows[0]["bags"]).values():
-        points = [[float(row[column]), row["selection_J"]] for row in front(group, column)]
+        points = [[float(row["parameters"]), row["selection_J"]] for row in front(group)]
         steps = np.repeat(np.array(points).reshape(-1, 2), 2, axis=0)
         lines.append(PlotLine("front, by selection cost", steps[1:, 0], steps[:-1, 1], "outline"))
     text = (
         f"Selection cost of {len(rows)} models; vertical lines are intervals of their costs on validation recordings."
     )
     area = PlotArea("Cost J [%]", [*dots, *validation, *lines], 300)  # values are read at the first of equal points
-    title = f"Cost against {what}, identified on {rows[0]['bags']}"
-    return draw_plot(Plot(ident, title, text, x_label, [area], 560, free=True, legend=False))
+    title = f"Cost against size, identified on {rows[0]['bags']}"
+    return draw_plot(Plot(ident, title, text, "Size [parameters]", [area], 560, free=True, legend=False))
 
 
 def _draw_delays(results: CampaignRows, ident: str, bags: str) -> Markup | None:

@@ -43,15 +43,15 @@ def describe_setting(key: str, row: Row) -> str:
     return f"{value} {key}" if key in COUNTED else f"{key} {value}"
 
 
-def front(rows: Sequence[Row], size: str = "parameters") -> list[Row]:
-    """Return the rows that no other beats in both `size` (a column) and selection cost, smallest model first.
+def front(rows: Sequence[Row]) -> list[Row]:
+    """Return the rows that no other beats in both size and selection cost, smallest model first.
 
     All rows belong to one set of bags. Models without a certificate count only if none has one.
     """
     best: list[Row] = []
     models = [row for row in rows if row["status"] == DONE and row["selection_J"] is not None]
     models = [row for row in models if is_proved(row)] or models
-    for row in sorted(models, key=lambda r: (r[size], r["selection_J"])):
+    for row in sorted(models, key=lambda r: (r["parameters"], r["selection_J"])):
         if not best or row["selection_J"] < best[-1]["selection_J"]:
             best.append(row)
     return best

@@ -1,4 +1,4 @@
-"""What is compared: models with the recordings that they know, their forces at the same stamps, the time of a tick.
+"""What is compared: models with the recordings that they know, their forces at the same stamps.
 
 Each model runs freely at its own rate and delay over the whole recording. Its force at a position sample is the one
 that the observer would publish for it, so all forces have the recording's own position stamps; the measured force is
@@ -7,9 +7,6 @@ interpolated to them. Only stamps count at which every model has a force.
 
 from __future__ import annotations
 
-import gc
-import platform
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,14 +18,12 @@ from ces_data.arrays import F, Mask
 from ces_data.checks.content import find_known_recording, identification_rows
 from ces_data.recording import Recording
 from ces_identify.prepare.sampling import delay_text
-from ces_identify.prepare.series import force_at, usable_samples
+from ces_identify.prepare.series import force_at
 from ces_identify.simulations.simulate import SampleRun, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.validation.evaluate import UNITS as SIGNAL_UNITS
 from ces_identify.validation.evaluate import RangeUse, describe_held, find_outside
-from ces_observer.bank_design import SPEED
 from ces_observer.errors import RecordingError
-from ces_observer.estimator import Estimator
 from ces_observer.model import Model
 
 TRAINED, TEST, UNKNOWN = "identified on", "test", "not known"
@@ -39,10 +34,6 @@ WARM_UP_S = 0.5  # [s] not scored after the start and after each gap, for models
 MAX_GAP_S = 0.05  # [s] over which the measured force is interpolated, as in `ces_observer.model.Sampling`
 MIN_SCORED = 50
 MAX_RATIO = 1000.0  # of a simulated to the largest measured force, for simulations that have no envelope
-ROUNDS = 9
-TICKS = 1500  # timed in each round
-WARM_UP_TICKS = 300  # before them
-MAX_RESOLUTION_S = 1e-6
 
 
 @dataclass(frozen=True)
@@ -209,64 +200,3 @@ def _find_exits(model: ComparedModel, run: SampleRun | None, counted: Mask) -> t
         return ()
     ticks = np.unique(run.newest[counted & (run.newest >= 0)])
     return find_outside(model.model, {name: getattr(run.series, name)[ticks] for name in SIGNAL_UNITS})
-
-
-Sample = tuple[int, float, float, float]
-
-
-@dataclass(frozen=True)
-class TickTime:
-    """Time for one tick [µs]: the median of the rounds, and the fastest and slowest of them."""
-
-    median_us: float
-    fastest_us: float
-    slowest_us: float
-
-
-def measure_tick_times(models: Sequence[Model], recording: Recording) -> list[TickTime]:
-    """Return the time of a tick of each model on the motion of `recording`, at each model's own rate."""
-    inputs = [_samples_at_rate(model, recording) for model in models]
-    rounds = [[_time_ticks(model, one) for model, one in zip(models, inputs, strict=True)] for _ in range(ROUNDS)]
-    return [TickTime(float(np.median(us)), min(us), max(us)) for us in zip(*rounds, strict=True)]
-
-
-def describe_machine() -> str:
-    """Return the processor, as far as the system gives it, and the Python that the times hold for."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
-    except OSError:
-        lines = []
-    names = [line.partition(":")[2].strip() for line in lines if line.startswith("model name")]
-    return f"{[*names, platform.processor() or platform.machine()][0]}, Python {platform.python_version()}"
-
-
-def _samples_at_rate(model: Model, recording: Recording) -> list[Sample]:
-    """Return samples exactly one tick apart: stamp [ns], position [m], current [A] and motion signal."""
-    samples = usable_samples(recording, 1e6)
-    rate, count = model.sampling.rate_Hz, WARM_UP_TICKS + TICKS
-    stamps = np.rint(np.arange(count) * (1e9 / rate)).astype(np.int64)
-    seconds = (samples.stamps_ns - samples.stamps_ns[0]) * 1e-9
-    at = np.mod(stamps * 1e-9, max(seconds[-1], 1.0 / rate))
-    at = np.where(np.floor(stamps * 1e-9 / max(seconds[-1], 1.0 / rate)) % 2 == 1, seconds[-1] - at, at)  # to and fro
-    position, current = np.interp(at, seconds, samples.position), np.interp(at, seconds, samples.current)
-    motion = np.gradient(position, 1.0 / rate) if model.sampling.motion == SPEED else np.zeros(count)
-    return list(zip(stamps.tolist(), position.tolist(), current.tolist(), motion.tolist(), strict=True))
-
-
-def _time_ticks(model: Model, samples: Sequence[Sample]) -> float:
-    """Return the mean time of a tick [µs] of a new estimator, after WARM_UP_TICKS."""
-    step = Estimator(model).step
-    for sample in samples[:WARM_UP_TICKS]:
-        step(*sample)
-    timed, enabled = samples[WARM_UP_TICKS:], gc.isenabled()
-    fine = time.get_clock_info("thread_time").resolution <= MAX_RESOLUTION_S  # it is not on Windows
-    clock = time.thread_time if fine else time.perf_counter
-    gc.disable()
-    try:
-        began = clock()
-        for sample in timed:
-            step(*sample)
-        return 1e6 * (clock() - began) / len(timed)
-    finally:
-        if enabled:
-            gc.enable()

@@ -17,10 +17,7 @@ from ces_identify.comparison.compared_models import (
     UNKNOWN,
     AlignedRecording,
     ComparedModel,
-    TickTime,
     align,
-    describe_machine,
-    measure_tick_times,
 )
 from ces_identify.comparison.pair_results import (
     BETTER,
@@ -71,8 +68,7 @@ class RecordingCost:
 class ModelResult:
     """One model's costs J [%] on each recording, and `pooled` over those on which no model was identified, else all.
 
-    `tick` and `force_bound_N` are None for a simulation that is not a model, and the bound where stability is not
-    proved.
+    `force_bound_N` is None for a simulation that is not a model, and where stability is not proved.
     """
 
     name: str
@@ -80,7 +76,6 @@ class ModelResult:
     costs: tuple[RecordingCost, ...]
     pooled: float
     pooled_interval: CostInterval | None
-    tick: TickTime | None
     force_bound_N: float | None
 
     @property
@@ -91,13 +86,12 @@ class ModelResult:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Models on the same recordings. `pairs` holds every two models once; `machine` is where ticks were timed."""
+    """Models on the same recordings. `pairs` holds every two models once."""
 
     models: tuple[ModelResult, ...]
     recordings: tuple[AlignedRecording, ...]
     pairs: tuple[PairResult, ...]
     part: tuple[float, float]
-    machine: str
 
     @property
     def test_names(self) -> tuple[str, ...]:
@@ -171,10 +165,9 @@ def compare(
     recordings: Sequence[Recording],
     part: tuple[float, float] = (0.0, 1.0),
     *,
-    timing: bool = True,
     announce: Callable[[str], None] = lambda step: None,
 ) -> Comparison:
-    """Run all models over all recordings and compare them; `timing` measures the time of a tick, too.
+    """Run all models over all recordings and compare them.
 
     `announce` is called with each step before it begins.
 
@@ -192,21 +185,18 @@ def compare(
     for n, recording in enumerate(recordings, 1):
         announce(f"simulating {recording.name} with {len(models)} models ({n} of {len(recordings)} recordings)")
         aligned.append(align(models, recording, part))
-    announce("timing and comparing")
+    announce("comparing")
     uses = [[model.use_of(recording, part) for recording in recordings] for model in models]
-    timed = {i: model.model for i, model in enumerate(models) if timing and model.model is not None}
-    ticks = dict(zip(timed, measure_tick_times(list(timed.values()), recordings[0]), strict=True))
-    results, pairs = score_models(models, aligned, uses, ticks), compare_pairs(names, aligned, uses)
-    return Comparison(tuple(results), tuple(aligned), tuple(pairs), part, describe_machine() if timing else "")
+    results, pairs = score_models(models, aligned, uses), compare_pairs(names, aligned, uses)
+    return Comparison(tuple(results), tuple(aligned), tuple(pairs), part)
 
 
 def score_models(
     models: Sequence[ComparedModel],
     aligned: Sequence[AlignedRecording],
     uses: Sequence[Sequence[str]],
-    ticks: dict[int, TickTime],
 ) -> list[ModelResult]:
-    """Return the costs of each model; `uses` says what it did with each recording, `ticks` the times that are known."""
+    """Return the costs of each model; `uses` says what it did with each recording."""
     tests = [r for i, r in enumerate(aligned) if all(use[i] != TRAINED for use in uses)] or list(aligned)
     pooled, each = pooled_costs(tests), [pooled_costs([recording]) for recording in aligned]
     results = []
@@ -218,7 +208,7 @@ def score_models(
         certificate = (model.model.certificate if model.model is not None else None) or {}
         bound = certificate.get("force_bound_N")
         bound_N = float(bound) if isinstance(bound, int | float) else None
-        result = ModelResult(model.name, model, costs, _finite(pooled[i]), _interval(i, tests), ticks.get(i), bound_N)
+        result = ModelResult(model.name, model, costs, _finite(pooled[i]), _interval(i, tests), bound_N)
         results.append(result)
     return results
 

@@ -52,7 +52,6 @@ def model_table(comparison: Comparison) -> Table[int]:
     columns: list[Column[int]] = [
         Column("model", text(lambda m: m.name)),
         Column("size", text(lambda m: None if m.model.model is None else m.model.model.size)),
-        Column("µs/tick", text(lambda m: None if m.tick is None else m.tick.median_us, ".1f"), figure=True),
         Column(
             "bound kN", text(lambda m: None if m.force_bound_N is None else m.force_bound_N / 1000, ".4g"), figure=True
         ),
@@ -147,7 +146,6 @@ def comparison_document(comparison: Comparison) -> dict[str, Any]:
         "models": [_model_facts(i, comparison) for i in range(len(names))],
         "pairs": [_pair_facts(pair, names) for pair in comparison.pairs],
         "notes": comparison.notes(),
-        "machine": comparison.machine,
     }
 
 
@@ -172,7 +170,6 @@ def _model_facts(i: int, comparison: Comparison) -> dict[str, Any]:
             for cost, recording in zip(result.costs, comparison.recordings, strict=True)
         ],
         "pooled": {"J_percent": result.pooled, "ci95_percent": _ends(result.pooled_interval)},
-        "tick": None if result.tick is None else asdict(result.tick),
         "force_bound_N": result.force_bound_N,
     }
 
@@ -265,7 +262,6 @@ def _model_row(comparison: Comparison, i: int) -> dict[str, Any]:
         "interval": _page_interval(result.pooled_interval),
         "above": lowest if difference is None else format_signed(difference.value),
         "above_interval": "" if difference is None else describe_interval(difference, TOO_SHORT),
-        "tick": "–" if result.tick is None else f"{result.tick.median_us:.1f}",
         "bound": bound if result.force_bound_N is None else f"{result.force_bound_N / 1000:.4g}",
         "outside": outside_percent(comparison, i, "–"),
         "costs": result.costs,

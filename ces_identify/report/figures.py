@@ -1,4 +1,4 @@
-"""The figures of a model's evaluations: force over speed and time, correlations of the residual, maps, a quick plot.
+"""The figures of a model's evaluations: force over speed and time, correlations of the residual, maps.
 
 Force over time shows first a window where the damper works and the error is typical. The maps show time and error over
 speed and current.
@@ -8,28 +8,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, Mask
-from ces_identify.validation.evaluate import VALIDATION, Evaluation, find_working_windows
+from ces_identify.validation.evaluate import Evaluation, find_working_windows
 from ces_identify.validation.residuals import Correlation, ResidualTests
 from ces_observer.model import Envelope, Model
 from ces_report.drawing import Panel, axes, cells, legend, note, panel, ramp, svg
 from ces_report.plot import Plot, PlotArea, PlotBand, PlotDots, PlotLine, PlotMark, PlotShade, draw_plot, value_table
 from ces_report.typesetting import minus
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 LENGTH_S = 1.5
 BEFORE_EXIT = 0.8  # share of the window
-MAX_ROWS = 6
-CLOUD = 4000  # points of a speed-force plot
-MEASURED, SIMULATED = "#3b6ea5", "#d9722e"
 MAX_DOTS = 2400  # of each force in a speed-force chart
 OUTSIDE = "outside the envelope"
 COLUMNS = 5
@@ -76,46 +68,6 @@ def choose_window(evaluation: Evaluation) -> Window:
     start = int(starts[typical])
     why = f"typical: local J {local[typical]:.1f} %, median {np.median(local):.1f} %, worst {local.max():.1f} %"
     return Window(start, start + length, why)
-
-
-def draw_costs(evaluations: Sequence[Evaluation]) -> Figure:
-    """Return a figure of the first evaluations, validation first."""
-    from matplotlib import pyplot as plt
-
-    shown = sorted(evaluations, key=lambda e: e.role != VALIDATION)[:MAX_ROWS]
-    figure, axes = plt.subplots(
-        len(shown), 2, figsize=(9.0, 2.6 * len(shown) + 0.3), width_ratios=(1, 2), squeeze=False, layout="constrained"
-    )
-    for (left, right), evaluation in zip(axes, shown, strict=True):
-        series, run = evaluation.series, evaluation.run
-        some = np.random.default_rng(0).permutation(np.flatnonzero(series.scored))[:CLOUD]
-        left.plot(series.speed[some], series.force[some], ".", ms=1.5, color=MEASURED, rasterized=True)
-        left.plot(series.speed[some], run.force[some], ".", ms=1.5, color=SIMULATED, rasterized=True)
-        left.set_ylabel("force [N]")
-        _plot_time(right, evaluation)
-        for axis in (left, right):
-            axis.grid(alpha=0.25, lw=0.6)
-            axis.spines[["top", "right"]].set_visible(False)
-            axis.tick_params(labelsize=8)
-    for axis, label in zip(axes[-1], ("speed [m/s], positive in compression", "time [s]"), strict=True):
-        axis.set_xlabel(label)
-    figure.legend(
-        *axes[0, 1].get_legend_handles_labels(), loc="outside upper right", ncols=2, frameon=False, fontsize=8
-    )
-    return figure
-
-
-def _plot_time(axis: Axes, evaluation: Evaluation) -> None:
-    window = choose_window(evaluation)
-    ticks = slice(window.start, window.stop)
-    time = evaluation.series.time_s[ticks]
-    axis.plot(time, evaluation.series.force[ticks], color=MEASURED, lw=1.4, label="measured")
-    axis.plot(time, evaluation.run.force[ticks], color=SIMULATED, lw=1.1, label="simulated (free run)")
-    role = "validation" if evaluation.role == VALIDATION else "identification"
-    interval = evaluation.interval
-    bounds = f" ({interval.low:.2f}-{interval.high:.2f})" if interval else ""
-    cost = f"{evaluation.cost:.2f}" if np.isfinite(evaluation.cost) else "diverged"
-    axis.set_title(f"{evaluation.name}, {role}: J = {cost} %{bounds}", fontsize=9, loc="left")
 
 
 def speed_force(ident: str, evaluation: Evaluation, model: Model) -> Markup:

@@ -287,7 +287,7 @@ class FmuSimulation(Simulation):
             raise
         except Exception as error:
             reason = " ".join([str(error), *messages[-1:]]).replace("\n", " ")
-            raise CesError(f"{self.path}: the FMU failed at {at:.6f} s: {reason}") from None
+            raise CesError(f"{self.path}: the FMU failed at {at:.6f} s: {reason}") from error
         invalid = np.isinf(force) if self.ports.valid is not None else ~np.isfinite(force)
         if invalid.any():
             bad = int(np.argmax(invalid))

@@ -1,8 +1,8 @@
-"""Recurrent networks at the desk: fit, residual over a base structure, batch run, report and tick in C."""
+"""Recurrent networks at the desk: fit, batch run, report and tick in C."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import accumulate
@@ -12,7 +12,6 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F, I, Mask
-from ces_identify import structures
 from ces_identify.polynomial.search_limits import Listener, SearchResult, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import (
@@ -20,9 +19,7 @@ from ces_identify.structures.kit import (
     ConstantTable,
     CTick,
     Fitted,
-    Fitter,
     IdentifyOptions,
-    Size,
     StructureKit,
 )
 from ces_identify.trained.recurrent_kernels import free_run
@@ -35,12 +32,10 @@ from ces_identify.trained.recurrent_training import (
     stage_arrays,
     train_member,
 )
-from ces_identify.trained.training import Training, build_training
-from ces_observer.errors import CesError, ModelError
+from ces_identify.trained.training import build_training
+from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
-from ces_observer.options import Option
 from ces_observer.structures.recurrent import Recurrent, Stage
-from ces_observer.structures.structure import Structure
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table
 
 MEMBERS = 3
@@ -56,33 +51,8 @@ C_VALUES = {
 
 def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:
     """Return the best model; raises CesError if no start gives one. A fit of one start has one network."""
-    return _fit(build_training(series, options.weight), None, sampling, options, listener)
-
-
-def fit_residual(
-    base_model: Model, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
-) -> Fitted:
-    """Return `base_model` with a network added that is fitted to what its free run on `series` leaves.
-
-    Raises CesError if that run is not finite or no start gives a network. `Fitted.refit` fits the network alone.
-    """
-    training = build_training(series, options.weight)
-    force, _ = structures.run_batch(base_model, training.inputs, training.segments)
-    if not np.isfinite(force).all():
-        raise CesError("the free run of the base model is not finite; identify it again")
-    left = training.measured - force
-    scored = training.estimation + training.selection > 0.0
-    ends = zip(training.force_envelope, base_model.force_envelope_N, strict=True)
-    low, high = (find(pair) for find, pair in zip((min, max), ends, strict=True))
-    scale = max(float(left[scored].std()), 1e-6 * training.scale_N)
-    residual = replace(training, measured=left, scale_N=scale, force_envelope=(low, high))
-    return _fit(residual, base_model.body, sampling, options, listener)
-
-
-def _fit(
-    training: Training, base: Structure | None, sampling: Sampling, options: IdentifyOptions, listener: Listener
-) -> Fitted:
-    family, limits = build_family(training, sampling.rate_Hz), options.limits
+    training, limits = build_training(series, options.weight), options.limits
+    family = build_family(training, sampling.rate_Hz)
     starts = replace(limits, starts=min(limits.starts, MEMBERS))
     results = run_starts(starts, partial(train_member, family, limits, listener))
     results = [result for result in results if np.isfinite(result.cost)]
@@ -90,7 +60,7 @@ def _fit(
         raise CesError("no start of the recurrent fit gave a model; give more time, starts or data")
     mean, members = _best_mean(family, results)
     listener(mean)
-    make = partial(_build_model, family, base, sampling)
+    make = partial(_build_model, family, sampling)
     model = make(members)
     how = {
         "method": "AdamW on the free-run error of windows, the mean of several fits",
@@ -110,9 +80,9 @@ def _best_mean(family: RecurrentFamily, results: Sequence[SearchResult]) -> tupl
     return mean, ways[best]
 
 
-def _build_model(family: RecurrentFamily, base: Structure | None, sampling: Sampling, members: Sequence[F]) -> Model:
+def _build_model(family: RecurrentFamily, sampling: Sampling, members: Sequence[F]) -> Model:
     training = family.training
-    return Model(sampling, family.body(members, base), training.envelope, training.force_envelope)
+    return Model(sampling, family.body(members), training.envelope, training.force_envelope)
 
 
 def _refit(
@@ -131,8 +101,6 @@ def run_recurrent(body: Recurrent, model: Model, inputs: F, segments: I) -> tupl
     """Return the batch run of a recurrent network, as `StructureKit.batch_run` describes it."""
     motion, current = scaled_inputs(body.motion, body.current, body.smoothing_m_s, model.envelope, inputs)
     force = body.scale_N * free_run(body_arrays(body, model.sampling.rate_Hz), motion, current, segments)
-    if body.base is not None:
-        force = force + structures.run_batch(replace(model, body=body.base), inputs, segments)[0]
     low, high = model.force_envelope_N
     return np.clip(force, low, high), (force < low) | (force > high)
 
@@ -161,11 +129,7 @@ def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSerie
 
 
 def recurrent_facts(body: Recurrent, model: Model) -> dict[str, object]:
-    """Return tables and sizes of a tick in C; raises ModelError for a network on top of a base structure."""
-    if body.base is not None:
-        raise ModelError(
-            f"a recurrent network on top of {body.base.name} cannot be written in C yet; export one of them"
-        )
+    """Return tables and sizes of a tick in C."""
     ranges = model.envelope.by_signal
     stages: list[dict[str, Any]] = []
     for n, member in enumerate(body.members, 1):
@@ -209,41 +173,11 @@ def _stage_facts(stage: Stage, name: str, rate_Hz: float) -> dict[str, Any]:
     }
 
 
-def _fitter(sizes: Mapping[str, Size]) -> Fitter:
-    base = str(sizes.get(BASE.name, NO_BASE))
-    return fit_recurrent if base == NO_BASE else partial(_fit_on_top, base, sizes)
-
-
-def _fit_on_top(
-    name: str,
-    sizes: Mapping[str, Size],
-    series: Sequence[Series],
-    sampling: Sampling,
-    how: IdentifyOptions,
-    tell: Listener,
-) -> Fitted:
-    """Return the structure `name` with a network on top, or alone if that gains too little on the selection data."""
-    base = structures.KITS[name].fitter(sizes)(series, sampling, how, tell)
-    corrected = fit_residual(base.model, series, sampling, how, tell)
-    alone, together = base.results[0].cost, corrected.results[0].cost
-    facts = {"base": dict(base.how), "base_cost": round(alone, 4), "corrected_cost": round(together, 4)}
-    best = corrected if together < WORTHWHILE * alone else base
-    return replace(best, how={**best.how, **facts})
-
-
-NO_BASE = "none"
-WORTHWHILE = 0.97  # share of the base's cost that a network on top must reach
-BASE = Option(
-    "base",
-    NO_BASE,
-    "structure that a recurrent network corrects, if data left out gain by it",
-    choices=(NO_BASE, "hydraulic"),
-)
 RECURRENT = StructureKit(
     about="recurrent network that forgets",
     body=Recurrent,
-    sizes=(BASE,),
-    fitter=_fitter,
+    sizes=(),
+    fitter=lambda sizes: fit_recurrent,
     batch_run=run_recurrent,
     table=recurrent_table,
     c_tick=CTick("recurrent", recurrent_facts, "recurrent network"),

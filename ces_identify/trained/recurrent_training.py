@@ -27,7 +27,6 @@ from ces_identify.trained.training import Training
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope
 from ces_observer.structures.recurrent import CURRENT, MOTION, POSITION, SPEED, Member, Recurrent, ScaledInput, Stage
-from ces_observer.structures.structure import Structure
 
 FASTEST_S, SLOWEST_S = 1.5e-3, 0.1  # decay times of the filters
 FILTERS, TANHS, BETWEEN = 8, 12, 8  # of a stage of the motion, and outputs of the first one
@@ -108,7 +107,7 @@ class Filters:
 class RecurrentFamily:
     """Networks on the inputs of `training` that change; parameters are one vector (parameters,) for each member.
 
-    `measured` in `training` may be a residual over a base structure. Inputs are scaled by mean and spread.
+    Inputs are scaled by mean and spread.
     """
 
     training: Training
@@ -206,10 +205,10 @@ class RecurrentFamily:
         arrays = [self.arrays(params) for params in members]
         return self.training.scale_N * free_run(arrays, *self.rows, self.training.segments)
 
-    def body(self, members: Sequence[F], base: Structure | None = None) -> Recurrent:
+    def body(self, members: Sequence[F]) -> Recurrent:
         """Return the structure with these members."""
         networks = tuple(Member(*map(self._stage, self.split(params))) for params in members)
-        return Recurrent(self.training.scale_N, self.smoothing_m_s, self.motion, self.current, networks, base)
+        return Recurrent(self.training.scale_N, self.smoothing_m_s, self.motion, self.current, networks)
 
     def _stage(self, views: Sequence[F]) -> Stage:
         params, drive, *rest = views

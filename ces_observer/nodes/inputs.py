@@ -31,12 +31,12 @@ def message_class(signal: Signal) -> Any:
     """Return the class of the signal's message type; raises SignalsError if it or the field is missing."""
     try:
         kind = get_message(signal.type)
-        _check_field(signal, kind())
     except (ImportError, AttributeError, ValueError):
         raise SignalsError(
             f"signal '{signal.name}': message type '{signal.type}' is not installed; check {signal.name}.type, or "
             "source the workspace that has it"
         ) from None
+    _check_field(signal, kind())
     return kind
 
 

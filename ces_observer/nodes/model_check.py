@@ -20,6 +20,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+import traceback
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass
@@ -190,7 +191,9 @@ def main() -> int:
     except MemoryError:
         reason = f"{source}: its check needs more than {MAX_MEMORY_BYTES >> 20} MiB of memory"
     except Exception as error:
-        reason = f"{source}: its check failed unexpectedly: {type(error).__name__}: {error}"
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}:{place.lineno}"
+        reason = f"{source}: its check failed unexpectedly at {where}: {type(error).__name__}: {error}"
     print((reason.splitlines() or [source])[0][:MAX_REASON_LENGTH])
     return USER_ERROR
 

@@ -4,7 +4,7 @@ Motion (speed v, v / sqrt(|v| + e), sqrt(|v|), position) goes through two stages
 through one of its own, so that a current never seen cannot upset the motion; no force is fed back:
 
     motion -> first -> tanh -> second -> f0, f1, f2        current -> current stage -> q1, q2
-    force = scale_N * mean over members of (f0 + q1 f1 + q2 f2), and the force of a base structure, if there is one
+    force = scale_N * mean over members of (f0 + q1 f1 + q2 f2)
 
 A stage has linear filters (a diagonal state-space model) and a layer of tanh, with T the tick and u the inputs:
 
@@ -20,18 +20,17 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from math import hypot, pi, sqrt, tanh
 from operator import mul
-from typing import Any, ClassVar, Self
+from typing import ClassVar, Self
 
-from ces_observer import structures
 from ces_observer.errors import ModelError
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures.lagged_signals import MAX_NUMBER, MIN_SPREAD, parse_number, scale_from
-from ces_observer.structures.structure import OperatingRange, Predictor, Range, Ranges, Structure, hold
+from ces_observer.structures.structure import OperatingRange, Range, Ranges, Structure, hold
 
 SPEED, ROOT, SIZE, POSITION, CURRENT = "speed", "speed_root", "speed_size", "position", "current"
 MOTION = (SPEED, ROOT, SIZE, POSITION)
@@ -210,7 +209,7 @@ class FadingCertificate(Certificate):
 
 @dataclass(frozen=True)
 class Recurrent(Structure):
-    """The mean of `members`, times `scale_N`, and the force of `base`, if there is one; see the module."""
+    """The mean of `members`, times `scale_N`; see the module."""
 
     name: ClassVar[str] = "recurrent"
     keys: ClassVar[tuple[str, ...]] = ("recurrent",)
@@ -223,19 +222,17 @@ class Recurrent(Structure):
     motion: tuple[ScaledInput, ...]
     current: tuple[ScaledInput, ...]
     members: tuple[Member, ...]
-    base: Structure | None = None
 
     @property
     def max_lag(self) -> int:
         """Longest lag of any signal in ticks: it keeps no past inputs."""
-        return self.base.max_lag if self.base else 0
+        return 0
 
     @property
     def size(self) -> str:
         """The size, in words."""
         filters = sum(len(stage.decay_s) for stage in self.all_stages)
-        text = f"{len(self.members)} networks with {filters} filters, {self.parameters} parameters"
-        return f"{self.base.size}, corrected by {text}" if self.base else text
+        return f"{len(self.members)} networks with {filters} filters, {self.parameters} parameters"
 
     @property
     def all_stages(self) -> list[Stage]:
@@ -247,27 +244,17 @@ class Recurrent(Structure):
         """Number of parameters of all members."""
         return sum(len(numbers) for stage in self.all_stages for numbers in vars(stage).values())
 
-    @property
-    def outside(self) -> str:
-        """What becomes of inputs outside the envelope."""
-        return f"clamped to it ({self.base.name}: {self.base.outside})" if self.base else super().outside
-
-    def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float | None:
+    def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
         """Return the force [N] at constant inputs: that of a first tick, before which inputs were the same."""
         middle = 0.5 * sum(within.inputs[POSITION])
-        own = RecurrentRun(self, within, with_base=False).tick(middle, speed_m_s, current_A)
-        base = self.base.steady_force(within, speed_m_s, current_A) if self.base else 0.0
-        return None if base is None else hold(own + base, *within.force_N)
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the contents of the model file."""
-        base = None if self.base is None else {"structure": self.base.name, **self.base.to_json()}
-        return {"recurrent": asdict(replace(self, base=None)) | {"base": base}}
+        return RecurrentRun(self, within).tick(middle, speed_m_s, current_A)
 
     @classmethod
     def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
         """Check the network of a model file; raises ModelError."""
         node = root.at("recurrent")
+        if node.value.get("base") is not None:
+            raise ModelError(f"{node.where}: corrects another structure, which is no longer known; identify it again")
         node.require_only_keys("scale_N", "smoothing_m_s", "motion", "current", "members", "base")
         motion = tuple(_parse_input(item, MOTION) for item in node.items("motion", 1, len(MOTION)))
         current = tuple(_parse_input(item, (CURRENT,)) for item in node.items("current", 0, 1))
@@ -277,7 +264,6 @@ class Recurrent(Structure):
             motion,
             current,
             tuple(Member.from_json(one, len(motion), len(current)) for one in node.items("members", 1, MAX_MEMBERS)),
-            None if node.mapping_or_none("base") is None else _parse_base(node.at("base"), inputs),
         )
 
     def make_predictor(self, within: OperatingRange) -> RecurrentRun:
@@ -291,25 +277,13 @@ class Recurrent(Structure):
         bounds = [member.bound(motion, current, within.rate_Hz) for member in self.members]
         force = self.scale_N * sum(bounds) / len(bounds) * WIDENED
         slowest = max(max(stage.decay_s) for stage in self.all_stages)
-        if self.base is None:
-            return FadingCertificate(force, slowest, CLAIM, METHOD)
-        proof = self.base.certify(within)
-        force += proof.bounds.get("force_bound_any_input_N", proof.force_N)
-        claim, method = f"of the correction, {CLAIM}; of the base, {proof.claim}", f"{METHOD}; {proof.method}"
-        return FadingCertificate(force, slowest, claim, method)
+        return FadingCertificate(force, slowest, CLAIM, METHOD)
 
 
 def _parse_input(node: JsonObject, signals: Sequence[str]) -> ScaledInput:
     node.require_only_keys("signal", "mean", "spread")
     signal, mean = node.choice("signal", signals), parse_number(node, "mean")
     return ScaledInput(signal, mean, node.number("spread", MIN_SPREAD, MAX_NUMBER))
-
-
-def _parse_base(node: JsonObject, inputs: Ranges) -> Structure:
-    known = structures.STRUCTURES
-    base = known[node.choice("structure", [name for name in known if name != Recurrent.name])]
-    node.require_only_keys("structure", *base.keys)
-    return base.from_json(node, inputs)
 
 
 def _with_biases(rows: Sequence[Row], biases: Row) -> list[Row]:
@@ -350,7 +324,7 @@ class StageRun:
 class RecurrentRun:
     """The free run of a recurrent network."""
 
-    def __init__(self, body: Recurrent, within: OperatingRange, with_base: bool = True) -> None:
+    def __init__(self, body: Recurrent, within: OperatingRange) -> None:
         self._bounds = (*within.inputs[POSITION], *within.inputs[SPEED], *within.inputs[CURRENT])
         self._limits: Range = within.force_N
         self._smoothing, self._scale = body.smoothing_m_s, body.scale_N / len(body.members)
@@ -359,15 +333,12 @@ class RecurrentRun:
         self._members = [
             [StageRun(stage, within.rate_Hz) for stage in member.stages.values()] for member in body.members
         ]
-        self._base: Predictor | None = body.base.make_predictor(within) if body.base and with_base else None
         self.clamped = self.held = False
 
     def reset(self) -> None:
         """Forget the past."""
         for stage in chain.from_iterable(self._members):
             stage.reset()
-        if self._base:
-            self._base.reset()
         self.clamped = self.held = False
 
     def tick(self, position: float, speed: float, current: float) -> float:
@@ -384,7 +355,7 @@ class RecurrentRun:
             total += force
             for stage in stages:
                 total += DOT(stage.tick(currents), scaled)
-        force = self._scale * total + (self._base.tick(position, speed, current) if self._base else 0.0)
+        force = self._scale * total
         low, high = self._limits
         self.held = not low <= force <= high
         return hold(force, low, high) if self.held else force

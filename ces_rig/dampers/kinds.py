@@ -11,13 +11,13 @@ from collections.abc import Mapping
 from typing import Any
 
 from ces_observer.fields import read_record
-from ces_rig.dampers import bouc_wen, hydraulic, lookup, monotube
+from ces_rig.dampers import bouc_wen, hydraulic, lookup
 from ces_rig.dampers.hydraulic.parameters import Hydraulic, parse_damper
 from ces_rig.dampers.model import DamperKind, DamperModel, LumpedDamper
 from ces_rig.errors import RigError
 
 HYDRAULIC = Hydraulic.kind
-KINDS: Mapping[str, DamperKind] = {m.KIND.design.kind: m.KIND for m in (hydraulic, bouc_wen, monotube, lookup)}
+KINDS: Mapping[str, DamperKind] = {m.KIND.design.kind: m.KIND for m in (hydraulic, bouc_wen, lookup)}
 LUMPED: Mapping[str, type[LumpedDamper]] = {
     name: type(kind.design) for name, kind in KINDS.items() if isinstance(kind.design, LumpedDamper)
 }

@@ -97,6 +97,19 @@ class LumpedDamper(DamperModel):
     rod_m2: float
     play_m: float = quantity(0.0, "m", "free play of the bushing, end to end", 0.0, 0.02)
     start_degC: float = quantity(25.0, "°C", "initial and ambient temperature", -40.0, 150.0)
+    coil_s: float = quantity(2e-3, "s", "coil and driver time constant", 0.0, 0.5)
+    void_N: float = quantity(1e5, "N", "compression force at which the rod side is empty", 1.0, 1e6)
+    bypass_m_Ns: float = quantity(0.0, "m/(s·N)", "leakage past the piston", 0.0, 1e-2)
+    relief_N: float = quantity(1e5, "N", "force at which a relief valve opens", 1.0, 1e6)
+    relief_Ns_m: float = quantity(300.0, "N·s/m", "damping beyond it", 1.0, 1e6)
+    mount_N_m: float = quantity(2e7, "N/m", "stiffness of the bushing", 1e4, 1e9)
+    mount_Ns_m: float = quantity(3e3, "N·s/m", "damping of the bushing", 0.0, 1e6)
+    stop_clearance_m: float = quantity(0.055, "m", "stroke, either way, where the stop begins", 1e-3, 0.5)
+    stop_progression_1_m: float = quantity(0.0, "1/m", "relative growth of stiffness with deflection", 0.0, 1e4)
+    heat_J_K: float = quantity(3000.0, "J/K", "heat capacity", 5.0, 1e6)
+    heat_loss_W_K: float = quantity(3.0, "W/K", "heat loss", 0.0, 1e4)
+    foaming_1_J: float = quantity(0.0, "m/J", "growth of the bubbles' travel with the absorbed energy", 0.0, 1e-3)
+    groove_m_Ns: float = quantity(0.0, "m/(s·N)", "bypass in a groove of the wall", 0.0, 1e-2)
     groove_at_m: float = quantity(0.0, "m", "stroke at the middle of the groove", -0.5, 0.5)
     groove_m: float = quantity(0.01, "m", "half length of the groove", 1e-4, 0.5)
     side_load_N_m: float = quantity(0.0, "N/m", "growth of friction away from `side_at_m`", 0.0, 1e5)
@@ -145,6 +158,7 @@ LUMPED_SPREADS: Mapping[str, Proportions] = {
     "groove": {"bypass_m_Ns": log_spread(6e-5, 2e-4), "at_m": uniform_spread(-0.012, 0.012),
                "half_m": log_spread(0.004, 0.01)},
     "side_load": {"slope_N_m": log_spread(2e3, 5e3), "at_m": uniform_spread(-0.01, 0.01)},
+    "mount_compliance": {"compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4)},
     "backlash": {"play_m": log_spread(2e-4, 6e-4)},
     "cavitation": {"gas_loss": log_spread(60.0, 120.0)},
     "leakage": {"bypass_m_Ns": log_spread(2e-5, 8e-5)},
@@ -158,23 +172,10 @@ LUMPED_SPREADS: Mapping[str, Proportions] = {
 def _gas_spring(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
     """Return the numbers of a gas with more pressure and less volume, still large enough for the rod."""
     smallest = 1.2 * d.rod_m2 * REACH_M
-    numbers = {
+    return {
         "gas_Pa": d.gas_Pa * (1.0 + s * p["pressure"]),
         "gas_m3": smallest + (d.gas_m3 - smallest) / (1.0 + s * p["volume"]),
-    }
-    if "exponent" in p:
-        numbers["gas_exponent"] = interpolate_log(d.gas_exponent, p["exponent"], s / (1.0 + s))
-    return numbers
-
-
-def _friction(d: Any, s: float, p: Mapping[str, float]) -> dict[str, float]:
-    seal = d.seal_N + s * p["seal_N"]
-    share = 1.0 - d.seal_N / seal
-    return {
-        "seal_N": seal,
-        "seal_rise": d.seal_rise + share * (p["rise"] - d.seal_rise),
-        "seal_m_s": interpolate_log(d.seal_m_s, p["rise_m_s"], share),
-        "seal_m": interpolate_log(d.seal_m, p["travel_m"], share),
+        "gas_exponent": interpolate_log(d.gas_exponent, p["exponent"], s / (1.0 + s)),
     }
 
 
@@ -182,16 +183,11 @@ def _mount_compliance(d: Any, s: float, p: Mapping[str, float]) -> dict[str, flo
     stiffness = 1.0 / (1.0 / d.mount_N_m + s * p["compliance_m_N"])
     share = 1.0 - stiffness / d.mount_N_m
     relaxation = interpolate_log(d.mount_Ns_m / d.mount_N_m, p["relaxation_s"], share)
-    numbers = {"mount_N_m": stiffness, "mount_Ns_m": relaxation * stiffness}
-    return numbers | ({"mount_m": interpolate_log(d.mount_m, p["stiffening_m"], share)} if "stiffening_m" in p else {})
+    return {"mount_N_m": stiffness, "mount_Ns_m": relaxation * stiffness}
 
 
 LUMPED_CHANGES: Mapping[str, Change] = {
-    "friction": _friction,
     "mount_compliance": _mount_compliance,
-    "compressibility": lambda d, s, p: {
-        "oil_N_m": 1.0 / (1.0 / d.oil_N_m + s * p["compliance_m_N"]), "air_m": d.air_m + s * p["air_m"],
-    },
     "backlash": add_to(play_m="play_m"),
     "cavitation": lambda d, s, p: {"void_N": d.void_N / (1.0 + s * p["gas_loss"])},
     "leakage": add_to(bypass_m_Ns="bypass_m_Ns"),
@@ -202,13 +198,10 @@ LUMPED_CHANGES: Mapping[str, Change] = {
     "inertia": add_to(mass_kg="mass_kg"),
     "gas_spring": _gas_spring,
     "blow_off": lambda d, s, p: {"relief_N": d.relief_N / (1.0 + s * p["weakness"]), "relief_Ns_m": p["beyond_Ns_m"]},
-    "current_hysteresis": add_to(loop_A="loop_A"),
     "groove": lambda _d, s, p: {
         "groove_m_Ns": s * p["bypass_m_Ns"], "groove_at_m": p["at_m"], "groove_m": p["half_m"],
     },
     "foaming": lambda _d, s, p: {"foaming_1_J": s * p["growth_m_J"]},
     "side_load": lambda _d, s, p: {"side_load_N_m": s * p["slope_N_m"], "side_at_m": p["at_m"]},
-    "sticking_check": lambda _d, s, p: {"stick_N": s * p["adhesion_N"]},
-    "late_check": add_to(closing_s="closing_s"),
 }  # fmt: skip
 """Changes of effects whose laws several kinds share, as their spreads; a kind replaces those that it has of its own."""

@@ -217,7 +217,6 @@ export-data one --out taken.csv | taken.csv: exists; choose another name for --o
 export-data one --out run.xlsx | expected a name that ends in .csv, .parquet, .pq, or a folder
 export-data one --out run.csv --format parquet | is a csv file by its name; omit --format
 export-data one --out run.csv --model none.json | none.json
-export-data one --out run.csv --rate 5000 | more than twice the 250 Hz of its fastest channel; nothing was recorded
 export-data one two --out one.csv | 2 bags need a folder, which gets a file for each
 export-data other --out other.csv | 'ces signals
 characterise one --model none.json | none.json

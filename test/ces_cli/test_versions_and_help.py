@@ -59,6 +59,12 @@ def test_help_names_a_part_of_a_program(capsys: pytest.CaptureFixture[str]) -> N
     assert stop.value.code == 0 and capsys.readouterr().out.startswith("usage: ces blind make")
 
 
+def test_the_help_says_that_an_fmu_runs_native_code(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["simulate", "--help"])
+    assert "native code" in " ".join(capsys.readouterr().out.split())
+
+
 def test_help_of_a_program_is_its_own(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["help"]) == 0
     assert capsys.readouterr().out.startswith("usage: ces PROGRAM")

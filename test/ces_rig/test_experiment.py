@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from dyno_measurements import steady_force
 
-from bench.thesis.costs import cost, noise_floors, simulate_driven
 from ces_rig.dampers.hydraulic.parameters import Damper, parse_damper
 from ces_rig.errors import RigError
 from ces_rig.experiment import (
@@ -108,27 +107,6 @@ def test_missing_parts_and_files():
     with pytest.raises(RigError, match="no such file or packaged experiment; packaged are characterise, fm_binary"):
         find_experiment("sine_5hz")
     assert find_experiment("sweep") == packaged_experiments()["sweep"]
-
-
-@pytest.mark.slow
-def test_noise_floor_and_the_damper_itself():
-    floor, itself = noise_floors(load_experiment(packaged_experiments()["sine_4hz"]))
-    assert 0.3 < floor < 1.0
-    assert floor < itself < 2 * floor
-
-
-@pytest.mark.slow
-def test_a_wrong_damper_costs_more_than_the_right_one():
-    experiment = parse_experiment({**SHORT, "duration_s": 4.0}, "e.yaml")
-    recording = measure(experiment, simulate_truth(experiment))
-    given = {
-        "stroke": {"kind": "rest"},
-        "current": {"kind": "stroke_following"},
-        "damper": {"mount": {"stiffness_N_m": 1e6}},
-    }
-    force = recording.channel("force").values
-    wrong = cost(force, simulate_driven(parse_experiment(given, "x"), recording))
-    assert wrong > 3 * cost(force, simulate_driven(experiment, recording))
 
 
 @pytest.fixture

@@ -99,6 +99,14 @@ def test_damaged_files_are_named_and_never_an_error_of_the_server(tmp_path: Path
         assert "unreadable" in client.get("/").text
 
 
+def test_an_error_of_the_program_is_logged(
+    root: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("ces_serve.contents.content_of", lambda *_: {}["no such key"])
+    assert "cannot be read now" in text_of(open_client(root), "/view/model/first.json")
+    assert "Traceback" in caplog.text and "no such key" in caplog.text
+
+
 def test_a_file_that_changes_between_list_and_page_says_so(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ces_serve.catalogue.FRESH_S", 60.0)
     client, path = open_client(root), root / "first.json"

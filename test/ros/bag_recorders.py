@@ -7,9 +7,10 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -26,6 +27,7 @@ from ces_observer.signals import Signals
 TOPICS = {"position": "joint_states", "current": "stamped_current", "force": "measured_force"}
 TYPES = {"position": JointState, "current": Temperature, "force": WrenchStamped}
 MS = 1_000_000
+ENDS_S = 120.0  # for a recorder to store the last messages
 LOSSLESS = {"reliability": "reliable", "history": "keep_all"}  # the recorder or player is slowed down instead
 KEEP_ALL = "{history: keep_all, reliability: reliable, durability: volatile}"
 
@@ -60,10 +62,16 @@ class Experiment(Party):
         }
         self.published: dict[str, dict[int, float]] = {name: {} for name in TOPICS}  # values by stamp [ns]
 
-    def meets(self, count: int) -> None:
-        """Wait until `count` recorders hear every topic."""
+    def meets(self, recorders: Collection[Recorder]) -> None:
+        """Wait until the recorders hear every topic; fails at once if one has ended."""
         for name, publisher in self._publishers.items():
-            wait(lambda p=publisher: p.get_subscription_count() >= count, f"{count} recorders of {name}")
+
+            def met(publisher: Any = publisher) -> bool:
+                for recorder in recorders:
+                    recorder.require_running()
+                return bool(publisher.get_subscription_count() >= len(recorders))
+
+            wait(met, f"{len(recorders)} recorders of {name}")
         time.sleep(0.5)  # matching is told to each side on its own
 
     def run(self, duration_s: float) -> None:
@@ -101,7 +109,14 @@ class Recorder:
     def ends(self, number: signal.Signals) -> None:
         """End the recorder with a signal, and wait for its end."""
         self._process.interrupt(number)
-        self.output = self._process.ended()[1]
+        try:
+            self.output = self._process.ended(ENDS_S)[1]
+        except subprocess.TimeoutExpired:
+            raise AssertionError(f"{self.path.name}: the recorder hangs {ENDS_S:g} s after {number.name}") from None
+
+    def require_running(self) -> None:
+        """Fail, with its output, if the recorder has ended."""
+        assert self._process.is_running(), f"{self.path.name}: {self._process.ended()[1]}"
 
     def kill(self) -> None:
         self._process.kill()

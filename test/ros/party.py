@@ -38,8 +38,9 @@ class Party:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        self._executor.shutdown()
-        self._thread.join()
+        self._executor.shutdown(PATIENCE_S)
+        self._thread.join(PATIENCE_S)
+        assert not self._thread.is_alive(), f"the executor of {self.node.get_name()} does not end"
         self.node.destroy_node()
         self._context.shutdown()
 

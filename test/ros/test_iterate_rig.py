@@ -117,14 +117,14 @@ def test_ctrl_c_stops_the_program_and_the_same_command_goes_on(namespace: str, t
         f"rig: {{kind: ros, stroke_topic: {namespace}/stroke_command, current_topic: {namespace}/valve_command,\n"
         f"  signals: signals.yaml, approach_s: 0.5, deviation_m: {DEVIATION_M}, silence_s: {SILENCE_S},\n"
         f"  safe_current_A: {SAFE_A}}}\n"
-        "experiments: {duration_s: 3}\nstop: {budget_s: 3}\n"
+        "experiments: {duration_s: 12}\nstop: {budget_s: 12}\n"  # so that Ctrl-C on a busy computer is not late
         "identify: {structure: hydraulic, time: 5, threads: 1}\n"
     )
     command = [sys.executable, "-m", "ces_cli.main", "iterate", str(tmp_path / "plan.yaml")]
     with SetPointListener(namespace) as listener:
         first = NodeProcess(command)
         wait((tmp_path / "plan" / "iteration_01" / "commands.csv").exists, "the design")
-        wait(lambda: max(listener.currents, default=0.0) > 0.65, "the experiment runs")
+        wait(lambda: any(current != SAFE_A for current in listener.currents), "the experiment runs")
         first.interrupt(signal.SIGINT)
         status, output = first.ended()
         assert status == 130, output
@@ -132,4 +132,4 @@ def test_ctrl_c_stops_the_program_and_the_same_command_goes_on(namespace: str, t
     assert not (tmp_path / "plan" / "iteration_01" / "recording").exists()
     status, output = NodeProcess(command).ended()
     assert status == 0, output
-    assert "stopped: budget spent: 3.0 of 3 s" in output
+    assert "stopped: budget spent: 12.0 of 12 s" in output

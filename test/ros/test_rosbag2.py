@@ -74,7 +74,7 @@ def experiment(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Exper
             for name, words in options.items()
         }
         try:
-            published.meets(len(recorders))
+            published.meets(recorders.values())
             published.run(SECONDS)
             for name, recorder in recorders.items():
                 recorder.ends(signal.SIGKILL if name in KILLED else signal.SIGINT)

@@ -181,7 +181,7 @@ def make_standard_files(folder: Path) -> None:
         shutil.copy(ROOT / "config/signals.yaml", folder / name)
     for name in ("other.json", "best.json"):
         shutil.copy(ROOT / "config/models/sample.json", folder / name)
-    texts = {"simulator.py": SIMULATOR, "campaign.yaml": CAMPAIGN, "plan.yaml": PLAN, "damper.yaml": "kind: monotube\n"}
+    texts = {"simulator.py": SIMULATOR, "campaign.yaml": CAMPAIGN, "plan.yaml": PLAN, "damper.yaml": "kind: bouc_wen\n"}
     for name, text in {**texts, "rules.yaml": RULES}.items():
         (folder / name).write_text(text)
     runner = PageRunner(folder)

@@ -26,7 +26,7 @@ def make_limits(**changes: Any) -> RigLimits:
 
 
 def make_plan(folder: Path, **sections: Any) -> Plan:
-    """Return a plan of two experiments of 3 s on a monotube damper, with a small search."""
+    """Return a plan of two experiments of 3 s on a damper known by a table, with a small search."""
     content: dict[str, Any] = {
         "limits": dict(LIMITS),
         "rig": {"kind": "virtual"},
@@ -37,8 +37,8 @@ def make_plan(folder: Path, **sections: Any) -> Plan:
     return parse_plan(content | sections, "plan.yaml", folder)
 
 
-def monotube_rig() -> VirtualRig:
-    return VirtualRig(KINDS["monotube"].design)
+def small_rig() -> VirtualRig:
+    return VirtualRig(KINDS["lookup"].design)
 
 
 def make_task(limits: RigLimits, seed: int = 1, load_W: float = 0.0) -> tuple[DesignTask, Pool]:
@@ -59,7 +59,7 @@ class BreakingRig:
     """The virtual rig, but Ctrl-C comes during the run of this number."""
 
     def __init__(self, break_at: int) -> None:
-        self.rig, self.runs, self.break_at = monotube_rig(), 0, break_at
+        self.rig, self.runs, self.break_at = small_rig(), 0, break_at
 
     def run(self, commands: RigCommands, folder: Path) -> Recording:
         self.runs += 1

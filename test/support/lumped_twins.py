@@ -65,63 +65,6 @@ def bouc_wen(d, stroke, current, interval):
     return np.array(forces)
 
 
-def monotube(d, stroke, current, interval):
-    """Force [N] at the samples after the first; no play, no relief valve, nothing that sticks or closes late."""
-
-    def pressure(x):
-        return d.gas_Pa * (d.gas_m3 / (d.gas_m3 - d.rod_m2 * x)) ** d.gas_exponent
-
-    full = d.annulus_m2 * d.gas_Pa
-    zero = d.rod_m2 * (d.gas_Pa - 101_325)
-    x = stroke[0] - zero / d.mount_N_m
-    v, warm, spool, seal, air = 0.0, 0.0, 0.0, 0.0, d.air_m
-    coil = flux = current[0]
-    plays = np.full(3, current[0])
-    setting = d.pilot_N + d.pilot_N_A2 * flux**2 / (1 + (flux / d.saturation_A) ** 2)
-    rest = d.annulus_m2 * pressure(x)
-    e = -(rest - full) * (d.column_m + x) / (d.oil_N_m * d.column_m) - air * (1 - full / rest)
-    forces = []
-    for s, ds, i, sample in driven(stroke, current, interval):
-        coil = lag(i, coil, d.coil_s)
-        plays = np.clip(plays, coil - np.array([0.4, 1.0, 2.0]) * d.loop_A, coil + np.array([0.4, 1.0, 2.0]) * d.loop_A)
-        flux = lag(plays @ [0.5, 0.3, 0.2], flux, d.eddy_s)
-        setting = lag(d.pilot_N + d.pilot_N_A2 * flux**2 / (1 + (flux / d.saturation_A) ** 2), setting, d.pilot_s)
-        k = d.oil_N_m * d.column_m / (d.column_m + x)
-        roots = np.roots([1 / k, air + e - full / k, -air * full])  # -e = (P - P0) / k + air (1 - P0 / P)
-        oil = d.annulus_m2 * pressure(x) - max(roots.real)
-        size, side = abs(oil), np.sign(oil)
-        preload, shim, port, ratio = (
-            (d.compression_N, d.compression_shim, d.compression_port, d.pilot_compression)
-            if side > 0
-            else (d.rebound_N, d.rebound_shim, d.rebound_port, 1.0)
-        )
-
-        def lifted(u):
-            return (u + np.hypot(u, d.edge_N)) / 2
-
-        opened = shim * max(lifted(size - preload) - lifted(-preload), 0.0)
-        flow = d.bleed + d.spool_port * spool + opened * port / np.hypot(opened, port)
-        thin = np.exp(d.thinning_1_K * warm)
-        passed = (1 + d.discharge_share * (thin - 1)) * flow * size / (size**2 + 36) ** 0.25
-        passed = side * (passed + d.clearance_m_sN * thin * size)
-        target = (1 + np.tanh(2 * (size - ratio * setting) / d.spool_band_N - 1)) / 2
-        spool = lag(target, spool, d.spool_open_s if target > spool else d.spool_close_s)
-        level = d.seal_N * (1 + d.seal_rise / (1 + (v / d.seal_m_s) ** 2))
-        into = max(abs(x) - d.stop_clearance_m, 0.0)
-        rubber = np.sign(x) * d.stop_N_m * into / (1 - into / d.stop_m)
-        give = s - x
-        mount = d.mount_N_m * give * (1 + abs(give) / d.mount_m) + d.mount_Ns_m * (ds - v)
-        inside = oil + d.rod_m2 * (pressure(x) - 101_325) + level * seal + d.seal_Ns_m * v + rubber
-        e += STEP * (v - passed)
-        warm += STEP * (abs(oil * passed) + abs(level * seal * v) - d.heat_loss_W_K * warm) / d.heat_J_K
-        seal += STEP * v / d.seal_m * (1 - np.sign(v) * seal)
-        v += STEP * (mount - inside) / d.mass_kg
-        x += STEP * v
-        if sample:
-            forces.append(mount - zero)
-    return np.array(forces)
-
-
 def lookup(d, stroke, current, interval):
     """Force [N] at the samples after the first; no play, no groove, no foam."""
     zero = d.rod_m2 * (d.gas_Pa - 101_325)

@@ -7,7 +7,6 @@ from samplings import make_sampling
 
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.recurrent import CURRENT, MOTION, Member, Recurrent, ScaledInput, Stage
-from ces_observer.structures.structure import Structure
 
 SAMPLING = make_sampling()
 ENVELOPE = Envelope((-0.1, 0.1), (-1.0, 1.0), (0.0, 1.0))
@@ -24,7 +23,7 @@ def make_stage(dice: np.random.Generator, inputs: int, filters: int, tanhs: int,
     return Stage(*(tuple(row.tolist()) for row in rows))
 
 
-def make_recurrent(seed: int = 1, members: int = 2, current: bool = True, base: Structure | None = None) -> Recurrent:
+def make_recurrent(seed: int = 1, members: int = 2, current: bool = True) -> Recurrent:
     dice = np.random.default_rng(seed)
     networks = tuple(
         Member(
@@ -36,7 +35,7 @@ def make_recurrent(seed: int = 1, members: int = 2, current: bool = True, base: 
     )
     spreads = (0.3, 0.5, 0.4, 0.03)
     motion = tuple(ScaledInput(name, 0.01, spread) for name, spread in zip(MOTION, spreads, strict=True))
-    return Recurrent(400.0, 0.02, motion, (ScaledInput(CURRENT, 0.5, 0.3),) if current else (), networks, base)
+    return Recurrent(400.0, 0.02, motion, (ScaledInput(CURRENT, 0.5, 0.3),) if current else (), networks)
 
 
 def recurrent_model(body: Recurrent | None = None, **changes) -> Model:

@@ -9,7 +9,7 @@ from hydraulic_models import make_hydraulic
 from made_recordings import recording_of
 from physical_models import PLAIN_VALVE
 
-from ces_gap.baseline.twin import STEP_S, Twin, make_run
+from ces_gap.baseline.twin import STEP_S, Twin, count_steps, make_run
 from ces_gap.trace import Trace, make_trace
 
 SECONDS, RATE_HZ = 10.0, 500.0
@@ -29,5 +29,5 @@ def traced(twin: Twin | None = MADE, seed: int = 1, current_A: float | None = No
     bare = make_trace(made, np.zeros_like(time))
     if twin is None:
         return bare
-    base = make_run(twin, bare, 4).force()[::4]
+    base = make_run(twin, bare).force()[:: count_steps(bare)]
     return replace(bare, simulated=twin.prepare_for(bare).recorded, simulated_at_base=base)

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import ClassVar
 
-from ces_gap.effects.effect import FLUID, Effect, magnitude
+from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
 from ces_gap.effects.network import TwinRun
 
 MIN_OWN_M_N = 1e-9  # [m/N] compliance that every chamber has at least
@@ -21,7 +22,9 @@ class SofterOil(Compressibility):
     """Inside the damper: its chambers store more, each in proportion to what it stored before."""
 
     form, edits = "softer_oil", True
-    parameters = (magnitude("compliance_m_N", 0.0, 1e-3, (1e-7,), "mean compliance added to both chambers"),)
+    parameters: ClassVar[tuple[EffectParameter, ...]] = (
+        magnitude("compliance_m_N", 0.0, 1e-3, (1e-7,), "mean compliance added to both chambers"),
+    )
 
     def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
         own = [max(c, MIN_OWN_M_N) for c in (run.body.compression_m_N, run.body.rebound_m_N)]
@@ -43,11 +46,14 @@ class SofterChambers(Compressibility):
         return run.with_body(compression_m_N=body.compression_m_N + values[0], rebound_m_N=body.rebound_m_N + values[1])
 
 
-class MoreAir(Compressibility):
-    """Inside the damper: more air in its oil, soft near the pressure of the reservoir."""
+class MoreAir(SofterOil):
+    """The same, and more air in the oil, which is soft near the pressure of the reservoir."""
 
-    form, edits = "more_air", True
-    parameters = (magnitude("air", 0.0, 300.0, (0.5, 3.0), "compliance of the air over that of the oil, at rest"),)
+    form = "more_air"
+    parameters = (
+        *SofterOil.parameters,
+        magnitude("air", 0.0, 300.0, (0.5, 3.0), "compliance of the air over that of the oil, at rest"),
+    )
 
     def edit(self, run: TwinRun, values: Sequence[float]) -> TwinRun:
-        return run.with_body(air=run.body.air + values[0])
+        return super().edit(run, values).with_body(air=run.body.air + values[1])

@@ -29,7 +29,6 @@ SPREADS: Mapping[str, Proportions] = {
         "compliance_m_N": log_spread(1.5e-7, 5e-7), "bubbles_m": uniform_spread(0.0, 3e-4),
         "rebound": log_spread(0.6, 1.6),
     },
-    "mount_compliance": {"compliance_m_N": log_spread(1.5e-7, 6e-7), "relaxation_s": log_spread(1e-4, 8e-4)},
     "temperature_fade": {
         "yield_1_K": log_spread(0.004, 0.012), "viscous_1_K": log_spread(0.004, 0.015),
         "heat_J_K": log_spread(40.0, 150.0),

@@ -1,7 +1,8 @@
 """Numerical kernel of the MR damper: linearly implicit Euler with a fixed step; slow readable version in the tests.
 
-Forces are positive in compression. The fluid's spring is bent by `e`; across it the modified Bouc–Wen element moves at
-`v_in`, with F = c1·dy/dt and F = f_y·z + c0·(v_in − dy/dt) + k0·(x_in − y).
+Forces are positive in compression. The numbers are those of `LumpedDamper`, then those of `BoucWen`. The fluid's
+spring is bent by `e`; across it the modified Bouc–Wen element moves at `v_in`, with F = c1·dy/dt and
+F = f_y·z + c0·(v_in − dy/dt) + k0·(x_in − y).
 """
 
 from __future__ import annotations

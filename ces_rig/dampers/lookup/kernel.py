@@ -19,7 +19,7 @@ from ces_rig.dampers.bouc_wen.kernel import gas, rest_force, slack, stop
 from ces_rig.dampers.lookup.parameters import LEVELS, SPEEDS, TABLE, Lookup
 from ces_rig.drive import kernels as dk
 
-NAMES = [f.name for f in fields(Lookup)][:-1]  # without the table
+NAMES = [f.name for f in fields(Lookup)][:-1]  # those of `LumpedDamper` first, without the table
 Scalars: Any = namedtuple("Scalars", NAMES)  # type: ignore[misc]
 Numbers: Any = namedtuple("Numbers", NAMES + [f"table_{n}" for n in range(len(TABLE))])  # type: ignore[misc]
 SIZE = len(NAMES)

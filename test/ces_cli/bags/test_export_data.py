@@ -68,17 +68,6 @@ def test_the_position_gives_the_rows_and_names_say_what_was_held(bag, tmp_path):
     assert inside.mean() > 0.9
 
 
-def test_a_uniform_rate(bag, tmp_path, capsys):
-    assert run(bag, "--rate", 200, "--out", tmp_path / "run.csv") == 0
-    table = columns(tmp_path / "run.csv")
-    np.testing.assert_allclose(np.diff(table["time_s"]), 0.005, atol=1e-9)
-    assert "position_interp_m" in table
-    np.testing.assert_allclose(table["position_interp_m"], 0.02 * np.sin(4 * np.pi * table["time_s"]), atol=1e-5)
-    assert run(bag, "--rate", 5000, "--out", tmp_path / "more.csv") == 2
-    assert "more than twice the 1000 Hz of its fastest channel; nothing was recorded between" in capsys.readouterr().err
-    assert not (tmp_path / "more.csv").exists()
-
-
 def test_parquet_states_units_and_origin(bag, tmp_path):
     parquet = pytest.importorskip("pyarrow.parquet", reason="pyarrow is not installed")
     assert run(bag, "--out", tmp_path / "run.parquet") == 0

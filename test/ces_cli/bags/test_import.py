@@ -78,13 +78,6 @@ def test_recording_that_cannot_be_identified_is_imported_with_a_warning(files, c
     assert "position: constant at 0.001 m" in errors(capsys)[0]
 
 
-def test_template_makes_a_mapping(files, capsys):
-    assert run("--template") == 0
-    (files / "mine.yaml").write_text(capsys.readouterr().out)
-    (files / "log.csv").write_text("t_s,x_mm,current_A,F_N\n0,1,2,3\n1,2,2,3\n")
-    assert run(files / "log.csv", "--mapping", files / "mine.yaml", "--out", files / "bag") == 0
-
-
 @pytest.mark.slow
 @pytest.mark.skipif(not DATA.is_dir(), reason=f"measured recordings are not in {DATA} (set CES_DATA)")
 @pytest.mark.parametrize(

@@ -1,14 +1,13 @@
-"""The node's parameters are the program's options: names, defaults, ranges, and the command line built from them."""
+"""The node's parameters are the program's options: names, and the command line built from them."""
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 
 import pytest
 import yaml
 
-from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, SHARED, build_command_line
+from ces_cli.identify.options import EXIT_WHEN_DONE, PARAMETERS, build_command_line
 from ces_cli.identify.program import make_parser
 from ces_observer.errors import CesError
 from ces_observer.options import NO_WORDS
@@ -18,7 +17,6 @@ CONFIG = Path(__file__).resolve().parents[3] / "config" / "identify.yaml"
 LEFT_OUT = frozenset({"campaign", "dask", "jobs", "folds", "show_candidates", "help", "json"})
 BY_NAME = {parameter.name: parameter for parameter in PARAMETERS}
 DEFAULTS = {parameter.name: parameter.default for parameter in PARAMETERS}
-RANGED = [o for o in SHARED if math.isfinite(o.high)]
 ACTIONS = {action.dest: action for action in make_parser()._actions}
 
 
@@ -29,23 +27,6 @@ def options(**values):
 def test_every_option_is_a_parameter_or_left_out_on_purpose():
     assert set(BY_NAME) | LEFT_OUT == set(ACTIONS)
     assert not set(BY_NAME) & LEFT_OUT
-
-
-def test_defaults_are_the_programs():
-    assert options() == vars(make_parser().parse_args(["one"]))
-
-
-@pytest.mark.parametrize("option", RANGED, ids=lambda option: option.name)
-def test_ranges_are_the_programs(option):
-    def given(value):
-        return {option.name: [value] if option.many else value}
-
-    assert options(structure="auto", **given(option.high)).items() >= given(option.high).items()
-    unset = BY_NAME[option.name].default
-    for beyond in {option.high + 1, option.low - 1} - {unset if not option.many else None}:
-        with pytest.raises(SystemExit):
-            options(structure="auto", **given(beyond))
-    assert options(**{option.name: unset})[option.name] == ACTIONS[option.name].default
 
 
 def test_values_arrive_unchanged(monkeypatch):

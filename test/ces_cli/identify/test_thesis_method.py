@@ -3,9 +3,8 @@
 from pathlib import Path
 
 import pytest
-from programs import ces, text_of
+from programs import ces
 
-from ces_identify.polynomial.candidates import built_in_rules
 from ces_observer.model import load_model
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -16,11 +15,6 @@ NOISE, PUBLISHED = ROOT / "bags" / "noise", ROOT / "config" / "thesis" / "noise.
 def identify(*words):
     limits = ("--starts", "1", "--threads", "1", "--time", "20")
     return ces("identify", NOISE, "--method", "thesis", *limits, *words)
-
-
-def test_its_candidates_are_shown(capsys):
-    first, _, rules = text_of(capsys, "identify", "--method", "thesis", "--show-candidates").partition("\n")
-    assert first.endswith("candidates.json") and rules == built_in_rules("thesis")
 
 
 def test_its_own_candidates_are_the_default_and_their_number_is_recorded(tmp_path):

@@ -7,7 +7,7 @@ from ces_cli.rig import main
 from ces_cli.terminal.terminal import run as run_program
 from ces_data.bags.reader import read_recording
 from ces_data.signals_file import load_signals
-from ces_rig.experiment import load_experiment, packaged_experiments, run
+from ces_rig.experiment import load_experiment, run
 
 SHORT = """\
 duration_s: 1.0
@@ -52,10 +52,3 @@ def test_signals_file_sets_the_topics(experiment, tmp_path):
     read, expected = read_recording(tmp_path / "bag", load_signals(signals)), run(load_experiment(experiment))
     assert read.channel("current").values == pytest.approx(expected.channel("current").values, abs=1e-6)
     assert read.channel("position").values == pytest.approx(expected.channel("position").values, abs=1e-12)
-
-
-def test_list(capsys):
-    assert main(["--list"]) == 0
-    listed = capsys.readouterr().out.splitlines()
-    assert [line.split()[0] for line in listed] == list(packaged_experiments())
-    assert "20 s  4 Hz sine, current following the stroke" in listed[[*packaged_experiments()].index("sine_4hz")]

@@ -36,7 +36,7 @@ PLANTED = {
     "cavitation-lower_floor": (0.4, 1.0),
     "compressibility-softer_oil": (4e-7,),
     "compressibility-softer_chambers": (6e-7, 3e-7),
-    "compressibility-more_air": (2.0,),
+    "compressibility-more_air": (1e-7, 2.0),
     "friction-seal": (40.0, 2e-4, 1e-3),
     "gas_spring-charge": (150.0, 0.2),
     "leakage-past_piston": (5e-5,),

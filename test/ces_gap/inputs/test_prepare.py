@@ -15,8 +15,10 @@ from ces_data.recording import Recording
 from ces_gap.baseline.plant import DirectSimulator
 from ces_gap.baseline.twin import Twin
 from ces_gap.errors import GapError
+from ces_gap.grid import rms, thin_out
 from ces_gap.inputs import prepare as prepare_module
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings, set_aside
+from ces_gap.trace import Trace
 from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation
 
 
@@ -93,6 +95,20 @@ def test_a_simulation_that_waits_each_time_is_slow(monkeypatch: pytest.MonkeyPat
     inputs = prepare_recordings(FunctionSimulation("waiting", wait), [recorded(seconds=6.5)], [], [])
     assert (inputs.slow is not None) == each_time
     assert inputs.cheap is (nothing if each_time else inputs.exact)
+
+
+def test_the_twin_is_fitted_to_the_force_behind_corrected_inputs(monkeypatch: pytest.MonkeyPatch) -> None:
+    def late(time_s: F, position_m: F, current_A: F) -> F:
+        return damper(time_s, np.append(np.repeat(position_m[0], 3), position_m[:-3]), current_A)
+
+    fitted: list[Trace] = []
+    monkeypatch.setattr(prepare_module, "find_twin", lambda traces, *_: fitted.extend(traces))
+    inputs = prepare_recordings(FunctionSimulation("late", late), [recorded()], [recorded(seed=2)], [])
+    assert inputs.probe.corrected.position_delay_s == pytest.approx(0.006, abs=0.001)
+    for trace in fitted:
+        wanted = SIMULATION.force(trace.recording)
+        assert rms(trace.simulated_at_base - wanted) < 0.1 * rms(wanted)
+        np.testing.assert_array_equal(thin_out(trace.simulated_at_base, trace.base_grid[2]), trace.simulated)
 
 
 @pytest.mark.slow

@@ -7,6 +7,7 @@ import re
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from ces_gap.diagnosis import Diagnosis, Estimate, GapRegion, HeldOutSeries, Whe
 from ces_gap.effects.effect import Setting
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
-from ces_gap.report.charts import find_largest_errors, shares_ci95
+from ces_gap.report.charts import draw_share_charts, find_largest_errors, shares_ci95
 from ces_gap.report.formatting import join_effect_names, parameter_text, percent, percents, region_name
 from ces_gap.report.page import build_gap_steps, report_page
 from ces_gap.report.result_files import result_files
@@ -205,6 +206,14 @@ def test_regions_before_and_after() -> None:
     assert words(rows[0]).startswith(region_name(region))
     was, now = length(classed(rows[0], "was")[0]), length(classed(rows[0], "is")[0])
     assert now / was == pytest.approx(after / region.rms_N, rel=0.01)
+
+
+def test_edges_that_lie_close_have_different_labels() -> None:
+    edges = (0.2, 1.598, 1.604)
+    regions = [GapRegion("current_A", *ends, 0.5, 0.5, 9.0, (8.0, 10.0), 1.0) for ends in pairwise(edges)]
+    (figure,) = draw_share_charts("shares", regions)
+    ticks = classed(ET.fromstring(f"<p>{figure}</p>"), "mid")
+    assert [words(tick) for tick in ticks] == ["0.2", "1.598", "1.604"]
 
 
 def test_the_title_says_which_simulation_and_recordings() -> None:

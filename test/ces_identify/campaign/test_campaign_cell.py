@@ -93,13 +93,14 @@ def test_data_that_hold_too_little_fail_the_cell_in_a_line(work):
     assert not done.files
 
 
-def test_an_unexpected_error_crashes_the_cell_only(work, monkeypatch):
+def test_an_unexpected_error_crashes_the_cell_only_and_is_logged(work, monkeypatch, caplog):
     def broken(*given, **more):
         raise ZeroDivisionError("one\ntwo")
 
     monkeypatch.setattr(module, "identify", broken)
     done = computed(work, "one", "polynomial")
     assert (done.row["status"], done.row["reason"]) == (CRASHED, "ZeroDivisionError: one two")
+    assert "in broken" in caplog.text
 
 
 def test_a_search_that_was_interrupted_is_no_result(work, monkeypatch):

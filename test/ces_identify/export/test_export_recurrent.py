@@ -20,10 +20,9 @@ from exported_c import (
     with_delay,
 )
 from recurrent_models import make_recurrent, recurrent_model
-from trained_models import NETWORK, network_model
+from trained_models import network_model
 
 from ces_identify.export.export_c import export_c
-from ces_observer.errors import ModelError
 
 needs_cc = pytest.mark.needs("cc")
 SPEED_ONLY = replace(
@@ -75,9 +74,3 @@ def test_comments_state_the_proof() -> None:
     assert "recurrent network" in source
     assert "dies out" in header
     assert f"never exceeds {model.certify().force_N} N" in header
-
-
-def test_a_network_on_top_of_another_structure_is_refused_with_its_reason() -> None:
-    model = recurrent_model(make_recurrent(base=NETWORK))
-    with pytest.raises(ModelError, match="on top of sigmoid_narx cannot be written in C yet"):
-        export_c(model, "model", "model", model.certify())

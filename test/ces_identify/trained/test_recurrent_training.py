@@ -14,7 +14,7 @@ from ces_identify.prepare.series import prepare
 from ces_identify.simulations.simulate import simulate_series
 from ces_identify.structures import KITS, model_table, run_batch
 from ces_identify.structures.kit import IdentifyOptions
-from ces_identify.structures.recurrent import fit_recurrent, fit_residual
+from ces_identify.structures.recurrent import fit_recurrent
 from ces_identify.trained.recurrent_kernels import new_states, run_member, run_member_back
 from ces_identify.trained.recurrent_training import Windows, build_family, descend
 from ces_identify.trained.training import build_training
@@ -159,22 +159,6 @@ def test_constant_inputs_drop_out_and_a_constant_speed_is_refused():
     inputs[1] = 0.2
     with pytest.raises(CesError, match="the speed does not change"):
         build_family(replace(t, inputs=inputs), 400.0)
-
-
-def test_a_residual_is_fitted_on_top_of_a_base_and_lowers_its_cost():
-    training = [series(1), series(2)]
-    limits = Limits(starts=1, threads=1, time=5.0, work=0.06)
-    base = (
-        KITS["sigmoid"]
-        .fitter({"units": 1, "lags": "0,0,1"})(training, SAMPLING, IdentifyOptions(limits=limits), silent)
-        .model
-    )
-    both = fit_residual(base, training, SAMPLING, IdentifyOptions(limits=SHORT), silent)
-    assert both.model.body.base == base.body
-    fresh = series(3)
-    costs = [series_cost(fresh, simulate_series(model, fresh).force) for model in (base, both.model)]
-    assert costs[1] < 0.7 * costs[0]
-    assert both.model.certify().holds
 
 
 @pytest.mark.slow

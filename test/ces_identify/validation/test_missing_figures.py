@@ -26,10 +26,6 @@ def with_noise(evaluation: Evaluation, noise: CycleNoise | str) -> Evaluation:
     return other
 
 
-def test_nothing_is_missing_where_all_figures_are_known(road: Evaluation) -> None:
-    assert explain_missing([with_noise(road, FLOOR)]) == []
-
-
 def test_a_short_recording_has_no_interval() -> None:
     short = evaluate(model(), [damper("short", ticks=330)], VALIDATION)[0]
     assert f"{SHORT}: short" in explain_missing([short])

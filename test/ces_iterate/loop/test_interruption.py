@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from iterate_examples import make_plan, monotube_rig
+from iterate_examples import make_plan, small_rig
 
 from ces_identify.polynomial.search_limits import SearchResult
 from ces_iterate.loop.identification import interruptible
@@ -35,11 +35,6 @@ def test_a_caught_interrupt_comes_again_after_the_block() -> None:
     assert signal.getsignal(signal.SIGINT) is before
 
 
-def test_without_one_nothing_is_raised() -> None:
-    with interruptible():
-        pass
-
-
 class InterruptingListener(IterateListener):
     """Ctrl-C comes with the first result of the search."""
 
@@ -53,6 +48,6 @@ class InterruptingListener(IterateListener):
 
 def test_a_model_of_a_search_that_was_cut_is_not_kept(tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        Iterations(make_plan(tmp_path), monotube_rig(), tmp_path, InterruptingListener()).run()
+        Iterations(make_plan(tmp_path), small_rig(), tmp_path, InterruptingListener()).run()
     assert (tmp_path / "iteration_01" / "recording").exists()
     assert not (tmp_path / "iteration_01" / "model.json").exists()

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from iterate_examples import monotube_rig, sine_commands
+from iterate_examples import sine_commands, small_rig
 
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.logs.log_mapping import load_dyno_mapping
@@ -55,7 +55,7 @@ def mapping(tmp_path: Path) -> Path:
 
 def test_a_growing_log_is_read_when_it_is_complete(tmp_path: Path, mapping: Path) -> None:
     commands = sine_commands()
-    text = dyno_log(monotube_rig().run(commands, tmp_path))
+    text = dyno_log(small_rig().run(commands, tmp_path))
     log = tmp_path / DROP / "run 1.csv"
     half = len(text) // 2
     grow = [lambda: log.write_text(text[:half]), lambda: None, lambda: log.write_text(text), lambda: None]
@@ -69,7 +69,7 @@ def test_a_growing_log_is_read_when_it_is_complete(tmp_path: Path, mapping: Path
 
 def test_names_of_copies_in_progress_are_ignored(tmp_path: Path, mapping: Path) -> None:
     commands = sine_commands()
-    text = dyno_log(monotube_rig().run(commands, tmp_path))
+    text = dyno_log(small_rig().run(commands, tmp_path))
     part = tmp_path / DROP / "run.csv.part"
     acts = [lambda: part.write_text(text), lambda: None, lambda: part.rename(part.with_suffix("")), lambda: None]
     operator = Operator(*acts)
@@ -79,7 +79,7 @@ def test_names_of_copies_in_progress_are_ignored(tmp_path: Path, mapping: Path) 
 
 def test_a_log_that_is_too_short_is_reported_once_and_replaced(tmp_path: Path, mapping: Path) -> None:
     commands = sine_commands()
-    recording = monotube_rig().run(commands, tmp_path)
+    recording = small_rig().run(commands, tmp_path)
     log = tmp_path / DROP / "run.csv"
     acts = [
         lambda: log.write_text(dyno_log(recording, 0.5)), *[lambda: None] * 4,
@@ -92,7 +92,7 @@ def test_a_log_that_is_too_short_is_reported_once_and_replaced(tmp_path: Path, m
 
 def test_a_bag_needs_no_mapping_and_its_metadata(tmp_path: Path) -> None:
     commands = sine_commands()
-    recording = monotube_rig().run(commands, tmp_path)
+    recording = small_rig().run(commands, tmp_path)
     bag = tmp_path / DROP / "bag"
     hidden = tmp_path / "metadata.yaml"
 
@@ -109,7 +109,7 @@ def test_a_bag_needs_no_mapping_and_its_metadata(tmp_path: Path) -> None:
 def test_the_instructions_name_the_rest_the_range_and_the_place(tmp_path: Path, mapping: Path) -> None:
     commands = sine_commands().repeat("experiment_07", 1, 42.0)
     log = tmp_path / DROP / "run.csv"
-    text = dyno_log(monotube_rig().run(commands, tmp_path))
+    text = dyno_log(small_rig().run(commands, tmp_path))
     Operator(lambda: log.write_text(text), lambda: None).rig(mapping).run(commands, tmp_path)
     words = (tmp_path / "INSTRUCTIONS.txt").read_text()
     assert all(part in words for part in ("experiment_07", "rest for 42 s", "-10.0 to 10.0 mm", str(tmp_path / DROP)))

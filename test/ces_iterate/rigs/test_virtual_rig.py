@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from iterate_examples import LIMITS, make_plan, monotube_rig, sine_commands
+from iterate_examples import LIMITS, make_plan, sine_commands, small_rig
 
 from ces_iterate.commands import RigCommands
 from ces_iterate.rigs.kinds import VirtualRig, open_rig
@@ -35,7 +35,7 @@ def test_it_records_what_ces_rig_records(tmp_path: Path) -> None:
 
 
 def test_it_repeats_exactly_and_its_noise_depends_on_the_seed(tmp_path: Path) -> None:
-    rig, commands = monotube_rig(), sine_commands(duration_s=1.0)
+    rig, commands = small_rig(), sine_commands(duration_s=1.0)
     first, again = (rig.run(commands, tmp_path).channel("force").values for _ in range(2))
     other = rig.run(commands.repeat("sine", 2, 0.0), tmp_path).channel("force").values
     assert np.array_equal(first, again)

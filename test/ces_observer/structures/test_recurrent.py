@@ -3,12 +3,10 @@
 import json
 import math
 import random
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from recurrent_models import ENVELOPE, make_recurrent, recurrent_model
-from trained_models import NETWORK
 
 from ces_observer.errors import ModelError
 from ces_observer.model import load_model, parse_model
@@ -100,20 +98,6 @@ def test_products_without_the_new_function_of_python_are_the_same():
     assert _dot(one, two) == pytest.approx(float(np.dot(one, two)), rel=1e-12)
 
 
-def test_a_base_adds_its_force_and_its_bound():
-    rows, base = drawn(100, 4), replace(NETWORK)
-    body = make_recurrent(base=base)
-    parts = [recurrent_model(one).make_predictor() for one in (replace(body, base=None), base, body)]
-    own, below, both = ([run.tick(*row) for row in rows] for run in parts)
-    assert both == pytest.approx(np.add(own, below), rel=1e-9)
-    bound = recurrent_model(body).certify().force_N
-    assert (
-        bound == recurrent_model(replace(body, base=None)).certify().force_N + recurrent_model(base).certify().force_N
-    )
-    assert parse_model(recurrent_model(body).to_json(), "m.json").body == body
-    assert "corrected by" in body.size
-
-
 @pytest.mark.parametrize("current", [True, False])
 def test_a_saved_model_reads_back_equal(tmp_path, current):
     model = recurrent_model(make_recurrent(current=current))
@@ -148,8 +132,6 @@ def first(m):
         (lambda m: first(m)["out"].__setitem__(0, 1e10), r"out is .*at most 1e\+09"),
         (lambda m: first(m).update(hidden_bias=[0.1] * 65), "hidden is "),
         (lambda m: first(m).update(gain=[1.0]), "unknown key 'gain'"),
-        (lambda m: m["recurrent"].update(base={"structure": "recurrent"}), "base: structure is 'recurrent'"),
-        (lambda m: m["recurrent"].update(base={"structure": "sigmoid_narx"}), "base: key 'network' is missing"),
     ],
 )
 def test_what_is_wrong_is_named(change, message):

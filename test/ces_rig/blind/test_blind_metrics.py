@@ -7,10 +7,17 @@ import numpy as np
 import pytest
 
 from ces_observer.errors import CesError
-from ces_rig.blind.metrics import BY_NAME, calibration_error, candidates, quantile, rate
+from ces_rig.blind.metrics import (
+    BY_NAME,
+    calibration_error,
+    candidates,
+    metric_table,
+    quantile,
+    rate,
+    withheld_table,
+)
 from ces_rig.blind.outcome import CaseOutcome, Mode, combine_modes
 from ces_rig.blind.scoring import closure
-from ces_rig.blind.tables import metric_table, withheld_table
 
 RIGHT = CaseOutcome(
     case="0001", kind="effect", truth=("friction",), gap_to_noise=3.0, baseline_ratio=0.0, excitation="rich", plant="a",

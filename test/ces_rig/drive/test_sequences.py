@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ces_rig.drive.currents import make_current
-from ces_rig.drive.sequences import SampledStroke, StrokeFile, read_stroke_file
+from ces_rig.drive.sequences import read_stroke_file
 from ces_rig.drive.strokes import make_stroke
 from ces_rig.errors import RigError
 from ces_rig.experiment import load_experiment, simulate_truth
@@ -56,16 +56,6 @@ def test_a_file_beside_the_experiment_is_its_stroke(tmp_path):
     at_samples = truth.stroke_m[np.round(0.1 * np.arange(8) / 0.5e-3).astype(int)]
     assert at_samples == pytest.approx(0.01 * np.sin(np.arange(8)), abs=1e-9)
     assert np.ptp(truth.stroke_m[1401:]) == 0.0  # at rest after the last sample
-
-
-def test_samples_in_memory_are_the_same_spline(tmp_path):
-    path = tmp_path / "s.csv"
-    path.write_text(GOOD)
-    time, position = read_stroke_file(path)
-    grid = np.linspace(0.0, 0.7, 50)
-    in_memory = SampledStroke(time, position).samples(grid, np.random.default_rng(0))
-    assert np.array_equal(in_memory, StrokeFile(str(path)).samples(grid, np.random.default_rng(0)))
-    assert in_memory[-1] == pytest.approx(position[-1], abs=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,7 @@ def wavy(seconds: float) -> np.ndarray:
     return 0.012 * np.clip(time, 0, 1) ** 2 * (np.sin(2 * np.pi * 1.3 * time) + 0.5 * np.sin(2 * np.pi * 9 * time))
 
 
-@pytest.mark.parametrize("kind", ["hydraulic", "bouc_wen", "monotube"])
+@pytest.mark.parametrize("kind", ["hydraulic", "bouc_wen", "lookup"])
 def test_at_rest_it_stays_at_rest(tmp_path, kind):
     (tmp_path / "rig.yaml").write_text(f"kind: {kind}")
     settings = RigSettings(

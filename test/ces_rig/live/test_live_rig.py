@@ -76,7 +76,7 @@ def test_effects_are_given_by_name_and_numbers():
 
 def test_a_kind_that_is_none(tmp_path):
     (tmp_path / "rig.yaml").write_text("kind: leaf_spring")
-    with pytest.raises(RigError, match="kind is 'leaf_spring'; expected one of hydraulic, bouc_wen, monotube"):
+    with pytest.raises(RigError, match="kind is 'leaf_spring'; expected one of hydraulic, bouc_wen, lookup"):
         load_description(tmp_path / "rig.yaml")
 
 

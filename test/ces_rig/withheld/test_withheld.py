@@ -26,9 +26,9 @@ from ces_rig.withheld.plants import (
     simulate_signals,
 )
 
-SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "monotube": 1.0, "lookup": 1.0}
+SECONDS = {"hydraulic": 0.4, "bouc_wen": 1.0, "lookup": 1.0}
 CHECKS = {"sticking_check", "late_check"}
-WITHOUT = {"hydraulic": set(), "bouc_wen": CHECKS, "monotube": set(), "lookup": CHECKS}
+WITHOUT = {"hydraulic": set(), "bouc_wen": CHECKS, "lookup": CHECKS}
 
 
 def gap_N(plant, effects, *inputs):
@@ -147,7 +147,7 @@ def test_two_effects_add_up_to_more_than_either():
 
 
 @pytest.mark.parametrize(
-    ("kind", "name"), list(zip(PLANTS, ["valve_lag", "current_hysteresis", "sticking_pilot", "valve_lag"], strict=True))
+    ("kind", "name"), list(zip(PLANTS, ["valve_lag", "current_hysteresis", "sticking_pilot"], strict=True))
 )
 def test_what_needs_a_changing_current_cannot_be_reached_without(kind, name):
     effect = draw_effect(kind, name, np.random.default_rng(1))

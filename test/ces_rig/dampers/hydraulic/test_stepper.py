@@ -36,16 +36,6 @@ def test_reset_brings_it_back_to_new(signals):
     assert np.array_equal(stepper.advance(stroke, speed, current), first)
 
 
-@pytest.mark.parametrize("stroke_m", [-0.03, 0.0, 0.04])
-def test_at_rest_it_stays_at_rest(stroke_m):
-    stepper = DamperStepper(Hydraulic(Damper()), GRID)
-    start = stepper.settle(stroke_m, 0.0, 0.5)
-    force = stepper.advance(np.full(200, stroke_m), np.zeros(200), np.full(200, 0.5))
-    assert np.abs(force - start).max() < 0.01
-    if stroke_m == 0.0:
-        assert start == pytest.approx(stepper.rest_N, abs=1e-6)
-
-
 def test_the_oil_warms_by_the_work_put_in():
     damper = Damper()
     time = np.arange(0, 5, GRID)
