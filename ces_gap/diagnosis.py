@@ -178,6 +178,11 @@ def _describe_no_gap(diagnosis: Diagnosis) -> str:
     if reason == WITHIN_TOLERANCE:
         limit = f"the tolerance of {diagnosis.tolerance_N:.1f} N"
         return f"No gap above {limit}: {left_N:.1f} N RMS between simulation and measurement."
+    known = [float(f"{s.trace.own_error_N:.3g}") for s in diagnosis.held_out]
+    if reason == WITHIN_BASELINE and any(known):
+        own = f"the model's own error of {format_range(min(known), max(known))} N"
+        hidden = f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen"
+        return f"No gap: {left_N:.0f} N RMS between simulation and measurement, within {own}; {hidden} behind it."
     if reason == WITHIN_BASELINE:
         explained = f"the references explain all but {left_N:.0f} N of the {gap.rms_N:.0f} N RMS"
         hidden = f"effects below about {diagnosis.visible_from_N:.0f} N RMS cannot be seen"

@@ -19,7 +19,7 @@ from ces_gap.effects.library import library, require_sound
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.experiment.next_experiment import find_pairs, propose_experiment
 from ces_gap.inference.evidence import Baseline, learn_baseline
-from ces_gap.inference.findings import bound_notes, collect_findings, network_notes, timing_notes
+from ces_gap.inference.findings import bound_notes, collect_findings, timing_notes
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.held_out import HeldOutScores, apply_judgement, collect_evidence, score_held_out
 from ces_gap.inference.search import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED, EffectSearchResult, search
@@ -76,11 +76,13 @@ def diagnose(
     for effect in options.effects:
         require_sound(effect, inputs.real[0])
     notes = check_traces([*inputs.real, *inputs.held_out, *inputs.reference], simulation, spec)
+    if needs_twin and inputs.twin_problem:
+        notes = (*notes, f"effects inside the simulated damper were not tried: {inputs.twin_problem}")
     seen = seen_notes([*inputs.real, *inputs.held_out], simulation, spec)
     invisible = find_invisible_effects(effects, inputs.real)
     progress("learning the baseline error", 0.0)
     baseline = learn_baseline(inputs)
-    visible = [e for e in effects if e.name not in dict(invisible) and (inputs.twin is not None or not e.edits)]
+    visible = [e for e in effects if e.name not in dict(invisible) and not (e.edits and inputs.twin_problem)]
     share = MIN_GAIN_SHARE if inputs.reference else MIN_GAIN_SHARE_UNCORRECTED
     result = search(baseline.evidence, visible, Refinement(inputs.slow), options.threads, progress, share)
     progress("computing the ceiling", 0.0)
@@ -154,7 +156,6 @@ def _complete(stages: _Stages, spec: str, options: DiagnoseOptions, progress: Pr
         notes=(
             *optional.notes,
             *timing_notes(result, judgement),
-            *network_notes(scores.composition.composition),
             *bound_notes(scores.composition.composition, scores.composition.estimates),
         ),
         correction=baseline.correction,

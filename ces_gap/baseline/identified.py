@@ -1,7 +1,8 @@
-"""A simulation identified inside the diagnosis: reference recordings in, the most accurate model of them out.
+"""A simulation that is an identified model, and its error on recordings that it was not fitted to.
 
-The model is fitted to all references. What it misses on them would understate its error, as it has seen them: models
-that were fitted without each of them give the error that the diagnosis counts with.
+A model identified inside the diagnosis is fitted to all references. What it misses on them would understate its error,
+as it has seen them: models that were fitted without each of them give the error that the diagnosis counts with.
+A model file says by its band what it left on data that no choice had used.
 """
 
 from __future__ import annotations
@@ -9,6 +10,7 @@ from __future__ import annotations
 import hashlib
 from dataclasses import dataclass, replace
 from pathlib import Path
+from statistics import NormalDist
 
 import numpy as np
 
@@ -16,11 +18,12 @@ from ces_data.arrays import F
 from ces_data.reading import RecordingInputs, as_recordings
 from ces_data.recording import Recording
 from ces_gap.errors import GapError
+from ces_gap.grid import rms
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.trace import Trace, resample_to_grid
 from ces_identify.folds import cross_fit
 from ces_identify.polynomial.search_limits import Limits, SearchResult
-from ces_identify.simulations.simulate import sample_force
+from ces_identify.simulations.simulate import band_half_width, sample_force, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, BestStructure, default_sizes, select_fitter
@@ -29,6 +32,7 @@ from ces_observer.model import Model
 
 MODEL = "model.json"
 STARTS = 2  # of a fit
+ERROR_MARGIN = 1.5  # times the RMS error by the band: models leave as much on experiments of another kind
 
 
 @dataclass(frozen=True)
@@ -122,6 +126,17 @@ def add_left_out_force(simulation: Simulation, trace: Trace) -> Trace:
         return trace
     force = simulation.left_out_force(trace.recording)
     return trace if force is None else replace(trace, simulated_left_out=resample_to_grid(trace, force))
+
+
+def add_own_error(simulation: Simulation, trace: Trace) -> Trace:
+    """Return a trace with the RMS error that the simulation may have on it, if it is a model with a band."""
+    model = simulation.innermost.model if isinstance(simulation.innermost, ModelSimulation) else None
+    if model is None or model.band is None:
+        return trace
+    run = sample_run(model, trace.recording)
+    width = band_half_width(model.band, run.series, run.run.force)[run.newest]
+    half_N = rms(resample_to_grid(trace, np.where(run.newest < 0, np.nan, width))[trace.usable])
+    return replace(trace, own_error_N=ERROR_MARGIN * half_N / NormalDist().inv_cdf(0.5 + 0.5 * model.band.level))
 
 
 def identify_recording(recording: Recording) -> str:

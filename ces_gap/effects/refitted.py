@@ -21,10 +21,12 @@ from ces_gap.effects.library.valve_lag import ValveLag
 from ces_gap.effects.network import TwinRun
 from ces_gap.effects.simulation_errors import MAP_SHARE
 from ces_gap.errors import GapError
+from ces_identify.physical.quantities import read_quantities
 from ces_observer.json_text import JsonObject
 from ces_observer.structures.hydraulic import Hydraulic
 
 FORM = "network"
+MIN_CHANGE = 0.02  # relative, of a quantity that a report names
 
 
 @dataclass(frozen=True)
@@ -46,10 +48,12 @@ class NetworkPart(Effect):
         before, after = (_at_steps(network, self.tick_s, run.step_s) for network in (self.before, self.after))
         return replace(run, body=_exchange(run.body, before, after, values[0], self.numbers))
 
-    def put_into(self, network: Hydraulic) -> Hydraulic:
-        """Return a network with the part's numbers as in `after`."""
-        changed: Hydraulic = _exchange(network, self.before, self.after, 1.0, self.numbers)
-        return changed
+    def read_changes(self) -> dict[str, tuple[float, float]]:
+        """Return the quantities of the damper that the part changes, by their names: without it and with it."""
+        stroke, whole = self.before.side.position_m, _exchange(self.before, self.before, self.after, 1.0, self.numbers)
+        ends = [read_quantities(body, self.tick_s, (stroke[0], stroke[-1])) for body in (self.before, whole)]
+        pairs = {name: (old, ends[1][name]) for name, old in ends[0].items()}
+        return {n: (a, b) for n, (a, b) in pairs.items() if abs(b - a) > MIN_CHANGE * max(abs(a), abs(b))}
 
     def as_json(self) -> dict[str, Any]:
         """Return both networks as plain values."""

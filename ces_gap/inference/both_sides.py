@@ -37,7 +37,7 @@ STRENGTH = 0.03  # of the pulls towards usual values
 STEPS = 5  # of a refit
 ABSENT = 5.0  # by which the logarithm of a number is lowered where there is nothing of the kind
 MAX_REST = 0.1  # of the gap's energy: where an effect leaves less, it is enough; a network must leave less
-MIN_PART_SHARE = 0.01  # of the gap's energy: what a part must explain beside the others, on blocks left out
+MIN_PART_SHARE = 0.015  # of the gap's energy: what a part must explain beside the others, on blocks left out
 
 
 def explain_static_map(
@@ -52,13 +52,14 @@ def explain_static_map(
     if not much or corrected or evidence.plants[0].twin is None or not is_static(evidence.traces):
         return None
     progress("fitting a network to the real recordings", 0.0)
-    found = fit_both_sides(evidence, threads)
+    names = {e.name for e in effects}
+    found = fit_both_sides(evidence, [part for part in PARTS if part.name in names], threads)
     rest = np.inf if found is None else found.cost - len(found.residual)
     return found if rest < MAX_REST * energy else None
 
 
-def fit_both_sides(evidence: Evidence, threads: int) -> EffectFit | None:
-    """Return a recalibration of a static map and what it lacks; None if there is no network of the recordings."""
+def fit_both_sides(evidence: Evidence, kinds: Sequence[type[NetworkPart]], threads: int) -> EffectFit | None:
+    """Return a recalibration of a static map, and what it lacks of some kinds of parts; None without a network."""
     real = [_with_force(t) for t in evidence.traces]
     found = fit_network(real, (STRENGTH,), threads, lambda _: None)
     if found is None:
@@ -68,7 +69,7 @@ def fit_both_sides(evidence: Evidence, threads: int) -> EffectFit | None:
     training, _ = build_training(alike, max(count_steps(t) for t in alike), MAX_TICKS)
     error = usable_values(evidence.traces, [t.force - t.simulated for t in evidence.traces])
     gap = (100.0 * rms(error) / training.scale_N) ** 2
-    parts, theta = _Network(replace(fit.models, training=training), gap).eliminate(fit.theta, threads)
+    parts, theta = _Network(replace(fit.models, training=training), gap).eliminate(fit.theta, kinds, threads)
     models = fit.models.hold_pressures(theta)
     ends = models.body(_take_out(models, theta, parts)), models.body(theta), step_s
     effects = Recalibration(*ends), *(part(*ends) for part in parts)
@@ -106,13 +107,18 @@ class _Network:
     models: HydraulicModels
     gap: float
 
-    def eliminate(self, theta: F, threads: int) -> tuple[list[type[NetworkPart]], F]:
-        """Return the parts that are needed beside the others, and theta without the rest, the others refitted."""
-        theta = self._without(theta, ())
+    def eliminate(
+        self, theta: F, kinds: Sequence[type[NetworkPart]], threads: int
+    ) -> tuple[list[type[NetworkPart]], F]:
+        """Return the parts that are needed beside the others, and theta without the rest, the others refitted.
+
+        Parts of other `kinds` are not there.
+        """
+        gone: list[type[NetworkPart]] = [part for part in PARTS if part not in kinds]
+        theta = self._without(theta, gone)
         with ThreadPoolExecutor(max(1, threads)) as pool:
-            costs = list(pool.map(lambda part: self._cost(self._without(theta, (part,))), PARTS))
-        weakest_first = [PARTS[k] for k in np.argsort(costs)]
-        gone: list[type[NetworkPart]] = []
+            costs = list(pool.map(lambda part: self._cost(self._without(theta, (*gone, part))), kinds))
+        weakest_first = [kinds[k] for k in np.argsort(costs)]
         for part in weakest_first:
             fewer = self._without(theta, (*gone, part))
             if self._cost(fewer) ** 2 - self._cost(theta) ** 2 < MIN_PART_SHARE * self.gap:

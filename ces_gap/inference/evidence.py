@@ -26,7 +26,7 @@ from ces_gap.baseline.plant import Plant
 from ces_gap.effects.effect import Composition
 from ces_gap.grid import count_through, rms
 from ces_gap.inputs.prepare import DiagnosisInput
-from ces_gap.trace import Trace, noise_floor_N, usable_values
+from ces_gap.trace import Trace, noise_floor_N, own_error_N, usable_values
 
 UNITS = 4  # the data are divided into at least as many parts, each left out once
 BLOCK_S = 0.5  # [s] residuals within a block count as one sample in standard errors
@@ -134,7 +134,8 @@ class Baseline:
     """The plant without effects, its evidence, and the generic learner fitted to the gap (`ceiling`).
 
     `plant` is the fast simulation with the `correction` learned from references (None without references).
-    `unseen_error_N` is the RMS error to expect at most on other recordings: the largest of n references, times 1 + 1/n.
+    `unseen_error_N` is the RMS error to expect at most on other recordings: the largest of n references, times 1 + 1/n;
+    without references, what the simulation says of itself.
     """
 
     plant: Plant
@@ -155,7 +156,7 @@ def learn_baseline(inputs: DiagnosisInput) -> Baseline:
         numerical_N = NUMERICAL_ERROR * rms(usable_values(inputs.real, [t.force for t in inputs.real]))
         noise = make_white_noise(max(noise_floor_N(inputs.real), numerical_N, MIN_NOISE_N))
         plant = Plant(inputs.cheap, twin=inputs.twin)
-        return Baseline(plant, None, gather(inputs.real, plant, noise), ceiling)
+        return Baseline(plant, None, gather(inputs.real, plant, noise), ceiling, own_error_N(inputs.real))
     correction, learnt = learn_correction(inputs.reference)
     features = [correction.dictionary.features(t, t.inputs, t.simulated) for t in inputs.real]
     plant = Plant(inputs.cheap, correction, inputs.twin)

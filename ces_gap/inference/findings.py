@@ -10,7 +10,6 @@ import numpy as np
 from ces_gap.baseline.learner import Ceiling, learn_ceiling
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
-from ces_gap.effects.refitted import NetworkPart
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters, measure_parameter_drift
@@ -30,13 +29,10 @@ from ces_gap.inference.verdict import (
     VerdictFigures,
     probabilities,
 )
-from ces_gap.trace import noise_floor_N, usable_values
-from ces_identify.physical.quantities import read_quantities
-from ces_report.typesetting import format_range
+from ces_gap.trace import noise_floor_N, own_error_N, usable_values
 
 TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance
 TOLERANCE_NOISES = 2.0  # times the noise: limit of that default, so that a gap clear of the noise is not overlooked
-MIN_CHANGE = 0.02  # relative, of a quantity that a note names
 CLEAR_Z = 20.0  # z of a gain as large as the noise, in however few blocks
 
 
@@ -85,7 +81,8 @@ def measure_gap(result: EffectSearchResult) -> GapSize:
     for modelled in (evidence.alone, *map(evidence.forces, timing)):
         errors = [trace.force - force for trace, force in zip(evidence.traces, modelled, strict=True)]
         above.append(float(np.sqrt(max(rms(usable_values(evidence.traces, errors)) ** 2 - noise_N**2, 0.0))))
-    return GapSize(above[0], min(above), noise_N, all(t.measured_noise.known for t in evidence.traces))
+    known = all(t.measured_noise.known for t in evidence.traces)
+    return GapSize(above[0], min(above), noise_N, known, own_error_N(evidence.traces))
 
 
 def tolerance_N(size: GapSize, force_N: float, share: float | None) -> float:
@@ -145,19 +142,6 @@ def timing_notes(result: EffectSearchResult, judgement: Judgement) -> tuple[str,
         f"timing: the simulated force comes {abs(skew):.2f} samples {side} and is {how} smoothed than the measured one "
         f"(by {abs(spread):.2f} samples²): an error of logging or resampling",
     )
-
-
-def network_notes(composition: Composition) -> tuple[str, ...]:
-    """Return a note on each part of a network of the real recordings: its numbers, from the simulation's to theirs."""
-    notes = []
-    for part in (s.effect for s in composition.settings if isinstance(s.effect, NetworkPart) and s.effect.numbers):
-        stroke = part.before.side.position_m[0], part.before.side.position_m[-1]
-        old, new = (read_quantities(body, part.tick_s, stroke) for body in (part.before, part.put_into(part.before)))
-        moved = [n for n in old if abs(new[n] - old[n]) > MIN_CHANGE * max(abs(old[n]), abs(new[n]))]
-        if moved:
-            texts = (f"{name}: {format_range(old[name], new[name])}" for name in moved)
-            notes.append(f"{part.name}: in the network, from the simulation to the recordings: {'; '.join(texts)}")
-    return tuple(notes)
 
 
 def bound_notes(composition: Composition, estimates: Sequence[Sequence[Estimate]]) -> tuple[str, ...]:

@@ -29,7 +29,7 @@ from ces_gap.inference.verdict import (
 from ces_gap.inputs.prepare import DiagnosisInput
 from ces_gap.progress import Progress, ignore_progress
 from ces_gap.sensor_noise import NO_SOURCE
-from ces_gap.trace import Trace, usable_values
+from ces_gap.trace import Trace, own_error_N, usable_values
 
 BLOCK_S = 0.5  # [s]
 RESAMPLES = 500
@@ -174,7 +174,13 @@ def collect_evidence(search: SearchFindings, scores: HeldOutScores) -> VerdictEv
     gap, composition = scores.gap, scores.composition
     return VerdictEvidence(
         search=search,
-        held_out=GapSize(min(gap.rms_N, gap.corrected_N), scores.timed_N, gap.noise_floor_N, gap.noise_known),
+        held_out=GapSize(
+            min(gap.rms_N, gap.corrected_N),
+            scores.timed_N,
+            gap.noise_floor_N,
+            gap.noise_known,
+            own_error_N([s.trace for s in scores.series]),
+        ),
         held_out_ci95_N=gap.corrected_ci95_N,
         composition=tuple(e for e in composition.effects if e != TIMING),
         closed=closed_share(gap, composition),

@@ -42,13 +42,15 @@ IMMATERIAL = 0.1  # of the held-out gap's energy: closing less is no cause, leav
 class GapSize:
     """The gap on some recordings, RMS [N]: without noise, and after the simulation's timing was fitted as well.
 
-    `noise_N` was measured; where it is not `noise_known`, no source limits it and `noise_N` is a guess.
+    `noise_N` was measured; where it is not `noise_known`, no source limits it and `noise_N` is a guess. `own_error_N`
+    is the error that the simulation may have here, as it says itself (0 if it does not).
     """
 
     gap_N: float
     timed_N: float
     noise_N: float
     noise_known: bool = True
+    own_error_N: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -207,6 +209,11 @@ class VerdictEvidence:
         """The gap on the fitted and on the held-out recordings."""
         return self.search.size, self.held_out
 
+    @property
+    def may_be_own_error(self) -> bool:
+        """True if the gap is not above the error that the simulation says it may have."""
+        return not self.search.has_references and all(0.0 < s.own_error_N >= s.gap_N for s in self.sizes)
+
 
 @dataclass(frozen=True)
 class Judgement:
@@ -232,6 +239,8 @@ def judge(evidence: VerdictEvidence) -> Judgement:
     """
     raw = _normalise(evidence.search.odds, evidence.composition)
     odds = _weigh_held_out(evidence, raw)
+    if evidence.may_be_own_error:  # so may be what no effect explains
+        odds = Probabilities(min(odds.none + odds.unknown, 1.0), 0.0, odds.effects)
     odds = odds.with_none(max(odds.none, _probability_within_tolerance(evidence)))
     reason = find_no_gap_reason(evidence, odds.none >= max(odds.unknown, odds.known))
     if reason:
@@ -267,17 +276,21 @@ def _weigh_held_out(e: VerdictEvidence, odds: Probabilities) -> Probabilities:
     """Return the probabilities after the held-out recordings.
 
     Known effects keep the share of their probability with which the best explanation closes what it must: half of what
-    anything explains, of a map most of the gap. Where it leaves hardly anything, an unknown cause is improbable.
+    anything explains, of a map most of the gap, of what may be the simulation's own error nearly all. Where it leaves
+    hardly anything, an unknown cause is improbable.
     """
-    found = [c for c in (e.closed, *e.closed_alone.values()) if not math.isnan(c.value)]
+    own = e.may_be_own_error  # a map of it is no cause
+    alone = [c for name, c in e.closed_alone.items() if not (own and name == CALIBRATION)]
+    found = [c for c in (e.closed, *alone) if not (math.isnan(c.value) or (own and e.search.is_map))]
     best = max((c.value for c in found), default=-math.inf)
     if not e.composition:  # no effect gains more than its error: none is more probable than an unknown cause
         return odds.with_unknown(odds.unknown + 0.5 * odds.known)
-    if e.search.is_map:
+    if e.search.is_map and found:
         share = min(e.closed.value, 1.0 - e.search.figures.unexplained)
         support = replace(e.closed, value=share).probability_above(1.0 - MAX_MAP_REST)
     else:
         required = MIN_MATERIAL_SHARE * min(max(best, 0.0 if math.isnan(e.learnt) else e.learnt), 1.0)
+        required = 1.0 - IMMATERIAL if own else required
         support = max((c.probability_above(max(required, IMMATERIAL)) for c in found), default=0.0)
     rest = min(1.0, max(1.0 - best, 0.0) / IMMATERIAL)
     return odds.with_unknown(rest * (odds.unknown + (1.0 - support) * odds.known))
@@ -299,9 +312,9 @@ def find_no_gap_reason(e: VerdictEvidence, is_improbable: bool) -> str:
         return ""
     if e.search.has_references:
         return WITHIN_BASELINE if all(s.gap_N <= e.search.visible_from_N for s in e.sizes) else ""
-    if not all(s.noise_known and s.timed_N <= s.noise_N for s in e.sizes):
-        return ""
-    return WITHIN_NOISE if all(s.gap_N <= s.noise_N for s in e.sizes) else WITHIN_TIMING
+    if all(s.noise_known and s.timed_N <= s.noise_N for s in e.sizes):
+        return WITHIN_NOISE if all(s.gap_N <= s.noise_N for s in e.sizes) else WITHIN_TIMING
+    return WITHIN_BASELINE if e.may_be_own_error else ""
 
 
 def _confirm(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
@@ -311,9 +324,13 @@ def _confirm(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple[tup
 def _find_alternatives(e: VerdictEvidence, odds: Probabilities, ties: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
     """Return the effects that may be the cause instead: in `ties`, clearly better on held-out data, or probable.
 
-    A recalibration can absorb a part of any effect; an effect that explains as much with less stands against it.
+    A recalibration can absorb a part of any effect; an effect that explains as much with less stands against it. What
+    may be the simulation's own error decides between no effects.
     """
-    limit = CLEARLY_LESS**2 * (1.0 - e.closed.value)
+    gap_N, own_N = e.held_out.gap_N, e.held_out.own_error_N
+    limit = CLEARLY_LESS**2 * (1.0 - e.closed.value) + (
+        IMMATERIAL * (own_N / gap_N) ** 2 if gap_N > own_N > 0.0 else 0.0
+    )
     better = [name for name, closed in e.closed_alone.items() if 1.0 - closed.value < limit]
     possible = [(e.composition[0], name) for name, p in odds.effects.items() if p >= POSSIBLE]
     alike = [name for group in (*ties, *_confirm(e, possible)) for name in group]
@@ -333,7 +350,7 @@ def _find_doubts(
     cause, error = odds.known - sum(others.values()), others.get(CALIBRATION, 0.0)
     is_absorbed = len(e.composition) > 1 and not set(e.composition).isdisjoint(e.search.absorbed)
     is_absorbed = is_absorbed and CALIBRATION not in e.composition
-    is_small = any(not s.gap_N > CLEAR * max(s.noise_N, e.search.tolerance_N) for s in e.sizes)
+    is_small = any(not s.gap_N > max(CLEAR * max(s.noise_N, e.search.tolerance_N), s.own_error_N) for s in e.sizes)
     may_be_error = is_absorbed or (is_small and not e.search.has_references) or error > cause
     least_gap, least_known = e.search.weights.least_gap, e.search.weights.least_known
     is_certain = 1.0 - odds.none >= least_gap and known >= least_known and cause >= max(odds.none, odds.unknown)

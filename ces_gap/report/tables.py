@@ -20,11 +20,12 @@ from ces_gap.diagnosis import (
     calibration_cells,
 )
 from ces_gap.effects.effect import Setting
+from ces_gap.effects.refitted import NetworkPart
 from ces_gap.inference.verdict import CALIBRATION
 from ces_gap.inputs.probe_result import ProbeFinding
 from ces_gap.report.formatting import effect_name, parameter_text, percent, percents, region_name, sentence_case
 from ces_report.table import Column, Table
-from ces_report.typesetting import format_range, three_figures
+from ces_report.typesetting import format_number, format_range, three_figures
 
 MAX_ROWS = 6  # effects with a row of their own
 ALWAYS = 3  # as many effects always have a row
@@ -157,7 +158,13 @@ def describe_parameters(estimates: Sequence[Estimate], setting: Setting) -> tupl
     if setting.name == CALIBRATION:
         return ()
     what = {p.name: p.what for p in setting.effect.parameters}
-    return tuple(
+    moved = setting.effect.read_changes() if isinstance(setting.effect, NetworkPart) else {}
+    names = [name.removesuffix("]").split(" [") for name in moved]
+    quantities = tuple(
+        ParameterText(name, format_number(new), unit, f"simulation: {format_number(old)}", "", "")
+        for (name, unit), (old, new) in zip(names, moved.values(), strict=True)
+    )
+    return quantities + tuple(
         ParameterText(
             *parameter_text(e),
             what.get(e.name, ""),

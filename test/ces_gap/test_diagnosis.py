@@ -117,6 +117,13 @@ def test_behind_a_poor_simulation_the_smallest_visible_effect_is_stated() -> Non
     assert "all but 3 N of the 60 N" in text and "below about 57 N RMS cannot be seen" in text
 
 
+def test_a_model_that_knows_its_own_error_states_its_range_over_the_recordings() -> None:
+    series = named().held_out[0]
+    ranged = tuple(replace(series, trace=replace(series.trace, own_error_N=error_N)) for error_N in (45.0, 20.0))
+    found = replace(named(), verdict=NO_GAP, no_gap_reason="baseline_error", held_out=ranged)
+    assert "within the model's own error of 20 to 45 N" in format_verdict(replace(found, visible_from_N=35.0))
+
+
 def test_what_closes_most_comes_first() -> None:
     both = replace(named().composition, effects=("valve_lag", "friction"))
     assert "friction and valve lag" in format_text(composition=both)

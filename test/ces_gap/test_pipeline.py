@@ -3,16 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import fields, is_dataclass
+from dataclasses import fields, is_dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
+from bands import make_band
+from damper_models import plain_damper
 from engine_plant import NOISE_N, SIMULATION, WEIGHTS, F, Truth, add_predictions, damper, recorded
+from hydraulic_models import make_hydraulic
+from physical_models import PLAIN_VALVE
 
+from ces_data.recording import Recording
 from ces_gap import pipeline
-from ces_gap.diagnosis import NAMED, NO_GAP, UNKNOWN, Diagnosis
+from ces_gap.baseline.twin import STEP_S, Twin
+from ces_gap.diagnosis import AMBIGUOUS, NAMED, NO_GAP, UNKNOWN, Diagnosis
 from ces_gap.effects.effect import Effect, EffectParameter
 from ces_gap.effects.library import library_effect
 from ces_gap.errors import GapError
@@ -22,7 +28,8 @@ from ces_gap.inputs import prepare
 from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import OptionalSteps
 from ces_gap.trace import Trace, TraceInputs
-from ces_identify.simulations.simulation import FunctionSimulation, RecordedSimulation, Simulation
+from ces_identify.simulations.simulate import sample_force
+from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, RecordedSimulation, Simulation
 
 STIFFNESS = 3000.0
 
@@ -170,12 +177,50 @@ def test_recorded_predictions_are_sufficient(few_effects: None) -> None:
     assert found.composition.shrink > 0.85
 
 
+def test_no_effect_is_put_inside_a_poor_twin(few_effects: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    poor = Twin(make_hydraulic(PLAIN_VALVE, air=0.0), STEP_S, 1.1 * prepare.MAX_TWIN_COST_J)
+    monkeypatch.setattr(prepare, "find_twin", lambda *_: poor)
+    found = run_diagnosis(late, (library_effect("leakage", "past_piston"),), references=False)
+    assert found.composition.effects == ("position_delay",) and found.twin == poor
+    assert not any("leakage" in cause.effects for cause in found.causes)
+    assert f"effects inside the simulated damper were not tried: its twin leaves J {poor.cost_J:.3g} %" in found.notes
+
+
 def test_without_references_a_cause_that_no_calibration_absorbs_is_named(few_effects: None) -> None:
     found = run_diagnosis(late, references=False)
     assert found.verdict == NAMED and found.composition.effects == ("position_delay",)
     assert found.composition.estimates[0][0].value == pytest.approx(0.004, abs=2e-4)
     assert found.gap.corrected_N == pytest.approx(found.gap.rms_N) and found.correction is None
     assert "position_delay" not in found.not_separable and "gas_spring" in found.not_separable
+
+
+@pytest.mark.parametrize(
+    ("error_N", "friction_N", "half_width_N", "verdict"),
+    [
+        (30.0, 0.0, 40.0, NO_GAP),  # within the model's own error of 36 N
+        (30.0, 0.0, None, UNKNOWN),  # nothing is known of it: a model file without a band
+        (5.0, 30.0, 40.0, AMBIGUOUS),  # within it, but an effect closes nearly all
+        (20.0, 100.0, 40.0, NAMED),
+    ],
+)
+def test_an_identified_model_knows_its_own_error(
+    error_N: float, friction_N: float, half_width_N: float | None, verdict: str, few_effects: None
+) -> None:
+    parts = (half_width_N or 0.0, half_width_N or 0.0, *[0.0] * 5)  # the same everywhere
+    band = None if half_width_N is None else make_band(parts=parts, constant_share=1.0)
+    model = replace(plain_damper(), band=band)
+    real: list[Recording] = []
+    for plain in (recorded(seed=1), recorded(seed=2), recorded(seed=3)):
+        position, force = (plain.channel(name) for name in ("position", "force"))
+        x, time_s = position.values, (position.stamps_ns - position.stamps_ns[0]) * 1e-9
+        error = np.sqrt(2.0) * error_N * np.sin(20.0 * time_s + 300.0 * x)
+        added = error + friction_N * np.tanh(np.gradient(x, time_s) / 0.02)
+        noise = np.random.default_rng(len(real)).normal(0.0, NOISE_N, len(x))
+        values = np.nan_to_num(sample_force(model, plain)) + added + noise
+        real.append(replace(plain, channels={**plain.channels, "force": replace(force, values=values)}))
+    found = diagnose(ModelSimulation(model), "model.json", real[:2], real[2:], (), DiagnoseOptions(experiment=False))
+    assert found.verdict == verdict and (verdict != NO_GAP or "own error of 36.5 N" in found.sentence)
+    assert found.composition.effects == (("friction",) if friction_N else found.composition.effects)
 
 
 def count(monkeypatch: pytest.MonkeyPatch, places: list[Any], name: str) -> list[Any]:

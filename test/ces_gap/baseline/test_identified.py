@@ -4,9 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from bands import make_band
+from damper_models import plain_damper
 from rig_rides import identified, rig_ride
 
-from ces_gap.baseline.identified import add_left_out_force, identify_baseline
+from ces_gap.baseline.identified import ERROR_MARGIN, add_left_out_force, add_own_error, identify_baseline
 from ces_gap.baseline.learner import learn_correction
 from ces_gap.errors import GapError
 from ces_gap.trace import open_trace
@@ -54,6 +56,20 @@ def test_a_given_simulation_has_no_left_out_force():
     simulation = FunctionSimulation("f", lambda time_s, position_m, current_A: 1e3 * np.gradient(position_m, time_s))
     trace = open_trace(simulation, rig_ride(1), False)
     assert add_left_out_force(simulation, trace).simulated_left_out is None
+
+
+def test_a_model_says_by_its_band_how_far_it_may_be_off_on_the_usable_ticks():
+    widths = dict.fromkeys(range(7), 0.0) | {0: 20.0, 1: 60.0}  # half-widths at lowest and highest current [N]
+    band = make_band(parts=tuple(widths.values()), constant_share=1.0, current_A=(0.3, 0.7))
+    simulation = ModelSimulation(replace(plain_damper(), band=band))
+    trace = open_trace(simulation, rig_ride(1), False)
+    expected = 20.0 + 40.0 * np.clip((trace.inputs.current - 0.3) / 0.4, 0.0, 1.0)
+    early, late = (replace(trace, usable=trace.usable & (side > 0)) for side in (4 - trace.time_s, trace.time_s - 4))
+    for part in (trace, early, late):
+        root = np.sqrt(np.mean(expected[part.usable] ** 2))
+        assert add_own_error(simulation, part).own_error_N == pytest.approx(ERROR_MARGIN * root / 1.645, rel=0.02)
+    assert add_own_error(ModelSimulation(plain_damper()), trace) is trace
+    assert add_own_error(FunctionSimulation("f", lambda t, x, i: x), trace) is trace
 
 
 @pytest.mark.slow

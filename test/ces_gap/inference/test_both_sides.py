@@ -16,12 +16,12 @@ from ces_gap.baseline.learner import make_white_noise
 from ces_gap.baseline.plant import Plant
 from ces_gap.baseline.twin import STEP_S, Twin
 from ces_gap.effects.effect import Composition
-from ces_gap.effects.refitted import StoredVolume
+from ces_gap.effects.refitted import PARTS, StoredVolume
 from ces_gap.grid import rms
 from ces_gap.inference.both_sides import fit_both_sides
 from ces_gap.inference.evidence import Evidence, gather
-from ces_gap.inference.findings import network_notes
-from ces_gap.inference.fit import EffectFit
+from ces_gap.inference.fit import EffectFit, Estimate
+from ces_gap.report.tables import describe_parameters
 from ces_identify.simulations.simulation import FunctionSimulation
 from ces_observer.errors import CesError
 
@@ -51,7 +51,7 @@ def evidence(*seeds: int) -> Evidence:
 def fit() -> EffectFit:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("ces_gap.baseline.twin_fit.KINDS", ("twin tube",))
-        found = fit_both_sides(evidence(1, 2), 2)
+        found = fit_both_sides(evidence(1, 2), PARTS, 2)
     assert found is not None
     return found
 
@@ -65,8 +65,10 @@ def test_what_the_simulation_lacks_is_told_from_its_calibration(fit: EffectFit) 
     part = fit.effects[1]
     assert isinstance(part, StoredVolume)
     assert part.before.compression_m_N < 0.2 * part.after.compression_m_N
-    (note, *_) = network_notes(fit.composition)
-    assert note.startswith("compressibility: in the network") and "chamber [kN/mm]" in note
+    stiffness = part.read_changes()["Stiffness of the compression chamber [kN/mm]"]
+    assert stiffness[0] > 5.0 * stiffness[1]
+    texts = describe_parameters([Estimate("share", 1.0, (0.9, 1.1))], fit.composition.settings[1])
+    assert "kN/mm [simulation: " in str(texts[0]) and str(texts[-1]).startswith("share 1")
 
 
 def test_without_the_part_the_network_explains_less(fit: EffectFit) -> None:

@@ -222,11 +222,48 @@ def test_what_held_out_recordings_reject_gives_its_probability_to_an_unknown_cau
     assert unknown[0] > 0.9 and unknown[-1] < 0.1
 
 
+def with_own_error(own_error_N: float, **values: Any) -> VerdictEvidence:
+    """Evidence without references of a gap of 40 N, of which the simulation says what its own error may be."""
+    size = replace(ABOVE, own_error_N=own_error_N)
+    return changed(CLEARLY, **{"has_references": False, "size": size, "held_out": size, **values})
+
+
+LESS = ClosedShare(0.91, 0.89, 0.93)
+NOT_KNOWN = Probabilities(0.01, 0.7, {"friction": 0.29})
+
+
+@pytest.mark.parametrize(
+    ("own_error_N", "values", "verdict", "why"),
+    [
+        (45.0, {"odds": NOT_KNOWN, "closed": SOME}, NO_GAP, "baseline_error"),
+        (45.0, {"odds": NOT_KNOWN, "composition": ()}, NO_GAP, "baseline_error"),
+        (45.0, {"closed": ClosedShare(0.8, 0.75, 0.85)}, NO_GAP, "baseline_error"),  # as of errors of a model
+        (45.0, {"is_map": True}, NO_GAP, "baseline_error"),  # a map of it is its error, however much that closes
+        (45.0, {}, AMBIGUOUS, SIMULATION_ERROR),  # an effect that closes nearly all of it is not overlooked
+        (30.0, {"closed_alone": {"gas_spring": LESS}}, AMBIGUOUS, ALTERNATIVES),  # the error may make the difference
+        (10.0, {"closed_alone": {"gas_spring": LESS}}, NAMED, ""),
+        (20.0, {"odds": NOT_KNOWN, "closed": SOME}, UNKNOWN, ""),
+        (0.0, {"odds": NOT_KNOWN, "closed": SOME}, UNKNOWN, ""),
+        (45.0, {"odds": NOT_KNOWN, "closed": SOME, "has_references": True}, UNKNOWN, ""),  # these measured it
+    ],
+)
+def test_a_gap_within_what_the_simulation_says_of_its_own_error(
+    own_error_N: float, values: dict[str, Any], verdict: str, why: str
+) -> None:
+    found = judge(with_own_error(own_error_N, **values))
+    assert (found.verdict, found.reason or found.doubt) == (verdict, why)
+
+
+def test_the_error_must_cover_the_fitted_and_the_held_out_gap() -> None:
+    within = with_own_error(45.0, odds=NOT_KNOWN, closed=SOME)
+    assert judge(changed(within, size=ABOVE)).verdict == judge(changed(within, held_out=ABOVE)).verdict == UNKNOWN
+
+
 ANY = st.floats() | st.floats(0.0, 1.0) | st.sampled_from([0.0, 1.0, 0.5, np.nan, np.inf, -np.inf, 5e-324, 1e308])
 SIZES = st.floats() | st.floats(0.0, 100.0)
 NAMES = ("friction", "gas_spring", "valve_lag", "calibration")
 SOME_NAMES = st.lists(st.sampled_from(NAMES), unique=True).map(tuple)
-GAP_SIZES = st.builds(GapSize, SIZES, SIZES, SIZES, st.booleans())
+GAP_SIZES = st.builds(GapSize, SIZES, SIZES, SIZES, st.booleans(), SIZES | st.just(0.0))
 SHARES = st.builds(ClosedShare, ANY, ANY, ANY) | st.floats(0.0, 1.0).map(lambda s: ClosedShare(s, s - 0.05, s + 0.05))
 SEARCH = st.builds(
     SearchFindings,
@@ -260,13 +297,14 @@ def test_no_verdict_contradicts_its_probabilities_or_sizes(e: VerdictEvidence) -
     assert all(0.0 <= p <= 1.0 for p in (none, unknown, *effects.values()))
     assert none + unknown + known == pytest.approx(1.0)
     closed = [c.value for c in (e.closed, *e.closed_alone.values()) if not np.isnan(c.value)]
+    referenced = e.search.has_references
     assert (found.verdict == NO_GAP) == bool(found.reason) and (found.verdict == AMBIGUOUS) == bool(found.doubt)
     if found.verdict == NO_GAP:
         limit_N = {
             "tolerance": lambda s: s.gap_N <= e.search.tolerance_N,
             "noise": lambda s: s.noise_known and s.gap_N <= s.noise_N,
             "timing": lambda s: s.noise_known and s.timed_N <= s.noise_N,
-            "baseline_error": lambda s: s.gap_N <= e.search.visible_from_N,
+            "baseline_error": lambda s: s.gap_N <= (e.search.visible_from_N if referenced else s.own_error_N),
         }[found.reason]
         assert all(map(limit_N, e.sizes)) and none >= max(unknown, known) - ROUNDING
     elif found.verdict == UNKNOWN:
