@@ -28,7 +28,8 @@ from ces_observer.structures.hydraulic import Hydraulic
 
 SCHEMA = "ces-twin/1"
 STEP_S = 1e-3  # [s] longest step of a twin: half of it gains next to nothing
-CHANGE_ERROR = 3.0  # of a change of force over that of the force: assumed
+CHANGE_ERROR = 3.0  # of a change of force by other motion over that of the force: assumed
+CURRENT_ERROR = 15.0  # the same by another current: 12 to 38 measured where recordings hold few currents
 MAX_TICKS = 400_000  # of all steps of one run: longer recordings get longer steps, down to the position's rate
 
 
@@ -43,10 +44,9 @@ class Twin(TraceSimulator):
     tick_s: float
     cost_J: float
 
-    @property
-    def change_error(self) -> float:
-        """The error of a change of force by other inputs, relative to the change."""
-        return min(CHANGE_ERROR * 0.01 * self.cost_J, 1.0)
+    def change_error(self, inputs: TraceInputs) -> float:
+        """Return the error of a change of force by other `inputs`, relative to the change."""
+        return min((CHANGE_ERROR if inputs.current_as_logged else CURRENT_ERROR) * 0.01 * self.cost_J, 1.0)
 
     def prepare_for(self, trace: Trace) -> TraceTwin:
         """Return the twin for this trace only, its force for the recorded inputs computed once."""
@@ -103,7 +103,7 @@ class TraceTwin(TraceSimulator):
 
     def error_of_change(self, trace: Trace, inputs: TraceInputs) -> F:
         """Return the standard error [N] (n,) of the change of force from the recorded inputs to `inputs`."""
-        return np.asarray(self.twin.change_error * np.abs(self.force(trace, inputs) - self.trace.simulated))
+        return np.asarray(self.twin.change_error(inputs) * np.abs(self.force(trace, inputs) - self.trace.simulated))
 
     def change(self, trace: Trace, inputs: TraceInputs, composition: Composition) -> F:
         """Return the change of force [N] (n,) by the effects of a composition that lie inside."""

@@ -53,11 +53,12 @@ def collect_findings(
     def allowance(fit: EffectFit) -> float:
         return twin_error_energy(evidence, plants, fit)
 
-    figures = compute_figures(result, baseline.ceiling, rest, 0.0 if best is None else allowance(best))
+    figures, twin_error = compute_figures(result, baseline.ceiling, rest), 0.0 if best is None else allowance(best)
+    together, twin_error = () if best is None else best.names, twin_error / result.gap_energy
     size = measure_gap(result)
     return SearchFindings(
         figures=figures,
-        odds=probabilities(figures, min_unexplained_shares(result), best.names if best is not None else (), weights),
+        odds=probabilities(figures, min_unexplained_shares(result), together, weights, twin_error),
         weights=weights,
         size=size,
         rest_N=rest.learnt.noise.rms_N,
@@ -69,6 +70,7 @@ def collect_findings(
         interchangeable=interchangeable_effects(result, allowance),
         absorbed=find_absorbed_effects(result),
         is_map=best is not None and all(e.nuisance or e.prior_share > 0.0 for e in best.effects),
+        twin_error=twin_error,
     )
 
 
@@ -100,13 +102,8 @@ def twin_error_energy(evidence: Evidence, plants: Sequence[Plant], fit: EffectFi
     return float(error @ error)
 
 
-def compute_figures(
-    result: EffectSearchResult, before: Ceiling, after: Ceiling, allowance: float = 0.0
-) -> VerdictFigures:
-    """Return the figures; the learner was fitted to the gap `before` and `after` the best explanation.
-
-    Up to the `allowance`, a whitened energy, what the best explanation leaves is the error of the twin.
-    """
+def compute_figures(result: EffectSearchResult, before: Ceiling, after: Ceiling) -> VerdictFigures:
+    """Return the figures; the learner was fitted to the gap `before` and `after` the best explanation."""
     evidence, best, baseline = result.evidence, result.best, result.baseline_residual
     timing = [f for f in result.alone if f.effects[0].nuisance and f.cost < baseline @ baseline]
     if timing:  # the simulation's timing is not a part of the gap where correcting it is a gain
@@ -121,7 +118,7 @@ def compute_figures(
         energy=(float(baseline @ baseline) - len(baseline)) / len(baseline),
         gain_z=max(gain.z, CLEAR_Z * gain.energy / len(residual)) if best is not None else 0.0,
         ceiling_z=ceiling.z,
-        unexplained=(left - min(allowance, max(left, 0.0))) / result.gap_energy,
+        unexplained=left / result.gap_energy,
         learnable=rest.energy / result.gap_energy,
         learnable_z=rest.z,
         stuck=count_stuck_parameters(best) if best is not None else 0,

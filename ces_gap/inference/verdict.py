@@ -148,17 +148,24 @@ def unknown_features(figures: VerdictFigures) -> F:
 
 
 def probabilities(
-    figures: VerdictFigures, unexplained: Mapping[str, float], composition: Sequence[str], weights: Calibration
+    figures: VerdictFigures,
+    unexplained: Mapping[str, float],
+    composition: Sequence[str],
+    weights: Calibration,
+    twin_error: float = 0.0,
 ) -> Probabilities:
     """Return the probabilities from the share that each effect leaves unexplained (`min_unexplained_shares`).
 
-    The effects of the best `composition` count as leaving what the composition leaves.
+    The effects of the best `composition` count as leaving what the composition leaves. Shares below `twin_error` are
+    alike.
     """
     none = 1.0 - _logistic(gap_features(figures) @ np.array(weights.gap))
     unknown = (1.0 - none) * _logistic(unknown_features(figures) @ np.array(weights.unknown))
     names = list(unexplained)
-    left = np.log(np.maximum(np.array([unexplained[n] for n in names]), 0.0) + NEGLIGIBLE_SHARE)
-    left[[n in composition for n in names]] = min(np.log(max(figures.unexplained, 0.0) + NEGLIGIBLE_SHARE), left.min())
+    least = max(twin_error, 0.0)
+    left = np.log(np.maximum(np.array([unexplained[n] for n in names]), least) + NEGLIGIBLE_SHARE)
+    together = np.log(max(figures.unexplained, least) + NEGLIGIBLE_SHARE)
+    left[[n in composition for n in names]] = min(together, left.min())
     share = np.exp(-weights.sharpness * (left - left.min()))
     share *= (1.0 - none - unknown) / share.sum()
     return Probabilities(none, unknown, dict(zip(names, share.tolist(), strict=True)))
@@ -170,7 +177,8 @@ class SearchFindings:
 
     `rest_N` is the RMS [N] that the best explanation and the generic learner leave; an effect below `visible_from_N`
     would hide behind noise and the simulation's own error. `interchangeable` are groups, `absorbed` the effects that a
-    recalibration would imitate. The best explanation `is_map` if it holds errors of the simulation only.
+    recalibration would imitate. The best explanation `is_map` if it holds errors of the simulation only. It may leave
+    the share `twin_error` of the gap's energy because of a twin that replaces the simulation.
     """
 
     figures: VerdictFigures
@@ -184,6 +192,7 @@ class SearchFindings:
     interchangeable: tuple[tuple[str, ...], ...]
     absorbed: tuple[str, ...]
     is_map: bool
+    twin_error: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -318,7 +327,13 @@ def find_no_gap_reason(e: VerdictEvidence, is_improbable: bool) -> str:
 
 
 def _confirm(e: VerdictEvidence, groups: Sequence[tuple[str, ...]]) -> tuple[tuple[str, ...], ...]:
-    return confirm_ties(groups, e.composition, e.closed, {frozenset((n,)): c for n, c in e.closed_alone.items()})
+    most = 1.0 - max(e.search.twin_error, 0.0)  # the twin's error hides what closes more
+
+    def seen(closed: ClosedShare) -> ClosedShare:
+        return ClosedShare(*(min(share, most) for share in (closed.value, closed.low, closed.high)))
+
+    others = {frozenset((name,)): seen(closed) for name, closed in e.closed_alone.items()}
+    return confirm_ties(groups, e.composition, seen(e.closed), others)
 
 
 def _find_alternatives(e: VerdictEvidence, odds: Probabilities, ties: tuple[tuple[str, ...], ...]) -> tuple[str, ...]:
