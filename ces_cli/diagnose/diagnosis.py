@@ -118,8 +118,10 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     if diagnosis.causes and diagnosis.verdict != NO_GAP:
         terminal.print_table(terminal.lay_out(cause_table(diagnosis), lambda row: "bold" * (row.css == "named")))
     parts = zip(together.effects, together.estimates, together.composition.settings, strict=True)
-    texts = [(effect, describe_parameters(estimates, setting)) for effect, estimates, setting in parts]
-    _print_lines([f"{effect}: {', '.join(map(str, parameters))}" for effect, parameters in texts if parameters])
+    for k, (effect, estimates, setting) in enumerate(parts):
+        texts = list(map(str, describe_parameters(estimates, setting)))
+        texts += [f"without it {_newtons(together.without_N[k])} are left"] if together.without_N else []
+        _print_lines([f"{effect}: {', '.join(texts)}"] if texts else [])
     if (recalibration := calibration_table(diagnosis)) is not None:
         terminal.print_table(terminal.lay_out(recalibration))
     if diagnosis.probe.findings:

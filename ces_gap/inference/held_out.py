@@ -13,8 +13,8 @@ from ces_data.arrays import F
 from ces_gap.baseline.plant import Plant, TraceSimulator
 from ces_gap.effects.effect import Composition
 from ces_gap.grid import number_blocks
-from ces_gap.inference.evidence import Baseline
-from ces_gap.inference.fit import EffectFit, Estimate, Interval, estimate_parameters
+from ces_gap.inference.evidence import Baseline, Evidence
+from ces_gap.inference.fit import EffectFit, Estimate, Interval, estimate_parameters, fit_from
 from ces_gap.inference.search import EffectSearchResult, compute_paired_gain
 from ces_gap.inference.ties import ClosedShare
 from ces_gap.inference.verdict import (
@@ -107,6 +107,9 @@ def score_held_out(
     forces = tuple(scorer.alone if best is None else scorer.forces(best, True))
     nothing = scorer.explain()
     together = nothing if best is None else _add_gain(scorer.explain(best, forces), result, best)
+    if best is not None and len(best.effects) > 1:
+        progress("refitting without each effect", 0.0)
+        together = replace(together, without_N=gaps_without_each(scorer, result.evidence, best))
     timed = [scorer.explain(f, scorer.forces(f, True)).gap_after_N for f in timing]
     ceiling = blocks.energy(baseline.ceiling.add_to(blocks.traces, scorer.alone))
     return HeldOutScores(
@@ -118,6 +121,15 @@ def score_held_out(
         nothing=nothing,
         timed_N=min([nothing.gap_after_N, *timed]),
     )
+
+
+def gaps_without_each(scorer: HeldOutScorer, evidence: Evidence, fit: EffectFit) -> tuple[float, ...]:
+    """Return the held-out gap [N] that is left without each effect of a fit, the others refitted to the `evidence`."""
+    owner, gaps = np.repeat(np.arange(len(fit.effects)), [len(e.parameters) for e in fit.effects]), []
+    for k in range(len(fit.effects)):
+        rest = fit_from(evidence, (*fit.effects[:k], *fit.effects[k + 1 :]), fit.searched[owner != k])
+        gaps.append(scorer.explain(rest, scorer.forces(rest, True)).gap_after_N)
+    return tuple(gaps)
 
 
 def _find_noise_source(traces: Sequence[Trace], limits: dict[str, float]) -> str:
@@ -237,6 +249,7 @@ class Explanation:
     gain: float = 0.0  # cross-fitted share of the gap's energy explained on the fitted recordings
     gain_error: float = 0.0
     probability: float = 0.0
+    without_N: tuple[float, ...] = ()  # the gap left without each of several effects, the others refitted
 
 
 @dataclass(frozen=True)

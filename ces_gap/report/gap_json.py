@@ -186,6 +186,10 @@ COMPOSITION = record(
     forms=(many(TEXT), "composition.forms"),
     **LEFT_TOGETHER,
     parameters=(by_name(PARAMETERS)("by effect"), lambda d: estimates(d.composition)),
+    without_N=(
+        many(POSITIVE)("the gap left without each of several effects, the others refitted"),
+        "composition.without_N",
+    ),
     by_region=many(REGION_AFTER),
 )
 CELL = record(speed_m_s=INTERVAL, current_A=INTERVAL, force_N=NUMBER)

@@ -174,7 +174,7 @@ def describe_parameters(estimates: Sequence[Estimate], setting: Setting) -> tupl
     )
 
 
-Part = tuple[str, str, tuple[ParameterText, ...]]  # effect, form and parameters of a part of a composition
+Part = tuple[str, str, tuple[ParameterText, ...], float]  # effect, form, parameters, and the gap [N] left without it
 
 
 def composition_table(d: Diagnosis) -> Table[Part] | None:
@@ -182,11 +182,13 @@ def composition_table(d: Diagnosis) -> Table[Part] | None:
     c = d.composition
     if len(c.effects) < 2:
         return None
-    parts = zip(c.effects, c.forms, c.estimates, c.composition.settings, strict=True)
-    rows = [(effect_name(e), effect_name(f), describe_parameters(estimates, s)) for e, f, estimates, s in parts]
+    gaps = c.without_N or (math.nan,) * len(c.effects)
+    parts = zip(c.effects, c.forms, c.estimates, c.composition.settings, gaps, strict=True)
+    rows = [(effect_name(e), effect_name(f), describe_parameters(found, s), gap) for e, f, found, s, gap in parts]
     columns: tuple[Column[Part], ...] = (
         Column("", lambda part: part[0], html=lambda p: _with_small(p[0], p[1]), css="cause"),
         Column("", lambda part: ", ".join(map(str, part[2])), html=lambda part: parameter_list(part[2])),
+        Column("Gap without it [N]", lambda part: three_figures(part[3]), figure=True),
     )
     return Table(columns, rows)
 

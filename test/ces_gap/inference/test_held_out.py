@@ -10,6 +10,7 @@ import pytest
 from diagnoses import named
 from engine_plant import NOISE_N, SIMULATION, F, traced
 from example_effects import CurrentGain, Friction, Spring
+from search_examples import FRICTION, OFFSET, PLANT, planted
 
 from ces_gap.baseline.plant import DirectSimulator, Plant, TraceSimulator
 from ces_gap.diagnosis import AMBIGUOUS, NO_GAP, UNKNOWN
@@ -19,6 +20,7 @@ from ces_gap.inference.fit import (
     EffectFit,
     count_stuck_parameters,
     estimate_parameters,
+    fit_from,
     measure_parameter_drift,
 )
 from ces_gap.inference.held_out import (
@@ -30,6 +32,7 @@ from ces_gap.inference.held_out import (
     build_scorer,
     closed_share,
     cut_into_blocks,
+    gaps_without_each,
     has_undetermined_effect,
 )
 from ces_gap.inference.verdict import Judgement, Probabilities
@@ -275,3 +278,15 @@ def test_an_effect_whose_interval_includes_none_is_undetermined() -> None:
     assert has_undetermined_effect(
         replace(named().composition, estimates=((replace(first, ci95=(-5.0, 80.0)), *others),))
     )
+
+
+def test_each_effect_of_several_says_what_is_lost_without_it() -> None:
+    """An offset of 30 N and friction of 40 N: without either, the other refitted, about as much of the gap is left."""
+    evidence = planted(OFFSET, FRICTION)
+    effects, values = zip(*((s.effect, s.values) for s in (OFFSET, FRICTION)), strict=True)
+    fit = fit_from(evidence, effects, np.concatenate(values))
+    scorer = build_scorer(cut_into_blocks(evidence.traces, 1, NOISE_N), PLANT, PLANT.simulation)
+    without_offset, without_friction = gaps_without_each(scorer, evidence, fit)
+    left = scorer.explain(fit, scorer.forces(fit, True)).gap_after_N
+    assert without_offset == pytest.approx(30.0, rel=0.1)
+    assert 20.0 < without_friction < 40.0 and left < 3.0

@@ -73,7 +73,7 @@ KEYS = {  # of ces-gap/1: other programs read them, whatever table writes them
     "gap": "rms_N ci95_N noise_floor_N cost_J corrected_N corrected_ci95_N noise_source",
     "max_region": "region p_value",
     "causes": "effect form probability parameters gap_after_N shrink shrink_ci95 gain gain_error",
-    "composition": "effects forms gap_after_N shrink shrink_ci95 parameters by_region",
+    "composition": "effects forms gap_after_N shrink shrink_ci95 parameters without_N by_region",
     "calibration_map": "speed_m_s current_A force_N",
     "invisible": "effect reason",
     "probabilities": "none unknown",
