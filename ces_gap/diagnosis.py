@@ -15,6 +15,7 @@ from ces_gap.experiment.next_experiment import NextExperiment
 from ces_gap.grid import is_constant
 from ces_gap.inference.fit import Estimate, Interval
 from ces_gap.inference.held_out import Explanation, Gap, HeldOutSeries
+from ces_gap.inference.odds import VerdictFigures
 from ces_gap.inference.verdict import (
     ALTERNATIVES,
     AMBIGUOUS,
@@ -30,7 +31,6 @@ from ces_gap.inference.verdict import (
     WITHIN_BASELINE,
     WITHIN_NOISE,
     WITHIN_TOLERANCE,
-    VerdictFigures,
 )
 from ces_gap.inputs.probe_result import NOT_PROBED, SimulationProbe
 from ces_gap.regions.axes import GapMap, GapRegion, Where

@@ -22,8 +22,9 @@ from ces_gap.inference.evidence import Baseline, learn_baseline
 from ces_gap.inference.findings import bound_notes, collect_findings, timing_notes
 from ces_gap.inference.fit import Refinement
 from ces_gap.inference.held_out import HeldOutScores, apply_judgement, collect_evidence, score_held_out
+from ces_gap.inference.odds import calibration
 from ces_gap.inference.search import MIN_GAIN_SHARE, MIN_GAIN_SHARE_UNCORRECTED, EffectSearchResult, search
-from ces_gap.inference.verdict import Judgement, SearchFindings, calibration, judge
+from ces_gap.inference.verdict import Judgement, SearchFindings, judge
 from ces_gap.inputs.checks import check_traces, find_invisible_effects, seen_notes
 from ces_gap.inputs.prepare import DiagnosisInput, prepare_recordings
 from ces_gap.progress import OptionalSteps, Progress, ignore_progress

@@ -24,8 +24,8 @@ from scipy.optimize import minimize, minimize_scalar
 
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
-from ces_gap.inference.search import MIN_GAIN_SHARE
-from ces_gap.inference.verdict import NEGLIGIBLE_SHARE, VerdictFigures, gap_features, unknown_features
+from ces_gap.inference.odds import VerdictFigures, gap_features, unknown_features
+from ces_gap.inference.search import MIN_GAIN_SHARE, NEGLIGIBLE_SHARE
 from ces_observer.json_text import write_atomically
 from ces_rig.blind.cases import open_seal
 from ces_rig.blind.outcome import Mode

@@ -13,6 +13,7 @@ from ces_gap.effects.effect import Composition
 from ces_gap.grid import rms
 from ces_gap.inference.evidence import Baseline, Evidence
 from ces_gap.inference.fit import EffectFit, Estimate, count_stuck_parameters, measure_parameter_drift
+from ces_gap.inference.odds import Calibration, VerdictFigures, probabilities
 from ces_gap.inference.search import (
     EffectSearchResult,
     compute_paired_gain,
@@ -20,15 +21,7 @@ from ces_gap.inference.search import (
     interchangeable_effects,
     min_unexplained_shares,
 )
-from ces_gap.inference.verdict import (
-    WITHIN_TIMING,
-    Calibration,
-    GapSize,
-    Judgement,
-    SearchFindings,
-    VerdictFigures,
-    probabilities,
-)
+from ces_gap.inference.verdict import WITHIN_TIMING, GapSize, Judgement, SearchFindings
 from ces_gap.trace import noise_floor_N, own_error_N, usable_values
 
 TOLERANCE_SHARE = 0.01  # of the RMS force: a smaller gap is none, unless the user asks for another tolerance

@@ -35,7 +35,8 @@ from ces_gap.inference.held_out import (
     gaps_without_each,
     has_undetermined_effect,
 )
-from ces_gap.inference.verdict import Judgement, Probabilities
+from ces_gap.inference.odds import Probabilities
+from ces_gap.inference.verdict import Judgement
 from ces_gap.trace import Trace, TraceInputs
 
 

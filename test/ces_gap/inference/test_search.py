@@ -19,6 +19,7 @@ from ces_gap.inference.evidence import Evidence, gather
 from ces_gap.inference.fit import EffectFit, Refinement, fit_alone, fit_together
 from ces_gap.inference.search import (
     MAX_ALIKE_SHARE,
+    NEGLIGIBLE_SHARE,
     CompositionSearch,
     EffectSearchResult,
     compute_paired_gain,
@@ -31,7 +32,6 @@ from ces_gap.inference.search import (
     rank_additions,
     search,
 )
-from ces_gap.inference.verdict import NEGLIGIBLE_SHARE
 from ces_gap.trace import Trace, TraceInputs
 
 

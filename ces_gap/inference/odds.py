@@ -1,0 +1,140 @@
+"""The odds of no gap, of an unknown cause and of each effect, from the figures of a search.
+
+They come from a logistic model of figures that are comparable between plants. It was calibrated on cases of a plant
+unlike those of its evaluation (`calibration.json` names them). Likelihoods would not do as probabilities: no form is
+exactly true.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+import numpy as np
+
+from ces_data.arrays import F
+from ces_gap.inference.search import NEGLIGIBLE_SHARE
+
+
+@dataclass(frozen=True)
+class VerdictFigures:
+    """The basis of the verdict: whitened energies on units left out, as shares of the gap's energy above the noise.
+
+    `energy` is the gap's energy over the noise's. `gain_z` and `ceiling_z` are the gains of the best explanation and of
+    the generic learner over their standard errors. `unexplained` is the share that the best explanation leaves,
+    `learnable` the part of it that the learner explains (equal if the noise is unknown), `learnable_z` over its
+    standard error. `stuck` counts parameters on a bound; `drift` is the largest disagreement between units on a
+    parameter, in standard errors.
+    """
+
+    energy: float
+    gain_z: float
+    ceiling_z: float
+    unexplained: float
+    learnable: float
+    learnable_z: float
+    stuck: int
+    drift: float
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """Weights of the logistic model for `gap_features` and `unknown_features`, and `sharpness` of the choice of effect.
+
+    A cause is named only if the probability of a gap is at least `least_gap`, and that of a known effect in a gap at
+    least `least_known`.
+    """
+
+    gap: tuple[float, ...]
+    unknown: tuple[float, ...]
+    sharpness: float
+    least_gap: float
+    least_known: float
+
+
+@dataclass(frozen=True)
+class Probabilities:
+    """Probabilities of no gap, of an unknown cause and of each effect by name; they sum to 1."""
+
+    none: float
+    unknown: float
+    effects: Mapping[str, float]
+
+    @property
+    def known(self) -> float:
+        """The probability that any of the effects is the cause."""
+        return sum(self.effects.values())
+
+    @property
+    def known_given_gap(self) -> float:
+        """The same if there is a gap."""
+        return self.known / max(self.known + self.unknown, 1e-300)
+
+    def with_none(self, none: float) -> Probabilities:
+        """Return them with another probability of no gap; the others keep their proportions."""
+        gap = self.known + self.unknown
+        if gap <= 0.0:
+            return Probabilities(none, 1.0 - none, self.effects)
+        share = (1.0 - none) / gap
+        return Probabilities(none, self.unknown * share, {name: p * share for name, p in self.effects.items()})
+
+    def with_unknown(self, unknown: float) -> Probabilities:
+        """Return them with another probability of an unknown cause; the effects get the difference, in proportion."""
+        known = self.known
+        if known <= 0.0:
+            return self
+        share = max(known + self.unknown - unknown, 0.0) / known
+        return Probabilities(self.none, unknown, {name: p * share for name, p in self.effects.items()})
+
+
+def calibration(mode: str = "references") -> Calibration:
+    """Return the weights of a mode from `calibration.json`.
+
+    Modes are "references" and "no_references" for a simulation that is run, "predictions" for recorded ones, and
+    "identified" for a model identified from the references.
+    """
+    weights = json.loads((files("ces_gap.inference") / "calibration.json").read_text(encoding="utf-8"))[mode]
+    gap, unknown = (tuple(map(float, weights[name])) for name in ("gap", "unknown"))
+    return Calibration(gap, unknown, *(float(weights[name]) for name in ("sharpness", "least_gap", "least_known")))
+
+
+def gap_features(figures: VerdictFigures) -> F:
+    """Return the features of the probability of a gap."""
+    z = max(figures.gain_z, figures.ceiling_z, figures.energy, 0.1)  # a large gap needs no explanation
+    return np.array([1.0, np.log(max(figures.energy, 1e-3)), np.log(z)])
+
+
+def unknown_features(figures: VerdictFigures) -> F:
+    """Return the features of the probability of an unknown cause."""
+    share = float(np.clip(figures.unexplained, NEGLIGIBLE_SHARE, 2.0))
+    return np.array([1.0, np.log(share), float(np.clip(figures.learnable, 0.0, 1.0)), float(figures.stuck > 0)])
+
+
+def probabilities(
+    figures: VerdictFigures,
+    unexplained: Mapping[str, float],
+    composition: Sequence[str],
+    weights: Calibration,
+    twin_error: float = 0.0,
+) -> Probabilities:
+    """Return the probabilities from the share that each effect leaves unexplained (`min_unexplained_shares`).
+
+    The effects of the best `composition` count as leaving what the composition leaves. Shares below `twin_error` are
+    alike.
+    """
+    none = 1.0 - _logistic(gap_features(figures) @ np.array(weights.gap))
+    unknown = (1.0 - none) * _logistic(unknown_features(figures) @ np.array(weights.unknown))
+    names = list(unexplained)
+    least = max(twin_error, 0.0)
+    left = np.log(np.maximum(np.array([unexplained[n] for n in names]), least) + NEGLIGIBLE_SHARE)
+    together = np.log(max(figures.unexplained, least) + NEGLIGIBLE_SHARE)
+    left[[n in composition for n in names]] = min(together, left.min())
+    share = np.exp(-weights.sharpness * (left - left.min()))
+    share *= (1.0 - none - unknown) / share.sum()
+    return Probabilities(none, unknown, dict(zip(names, share.tolist(), strict=True)))
+
+
+def _logistic(value: float) -> float:
+    return float(1.0 / (1.0 + np.exp(-np.clip(value, -50.0, 50.0))))

@@ -1,0 +1,105 @@
+"""The odds of causes: more of a gap, less of an explanation, and what the error of a twin hides."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from engine_plant import WEIGHTS
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ces_gap.inference.odds import Calibration, Probabilities, VerdictFigures, calibration, probabilities
+from ces_gap.inference.verdict import (
+    POSSIBLE,
+)
+
+CLEAR = VerdictFigures(10.0, 30.0, 25.0, 0.02, 0.02, 1.0, 0, 1.0)
+
+LEFT = {"friction": 0.02, "gas_spring": 0.5, "inertia": 0.9}
+
+
+def odds(
+    figures: VerdictFigures, left: dict[str, float] | None = None, composition: tuple[str, ...] = ("friction",)
+) -> Probabilities:
+    return probabilities(figures, LEFT if left is None else left, composition, WEIGHTS)
+
+
+SHARE = st.floats(-2.0, 3.0)
+
+FIGURES = st.builds(
+    VerdictFigures,
+    st.floats(-1.0, 1e6),
+    st.floats(-50.0, 1e4),
+    st.floats(-50.0, 1e4),
+    SHARE,
+    SHARE,
+    st.floats(-50.0, 1e4),
+    st.integers(0, 5),
+    st.floats(0.0, 1e3),
+)
+
+
+@given(FIGURES, st.lists(SHARE, min_size=1, max_size=6), st.sets(st.integers(0, 5)))
+@settings(max_examples=200, deadline=None, derandomize=True)
+def test_probabilities_sum_to_one_and_none_is_negative(
+    figures: VerdictFigures, left: list[float], inside: set[int]
+) -> None:
+    unexplained = {f"effect{k}": share for k, share in enumerate(left)}
+    composition = tuple(name for k, name in enumerate(unexplained) if k in inside)
+    result = odds(figures, unexplained, composition)
+    every = [result.none, result.unknown, *result.effects.values()]
+    assert min(every) >= 0.0
+    assert sum(every) == pytest.approx(1.0)
+    assert set(result.effects) == set(unexplained)
+
+
+@pytest.mark.parametrize("figure", ["energy", "gain_z"])
+def test_the_more_there_is_the_less_probable_is_no_gap(figure: str) -> None:
+    none = [odds(replace(CLEAR, **{figure: value, "ceiling_z": 0.5})).none for value in (0.01, 0.1, 1.0, 10.0, 100.0)]
+    assert none == sorted(none, reverse=True) and none[0] > none[-1]
+
+
+@pytest.mark.parametrize("figure", ["unexplained", "learnable"])
+def test_the_more_is_left_the_more_probable_is_something_unknown(figure: str) -> None:
+    unknown = [odds(replace(CLEAR, **{figure: value})).unknown for value in (0.0, 0.02, 0.1, 0.4, 0.9)]
+    assert unknown == sorted(unknown) and unknown[0] < unknown[-1]
+
+
+def test_a_clear_cause_is_most_probable_and_a_marginal_one_is_not() -> None:
+    clear = odds(CLEAR)
+    assert clear.effects["friction"] > 0.5 > clear.none + clear.unknown
+    marginal = odds(VerdictFigures(0.01, 0.5, 0.5, 1.0, 0.0, 0.0, 0, 0.0))
+    assert marginal.none > 0.5
+    strange = odds(replace(CLEAR, unexplained=0.8, learnable=0.7, learnable_z=20.0))
+    assert strange.unknown > 0.5
+
+
+@pytest.mark.parametrize("mode", ["references", "no_references", "predictions", "identified"])
+def test_calibrated_weights_are_complete_and_finite(mode: str) -> None:
+    weights = calibration(mode)
+    assert isinstance(weights, Calibration)
+    for field in fields(weights):
+        assert np.isfinite(getattr(weights, field.name)).all(), field.name
+    assert min(weights.gap[1:]) >= 0.0 and min(weights.unknown[1:]) >= 0.0
+    assert 0.0 < weights.least_gap < 1.0 and 0.0 < weights.least_known < 1.0 and weights.sharpness > 0.0
+
+
+def test_effects_that_leave_as_little_are_as_probable() -> None:
+    tied = odds(CLEAR, {**LEFT, "gas_spring": 0.02})
+    assert tied.effects["gas_spring"] == pytest.approx(tied.effects["friction"])
+
+
+def test_a_gap_far_above_the_known_noise_is_a_gap_even_without_explanation() -> None:
+    figures = VerdictFigures(15.0, 0.0, -1.6, 1.0, 0.0, -1.6, 0, 0.0)
+    odds = probabilities(figures, {"friction": 1.0}, (), WEIGHTS)
+    assert odds.unknown > 0.5 > odds.none
+
+
+def test_what_the_error_of_a_twin_hides_is_alike() -> None:
+    """A twin in place of the simulation may leave 3 %: an effect that leaves 3.4 % instead of 1 % stays possible."""
+    left = {"current_scale": 0.01, "current_hysteresis": 0.034, "inertia": 0.9}
+    clear, hidden = (probabilities(CLEAR, left, ("current_scale",), WEIGHTS, error).effects for error in (0.0, 0.03))
+    assert clear["current_hysteresis"] < POSSIBLE < hidden["current_hysteresis"]
+    assert hidden["inertia"] < 0.01
