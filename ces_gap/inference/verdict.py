@@ -22,6 +22,7 @@ ALTERNATIVES, SIMULATION_ERROR = "alternatives", "simulation_error"
 NOT_CONFIRMED, UNDETERMINED, LEAVES_MORE, UNCERTAIN = "not_confirmed", "undetermined", "leaves_more", "uncertain"
 POSSIBLE = 0.1  # probability at which an effect outside the composition makes the verdict ambiguous
 MAX_NONE = 1.0 / 3.0  # probability of no gap where the gap is not within anything: it never leads
+MAX_UNKNOWN = 0.2  # probability of an unknown cause with which known ones are named: they had at most 0.16 if right
 CLEAR = 1.5  # times noise and tolerance: a smaller gap is not named without references
 MAX_MAP_REST = 0.2  # of the gap's energy: a smooth map absorbs a part of anything, so it must explain most to be named
 MIN_MATERIAL_SHARE = 0.5  # of the energy that anything explains: an explanation that closes less is none
@@ -244,6 +245,7 @@ def _find_doubts(
     may_be_error = is_absorbed or (is_small and not e.search.has_references) or error > cause
     least_gap, least_known = e.search.weights.least_gap, e.search.weights.least_known
     is_certain = 1.0 - odds.none >= least_gap and known >= least_known and cause >= max(odds.none, odds.unknown)
+    is_certain = is_certain and odds.unknown <= MAX_UNKNOWN
     doubts = {
         ALTERNATIVES: alternatives or None,
         SIMULATION_ERROR: tuple({CALIBRATION} & {*others}) if may_be_error else None,

@@ -87,6 +87,11 @@ ALONE = changed(SMALL, has_references=False)
         ({"closed": replace(MOST, low=-0.05)}, AMBIGUOUS, NOT_CONFIRMED),
         ({"closed": SOME, "learnt": 0.4}, AMBIGUOUS, LEAVES_MORE),
         ({"weights": replace(WEIGHTS, least_known=0.97)}, AMBIGUOUS, UNCERTAIN),
+        (
+            {"odds": Probabilities(0.01, 0.29, {"friction": 0.7}), "closed": replace(MOST, value=0.8)},
+            AMBIGUOUS,
+            UNCERTAIN,
+        ),
         ({"closed": SOME}, UNKNOWN, ""),  # of what a learner closes, too little
         ({"closed": NOTHING, "learnt": -0.3}, UNKNOWN, ""),
         ({"composition": ()}, UNKNOWN, ""),
