@@ -41,5 +41,5 @@ class GainAndOffset(CurrentScale):
     form, needs = "gain_offset", "a changing current"
     parameters = (
         GAIN,
-        magnitude("offset_A", -3.0, 3.0, (0.0, 0.03), "acting current at zero logged current", usual=(-0.3, 0.3)),
+        magnitude("offset_A", -3.0, 3.0, (-0.1, 0.0, 0.1), "acting current at zero logged current", usual=(-0.3, 0.3)),
     )
