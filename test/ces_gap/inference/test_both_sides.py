@@ -18,7 +18,7 @@ from ces_gap.baseline.twin import STEP_S, Twin
 from ces_gap.effects.effect import Composition
 from ces_gap.effects.refitted import PARTS, StoredVolume
 from ces_gap.grid import rms
-from ces_gap.inference.both_sides import fit_both_sides
+from ces_gap.inference.both_sides import fit_both_sides, is_static
 from ces_gap.inference.evidence import Evidence, gather
 from ces_gap.inference.fit import EffectFit, Estimate
 from ces_gap.report.tables import describe_parameters
@@ -91,3 +91,11 @@ def test_it_survives_its_file(fit: EffectFit, tmp_path: Path) -> None:
     path.write_text(path.read_text().replace('"tick_s": ', '"tick_s": -', 2))
     with pytest.raises(CesError, match="tick_s"):
         load_augmented(path, lambda spec: simulation)
+
+
+def test_a_map_is_static_and_a_damper_with_a_memory_is_not() -> None:
+    traces = evidence(1, 2).traces
+    maps = [replace(t, simulated=900.0 * np.tanh(t.inputs.speed / 0.1) * (0.5 + t.inputs.current)) for t in traces]
+    late = [replace(t, simulated=np.roll(t.simulated, 5)) for t in maps]
+    assert is_static(maps) and not is_static(late)
+    assert not is_static([replace(t, simulated=REAL.prepare_for(t).recorded) for t in traces])
