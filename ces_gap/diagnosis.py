@@ -146,8 +146,9 @@ def format_verdict(diagnosis: Diagnosis) -> str:
         speed, current = f"{format_range(*cell.speed_m_s)} m/s", f"{format_number(float(np.mean(cell.current_A)))} A"
         size = f"most at {speed} and about {current} ({cell.force_N:+.0f} N)"
         return f"The simulation's force map is off, {size}: recalibrated, {shrink} on held-out recordings."
-    named = f"The gap is caused by {_join(effects, 'and')}: with this effect added, {shrink} on held-out recordings"
-    imitated = [e for e in effects if e in diagnosis.not_separable]
+    added = "this effect" if len(effects) == 1 else "these"
+    named = f"The gap is caused by {_join(effects, 'and')}: with {added} added, {shrink} on held-out recordings"
+    imitated = [e for e in effects if e in diagnosis.not_separable and CALIBRATION not in effects]
     return f"{named}; a recalibration of the simulation would explain it, too." if imitated else f"{named}."
 
 
