@@ -106,7 +106,7 @@ def test_a_planted_edit_is_recovered(form: str) -> None:
     gap = evidence.residual(evidence.alone)
     assert fit.residual @ fit.residual < 1.1 * len(gap) + 1e-3 * float(gap @ gap)
     (setting,) = fit.composition.settings
-    within = 0.3 if "floor" in form else 0.1  # air acts as its product with the floor
+    within = 0.4 if "floor" in form or "air" in form else 0.1  # air acts as its product with floor or compliance
     assert setting.values == pytest.approx(PLANTED[form], rel=within)
 
 
