@@ -79,8 +79,8 @@ def fit_both_sides(evidence: Evidence, kinds: Sequence[type[NetworkPart]], threa
 def is_static(traces: Sequence[Trace]) -> bool:
     """Return whether the simulated force follows from stroke, speed and current alone.
 
-    It is compared with itself at the nearest moment of another time. Hydraulic dampers differ there by 15 to 60 % of the
-    force's standard deviation, a table behind a spring by 2 to 16, maps by 2 (false nearest neighbours: Rhodes and
+    It is compared with itself at the nearest moment of another time. Hydraulic dampers differ there by 15 to 60 % of
+    the force's standard deviation, a table behind a spring by 2 to 16, maps by 2 (false nearest neighbours: Rhodes and
     Morari, AIChE Journal 44, 1998).
     """
     force = usable_values(traces, [t.simulated for t in traces])
