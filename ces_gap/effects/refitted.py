@@ -1,8 +1,8 @@
 """Parts of a network that was fitted to the real recordings, in the form of effects.
 
-A simulation that lacks several effects at once, such as a static map of force over speed and current, has no twin into
-which one effect after another could be put. A network of the real recordings replaces it (`Recalibration`): curves of
-the valves, and no more dynamics than the simulation has. Each other part is a cause: what its numbers add.
+A static map of force over speed and current lacks several effects at once, and no twin of it shows one after another.
+A network of the real recordings replaces it (`Recalibration`): the valves' curves, without the dynamics that no map
+has. Each of these is a part, and a cause.
 """
 
 from __future__ import annotations
@@ -48,12 +48,11 @@ class NetworkPart(Effect):
         before, after = (_at_steps(network, self.tick_s, run.step_s) for network in (self.before, self.after))
         return replace(run, body=_exchange(run.body, before, after, values[0], self.numbers))
 
-    def read_changes(self) -> dict[str, tuple[float, float]]:
-        """Return the quantities of the damper that the part changes, by their names: without it and with it."""
+    def read_quantities(self) -> dict[str, float]:
+        """Return the quantities of the damper that the part changes, by their names, which hold the units."""
         stroke, whole = self.before.side.position_m, _exchange(self.before, self.before, self.after, 1.0, self.numbers)
-        ends = [read_quantities(body, self.tick_s, (stroke[0], stroke[-1])) for body in (self.before, whole)]
-        pairs = {name: (old, ends[1][name]) for name, old in ends[0].items()}
-        return {n: (a, b) for n, (a, b) in pairs.items() if abs(b - a) > MIN_CHANGE * max(abs(a), abs(b))}
+        old, new = (read_quantities(body, self.tick_s, (stroke[0], stroke[-1])) for body in (self.before, whole))
+        return {n: new[n] for n in new if abs(new[n] - old[n]) > MIN_CHANGE * max(abs(old[n]), abs(new[n]))}
 
     def as_json(self) -> dict[str, Any]:
         """Return both networks as plain values."""

@@ -46,9 +46,8 @@ def collect_findings(
     def allowance(fit: EffectFit) -> float:
         return twin_error_energy(evidence, plants, fit)
 
-    figures, twin_error = compute_figures(result, baseline.ceiling, rest), 0.0 if best is None else allowance(best)
-    together, twin_error = () if best is None else best.names, twin_error / result.gap_energy
-    size = measure_gap(result)
+    figures, size = compute_figures(result, baseline.ceiling, rest), measure_gap(result)
+    together, twin_error = ((), 0.0) if best is None else (best.names, allowance(best) / result.gap_energy)
     return SearchFindings(
         figures=figures,
         odds=probabilities(figures, min_unexplained_shares(result), together, weights, twin_error),

@@ -240,12 +240,15 @@ def _find_doubts(
     others = {name: p for name, p in odds.effects.items() if name not in e.composition}
     cause, error = odds.known - sum(others.values()), others.get(CALIBRATION, 0.0)
     is_absorbed = len(e.composition) > 1 and not set(e.composition).isdisjoint(e.search.absorbed)
-    is_absorbed = is_absorbed and CALIBRATION not in e.composition
     is_small = any(not s.gap_N > max(CLEAR * max(s.noise_N, e.search.tolerance_N), s.own_error_N) for s in e.sizes)
-    may_be_error = is_absorbed or (is_small and not e.search.has_references) or error > cause
+    may_be_error = (
+        (is_absorbed and CALIBRATION not in e.composition)
+        or (is_small and not e.search.has_references)
+        or error > cause
+    )
     least_gap, least_known = e.search.weights.least_gap, e.search.weights.least_known
-    is_certain = 1.0 - odds.none >= least_gap and known >= least_known and cause >= max(odds.none, odds.unknown)
-    is_certain = is_certain and odds.unknown <= MAX_UNKNOWN
+    is_known = known >= least_known and cause >= max(odds.none, odds.unknown) and odds.unknown <= MAX_UNKNOWN
+    is_certain = is_known and 1.0 - odds.none >= least_gap
     doubts = {
         ALTERNATIVES: alternatives or None,
         SIMULATION_ERROR: tuple({CALIBRATION} & {*others}) if may_be_error else None,

@@ -25,8 +25,8 @@ from ces_identify.simulations.simulation import Simulation, find_predictions
 MIN_FIT_S = 4.0  # [s] usable for the fit
 PARTS, PART_S = 10, 1.0  # of a single recording, shortest part [s]; every third part is held out
 SLOW_S = 0.025  # [s] of processor time: a simulation that is slower over all real recordings is replaced
-MAX_TWIN_COST_J = 20.0  # [%] up to it, effects inside the twin are told apart
 SLOW_CLOCK_S = 0.25  # [s] of the clock: the same for one that waits, for a file or for another process
+MAX_TWIN_COST_J = 20.0  # [%] up to it, effects inside the twin are told apart
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ SIDES = ("rebound", "compression")
 UNITS = {  # by the suffix of a parameter's name, longer suffixes first
     "_N_s2_m2_A": "N·s²/(m²·A)", "_N_s_m_A": "N·s/(m·A)", "_N_s2_m2": "N·s²/m²", "_N_s_m2": "N·s/m²",
     "_N_m_A": "N/(m·A)", "_N_A2": "N/A²", "_N_A": "N/A", "_samples2": "samples²", "_samples": "samples",
-    "_m_s_rtN": "m/(s·√N)", "_m_sN": "m/(s·N)", "_per_N": "1/N", "_per_K": "1/K", "_per_J": "1/J",
+    "_m_s_rtN": "m/(s·√N)", "_m_sN": "m/(s·N)", "_m_N": "m/N", "_per_N": "1/N", "_per_K": "1/K", "_per_J": "1/J",
     "_N_s_m": "N·s/m", "_N_m2": "N/m²", "_N_m3": "N/m³", "_N_m": "N/m", "_N_s": "N/s", "_N_K": "N/K",
     "_m_s": "m/s", "_s_m": "s/m", "_kg": "kg", "_Hz": "Hz", "_Pa": "Pa", "_N": "N", "_m": "m", "_s": "s",
     "_A": "A", "_K": "K", "_J": "J",
@@ -31,6 +31,7 @@ DISPLAY_UNITS = {
     "m": ("mm", 1e3, 0.0, 0.1),
     "s": ("ms", 1e3, 0.0, 0.1),
     "A": ("mA", 1e3, 0.0, 0.1),
+    "m/N": ("mm/kN", 1e6, 0.0, 1e-3),
     "N/m": ("N/mm", 1e-3, 1e4, math.inf),
 }  # displayed unit, its factor, and the range of the largest number in SI for which it is used
 PROPER = {"coulomb": "Coulomb", "stribeck": "Stribeck", "lugre": "LuGre"}

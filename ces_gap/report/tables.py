@@ -25,7 +25,7 @@ from ces_gap.inference.verdict import CALIBRATION
 from ces_gap.inputs.probe_result import ProbeFinding
 from ces_gap.report.formatting import effect_name, parameter_text, percent, percents, region_name, sentence_case
 from ces_report.table import Column, Table
-from ces_report.typesetting import format_number, format_range, three_figures
+from ces_report.typesetting import format_number, format_range, minus, three_figures
 
 MAX_ROWS = 6  # effects with a row of their own
 ALWAYS = 3  # as many effects always have a row
@@ -158,11 +158,11 @@ def describe_parameters(estimates: Sequence[Estimate], setting: Setting) -> tupl
     if setting.name == CALIBRATION:
         return ()
     what = {p.name: p.what for p in setting.effect.parameters}
-    moved = setting.effect.read_changes() if isinstance(setting.effect, NetworkPart) else {}
+    moved = setting.effect.read_quantities() if isinstance(setting.effect, NetworkPart) else {}
     names = [name.removesuffix("]").split(" [") for name in moved]
     quantities = tuple(
-        ParameterText(name, format_number(new), unit, f"simulation: {format_number(old)}", "", "")
-        for (name, unit), (old, new) in zip(names, moved.values(), strict=True)
+        ParameterText(name, format_number(value), unit, "the static map has none", "", "")
+        for (name, unit), value in zip(names, moved.values(), strict=True)
     )
     return quantities + tuple(
         ParameterText(
@@ -206,7 +206,7 @@ def calibration_table(d: Diagnosis) -> Table[CellRow] | None:
     rows = [tuple(c for c in cells if c.speed_m_s == speed) for speed in speeds]
 
     def force_at(current_A: tuple[float, float]) -> Callable[[CellRow], str]:
-        return lambda row: next((f"{c.force_N:+.1f}" for c in row if c.current_A == current_A), "")
+        return lambda row: next((minus(f"{c.force_N:+.1f}") for c in row if c.current_A == current_A), "")
 
     columns: list[Column[CellRow]] = [Column("Speed [m/s]", lambda row: format_range(*row[0].speed_m_s))]
     columns += [Column(f"{format_range(*i)}\N{NO-BREAK SPACE}A", force_at(i), figure=True) for i in currents]

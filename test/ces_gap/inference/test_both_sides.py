@@ -65,10 +65,9 @@ def test_what_the_simulation_lacks_is_told_from_its_calibration(fit: EffectFit) 
     part = fit.effects[1]
     assert isinstance(part, StoredVolume)
     assert part.before.compression_m_N < 0.2 * part.after.compression_m_N
-    stiffness = part.read_changes()["Stiffness of the compression chamber [kN/mm]"]
-    assert stiffness[0] > 5.0 * stiffness[1]
+    assert "Stiffness of the compression chamber [kN/mm]" in part.read_quantities()
     texts = describe_parameters([Estimate("share", 1.0, (0.9, 1.1))], fit.composition.settings[1])
-    assert "kN/mm [simulation: " in str(texts[0]) and str(texts[-1]).startswith("share 1")
+    assert "kN/mm [the static map has none]" in str(texts[0]) and str(texts[-1]).startswith("share 1")
 
 
 def test_without_the_part_the_network_explains_less(fit: EffectFit) -> None:
