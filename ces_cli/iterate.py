@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -15,7 +15,6 @@ from ces_cli.terminal.options import ALL, JSON, Argument, never_with
 from ces_cli.terminal.outputs import print_document, require_folder, schema_line
 from ces_cli.terminal.progress import LiveBar
 from ces_identify.polynomial.search_limits import SearchResult
-from ces_identify.progress_file import SearchProgressFile
 from ces_iterate.loop.iterate import IterateListener, Iterations
 from ces_iterate.loop.store import MODEL, PLAN, REPORT, Iteration, keep_plan
 from ces_iterate.plan import TEMPLATE, load_plan
@@ -54,22 +53,17 @@ def make_parser() -> terminal.Parser:
 
 def _iterate(path: Path, out: Path, as_json: bool) -> None:
     plan = load_plan(path)
-    require_folder(out)
+    require_folder(out, names=(MODEL, REPORT))
     rig = open_rig(plan)
     lines_to = terminal.err if as_json else terminal.out
-    with IterateProgress(plan.stop.budget_s, lines_to) as progress, ExitStack() as opened:
+    with IterateProgress(plan.stop.budget_s, lines_to) as progress:
         with warnings.catch_warnings(record=True) as caught:  # what is to be known about the plan's recordings
             warnings.simplefilter("always")
             iterations = Iterations(plan, rig, out, progress)
         for warning in caught:
             terminal.print_warning(str(warning.message))
         progress.after_iteration = lambda: _write_results(iterations)
-
-        def begin() -> None:
-            keep_plan(out, plan, path.read_text(encoding="utf-8"))
-            progress.file = opened.enter_context(SearchProgressFile("iterate", out, {"budget_s": plan.stop.budget_s}))
-
-        reason = iterations.run(begin)
+        reason = iterations.run(partial(keep_plan, out, plan, path.read_text(encoding="utf-8")))
     _write_results(iterations)
     files = {"model": out / MODEL, "report": out / REPORT, "plan": out / PLAN}
     if as_json:
@@ -95,14 +89,16 @@ class IterateProgress(LiveBar, IterateListener):
         columns = (TextColumn("{task.completed:.0f} of {task.total:.0f} s recorded"), TimeElapsedColumn())
         super().__init__("iterating", *columns, total=budget_s, text="(Ctrl-C stops; the same command goes on)")
         self.after_iteration: Callable[[], None] = lambda: None
-        self.file: SearchProgressFile | None = None  # once the folder of the iteration is there
         self._lines_to, self._recorded_s, self._step = lines_to, 0.0, ""
+
+    def resume(self, history: Sequence[Iteration]) -> None:
+        """Print what an earlier run has left."""
+        newest = history[-1]
+        self._lines_to.print(f"{len(history)} iterations, {newest.total_s:.1f} s recorded, are from an earlier run")
 
     def begin(self, number: int, step: str) -> None:
         """Show the step that begins."""
         self._step = f"iteration {number}: {step}"
-        if self.file is not None:
-            self.file.begin_step(self._step)
         self.show(self._recorded_s, self._step)
         self.log(f"{self.elapsed_s:5.0f} s  {self._step}")
 
@@ -112,8 +108,6 @@ class IterateProgress(LiveBar, IterateListener):
             text = f"{self._step}: selection cost J = {result.cost:.2f} %"
             self.show(self._recorded_s, text)
             self.log_seldom(text)
-            if self.file is not None:
-                self.file.listen(result)
 
     def finish(self, iteration: Iteration) -> None:
         """Print the result of an iteration."""

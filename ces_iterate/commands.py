@@ -66,11 +66,6 @@ class RigCommands:
         held = np.floor(time / INTERVAL_S + 1e-6).astype(int)
         return np.asarray(CubicSpline(self.time_s, self.stroke_m)(time)), self.current_A[held]
 
-    def are_like(self, other: RigCommands) -> bool:
-        """Return whether stroke and current are those of `other`, up to the digits of a file."""
-        pairs = (self.stroke_m, other.stroke_m, 1e-8), (self.current_A, other.current_A, 1e-4)
-        return all(len(a) == len(b) and np.allclose(a, b, 0.0, digits) for a, b, digits in pairs)
-
     def repeat(self, name: str, seed: int, rest_s: float) -> RigCommands:
         """Return the same stroke and current under another name and seed, after another rest."""
         return replace(self, name=name, seed=seed, rest_s=rest_s)

@@ -7,7 +7,3 @@ from ces_observer.errors import CesError
 
 class IterateError(CesError):
     """A plan that cannot be used, or a rig that did not record what was asked of it."""
-
-
-class StrokeError(IterateError):
-    """A plan, a stroke or a recording from which no command can be learned."""

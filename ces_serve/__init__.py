@@ -1,1 +1,1 @@
-"""Pages to browse a folder: models, reports, results, recordings, and searches while they run."""
+"""Pages to browse a folder: models, reports, results and recordings."""

@@ -12,7 +12,6 @@ from flask import Blueprint, Flask, Response, abort, current_app, render_templat
 from werkzeug.exceptions import HTTPException
 
 from ces_identify.comparison.comparison import MAX_DRAWN
-from ces_identify.progress_file import read_progress
 from ces_observer import __version__
 from ces_observer.errors import CesError
 from ces_report.shell import SCRIPTS, replace_unencodable
@@ -61,7 +60,6 @@ def make_app(site: Site, host: str) -> Flask:
         folder_path=str(site.folder.root),
         names_of=KINDS,
         item_url=contents.item_url,
-        describe=contents.describe,
         max_models=MAX_DRAWN,
         max_recordings=MAX_RECORDINGS,
         follow_s=FOLLOW_S,
@@ -96,7 +94,7 @@ def overview(kind: str = "") -> str:
         found=len(found),
         items=found[:MAX_ROWS],
         facts=[list_facts(kind, one) for one in found[:MAX_ROWS]],
-        follows=bool(listing.searches or not listing.items) and not query,  # an empty list is filled soon
+        follows=not listing.items and not query,  # an empty list is filled soon
     )
 
 
@@ -127,24 +125,6 @@ def _content_without(error: Exception) -> contents.PageContent:
     if isinstance(error, WRONG_CONTENT):
         current_app.logger.warning("%s", request.path, exc_info=error)
     return contents.PageContent(warnings=[f"cannot be read now: {error}"])
-
-
-@pages.get("/search/<path:path>")
-def search(path: str) -> str:
-    """Return the page of a running program, which asks again until it ends; of one that has ended, what it wrote."""
-    running = next((one for one in _listing().searches if one.path == path), None)
-    progress = read_progress(running.file) if running else None  # as it is now: the list may be some seconds old
-    if progress is not None and progress.alive:
-        try:
-            content = contents.running_content(path, progress)
-        except (CesError, OSError, *WRONG_CONTENT) as error:
-            content = _content_without(error)
-    else:
-        found = [one for one in _site().catalogue.listing(anew=True).items if path in (one.path, one.folder)]
-        content = contents.PageContent("" if found else "It has left no result in this folder.")
-        content.links = [(f"{one.name}, changed {one.changed}", contents.item_url(one)) for one in found]
-    title, follows = _site().folder.root.name if path == "." else path, progress is not None and progress.alive
-    return _render("search.html", title=title, kind="", content=content, follows=follows)
 
 
 @pages.get("/compare")

@@ -13,7 +13,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from ces_identify.progress_file import SUFFIX, RunProgress, read_progress
 from ces_observer.errors import CesError
 from ces_serve.items import RESULT, UNREADABLE, Item, ItemReader, find_reader, read_item, read_recording
 
@@ -66,20 +65,10 @@ class ServedFolder:
 
 
 @dataclass(frozen=True)
-class RunningSearch:
-    """A program that is running: the path of its output (relative), its progress file, and what that says."""
-
-    path: str
-    file: Path
-    progress: RunProgress
-
-
-@dataclass(frozen=True)
 class Listing:
     """What one walk found, newest first; `cut`: there is more; `problem`: why the folder cannot be read, else empty."""
 
     items: tuple[Item, ...]
-    searches: tuple[RunningSearch, ...]
     cut: bool
     made_s: float
     problem: str = ""
@@ -127,7 +116,7 @@ class Catalogue:
                 walk.enter(self.folder.root)
                 items = tuple(sorted(walk.items, key=lambda one: (-one.modified_s, one.path)))
                 self._known, made_s = walk.known, time.monotonic()
-                self._listing = Listing(items, tuple(walk.searches), walk.cut, made_s, walk.problem)
+                self._listing = Listing(items, walk.cut, made_s, walk.problem)
                 self._fresh_s = max(FRESH_S, WALKS * (made_s - began_s))
             return self._listing
 
@@ -139,7 +128,6 @@ class _Walk:
         self.folder, self.before = folder, before
         self.known: Memory = {}
         self.items: list[Item] = []
-        self.searches: list[RunningSearch] = []
         self.files, self.cut, self.problem = 0, False, ""
 
     def enter(self, folder: Path, depth: int = 0) -> None:
@@ -179,13 +167,9 @@ class _Walk:
         self.items.append(Item(UNREADABLE, self.folder.relative(path), changed_s, {}, problem))
 
     def _visit(self, path: Path, entry: os.DirEntry[str], depth: int) -> None:
-        if entry.is_symlink() and not self.folder.holds(path):
+        if entry.name.startswith(".") or (entry.is_symlink() and not self.folder.holds(path)):
             return
-        if entry.name.startswith("."):
-            if entry.name.endswith(SUFFIX) and (progress := read_progress(path)) and progress.alive:
-                output = path.parent / entry.name.removesuffix(SUFFIX)[1:]
-                self.searches.append(RunningSearch(self.folder.relative(output), path, progress))
-        elif entry.is_dir(follow_symlinks=False):
+        if entry.is_dir(follow_symlinks=False):
             if entry.name not in SKIPPED:
                 self.enter(path, depth + 1)
         elif not entry.is_dir() and (read := find_reader(path)) is not None:

@@ -220,14 +220,6 @@ def _diagnosis_facts(path: Path) -> tuple[str, Facts]:
     }
 
 
-def _stroke_facts(path: Path) -> tuple[str, Facts]:
-    content = _read_object(path)
-    first, confirmed = 1e3 * float(content["first_error_m"]), 1e3 * float(content["confirmed_error_m"])
-    runs = int(content["iterations"])
-    said = f"error {first:.3f} mm before, {confirmed:.3f} mm after {runs} runs; {content['stopped']}"
-    return RESULT, {"what": "learned stroke", "summary": said}
-
-
 def _campaign_facts(rows: list[Facts]) -> Facts:
     done = [row for row in rows if row["status"] == DONE]
     costs = [float(row["selection_J"]) for row in done if row["selection_J"] is not None]
@@ -254,7 +246,6 @@ def _iteration_facts(rows: list[Facts]) -> Facts:
 JSON_FACTS: dict[bytes, Callable[[Path], tuple[str, Facts]]] = {
     b"ces-model": _model_facts,
     b"ces-gap": _diagnosis_facts,
-    b"ces-learned-stroke": _stroke_facts,
 }
 ROW_FACTS: dict[str, Callable[[list[Facts]], Facts]] = {
     "results.jsonl": _campaign_facts,

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -38,7 +38,7 @@ from ces_iterate.design.information import (
 )
 from ces_iterate.errors import IterateError
 from ces_iterate.loop.identification import evaluate_fresh, identify_all, score_fresh
-from ces_iterate.loop.store import MODEL, RECORDING, ROWS, Iteration, Step
+from ces_iterate.loop.store import MODEL, RECORDING, ROWS, Iteration, Step, keep_inputs
 from ces_iterate.plan import REPEATED, Plan
 from ces_iterate.rigs.kinds import RigAdapter
 from ces_observer.model import Model
@@ -48,6 +48,9 @@ SEEDS = 10_000  # the seeds of two plans are this far apart
 
 class IterateListener:
     """Ignores the progress of an iteration; subclasses show it. A search calls `listen_search` from any thread."""
+
+    def resume(self, history: Sequence[Iteration]) -> None:
+        """Receive the iterations of an earlier run, if there are any."""
 
     def begin(self, number: int, step: str) -> None:
         """Receive the number of the iteration and the step that begins."""
@@ -123,17 +126,26 @@ class Iterations:
         """
         with open_rows(self.out / ROWS) as file:
             when_open()
+            keep_inputs(self.out, self.plan, self.given)
             rows = read_rows(file, self.out / ROWS, "an iteration")
             self._restore([Iteration.from_row(row, self.out / ROWS) for row in rows.values()])
-            if self.given and not self.done.history:
+            if self.done.history:
+                self.listener.resume(self.done.history)
+            elif self.given:
                 self.listener.begin(0, "identifying the given recordings")
                 nothing = dict.fromkeys(("recorded_s", "total_s", "rest_s", "load_W"), 0.0)
-                append_row(file, self._identify(Step.open(self.out, 0), {"name": "given", **nothing, "fresh_J": None}))
+                given = {"name": "given", **nothing, "fresh_J": None}
+                self._keep(file, self._identify(Step.open(self.out, 0), given))
             while True:
                 next_s = self._repeated.duration_s if self._repeated else self.plan.experiments.duration_s
                 if reason := find_stop(self.plan, self.done.history, next_s):
                     return reason
-                append_row(file, self._iterate())
+                self._keep(file, self._iterate())
+
+    def _keep(self, file: BinaryIO, iteration: Iteration) -> None:
+        append_row(file, iteration.to_row())  # before the listener, which may write pages on a full disk
+        self.done.history.append(iteration)
+        self.listener.finish(iteration)
 
     def knowledge(self) -> Knowledge:
         """Return what the newest models do not know."""
@@ -149,8 +161,8 @@ class Iterations:
             information = information.add(rows_of(made.stroke_m, made.current_A, self.plan.limits, self.features))
         return information
 
-    def _iterate(self) -> dict[str, Any]:
-        """Do what the next iteration still lacks, and return its line."""
+    def _iterate(self) -> Iteration:
+        """Do what the next iteration still lacks, and return it."""
         done, plan = self.done, self.plan
         step = Step.open(self.out, done.history[-1].number + 1 if done.history else 1)
         commands = step.read_commands()
@@ -217,8 +229,8 @@ class Iterations:
         )
         return design_experiment(task, name, self.plan.experiments.duration_s, seed).repeat(name, seed, rest)
 
-    def _identify(self, step: Step, facts: dict[str, Any]) -> dict[str, Any]:
-        """Identify from all recordings, keep the models, and return the iteration's line."""
+    def _identify(self, step: Step, facts: dict[str, Any]) -> Iteration:
+        """Identify from all recordings, keep the models, and return the iteration."""
         plan, recordings = self.plan, [*self.given, *self.done.recordings]
         previous = self.done.model if plan.experiments.kind == REPEATED else None
         listen, done = self.listener.listen_search, self.done
@@ -228,7 +240,7 @@ class Iterations:
         knowledge, information = self.knowledge(), self.information()
         variance = information.variance(self.targets)
         regions = find_least_known(self.pool, knowledge.weights() * variance, variance)
-        iteration = Iteration(
+        return Iteration(
             number=step.number,
             fit_J=fit_J,
             validation_J={r.name: evaluate_fresh(done.model, r).cost for r in self.validation},
@@ -239,9 +251,6 @@ class Iterations:
             model=str((step.folder / MODEL).relative_to(self.out)),
             **facts,
         )
-        done.history.append(iteration)
-        self.listener.finish(iteration)
-        return iteration.to_row()
 
     def _restore(self, history: list[Iteration]) -> None:
         """Read again what finished iterations have left."""

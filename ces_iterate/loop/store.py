@@ -10,6 +10,7 @@ Each step ends with one rename, and what exists is not done again:
 
 from __future__ import annotations
 
+import hashlib
 import json
 import warnings
 from collections.abc import Sequence
@@ -29,6 +30,7 @@ from ces_observer.model import Model, load_model
 
 ROWS = "iterations.jsonl"
 RECORDING = "recording"
+INPUTS = "inputs.json"
 SAME = ("rig", "seed", "recordings", "experiments")  # of a plan that goes on
 MODEL, REPORT, PLAN = "model.json", "report.html", "plan.yaml"
 MAY_BE_NONE = ("fresh_J", "fresh_high_J")
@@ -139,3 +141,17 @@ def keep_plan(root: Path, plan: Plan, text: str) -> None:
             if getattr(before, key) != getattr(plan, key):
                 raise IterateError(f"{root}: began with another '{key}' ({PLAN} there); choose another --out")
     write_atomically(kept, text)
+
+
+def keep_inputs(root: Path, plan: Plan, given: Sequence[Recording]) -> None:
+    """Keep a hash of each input; raises IterateError naming one that has changed since the iteration began."""
+    digests = {text: recording.sha256 for text, recording in zip(plan.recordings, given, strict=True)}
+    for text in (plan.experiments.commands, *plan.rig.values()):
+        if isinstance(text, str) and text and (file := plan.path(text)).is_file():
+            digests[text] = hashlib.sha256(file.read_bytes()).hexdigest()
+    kept = root / INPUTS
+    before = json.loads(kept.read_text(encoding="utf-8")) if kept.is_file() else {}
+    for text, digest in digests.items():
+        if before.get(text, digest) != digest:
+            raise IterateError(f"{plan.path(text)}: has changed since {root} began with it; choose another --out")
+    write_atomically(kept, json.dumps(digests, indent=1) + "\n")

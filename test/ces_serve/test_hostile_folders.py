@@ -6,37 +6,29 @@ import pytest
 
 pytest.importorskip("flask", reason="Flask is not installed")
 
-import json
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
-from served_folders import STROKE
+from diagnoses import named
 
+from ces_gap.report.gap_json import write_gap
 from ces_serve.app import Site, make_app
 from ces_serve.items import Item
 
 HUGE = "1" + "0" * 400  # a whole number that no float holds
-START = {"seed": 1, "cost": 3.0, "size": 3, "ended": "running", "elapsed_s": 1.0}
 
 
-def write_stroke(changed: Mapping[str, str]) -> Callable[[Path], object]:
-    """Return what writes a learned stroke with other JSON texts for some keys."""
+def write_diagnosis(key: str, value: str) -> Callable[[Path], object]:
+    """Return what writes a diagnosis with another JSON text for a key."""
 
     def write(folder: Path) -> None:
-        text = json.dumps(STROKE)
-        for key, value in changed.items():
-            text = re.sub(rf'"{key}": [^,]*', lambda _, k=key, v=value: f'"{k}": {v}', text, count=1)
-        (folder / "result.json").write_text(text)
+        write_gap(folder / "gap.json", named())
+        text = (folder / "gap.json").read_text(encoding="utf-8")
+        (folder / "gap.json").write_text(re.sub(rf'"{key}": [^,\n]*', lambda _: f'"{key}": {value}', text, count=1))
 
     return write
-
-
-def write_progress(head: Mapping[str, object], *rows: str) -> Callable[[Path], object]:
-    """Return what writes the progress file of a program that runs on another computer."""
-    first = {"schema": "ces-progress/1", "program": "identify", "host": "elsewhere", **head}
-    return lambda folder: (folder / ".model.json.progress").write_text("\n".join([json.dumps(first), *rows]) + "\n")
 
 
 def write_metadata(folder: Path) -> None:
@@ -45,16 +37,10 @@ def write_metadata(folder: Path) -> None:
 
 
 HOSTILE: dict[str, Callable[[Path], object]] = {
-    "infinite count": write_stroke({"iterations": "1e999"}),
-    "number beyond floats": write_stroke({"first_error_m": HUGE}),
-    "half a character": write_stroke({"stopped": r'"\udce9"'}),
+    "infinite number": write_diagnosis("rms_N", "1e999"),
+    "number beyond floats": write_diagnosis("cost_J", HUGE),
+    "half a character": write_diagnosis("sentence", r'"\udce9"'),
     "duration beyond floats": write_metadata,
-    "cost beyond floats": write_progress({}, json.dumps(START).replace("3.0", HUGE)),
-    "costs not finite": write_progress({}, json.dumps({**START, "cost": float("nan"), "elapsed_s": float("inf")})),
-    "row without keys": write_progress({}, '{"seed": 1, "cost": 1}'),
-    "seed that is a list": write_progress({}, json.dumps({**START, "seed": [1]})),
-    "start that is no time": write_progress({"began_s": "noon"}),
-    "half a character in a head": write_progress({"things": "\udce9", "program": "jobs"}),
     "name that is not UTF-8": lambda folder: Path(os.fsdecode(os.fsencode(folder) + b"/caf\xe9")).mkdir(),
     "name with a tag": lambda folder: (folder / "<script>alert(1)<\nscript>.mcap").write_bytes(b""),
 }
@@ -65,7 +51,7 @@ def test_every_page_of_a_hostile_folder_is_shown(name: str, tmp_path: Path) -> N
     HOSTILE[name](tmp_path)
     client = make_app(Site(tmp_path), "127.0.0.1").test_client()
     overview = client.get("/")
-    links = set(re.findall(r'href="(/(?:view|search|list)[^"]*)"', overview.text))
+    links = set(re.findall(r'href="(/(?:view|list)[^"]*)"', overview.text))
     assert {path: client.get(path).status_code for path in ("/", *links)} == dict.fromkeys(("/", *links), 200)
     assert "<script>alert" not in overview.text
 

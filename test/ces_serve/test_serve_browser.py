@@ -60,7 +60,7 @@ def url(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
 def test_the_overview_is_filtered_and_sorted(url: str) -> None:
     with own_page(url) as page:
         rows = page.locator("tbody tr")
-        expect(rows).to_have_count(9)
+        expect(rows).to_have_count(8)
         page.get_by_label("Filter").fill("friction")
         page.keyboard.press("Enter")
         expect(rows).to_have_count(2)

@@ -14,7 +14,6 @@ from flask.testing import FlaskClient
 from patience import wait_until
 from served_folders import described_model, fill_folder
 
-from ces_identify.progress_file import ProgressFile, SearchProgressFile
 from ces_serve.app import Site, make_app
 
 
@@ -61,7 +60,7 @@ def test_all_links_of_the_overview_and_of_the_lists_lead_somewhere(client: Flask
         if page.mimetype == "text/html" and not path.startswith("/files"):
             waiting += [link.replace("&amp;", "&") for link in re.findall(r'href="(/[^"]*)"', page.text)]
     assert {"/list/model", "/view/result/sizes/results.jsonl", "/files/worn/report.html"} <= seen
-    assert len([path for path in seen if path.startswith("/view/")]) == 13
+    assert len([path for path in seen if path.startswith("/view/")]) == 12
 
 
 def test_filter_of_a_list(client: FlaskClient) -> None:
@@ -72,12 +71,11 @@ def test_filter_of_a_list(client: FlaskClient) -> None:
 
 
 CONTENT = {
-    "/view/model/first.json": ("Polynomial, 3 terms", "sine_4hz", "4.00", "1000 Hz", "bound of the force"),
+    "/view/model/first.json": ("Polynomial, 3 terms", "sine_4hz", "4.00", "1000 Hz", "estimates are held within"),
     "/view/result/sizes/results.jsonl": ("2 models, 1 failed", "/view/model/sizes/models/bb22.json"),
     "/view/result/worn/gap.json": ("riction", "/files/worn/report.html"),
     "/view/result/fleet/fleet.jsonl": ("2 units: 1 named", "/view/result/fleet/units/car_1/gap.json", "fleet.html"),
     "/view/result/loop/iterations.jsonl": ("9.00 %", "/view/model/loop/iteration_02/model.json"),
-    "/view/result/stroke/result.json": ("2.300", "converged"),
 }
 
 
@@ -90,7 +88,7 @@ def test_a_page_shows_what_its_file_says(client: FlaskClient, path: str) -> None
 def test_damaged_files_are_named_and_never_an_error_of_the_server(tmp_path: Path) -> None:
     client = open_client(fill_folder(tmp_path, bags=False))
     files = [path for path in tmp_path.rglob("*") if path.suffix in (".json", ".jsonl")]
-    assert len(files) == 12
+    assert len(files) == 11
     for damage in (b"", b"\x00\xff\xfe" * 50, b'{"schema": "ces-gap/1", "gap": []}', b"[]\n{}\n"):
         for path in files:
             path.write_bytes(damage)
@@ -152,44 +150,6 @@ def test_a_damaged_bag_says_why(tmp_path: Path) -> None:
     client = open_client(tmp_path)
     assert "bag" in names(text_of(client, "/list/recording"))
     assert "cannot be opened as a bag" in wait_for(client, "/view/recording/bag")
-
-
-def test_a_running_search_is_shown_and_followed_to_its_end(tmp_path: Path) -> None:
-    facts = {"seconds": 60.0, "starts": 4, "structure": "polynomial", "recordings": ["noise"]}
-    search, client = SearchProgressFile("identify", tmp_path / "new.json", facts), open_client(tmp_path)
-    search.__enter__()
-    search.write({"seed": 1, "cost": 30.0, "size": 2, "ended": "running"})
-    assert "new.json: identify, best selection cost J = 30.00 %" in text_of(client, "/")
-    for seed, cost, ended in ((1, 20.0, "running"), (1, 80.0, "running"), (2, 12.5, "no candidates left")):
-        search.write({"seed": seed, "cost": cost, "size": 5, "ended": ended})
-    page = text_of(client, "/search/new.json")
-    assert "J = 12.50 %" in page and "1 of 4" in page and "noise" in page and 'id="search-plot"' in page
-    assert 'http-equiv="refresh"' in page and 'http-equiv="refresh"' in text_of(client, "/")
-    described_model().save(tmp_path / "new.json")
-    search.__exit__(None, None, None)
-    page = text_of(client, "/search/new.json")
-    assert "not running" in page and "/view/model/new.json" in page
-    assert 'http-equiv="refresh"' not in page
-
-
-def test_a_killed_search_is_said_not_to_run(tmp_path: Path) -> None:
-    killed = SearchProgressFile("identify", tmp_path / "new.json", {})
-    killed.__enter__()
-    file = tmp_path / ".new.json.progress"
-    client = open_client(tmp_path)
-    assert "no model yet" in text_of(client, "/search/new.json")
-    file.write_text(file.read_text().replace('"process_start": "', '"process_start": "9'))
-    page = text_of(client, "/search/new.json")
-    assert "not running" in page and "left no result" in page
-
-
-def test_a_running_campaign_shows_its_results_so_far(tmp_path: Path) -> None:
-    folder = fill_folder(tmp_path, bags=False)
-    with ProgressFile("jobs", folder / "sizes", {"things": "cells", "total": 9, "done": 2}) as file:
-        client = open_client(folder)
-        assert "sizes: 2 of 9 cells" in text_of(client, "/")
-        file.write({"done": 3, "failed": 1})
-        assert "3 of 9 cells done" in text_of(client, "/search/sizes")
 
 
 def test_what_cannot_be_compared_is_said(client: FlaskClient) -> None:

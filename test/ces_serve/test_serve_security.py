@@ -143,7 +143,7 @@ def test_only_a_folder_can_be_served(root: Path) -> None:
 
 
 def test_no_page_leaves_the_folder(client: FlaskClient) -> None:
-    pages, ways = ("view/model", "view/recording", "search"), ("..%2fsecret.html", "%2fetc%2fpasswd", "linked.html")
+    pages, ways = ("view/model", "view/recording"), ("..%2fsecret.html", "%2fetc%2fpasswd", "linked.html")
     for page, path in product(pages, ways):
         answer = client.get(f"/{page}/{path}", follow_redirects=True)
         assert answer.status_code in (200, 404), (page, path)

@@ -22,13 +22,6 @@ from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
 RATE = 250.0
-STROKE = """\
-experiment: sine.yaml
-actuator: {compliance_m_N: 2.0e-7}
-limits: {stroke_m: 0.03, speed_m_s: 1.0, acceleration_m_s2: 60.0}
-probe: {duration_s: 3.0, to_Hz: 40.0}
-learning: {max_iterations: 3}
-"""
 LAGS, POWERS = list(range(200)), [0.5, 1.0, 1.5, 2.0]
 CAMPAIGN = "bags: {one: one}\nvalidate: {other: two}\nstructures: {polynomial: {terms: [3]}}\n"
 MAPPING = "rate: 100\nposition: {column: x, scale: 0.001}\ncurrent: {constant: 0.2}\nforce: {column: F}\n"
@@ -54,17 +47,6 @@ def short(time_s, position_m, current_A): return force(time_s, position_m, curre
     "twice.yaml": CAMPAIGN.replace("one: one", "one: [one, copy]"),
     "map.yaml": MAPPING, "signals.yaml": "/**:\n  ros__parameters: {position: {topic: x}}\n",
     "a.csv": "x,F\n1,2\n3,oops\n", "b.csv": "x,F\n1,2\n2,3\n", "sub/b.csv": "x,F\n1,2\n2,3\n",
-    "sine.yaml": "duration_s: 2.5\nstroke: {kind: sine, amplitude_m: 0.01, frequency_Hz: 4}\n"
-    "current: {kind: constant, current_A: 0.5}\n",
-    "stroke.yaml": STROKE, "p1.yaml": "{}", "p2.yaml": "experiment: nothing.yaml", "p3.yaml": "experiment: sine.yaml",
-    "p4.yaml": "experiment: sine.yaml\nseed: 3", "p5.yaml": "experiment: sine.yaml\nrig: 3",
-    "p6.yaml": STROKE.replace("stroke_m: 0.03", "stroke_m: 0.005"),
-    "p7.yaml": STROKE.replace("stroke_m: 0.03", "stroke_m: -1"), "p8.yaml": "- a list",
-    "p9.yaml": STROKE.replace("max_iterations: 3", "max_iterations: none"),
-    "p10.yaml": STROKE + "model: {gain: 0}\n", "p11.yaml": STROKE.replace("duration_s: 3.0", "duration_s: nan"),
-    "p12.yaml": STROKE.replace("sine.yaml", "moving.yaml"),
-    "moving.yaml": "duration_s: 2.5\nstroke: {kind: sine, amplitude_m: 0.01, frequency_Hz: 4, fade_s: 0.0}\n"
-    "current: {kind: constant, current_A: 0.5}\n",
     "i1.yaml": "limits: [1, 2]\nrig: {kind: virtual}\n", "i2.yaml": TEMPLATE.replace("kind: virtual", "kind: cloud"),
     "i3.yaml": TEMPLATE.replace("budget_s: 60", "budget_s: -3"), "i5.yaml": "limits: {",
     "i4.yaml": TEMPLATE.replace("validate: []", "validate: [missing]"), "i6.yaml": TEMPLATE,

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
@@ -20,17 +19,6 @@ from ces_report.shell import page_template
 BAGS = Path(__file__).resolve().parent.parent.parent / "bags"
 ROW = {"status": DONE, "bags": "noise", "structure": "polynomial", "seed": 1}
 ROW |= {"gain": 0.9, "force_bound_N": 2e3, "seconds": 3.0}
-STROKE = {
-    "schema": "ces-learned-stroke/1",
-    "stopped": "converged",
-    "iterations": 2,
-    "repeatability_m": 2e-5,
-    "first_error_m": 2.3e-3,
-    "confirmed_error_m": 2.8e-5,
-    "runs": [{"kind": "wanted", "error_m": 2.3e-3, "gain": 1.0}, {"kind": "learned", "error_m": 3e-5, "gain": 1.0}],
-    "filter": {"bandwidth_Hz": 25.0},
-    "warnings": ["the error above the bandwidth stays"],
-}
 
 
 def described_model(validation_J: float = 4.0) -> Model:
@@ -57,8 +45,6 @@ def fill_folder(folder: Path, bags: bool = True) -> Path:
     _write_campaign(folder / "sizes")
     _write_fleet(folder / "fleet")
     _write_iterations(folder / "loop")
-    (folder / "stroke").mkdir()
-    (folder / "stroke" / "result.json").write_text(json.dumps(STROKE, indent=1))
     if bags:
         shutil.copytree(BAGS / "sine_4hz", folder / "recordings" / "sine_4hz")
     return folder

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import shutil
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +18,8 @@ from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.signals_file import load_signals
 from ces_iterate.commands import write_commands
 from ces_iterate.loop.identification import evaluate_fresh
-from ces_iterate.loop.iterate import Iterations
-from ces_iterate.loop.store import ROWS
+from ces_iterate.loop.iterate import IterateListener, Iterations
+from ces_iterate.loop.store import ROWS, Iteration, keep_inputs
 from ces_iterate.page import write_page
 from ces_iterate.rigs.folder import DROP, FolderRig
 from ces_observer.errors import CesError
@@ -89,6 +91,39 @@ def test_a_larger_budget_goes_on_also_after_a_kill_between_recording_and_fit(fin
     Iterations(make_plan(tmp_path), rig, tmp_path).run()
     assert rig.runs == 1  # only the fit of the first is repeated
     assert rows(tmp_path) == rows(finished)
+
+
+class FullDisk(IterateListener):
+    """There is no room for the page."""
+
+    resumed = 0
+
+    def resume(self, history: Sequence[Iteration]) -> None:
+        self.resumed = len(history)
+
+    def finish(self, iteration: Iteration) -> None:
+        raise CesError("report.html: full")
+
+
+def test_a_finished_iteration_is_kept_although_its_page_is_not(finished: Path, tmp_path: Path) -> None:
+    for count in range(2):
+        listener = FullDisk()
+        with pytest.raises(CesError, match="full"):
+            Iterations(make_plan(tmp_path), small_rig(), tmp_path, listener).run()
+        assert listener.resumed == count
+    assert rows(tmp_path) == rows(finished)
+
+
+def test_a_changed_input_is_refused(tmp_path: Path) -> None:
+    plan = make_plan(tmp_path, rig={"kind": "virtual", "damper": "damper.yaml"}, recordings=["bag"])
+    recording = replace(small_rig().run(sine_commands(), tmp_path), sha256="1")
+    (tmp_path / "damper.yaml").write_text("one")
+    keep_inputs(tmp_path, plan, [recording])
+    with pytest.raises(CesError, match=r"bag: has changed since .* began with it; choose another --out"):
+        keep_inputs(tmp_path, plan, [replace(recording, sha256="2")])
+    (tmp_path / "damper.yaml").write_text("two")
+    with pytest.raises(CesError, match=r"damper.yaml: has changed since"):
+        keep_inputs(tmp_path, plan, [recording])
 
 
 def test_a_target_on_fresh_data_ends_it(tmp_path: Path) -> None:
