@@ -113,7 +113,7 @@ def _check_stamps(name: str, stamps: Stamps, at: Values) -> Iterator[Finding]:
     if (steps < 0).any():
         row = int(np.argmin(steps))
         times = f"{int((steps < 0).sum())} times, most at {at[row]:.3f} s by {-steps[row] / SECOND:.6f} s"
-        hint = "expected stamps in order (did a clock jump, or a bag loop?)"
+        hint = "record it again (was a clock set back, or a bag played in a loop? Sorting would mix the two times)"
         yield Finding(ERROR, f"{name}: time runs backwards {times}; {hint}", name)
 
 

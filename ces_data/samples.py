@@ -1,16 +1,17 @@
-"""The samples of channels: statistics as logged, holes, the time at each speed and current; spikes removed."""
+"""The samples of channels: statistics as logged, holes, spikes, the time at each speed and current."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.ndimage import median_filter
 from scipy.signal import savgol_filter
 
-from ces_data.arrays import F, I
-from ces_data.findings import SECOND, mean_rate
+from ces_data.arrays import F, I, Mask
+from ces_data.findings import SECOND, mean_rate, runs_of_equal
 from ces_data.recording import Channel, Recording, Stamps
 
 GAP_INTERVALS = 5.0  # a longer interval, in median intervals, is a gap
@@ -72,6 +73,98 @@ def measured_at(channel: Channel, stamps_ns: Stamps) -> NDArray[np.bool_]:
     after = np.clip(np.searchsorted(logged, stamps_ns), 1, len(logged) - 1)
     inside = (stamps_ns >= logged[0]) & (stamps_ns <= logged[-1])
     return np.asarray(inside & (~hole[after - 1] | (stamps_ns == logged[after]) | (stamps_ns == logged[after - 1])))
+
+
+JUMP_SPANS = {"position": 0.15, "current": 1.0, "force": 0.3}  # of a signal's span: what no sensor jumps by and back
+LEAST_SPANS = {"position": 0.0, "current": 0.2, "force": 0.0}  # [m, A, N] of a span: a current may be constant
+SPIKE_S, MAX_SPIKE, MIN_SAMPLES_CHECKED = 0.005, 3, 50  # length of a spike, and in samples; of a channel
+SPIKE_RATIO = 6.0  # of its distance from the median around it, over the 95th percentile of all
+BURST, STEP_RATIO = 1.5, 8.0  # a burst's jumps over a spike's; a jump over the 95th percentile of all steps
+DROPOUT_SPANS = {"position": 0.02, "current": 0.2, "force": 0.1}  # the same, before or after a value that is repeated
+MIN_MOVE = 0.005  # of the other signal meanwhile, of its span
+MAX_REPEATS = 0.1  # of a current's samples, that repeat the one before
+BURST_S, MIN_DROPOUT = 0.01, 4  # between a jump and its return; samples of one value before or after a jump
+
+
+def find_spikes(channel: Channel) -> Mask:
+    """Return which samples (n,) of a position, current or force no sensor can have measured.
+
+    A spike has up to three samples within 5 ms, far from the median of twice as many around it. A burst of up to 10
+    ms begins with a jump and ends with the opposite one. Both are judged by the signal's own span and by its other
+    steps, so that pulses that occur more often, or that rise in several samples, are none.
+    """
+    spikes, finite = np.zeros(len(channel), bool), np.flatnonzero(np.isfinite(channel.values))
+    rate = mean_rate(channel)
+    length = min(round(SPIKE_S * rate), MAX_SPIKE)
+    if channel.name not in JUMP_SPANS or len(finite) < MIN_SAMPLES_CHECKED or not length:
+        return spikes
+    values = channel.values[finite]
+    usual = median_filter(values, 2 * length + 1, mode="nearest")
+    distance, span = np.abs(values - usual), float(np.ptp(np.percentile(usual, (0.5, 99.5))))
+    least = JUMP_SPANS[channel.name] * max(span, LEAST_SPANS[channel.name])
+    found = distance > max(least, SPIKE_RATIO * float(np.percentile(distance, 95.0)))
+    if channel.name != "current":
+        rest = np.flatnonzero(~found)
+        found[rest] = _find_bursts(values[rest], BURST * least, BURST_S * rate)
+    spikes[finite] = found
+    return spikes
+
+
+def find_jumps(values: F, least: float) -> I:
+    """Return the indices before jumps: steps of more than `least` that exceed by far nearly all others."""
+    steps = np.abs(np.diff(values))
+    moves = steps[steps > 0.0]
+    usual = float(np.percentile(moves, 95.0)) if len(moves) else 0.0
+    return np.flatnonzero(steps > max(least, STEP_RATIO * usual))
+
+
+def _find_bursts(values: F, least: float, longest: float) -> Mask:
+    """Return which samples (n,) lie between a jump and another that leads back, at most `longest` samples later."""
+    jumps, inside = find_jumps(values, least), np.zeros(len(values), bool)
+    for k, first in enumerate(jumps):
+        back = [j for j in jumps[k + 1 :][:MAX_SPIKE] if abs(values[j + 1] - values[first]) < least]
+        if not inside[first] and back and back[0] - first <= longest:
+            inside[first + 1 : back[0] + 1] = True
+    return inside
+
+
+def find_dropouts(channel: Channel, other: Channel | None) -> Mask:
+    """Return which samples (n,) repeat one value after a jump, or up to one, while `other` moves: of a lost sensor.
+
+    A current that repeats its values elsewhere, too, as a commanded one, has none.
+    """
+    dropouts, finite = np.zeros(len(channel), bool), np.flatnonzero(np.isfinite(channel.values))
+    if channel.name not in DROPOUT_SPANS or other is None or min(len(finite), len(other)) < MIN_SAMPLES_CHECKED:
+        return dropouts
+    values = channel.values[finite]
+    runs = runs_of_equal(values)
+    if channel.name == "current" and 1.0 - len(runs) / len(values) > MAX_REPEATS:
+        return dropouts
+    jumps = find_jumps(values, DROPOUT_SPANS[channel.name] * float(np.ptp(np.percentile(values, (0.5, 99.5)))))
+    long = runs[np.diff(runs, axis=1)[:, 0] >= MIN_DROPOUT]
+    moved = MIN_MOVE * float(np.ptp(np.percentile(other.values, (0.5, 99.5))))
+    for begin, end in long[np.isin(long - 1, jumps).any(axis=1)]:
+        a, b = np.searchsorted(other.stamps_ns, channel.stamps_ns[finite[[begin + 1, end - 2]]])
+        if np.ptp(other.values[a : b + 1]) > moved:
+            dropouts[finite[begin:end]] = True
+    return dropouts
+
+
+def measured(recording: Recording, name: str) -> Channel:
+    """Return a channel with NaN in the place of spikes and dropouts: they count as not measured."""
+    channel = recording.channels[name]
+    other = recording.channels.get("force" if name == "position" else "position")
+    moving = None if other is None else other.finite()
+    for find in (find_spikes, lambda one: find_dropouts(one, moving)):
+        if (lost := find(channel)).any():
+            channel = replace(channel, values=np.where(lost, np.nan, channel.values))
+    return channel
+
+
+def without_spikes(recording: Recording, split: float = 1.0) -> Recording:
+    """Return the recording with all channels as `measured`; its parts before and after `split` are judged alone."""
+    parts = [recording] if split >= 1.0 else [recording.part(0.0, split), recording.part(split, 1.0)]
+    return Recording.join([replace(p, channels={name: measured(p, name) for name in p.channels}) for p in parts])
 
 
 SPIKE_FACTOR = 5.0  # times the robust standard deviation of a sample's distance from its neighbours' parabola

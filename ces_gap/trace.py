@@ -16,7 +16,7 @@ from scipy.interpolate import CubicSpline
 
 from ces_data.arrays import F, Mask
 from ces_data.recording import Recording
-from ces_data.samples import measured_at
+from ces_data.samples import measured_at, without_spikes
 from ces_gap.errors import GapError
 from ces_gap.grid import (
     bridge_gaps,
@@ -141,16 +141,17 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
     base, base_Hz, factor = lay_base_grid(seconds, recording.name)
     factor = factor if thinned else 1
     base_ns = clock[0] + np.round(base * 1e9).astype(np.int64)
-    position, known_x = bridge_gaps(seconds, recording.channel("position").values, base)
+    logged = without_spikes(recording)
+    position, known_x = bridge_gaps(seconds, logged.channel("position").values, base)
     position = smooth_out(position, find_low_pass_Hz(position, base_Hz), base_Hz)
     force, known_f, measured = np.zeros_like(base), np.zeros(len(base), bool), np.zeros(len(base), bool)
-    channel = recording.channels.get("force")
+    channel = logged.channels.get("force")
     if channel is not None:
         force_s = (channel.stamps_ns - clock[0]) * 1e-9
         force, known_f = bridge_gaps(force_s, channel.values, base)
         measured = without_edges(measured_at(channel, base_ns), factor - 1)  # what decimation mixes into a tick
     simulated, known_s = bridge_gaps(seconds, simulated_N, base)
-    current = hold_current(recording, base_ns, CURRENT_AGE_S)
+    current = hold_current(logged, base_ns, CURRENT_AGE_S)
     known_i = np.isfinite(current)
     current = np.interp(base, base[known_i], current[known_i]) if known_i.any() else np.zeros_like(base)
     usable = without_edges(known_x & known_f & known_s & known_i, round(EDGE_S * base_Hz)) & measured

@@ -39,6 +39,13 @@ def step_back(recording: Recording) -> Recording:
     return _with_position(recording, stamps_ns=stamps)
 
 
+def count_ms_as_s(recording: Recording) -> Recording:
+    """Return a recording whose times are in ms, but were taken for s."""
+    start = min(int(channel.stamps_ns[0]) for channel in recording.channels.values())
+    slower = {n: replace(c, stamps_ns=1000 * (c.stamps_ns - start)) for n, c in recording.channels.items()}
+    return replace(recording, channels=slower)
+
+
 def lose_force(recording: Recording) -> Recording:
     """Return a recording without a sample of the force."""
     force = recording.channels["force"]
@@ -61,6 +68,13 @@ STRUCTURAL = (
     SenseFault("wrong type or field", change_values("force", lambda values: 1e30 * values), ("force",)),
     SenseFault("one stamp for many samples", repeat_stamps, ("position",)),
     SenseFault("clock set back", step_back, ("position",)),
+    SenseFault("times in ms", count_ms_as_s, ("position",)),
+    SenseFault(
+        "force with spikes", change_values("force", lambda v: np.where(np.arange(len(v)) % 700, v, 999e3)), ("force",)
+    ),
+    SenseFault(
+        "position's counter overflows", change_values("position", lambda v: (v + 0.01) % 0.025 - 0.01), ("position",)
+    ),
     SenseFault("position constant", set_constant("position"), ("position",)),
     SenseFault("force constant", set_constant("force"), ("force",)),
 )

@@ -14,7 +14,8 @@ from operator import attrgetter
 import numpy as np
 
 from ces_data.arrays import F, I
-from ces_data.checks.delays import delay_findings, find_clock_drift, force_delay, sign_findings
+from ces_data.checks.delays import delay_findings, find_clock_drift, find_drift_within, force_delay, sign_findings
+from ces_data.checks.jumps import split_spikes
 from ces_data.checks.motion import is_constant, join_motions, recorded_motion
 from ces_data.checks.sensors import current_findings, rate_findings, saturation_findings, sensor_findings
 from ces_data.checks.units import MAX_CURRENT_A, MAX_STROKE_M, find_exchange, half_span, ratio_findings, unit_findings
@@ -25,9 +26,9 @@ from ces_observer.signals import UNITS
 
 LONG_S = 60.0  # clocks that differ by 100 ppm drift by 6 ms in it
 COMPARED = (  # signal, trait, the limit of any damper, verb, and the unit that it may be in instead
-    ("position", "stroke_m", MAX_STROKE_M, "spans", "mm"),
+    ("position", "stroke_m", MAX_STROKE_M, "spans", "mm, cm or inches"),
     ("current", "current_A", MAX_CURRENT_A, "reaches", "mA"),
-    ("force", "force_N", 0.0, "spans", "kN"),
+    ("force", "force_N", 0.0, "spans", "kN or kip"),
 )
 UNIT_RATIO = 100.0  # ratio of spreads beyond that of any two experiments with one damper
 MAX_SPEED_RATIO = 10.0  # largest ratio of speeds at which forces are compared
@@ -40,6 +41,9 @@ def check_recording(recording: Recording) -> tuple[Finding, ...]:
 
     "wrong model": a model of it would be wrong. A check that cannot know says nothing.
     """
+    recording, spikes = split_spikes(recording)
+    if any(f.severity == WRONG_MODEL for f in spikes):
+        return sort_findings(spikes)  # follow-up findings would mislead
     motion = recorded_motion(recording)
     if exchange := find_exchange(recording, motion):
         return (exchange,)
@@ -50,12 +54,11 @@ def check_recording(recording: Recording) -> tuple[Finding, ...]:
     elif motion is not None:
         delay = force_delay(motion)
         timing = list(sign_findings(motion, delay)) or list(delay_findings(motion, delay))  # of a right sign
-        late = any(isinstance(f, DelayFinding) and f.signal != "current" for f in timing)
         long = np.ptp(recording.channels["position"].stamps_ns) >= 1e9 * LONG_S
-        drift = find_clock_drift(recording) if late or long else None
+        drift = find_drift_within(motion, delay) or (find_clock_drift(recording) if long else None)
         timing = [drift] if drift else timing  # clocks that drift replace a delay
     intact = None if any(f.severity == WRONG_MODEL for f in sensors) else motion  # else follow-up findings mislead
-    others = rate_findings(recording), sensors, current_findings(recording, intact)
+    others = spikes, rate_findings(recording), sensors, current_findings(recording, intact)
     return sort_findings(unit_findings(recording, motion), timing, *others)
 
 

@@ -11,22 +11,27 @@ Recordings of one damper by one logger may be joined: sines at several frequenci
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ces_data.arrays import F, I
 from ces_data.checks.motion import (
+    INERTIA,
     LAGS_S,
     RATE_HZ,
+    SLOW_VALVE,
+    SPRING,
     VALVE_LAGS_S,
     Motion,
+    alternative_features,
     fit_errors,
     force_features,
     hats,
     is_constant,
     lag,
+    moved_mass,
     normalize,
     recorded_motion,
 )
@@ -43,12 +48,17 @@ FACTOR, FLOOR = 1.35, 0.02  # error that still counts as a fit: a multiple of th
 CURRENT_FACTOR, CURRENT_FLOOR = 1.12, 0.025
 LIKELY_S, LIKELY_FACTOR, LIKELY_FLOOR, LIKELY_ERROR = 0.015, 1.15, 0.01, 0.2  # of a delay that is probable only
 LIKELY_WIDTH_S = 0.05  # of the interval
+FOLLOWING = 0.7  # least share of a current that does not follow the motion
+BETTER = 1.1  # ratio of errors, for other features without a delay to fit better than a delay
 MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these signals
 
 
 @dataclass(frozen=True)
 class DelayEstimate:
-    """How late a signal is [s], the interval of shifts (up to `reach_s`) that fit, and the errors at zero and best."""
+    """How late a signal is [s], the interval of shifts (up to `reach_s`) that fit, and the errors at zero and best.
+
+    `alternatives` are what explains the force without a delay; a fit without them leaves the interval.
+    """
 
     late_s: float
     low_s: float
@@ -56,6 +66,7 @@ class DelayEstimate:
     error_at_zero: float
     least_error: float
     reach_s: float = MAX_DELAY_S
+    alternatives: tuple[str, ...] = ()
 
     @property
     def certain(self) -> bool:
@@ -107,8 +118,12 @@ def _force_delay_within(motion: Motion, reach_s: float) -> DelayEstimate | None:
         return None
     shifts = np.arange(-reach, reach + 1)
     targets = np.stack([motion.force[rows + shift] for shift in shifts], axis=1)
-    errors = fit_errors(features[:, rows].T, targets)
-    return _as_delay(shifts / RATE_HZ, errors, FACTOR, FLOOR)
+
+    def estimate(*more: F) -> DelayEstimate | None:
+        errors = fit_errors(np.concatenate([features, *more])[:, rows].T, targets)
+        return _as_delay(shifts / RATE_HZ, errors, FACTOR, FLOOR)
+
+    return _with_alternatives(motion, estimate)
 
 
 def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | None:
@@ -120,13 +135,37 @@ def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | 
     speeds, n = hats(motion.speed, CURRENT_KNOTS), normalize(motion.current)
     alone = np.concatenate([speeds, lag(speeds, LAGS_S[1]), normalize(motion.position)[None]])[:, rows]
     currents = [*(lag(n, seconds) for seconds in VALVE_LAGS_S), n**2, lag(n**2, VALVE_LAGS_S[1])]
+    if fit_errors(alone.T, n[rows][:, None])[0] < FOLLOWING:
+        return None
     target = motion.force[rows + late][:, None]
     shifts = np.arange(-reach, reach + 1, CURRENT_STEP)
-    errors = []
-    for shift in shifts:
-        features = np.concatenate([alone, *(speeds[:, rows] * c[rows + late + shift] for c in currents)])
-        errors.append(fit_errors(features.T, target)[0])
-    return _as_delay(shifts / RATE_HZ, np.array(errors), CURRENT_FACTOR, CURRENT_FLOOR)
+
+    def estimate(*more: F) -> DelayEstimate | None:
+        errors = []
+        for shift in shifts:
+            moved = (speeds[:, rows] * c[rows + late + shift] for c in currents)
+            features = np.concatenate([alone, *(one[:, rows] for one in more), *moved])
+            errors.append(fit_errors(features.T, target)[0])
+        return _as_delay(shifts / RATE_HZ, np.array(errors), CURRENT_FACTOR, CURRENT_FLOOR)
+
+    return _with_alternatives(motion, estimate)
+
+
+def _with_alternatives(motion: Motion, estimate: Callable[..., DelayEstimate | None]) -> DelayEstimate | None:
+    """Return the estimate beside other features if they fit clearly better, else that without, and which fit, too."""
+    alone = estimate()
+    if alone is None or not (alone.certain or alone.likely):
+        return alone
+    features = alternative_features(motion)
+    beside = estimate(*features.values())
+    if beside is None:
+        return alone
+    if beside.certain and beside.late_s * alone.late_s > 0.0:
+        return replace(alone, low_s=min(alone.low_s, beside.low_s), high_s=max(alone.high_s, beside.high_s))
+    if not beside.likely and BETTER * beside.error_at_zero < alone.least_error:
+        return beside
+    names = [name for name, one in features.items() if (e := estimate(one)) is not None and not e.certain]
+    return replace(alone, alternatives=tuple(names or features))
 
 
 def _rows(motion: Motion, margin: int, most: int) -> I:
@@ -214,20 +253,23 @@ def delay_findings(motion: Motion, force: DelayEstimate | None) -> Iterator[Find
     """Yield the delay of force or position, and that of the current if it fits neither of the two."""
     moved = _current_instead(motion, force) if force is not None and (force.certain or force.likely) else None
     if moved is not None:
-        yield (_describe_delay if abs(moved.nearest_s) >= MIN_DELAY_S else _describe_likely)("current", "force", moved)
+        yield from _describe("current", "force", moved, motion)
         return
-    if force is not None and abs(force.nearest_s) >= MIN_DELAY_S:
-        yield _describe_delay("force", "position", force)
-    elif force is not None and force.likely:
-        yield _describe_likely("force", "position", force)
+    if force is not None:
+        yield from _describe("force", "position", force, motion)
     offset = force.late_s if force is not None and force.certain else 0.0
     if abs(offset) > 0.5 * MAX_DELAY_S:  # the shifts that are tried do not reach the position's time
         return
     current = current_delay(motion, offset)
-    if current is None or abs(current.nearest_s) < MIN_DELAY_S:
-        return
-    if not current.low_s <= -offset <= current.high_s:  # it may be in line with the position instead
-        yield _describe_delay("current", "force", current)
+    if current is not None and current.certain and not current.low_s <= -offset <= current.high_s:
+        yield from _describe("current", "force", current, motion)  # not in line with the position instead
+
+
+def _describe(signal: str, other: str, delay: DelayEstimate, motion: Motion) -> Iterator[Finding]:
+    if abs(delay.nearest_s) >= MIN_DELAY_S:
+        yield _describe_delay(signal, other, delay, motion)
+    elif delay.likely and not delay.alternatives:
+        yield _describe_likely(signal, other, delay)
 
 
 def _current_instead(motion: Motion, force: DelayEstimate) -> DelayEstimate | None:
@@ -240,7 +282,14 @@ def _current_instead(motion: Motion, force: DelayEstimate) -> DelayEstimate | No
     return current if again is not None and in_line and again.error_at_zero <= force.least_error else None
 
 
-def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> DelayFinding:
+LOOK_ALIKES = {  # text by alternative
+    INERTIA: "a mass of about {kg:.0f} kg between piston and load cell",
+    SPRING: "a gas spring or a damping that depends on position",
+    SLOW_VALVE: "a slow valve",
+}
+
+
+def _describe_delay(signal: str, other: str, delay: DelayEstimate, motion: Motion) -> DelayFinding:
     near, far = sorted(1e3 * abs(s) for s in (delay.low_s, delay.high_s))
     name, relation, key_s = _name_late(signal, other, delay.late_s)
     key = f"the key delay (default 0) of {name} in the signals file"
@@ -249,6 +298,10 @@ def _describe_delay(signal: str, other: str, delay: DelayEstimate) -> DelayFindi
     if delay.beyond:
         unknown = "too much to estimate; compare how both are stamped, set"
         text = f"at least {near:.0f} ms {relation}, {unknown} {key}, and check again"
+    if delay.alternatives:
+        others = " or ".join(LOOK_ALIKES[one] for one in delay.alternatives).format(kg=moved_mass(motion))
+        text = f"{1e3 * abs(delay.late_s):.0f} ms {relation}, or {others}: these recordings cannot tell; compare how "
+        return DelayFinding(WARNING, f"{name}: {text}both are stamped, and set {key} if it is late", name)
     sure = signal != "current" and abs(delay.nearest_s) >= WRONG_DELAY_S  # a slow valve, or a bypass, looks alike
     severity = WRONG_MODEL if sure else WARNING
     return DelayFinding(severity, f"{name}: logged {text}", name)
@@ -293,7 +346,7 @@ def find_clock_drift(recording: Recording) -> Finding | None:
     for part in THIRDS:
         motion = recorded_motion(recording.part(*part))
         delay = None if motion is None else force_delay(motion, far=False)
-        if delay is None:
+        if delay is None or delay.alternatives:
             return None
         delays.append(delay)
     first, middle, last = delays
@@ -303,12 +356,44 @@ def find_clock_drift(recording: Recording) -> Finding | None:
         return None
     if abs(middle.late_s - 0.5 * (first.late_s + last.late_s)) > STEADY * abs(change):
         return None
-    begin, end = (
-        f"about {1e3 * abs(delay.late_s):.0f} ms {'after' if delay.late_s >= 0.0 else 'before'}"
-        for delay in (first, last)
-    )
+    return _describe_drift(first.late_s, last.late_s)
+
+
+MAX_DRIFT, DRIFT_STEPS = 5e-3, 41  # of clocks, in seconds per second; of the rates that are tried on each side
+DRIFT_FACTOR, MAX_DRIFT_ERROR = 1.25, 0.3  # of the error that still counts as a fit; of the best fit
+
+
+def find_drift_within(motion: Motion, delay: DelayEstimate | None = None) -> Finding | None:
+    """Return a finding if the force fits clearly better at a delay that grows with time than at none, and at `delay`.
+
+    Unlike a delay, it can be known on a single sine: no damper changes its phase steadily.
+    """
+    seconds = len(motion) / RATE_HZ
+    rates = np.linspace(-MAX_DRIFT, MAX_DRIFT, 2 * DRIFT_STEPS + 1)
+    rows = _rows(motion, round(MAX_DRIFT * seconds * RATE_HZ), ROWS)
+    if len(rows) < MIN_TICKS // 2 or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
+        return None
+    features, ticks = force_features(motion), np.arange(len(motion))
+    features = np.concatenate([features, *alternative_features(motion).values()])[:, rows].T
+    best = None
+    for origin in (0.0, 0.5):
+        late = np.outer(rows - origin * len(motion), rates)
+        targets = np.interp(rows[:, None] + late, ticks, motion.force)
+        drift = _as_delay(rates, fit_errors(features, targets), DRIFT_FACTOR, FLOOR)
+        if drift is not None and (best is None or drift.least_error < best[1].least_error):
+            best = origin, drift
+    if best is None or not best[1].certain or best[1].least_error > MAX_DRIFT_ERROR:
+        return None
+    if delay is not None and DRIFT_FACTOR * best[1].least_error > delay.least_error:
+        return None
+    change = best[1].late_s * seconds
+    return _describe_drift(-best[0] * change, (1.0 - best[0]) * change) if abs(change) > MIN_CHANGE_S else None
+
+
+def _describe_drift(first_s: float, last_s: float) -> Finding:
+    begin, end = (f"about {1e3 * abs(s):.0f} ms {'after' if s >= 0.0 else 'before'}" for s in (first_s, last_s))
     text = (
-        f"force: logged {begin} the position in the first third and {end} it in the last: their clocks drift apart, "
-        "which no constant delay corrects; log both with one clock, or rescale the stamps of one"
+        f"force: logged {begin} the position at the begin and {end} it at the end: their clocks drift apart, which no "
+        "constant delay corrects; log both with one clock, or rescale the stamps of one"
     )
     return Finding(WRONG_MODEL, text, "force")

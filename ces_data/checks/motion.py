@@ -131,6 +131,7 @@ def _fastest_part(speed: F) -> slice:
 
 
 KNOTS = (0.0, 0.02, 0.1, 0.25, 0.4, 0.5, 0.6, 0.75, 0.9, 0.98, 1.0)  # quantiles of the speed
+COARSE_KNOTS = (0.0, 0.25, 0.5, 0.75, 1.0)
 LAGS_S = (0.0, 0.003, 0.008)  # memory of the force
 VALVE_LAGS_S = (0.0, 0.01, 0.025)
 RIDGE = 1e-5
@@ -145,6 +146,42 @@ def force_features(motion: Motion) -> F:
         factors += [n, n**2, *(lag(n, seconds) for seconds in VALVE_LAGS_S[1:])]
     base = np.concatenate([speeds * factor for factor in factors])
     return np.concatenate([*(lag(base, seconds) for seconds in LAGS_S), normalize(motion.position)[None]])
+
+
+MAX_MASS_KG = 300.0  # between piston and load cell; the carriage of a servo axis has 100
+ACCELERATION_HZ = (12.0, 25.0, BAND_HZ)
+SLOW_VALVE_LAGS_S = (0.05, 0.12)
+INERTIA, SPRING, SLOW_VALVE = "inertia", "position", "valve"
+
+
+def alternative_features(motion: Motion) -> dict[str, F]:
+    """Return the features (k, n) of what looks like a delay: inertia, forces that depend on position, a slow valve.
+
+    Inertia is missing if only a negative mass, or one beyond MAX_MASS_KG, fits.
+    """
+    speeds, x = hats(motion.speed, COARSE_KNOTS), normalize(motion.position)
+    at = hats(motion.position, COARSE_KNOTS)
+    maps = [x, x**2, *at[1:-1]]
+    if not is_constant(motion.current):
+        maps += [x * (n := normalize(motion.current)), x**2 * n]
+    features = {SPRING: np.concatenate([at, *(speeds * one for one in maps)])}
+    if 0.0 < moved_mass(motion) <= MAX_MASS_KG:
+        low_passes = (butter(2, hertz, fs=RATE_HZ, output="sos") for hertz in ACCELERATION_HZ)  # against its noise
+        features[INERTIA] = np.stack([normalize(sosfiltfilt(one, np.gradient(motion.speed))) for one in low_passes])
+    if not is_constant(motion.current):
+        slow = [lag(normalize(motion.current), seconds) for seconds in SLOW_VALVE_LAGS_S]
+        features[SLOW_VALVE] = np.concatenate([speeds * one for one in slow])
+    return features
+
+
+def moved_mass(motion: Motion) -> float:
+    """Return the mass [kg] whose inertia, beside a map of speed and current, fits the force best; any sign."""
+    acceleration = np.gradient(motion.speed) * RATE_HZ
+    speeds, n = hats(motion.speed, KNOTS), normalize(motion.current)
+    damping = np.concatenate([speeds, speeds * n, normalize(motion.position)[None]])
+    weights = np.linalg.lstsq(damping.T, np.stack([acceleration, motion.force], axis=1), rcond=1e-8)[0]
+    rest, force = np.stack([acceleration, motion.force]) - weights.T @ damping
+    return float(rest @ force) / max(float(rest @ rest), 1e-30)
 
 
 def is_constant(current: F) -> bool:

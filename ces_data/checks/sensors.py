@@ -25,6 +25,8 @@ SAMPLES_A_LEVEL = 10  # from which on the values are those of a converter
 SPEED_SPAN_S, SPEED_BAND_HZ, MAX_SPEED_NOISE = 0.05, 50.0, 0.05  # of a model's speed; share that a quantum may disturb
 NOISY_REPEATS = 0.3  # share of repeats up to which a channel is noisy, so that a long run of them is a fault
 STUCK_S, STUCK_SAMPLES = 0.1, 50
+UNUSUAL = 3.0  # length of a run of equal forces over that of the longest usual one
+FINE_S, FINE_SAMPLES, FINE_REPEATS = 0.01, 15, 0.1  # of a force of which at most one sample in ten repeats the last
 STUCK_CHANGE = {"position": 0.3, "force": 0.1}  # change of the other signal meanwhile, of its range
 WRONG_STUCK = 0.02  # share of the time
 MAX_VISIT = 0.5  # of the samples at a limit: a single longer visit is a sensor that is stuck there
@@ -53,30 +55,32 @@ def sensor_findings(recording: Recording) -> Iterator[Finding]:
 
 def _stuck(channel: Channel, other: Channel | None, runs: I, limits: Sequence[float]) -> Iterator[Finding]:
     """Yield stretches in which a noisy channel repeats a value, not its usual limit, while the other changes."""
-    long, noisy = _long_runs(channel, runs, STUCK_S)
     lengths = np.diff(runs, axis=1)[:, 0]
+    fine = channel.name == "force" and 1.0 - len(runs) / len(channel) <= FINE_REPEATS
+    long, noisy = _long_runs(channel, runs, *((FINE_S, FINE_SAMPLES) if fine else (STUCK_S, STUCK_SAMPLES)))
     if other is None or noisy is None:
         return
     for limit in limits:
         visits = channel.values[runs[:, 0]] == limit
         if lengths[visits].max() < MAX_VISIT * lengths[visits].sum():
             long &= ~visits
-    suspects = runs[long] if noisy else runs[long & _jumps(channel.values, runs)]
-    spans = [(int(channel.stamps_ns[a]), int(channel.stamps_ns[b - 1])) for a, b in suspects]
+    unusual = lengths > UNUSUAL * max(lengths[~long].max(), 1) if channel.name == "force" else np.zeros(len(runs), bool)
+    suspects = runs[long] if noisy else runs[long & (unusual | _jumps(channel.values, runs))]
+    spans = [(int(channel.stamps_ns[a + 1]), int(channel.stamps_ns[b - 2])) for a, b in suspects]
     moved = [span for span in spans if _change(other, *span) > STUCK_CHANGE[channel.name]]
     if not moved:
         return
     total = sum(b - a for a, b in moved) / max(int(np.ptp(channel.stamps_ns)), 1)
     first = (moved[0][0] - int(channel.stamps_ns[0])) * 1e-9
-    times = f"{_count_times(len(moved))} {first:.2f} s, {total:.1%} of the time"
+    times = f"{count_times(len(moved))} {first:.2f} s, {total:.1%} of the time"
     severity = WRONG_MODEL if total > WRONG_STUCK else WARNING
     yield Finding(severity, f"{channel.name}: stuck {times}, while the {other.name} changes; {REMEDY}", channel.name)
 
 
-def _long_runs(channel: Channel, runs: I, seconds: float) -> tuple[Mask, bool | None]:
+def _long_runs(channel: Channel, runs: I, seconds: float, samples: int = STUCK_SAMPLES) -> tuple[Mask, bool | None]:
     """Return which runs of equal values are long; and whether the channel is noisy otherwise, None if unknown."""
     lengths = np.diff(runs, axis=1)[:, 0]
-    long = lengths >= max(STUCK_SAMPLES, seconds * mean_rate(channel))
+    long = lengths >= max(samples, seconds * mean_rate(channel))
     rest = lengths[~long]
     known = long.any() and len(rest) > 0
     return long, bool((rest - 1).sum() <= NOISY_REPEATS * rest.sum()) if known else None
@@ -137,7 +141,7 @@ def _describe_disturbance(channel: Channel, quantum: float) -> str:
     )
 
 
-def _count_times(count: int) -> str:
+def count_times(count: int) -> str:
     """Return how often, before the time of the first."""
     return "once, at" if count == 1 else f"{count} times, first at"
 
@@ -261,10 +265,10 @@ def _without_noise(channel: Channel) -> Iterator[Finding]:
         return
     runs = runs_of_equal(channel.values)
     long, noisy = _long_runs(channel, runs, STUCK_CURRENT_S)
-    if noisy:
+    total = np.diff(runs[long], axis=1).sum() / len(channel)
+    if noisy and total < 0.5:  # steps of a commanded current are longer together
         first = (channel.stamps_ns[int(runs[long][0, 0])] - channel.stamps_ns[0]) * 1e-9
-        total = np.diff(runs[long], axis=1).sum() / len(channel)
-        when = f"{_count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time"
+        when = f"{count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time"
         yield Finding(WARNING, f"current: stuck {when}, although noise changes it everywhere else; {REMEDY}", "current")
 
 
@@ -277,6 +281,7 @@ def _error(motion: Motion, ticks: I) -> float:
     return float(fit_errors(force_features(part).T, part.force[:, None])[0])
 
 
+MIN_CHECKED_HZ = 20.0  # below it, the times are checked
 MAX_CHECKED_HZ = 400.0  # above it, what is lost is the noise of the load cell
 MIN_RATE_SAMPLES = 64
 MISS, WRONG_MISS = 0.2, 0.6  # of the force's RMS; free runs erred by 0.35 to 0.5 of it
@@ -289,7 +294,7 @@ def rate_findings(recording: Recording) -> Iterator[Finding]:
     """Yield a finding if the rate is too low for the force, or else for the response of the valve."""
     force, current = recording.channels.get("force"), recording.channels.get("current")
     rate = mean_rate(force) if force is not None else 0.0
-    if force is None or not 0.0 < rate < MAX_CHECKED_HZ:
+    if force is None or not MIN_CHECKED_HZ < rate < MAX_CHECKED_HZ:
         return
     miss = interpolation_miss(force)
     if miss > MISS:

@@ -1,39 +1,98 @@
-"""Magnitudes that no damper has: position, force and current in other units than m, N and A.
+"""Magnitudes that no damper has: times, position, force and current in other units than s, m, N and A.
 
-The limits hold from the damper of a bicycle to that of a truck. A factor that lies inside this range, such as lbf for
-N, cannot be known from one recording; `ratio_findings` finds it between recordings.
+The limits hold from the damper of a bicycle to those of trucks and buildings. Stroke, speed, acceleration and damping
+are judged together, and every unit is named with which all of them are those of a damper. A factor that lies inside
+this range, such as lbf for N, cannot be known from one recording; `ratio_findings` finds it between recordings.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 
 import numpy as np
 
 from ces_data.arrays import F
 from ces_data.checks.delays import is_reversed
-from ces_data.checks.motion import RATE_HZ, Motion, is_constant, recorded_motion
-from ces_data.findings import WARNING, WRONG_MODEL, Finding, finite_values
+from ces_data.checks.motion import MIN_S, RATE_HZ, Motion, is_constant, recorded_motion
+from ces_data.findings import WARNING, WRONG_MODEL, Finding, finite_values, mean_rate
 from ces_data.recording import Recording
 
-MAX_STROKE_M, MAX_SPEED_M_S = 1.0, 10.0  # of a damper on a rig or a vehicle
+MIN_RATE_HZ, MAX_RATE_HZ = 20.0, 20e3  # of positions that show a damper's motion
+SLOWEST_HZ, SLOW_HZ = 5.0, 100.0  # no dynamometer logs more slowly; creeping motion is suspicious up to this rate
+CREEPING_M_S = 1e-3  # slower than any test of damping
+SPEED_STEPS, MIN_TICKS = 5, 50  # samples of a speed; of a recording
+MAX_STROKE_M, LONG_STROKE_M = 1.0, 0.5  # of a damper on a rig or a vehicle; beyond those of vehicles
+MAX_SPEED_M_S, FAST_M_S = 5.0, 2.5  # at the 99th percentile; that of a long stroke
 MAX_RMS_M_S, MAX_M_S2 = 2.0, 1000.0  # over the whole recording: the oil would boil; wheels on a kerb stay below 500
 USUAL_RMS_M_S = 1.3  # of a sine that peaks at 1.8 m/s, which few dynamometers reach
-MIN_STROKE_M, STROKE_FORCE_N = 1e-4, 100.0  # a shorter stroke makes no force like this
+MIN_STROKE_M, SHORT_STROKE_M, STROKE_FORCE_N = 1e-4, 1e-3, 100.0  # strokes too short for such a force
+STIFF_N_S_M, STILL_M_S = 1e5, 2e-3  # force over speed, and a speed, of short strokes in a wrong unit
 MAX_CURRENT_A, VALVE_A = 100.0, 30.0  # beyond any valve; beyond those of vehicles
 FORCE_N, DAMPING_N_S_M = 8.0, 40.0  # the seal's friction alone is more; half of the softest bicycle damper
 SMALL_FORCE_N, SMALL_DAMPING_N_S_M = 30.0, 200.0  # a small damper, or kN
+TINY_FORCE_N = 20.0  # whatever the damping
 MIN_SPEED_M_S = 0.02  # below it hardly any force is to be expected
-MAX_FORCE_N = 1e6
+MAX_FORCE_N, LARGE_FORCE_N = 1e6, 1e5  # beyond those of buildings; beyond those of vehicles
+
+FASTER = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}  # factor of times that are in it
+SLOWER = {"s, not ms": 1e3, "min": 60.0}
+LENGTHS = {"mm": 1e-3, "cm": 1e-2, "inches": 0.0254, "um": 1e-6}
+AS_MM = {"m": 1e3, "cm": 10.0, "inches": 25.4}  # of positions that were taken for mm
+UNITS = {"kN": 1e3, "kip": 4448.2216, "lbf": 4.4482216, "kgf": 9.80665}  # [N]
+AS_KN = {"N, not kN": 1e-3, "N, not kip": 1.0 / 4448.2216, "mN": 1e-3, "gf": 0.00980665}
+DAMPING_RANGE, FORCE_RANGE_N = (20.0, 3e6), (50.0, 3e5)  # [N s/m] of dampers, small speeds included
 
 
 def unit_findings(recording: Recording, motion: Motion | None) -> Iterator[Finding]:
-    """Yield a finding for each signal whose magnitude speaks for another unit; percentiles ignore outliers."""
+    """Yield a finding for the times, or for each signal whose magnitude speaks for another unit.
+
+    Percentiles ignore outliers.
+    """
+    if clock := _clock(recording):
+        yield clock
+        return
     speed = float(np.percentile(np.abs(motion.speed), 99.0)) if motion is not None else 0.0
     force = half_span(finite_values(recording, "force"))
     yield from _position(half_span(finite_values(recording, "position")) * 2.0, motion, force)
     yield from _current(finite_values(recording, "current"))
-    yield from _force(force, speed)
+    yield from _force(half_span(finite_values(recording, "force"), outside=0.1), speed)  # pulses count
+
+
+def _clock(recording: Recording) -> Finding | None:
+    """Return a finding if the position's rate and speeds are those of times in another unit."""
+    if "position" not in recording.channels or len(sound := recording.channels["position"].in_order()) < MIN_TICKS:
+        return None
+    time, step = sound.stamps_ns * 1e-9, SPEED_STEPS
+    rounded = mean_rate(recording.channels["position"])  # of stamps that are, each several times
+    rate = max(1.0 / float(np.median(np.diff(time))), rounded)
+    moved = np.abs(sound.values[step:] - sound.values[:-step]) / (time[step:] - time[:-step])
+    speed = float(np.percentile(moved, 99.0))
+    seconds = float(time[-1] - time[0])
+    slow, fast = rate < MIN_RATE_HZ, rate > MAX_RATE_HZ or (seconds < MIN_S and speed > FAST_M_S)
+    if not (slow or fast or (rate < SLOW_HZ and 0.0 < speed < CREEPING_M_S)):
+        return None
+
+    def fits(factor: float) -> bool:
+        return 2.0 * MIN_RATE_HZ < rate / factor < 0.5 * MAX_RATE_HZ and CREEPING_M_S < speed / factor < MAX_SPEED_M_S
+
+    units = [unit for unit, factor in (SLOWER if fast else FASTER).items() if fits(factor)]
+    if not units and not slow and not (rate > MAX_RATE_HZ and speed > MAX_SPEED_M_S):
+        return None
+    text = f"position: sampled at {rate:.3g} Hz for {seconds:.3g} s, with speeds up to {speed:.2g} m/s"
+    for unit in units:
+        factor = {**FASTER, **SLOWER}[unit]
+        text += f"; if the times are in {unit} ({rate / factor:.4g} Hz, {speed / factor:.2g} m/s), whatever their "
+        text += f"column says, multiply the scale of time in the mapping file by {factor:g}"
+    text += "" if units else ": too slow for a damper; check the times" if slow else ": check the times"
+    sure = rate < SLOWEST_HZ or (fast and speed > MAX_SPEED_M_S)
+    return Finding(WRONG_MODEL if sure else WARNING, text, "position")
+
+
+def _name_scales(units: Mapping[str, float], fits: Callable[[float], bool]) -> str:
+    """Return the factor of each unit that fits, or of all if none does: the rest of a remedy."""
+    named = {unit: factor for unit, factor in units.items() if fits(factor)} or units
+    parts = [f"by {factor:.6g} if it is in {unit}" for unit, factor in named.items()]
+    return f"multiply its scale in the signals file {', '.join(parts)}"
 
 
 def _position(stroke: float, motion: Motion | None, force: float) -> Iterator[Finding]:
@@ -41,18 +100,29 @@ def _position(stroke: float, motion: Motion | None, force: float) -> Iterator[Fi
     moved = motion.speed if motion is not None else np.zeros(2)
     speed, rms = float(np.percentile(np.abs(moved), 99.0)), float(np.sqrt(np.mean(moved**2)))
     acceleration = float(np.percentile(np.abs(np.gradient(moved)), 99.0)) * RATE_HZ
-    if stroke > MAX_STROKE_M or speed > MAX_SPEED_M_S or rms > MAX_RMS_M_S or acceleration > MAX_M_S2:
-        text = (
-            f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper; multiply its scale "
-            "in the signals file by 0.001 if it is in mm, by 0.01 if it is in cm, by 0.0254 if it is in inches"
+
+    def fits(factor: float) -> bool:
+        damping = force / (factor * speed) if speed > 0.0 else 0.0
+        return (
+            MIN_STROKE_M < factor * stroke < LONG_STROKE_M
+            and factor * max(speed, 2.0 * rms) < MAX_SPEED_M_S
+            and factor * acceleration < MAX_M_S2
+            and (damping == 0.0 or DAMPING_RANGE[0] < damping < DAMPING_RANGE[1])
         )
-        yield Finding(WRONG_MODEL, text, "position")
-    elif rms > USUAL_RMS_M_S:
-        text = f"position: moves at {rms:.2g} m/s on average (RMS), which few dampers do; if it is in inches, multiply"
-        yield Finding(WARNING, f"{text} its scale in the signals file by 0.0254", "position")
-    elif 0.0 < stroke < MIN_STROKE_M and force > STROKE_FORCE_N:
-        text = f"position: spans {1e3 * stroke:.2g} mm with forces of {force:.3g} N; if it was in m already, remove"
-        yield Finding(WARNING, f"{text} scale: 0.001 from the signals file", "position")
+
+    far = stroke > MAX_STROKE_M or (stroke > LONG_STROKE_M and speed > FAST_M_S)
+    if far or speed > MAX_SPEED_M_S or rms > MAX_RMS_M_S or acceleration > MAX_M_S2:
+        text = f"position: spans {stroke:.4g} m at speeds up to {speed:.3g} m/s, more than any damper"
+        yield Finding(WRONG_MODEL, f"{text}; {_name_scales(LENGTHS, fits)}", "position")
+    elif rms > USUAL_RMS_M_S or stroke > LONG_STROKE_M:
+        text = f"position: spans {stroke:.3g} m and moves at {rms:.2g} m/s on average (RMS), which few dampers do"
+        yield Finding(WARNING, f"{text}; {_name_scales(LENGTHS, fits)}", "position")
+    elif 0.0 < stroke < SHORT_STROKE_M and force > STROKE_FORCE_N:
+        if stroke >= MIN_STROKE_M and (speed == 0.0 or force < STIFF_N_S_M * speed):
+            return
+        text = f"position: spans {1e3 * stroke:.2g} mm at up to {1e3 * speed:.2g} mm/s with forces of {force:.3g} N"
+        severity = WRONG_MODEL if stroke < MIN_STROKE_M and 0.0 < speed < STILL_M_S else WARNING
+        yield Finding(severity, f"{text}; was it taken for mm? {_name_scales(AS_MM, fits)}", "position")
 
 
 def _current(current: F) -> Iterator[Finding]:
@@ -66,23 +136,27 @@ def _current(current: F) -> Iterator[Finding]:
 
 
 def _force(force: float, speed: float) -> Iterator[Finding]:
-    if force > MAX_FORCE_N:
-        remedy = "multiply its scale in the signals file by 0.001 if it is in mN, by 0.00981 if it is in gf"
-        yield Finding(WRONG_MODEL, f"force: reaches {force:.3g} N, more than any damper; {remedy}", "force")
+    def fits(factor: float) -> bool:
+        damping = factor * force / max(speed, MIN_SPEED_M_S)
+        return FORCE_RANGE_N[0] < factor * force < FORCE_RANGE_N[1] and damping < DAMPING_RANGE[1]
+
+    if force > LARGE_FORCE_N:
+        what = "any damper" if force > MAX_FORCE_N else "any damper of a vehicle"
+        text = f"force: reaches {force:.3g} N, more than {what}; {_name_scales(AS_KN, fits)}"
+        yield Finding(WRONG_MODEL if force > MAX_FORCE_N else WARNING, text, "force")
     if force == 0.0 or speed < MIN_SPEED_M_S:
         return
     what = f"force: {force:.3g} N at {speed:.2g} m/s ({force / speed:.2g} N s/m)"
     if force < FORCE_N and force / speed < DAMPING_N_S_M:
-        remedy = "multiply its scale in the signals file by 1000 if it is in kN"
-        yield Finding(WRONG_MODEL, f"{what}, less than the friction of any damper's seals; {remedy}", "force")
-    elif force < SMALL_FORCE_N and force / speed < SMALL_DAMPING_N_S_M:
-        remedy = "if it is in kN, multiply its scale in the signals file by 1000"
-        yield Finding(WARNING, f"{what} is little for a damper; {remedy}", "force")
+        text = f"{what}, less than the friction of any damper's seals; {_name_scales(UNITS, fits)}"
+        yield Finding(WRONG_MODEL, text, "force")
+    elif force < TINY_FORCE_N or (force < SMALL_FORCE_N and force / speed < SMALL_DAMPING_N_S_M):
+        yield Finding(WARNING, f"{what} is little for a damper; {_name_scales(UNITS, fits)}", "force")
 
 
-def half_span(values: F, without: float = 0.0) -> float:
-    """Return half the range of values (n,) between the 1st and 99th percentile, `without` if there are none."""
-    return float(0.5 * np.ptp(np.percentile(values, (1.0, 99.0)))) if len(values) else without
+def half_span(values: F, without: float = 0.0, outside: float = 1.0) -> float:
+    """Return half the range of values (n,) but for `outside` percent on each side, `without` if there are none."""
+    return float(0.5 * np.ptp(np.percentile(values, (outside, 100.0 - outside)))) if len(values) else without
 
 
 def find_exchange(recording: Recording, motion: Motion | None) -> Finding | None:
@@ -98,9 +172,8 @@ def find_exchange(recording: Recording, motion: Motion | None) -> Finding | None
     return Finding(WRONG_MODEL, text, "position")
 
 
-UNITS = {"kN": 1e3, "lbf": 4.4482216, "kgf": 9.80665}  # [N]
 NEAR = 1.35  # largest ratio of a slope to that of a unit
-MIN_CORRELATION, MIN_CELLS, MIN_TICKS = 0.85, 12, 15
+MIN_CORRELATION, MIN_CELLS, MIN_CELL_TICKS = 0.85, 12, 15
 SPEEDS, CURRENTS = 12, 4  # cells, over the range that all recordings share
 
 
@@ -153,7 +226,7 @@ def _cell_means(motion: Motion, speeds: F, currents: F) -> F:
     cells = rows * CURRENTS + columns
     count = np.bincount(cells, minlength=SPEEDS * CURRENTS)
     total = np.bincount(cells, motion.force[inside], minlength=SPEEDS * CURRENTS)
-    return np.where(count >= MIN_TICKS, total / np.maximum(count, 1), np.nan)
+    return np.where(count >= MIN_CELL_TICKS, total / np.maximum(count, 1), np.nan)
 
 
 MIN_MODEL_CORRELATION = 0.85  # of both forces, from which on their ratio counts

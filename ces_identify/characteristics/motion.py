@@ -16,7 +16,7 @@ from scipy.signal import butter, sosfiltfilt
 
 from ces_data.arrays import F, I
 from ces_data.recording import Channel, Recording
-from ces_data.samples import remove_spikes
+from ces_data.samples import remove_spikes, without_spikes
 from ces_identify.prepare.sampling import sample_rate
 from ces_identify.prepare.series import hold_current, interpolate_force, usable_samples
 
@@ -66,6 +66,7 @@ class RecordingMotion:
 
 def prepare_motion(recording: Recording, simulated: Mapping[str, F]) -> RecordingMotion:
     """Return a recording's motion; `simulated` are forces [N] at its position samples. Raises RecordingError."""
+    recording = without_spikes(recording)
     rate = sample_rate(recording)
     gap_s = max(MIN_GAP_S, GAP_INTERVALS / rate)
     grids = _make_grids(recording, rate, gap_s)

@@ -13,7 +13,7 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Channel, Recording
-from ces_data.samples import measured_at
+from ces_data.samples import measured, measured_at
 from ces_identify.numerics.speed_kernels import (
     STATUS_BEYOND,
     STATUS_ORDER,
@@ -26,6 +26,8 @@ from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
 from ces_observer.structures.structure import Range
 from ces_observer.tracker import MAX_MOTION
+
+STRETCH_S = 60.0  # of a long series of which only a part is used
 
 
 @dataclass(frozen=True)
@@ -62,6 +64,19 @@ class Series:
             scored[: self.warm_up] = False
         signals = {name: getattr(self, name)[a:b] for name in ("time_s", "position", "speed", "current", "force")}
         return replace(self, **signals, segments=segments[segments[:, 1] > segments[:, 0]], scored=scored)
+
+    def thin(self, every: int) -> Series:
+        """Return one minute in `every` of the ticks, each with its own warm-up; the series itself for 1."""
+        if every <= 1:
+            return self
+        minute = np.arange(len(self)) // round(STRETCH_S * self.rate_Hz)
+        keep = minute % every == 0
+        segment = np.repeat(np.arange(len(self.segments)), np.diff(self.segments)[:, 0])[keep]
+        starts = np.flatnonzero((np.diff(segment, prepend=-1) != 0) | (np.diff(minute[keep], prepend=-1) != 0))
+        segments = np.stack([starts, np.append(starts[1:], len(segment))], axis=1)
+        since_start = np.arange(len(segment)) - np.repeat(starts, np.diff(segments)[:, 0])
+        signals = {name: getattr(self, name)[keep] for name in ("time_s", "position", "speed", "current", "force")}
+        return replace(self, **signals, segments=segments, scored=self.scored[keep] & (since_start >= self.warm_up))
 
 
 @dataclass(frozen=True)
@@ -145,17 +160,25 @@ def hold_signal(logged: Channel, stamps_ns: I, max_age_s: float) -> F:
     return np.where(fresh, values[newest], np.nan)
 
 
-def prepare(recording: Recording, sampling: Sampling) -> Series:
+def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -> Series:
     """Return the series of `recording`; raises RecordingError if no segment is longer than the warm-up.
 
+    If it `has_spikes`, those of the force count as not measured; position and current are taken as on the vehicle.
     With a delay, speeds are those known after it; the last ticks of a segment, whose speed is never known, have the
     speed known at once, and are not scored.
     """
     samples = select_samples(recording, sampling)
     tracked = track_samples(samples, sampling)
-    ticks, total, status = tracked.late, tracked.total, tracked.status
-    known = np.isfinite(ticks[:, 1])
-    ticks = np.where(known[:, None], ticks, tracked.ticks)
+    ticks, late, stamps_ns, total, status = (
+        getattr(tracked, name) for name in ("ticks", "late", "stamps_ns", "total", "status")
+    )
+    del tracked  # here and below: an hour at 1 kHz is 30 MB an array
+    known = np.isfinite(late[:, 1])
+    position, speed = (np.where(known, late[:, i], ticks[:, i]) for i in (0, 1))
+    del ticks, late
+    current = np.repeat(samples.current, np.diff(total, prepend=0))
+    time_s, dropped = (stamps_ns - samples.stamps_ns[0]) * 1e-9, samples.dropped
+    del samples
     starts = total[status == STATUS_RESTART] - 1
     if not len(starts):
         low, high = sampling.stroke_m
@@ -163,8 +186,8 @@ def prepare(recording: Recording, sampling: Sampling) -> Series:
             f"{recording.name}: no position lies between {low:g} and {high:g} m, where the model believes them; check "
             "sign, unit and offset of the position in the signals file"
         )
-    segments = np.stack([starts, np.append(starts[1:], len(ticks))], axis=1)
-    force = force_at(recording, tracked.stamps_ns, sampling.max_gap_s)
+    segments = np.stack([starts, np.append(starts[1:], len(position))], axis=1)
+    force = force_at(recording, stamps_ns, sampling.max_gap_s, has_spikes)
     warm_up = round(sampling.warm_up_s * sampling.rate_Hz)
     longest = np.diff(segments).max() - sampling.delay_ticks
     if longest <= warm_up:
@@ -172,8 +195,8 @@ def prepare(recording: Recording, sampling: Sampling) -> Series:
             f"{recording.name}: longest stretch without a gap is {longest} ticks of "
             f"{1 / sampling.rate_Hz:g} s; expected more than the warm-up of {sampling.warm_up_s:g} s"
         )
-    since_start = np.arange(len(ticks)) - np.repeat(segments[:, 0], np.diff(segments)[:, 0])
-    dropped = samples.dropped | {
+    since_start = np.arange(len(position)) - np.repeat(segments[:, 0], np.diff(segments)[:, 0])
+    dropped = dropped | {
         "out of order": int((status == STATUS_ORDER).sum()),
         "outlier": int((status == STATUS_OUTLIER).sum()),
         "beyond the stroke": int((status == STATUS_BEYOND).sum()),
@@ -181,10 +204,10 @@ def prepare(recording: Recording, sampling: Sampling) -> Series:
     return Series(
         name=recording.name,
         rate_Hz=sampling.rate_Hz,
-        time_s=(tracked.stamps_ns - samples.stamps_ns[0]) * 1e-9,
-        position=np.ascontiguousarray(ticks[:, 0]),
-        speed=np.ascontiguousarray(ticks[:, 1]),
-        current=np.repeat(samples.current, np.diff(total, prepend=0)),
+        time_s=time_s,
+        position=position,
+        speed=speed,
+        current=current,
         force=force,
         segments=segments.astype(np.int64),
         scored=(since_start >= warm_up) & np.isfinite(force) & known,
@@ -198,8 +221,10 @@ def track_samples(samples: PositionSamples, sampling: Sampling) -> Tracked:
     return track(samples.stamps_ns, samples.position, sampling, samples.motion)
 
 
-def force_at(recording: Recording, stamps_ns: I, max_gap_s: float) -> F:
+def force_at(recording: Recording, stamps_ns: I, max_gap_s: float, has_spikes: bool = True) -> F:
     """Return the measured force [N] interpolated at each stamp, NaN where none was measured (see `measured_at`)."""
+    if has_spikes and "force" in recording.channels:
+        recording = replace(recording, channels={"force": measured(recording, "force")})
     force = interpolate_force(recording, stamps_ns, max_gap_s)
     if np.isfinite(force).any():
         force[~measured_at(recording.channel("force"), stamps_ns)] = np.nan

@@ -58,13 +58,13 @@ def test_signs_that_are_turned_everywhere_are_no_difference():
     [
         (
             {"position": 1000.0},
-            r"position: spans [34]\d\.?\d* m in odd, 0\.0\d+ m in \w+; expected one unit: is one of them in mm\?",
+            r"position: spans [34]\d\.?\d* m in odd, 0\.0\d+ m in \w+; expected one unit: .* in mm, cm or inches\?",
         ),
         (
             {"current": 1000.0},
             r"current: reaches 602\.\d A in odd, 0\.602\d A in \w+; expected one unit: is one of them in mA\?",
         ),
-        ({"force": 1e-3}, r"force: spans .* N in \w+, .* N in odd, at speeds of 1.* m/s; .*one of them in kN\?"),
+        ({"force": 1e-3}, r"force: spans .* N in \w+, .* N in odd, at speeds of 1.* m/s; .*one of them in kN or kip\?"),
         (
             {"force": -1.0},
             r"force goes against speed \(correlation -0\.9\d\) in odd, goes with speed .* in usual, third",

@@ -1,0 +1,108 @@
+"""Faults that a sensor's own steps show: spikes and bursts, values lost for a while, counters that overflow.
+
+A jump is a step far beyond the signal's usual ones. Position, force and current are judged each by itself. What is lost
+in few samples is left out (`ces_data.samples`), here and in all programs; more would make a wrong model.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ces_data.arrays import I
+from ces_data.checks.motion import fit_errors, force_features, recorded_motion
+from ces_data.checks.sensors import MIN_SAMPLES, OTHER, REMEDY, WRONG_STUCK, count_times
+from ces_data.findings import BAD_SHARE, WARNING, WRONG_MODEL, Finding, runs_of_equal
+from ces_data.recording import Channel, Recording
+from ces_data.samples import GAP_INTERVALS, JUMP_SPANS, MAX_SPIKE, find_jumps, find_spikes, measured, without_spikes
+
+FIT = "they are left out of the fit"
+USE = {"position": FIT, "current": FIT, "force": "they are neither fitted nor scored"}
+EDGE = 3  # samples beside a dropout that belong to it
+JUMP_M_NS = 10.0 * 1e-9  # speed of a position's jump: no piston's
+MIN_DISTINCT = 0.8  # of the stamps: samples with rounded times jump
+MIN_OVERFLOWS, MIN_UNWRAPPED = 6, 0.9  # jumps by the whole range; span without the jumps, in jumps
+MIN_ERROR, BETTER = 0.2, 0.7  # of the force's map: more than a damper's; without the jumps, of that with them
+OFTEN, UNLIKE_FORCE = 0.003, 0.5  # of the steps; error of a force that jumps too often to undo it
+OVERFLOWS = "its counter or converter overflows: undo these jumps, or record with a larger range"
+
+
+def split_spikes(recording: Recording) -> tuple[Recording, list[Finding]]:
+    """Return the recording without spikes and dropouts, and the findings on these and on the jumps that are left."""
+    lost = [f for name in JUMP_SPANS if name in recording.channels for f in _lost(name, recording)]
+    clean = without_spikes(recording) if lost else recording
+    jumps = [f for name in OTHER if name in clean.channels for f in _jumping(name, clean)]
+    jumping = {f.signal for f in jumps}  # spikes of the same signal are short jumps
+    return clean, [*jumps, *(f for f in lost if f.signal not in jumping)]
+
+
+def _lost(name: str, recording: Recording) -> Iterator[Finding]:
+    """Yield a finding on the spikes of a channel, and one on its dropouts."""
+    channel = recording.channels[name]
+    spikes = find_spikes(channel)
+    lost = ~np.isfinite(measured(recording, name).values) & np.isfinite(channel.values) & ~spikes
+    if lost.any():
+        spikes &= np.convolve(lost, np.ones(2 * EDGE + 1), "same") < 0.5
+    at = (channel.stamps_ns - channel.stamps_ns[:1]) * 1e-9
+    if spikes.any():
+        first = int(np.argmax(spikes))
+        many = spikes.mean() > BAD_SHARE
+        longest = max(b - a for a, b in runs_of_equal(spikes.astype(np.int64)) if spikes[a])
+        what = "are spikes, or between two jumps" if many or longest > MAX_SPIKE else "are spikes"
+        text = f"{name}: {int(spikes.sum())} of {len(channel)} samples {what}, first {channel.values[first]:.4g} "
+        text += f"{channel.unit} at {at[first]:.3f} s; "
+        text += f"expected at most {BAD_SHARE:.0%}: check sensor and cable, and its range" if many else USE[name]
+        yield Finding(WRONG_MODEL if many else WARNING, text, name)
+    if lost.any():
+        begins = np.flatnonzero(np.diff(lost.astype(np.int8), prepend=0) == 1)
+        wrong = lost.mean() > WRONG_STUCK
+        times = f"{count_times(len(begins))} {at[begins[0]]:.2f} s, {lost.mean():.1%} of the time"
+        text = f"{name}: stuck {times}, and jumps; {REMEDY if wrong else USE[name]}"
+        yield Finding(WRONG_MODEL if wrong else WARNING, text, name)
+
+
+def _jumping(name: str, recording: Recording) -> Iterator[Finding]:
+    """Yield a finding if a position or force jumps as its counter overflows, or a position as no piston moves."""
+    sound = recording.channels[name].in_order()
+    stamps, values = sound.stamps_ns, sound.values
+    if len(values) < max(MIN_SAMPLES, MIN_DISTINCT * len(recording.channels[name])):
+        return
+    steps, intervals, period = np.diff(values), np.diff(stamps), float(np.ptp(values))
+    jumps = find_jumps(values, JUMP_SPANS["position"] * float(np.ptp(np.percentile(values, (0.5, 99.5)))))
+    jumps = jumps[intervals[jumps] <= GAP_INTERVALS * np.median(intervals)]
+    whole = np.flatnonzero(np.abs(steps) > 0.5 * period)  # of a counter that overflows all the time
+    candidates = [(jumps, float(np.median(np.abs(steps[jumps]))))] if len(jumps) > 1 else []
+    candidates += [(whole, period)] if len(whole) >= MIN_OVERFLOWS else []
+    logged = _map_error(recording) if candidates else 0.0
+    limit = logged if name == "position" else BETTER * logged if logged > MIN_ERROR else 0.0
+    for at, size in candidates:
+        undone = np.isin(np.arange(len(steps)), at) * np.sign(steps) * size
+        unwrapped = np.cumsum(np.append(values[0], steps - undone))
+        if limit == 0.0 or np.ptp(unwrapped) < MIN_UNWRAPPED * size:
+            continue  # the error is a damper's, or the signal flips
+        if (
+            _map_error(replace(recording, channels={**recording.channels, name: replace(sound, values=unwrapped)}))
+            < limit
+        ):
+            yield Finding(WRONG_MODEL, f"{_describe(name, sound, at, size)}; {OVERFLOWS}", name)
+            return
+    if name == "force" and len(whole) > OFTEN * len(steps) and logged > UNLIKE_FORCE:
+        yield Finding(WRONG_MODEL, f"{_describe(name, sound, whole, 0.5 * period)} or more; {OVERFLOWS}", name)
+    if name == "position" and len(jumps) and np.median(np.abs(steps[jumps]) / intervals[jumps]) > JUMP_M_NS:
+        size = float(np.median(np.abs(steps[jumps])))
+        yield Finding(WRONG_MODEL, f"{_describe(name, sound, jumps, size)}, as no piston moves; {REMEDY}", name)
+
+
+def _describe(name: str, sound: Channel, jumps: I, size: float) -> str:
+    times = f"{count_times(len(jumps))} {(sound.stamps_ns[jumps[0]] - sound.stamps_ns[0]) * 1e-9:.2f} s"
+    return f"{name}: jumps by {size:.3g} {sound.unit} from one sample to the next {times}"
+
+
+def _map_error(recording: Recording) -> float:
+    """Return the relative error of a map from motion and current to the force; 1 if it is not known."""
+    motion = recorded_motion(recording)
+    if motion is None or motion.speed.std() == 0.0 or motion.force.std() == 0.0:
+        return 1.0
+    return float(fit_errors(force_features(motion).T, motion.force[:, None])[0])
