@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,8 +41,11 @@ class Channel:
         return len(self.stamps_ns)
 
     def select(self, mask: NDArray[np.bool_]) -> Channel:
-        """Return the samples where `mask` (n,) is true."""
-        return replace(self, stamps_ns=self.stamps_ns[mask], values=self.values[mask])
+        """Return the samples where `mask` (n,) is true; those of one run are not copied."""
+        count = int(np.count_nonzero(mask))
+        run = slice(first := int(np.argmax(mask)) if count else 0, first + count)
+        part = run if mask[run].all() else mask
+        return replace(self, stamps_ns=self.stamps_ns[part], values=self.values[part])
 
     def finite(self) -> Channel:
         """Return the samples with finite values."""
@@ -68,6 +71,17 @@ class Recording:
     constants: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     sha256: str = ""
+
+    @classmethod
+    def join(cls, blocks: Sequence[Recording]) -> Recording:
+        """Return the recording whose channels are those of successive blocks."""
+        first, *others = blocks
+        channels = {}
+        for name, channel in first.channels.items() if others else ():
+            parts = [block.channels[name] for block in blocks]
+            stamps, values = (np.concatenate([getattr(p, key) for p in parts]) for key in ("stamps_ns", "values"))
+            channels[name] = replace(channel, stamps_ns=stamps, values=values)
+        return replace(first, channels=channels) if others else first
 
     def __contains__(self, signal: str) -> bool:
         return signal in self.channels or signal in self.constants

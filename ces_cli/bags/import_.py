@@ -5,22 +5,23 @@ from __future__ import annotations
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
 from pathlib import Path
 
+from ces_cli.bags.block_checks import SHARE, BlockChecks
 from ces_cli.bags.signals import print_proposal
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import ALL, JSON, OVERWRITE, SIGNALS, Argument, never_with
 from ces_cli.terminal.outputs import print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import FileProgress
-from ces_data.bags.writer import recording_topics, write_bag
-from ces_data.checks.check import check_recording
-from ces_data.findings import DelayFinding, Finding, findings, mean_rate
+from ces_data.bags.writer import open_bag_writer, recording_topics
+from ces_data.findings import DelayFinding, Finding
 from ces_data.log_formats import LOG_FORMATS
-from ces_data.logs.log_file import open_log, refuse_bag
-from ces_data.logs.log_import import to_recording
+from ces_data.logs.log_file import MAX_ROWS, open_log, refuse_bag
+from ces_data.logs.log_import import read_blocks
 from ces_data.logs.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
-from ces_data.mapping.proposals import MappingProposal, propose_mapping
-from ces_data.recording import Recording
+from ces_data.mapping.proposals import MappingProposal, propose_mapping, split_damper
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.options import Option
 from ces_observer.signals import Signal, Signals
@@ -42,18 +43,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         parser.error("--propose takes one FILE and prints its mapping: ces import FILE --propose > my.yaml")
     if not options.files or options.out is None:
         parser.error("expected FILE and --out BAG, or FILE and --propose (writes a mapping), or --template")
+    if options.mapping and (named := [path for path in options.files if split_damper(path)[1]]):
+        parser.error(f"with --mapping, which names the columns of a damper, expected {split_damper(named[0])[0]}")
     if options.mapping is not None and (options.rate or options.dbc):
         parser.error(f"with --mapping, give 'rate' and 'dbc' in {options.mapping}")
     with without_text(options.json):
         bags = _import(options)
     if options.json:
-        print_document("import", {"bags": [_as_json(*one) for one in bags]})
+        print_document("import", {"bags": [one.as_json() for one in bags]})
     return 0
 
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
     kinds = "log: " + ", ".join(" ".join(suffixes) for suffixes in LOG_FORMATS.values())
+    kinds += "; FILE#NAME for one of several dampers in it"
     text = "mapping of columns to signals; examples are in share/ces_observer/config/import"
     rate = "rate of a log without a time column (no --mapping)"
     return terminal.parser(
@@ -82,20 +86,38 @@ def make_parser() -> terminal.Parser:
 
 def _propose(path: Path, options: Namespace) -> None:
     """Print the proposal for one log; what it says is explained on the error stream."""
-    proposal = _find_mapping(path, options)
+    with FileProgress("reading", path) as bar:
+        proposal = _find_mapping(path, options, bar)
     print(schema_line("import") + proposal.text, end="")
     print_proposal(proposal.selection, terminal.err)
     for note in proposal.log.notes:
         terminal.print_line(f"{path}: {note}", console=terminal.err)
 
 
-def _find_mapping(path: Path, options: Namespace) -> MappingProposal:
-    with FileProgress("reading", path) as bar:
-        return propose_mapping(path, rate=options.rate, dbc=options.dbc, progress=bar.listen)
+def _find_mapping(path: Path, options: Namespace, bar: FileProgress) -> MappingProposal:
+    return propose_mapping(path, rate=options.rate, dbc=options.dbc, progress=bar.listen)
 
 
-def _import(options: Namespace) -> list[tuple[Path, Recording, tuple[Finding, ...]]]:
-    """Import all files; return their bags, recordings and findings. Raises CesError."""
+@dataclass(frozen=True)
+class _ImportedLog:
+    """What became of a log; `written` are the signals that its bag has."""
+
+    bag: Path
+    source: str
+    samples: int
+    rate_Hz: float
+    channels: tuple[str, ...]
+    written: tuple[str, ...]
+    findings: tuple[Finding, ...]
+
+    def as_json(self) -> dict[str, object]:
+        """Return the facts for --json."""
+        facts = {"file": self.source, "bag": self.bag, "samples": self.samples, "rate_Hz": self.rate_Hz}
+        return {**facts, "channels": self.channels, "findings": self.findings}
+
+
+def _import(options: Namespace) -> list[_ImportedLog]:
+    """Import all files; their bags get their names when all are written. Raises CesError."""
     mapping = load_dyno_mapping(options.mapping) if options.mapping else None
     signals = terminal.load_described_signals(options)
     for signal in signals.list_topic_signals():
@@ -105,56 +127,55 @@ def _import(options: Namespace) -> list[tuple[Path, Recording, tuple[Finding, ..
                 "imported bag is in SI units: give the log's scale in "
                 f"{options.mapping or 'the mapping (--mapping)'}, and none here"
             )
-    stem, count = Counter(path.stem for path in options.files).most_common(1)[0]
+    stems = ["_".join(filter(None, (path.stem, damper))) for path, damper in map(split_damper, options.files)]
+    stem, count = Counter(stems).most_common(1)[0]
     several = len(options.files) > 1
     if count > 1:
         raise RecordingError(f"{count} files are named '{stem}' and would give the same bag; import them one by one")
-    bags = [options.out / path.stem if several else options.out for path in options.files]
+    bags = [options.out / stem if several else options.out for stem in stems]
     for bag in bags:
-        inputs = [*options.files, options.mapping, options.signals]
+        inputs = [*(split_damper(path)[0] for path in options.files), options.mapping, options.signals]
         require_outputs(options.overwrite, bags={"--out": bag}, inputs=inputs)
-    recordings = [_read(path, mapping, options) for path in options.files]
-    return [(bag, one, _write(one, bag, signals, options)) for bag, one in zip(bags, recordings, strict=True)]
+    with ExitStack() as opened:
+        pairs = zip(options.files, bags, strict=True)
+        imported = [_convert(path, bag, mapping, signals, options, opened) for path, bag in pairs]
+    for one in imported:
+        print(f"{one.bag}: {one.samples} samples of {', '.join(one.written)} at {one.rate_Hz:.1f} Hz")
+    return imported
 
 
-def _read(path: Path, mapping: DynoMapping | None, options: Namespace) -> Recording:
-    """Read one log with the mapping, or with one that is found; raises RecordingError if that is not certain."""
-    if mapping is None:
-        proposal = _find_mapping(path, options)
-        recording, said = proposal.read(), (*proposal.log.notes, *proposal.found)
-    else:
-        with FileProgress("reading", path) as bar:
+def _convert(
+    path: Path, bag: Path, mapping: DynoMapping | None, signals: Signals, options: Namespace, opened: ExitStack
+) -> _ImportedLog:
+    """Write a log into a bag, block by block, with the mapping or one that is found; what is wrong is printed."""
+    checks, writer, proposal = BlockChecks(), None, None
+    with FileProgress("importing", path) as bar:
+        if mapping is None:
+            proposal = _find_mapping(path, options, bar)
+            log, blocks = proposal.log, proposal.blocks()
+        else:
             log = open_log(path, mapping, bar.listen)
-            recording, said = to_recording(log, mapping), tuple(log.notes)
-    if said:
+            blocks = read_blocks(log, mapping)
+        for block in blocks:
+            notes = {"imported_from": Path(block.source).name}
+            if writer is None:  # the log can be read
+                writer = opened.enter_context(open_bag_writer(bag, overwrite=options.overwrite, notes=notes))
+            writer.write(recording_topics(block, signals.without_delays()))
+            checks.add(block)
+            bar.rows = checks.samples
+            source, channels = block.source, tuple(block.channels)
+        found = checks.finish()
+    if said := [*log.notes, *(proposal.found if proposal else ())]:
         print(f"{path}: {', '.join(said)}")
-    for remark in proposal.remarks if mapping is None else ():
+    if checks.blocks > 1:
+        parts = f"the first {MAX_ROWS} rows and {SHARE:.0%} of the others"
+        print(f"{path}: checked for faults; for signs, units and delays in {parts}")
+    for remark in proposal.remarks if proposal else ():
         terminal.print_warning(f"{path}: {remark}; taken as logged")
-    return recording
-
-
-def _write(recording: Recording, bag: Path, signals: Signals, options: Namespace) -> tuple[Finding, ...]:
-    """Write a bag; what is wrong with the recording is printed and returned."""
-    source, mapping = recording.source, str(options.mapping or "a mapping (--propose writes one)")
-    with terminal.err.status(f"checking {source}"):
-        found = (*findings(recording), *check_recording(recording))
     for finding in found:  # the remedy is in the mapping; a delay stays in the signals file, which later programs read
-        text = finding.text
-        text = text if isinstance(finding, DelayFinding) else text.replace("the signals file", mapping)
-        terminal.print_warning(f"{source}: {text}")
-    written = [name for name in recording.channels if isinstance(signals.by_name.get(name), Signal)]
-    for name in recording.channels.keys() - set(written):
+        corrected = finding.text.replace("the signals file", str(options.mapping or "a mapping (--propose writes one)"))
+        terminal.print_warning(f"{source}: {finding.text if isinstance(finding, DelayFinding) else corrected}")
+    written = tuple(name for name in channels if isinstance(signals.by_name.get(name), Signal))
+    for name in set(channels) - set(written):
         terminal.print_warning(f"{source}: {name} is left out; give it a topic in the signals file")
-    topics = recording_topics(recording, signals.without_delays())
-    with FileProgress("writing", bag) as bar:
-        notes = {"imported_from": Path(source).name}
-        write_bag(bag, topics, overwrite=options.overwrite, notes=notes, progress=bar.listen)
-    position = recording.channel("position")
-    print(f"{bag}: {len(position)} samples of {', '.join(written)} at {mean_rate(position):.1f} Hz")
-    return found
-
-
-def _as_json(bag: Path, recording: Recording, found: tuple[Finding, ...]) -> dict[str, object]:
-    position = recording.channel("position")
-    facts = {"file": recording.source, "bag": bag, "samples": len(position), "rate_Hz": mean_rate(position)}
-    return {**facts, "channels": list(recording.channels), "findings": found}
+    return _ImportedLog(bag, source, checks.samples, checks.rate_Hz, channels, written, found)

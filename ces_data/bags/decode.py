@@ -253,18 +253,20 @@ class TopicSamples:
     def __init__(self, decoder: MessageDecoder) -> None:
         self.decoder = decoder
         self.count, self.first = 0, b""
-        self._parts: list[tuple[Index, Index, Floats, Mask]] = []
+        self._columns = [bytearray() for _ in range(4)]  # grow in place, so that a long recording is held once
 
     def add(self, block: Block) -> None:
         """Decode a block of this topic's messages."""
         self.first = self.first or block.payload(0)
         stamps, values, present = self.decoder.decode(block)
-        self._parts.append((stamps, block.log_ns, values, present))
+        for column, more in zip(self._columns, (stamps, block.log_ns, values, present), strict=True):
+            column.extend(more.tobytes())
         self.count += len(block)
 
     def join(self) -> tuple[Index, Index, Floats, Mask]:
         """Return header stamps and log times [ns] (n,), numbers and the mask of those present (n, k)."""
-        width = len(self.decoder.reasons)
-        none = np.empty(0, np.int64), np.empty(0, np.int64), np.empty((0, width)), np.empty((0, width), np.bool_)
-        header_ns, log_ns, values, present = zip(none, *self._parts, strict=True)
-        return np.concatenate(header_ns), np.concatenate(log_ns), np.concatenate(values), np.concatenate(present)
+        header_ns, log_ns, values, present = self._columns
+        shape = self.count, len(self.decoder.reasons)
+        numbers, known = np.frombuffer(values, np.float64), np.frombuffer(present, np.bool_)
+        stamps, logged = np.frombuffer(header_ns, np.int64), np.frombuffer(log_ns, np.int64)
+        return stamps, logged, numbers.reshape(shape), known.reshape(shape)

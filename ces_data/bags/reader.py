@@ -69,7 +69,9 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
         readers = {topic.name: _TopicReader(bag, topic, mine) for topic, mine in by_topic.items()}
         for name, block in bag.blocks(readers):
             readers[name].add(block)
-        by_name = {name: channel for reader in readers.values() for name, channel in reader.channels().items()}
+        by_name: dict[str, Channel] = {}
+        for name in list(readers):
+            by_name |= readers.pop(name).channels()  # frees what it has read
         digest = bag.sha256()
     sorted_ = {name: sort_late_samples(by_name[name]) for name in signals.by_name if name in by_name}
     texts = [f"{name} {late}" for name, (_, late) in sorted_.items() if late]

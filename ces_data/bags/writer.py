@@ -6,27 +6,31 @@ A bag is written to a temporary folder beside its final place and renamed when i
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
+import yaml
 from rosbags.interfaces import Nodetype
 from rosbags.interfaces.typing import FieldDesc
-from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from ces_data.bags.decode import HEADER, STAMP, NumberField, describe_layout
-from ces_data.bags.storage import WRITTEN_BY
+from ces_data.bags.decode import HEADER, STAMP, Bytes, Index, NumberField, describe_layout
+from ces_data.bags.mcap_file import McapFile
+from ces_data.bags.storage import METADATA, WRITTEN_BY
 from ces_data.recording import Recording, Stamps, Values
 from ces_observer import __version__
 from ces_observer.cdr.types import JOINT_NAMES
 from ces_observer.errors import CesError, RecordingError, SignalsError
 from ces_observer.signals import FieldPath, Signal, Signals
 
-BATCH = 1_000  # messages of a topic encoded at a time
+CHUNK = 1 << 20  # bytes of messages that are compressed together
+MESSAGE = 5  # opcode of an MCAP record; before the payload: length, channel, sequence, log time, publish time
+PREFIX = np.dtype("<u1,<u8,<u2,<u4,<u8,<u8")
 SECOND = 1_000_000_000
 Steps = tuple[tuple[str, int | str | None], ...]  # of a field path
 
@@ -85,20 +89,36 @@ def write_bag(
 ) -> None:  # fmt: skip
     """Write a bag folder with these topics, in time order; `notes` become the bag's custom metadata.
 
-    `progress` is called with the share of the messages that is written. The order within a topic is kept even if its
-    stamps run backwards. Raises RecordingError if `path` holds anything but a bag to overwrite, or if the folder cannot
-    be written; SignalsError if a type or field path cannot be written.
+    `progress` is called with the share of the messages that is written. Raises RecordingError and SignalsError as
+    `open_bag_writer` and its `write` do.
+    """
+    with open_bag_writer(path, overwrite=overwrite, notes=notes) as writer:
+        writer.write(topics, progress)
+
+
+@contextmanager
+def open_bag_writer(
+    path: Path, *, overwrite: bool = False, notes: Mapping[str, str] | None = None
+) -> Iterator[BagWriter]:
+    """Open a bag folder for messages; it gets its name at the end of the block, and nothing remains after an error.
+
+    Raises RecordingError if `path` holds anything but a bag to overwrite, or if the folder cannot be written.
     """
     used = path.exists() and not (path.is_dir() and not any(path.iterdir()))
     if used and not overwrite:
         raise RecordingError(f"{path}: exists; choose another name, or replace it with --overwrite (overwrite=True)")
-    if used and not (path / "metadata.yaml").exists():
+    if used and not (path / METADATA).exists():
         raise RecordingError(f"{path}: exists and is not a bag, so it is not overwritten; choose another name")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with TemporaryDirectory(prefix=f".{path.name}.", dir=path.parent) as folder:
             part = Path(folder) / path.name
-            _write(part, topics, notes or {}, progress)
+            part.mkdir()
+            with (part / f"{path.name}.mcap").open("wb") as file:
+                writer = BagWriter(file)
+                yield writer
+                metadata = writer.finish(path.name, notes or {})
+            (part / METADATA).write_text(metadata, encoding="utf-8")
             _move_into_place(part, path)
     except OSError as error:
         raise RecordingError(f"{path}: cannot be written: {error.strerror or error}; choose another place") from None
@@ -117,44 +137,92 @@ def _move_into_place(part: Path, path: Path) -> None:
         raise
 
 
-def _write(path: Path, topics: Sequence[TopicData], notes: Mapping[str, str], report: Callable[[float], None]) -> None:
-    typestore = get_typestore(Stores.ROS2_JAZZY)
-    encoders = [_Encoder(topic, typestore) for topic in topics]
-    writer = Writer(path, version=9, storage_plugin=StoragePlugin.MCAP)
-    writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    for key, value in {**notes, WRITTEN_BY: f"ces_observer {__version__}"}.items():
-        writer.set_custom_data(key, value)
-    with writer:
-        connections = [
-            writer.add_connection(f"/{topic.name.lstrip('/')}", topic.type, typestore=typestore) for topic in topics
+class BagWriter:
+    """Writes messages into the bag of `open_bag_writer`."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file, self._typestore = McapFile(file), get_typestore(Stores.ROS2_JAZZY)
+        self._encoders: dict[tuple[str, str], _Encoder] = {}
+
+    def write(self, topics: Sequence[TopicData], progress: Callable[[float], None] = lambda share: None) -> None:
+        """Write messages in time order, those of a topic in their own order even if its stamps run backwards.
+
+        Each call continues the topics of the one before. Raises SignalsError if a type or field path cannot be written.
+        """
+        for topic in (t for t in topics if (t.name, t.type) not in self._encoders):
+            encoder = self._encoders[topic.name, topic.type] = _Encoder(topic, self._typestore)
+            definition = self._typestore.generate_msgdef(topic.type, ros_version=2)[0]
+            encoder.channel = self._file.add_channel(f"/{topic.name.lstrip('/')}", topic.type, definition)
+        encoders = [self._encoders[topic.name, topic.type] for topic in topics]
+        orders = [encoder.latest_so_far(topic) for encoder, topic in zip(encoders, topics, strict=True)]
+        longest = max(orders, key=len, default=np.empty(0, dtype=np.int64))
+        step = max(1, CHUNK // max(1, sum(encoder.size for encoder in encoders)))
+        begins, total = [0] * len(topics), sum(map(len, orders))
+        for edge in [*longest[step::step].tolist(), None]:
+            ends = [len(order) if edge is None else int(np.searchsorted(order, edge)) for order in orders]
+            parts = [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]
+            if sum(ends) > sum(begins):
+                rows = [e.records(topic, part) for e, topic, part in zip(encoders, topics, parts, strict=True)]
+                starts, records = _merge(rows, [order[part] for order, part in zip(orders, parts, strict=True)])
+                times = [topic.stamps_ns[part] for topic, part in zip(topics, parts, strict=True)]
+                channels = [encoder.channel for encoder in encoders]
+                self._file.write_chunk(records, dict(zip(channels, zip(times, starts, strict=True), strict=True)))
+                progress(sum(ends) / total)
+            begins = ends
+
+    def finish(self, name: str, notes: Mapping[str, str]) -> str:
+        """Write the end of the file; return the bag's metadata.yaml, with `notes` and the writer as custom data."""
+        (first, last), counts = self._file.span_ns, self._file.counts
+        span = {"starting_time": {"nanoseconds_since_epoch": first}, "duration": {"nanoseconds": last - first}}
+        span["message_count"] = sum(counts.values())  # type: ignore[assignment]
+        described = [
+            {
+                "topic_metadata": {
+                    "name": f"/{topic.lstrip('/')}",
+                    "type": kind,
+                    "serialization_format": "cdr",
+                    "offered_qos_profiles": [],
+                    "type_description_hash": self._typestore.hash_rihs01(kind),
+                },
+                "message_count": counts[encoder.channel],
+            }
+            for (topic, kind), encoder in self._encoders.items()
         ]
-        total = sum(len(topic.stamps_ns) for topic in topics)
-        count = 0
-        for batch in _batches(encoders):
-            for i, stamp, payload in batch:
-                writer.write(connections[i], stamp, payload)
-                count += 1
-                if count % BATCH == 0 or count == total:
-                    report(count / total)
+        facts = {
+            "version": 9,
+            "storage_identifier": "mcap",
+            "relative_file_paths": [f"{name}.mcap"],
+            **span,
+            "topics_with_message_count": described,
+            "compression_format": "",
+            "compression_mode": "",
+            "files": [{"path": f"{name}.mcap", **span}],
+            "custom_data": {**notes, WRITTEN_BY: f"ces_observer {__version__}"},
+            "ros_distro": "rosbags",
+        }
+        dumper = type("Dumper", (yaml.SafeDumper,), {"ignore_aliases": lambda *_: True})
+        self._file.finish(yaml.dump(facts, Dumper=dumper, sort_keys=False))
+        return yaml.dump({"rosbag2_bagfile_information": facts}, Dumper=dumper, sort_keys=False)
 
 
-def _batches(encoders: Sequence[_Encoder]) -> Iterator[list[tuple[int, int, bytes]]]:
-    """Yield topic index, stamp and payload of all messages by time, then topic; 1,000 of the longest a batch."""
-    longest = max((encoder.order for encoder in encoders), key=len, default=np.empty(0, dtype=np.int64))
-    edges = [*longest[BATCH::BATCH].tolist(), None]
-    begins = [0] * len(encoders)
-    for edge in edges:
-        ends = [len(e.order) if edge is None else int(np.searchsorted(e.order, edge)) for e in encoders]
-        parts = [slice(begin, end) for begin, end in zip(begins, ends, strict=True)]
-        rows = [row for i, part in enumerate(parts) for row in encoders[i].messages(i, part)]
-        times = [encoder.order[part] for encoder, part in zip(encoders, parts, strict=True)]
-        order = np.argsort(np.concatenate(times), kind="stable") if times else ()
-        yield [rows[at] for at in order]
-        begins = ends
+def _merge(rows: Sequence[Bytes], times: Sequence[Stamps]) -> tuple[list[Index], Bytes]:
+    """Return the offset of each row by topic, and the bytes of all rows by time, then topic."""
+    order = np.argsort(np.concatenate(times), kind="stable")
+    sizes = np.repeat([part.shape[1] for part in rows], [len(part) for part in rows])[order]
+    ends = np.cumsum(sizes)
+    starts = np.empty(len(order), dtype=np.int64)
+    starts[order] = ends - sizes
+    records = np.empty(ends[-1], dtype=np.uint8)
+    by_topic = np.split(starts, np.cumsum([len(part) for part in rows])[:-1])
+    for part, begins in zip(rows, by_topic, strict=True):
+        records[begins[:, None] + np.arange(part.shape[1])] = part
+    return by_topic, records
 
 
 class _Encoder:
     """Serialises the messages of one topic: the bytes of a blank message with the numbers inserted."""
+
+    channel = 0  # its number in the file
 
     def __init__(self, topic: TopicData, typestore: Typestore) -> None:
         if topic.type not in typestore.fielddefs:
@@ -170,24 +238,34 @@ class _Encoder:
         numbers = layout.numbers if layout else tuple(f"field '{path.text}' cannot be written" for path in paths)
         if missing := [number for number in numbers if isinstance(number, str)]:
             raise SignalsError(f"topic {topic.name}: {topic.type}: {missing[0]}")
-        self.topic, self.stamped, self.blank = topic, stamped, np.frombuffer(raw, dtype=np.uint8)
+        self.stamped, self.blank = stamped, np.frombuffer(raw, dtype=np.uint8)
+        self.size = PREFIX.itemsize + len(raw)
         self.numbers = [number for number in numbers if isinstance(number, NumberField)]
-        self.order = np.maximum.accumulate(topic.stamps_ns)  # the latest stamp so far
+        self._latest = 0
 
-    def messages(self, index: int, part: slice) -> Iterator[tuple[int, int, bytes]]:
-        """Yield `index`, stamp and payload of each message of a part."""
-        stamps = self.topic.stamps_ns[part]
+    def latest_so_far(self, topic: TopicData) -> Stamps:
+        """Return the latest stamp up to each message, by which topics are merged."""
+        latest = np.maximum(np.maximum.accumulate(topic.stamps_ns), self._latest)
+        self._latest = int(latest[-1]) if len(latest) else self._latest
+        return latest
+
+    def records(self, topic: TopicData, part: slice) -> Bytes:
+        """Return the records (n, bytes) of the messages of a part."""
+        stamps, begin = topic.stamps_ns[part], PREFIX.itemsize
+        prefix = np.zeros(len(stamps), dtype=PREFIX)
+        columns: list[Any] = [MESSAGE, self.size - 9, self.channel, 0, stamps, stamps]
+        for name, column in zip(prefix.dtype.names or (), columns, strict=True):
+            prefix[name] = column
+        rows = np.empty((len(stamps), self.size), dtype=np.uint8)
+        rows[:, :begin], rows[:, begin:] = prefix.view(np.uint8).reshape(-1, begin), self.blank
         times = [stamps // SECOND, stamps % SECOND] if self.stamped else []
-        rows = np.tile(self.blank, (len(stamps), 1))
-        columns = [*times, *(values[part] for values in self.topic.columns.values())]
-        for number, column in zip(self.numbers, columns, strict=True):
+        values = [*times, *(column[part] for column in topic.columns.values())]
+        for number, column in zip(self.numbers, values, strict=True):
             whole = np.rint(column) if number.dtype.kind in "iu" else column
-            size = number.dtype.itemsize
+            first, size = begin + number.offset, number.dtype.itemsize
             raw = np.ascontiguousarray(whole.astype(number.dtype)).view(np.uint8).reshape(len(column), size)
-            rows[:, number.offset : number.offset + size] = raw
-        payloads, width = rows.tobytes(), len(self.blank)
-        for i, stamp in enumerate(stamps.tolist()):
-            yield index, stamp, payloads[i * width : (i + 1) * width]
+            rows[:, first : first + size] = raw
+        return rows
 
 
 def blank_message(typename: str, paths: Sequence[tuple[str, Steps]], typestore: Typestore) -> object:

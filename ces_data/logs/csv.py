@@ -1,39 +1,53 @@
-"""Text tables: read once, line by line, into one array of numbers for each column."""
+"""Text tables, in blocks of rows with one array of numbers for each column.
+
+Lines of numbers alone are converted many at once, all others cell by cell as Python's csv module finds them.
+"""
 
 from __future__ import annotations
 
 import csv
 import re
+import warnings
 from array import array
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
+from copy import copy
 from dataclasses import dataclass, field
-from io import TextIOWrapper
+from io import SEEK_CUR, BytesIO, TextIOWrapper
 from itertools import accumulate, chain, islice, repeat, zip_longest
 from pathlib import Path
-from typing import cast
+from typing import BinaryIO, TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.logs import csv_form
-from ces_data.logs.log_file import LogTable, Progress
+from ces_data.logs.log_file import MAX_CELLS, MAX_ROWS, LogTable, Progress
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_data.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
 BATCH = 300  # rows converted together; their cells fit into the processor's cache
 SAMPLE = 5_000  # rows that show how numbers are written
+FIRST_PART, PART, MAX_LINE = 1 << 16, 1 << 22, 1 << 20  # bytes read together in the sample and after it
 EXACT_DIGITS = 15  # a whole number of more digits is kept as text, since a float would round it
 NUMBER_STARTS = frozenset("0123456789+-.")
+PLAIN = b"0123456789+-eE\n"  # bytes of numbers alone, with the marks of decimals and cells
 LINE_BREAK = re.compile("\r\n|\r|\n")
 EXACT_UNITS = {"ns": 1, "us": 1_000, "ms": 1_000_000}  # in nanoseconds
+Rows: TypeAlias = "Values | list[list[str]]"  # numbers (n, columns), or the cells of each row
 
 
 def open_log(path: Path, mapping: DynoMapping, progress: Progress) -> CsvTable:
     """Read a text table; raises RecordingError if it has no rows of numbers, or a quote that is not closed."""
-    try:
+    with _readable(path):
         return CsvTable(path, mapping, progress)
+
+
+@contextmanager
+def _readable(path: Path) -> Iterator[None]:
+    try:
+        yield
     except csv.Error as error:
         raise RecordingError(f'{path}: cannot be read as a table: {error}; is a quote (") not closed?') from None
 
@@ -50,25 +64,40 @@ class _Cells:
 
 
 class CsvTable(LogTable):
-    """A table of text cells. Memory is 8 bytes a cell, and the text of columns that hold dates."""
+    """The first block of a table's rows. Memory is 8 bytes a cell, and the text of columns that hold dates."""
 
     def __init__(self, path: Path, mapping: DynoMapping, progress: Progress) -> None:
         self.path, self.mapping, self._progress = path, mapping, progress
         self.dialect = csv_form.find_dialect(path, mapping)
-        self.names = mapping.names or self.dialect.names
-        self._lines = array("q")
-        self._widths = array("l")
-        self._columns: list[_Cells] = []
-        self._comments, self._head = 0, self.dialect.head
-        self._read()
-        left_out = [f"{self._comments} comment lines are left out"] if self._comments else []
-        self.notes = (*self.dialect.notes, *left_out)
+        self.names, self.notes = mapping.names or self.dialect.names, self.dialect.notes
+        self._comments, self._head, self._line = 0, self.dialect.head, 0
+        self._source: Iterator[tuple[Stamps, Rows]] | None = self._read_rows()
+        self._begin_block([])
+        sample = self._read_block(self._source)
+        for column, texts in zip(self._columns, zip_longest(*sample, fillvalue=""), strict=False):
+            if mapping.decimal is None and column.bad is None and csv_form.mixes_groups(texts, self.dialect.decimal):
+                column.bad = next((row, cell) for row, cell in enumerate(texts) if self.dialect.decimal in cell)
         if not self._lines:
             reason = f"no rows of numbers after {self.dialect.head} header lines"
             empty = "the file is empty; expected a header and rows of numbers"
             raise RecordingError(f"{path}: {reason if self.dialect.head else empty}")
         if all(cells.texts is None and np.isnan(cells.numbers).all() for cells in self._columns):
             raise RecordingError(f"{path}: no cell from line {self._lines[0]} on is a number; expected rows of numbers")
+
+    def blocks(self, columns: Sequence[LogColumn]) -> Iterator[CsvTable]:
+        """Yield the table in blocks of rows; the first is this one."""
+        source, self._source = self._source, None
+        if source is None:  # read to its end before
+            with _readable(self.path):
+                yield from CsvTable(self.path, self.mapping, self._progress).blocks(columns)
+            return
+        block = self
+        while block._lines:
+            yield block
+            block = copy(block)
+            block._begin_block(block._columns)
+            with _readable(self.path):
+                block._read_block(source)
 
     def column(self, key: str | int) -> Values:
         """Return a column, NaN where a cell is blank; raises RecordingError naming the line of a bad cell."""
@@ -94,7 +123,7 @@ class CsvTable(LogTable):
             return None
         try:
             if column.unit not in EXACT_UNITS or not cells.texts[0].isdigit():
-                return csv_form.parse_dates(cells.texts, column.date)
+                return self._parse_dates(self._index(column.key, self.width), cells.texts, column.date)
             for row, text in enumerate(cells.texts):
                 if not text.removeprefix("-").isdecimal():
                     raise ValueError(text, row)
@@ -142,43 +171,103 @@ class CsvTable(LogTable):
             raise self._bad_cell((0, None), name)
         return self._columns[i], name
 
-    def _read(self) -> None:
-        """Read all rows; the first one decides which columns are text.
+    def _parse_dates(self, at: int, texts: list[str], pattern: str) -> Stamps:
+        """Return the times of the block, whose form and days go on from the block before."""
+        before, last_ns = self._dates_before.get(at, ([], 0))
+        stamps = csv_form.parse_dates([*before, *texts], pattern, len(before))
+        if before:
+            stamps = stamps[len(before) :] + (last_ns - stamps[len(before) - 1])
+        self._dates[at] = [(before or texts)[0], texts[-1]], int(stamps[-1])
+        return stamps
 
-        Columns with thousands separators that look like decimal marks are bad, unless the mapping states those marks.
-        """
+    def _begin_block(self, columns: Sequence[_Cells]) -> None:
+        """Begin a block without rows; the columns of the block before say which are text."""
+        self._lines, self._widths = array("q"), array("q")
+        self._columns = [_Cells(None if cells.texts is None else []) for cells in columns]
+        self._dates_before = self._dates if columns else {}
+        self._dates: dict[int, tuple[list[str], int]] = {}  # by column: the first text of all and the last, its stamp
+
+    def _read_block(self, source: Iterator[tuple[Stamps, Rows]]) -> list[list[str]]:
+        """Read rows until the block is full; the first one decides which columns are text. Return a sample of cells."""
         sample: list[list[str]] = []
-        for rows in self._batches():
-            sample += rows[: SAMPLE - len(sample)]
-            for cell in map(str.strip, [] if self._columns else rows[0]):
-                is_text = csv_form.is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
-                self._columns.append(_Cells([] if is_text else None))
-            first = len(self._widths)
-            self._widths.extend(map(len, rows))
-            missing = (None,) * len(rows)
-            for column, cells in zip(self._columns, chain(zip_longest(*rows), repeat(missing)), strict=False):
-                self._add(column, first, cells)
-        mark = self.dialect.decimal
-        for column, texts in zip(self._columns, zip_longest(*sample, fillvalue=""), strict=False):
-            if self.mapping.decimal is None and column.bad is None and csv_form.mixes_groups(texts, mark):
-                column.bad = next((row, cell) for row, cell in enumerate(texts) if mark in cell)
+        for lines, rows in source:
+            first = len(self._lines)
+            self._lines.frombytes(lines.tobytes())
+            if isinstance(rows, np.ndarray):
+                self._widths.frombytes(np.full(rows.shape[:1], rows.shape[1], dtype=np.int64).tobytes())
+                for column, numbers in zip(self._columns, rows.T, strict=True):
+                    column.numbers.frombytes(numbers.tobytes())
+            else:
+                sample += rows[: SAMPLE - len(sample)]
+                for cell in map(str.strip, [] if self._columns else rows[0]):
+                    is_text = csv_form.is_date(cell) or (cell.isdigit() and len(cell) > EXACT_DIGITS)
+                    self._columns.append(_Cells([] if is_text else None))
+                self._widths.extend(map(len, rows))
+                missing = (None,) * len(rows)
+                for column, cells in zip(self._columns, chain(zip_longest(*rows), repeat(missing)), strict=False):
+                    self._add(column, first, cells)
+            if len(self._lines) >= min(MAX_ROWS, MAX_CELLS // max(1, len(self._columns))):
+                break
+        return sample
 
-    def _batches(self) -> Iterator[list[list[str]]]:
-        """Yield the cells of the next rows; keeps the number of each one's last line, and reports the share read."""
-        size, before = max(1, self.path.stat().st_size), 0
-        with self.path.open("rb") as raw, TextIOWrapper(raw, self.dialect.encoding, "replace", newline="") as file:
-            reader = csv.reader(file, delimiter=self.dialect.delimiter, skipinitialspace=True)
-            while batch := list(islice(reader, BATCH)):
-                lines: Sequence[int] = range(before + 1, reader.line_num + 1)
-                if len(lines) > len(batch):  # there are line breaks in quoted cells
-                    counts = (1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in batch)
-                    lines = [before + n for n in accumulate(counts)]
-                before = reader.line_num
-                kept = [at for at, cells in enumerate(batch) if self._is_row(cells)]
-                self._lines.extend(lines[at] for at in kept)
-                self._progress(raw.tell() / size)
-                if kept:
-                    yield batch if len(kept) == len(batch) else [batch[at] for at in kept]
+    def _read_rows(self) -> Iterator[tuple[Stamps, Rows]]:
+        """Yield the lines and cells of the next rows, as numbers where nothing else is in them; reports the share."""
+        size = max(1, self.path.stat().st_size)
+        with self.path.open("rb") as file:
+            while part := file.read(PART if len(self._lines) >= SAMPLE else FIRST_PART):
+                part += file.readline(MAX_LINE)
+                self._progress(file.tell() / size)
+                numbers = self._parse_plain(part)
+                if numbers is not None:
+                    begin, self._line = self._line + 1, self._line + len(numbers)
+                    yield np.arange(begin, self._line + 1), numbers
+                    continue
+                whole = part.endswith(b"\n") and b'"' not in part and not self.dialect.encoding.startswith("utf-16")
+                if not whole:  # a cell may go on in the next part
+                    file.seek(-len(part), SEEK_CUR)
+                for rows in self._split_cells(BytesIO(part) if whole else file):
+                    yield rows
+                    self._progress(file.tell() / size)
+
+    def _parse_plain(self, part: bytes) -> Values | None:
+        """Return the numbers (n, columns) in lines after the sample, None if anything else may be in them.
+
+        numpy and float read the same doubles.
+        """
+        mark, between, width = self.dialect.decimal, self.dialect.delimiter, len(self._columns)
+        if len(self._lines) < SAMPLE or between == " " or any(c.texts is not None for c in self._columns):
+            return None
+        part = part.replace(b"\r\n", b"\n").replace(f"{between} ".encode(), between.encode())
+        if part.translate(None, PLAIN + f"{mark}{between}".encode()):
+            return None
+        part = part.replace(mark.encode(), b".").replace(between.encode(), b",")
+        ends = np.frombuffer(part, dtype=np.uint8)
+        ends = ends[(ends == ord(",")) | (ends == ord("\n"))]
+        if len(ends) % width or not np.array_equal(ends == ord("\n"), np.arange(1, len(ends) + 1) % width == 0):
+            return None
+        with warnings.catch_warnings(), suppress(ValueError, DeprecationWarning):  # of cells that are no numbers
+            warnings.simplefilter("error", DeprecationWarning)
+            numbers = np.fromstring(part.replace(b"\n", b","), sep=",")
+            return numbers.reshape(-1, width) if len(numbers) == len(ends) else None
+        return None
+
+    def _split_cells(self, file: BinaryIO) -> Iterator[tuple[Stamps, list[list[str]]]]:
+        """Yield the lines and cells of the next rows, as the csv module finds them to the end of the file."""
+        before = self._line
+        text = TextIOWrapper(file, self.dialect.encoding, "replace", newline="")
+        reader = csv.reader(text, delimiter=self.dialect.delimiter, skipinitialspace=True)
+        while batch := list(islice(reader, BATCH)):
+            lines: Sequence[int] = range(self._line + 1, before + reader.line_num + 1)
+            if len(lines) > len(batch):  # there are line breaks in quoted cells
+                counts = (1 + sum(len(LINE_BREAK.findall(cell)) for cell in row) for row in batch)
+                lines = [self._line + n for n in accumulate(counts)]
+            self._line = before + reader.line_num
+            kept = [at for at, cells in enumerate(batch) if self._is_row(cells)]
+            if self._comments:
+                self.notes = (*self.dialect.notes, f"{self._comments} comment lines are left out")
+            if kept:
+                yield np.array([lines[at] for at in kept]), [batch[at] for at in kept]
+        text.detach()
 
     def _is_row(self, cells: Sequence[str]) -> bool:
         """Return whether a line is a row: not blank, below the header, and no comment; counts the others."""

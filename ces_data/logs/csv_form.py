@@ -51,6 +51,11 @@ HOUR_NS = 3_600_000_000_000
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}([.,'’ \u00a0\u202f]\d{3})+([.,]\d+)?$")  # 1.234,5 or 1'234.5
 WHOLE_GROUPS = re.compile(r"[-+]?[1-9]\d{0,2}([.,]\d{3})+$")
 MIN_MIXED = 3
+BINARY = {  # by its first bytes: what a file that is no text table is, and what to do
+    b"PK": ("an Excel workbook or a zip archive", "save the sheet as CSV, or unpack it"),
+    b"\xd0\xcf": ("an Excel workbook", "save the sheet as CSV"),
+    b"\x1f\x8b": ("compressed with gzip", "unpack it"),
+}
 COMMENT_MARKS = ("#", "%", "//")
 MISSING = frozenset(
     (
@@ -107,7 +112,8 @@ def _find_encoding(path: Path) -> str:
         if head and zeros.count(0) > 0.9 * len(zeros) and head.count(0) < 1.1 * len(zeros):
             return name
     if b"\0" in head:
-        raise RecordingError(f"{path}: not a text table, but binary data; set format in the mapping if it has another")
+        kind, remedy = BINARY.get(head[:2], ("binary data", "set format in the mapping if it has another"))
+        raise RecordingError(f"{path}: not a text table, but {kind}; {remedy}")
     try:
         codecs.getincrementaldecoder("utf-8")().decode(head)
     except UnicodeDecodeError:
@@ -231,13 +237,13 @@ def is_date(cell: str) -> bool:
     return any(form.match(cell.strip()) for form in FORMS)
 
 
-def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
+def parse_dates(cells: Sequence[str], pattern: str, before: int = 0) -> Stamps:
     """Return the times of cells in nanoseconds since 1970, UTC if they state no zone; times of day count from midnight.
 
     Without a `pattern` (as in `datetime.strptime`) ISO 8601, 31.12.2024 23:59:59.5, 31-Dec-2024 23:59:59.5,
     12/31/2024 11:59:59.5 PM, 23:59:59.5, 59:59.5 (minutes and seconds) and `0 days 23:59:59.5` are read. Raises
-    ValueError for the first cell that is not a time, with its row as second argument; AmbiguousDateError if it may have
-    two meanings.
+    ValueError for the first cell that is not a time, with its row after `before` ones as second argument;
+    AmbiguousDateError if it may have two meanings.
     """
     ends = [cell.strip() for cell in (cells[0], cells[-1])] if cells else [""]
     form = next((form for form in FORMS if form.match(ends[0])), ISO)
@@ -253,7 +259,7 @@ def parse_dates(cells: Sequence[str], pattern: str) -> Stamps:
             else:
                 raise ValueError(cell)
         except ValueError:
-            raise ValueError(cell, row) from None
+            raise ValueError(cell, row - before) from None
     period = 0 if pattern else {CLOCK: 24 * HOUR_NS, MINUTES: HOUR_NS}.get(form, 0)
     if not period:
         return stamps

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -49,7 +50,15 @@ class TimedValues(NamedTuple):
 
 def open_log(path: Path, mapping: DynoMapping, _: Progress) -> LogTable | TimedLog:
     """Read a JSON file."""
-    return open_tree(path, mapping, json.loads(path.read_bytes()))
+    try:
+        return open_tree(path, mapping, json.loads(path.read_bytes()))
+    except json.JSONDecodeError as error:
+        if error.msg != "Extra data":
+            raise
+        file, one = shlex.quote(str(path)), shlex.quote(f"{path.stem}_list.json")
+        raise RecordingError(
+            f"{path}: has several JSON values; make one list of them: jq -s . {file} > {one}"
+        ) from None
 
 
 def open_tree(path: Path, mapping: DynoMapping, tree: Any) -> LogTable | TimedLog:

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from ces_data.recording import Stamps, Values
 from ces_observer.errors import RecordingError
 
 MAX_TIME_S = 9.0e9  # stamps in nanoseconds end at 9.2e9 s, in the year 2262
+MAX_ROWS, MAX_CELLS = 500_000, 8_000_000  # of a block of a table, or samples of a block of channels
 MAX_NAMES = 30  # of columns or channels in a message
 MDF_MAGIC = (b"MDF     ", b"UnFinMF ")
 REMEDIES = {  # what to do about files that are not read
@@ -51,7 +52,7 @@ class LogSeries:
 
 
 class LogTable(ABC):
-    """Columns of equal length; `notes` say what was found out about the file's form."""
+    """Columns of equal length, of a long table those of its first rows; `notes` say what the file's form is."""
 
     path: Path
     names: Sequence[str]
@@ -67,6 +68,10 @@ class LogTable(ABC):
     @abstractmethod
     def column(self, key: str | int) -> Values:
         """Return a column (n,), NaN where a sample is missing; raises RecordingError if it is none, or no numbers."""
+
+    def blocks(self, columns: Sequence[LogColumn]) -> Iterator[LogTable]:
+        """Yield the whole table in blocks of rows for these columns."""
+        yield self
 
     def missing(self, key: str | int) -> NDArray[np.bool_] | None:
         """Return which rows have no sample in a column, (n,); None if all have one."""
@@ -107,9 +112,37 @@ class TimedLog(ABC):
     def read(self, columns: Sequence[LogColumn]) -> list[LogSeries]:
         """Return the channels that the columns name, in this order; raises RecordingError if one is missing."""
 
+    def blocks(self, columns: Sequence[LogColumn]) -> Iterator[list[LogSeries]]:
+        """Yield the same in blocks, each of which goes on where the one before ends."""
+        yield self.read(columns)
+
     @abstractmethod
     def read_all(self) -> list[LogSeries]:
         """Return every channel of numbers."""
+
+
+def align_blocks(parts: Sequence[Iterator[LogSeries]]) -> Iterator[list[LogSeries]]:
+    """Yield blocks of channels, each up to one time for all; each iterator yields the parts of one, one at least."""
+    waiting: list[LogSeries] = [next(own) for own in parts]
+    unread = set(range(len(parts)))
+    while unread:
+        ends = {i: int(waiting[i].stamps_ns[-1]) if len(waiting[i].stamps_ns) else -1 for i in unread}
+        first = min(ends, key=lambda i: ends[i])
+        more = next(parts[first], None)
+        if more is None:
+            unread.remove(first)
+            continue
+        cuts = [int(np.searchsorted(one.stamps_ns, ends[first], side="right")) for one in waiting]
+        cuts[first] = len(waiting[first].stamps_ns)
+        if any(cuts):
+            yield [_slice(one, slice(cut)) for one, cut in zip(waiting, cuts, strict=True)]
+        waiting = [_slice(one, slice(cut, None)) for one, cut in zip(waiting, cuts, strict=True)]
+        waiting[first] = more
+    yield waiting
+
+
+def _slice(series: LogSeries, part: slice) -> LogSeries:
+    return replace(series, stamps_ns=series.stamps_ns[part], values=series.values[part])
 
 
 def join_names(names: Sequence[str]) -> str:
@@ -140,7 +173,7 @@ def open_log(path: Path, mapping: DynoMapping, progress: Progress = lambda share
         raise RecordingError(f"{path}: is not read: {hint}")
     raise RecordingError(
         f"{path}: cannot tell the format from '{path.suffix}'; if it is one of {', '.join(LOG_FORMATS)}, set format in "
-        f"{mapping.source}"
+        f"{mapping.source}, or rename it (a text table: {path.stem}.csv)"
     )
 
 

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+import shlex
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
-from ces_data.logs.log_file import MAX_TIME_S, LogTable, TimedLog, open_log
+from ces_data.bags.reader import sort_late_samples
+from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog, open_log
 from ces_data.logs.log_mapping import ONE_TIME, DynoMapping, FileNameValue, FixedValue, LogColumn, MappingError
 from ces_data.recording import Channel, Recording, Stamps, Values
-from ces_data.units import QUANTITIES, find_unit
+from ces_data.units import QUANTITIES, find_unit, split_unit
 from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS
 
 MIN_RATE_HZ = 1.0e-6
+Block = TypeVar("Block", LogTable, list[LogSeries])
 NO_COLUMN = "no signal has a column; expected at least position and force"
 
 
@@ -29,16 +36,49 @@ def import_log(path: Path, mapping: DynoMapping) -> Recording:
 
 def to_recording(log: LogTable | TimedLog, mapping: DynoMapping) -> Recording:
     """Return the signals that the mapping finds in an open log, as `import_log` does."""
+    return Recording.join(list(read_blocks(log, mapping)))
+
+
+def read_blocks(log: LogTable | TimedLog, mapping: DynoMapping) -> Iterator[Recording]:
+    """Yield the same in blocks, each of which goes on where the one before ends; a short log is one block."""
     if not any(isinstance(source, LogColumn) for source in mapping.signals.values()):
         raise MappingError(f"{mapping.source}: {NO_COLUMN}")
+    columns = {name: source for name, source in mapping.signals.items() if isinstance(source, LogColumn)}
     if isinstance(log, TimedLog):
-        return _read_series(log, mapping)
+        for key, given in (("time", mapping.time), ("rate", mapping.rate)):
+            if given is not None:
+                remedy = f"remove '{key}': the channels of {log.path.name} have their own times"
+                raise MappingError(f"{mapping.source}: {remedy}")
+        for series in _guarded(log.blocks(list(columns.values())), log.path):
+            yield _of_series(log, mapping, dict(zip(columns, series, strict=True)))
+        return
     if mapping.time is None and mapping.rate is None:
         raise MappingError(f"{mapping.source}: {ONE_TIME}")
-    return _read_table(log, mapping)
+    clock, rate = TableClock(), 1.0 if mapping.time else _rate(log, mapping.rate)
+    used = [*columns.values(), *([mapping.time] if mapping.time else [])]
+    for table in _guarded(log.blocks(used), log.path):
+        yield _of_table(table, mapping, rate, clock)
 
 
-def _read_table(table: LogTable, mapping: DynoMapping) -> Recording:
+def _guarded(blocks: Iterator[Block], path: Path) -> Iterator[Block]:
+    try:
+        yield from blocks
+    except OSError as error:
+        raise RecordingError(f"{path}: cannot be read: {error.strerror or error}") from None
+
+
+@dataclass
+class TableClock:
+    """The time of a table's blocks so far: rows, the first stamp and its place, the last, and what is added to all."""
+
+    rows: int = 0
+    first_ns: int = 0
+    first_place: str = ""
+    last_ns: int = 0
+    shift_ns: int = 0
+
+
+def _of_table(table: LogTable, mapping: DynoMapping, rate: float, clock: TableClock) -> Recording:
     columns: dict[str, Values | float] = {}
     for name, source in mapping.signals.items():
         if not isinstance(source, LogColumn):
@@ -55,9 +95,10 @@ def _read_table(table: LogTable, mapping: DynoMapping) -> Recording:
         )
     count = next(iter(lengths.values()))
     if mapping.time is None:
-        stamps = np.rint(np.arange(count) / _rate(table, mapping.rate) * 1e9).astype(np.int64)
+        stamps = np.rint(np.arange(clock.rows, clock.rows + count) / rate * 1e9).astype(np.int64)
+        clock.rows += count
     else:
-        stamps = read_times(table, mapping.time, count)
+        stamps = read_times(table, mapping.time, count, clock)
     channels = {}
     for name, column in columns.items():
         channel = Channel(name, UNITS[name], stamps, np.broadcast_to(column, stamps.shape))
@@ -67,15 +108,8 @@ def _read_table(table: LogTable, mapping: DynoMapping) -> Recording:
     return Recording(table.path.stem, channels, source=str(table.path))
 
 
-def _read_series(log: TimedLog, mapping: DynoMapping) -> Recording:
+def _of_series(log: TimedLog, mapping: DynoMapping, found: Mapping[str, LogSeries]) -> Recording:
     """Return the channels with their own stamps; a constant has those of the position, or of the first channel."""
-    for key, given in (("time", mapping.time), ("rate", mapping.rate)):
-        if given is not None:
-            raise MappingError(
-                f"{mapping.source}: remove '{key}': the channels of {log.path.name} have their own times"
-            )
-    columns = {name: source for name, source in mapping.signals.items() if isinstance(source, LogColumn)}
-    found = dict(zip(columns, log.read(list(columns.values())), strict=True))
     stamps = found.get("position", next(iter(found.values()))).stamps_ns
     channels = {}
     for name, source in mapping.signals.items():
@@ -83,7 +117,9 @@ def _read_series(log: TimedLog, mapping: DynoMapping) -> Recording:
             series = found[name]
             where = f"{log.path}: '{series.label}'"
             scale, offset = find_factors(name, source, series.unit, where, mapping.source)
-            channels[name] = Channel(name, UNITS[name], series.stamps_ns, scale * series.values + offset)
+            channel, _ = sort_late_samples(Channel(name, UNITS[name], series.stamps_ns, scale * series.values + offset))
+            _require_forward(channel.stamps_ns, log.path, partial("'{}', sample {}".format, series.label))
+            channels[name] = channel
         else:
             values = np.full(stamps.shape, _constant(source, log.path, mapping))
             channels[name] = Channel(name, UNITS[name], stamps, values)
@@ -92,6 +128,9 @@ def _read_series(log: TimedLog, mapping: DynoMapping) -> Recording:
 
 def find_factors(signal: str, column: LogColumn, unit: str, where: str, source: str) -> tuple[float, float]:
     """Return scale and offset: the mapping's, or the stated unit's; raises MappingError if it is not the signal's."""
+    named = split_unit(str(column.key))[1]  # of a force only: `x_A` may be that of damper A
+    if signal == "current" and not unit.strip() and named is not None and named.quantity == "force":
+        unit = named.text
     if column.scaled or not unit.strip():
         return column.scale, column.offset
     known = find_unit(unit)
@@ -114,8 +153,12 @@ def _constant(source: FixedValue | FileNameValue, path: Path, mapping: DynoMappi
         raise MappingError(f"{mapping.source}: from_name '{pattern}' finds no number in '{path.name}'") from None
 
 
-def read_times(table: LogTable, column: LogColumn, count: int) -> Stamps:
-    """Return the stamps of a table's time column [ns]; raises RecordingError unless there are `count`, in order."""
+def read_times(table: LogTable, column: LogColumn, count: int, clock: TableClock | None = None) -> Stamps:
+    """Return the stamps of a table's time column [ns]; raises RecordingError unless there are `count`, in order.
+
+    `clock` is that of the blocks before, and goes on to the end of this one.
+    """
+    clock = clock or TableClock()
     stamps = table.stamps(column)
     if stamps is None:
         known = None if column.scaled else find_unit(table.unit(column.key))  # the unit that the file states
@@ -123,10 +166,18 @@ def read_times(table: LogTable, column: LogColumn, count: int) -> Stamps:
         seconds = scale * table.column(column.key) + column.offset
         _require_finite(seconds, table)
         stamps = np.rint(seconds / scale if scale == 1e-9 else seconds * 1e9).astype(np.int64)
-        stamps = stamps - min(0, int(stamps[0])) if len(stamps) else stamps
+        if not clock.rows and len(stamps):
+            clock.shift_ns = -min(0, int(stamps[0]))
+        stamps = stamps + clock.shift_ns
     if len(stamps) != count:
         raise RecordingError(f"{table.path}: {len(stamps)} times for {count} values; expected one for each")
-    _require_forward(stamps, table)
+    if not clock.rows and count:
+        clock.first_ns, clock.first_place = int(stamps[0]), table.place(0)
+    places: Callable[[int], str] = lambda row: table.place(row - 1) if row else clock.first_place  # noqa: E731
+    joined, place = (np.append(clock.last_ns, stamps), places) if clock.rows else (stamps, table.place)
+    advice = "--rate {} (in a mapping, rate: in place of time)"
+    _require_forward(joined, table.path, place, advice, clock.first_ns)
+    clock.rows, clock.last_ns = clock.rows + count, int(joined[-1]) if len(joined) else 0
     return stamps
 
 
@@ -152,13 +203,50 @@ def _require_finite(seconds: Values, table: LogTable) -> None:
         )
 
 
-def _require_forward(stamps: Stamps, table: LogTable) -> None:
-    backwards = np.flatnonzero(np.diff(stamps) < 0)
-    if len(backwards) > 1 and len(backwards) == np.count_nonzero(np.diff(stamps)):
-        raise RecordingError(f"{table.path}: the rows are in descending order of time; sort them by time")
-    if len(backwards):
-        row = int(backwards[0])
-        raise RecordingError(
-            f"{table.path}: {table.place(row + 1)}: time runs backwards, from {stamps[row] * 1e-9:.10g} s to "
-            f"{stamps[row + 1] * 1e-9:.10g} s; expected rows in the order of time (or set a rate)"
-        )
+def _require_forward(
+    stamps: Stamps, path: Path, place: Callable[[int], str], rate: str = "", first_ns: int | None = None
+) -> None:
+    """Raise RecordingError for a time that runs backwards, with what to do about a log of this kind.
+
+    `place` names a row (from 0) for the message; `rate` says how the rate is given in place of the time, if it can be;
+    `first_ns` is where the log begins, if not at the first of these stamps.
+    """
+    steps = np.diff(stamps)
+    backwards, forward = np.flatnonzero(steps < 0), steps[steps > 0]
+    if not len(backwards):
+        return
+    if not len(forward):
+        raise RecordingError(f"{path}: the newest row is first; reverse the rows{_shell_lines(path, place, 0)}")
+    row, more = int(backwards[0]), f" ({len(backwards) - 1} more below)" if len(backwards) > 1 else ""
+    begin, again = (stamps[i] * 1e-9 for i in (row, row + 1))
+    what = f"{path}: {place(row + 1)}: time runs backwards, from {begin:.13g} s to {again:.13g} s{more}"
+    usual = float(np.median(forward))
+    cut = f"cut it before {place(row + 1)}{_shell_lines(path, place, row + 1)}"
+    ordered = np.sort(stamps)
+    if _is_even(ordered[1:] - ordered[:-1], usual):
+        remedy = "rows are out of order, and no time is missing; sort the rows by time"
+    elif stamps[row + 1] <= (stamps[0] if first_ns is None else first_ns) + 2.0 * usual:
+        remedy = f"it begins again: these are several recordings, or one in a loop; {cut}"
+    elif rate and _is_even(forward, usual):
+        given = rate.format(f"{1e9 / usual:.6g}")
+        remedy = f"was the clock set back? If the sampling went on evenly, give {given}; if it stopped there, {cut}"
+    else:
+        remedy = f"was the clock set back? Then {cut}"
+    raise RecordingError(f"{what}: {remedy}")
+
+
+def _is_even(steps: Stamps, usual: float) -> bool:
+    return bool(np.all(np.abs(steps - usual) < 0.5 * usual))
+
+
+def _shell_lines(path: Path, place: Callable[[int], str], row: int) -> str:
+    """Return the commands that reverse the rows of a text table, or cut it before a row; '' for other logs."""
+    first, line = (place(at).removeprefix("line ") for at in (0, row))
+    if not first.isdecimal():
+        return ""
+    file = shlex.quote(str(path))
+    ordered, one, two = (shlex.quote(f"{path.stem}_{end}{path.suffix}") for end in ("ordered", 1, 2))
+    head = f"head -n {int(first) - 1} {file}; "
+    if row == 0:
+        return f": ({head}tail -n +{first} {file} | sed '$a\\' | tac) > {ordered}"
+    return f": head -n {int(line) - 1} {file} > {one}; ({head}tail -n +{line} {file}) > {two}"

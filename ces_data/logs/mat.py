@@ -29,8 +29,11 @@ MAX_BYTES = 4_000_000_000  # of one variable in memory
 def open_log(path: Path, mapping: DynoMapping, _: Progress) -> LogTable | TimedLog:
     """Read a MATLAB file; raises RecordingError if it is damaged or a library is missing."""
     with path.open("rb") as file:
-        if file.read(len(HEAD)) == HEAD:
-            return open_tree(path, mapping, open_mat73(path))
+        head = file.read(len(HEAD))
+    if head == HEAD:
+        return open_tree(path, mapping, open_mat73(path))
+    if head.startswith(b"\x89HDF"):
+        raise RecordingError(f"{path}: is an HDF5 file that MATLAB did not write; write CSV or Parquet")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", MatReadWarning)  # scipy before 1.18 gives all objects one name
         try:

@@ -14,7 +14,17 @@ from typing import Any
 import numpy as np
 
 from ces_data.config_file import first_line
-from ces_data.logs.log_file import LogSeries, LogTable, Progress, TimedLog, import_reader, join_names, open_format
+from ces_data.logs.log_file import (
+    MAX_ROWS,
+    LogSeries,
+    LogTable,
+    Progress,
+    TimedLog,
+    align_blocks,
+    import_reader,
+    join_names,
+    open_format,
+)
 from ces_data.logs.log_mapping import DynoMapping, LogColumn
 from ces_observer.errors import RecordingError
 
@@ -25,7 +35,7 @@ Place = tuple[int, int]  # numbers of a channel group and of a channel in it
 
 def open_log(path: Path, mapping: DynoMapping, progress: Progress) -> LogTable | TimedLog:
     """Open an MDF file, one of CAN frames with the database that the mapping names."""
-    return open_format("can", path, mapping, progress) if mapping.dbc else MdfLog(path)
+    return open_format("can", path, mapping, progress) if mapping.dbc else MdfLog(path, progress)
 
 
 class MdfLog(TimedLog):
@@ -34,15 +44,30 @@ class MdfLog(TimedLog):
     A channel is named by its name alone if it is unique, else with the number or name of its group.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, progress: Progress) -> None:
+        self.path, self._progress = path, progress
         import_reader("asammdf", "asammdf", "mdf", path)
 
     def read(self, columns: Sequence[LogColumn]) -> list[LogSeries]:
         """Return the channels of these names; one after the other is read from the file."""
         with opened_mdf(self.path) as mdf:
-            start = start_ns(mdf)
-            return [self._series(mdf, self._find(mdf, column), start) for column in columns]
+            return [self._series(mdf, self._find(mdf, column), start_ns(mdf)) for column in columns]
+
+    def blocks(self, columns: Sequence[LogColumn]) -> Iterator[list[LogSeries]]:
+        """Yield the channels in blocks of time; of each, so many records are read at a time."""
+        with opened_mdf(self.path) as mdf:
+            start, places = start_ns(mdf), [self._find(mdf, column) for column in columns]
+            records = [mdf.groups[group].channel_group.cycles_nr for group, _ in places]
+            parts = [self._parts(mdf, place, start, count) for place, count in zip(places, records, strict=True)]
+            done, total = 0, max(1, sum(records))
+            for block in align_blocks(parts):
+                yield block
+                done += sum(len(series.stamps_ns) for series in block)
+                self._progress(min(1.0, done / total))
+
+    def _parts(self, mdf: Any, place: Place, start: int, records: int) -> Iterator[LogSeries]:
+        for offset in range(0, max(1, records), MAX_ROWS):
+            yield self._series(mdf, place, start, MAX_ROWS if records > MAX_ROWS else None, offset)
 
     def read_all(self) -> list[LogSeries]:
         """Return the first 200,000 samples of every channel of numbers."""
@@ -80,8 +105,8 @@ class MdfLog(TimedLog):
             raise RecordingError(f"{self.path}: channel {column.key!r} {has}; {remedy}")
         return places[0]
 
-    def _series(self, mdf: Any, place: Place, start: int, count: int | None = None) -> LogSeries:
-        signal = mdf.get(group=place[0], index=place[1], record_offset=0, record_count=count)
+    def _series(self, mdf: Any, place: Place, start: int, count: int | None = None, offset: int = 0) -> LogSeries:
+        signal = mdf.get(group=place[0], index=place[1], record_offset=offset, record_count=count)
         if signal.samples.dtype.kind not in "biuf" or signal.samples.ndim != 1:
             raise RecordingError(f"{self.path}: channel '{signal.name}' holds no numbers but {signal.samples.dtype}")
         stamps = start + np.rint(signal.timestamps * 1e9).astype(np.int64)

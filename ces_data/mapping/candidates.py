@@ -177,7 +177,9 @@ def _of_table(table: LogTable, rate: float | None) -> LogCandidates:
             unread.update(dict.fromkeys(_meanings(str(c.key)), reason))
         elif time is None or c.key != time.key:
             keys[c.label] = LogColumn(c.key)
-            if there.sum() >= MIN_SAMPLES:
+            if there.sum() < MIN_SAMPLES:
+                unread.update(dict.fromkeys(_meanings(str(c.key)), f"{c.key!r} has {there.sum()} samples"))
+            else:
                 values = (stamps, c.values) if there.all() else (stamps[there], c.values[there])
                 candidates.append(Candidate(c.label, (c.name,), *values, unit=c.unit, stated=c.stated))
     for name, reason in table.unread.items():
@@ -231,8 +233,9 @@ def _find_time(table: LogTable, columns: Sequence[_TableColumn], unread: dict[st
             return c.as_time()
     for c in columns:  # whose fault is reported when it is read
         finite = c.values[np.isfinite(c.values)]
-        if "time" in split_words(c.name) and len(finite) > 1 and np.ptp(finite) > 0.0:
-            return LogColumn(c.key)
+        named = c.time_unit or c.named_time or "time" in split_words(c.name)
+        if named and len(finite) > 1 and np.ptp(finite) > 0.0:
+            return c.as_time()
     return next((LogColumn(c.key) for c in columns[:1] if not table.names and c.goes_forward), None)
 
 

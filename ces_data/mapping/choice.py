@@ -204,7 +204,7 @@ class _Chooser:
         forces = self._forces(candidates, stroke.candidate if isinstance(stroke, Choice) else None)
         force = _pick("force", forces, self.table)
         taken = [choice.candidate for choice in (stroke, force) if isinstance(choice, Choice)]
-        current = _pick("current", _currents(candidates, taken), self.table)
+        current = _pick("current", self._currents(candidates, taken), self.table)
         results = {"position": stroke, "current": current, "force": force}
         found = {signal: result for signal, result in results.items() if isinstance(result, Choice)}
         missing = {signal: result for signal, result in results.items() if isinstance(result, NotFound)}
@@ -253,21 +253,30 @@ class _Chooser:
                 improved.append(_add_damping(rating, correlation, f"goes with the speed of {stroke.label}"))
         return _sort(improved)
 
+    def _currents(self, candidates: Sequence[Candidate], taken: Sequence[Candidate]) -> list[Rating]:
+        """Return the ratings as current; one without a name counts only if it is the only one that can be."""
+        ratings = [self._exclude_force(r, taken) for r in _rate_all(candidates, "current") if r.candidate not in taken]
+        if any(r.named and r.points >= MIN_POINTS for r in ratings):
+            return ratings
+        silent = [r for r in ratings if not r.excluded and not r.named and r.points > 0.0 and not r.against]
+        if len(silent) != 1 or read_meaning(silent[0].candidate.names).quantity or silent[0].candidate.constant:
+            return _sort(ratings)
+        return _sort([silent[0].add(MIN_POINTS - silent[0].points, ALONE), *(r for r in ratings if r != silent[0])])
+
+    def _exclude_force(self, rating: Rating, taken: Sequence[Candidate]) -> Rating:
+        """Return the rating as current, excluded if nothing names it so and it goes with the stroke's speed."""
+        if rating.excluded or rating.named:
+            return rating
+        for stroke in taken[:1]:
+            correlation, _ = self.table.correlate(stroke, rating.candidate)
+            if abs(correlation) >= HIGH_CORRELATION:
+                return replace(rating, excluded=f"goes with the speed of {stroke.label} ({correlation:+.2f}): a force")
+        return rating
+
 
 def _add_damping(rating: Rating, correlation: float, reason: str) -> Rating:
     points = 3.0 if abs(correlation) >= HIGH_CORRELATION else 2.0
     return rating.add(points, f"{reason} ({correlation:+.2f})") if correlation else rating
-
-
-def _currents(candidates: Sequence[Candidate], taken: Sequence[Candidate]) -> list[Rating]:
-    """Return the ratings as current; one without a name counts only if it is the only one that can be."""
-    ratings = [r for r in _rate_all(candidates, "current") if r.candidate not in taken]
-    if any(r.named and r.points >= MIN_POINTS for r in ratings):
-        return ratings
-    silent = [r for r in ratings if not r.excluded and not r.named and r.points > 0.0 and not r.against]
-    if len(silent) != 1 or read_meaning(silent[0].candidate.names).quantity or silent[0].candidate.constant:
-        return ratings
-    return _sort([silent[0].add(MIN_POINTS - silent[0].points, ALONE), *(r for r in ratings if r != silent[0])])
 
 
 def _rate_all(candidates: Sequence[Candidate], signal: str) -> list[Rating]:

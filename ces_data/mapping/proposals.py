@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import textwrap
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -12,7 +13,7 @@ from pathlib import Path
 from ces_data.logs.can import CanLog
 from ces_data.logs.csv import CsvTable
 from ces_data.logs.log_file import LogTable, Progress, TimedLog, open_log
-from ces_data.logs.log_import import to_recording
+from ces_data.logs.log_import import read_blocks
 from ces_data.logs.log_mapping import DynoMapping, LogColumn, parse_dyno_mapping
 from ces_data.mapping.candidates import ANY, LogCandidates, find_bag_candidates, find_log_candidates
 from ces_data.mapping.choice import UNCHECKED, Choice, NotFound, Selection, choose
@@ -106,13 +107,17 @@ class MappingProposal:
 
     def read(self) -> Recording:
         """Return the log as a recording; raises RecordingError if the mapping is not complete and certain."""
+        return Recording.join(list(self.blocks()))
+
+    def blocks(self) -> Iterator[Recording]:
+        """Yield the same in blocks, as `read_blocks` does."""
         path = self.log.path
         if self.doubts and self.doubts[0] in self.faults:
             raise RecordingError(f"{path}: {self.doubts[0]}")
         if self.mapping is None or self.doubts:
             remedy = f"'ces import {path} --propose > my.yaml' writes a mapping to correct, for --mapping my.yaml"
             raise RecordingError(f"{path}: {self.doubts[0]}; {remedy}")
-        return to_recording(self.log, self.mapping)
+        yield from read_blocks(self.log, self.mapping)
 
 
 def propose_mapping(
@@ -120,9 +125,10 @@ def propose_mapping(
 ) -> MappingProposal:
     """Return a mapping for a log from the names, units and numbers of its columns; raises RecordingError.
 
-    `rate` [Hz] is that of a table without a time, `dbc` are the databases of a CAN log, `progress` is that of
-    `open_log`.
+    `log.csv#front` selects one of several dampers. `rate` [Hz] is that of a table without a time, `dbc` are the
+    databases of a CAN log, `progress` is that of `open_log`.
     """
+    path, damper = split_damper(path)
     log = open_log(path, DynoMapping(source="a mapping", signals={}, blank="missing", dbc=tuple(dbc)), progress)
     if rate is not None and isinstance(log, TimedLog):
         raise RecordingError(f"{path}: --rate does not apply: the channels of this log have their own times")
@@ -130,7 +136,9 @@ def propose_mapping(
         raise RecordingError(f"{path}: --dbc does not apply: this is no CAN log")
     found = find_log_candidates(log, rate)
     selection = choose(found.candidates)
-    writer = _MappingWriter(log, found, selection, dbc)
+    if damper and damper not in selection.names:
+        raise RecordingError(f"{path}: no damper '{damper}'; found: {', '.join(selection.names) or 'one damper only'}")
+    writer = _MappingWriter(log, found, selection, dbc, damper)
     text = "\n".join(writer.lines()) + "\n"
     mapping = None if writer.missing else parse_dyno_mapping(text, f"the mapping proposed for {path}")
     # a mapping may resolve the form of a time; what may be any signal is the fault of each
@@ -140,15 +148,27 @@ def propose_mapping(
     return MappingProposal(selection, text, mapping, log, doubts, writer.remarks, tuple(writer.summary()), faults)
 
 
+def split_damper(path: Path) -> tuple[Path, str]:
+    """Return the path of a log and the damper that `log.csv#front` selects, '' if none."""
+    stem, _, damper = ("", "", "") if path.exists() else path.name.rpartition("#")
+    return (path.with_name(stem), damper) if stem else (path, "")
+
+
 class _MappingWriter:
     """Writes a proposed mapping: `missing` is needed, `doubts` a person checks, `remarks` are taken as logged."""
 
     def __init__(
-        self, log: LogTable | TimedLog, found: LogCandidates, selection: Selection, dbc: Sequence[Path]
+        self,
+        log: LogTable | TimedLog,
+        found: LogCandidates,
+        selection: Selection,
+        dbc: Sequence[Path],
+        damper: str,
     ) -> None:
         self.log, self.found, self.dbc = log, found, dbc
+        self.name = f"{log.path.name}#{damper}" if damper else log.path.name
         names = selection.names
-        first = selection.dampers[names[0] if names else ""]
+        first = selection.dampers[damper or (names[0] if names else "")]
         self.choices = {**selection.dampers[""].choices, **first.choices}
         self.amperes = AMPERES.search(log.path.name) if "current" not in self.choices else None
         any_fault = found.unread.get(ANY)  # of a column that is named like the signal, or that may be any
@@ -165,8 +185,9 @@ class _MappingWriter:
         self.doubts = [check for check in checks if UNCHECKED not in check]
         if found.time_doubt:
             self.doubts.append(found.time_doubt)
-        if names:
-            self.doubts.append(f"several dampers ({', '.join(names)}); this mapping is for {names[0]}")
+        if names and not damper:
+            select = shlex.quote(f"{log.path}#{names[0]}")
+            self.doubts.append(f"several dampers ({', '.join(names)}); select one with {select}, as this mapping does")
         masks = {}
         if isinstance(log, CsvTable):
             masks = {signal: log.missing(self._column(choice.candidate).key) for signal, choice in self.choices.items()}
@@ -188,9 +209,9 @@ class _MappingWriter:
         """Yield the lines of the file."""
 
         def describe(c: Candidate) -> str:
-            return f"column: {_quote(str(self._column(c).key))}"
+            return f"column: {_key_text(self._column(c).key)}"
 
-        yield from MAPPING_HEAD.format(name=_one_line(self.log.path.name)).splitlines()
+        yield from MAPPING_HEAD.format(name=_one_line(self.name)).splitlines()
         for doubt in self.doubts:
             yield from _comment(f"{CHECK}: {doubt}")
         yield from self._layout()
@@ -276,7 +297,8 @@ def _explain_missing(
     """Yield the comment lines in the place of a signal that was not found."""
     yield from _comment(f"not found: {missing.signal}: {missing.reason}", indent)
     yield from _list_others("candidates", missing.others, indent)
-    yield from (f"{indent}# {missing.signal}: {{{describe(r.candidate)}}}" for r in missing.others[:2])
+    likely = [r for r in missing.others if not r.excluded]
+    yield from (f"{indent}# {missing.signal}: {{{describe(r.candidate)}}}" for r in likely[:2])
     if missing.signal == "current":
         yield f"{indent}# current: {{constant: 0.0}}  # a passive damper{or_else} [A]"
 

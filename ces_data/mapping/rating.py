@@ -111,7 +111,7 @@ STRONG = {
 WEAK = {
     "position": "pos disp x dx xd d s z pot piston",
     "current": "i ia iv valve cur",
-    "force": "f fz fx fd cell",
+    "force": "f fz fx fd cell tension preload thrust",
     "temperature": "oil thermocouple",
     "speed": "v vz dv dx_dt xdot",
     "acceleration": "a az",

@@ -123,10 +123,10 @@ def test_interrupted_write_leaves_nothing_half_written(tmp_path, monkeypatch, ov
     if overwrite:
         write_bag(tmp_path / "run", topics[:1])
 
-    def stop(encoder, index, part):
+    def stop(encoder, topic, part):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(writer._Encoder, "messages", stop)
+    monkeypatch.setattr(writer._Encoder, "records", stop)
     with pytest.raises(KeyboardInterrupt):
         write_bag(tmp_path / "run", topics, overwrite=overwrite)
     assert [p.name for p in tmp_path.iterdir()] == (["run"] if overwrite else [])
@@ -174,7 +174,7 @@ def test_topic_data_is_checked_at_the_door():
 
 def test_messages_of_several_topics_are_in_time_order(tmp_path, monkeypatch):
     """A topic begins late, one runs backwards; the share that is written is said on the way."""
-    monkeypatch.setattr(writer, "BATCH", 100)
+    monkeypatch.setattr(writer, "CHUNK", 20_000)
     rng = np.random.default_rng(3)
     stamps = [np.sort(rng.integers(0, 10**9, 700)), np.arange(0, 10**9, 10**7), rng.integers(9 * 10**8, 10**9, 60)]
     kinds = {"a": (tiny.FLOAT, "data"), "b": (tiny.WRENCH, "wrench.force.z"), "c": ("std_msgs/msg/Float32", "data")}
@@ -185,7 +185,7 @@ def test_messages_of_several_topics_are_in_time_order(tmp_path, monkeypatch):
     shares = []
     write_bag(tmp_path / "bag", topics, progress=shares.append)
     assert shares == sorted(shares)
-    assert len(shares) == 9
+    assert len(shares) == 7
     assert shares[-1] == 1.0
     with Reader(tmp_path / "bag") as reader:
         read = [(c.topic, stamp) for c, stamp, _ in reader.messages()]

@@ -1,13 +1,17 @@
 """MDF files written by asammdf: groups with different rates, units, conversions, invalidation bits."""
 
 import datetime
+from itertools import pairwise
 
 import numpy as np
 import pytest
 from log_examples import CURRENT, I_SLOW, START_NS, T_SLOW, F, T, X, assert_proposed, assert_recording
 
-from ces_data.logs.log_import import import_log
+from ces_data.logs import mdf
+from ces_data.logs.log_file import open_log
+from ces_data.logs.log_import import import_log, read_blocks
 from ces_data.logs.log_mapping import parse_dyno_mapping
+from ces_data.recording import Recording
 from ces_observer.errors import CesError
 
 asammdf = pytest.importorskip("asammdf", reason="asammdf is not installed")
@@ -42,6 +46,20 @@ def test_channels_keep_their_own_times_and_units(tmp_path, name, version):
 
 def test_a_proposal_needs_no_mapping(tmp_path):
     assert_proposed(write(tmp_path / "run.mf4"), start_ns=START_NS, rtol=1e-5)
+
+
+def test_a_long_file_is_the_same_in_blocks(tmp_path, monkeypatch):
+    path, shares = write(tmp_path / "run.mf4", invalid=np.arange(len(T)) % 100 == 7), []
+    whole = import_log(path, mapping())
+    monkeypatch.setattr(mdf, "MAX_ROWS", len(T) // 3)
+    blocks = list(read_blocks(open_log(path, mapping(), shares.append), mapping()))
+    assert len(blocks) >= 3
+    assert shares == sorted(shares)
+    for name, channel in whole.channels.items():
+        np.testing.assert_array_equal(Recording.join(blocks).channel(name).stamps_ns, channel.stamps_ns)
+        np.testing.assert_array_equal(Recording.join(blocks).channel(name).values, channel.values)
+    ends = [[c.stamps_ns[at] for c in b.channels.values() if len(c) for at in (0, -1)] for b in blocks]
+    assert all(max(one) <= min(following) for one, following in pairwise(ends))
 
 
 def test_invalid_samples_are_left_out(tmp_path):

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 from log_examples import CURRENT, START_NS, F, T, X, assert_proposed, assert_recording
 
-from ces_data.logs.log_import import import_log
+from ces_data.logs import parquet
+from ces_data.logs.log_file import open_log
+from ces_data.logs.log_import import import_log, read_blocks
 from ces_data.logs.log_mapping import parse_dyno_mapping
+from ces_data.recording import Recording
 from ces_observer.errors import CesError
 
 pa = pytest.importorskip("pyarrow", reason="pyarrow is not installed")
@@ -43,6 +46,21 @@ def test_nulls_are_missing_samples_if_the_mapping_says_so(tmp_path):
         import_log(path, parse_dyno_mapping(MAPPING, "map.yaml"))
     recording = import_log(path, parse_dyno_mapping(MAPPING + "blank: missing\n", "map.yaml"))
     np.testing.assert_array_equal(recording.channel("current").values, CURRENT[::3])
+
+
+def test_a_long_file_is_the_same_in_blocks(tmp_path, monkeypatch):
+    path, rows = write(tmp_path / "log.parquet", i=[None, *CURRENT.tolist()[1:]]), len(T) // 3
+    wanted = parse_dyno_mapping(MAPPING + "blank: missing\n", "map.yaml")
+    whole = import_log(path, wanted)
+    monkeypatch.setattr(parquet, "MAX_ROWS", rows)
+    blocks = list(read_blocks(open_log(path, wanted), wanted))
+    assert len(blocks) >= 3
+    for name, channel in whole.channels.items():
+        np.testing.assert_array_equal(Recording.join(blocks).channel(name).stamps_ns, channel.stamps_ns)
+        np.testing.assert_array_equal(Recording.join(blocks).channel(name).values, channel.values)
+    write(path, i=[*CURRENT.tolist()[:-1], None])
+    with pytest.raises(CesError, match=f"row {len(T) - 1}: column 'i' is null"):
+        import_log(path, parse_dyno_mapping(MAPPING, "map.yaml"))
 
 
 def test_mistakes_are_one_line(tmp_path):

@@ -182,6 +182,21 @@ def test_a_measured_log_is_read_as_by_its_mapping():
 def test_a_measured_log_without_names_is_not_guessed():
     proposal = propose_mapping(DATA / "brfd_backlash" / "1Hz30lbtension1amplitude.json")  # the speed is in it
     assert proposal.mapping is None and 'rows: "data"' in proposal.text
+    assert "# force: {column: 4}" in proposal.text and "# current: {column" not in proposal.text  # the bands' forces
+
+
+def test_one_of_several_dampers_in_a_log_is_selected_as_the_message_says(tmp_path, capsys):
+    both = {f"{side}_{name}": column for side in ("vl", "vr") for name, column in list(PLAIN.items())[1:]}
+    path = write(tmp_path / "log.csv", {"time_s": T, **both, "vr_force_N": 0.5 * F})
+    assert run(path, "--out", tmp_path / "bag") == 2
+    assert f"several dampers (vl, vr); select one with '{path}#vl'" in capsys.readouterr().err
+    assert run(f"{path}#vl", f"{path}#vr", "--out", tmp_path / "both") == 0
+    for name, factor in (("log_vl", 1.0), ("log_vr", 0.5)):
+        assert_reads(read_recording(tmp_path / "both" / name, load_signals()), f=factor * F)
+    assert run(f"{path}#hl", "--out", tmp_path / "bag") == 2
+    assert "log.csv: no damper 'hl'; found: vl, vr" in capsys.readouterr().err
+    proposal = propose_mapping(write(tmp_path / "one.csv", {**dict(list(PLAIN.items())[:2]), "taut": F}))
+    assert "current: {column" not in proposal.text  # what goes with the speed is a force
 
 
 def test_a_sign_is_turned_only_with_a_reason(tmp_path):
