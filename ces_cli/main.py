@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
 import threading
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from importlib import import_module
 from types import FrameType
 from typing import NoReturn
 
 from ces_cli.terminal.compiled_code import require_folder_for_compiled_code
+from ces_identify.jobs import end_process
 
 ProgramTable = Mapping[str, tuple[str, str]]
 
@@ -25,12 +28,11 @@ PROGRAMS: ProgramTable = {  # module and summary by name
         "show force over speed, loops, work, hysteresis and valve response of a damper",
     ),
     "rig": ("rig", "run an experiment on the virtual rig and record it (synthetic data)"),
-    "learn-stroke": ("learn_stroke", "learn the command that makes the rig's piston follow a wanted stroke"),
     "identify": ("identify.program", "identify a force model from recordings"),
     "iterate": ("iterate", "design experiments, run them on a rig and identify, until the model is good"),
     "validate": ("identify.validate", "evaluate a model on recordings by free-run simulation"),
     "compare": ("compare", "compare models on the same recordings: costs, and whether they differ"),
-    "serve": ("serve", "browse models, reports, results and running searches of a folder as pages"),
+    "serve": ("serve", "browse models, reports and results of a folder as pages"),
     "replay": ("bags.replay", "run the estimator over a recording as the observer node would"),
     "simulate": ("bags.simulate", "run any simulation over a recording and write its force as CSV"),
     "export-data": ("bags.export_data", "write recordings and a model's estimates as CSV or Parquet"),
@@ -44,6 +46,8 @@ PROGRAMS: ProgramTable = {  # module and summary by name
     "completion": ("completion", "print a script that completes programs and options in a shell"),
 }
 ROS_ARGS = "--ros-args"
+ENDS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP
+M_MMAP_THRESHOLD, LARGE = -3, 4 << 20  # of malloc.h, and bytes: larger arrays are given back at once
 BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # the environment's own values win
 
 
@@ -104,20 +108,30 @@ def _run(name: str, words: Sequence[str]) -> int:
 
 
 def _run_program(name: str, module: str, words: Sequence[str]) -> int:
-    ignored = signal.getsignal(signal.SIGINT) is signal.SIG_IGN
-    if threading.current_thread() is threading.main_thread() and not ignored:
-        signal.signal(signal.SIGINT, _quit)  # while modules are imported; `terminal.run` installs its own handler later
+    before = {}
+    if threading.current_thread() is threading.main_thread():
+        for number in (getattr(signal, end) for end in ENDS if hasattr(signal, end)):
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as under nohup
+                before[number] = signal.signal(number, _quit)  # `run` installs its own handler of SIGINT later
     for variable in BLAS_THREADS:
         os.environ.setdefault(variable, "1")  # matrices are small here; waiting threads cost ten times the time if busy
+    with suppress(OSError, AttributeError, TypeError):  # only glibc keeps freed memory of this size for later
+        ctypes.CDLL(None).mallopt(M_MMAP_THRESHOLD, LARGE)
     require_folder_for_compiled_code()
     from ces_cli.terminal.terminal import run
 
-    return run(name, import_module(f"ces_cli.{module}").main, words)
+    try:
+        return run(name, import_module(f"ces_cli.{module}").main, words)
+    finally:
+        for number in before.keys() - {signal.SIGINT}:  # Ctrl-C while Python ends is no error
+            signal.signal(number, before[number] or signal.SIG_DFL)
 
 
 def _quit(number: int, frame: FrameType | None) -> NoReturn:
-    os.write(2, b"ces: interrupted\n")
-    os._exit(130)
+    ended = f"ended by {signal.Signals(number).name}; finished results are kept"
+    with suppress(OSError):  # the terminal may be gone
+        os.write(2, b"ces: interrupted\n" if number == signal.SIGINT else f"ces: {ended}\n".encode())
+    end_process(number)
 
 
 if __name__ == "__main__":

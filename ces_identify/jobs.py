@@ -1,33 +1,35 @@
 """Runs many jobs, saves each result as a row and files as soon as the job ends, and resumes after an interruption.
 
-Campaigns of identifications and fleets of diagnoses run on this engine, in processes of one machine or on the workers
-of a Dask cluster; Dask is an optional dependency and is imported only when a cluster is used. A file of rows holds one
-line of JSON each, appended and flushed: it is safe against a kill at any moment and a second run.
+Campaigns of identifications and fleets of diagnoses run on this engine, in processes of one machine or on a cluster
+(`ces_identify.cluster`). A file of rows holds one line of JSON each, appended and flushed: it is safe against a kill at
+any moment and a second run.
 """
 
 from __future__ import annotations
 
+import atexit
 import contextlib
 import json
 import logging
 import os
 import signal
-import socket
+import threading
+import time
+import warnings
 from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
-from importlib import import_module
+from functools import cache
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, TypeVar
+from types import FrameType
+from typing import Any, BinaryIO, NoReturn, Protocol, TypeVar
 
-from ces_observer import __version__
 from ces_observer.errors import CesError
-from ces_observer.json_text import write_all_atomically
+from ces_observer.json_text import explain_write_errors, write_all_atomically
 
 Row = dict[str, Any]
 DONE, FAILED, CRASHED = "done", "failed", "crashed"
-CONNECT_S = 10.0
-TASKS_AHEAD = 2  # tasks sent ahead per thread of a cluster
+POLL_S, EXIT_S = 1.0, 5.0
 
 
 class Job(Protocol):
@@ -62,7 +64,7 @@ def run_job(job: Job, work: Callable[[], JobResult]) -> JobResult:
         return failed_job(job, FAILED, str(error))
     except Exception as error:  # one job must not stop the others
         logging.getLogger(__name__).exception("%s", job.output)
-        return failed_job(job, CRASHED, _describe_error(error))
+        return failed_job(job, CRASHED, describe_error(error))
 
 
 def failed_job(job: Job, status: str, reason: str) -> JobResult:
@@ -70,7 +72,8 @@ def failed_job(job: Job, status: str, reason: str) -> JobResult:
     return JobResult({**job.identity, "status": status, "reason": reason})
 
 
-def _describe_error(error: BaseException) -> str:
+def describe_error(error: BaseException) -> str:
+    """Return the kind and text of an error on one line."""
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
@@ -116,10 +119,11 @@ def read_rows(file: BinaryIO, path: Path, kind: str) -> dict[str, Row]:
 
 
 def append_row(file: BinaryIO, row: Row) -> None:
-    """Write a row; raises OSError if the disk is full."""
-    file.write(json.dumps(row, allow_nan=False, ensure_ascii=False).encode() + b"\n")
-    file.flush()
-    os.fsync(file.fileno())
+    """Write a row; raises CesError if the disk is full."""
+    with explain_write_errors(Path(file.name)):
+        file.write(json.dumps(row, allow_nan=False, ensure_ascii=False).encode() + b"\n")
+        file.flush()
+        os.fsync(file.fileno())
 
 
 class ResultsFolder:
@@ -136,12 +140,17 @@ class ResultsFolder:
         return status == FAILED or (status == DONE and (self.folder / job.output).exists())
 
     def add(self, result: JobResult) -> None:
-        """Write the files, then the row. Raises CesError or OSError if the disk is full."""
+        """Write the files, then the row. Raises CesError if the disk is full, which says what is kept."""
         files = {self.folder / name: text for name, text in result.files.items()}
-        for path in files:
-            path.parent.mkdir(parents=True, exist_ok=True)
-        write_all_atomically(files)
-        append_row(self._file, result.row)
+        try:
+            for path in files:
+                with explain_write_errors(path):
+                    path.parent.mkdir(parents=True, exist_ok=True)
+            write_all_atomically(files)
+            append_row(self._file, result.row)
+        except CesError as error:
+            done = sum(row["status"] == DONE for row in self.rows.values())
+            raise CesError(f"{error}; {done} finished results are kept in {self.folder}") from None
         self.rows[result.row["key"]] = result.row
 
     def refresh(self) -> None:
@@ -193,6 +202,7 @@ def run_in_processes(
     """
     import joblib  # type: ignore[import-untyped]
 
+    warnings.filterwarnings("ignore", r"\d+ tasks which were", UserWarning)  # are cancelled, as was wanted
     ordered = tuple(map(int, joblib.__version__.split(".")[:2])) < (1, 4)
     with joblib.parallel_config(backend="loky", inner_max_num_threads=threads):
         pool = joblib.Parallel(
@@ -202,7 +212,7 @@ def run_in_processes(
             return_as="generator" if ordered else "generator_unordered",
         )
         try:
-            yield from pool(joblib.delayed(_run_in_process)(function, *task) for task in tasks)
+            yield from pool(joblib.delayed(_run_in_process)(os.getpid(), function, *task) for task in tasks)
         except BrokenProcessPool as error:
             if error.__cause__ is None:
                 text = "died, perhaps short of memory; finished results are kept: run again with fewer --jobs"
@@ -212,83 +222,45 @@ def run_in_processes(
             raise CesError(f"a worker process {text}") from None
 
 
-def _run_in_process(function: Callable[..., Result], *arguments: Any) -> Result:
-    """Compute in a worker process, and leave Ctrl-C, which the terminal sends to all processes, to the parent."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+def _run_in_process(parent: int, function: Callable[..., Result], *arguments: Any) -> Result:
+    _follow(parent)
     return function(*arguments)
 
 
-def run_on_cluster(work: Work, tasks: Iterable[Task], shared: Shared, address: str) -> Generator[JobResult, None, None]:
-    """Yield the result of each task as it ends, from the workers of the Dask scheduler at `address`.
+@cache
+def _follow(parent: int) -> None:
+    """Leave Ctrl-C, which the terminal sends to all processes, to the parent; end with it, even if it was killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, end_process)
+    threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
 
-    Each shared object is sent to every worker once; tasks are taken from `tasks` as workers become free. Raises
-    CesError if the cluster cannot be used or is lost.
+
+def _end_with(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(POLL_S)
+    os.kill(os.getpid(), signal.SIGTERM)
+
+
+def end_process(number: int, frame: FrameType | None = None) -> NoReturn:
+    """Handle the signal `number`: remove temporary files, end the workers and this process, without waiting for them.
+
+    Temporary folders of the standard library and joblib remove themselves at exit; so do half-written files here.
     """
-    distributed = _import_dask()
-    with contextlib.closing(_connect(distributed, address)) as client:
-        _require_same_version(client, address)
-        remote = dict(zip(shared, client.scatter(list(shared.values()), broadcast=True, hash=False), strict=True))
-        ended = distributed.as_completed(loop=client.loop, raise_errors=False)
-        waiting, sent = iter(tasks), {}
-
-        def send(count: int) -> None:
-            for _, task in zip(range(count), waiting, strict=False):
-                own = client.scatter(list(task.own), hash=False) if task.own else []
-                future = client.submit(work, task.job, [remote[key] for key in task.shared], own, pure=False)
-                sent[future] = task.job
-                ended.add(future)
-
-        send(TASKS_AHEAD * sum(client.nthreads().values()))
-        for future in ended:
-            job = sent.pop(future)
-            if future.status not in ("finished", "error"):
-                raise CesError(
-                    f"--dask {address}: the connection to the cluster was lost; finished results are kept: run again"
-                )
-            good = future.status == "finished"
-            yield future.result() if good else failed_job(job, CRASHED, _describe_error(future.exception()))
-            future.release()
-            send(1)
+    signal.signal(number, signal.SIG_IGN)
+    end = threading.Timer(EXIT_S, os._exit, (128 + number,))  # if a library waits at exit
+    end.daemon = True
+    end.start()
+    for pid in _children():
+        with contextlib.suppress(OSError):
+            os.kill(pid, signal.SIGTERM)
+    atexit._run_exitfuncs()  # `sys.exit` would first wait for the threads of a search
+    os._exit(128 + number)
 
 
-def _import_dask() -> Any:
-    """Return dask.distributed with its log silenced, which would hide our one line about a lost cluster."""
+def _children() -> list[int]:
+    """Return the processes that this one has started; none without /proc."""
     try:
-        distributed = import_module("distributed")
-    except ImportError:
-        raise CesError("--dask needs dask.distributed: pip install 'ces_observer[dask]'") from None
-    for handler in logging.getLogger("distributed").handlers:
-        handler.setLevel(logging.CRITICAL + 1)
-    return distributed
-
-
-def _connect(distributed: Any, address: str) -> Any:
-    """Return a client of the scheduler; a plain connection is tried first: a failed client closes slowly."""
-    host, _, port = address.rpartition("://")[2].rpartition(":")
-    try:
-        with socket.create_connection((host.strip("[]"), int(port)), CONNECT_S):
-            pass
-        return distributed.Client(address, timeout=CONNECT_S, set_as_default=False)
-    except (OSError, ValueError, TypeError):
-        raise CesError(
-            f"--dask {address}: no scheduler answered within {CONNECT_S:g} s; expected the host:port of a running one"
-        ) from None
-
-
-def _require_same_version(client: Any, address: str) -> None:
-    """Raise CesError unless there are workers, all with this version of the package."""
-    try:
-        client.wait_for_workers(1, timeout=CONNECT_S)
-        versions = client.run(_version)
-    except Exception as error:  # any error that keeps a worker from importing this module
-        raise CesError(
-            f"--dask {address}: no workers that can run ces_observer {__version__}; start some there: "
-            f"dask worker {address} ({_describe_error(error)})"
-        ) from None
-    for worker, version in versions.items():
-        if version != __version__:
-            raise CesError(f"--dask {address}: worker {worker} has ces_observer {version}; install {__version__} there")
-
-
-def _version() -> str:
-    return __version__
+        lists = [path.read_text() for path in Path("/proc/self/task").glob("*/children")]
+    except OSError:
+        return []
+    return [int(pid) for text in lists for pid in text.split()]

@@ -6,6 +6,7 @@ strings that UTF-8 cannot encode.
 
 from __future__ import annotations
 
+import atexit
 import json
 import os
 import stat
@@ -13,6 +14,7 @@ import tempfile
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from errno import EDQUOT, ENOSPC
 from math import inf, isfinite, isinf
 from pathlib import Path
 from typing import Any
@@ -184,20 +186,26 @@ def write_atomically(path: Path, content: str | bytes) -> None:
 def write_all_atomically(files: Mapping[Path, str | bytes]) -> None:
     """Write files that belong together like `write_atomically`: none is renamed before all are written."""
     ready: dict[Path, Path] = {}
+
+    def remove() -> None:
+        for temporary in ready.values():
+            temporary.unlink(missing_ok=True)
+
+    atexit.register(remove)  # for an end by a signal
     try:
         for path, content in files.items():
             _write_temporary(path, content, ready)
         for path, temporary in ready.items():
-            with _explain_write_errors(path):
+            with explain_write_errors(path):
                 temporary.replace(path)
     finally:
-        for temporary in ready.values():
-            temporary.unlink(missing_ok=True)
+        remove()
+        atexit.unregister(remove)
 
 
 def _write_temporary(path: Path, content: str | bytes, ready: dict[Path, Path]) -> None:
     """Write a temporary file beside `path`; `ready` names it as soon as it exists."""
-    with _explain_write_errors(path):
+    with explain_write_errors(path):
         handle, temporary = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
         ready[path] = Path(temporary)
         with os.fdopen(handle, "wb") as file:
@@ -208,11 +216,14 @@ def _write_temporary(path: Path, content: str | bytes, ready: dict[Path, Path]) 
 
 
 @contextmanager
-def _explain_write_errors(path: Path) -> Iterator[None]:
+def explain_write_errors(path: Path) -> Iterator[None]:
+    """Raise CesError naming `path`, and what to do, for an OSError inside the block."""
     try:
         yield
     except OSError as error:
-        raise CesError(f"{path}: cannot be written: {error.strerror}; choose a writable folder") from None
+        full = error.errno in (ENOSPC, EDQUOT)
+        advice = "free space there and run the same command" if full else "choose a writable folder"
+        raise CesError(f"{path}: cannot be written: {error.strerror}; {advice}") from None
 
 
 def _is_finite(value: object) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from ces_gap.pipeline import DiagnoseOptions, diagnose
 from ces_gap.progress import Progress
 from ces_gap.report.formatting import region_name
 from ces_gap.report.gap_json import gap_content
-from ces_gap.report.result_files import result_files
+from ces_gap.report.result_files import REPORT, result_files
 from ces_gap.report.tables import calibration_table, cause_table, describe_parameters
 from ces_identify.simulations.simulation import Simulation
 from ces_identify.structures.auto import AUTO
@@ -38,7 +38,7 @@ COLORS = {NAMED: "green", AMBIGUOUS: "yellow", UNKNOWN: "magenta", NO_GAP: "cyan
 MAX_REGIONS = 3
 MAX_FALSE_DISCOVERY_RATE = 0.05  # of the regions that are printed
 MIN_ENERGY_RATIO, MIN_ENERGY_SHARE = 1.2, 0.05  # a printed region's energy: relative to its share of time, and in total
-OPTIONAL_FILES = ("next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
+OPTIONAL_FILES = (REPORT, "next_experiment.yaml", "next_experiment.csv")  # not every diagnosis writes these
 
 
 def run_diagnosis(options: Namespace, command: str) -> None:
@@ -62,14 +62,32 @@ def run_diagnosis(options: Namespace, command: str) -> None:
         name = name_simulation(spec, options.out)
         files = result_files(diagnosis, name, list(recordings.items()), {"Command": command})
     make_schemas()  # the recipe of the next experiment names its schema
-    options.out.mkdir(parents=True, exist_ok=True)
-    for optional in OPTIONAL_FILES:
-        (options.out / optional).unlink(missing_ok=True)  # from an earlier diagnosis
-    write_all_atomically({options.out / name: text for name, text in files.items()})
+    problem = write_results(files, options.out)
+    written = [name for name in files if problem is None or (options.out / name).is_file()]
     with without_text(options.json):
-        print_diagnosis(diagnosis, options.out, tuple(files), printed_notes=len(doubts))
+        print_diagnosis(diagnosis, options.out, written, printed_notes=len(doubts))
     if options.json:
-        print_document("diagnose", {"folder": options.out, "files": list(files), "diagnosis": gap_content(diagnosis)})
+        print_document("diagnose", {"folder": options.out, "files": written, "diagnosis": gap_content(diagnosis)})
+    if problem is not None:  # only now: what took minutes is at least shown
+        raise problem
+
+
+def write_results(files: Mapping[str, str], folder: Path) -> CesError | None:
+    """Write the files of a diagnosis, the report last, in place of those of an earlier one; return what went wrong."""
+    data = {folder / name: text for name, text in files.items() if name != REPORT}
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        write_all_atomically(data)
+        for old in {*OPTIONAL_FILES} - {*files}:
+            (folder / old).unlink(missing_ok=True)
+    except CesError as error:
+        return error
+    try:
+        write_all_atomically({folder / REPORT: files[REPORT]} if REPORT in files else {})
+    except CesError as error:
+        (folder / REPORT).unlink(missing_ok=True)  # of an earlier diagnosis
+        return CesError(f"{error} with --overwrite; {', '.join(path.name for path in data)} are complete")
+    return None
 
 
 def build_diagnose_options(options: Namespace, threads: int) -> DiagnoseOptions:
@@ -132,7 +150,8 @@ def print_diagnosis(diagnosis: Diagnosis, folder: Path, files: Sequence[str], pr
     if diagnosis.rest is not None:
         _print_lines(_where_lines("unexplained", diagnosis.rest))
     _print_lines([*_ambiguity_lines(diagnosis), *_next_lines(diagnosis, folder)])
-    print(f"written: {folder}/{', '.join(files)}")
+    if files:
+        print(f"written: {folder}/{', '.join(files)}")
 
 
 def _print_lines(lines: Sequence[str]) -> None:

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from ces_cli.diagnose import diagnosis
 from ces_cli.terminal import terminal
-from ces_cli.terminal.outputs import print_document, require_folder
+from ces_cli.terminal.outputs import ROOM, print_document, require_folder, require_space
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
 from ces_cli.terminal.recordings import FleetUnit, find_bags, find_fleet_units
 from ces_cli.terminal.simulations import open_simulation, with_predictions
@@ -48,7 +48,7 @@ CSV_COLUMNS = (
 def run_fleet(options: argparse.Namespace) -> int:
     """Diagnose every unit of --real; returns the exit status."""
     diagnosis.require_one_source(options)
-    require_folder(options.out)
+    require_folder(options.out, names=("fleet.html", "fleet.csv"))
     signals = terminal.load_described_signals(options)
     units = find_fleet_units(options.real, options.each)
     given = None if options.identify else open_simulation(options.sim)
@@ -62,10 +62,13 @@ def run_fleet(options: argparse.Namespace) -> int:
         request = DiagnosisRequest(simulation, spec, reference, how, diagnose, result_files)
         jobs, unread = _plan_jobs(units, request, signals, options.out)
         missing = {job: unit for job, unit in jobs.items() if not results.has(job)}
-        finished = True
+        if others := len(results.rows.keys() - {job.key for job in jobs}):
+            things = f"{others} results of other recordings or options"
+            terminal.print_warning(f"{options.out}: also holds {things}; they are neither shown nor used")
+        require_space(options.out, len(missing) * ROOM // 4)
+        bar, finished = JobsProgress(len(units), len(units) - len(missing), "diagnoses"), True
         if missing:
             tasks = (Task(job, [REQUEST], _read(simulation, unit, signals)) for job, unit in missing.items())
-            bar = JobsProgress(len(units), len(units) - len(missing), "diagnoses")
             shared = {REQUEST: request.pack()}
             finished = run_jobs(diagnose_unit, tasks, shared, how.threads, options, results, bar, describe_diagnosis)
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread

@@ -11,13 +11,14 @@ import signal
 import sys
 import textwrap
 import threading
+import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from traceback import walk_tb
-from types import MappingProxyType
+from types import FrameType, MappingProxyType
 from typing import Any, NoReturn, TextIO, TypeVar
 
 from rich.box import SIMPLE_HEAD
@@ -32,6 +33,7 @@ from ces_data.bags.reader import LogTimeWarning, read_recording
 from ces_data.findings import require_usable
 from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
+from ces_identify.jobs import end_process
 from ces_observer.errors import CesError
 from ces_observer.fields import REQUIRED, Field
 from ces_observer.options import Option
@@ -44,6 +46,7 @@ FORCE = ("position", "current", "force")  # signals of a recording with a measur
 USER_ERROR = 2
 MIN_TEXT_WIDTH = 12  # characters of a column of texts that may wrap
 INTERRUPTED = 130
+PATIENCE_S = 1.0
 CACHE_MODULE = str(Path("numba", "core", "caching.py"))
 
 _said: set[str] = set()  # warnings that a run prints once; `run` empties it
@@ -262,9 +265,21 @@ def accept_all_characters() -> None:
 
 
 def interrupt_as_exception() -> None:
-    """Let Ctrl-C raise KeyboardInterrupt; while modules were imported it ended the process at once."""
+    """Let Ctrl-C raise KeyboardInterrupt; a second one, `PATIENCE_S` later, ends the process without waiting for work.
+
+    Until then the first one removes what is half written. While modules were imported it ended the process at once.
+    """
+    pressed: list[float] = []
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        pressed.append(time.monotonic())
+        if len(pressed) == 1:
+            raise KeyboardInterrupt
+        if pressed[-1] - pressed[0] > PATIENCE_S:
+            end_process(number)
+
     if threading.current_thread() is threading.main_thread() and signal.getsignal(signal.SIGINT) is not signal.SIG_IGN:
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        signal.signal(signal.SIGINT, interrupt)
 
 
 def _print_error(name: str, text: str) -> None:

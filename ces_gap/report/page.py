@@ -81,14 +81,15 @@ class GapSteps:
 def report_page(
     diagnosis: Diagnosis, title: str = "Simulation and reality", facts: Mapping[str, str] | None = None
 ) -> str:
-    """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) follow the verdict."""
+    """Return the page as text that is both HTML and well-formed XML; `facts` (date, command) are at its end."""
     d, has_gap = diagnosis, diagnosis.verdict != NO_GAP
-    causes = cause_table(d)
+    causes, where = cause_table(d), _where("where", "gap", d.where) if has_gap else None
     page = page_template("gap.html.j2", __package__, ("gap.css",)).render(
         title=title,
         d=d,
         has_gap=has_gap,
         verdict=VERDICTS[d.verdict],
+        head=({"Where": where["sentence"]} if where else {}) | {"Next": _next_step(d)},
         facts={"Simulation": d.simulation, **(facts or {})},
         warnings=_warnings(d),
         gap_steps=build_gap_steps(d),
@@ -100,7 +101,7 @@ def report_page(
         together=composition_table(d),
         calibration=calibration_table(d) if has_gap else None,
         open_questions=_open_questions(d),
-        where=_where("where", "gap", d.where) if has_gap else None,
+        where=where,
         rest=_where("rest", "rest", d.rest) if d.rest is not None else None,
         plots=_plots(d, join_effect_names(d.composition.effects) if has_gap and d.composition.effects else ""),
         by_region=region_table(d) if has_gap else None,
@@ -161,6 +162,20 @@ def after_ci95_N(explanation: Explanation) -> Interval | None:
     before = explanation.gap_after_N / left
     low, high = (before * max(1.0 - s, 0.0) for s in explanation.shrink_ci95[::-1])
     return low, high
+
+
+def _next_step(d: Diagnosis) -> str:
+    """Return what to do after this diagnosis."""
+    if d.next_experiment is not None:
+        purpose = d.next_experiment.purpose
+        return f"Record the experiment {effect_name(d.next_experiment.name)} (below): {purpose.rstrip('.')}."
+    if d.verdict == NO_GAP and d.gap.rms_N > 2.0 * d.gap.noise_floor_N:
+        return "Record references (--reference), or take a better simulation: its own error hides smaller effects."
+    if d.verdict == NO_GAP:
+        return "Nothing: simulation and measurement agree within what can be seen."
+    if d.verdict == NAMED:
+        return f"Use augmented.json, the simulation with {join_effect_names(d.composition.effects)}."
+    return "Record other strokes and currents, and references that are free of the effect."
 
 
 def _key_figure(d: Diagnosis) -> dict[str, str]:

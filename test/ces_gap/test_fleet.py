@@ -10,7 +10,8 @@ from cheap_diagnosis import OFFSETS_N, Offset, Options, made
 from dask_clusters import dask_scheduler
 
 from ces_gap.fleet import DiagnosisRequest, diagnose_unit, job_of
-from ces_identify.jobs import CRASHED, DONE, FAILED, Task, run_on_cluster
+from ces_identify.cluster import run_on_cluster
+from ces_identify.jobs import CRASHED, DONE, FAILED, Task
 from ces_identify.simulations.simulation import FunctionSimulation, function_simulation
 
 ROOT = Path(__file__).parents[2]

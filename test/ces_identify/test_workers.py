@@ -3,16 +3,20 @@
 import os
 import signal
 import socket
-from dataclasses import replace
+import subprocess
+import sys
+from pathlib import Path
 
 import pytest
 from campaign_parts import RULES, made
 from dask_clusters import dask_scheduler
+from patience import command_of, wait_until
 
-from ces_identify import jobs as cluster_module
+from ces_identify import cluster as cluster_module
 from ces_identify.campaign.cell import compute_cell
 from ces_identify.campaign.plan import jobs, load_campaign
-from ces_identify.jobs import DONE, JobResult, Task, run_in_processes, run_job, run_on_cluster, run_on_this_machine
+from ces_identify.cluster import run_on_cluster
+from ces_identify.jobs import DONE, JobResult, Task, run_in_processes, run_on_this_machine
 from ces_observer.errors import CesError
 
 pytestmark = pytest.mark.slow
@@ -40,10 +44,6 @@ def describe(job, recordings, own=()):
     return JobResult({**found, "sums": [float(r.channel("force").values.sum()) for r in recordings]})
 
 
-def describe_or_crash(job, recordings, own=()):
-    return run_job(job, lambda: describe(job, recordings, own))
-
-
 def expected(work, function):
     jobs, recordings = work
     return as_comparable(function(job, [recordings[p] for p in job.paths]) for job in jobs)
@@ -59,7 +59,7 @@ def tasks(jobs):
 
 
 def on_cluster(jobs, recordings, address):
-    return run_on_cluster(describe_or_crash, tasks(jobs), recordings, address)
+    return run_on_cluster(describe, tasks(jobs), recordings, address)
 
 
 def test_processes_on_this_machine(work) -> None:
@@ -79,18 +79,30 @@ def test_two_workers_of_a_dask_scheduler(work, cluster) -> None:
     assert as_comparable(on_cluster(*work, address=cluster)) == expected(work, describe)
 
 
-def test_a_crash_on_a_worker_is_a_row(work, cluster):
-    jobs, recordings = work
-    broken = replace(jobs[0], cell=replace(jobs[0].cell, settings={}))
-    rows = [result.row for result in on_cluster([broken], recordings, address=cluster)]
-    assert [row["status"] for row in rows] == ["crashed"]
-    assert "KeyError" in rows[0]["reason"]
-
-
-def test_workers_of_another_version_are_named(work, cluster, monkeypatch):
+@pytest.mark.parametrize("late", [False, True])
+def test_workers_of_another_version_are_named(work, cluster, monkeypatch, late):
     monkeypatch.setattr(cluster_module, "__version__", "99.0")
-    with pytest.raises(CesError, match=r"worker tcp://.* has ces_observer .*; install 99\.0 there"):
+    if late:  # it comes after the check at the start
+        monkeypatch.setattr(cluster_module, "_require_same_version", lambda *_: None)
+    with pytest.raises(CesError, match=r"worker .* has ces_observer .*; expected ces_observer 99\.0 and Python"):
         list(on_cluster(*work, address=cluster))
+
+
+def describe_or_die(job, recordings, own):
+    """The first time, take the worker and all data on it along."""
+    mark = Path(own[0]) / job.key
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return describe(job, recordings)
+
+
+def test_workers_that_die_lose_nothing(work, cluster, tmp_path):
+    jobs, recordings = work
+    risky = [Task(job, job.paths, [str(tmp_path)]) for job in jobs]
+    found = as_comparable(run_on_cluster(describe_or_die, risky, recordings, cluster))
+    assert found == expected(work, describe)
+    assert len(list(tmp_path.iterdir())) == len(jobs)
 
 
 def test_no_scheduler_is_one_line(work, monkeypatch):
@@ -114,6 +126,26 @@ def test_no_dask_is_one_line(work, monkeypatch):
 
 def kill_itself():
     os.kill(os.getpid(), signal.SIGKILL)
+
+
+SLEEPER = """
+import os, sys, time
+from pathlib import Path
+from ces_identify.jobs import run_in_processes
+def sleep():
+    Path(sys.argv[1]).write_text(f"{os.getpid()}.")
+    time.sleep(600.0)
+for _ in run_in_processes(sleep, [()], 2, 1): pass
+"""
+
+
+def test_a_worker_ends_with_its_killed_parent(tmp_path):
+    words = [sys.executable, "-c", SLEEPER.replace("sys.argv[1]", repr(str(tmp_path / "pid")))]
+    with subprocess.Popen(words) as parent:
+        wait_until(lambda: (tmp_path / "pid").is_file() and (tmp_path / "pid").read_text().endswith("."))
+        parent.kill()
+    worker = (tmp_path / "pid").read_text().strip(".")
+    wait_until(lambda: not command_of(worker))
 
 
 class Unreadable:

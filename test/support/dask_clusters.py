@@ -19,5 +19,5 @@ def dask_scheduler() -> Iterator[str]:
             n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None, host="127.0.0.1"
         ) as cluster,
     ):
-        patch.setattr("ces_identify.jobs.CONNECT_S", PATIENCE_S)
+        patch.setattr("ces_identify.cluster.CONNECT_S", PATIENCE_S)
         yield cluster.scheduler_address

@@ -75,7 +75,9 @@ def test_the_page_is_sound_and_begins_with_the_verdict(which: str) -> None:
     used = {name for e in root.iter() for name in (e.get("class") or "").split()} - plain
     assert {name for name in used if f".{name}" not in css} == set()
     header = words(next(iter(root.iter(f"{XHTML}header"))))
-    assert d.sentence in header and d.simulation in header and FACTS["Command"] in header
+    assert d.sentence in header and "Next" in header
+    notes = next(words(e) for e in root.iter(f"{XHTML}section") if e.get("id") == "notes")
+    assert d.simulation in notes and FACTS["Command"] in notes
     heading = {"named": "cause named", "ambiguous": "several causes fit"}.get(d.verdict, d.verdict.split("_")[-1])
     assert heading in header
 
