@@ -1,7 +1,7 @@
 """The peers, each as "recordings in, free run on another out", with the inputs that their users must prepare.
 
-SysIdentPy (FROLS, MetaMSS), fastcan (NARX) and anfis-toolbox know whole powers only, and SysIdentPy no lag 0: its
-inputs are given one tick ahead. Boosted trees get lags instead of past forces.
+SysIdentPy (FROLS, MetaMSS) and fastcan (NARX) know whole powers only, and SysIdentPy no lag 0: its inputs are given
+one tick ahead. Boosted trees get lags instead of past forces.
 """
 
 from __future__ import annotations
@@ -17,9 +17,6 @@ F = NDArray[np.float64]
 Simulate = Callable[["Columns"], F]
 
 TERMS = 12
-DIVERGED_N = 1e6
-MEMBERSHIPS, EPOCHS = 3, 15  # of anfis-toolbox, which needs equally many memberships on every input
-MAX_ROWS = 20_000  # for anfis-toolbox; of more, evenly spaced ones
 TREES = 600  # at most, each of 31 leaves
 TREE_LAGS = ((0, 1, 2, 4, 8, 16, 32), (0, 2, 5, 10, 20, 40, 80, 160, 320))  # ticks
 STEPS = 20  # maximum for fastcan's least squares on the free run
@@ -107,30 +104,6 @@ def fastcan_free_run(estimation: Columns, selection: Columns, terms: int = TERMS
     model = fastcan_model(estimation, terms, degree)
     model.fit(estimation.inputs, estimation.force, coef_init="one_step_ahead", max_nfev=STEPS)
     return _wrap_fastcan(model, terms)
-
-
-def anfis_toolbox(estimation: Columns, selection: Columns) -> PeerModel:
-    """anfis-toolbox's hybrid learning on one-step errors: 27 rules on past force, speed and current."""
-    del selection
-    from anfis_toolbox import ANFISRegressor
-
-    scale, spread = estimation.inputs.std(axis=0), float(estimation.force.std())
-    rows = np.column_stack([estimation.force[:-1] / spread, estimation.inputs[1:] / scale])
-    model = ANFISRegressor(n_mfs=MEMBERSHIPS, mf_type="bell", optimizer="hybrid", epochs=EPOCHS, random_state=1)
-    every = -(-len(rows) // MAX_ROWS)
-    model.fit(rows[::every], estimation.force[1::every] / spread)
-
-    def simulate(data: Columns) -> F:
-        inputs, force = data.inputs / scale, np.full(len(data.force), np.inf)
-        force[0] = data.force[0] / spread
-        for k in range(1, len(force)):
-            force[k] = model.predict(np.concatenate([force[k - 1 : k], inputs[k]])[None])[0]
-            if not abs(force[k]) < DIVERGED_N / spread:
-                break
-        return np.asarray(force * spread)
-
-    rules = len(model.rules_ or ())
-    return PeerModel(simulate, rules * (rows.shape[1] + 1) + 3 * MEMBERSHIPS * rows.shape[1])
 
 
 def boosted_trees(estimation: Columns, selection: Columns, lags: Sequence[int] = TREE_LAGS[0]) -> PeerModel:

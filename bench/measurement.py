@@ -16,7 +16,7 @@ from typing import TypeVar
 
 T = TypeVar("T")
 
-PEERS = ("sysidentpy", "fastcan", "anfis-toolbox")
+PEERS = ("sysidentpy", "fastcan")
 
 
 @dataclass(frozen=True)

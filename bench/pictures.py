@@ -50,7 +50,6 @@ def read_page(name: str) -> tuple[tuple[tuple[str, str], ...], tuple[str, ...]]:
 
 
 FILES, DIAGNOSE = read_page("diagnose.md")
-LEARN = "ces learn-stroke config/learn_stroke.yaml --out learned"
 FIRST = "main section:first-of-type"
 TIME = ".recording figure"
 GAP = ("gap_rig", DIAGNOSE, "gap_rig/report.html")
@@ -63,7 +62,6 @@ PICTURES = {
         last=FIRST,
         files=(("rear_damper.yaml", ITERATE),),
     ),
-    "rig_learned": Picture("learned", (LEARN,), "learned/report.html", FIRST, FIRST),
     "gap_summary": Picture(*GAP, last="#shrink", files=FILES),
     "gap_report": Picture(*GAP, last="#causes", files=FILES),
     "gap_where": Picture(*GAP, first="#where", last="#where", files=FILES),
@@ -116,7 +114,7 @@ def main(names: list[str]) -> None:
             make(picture)
             page = browser.new_page(viewport={"width": WIDTH_px, "height": 760})
             photograph(page, picture, WORK / f"{name}.png")
-            Image.open(WORK / f"{name}.png").quantize(128).save(IMAGES / f"{name}.png", optimize=True)
+            Image.open(WORK / f"{name}.png").quantize(64).save(IMAGES / f"{name}.png", optimize=True)
             print(IMAGES / f"{name}.png", flush=True)
 
 

@@ -3,7 +3,7 @@
 The packaged rig recordings, and measured ones from the folder in CES_DATA: `dyke_mr/` (NEES-2012-1158) and `utfsm_mr/`
 (vRTHS_AMBC_MRdamper). All tools get the same ticks with causal speed, position and current. Peers get them as columns
 of mean 0 and standard deviation 1; "prepared" columns add the signed root of the speed and the current 8 ms ago, which
-these polynomials and memberships cannot form. Blocks are joined end to end; selection data are blocks between those for
+these polynomials cannot form. Blocks are joined end to end; selection data are blocks between those for
 estimation.
 """
 
@@ -19,8 +19,8 @@ import numpy as np
 from identification_peers import Columns, PeerModel
 from numpy.typing import NDArray
 
-from ces_data.reading import read_recording
-from ces_data.recording import Channel, Recording
+from ces_data.reading import read_log, read_recording
+from ces_data.recording import Recording
 from ces_identify.prepare.cost import cost, series_cost
 from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import Series, prepare
@@ -71,12 +71,12 @@ def make_case(recordings: Sequence[Recording], row: str, delay_s: float = 0.0) -
 
 
 def dyke_case(delay_s: float = 0.0) -> RecordedCase:
-    return make_case([load_dyke(data_folder() / "dyke_mr" / "ranran_50.csv")], "Dyke, last 40 %", delay_s)
+    return make_case([read_measured(data_folder() / "dyke_mr" / "ranran_50.csv")], "Dyke, last 40 %", delay_s)
 
 
 def utfsm_case(delay_s: float = 0.0) -> RecordedCase:
     paths = sorted((data_folder() / "utfsm_mr").glob("sweep_15Hz_*A.csv"))
-    return make_case([load_utfsm(path) for path in paths], "UTFSM sweeps, last 40 %", delay_s)
+    return make_case([read_measured(path) for path in paths], "UTFSM sweeps, last 40 %", delay_s)
 
 
 CASES: dict[str, Callable[..., RecordedCase]] = {"rig": rig_case, "dyke": dyke_case, "utfsm": utfsm_case}
@@ -92,21 +92,9 @@ def is_present(case: str) -> bool:
     return case not in MEASURED or (data_folder() / MEASURED[case]).exists()
 
 
-def load_dyke(path: Path) -> Recording:
-    rate, table = 3004.8, np.genfromtxt(path, delimiter=",", skip_header=1)
-    stamps = np.rint(np.arange(len(table)) / rate * 1e9).astype(np.int64)
-    return three_channels(path.stem, stamps, 0.01 * table[:, 2], table[:, 3], table[:, 6])
-
-
-def load_utfsm(path: Path) -> Recording:
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    stamps = np.rint(table["t_s"] * 1e9).astype(np.int64)
-    return three_channels(path.stem, stamps, 1e-3 * table["x_mm"], table["current_A"], table["F_N"])
-
-
-def three_channels(name: str, stamps: np.ndarray, position: F, current: F, force: F) -> Recording:
-    values = {"position": ("m", position), "current": ("A", current), "force": ("N", force)}
-    return Recording(name, {n: Channel(n, unit, stamps, v) for n, (unit, v) in values.items()})
+def read_measured(log: Path) -> Recording:
+    """Return a measured recording, with the mapping that is named for its folder."""
+    return read_log(log, mapping=ROOT / "config" / "import" / f"{log.parent.name}.yaml")
 
 
 def cut_blocks(series: Sequence[Series]) -> DataBlocks:
@@ -188,7 +176,6 @@ def signal_columns(series: Series) -> dict[str, F]:
 
 PLAIN = SeriesFeed(("speed", "current", "position"))
 PREPARED = SeriesFeed(("speed", "root", "current", "late current", "position"))
-FUZZY, FUZZY_PREPARED = SeriesFeed(("speed", "current")), SeriesFeed(("root", "late current"))
 
 
 def fit_peer(fit: Fit, feed: SeriesFeed, case: RecordedCase, seconds: float) -> RecordedFit:

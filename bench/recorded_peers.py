@@ -27,8 +27,6 @@ import identification_peers as peers
 from measurement import is_installed, print_note, print_table, time_call
 from recorded_cases import CASES as WHOLE_CASES
 from recorded_cases import (
-    FUZZY,
-    FUZZY_PREPARED,
     MEASURED,
     PLAIN,
     PREPARED,
@@ -38,9 +36,9 @@ from recorded_cases import (
     data_folder,
     fit_peer,
     is_present,
-    load_utfsm,
     mean_cost,
     metamss,
+    read_measured,
 )
 
 from ces_data.arrays import F
@@ -107,7 +105,7 @@ def sines_case() -> RecordedCase:
 
     def load(*currents: str) -> list[Recording]:
         names = [f"sine_{sine}_{current}A.csv" for sine in SINES for current in currents]
-        return [load_utfsm(data_folder() / "utfsm_mr" / name) for name in names]
+        return [read_measured(data_folder() / "utfsm_mr" / name) for name in names]
 
     training, tests = load("0.00", "0.50", "1.00"), load("0.25", "0.75")
     sampling = choose_sampling(training)
@@ -155,10 +153,6 @@ def peer_tools() -> dict[str, Tool]:
             "free run, 12 terms, degree 2, prepared": partial(
                 fit_peer, partial(peers.fastcan_free_run, degree=2), PREPARED
             ),
-        },
-        "anfis-toolbox": {
-            "27 rules": partial(fit_peer, peers.anfis_toolbox, FUZZY),
-            "27 rules, prepared": partial(fit_peer, peers.anfis_toolbox, FUZZY_PREPARED),
         },
     }
     tools = {name: Tool(settings, name.lower()) for name, settings in fits.items()}

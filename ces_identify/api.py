@@ -96,10 +96,11 @@ def identify(
     held_out = as_recordings(validation, signals, required=False)
     require_distinct(given, held_out)
     found = check_together([*given, *held_out])
-    forced = require_sound(found, ignore_findings)
+    require_sound(found, ignore_findings)
     for finding in found:
         warnings.warn(finding.text, stacklevel=2)
-    return identification.identify(given, held_out, how, listener, fitter).with_ignored_findings(forced)
+    result = identification.identify(given, held_out, how, listener, fitter)
+    return result.require_explained(found, ignore_findings)
 
 
 def validate(

@@ -12,8 +12,11 @@ from typing import Any
 import numpy as np
 from markupsafe import Markup
 
+from ces_data.arrays import F
 from ces_data.checks.content import marks_of_copies, require_distinct
+from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.recording import Recording
+from ces_data.samples import without_spikes
 from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchResult
 from ces_identify.prepare.sampling import choose_sampling, require_delay
 from ces_identify.prepare.series import prepare
@@ -21,11 +24,23 @@ from ces_identify.structures.kit import Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.band import fit_band
 from ces_identify.validation.cost_table import RULE, cost_table, usage
-from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, describe_size, evaluate
+from ces_identify.validation.evaluate import (
+    IDENTIFICATION,
+    VALIDATION,
+    Evaluation,
+    describe_size,
+    evaluate,
+    pooled_cost,
+)
 from ces_observer import __version__
 from ces_observer.errors import RecordingError
 from ces_observer.model import Model, Sampling
+from ces_observer.structures.polynomial import Polynomial
 
+UNEXPLAINED_J, WITHOUT_SPEED_J = 60.0, 30.0  # [%] beyond the noise; of a polynomial without the speed
+UNLIKE_FORCE = "the force does not follow these signals: check that topics, signs and damper are the right ones"
+MAX_TICKS = 300_000  # of identification data; of longer recordings one minute in two, three, ... is used
+STRETCHES = "identified_on"  # key of the provenance
 MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
 COSTS, DELAYED_SELECTION = "cost_J_percent", "selection_delayed"  # keys of the provenance
 
@@ -51,11 +66,48 @@ class IdentificationResult:
         proof = "proved stable" if proved else "stability not proved"
         return f"{model.structure}: {describe_size(model)} at {model.sampling.rate_Hz:g} Hz, {proof}; costs J:"
 
-    def with_ignored_findings(self, findings: Sequence[str]) -> IdentificationResult:
-        """Return the result with the findings in spite of which it was identified in the model's provenance."""
-        if not findings:
+    def require_explained(self, found: Sequence[Finding] = (), ignore_findings: bool = False) -> IdentificationResult:
+        """Return the result with the findings in spite of which it was identified in the model's provenance.
+
+        `found` are those of the checks. Raises RecordingError if the model explains nothing of the force that it was
+        fitted to, unless `ignore_findings`.
+        """
+        failure = self._describe_failure()
+        reasons = [f.text for f in found if f.signal != "current"] or [UNLIKE_FORCE]
+        if failure and not ignore_findings:
+            raise RecordingError(f"{failure}; {reasons[0]}; --ignore-findings keeps such a model")
+        forced = [f.text for f in found if f.severity == WRONG_MODEL] + [failure] * bool(failure)
+        if not forced:
             return self
-        return replace(self, model=replace(self.model, provenance={**self.model.provenance, "forced": list(findings)}))
+        return replace(self, model=replace(self.model, provenance={**self.model.provenance, "forced": forced}))
+
+    def _describe_failure(self) -> str:
+        """Return what shows that the model explains nothing; '' if it does, or for an interrupted or weighted fit."""
+        fitted = [e for e in self.evaluations if e.role == IDENTIFICATION and e.delay_s == self.model.sampling.delay_s]
+        stopped = any(one.ended == INTERRUPTED for one in self.search_results)
+        if stopped or "weights" in self.model.provenance["selection"]:
+            return ""
+        cost = pooled_cost(fitted)
+        noise = max(_noise_share(e.series.force[e.series.scored]) for e in fitted)
+        if not cost**2 < UNEXPLAINED_J**2 + (100.0 * noise) ** 2:
+            return f"the model explains nothing of the force: J is {cost:.1f} % on the data that it was fitted to"
+        if cost > WITHOUT_SPEED_J and not _follows_motion(self.model):
+            return f"no term of the model follows the motion, and J is {cost:.1f} % on the data that it was fitted to"
+        return ""
+
+
+def _noise_share(force: F) -> float:
+    """Return the RMS of the white noise in a force (n,), by its third differences, over its standard deviation."""
+    return float(1.4826 * np.median(np.abs(np.diff(force, 3))) / np.sqrt(20.0) / force.std())
+
+
+def _follows_motion(model: Model) -> bool:
+    """Return whether a polynomial has the speed, a constructed input, or two positions in its terms; others have."""
+    if not isinstance(model.body, Polynomial):
+        return True
+    factors = [factor for term in model.body.terms for factor in term.inputs]
+    positions = {factor.lag for factor in factors if factor.signal == "position"}
+    return len(positions) > 1 or not {f.signal for f in factors} <= {"position", "current"}
 
 
 def identify(
@@ -73,9 +125,8 @@ def identify(
     """
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
-    parts = [recording.part(0.0, options.split) for recording in recordings]
     delays = sorted(set(require_delays(options.delay)))
-    sampling = choose_sampling(parts, options.rate)
+    sampling = choose_sampling([without_spikes(one.part(0.0, options.split)) for one in recordings], options.rate)
     samplings = [replace(sampling, delay_s=require_delay(one, sampling.rate_Hz)) for one in delays]
     result = _identify_at(samplings[0], recordings, validation, options, listener, fitter)
     if len(samplings) > 1 and all(one.ended != INTERRUPTED for one in result.search_results):
@@ -118,8 +169,15 @@ def _identify_at(
     fitter: Fitter,
 ) -> IdentificationResult:
     """Identify a model on the samples as `sampling` has them, with its delay."""
-    whole = [prepare(recording, sampling) for recording in recordings]
+    whole = [prepare(without_spikes(r, options.split), sampling, has_spikes=False) for r in recordings]
     identified = [series.part(0.0, options.split) for series in whole]
+    total = sum(map(len, identified))
+    every = -(-total // MAX_TICKS)
+    identified = [series.thin(every) for series in identified]
+    thinned = sum(map(len, identified)) < total
+    if (scored := sum(int(series.scored.sum()) for series in identified)) < MIN_SCORED_TICKS:
+        text = f"{scored} ticks with a measured force after the warm-up; expected at least {MIN_SCORED_TICKS}"
+        raise RecordingError(f"{', '.join(s.name for s in whole)}: {text}: record longer (are the times in s?)")
     fitted = fitter(identified, sampling, options, listener)
     band = fit_band(fitted.model, identified, fitted.refit, fitted.leave_out_recordings) if options.band else None
     model = replace(fitted.model, band=band)
@@ -148,6 +206,7 @@ def _identify_at(
             "trials": sum(result.trials for result in fitted.results),
             "ended": fitted.results[0].ended,
             **({"weights": str(options.weight)} if options.weight else {}),
+            **({STRETCHES: f"one minute in {every} of these long recordings"} if thinned else {}),
         },
     }
     return IdentificationResult(replace(model, provenance=provenance), tuple(evaluations), tuple(fitted.results))

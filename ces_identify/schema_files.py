@@ -18,7 +18,6 @@ ABOUT: Mapping[str, str] = {
     "experiment": "Experiment on the virtual rig (ces rig)",
     "damper": "Damper of the virtual rig, also a simulation (--sim)",
     "iterate": "Plan of an iteration (ces iterate)",
-    "learn-stroke": "Plan of a stroke to learn (ces learn-stroke)",
     "observer": "Parameters of the node observer",
     "controller": "Parameters of the node controller",
     "rig-node": "Parameters of the node rig",

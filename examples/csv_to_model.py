@@ -1,33 +1,39 @@
-"""From your own CSV to a model: read columns, identify, validate on a recording that the fit has not seen, save.
+"""From raw logs to a verdict: import, identify, test on what the fit has not seen, report.
 
-    python examples/csv_to_model.py estimation.csv validation.csv model.json
+    python examples/csv_to_model.py LOG... --out FOLDER [--validate LOG...] [--mapping MAP.yaml] [IDENTIFY OPTIONS]
 
-The files have the columns time_s, position_m, current_A and force_N, with a header line.
+FOLDER gets `recordings/`, `model.json` and `report.html`. Without a mapping, the columns are found, or refused.
 """
 
+import argparse
 import sys
+from collections.abc import Sequence
+from pathlib import Path
 
-import numpy as np
-
-from ces_identify import IdentifyOptions, Limits, Recording, identify, make_recording, validate
-
-
-def read_csv(path: str) -> Recording:
-    """Read one experiment; position and force are positive in compression."""
-    table = np.genfromtxt(path, delimiter=",", names=True)
-    return make_recording(table["time_s"], table["position_m"], table["current_A"], table["force_N"], name=path)
+from ces_cli.main import main as ces
 
 
-def main(estimation_csv: str, validation_csv: str, model_json: str, seconds: float = 20.0) -> float:
-    """Return the cost J [%] on the validation recording."""
-    estimation, validation = read_csv(estimation_csv), read_csv(validation_csv)
-    options = IdentifyOptions(limits=Limits(time=seconds, terms=12, starts=2))
-    result = identify(estimation, options=options)
-    evaluations = validate(result.model, validation)
-    result.model.save(model_json)
-    print(f"{result.model.size}, J = {evaluations[0].cost:.2f} % on {validation_csv}; wrote {model_json}")
-    return evaluations[0].cost
+def main(words: Sequence[str]) -> int:
+    """Return the exit status: 2 after a line that says what is wrong."""
+    how = argparse.RawDescriptionHelpFormatter
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=how, allow_abbrev=False)
+    parser.add_argument("logs", nargs="+", metavar="LOG", type=Path)
+    parser.add_argument("--validate", nargs="+", metavar="LOG", type=Path, default=[])
+    parser.add_argument("--mapping")
+    parser.add_argument("--out", metavar="FOLDER", type=Path, required=True)
+    parser.add_argument("--overwrite", action="store_true")
+    options, more = parser.parse_known_args(words)
+    overwrite = ["--overwrite"] if options.overwrite else []
+    bags = options.out / "recordings"
+    mapping = ["--mapping", options.mapping] if options.mapping else []
+    for log in (*options.logs, *options.validate):
+        if status := ces(["import", str(log), *mapping, "--out", str(bags / log.stem), *overwrite]):
+            return status
+    learned, held_out = ([str(bags / log.stem) for log in logs] for logs in (options.logs, options.validate))
+    more += ["--validate", *held_out] if held_out else []
+    files = ["--out", str(options.out / "model.json"), "--report", str(options.out / "report.html")]
+    return ces(["identify", *learned, *more, *files, *overwrite])
 
 
 if __name__ == "__main__":
-    main(*sys.argv[1:4])
+    sys.exit(main(sys.argv[1:]))

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-import sys
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -12,10 +10,8 @@ from pathlib import Path
 from bench.gaps import effects as read
 from bench.gaps.effects import CHANGES, Change, read_play, read_valve_delay
 from bench.gaps.simulations import BandBrake, Bingham, CurrentMap, SpeedPolynomial, StaticMap
-from ces_cli.bags import import_
-from ces_data.bags.reader import read_recording
+from ces_data.reading import read_log
 from ces_data.recording import Recording
-from ces_data.signals_file import load_signals
 from ces_identify.identification import identify
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation, Simulation
@@ -55,33 +51,30 @@ SWEEPS = tuple(f"sweep_15Hz_{current}" for current in ("0.0A", "0.5A", "1.0A"))
 
 @dataclass(frozen=True)
 class Data:
-    """The measured recordings, imported into bags below `bags`."""
+    """The measured recordings in the folder `logs`."""
 
     logs: Path
-    bags: Path
 
     def brake(self, name: str) -> Recording:
         """Return a recording of the band brake, by its frequency."""
-        return self._import_log(f"brfd_backlash/{BRAKES[name]}.json", "brfd_backlash.yaml")
+        return _read(self.logs / "brfd_backlash" / f"{BRAKES[name]}.json")
 
     def dyke(self) -> Recording:
-        return self._import_log(f"dyke_mr/{DYKE}.csv", "dyke_mr.yaml")
+        return _read(self.logs / "dyke_mr" / f"{DYKE}.csv")
 
     def utfsm(self, name: str) -> Recording:
         """Return a sweep or a sine of UTFSM's damper."""
-        return self._import_log(f"utfsm_mr/{name}.csv", "utfsm_mr.yaml")
+        return _read(self.logs / "utfsm_mr" / f"{name}.csv")
 
     def sines(self, stroke: str) -> list[Recording]:
         """Return the five sines of a stroke, by rising current."""
         return [self.utfsm(f"{stroke}_{current}") for current in CURRENTS]
 
-    def _import_log(self, log: str, mapping: str) -> Recording:
-        bag = self.bags / Path(log).stem
-        if not bag.exists():
-            words = [str(self.logs / log), "--mapping", str(ROOT / "config" / "import" / mapping), "--out", str(bag)]
-            with contextlib.redirect_stdout(sys.stderr):
-                import_.main(words)
-        return read_recording(bag, load_signals(ROOT / "config" / "signals.yaml"))
+
+@cache
+def _read(log: Path) -> Recording:
+    """Return a log, with the mapping that is named for its folder."""
+    return read_log(log, mapping=ROOT / "config" / "import" / f"{log.parent.name}.yaml")
 
 
 def between(recording: Recording, from_s: float, to_s: float) -> Recording:

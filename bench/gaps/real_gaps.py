@@ -10,7 +10,6 @@ diagnosis takes a second to half a minute of CPU; each row is printed when it is
 from __future__ import annotations
 
 import argparse
-import tempfile
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -87,17 +86,16 @@ def main() -> None:
     parser.add_argument("--only", nargs="+", metavar="CASE", help="names of cases; a wrong one lists them")
     parser.add_argument("--threads", type=int, default=1, help="of each diagnosis, default 1")
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        known = all_cases(Data(options.data, Path(folder)))
-        chosen = options.only or list(known)
-        if missing := set(chosen) - set(known):
-            parser.error(f"no case {', '.join(sorted(missing))}; expected {', '.join(known)}")
-        print(f"| {' | '.join(HEADER)} |\n{ALIGN}", flush=True)
-        for name in chosen:
-            began = time.process_time()
-            diagnosis = diagnose_case(known[name], options.threads)
-            print(f"| {' | '.join(cells(known[name], diagnosis))} |", flush=True)
-            print_note(f"{name}: {time.process_time() - began:.0f} s of CPU; {diagnosis.sentence}")
+    known = all_cases(Data(options.data))
+    chosen = options.only or list(known)
+    if missing := set(chosen) - set(known):
+        parser.error(f"no case {', '.join(sorted(missing))}; expected {', '.join(known)}")
+    print(f"| {' | '.join(HEADER)} |\n{ALIGN}", flush=True)
+    for name in chosen:
+        began = time.process_time()
+        diagnosis = diagnose_case(known[name], options.threads)
+        print(f"| {' | '.join(cells(known[name], diagnosis))} |", flush=True)
+        print_note(f"{name}: {time.process_time() - began:.0f} s of CPU; {diagnosis.sentence}")
 
 
 if __name__ == "__main__":

@@ -13,7 +13,7 @@ from ces_identify.schema_files import ABOUT
 from ces_observer.signals import NAMES
 
 Schema = Mapping[str, Any]
-FILES = ("signals", "import", "candidates", "campaign", "experiment", "iterate", "learn-stroke")
+FILES = ("signals", "import", "candidates", "campaign", "experiment", "iterate")
 DEPTH = 2
 OF_SIGNALS = ("signals", "import", "candidates")  # files whose first keys are signals
 SIGNAL = re.compile(rf"^({'|'.join(NAMES)})\b")

@@ -67,7 +67,7 @@ def _subtitle(procedure: str, evaluation: Evaluation | None) -> str:
 
 
 def _plot(axis: Axes, evaluation: Evaluation) -> None:
-    series, speed = evaluation.series, _smooth_speed(evaluation.series)
+    series, speed = evaluation.series, smooth_speed(evaluation.series)
     chosen = (series.time_s >= FROM_S) & (series.time_s <= FROM_S + LENGTH_S)
     axis.plot(speed[chosen], series.force[chosen] / 1e3, color=MEASURED, label="measured", lw=2.6)
     axis.plot(speed[chosen], evaluation.run.force[chosen] / 1e3, color=SIMULATED, label="model", lw=1.0)
@@ -76,7 +76,8 @@ def _plot(axis: Axes, evaluation: Evaluation) -> None:
     axis.set_ylabel("force [kN]")
 
 
-def _smooth_speed(series: Series) -> F:
+def smooth_speed(series: Series) -> F:
+    """Return the speed [m/s] of the recorded position (n,), smoothed without delay."""
     sos = butter(4, SMOOTHING_HZ, fs=series.rate_Hz, output="sos")
     return np.gradient(sosfiltfilt(sos, series.position), 1.0 / series.rate_Hz)
 

@@ -36,9 +36,10 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
         {**asdict(job.limits), **settings, "rate": rate, "split": job.split, "candidates": job.rules}
     )
     fitter = KITS[job.cell.structure].fitter(settings)
-    result = identify(recordings[:count], recordings[count:], options, fitter=fitter).with_ignored_findings(job.forced)
+    result = identify(recordings[:count], recordings[count:], options, fitter=fitter)
     if any(start.ended == INTERRUPTED for start in result.search_results):
         raise KeyboardInterrupt
+    result = result.require_explained(job.found, job.ignore_findings)
     seconds = time.monotonic() - began
     best, certificate = result.search_results[0], result.model.certificate or {}
     row = {

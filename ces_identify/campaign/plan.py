@@ -18,6 +18,7 @@ from typing import Any
 
 from ces_data.checks.content import require_distinct, shared_content
 from ces_data.config_file import read_yaml_mapping
+from ces_data.findings import Finding
 from ces_data.recording import Recording
 from ces_identify.campaign.rows import CellNames
 from ces_identify.options import (
@@ -247,8 +248,8 @@ def _may_be_auto(axis: Option) -> bool:
 class CampaignJob:
     """A cell with all its inputs except the recordings, which are sent separately.
 
-    `recordings` are the bags to identify on, `validation` the pairs (set, bag) to validate on. `forced` are the
-    findings in spite of which models are identified.
+    `recordings` are the bags to identify on, `validation` the pairs (set, bag) to validate on. `found` are the findings
+    of the checks, in spite of which models are identified if they are ignored.
     """
 
     key: str
@@ -258,7 +259,8 @@ class CampaignJob:
     rules: CandidateRules | None
     recordings: tuple[Path, ...]
     validation: tuple[tuple[str, Path], ...]
-    forced: tuple[str, ...] = ()
+    found: tuple[Finding, ...] = ()
+    ignore_findings: bool = False
 
     @property
     def identity(self) -> dict[str, Any]:
@@ -277,7 +279,11 @@ class CampaignJob:
 
 
 def jobs(
-    campaign: Campaign, recordings: Mapping[Path, Recording], described: str, forced: tuple[str, ...] = ()
+    campaign: Campaign,
+    recordings: Mapping[Path, Recording],
+    described: str,
+    found: tuple[Finding, ...] = (),
+    ignore_findings: bool = False,
 ) -> tuple[CampaignJob, ...]:
     """Return the job of each cell. `described` is the text of the recordings' signals description.
 
@@ -286,7 +292,7 @@ def jobs(
     """
     by_key: dict[str, CampaignJob] = {}
     for cell in campaign.cells():
-        job = _make_job(campaign, cell, recordings, described, forced)
+        job = replace(_make_job(campaign, cell, recordings, described), found=found, ignore_findings=ignore_findings)
         other = by_key.setdefault(job.key, job)
         if other is not job:
             raise CesError(
@@ -299,9 +305,7 @@ def jobs(
     return tuple(by_key.values())
 
 
-def _make_job(
-    campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], described: str, forced: tuple[str, ...]
-) -> CampaignJob:
+def _make_job(campaign: Campaign, cell: Cell, recordings: Mapping[Path, Recording], described: str) -> CampaignJob:
     mine, limits, settings = campaign.bags[cell.bags], campaign.limits, cell.settings
     validation = tuple(
         (name, path)
@@ -321,4 +325,4 @@ def _make_job(
         "validate": [[name, recordings[path].sha256] for name, path in validation],
     }
     key = hashlib.sha256(json.dumps(facts, sort_keys=True).encode()).hexdigest()[:20]
-    return CampaignJob(key, cell, limits, campaign.split, rules, mine, validation, forced)
+    return CampaignJob(key, cell, limits, campaign.split, rules, mine, validation)

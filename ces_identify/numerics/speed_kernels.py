@@ -217,7 +217,7 @@ def _track(
     for i in range(1, n):
         step = abs(stamps[i] - stamps[i - 1])
         room += int(min(step, (PATIENCE + 2) * max_gap_ns) * rate * 1e-9) + 2
-    ticks, late, times = np.empty((room, 2)), np.full((room, 2), np.nan), np.empty(room, np.int64)
+    ticks, late, times = np.empty((room, 2)), np.empty((room, 2)), np.empty(room, np.int64)  # unused rows cost nothing
     total, status = np.zeros(n, np.int64), np.zeros(n, np.int8)
     ahead, innovations = np.zeros(n), np.full(n, np.nan)
     states, weights, mean = np.zeros((modes, STATES + 1)), np.zeros(modes), np.ones(5)
@@ -349,4 +349,4 @@ def _track(
     if delay == 0:
         late[:m] = ticks[:m]
     likelihood /= max(measured_ticks, 1)
-    return ticks[:m].copy(), times[:m].copy(), total, status, ahead, late[:m].copy(), innovations, likelihood
+    return ticks[:m], times[:m], total, status, ahead, late[:m], innovations, likelihood

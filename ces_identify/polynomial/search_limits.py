@@ -20,6 +20,7 @@ from ces_observer.structures.terms import MAX_TERMS
 
 GAUSS_NEWTON, THESIS = "gauss-newton", "thesis"
 DEFAULT_TERMS = 25
+RUNNING = "running"  # a start that has not ended
 INTERRUPTED = "interrupted"  # by Ctrl-C: why a start ended
 TIME_IS_UP = "ended by --time: another machine may answer differently"
 WORK_IS_DONE = "its share of the work is done"

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
+
+from markupsafe import Markup
 
 from ces_identify.identification import DELAYED_SELECTION
 from ces_identify.physical.quantities import ERRORS
@@ -24,12 +25,11 @@ from ces_identify.report.figures import (
     speed_force,
     time_plot,
 )
+from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_table
-from ces_identify.structures.auto import DIFFERENCE, LEFT_OUT, TIE, advise
-from ces_identify.validation.band import coverage_regions
+from ces_identify.structures.auto import DIFFERENCE, LEFT_OUT, TIE
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
-    UNITS,
     VALIDATION,
     CostInterval,
     Evaluation,
@@ -50,10 +50,10 @@ from ces_report.typesetting import join_names, minus, three_figures
 ROLES = (VALIDATION, IDENTIFICATION)
 MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
+COSTS = "cost_J_percent"  # key in the provenance; the first table shows them
 MARKS = "marks"  # key of the hashes in the provenance by which copies and parts of recordings are recognised
 SHOWN_ABOVE = (ERRORS, UNDETERMINED, "structure", "structures", LEFT_OUT, DIFFERENCE, TIE)  # of the selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
-NEGATIVE = re.compile(r"(?<=\s)-(?=\d)")
 NO_CERTIFICATE = (
     "None: this model comes without a proof of stability. The observer tries one itself; if that fails, it refuses the "
     "model unless allow_uncertified is true."
@@ -80,13 +80,15 @@ def write_report(
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     selection = model.provenance.get("selection", {})
     structures, tie = selection.get("structures") or {}, selection.get(TIE, "")
+    command = next((text for name, text in facts.items() if name.lower() == "command"), "")
     kind = " and ".join(dict.fromkeys(one.structure for one in model.each))
     kind = kind.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
     page = page_template("report.html.j2", "ces_identify.report").render(
         title=title,
         subject=_describe_recordings(ordered),
         lacks=[NEGATIVE.sub("\N{MINUS SIGN}", line) for line in head_lines(model, ordered)],
-        headline=_format_headline(ordered, held_out),
+        answers=summarize_model(model, ordered, _format_headline(ordered, held_out), command),
+        picture=_draw_first(ordered),
         warnings=_format_warnings(ordered),
         facts={"Model": f"{kind}, {describe_size(model)}, {model.sampling.rate_Hz:g} Hz", **facts},
         model=model,
@@ -95,13 +97,11 @@ def write_report(
         weighting=str(weighting),
         usage_rule=str(model.provenance.get(USAGE_RULE, "")),
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
-        outside=_outside_rows(ordered),
         pooled=[row for some in by_delay(held_out).values() if (row := _pooled_row(some)) is not None],
         structures=[(name, three_figures(cost)) for name, cost in structures.items()],
         left_out=selection.get(LEFT_OUT, "the selection data"),
         difference=selection.get(DIFFERENCE, ""),
         tie=tie,
-        advice=advise(structures, selection["structure"]) if structures and not tie else "",
         parts=[_draw_model(one, ordered, drawn, points) for one in model.each],
         drawn=drawn,
         most_dots=MAX_DOTS,
@@ -110,6 +110,13 @@ def write_report(
         history=_history(model),
     )
     write_atomically(path, replace_unencodable(page))
+
+
+def _draw_first(ordered: Sequence[Evaluation]) -> Markup:
+    """Return a picture of the first recording with the highest cost, of validation if there is one."""
+    finite = [e for e in ordered if math.isfinite(e.cost)]
+    first = max(finite, key=lambda e: (e.role == VALIDATION, e.cost), default=None)
+    return Markup() if first is None else draw_picture(first, choose_window(first))
 
 
 def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int], points: int) -> dict[str, Any]:
@@ -131,7 +138,6 @@ def _draw_model(model: Model, ordered: Sequence[Evaluation], drawn: Sequence[int
             for n, (chart, size) in enumerate(zip(table.charts, SIZES, strict=False))
         ],
         "maps": _draw_maps(mine, model, suffix),
-        "coverage": coverage_regions(shown),
     }
 
 
@@ -167,32 +173,15 @@ def _describe_costs(evaluations: Sequence[Evaluation]) -> str:
 def _format_warnings(evaluations: Sequence[Evaluation]) -> list[str]:
     """Return warnings about forces held at their envelope and inputs outside theirs, with the signals' ranges.
 
-    Of more than MAX_WARNED recordings outside, `_outside_rows` has the ranges.
+    Of more than MAX_WARNED recordings outside, the worst stands for all.
     """
     held = sorted((e for e in evaluations if e.held_text), key=lambda e: -e.held_share)
     texts = [minus(f"{e.held_text} ({e.role}).") for e in held[:MAX_WARNED]]
     outside = [e for e in evaluations if e.outside]
     if len(outside) <= MAX_WARNED:
         return texts + [minus(f"{e.outside_text} ({e.role}).") for e in outside]
-    most = max(e.clamped_share for e in outside)
-    many = f"{len(outside)} of {len(evaluations)} recordings are outside the model's envelope"
-    return [*texts, f"{many}, for up to {100.0 * most:.1f} % of the time: see the table after the costs."]
-
-
-def _outside_rows(evaluations: Sequence[Evaluation]) -> list[tuple[str, ...]]:
-    """Return recording, signal, ranges used and known, and share of the time, if there are too many for warnings."""
-    if sum(bool(e.outside) for e in evaluations) <= MAX_WARNED:
-        return []
-    return [
-        (
-            e.label,
-            f"{use.signal} [{UNITS[use.signal]}]",
-            *map(minus, use.as_texts()),
-            f"{100.0 * use.outside_share:.1f}",
-        )
-        for e in evaluations
-        for use in e.outside
-    ]
+    many = f"{len(outside)} of {len(evaluations)} recordings are outside the model's envelope; most of all"
+    return [*texts, minus(f"{many} {max(outside, key=lambda e: e.clamped_share).outside_text}.")]
 
 
 def _cost_rows(evaluations: Sequence[Evaluation], weighting: Weighting) -> list[dict[str, Any]]:
@@ -284,8 +273,8 @@ def _settings(model: Model) -> dict[str, Any]:
     sampling = asdict(model.sampling) | ({"delay_s": delays} if len(delays) > 1 else {})
     settings: dict[str, Any] = {"Sampling": {format_key(key): value for key, value in sampling.items()}}
     for one in model.each:
-        ends = {**asdict(one.envelope), "force_N": one.force_envelope_N}
-        settings[f"Envelope{late(one.sampling.delay_s)}"] = {
+        ends = {**asdict(one.envelope), "estimates_held_within_N": one.force_envelope_N}
+        settings[f"Envelope of the inputs{late(one.sampling.delay_s)}"] = {
             format_key(key): minus(f"{low:.4g} to {high:.4g}") for key, (low, high) in ends.items()
         }
         settings[f"Stability certificate{late(one.sampling.delay_s)}"] = one.certificate or NO_CERTIFICATE
@@ -300,7 +289,7 @@ def _settings(model: Model) -> dict[str, Any]:
 
 def _history(model: Model) -> dict[str, Any]:
     """Return the longer entries of the provenance, without those shown in sections of their own."""
-    longer = {key: _without_marks(value) for key, value in model.provenance.items() if not _fits_on_line(value)}
+    longer = {key: _without_marks(v) for key, v in model.provenance.items() if key != COSTS and not _fits_on_line(v)}
     shown = {key: value for key, value in longer.pop("selection", {}).items() if key not in SHOWN_ABOVE}
     second = {key: longer.pop(key) for key in [DELAYED_SELECTION] if key in longer}
     return longer | ({"selection": shown} if shown else {}) | second

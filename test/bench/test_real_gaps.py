@@ -42,8 +42,8 @@ def sine():
 
 
 @pytest.fixture(scope="module")
-def cases(tmp_path_factory):
-    return all_cases(Data(DATA, tmp_path_factory.mktemp("bags")))
+def cases():
+    return all_cases(Data(DATA))
 
 
 @measured

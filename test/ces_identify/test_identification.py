@@ -9,6 +9,7 @@ from identification_examples import PLANTED, RULES
 from identification_examples import planted as planted_ride
 from planted import with_values
 
+from ces_data.findings import Finding
 from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.search_limits import INTERRUPTED, Limits
@@ -18,6 +19,7 @@ from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION
 from ces_observer.errors import CesError
+from ces_observer.structures.terms import Factor, Term
 
 pytestmark = pytest.mark.slow
 planted = partial(planted_ride, sampling=choose_sampling([planted_ride(1)]))  # with the speed that is identified
@@ -70,6 +72,35 @@ def test_a_constant_current_leaves_its_terms_out():
     fixed = with_values(recording, current=np.full(len(recording.channel("current")), 0.5))
     result = identify([fixed], (), options(limits=QUICK))
     assert not any(f.signal == "current" for t in result.model.body.terms for f in t.factors)
+
+
+def test_a_model_that_explains_nothing_is_refused_unless_one_goes_on(result):
+    assert result.require_explained() is result
+
+    def weakened(factor):
+        runs = (replace(e.run, force=factor * e.run.force) for e in result.evaluations)
+        return tuple(replace(e, run=run) for e, run in zip(result.evaluations, runs, strict=True))
+
+    hopeless = replace(result, evaluations=weakened(0.0))
+    found = [Finding("warning", "current: odd", "current"), Finding("warning", "force: late", "force")]
+    with pytest.raises(CesError, match=r"explains nothing of the force: J is 100\.\d % .*; force: late; --ignore"):
+        hopeless.require_explained(found)
+    with pytest.raises(CesError, match="; the force does not follow these signals: check that topics"):
+        hopeless.require_explained()
+    (forced,) = hopeless.require_explained(found, ignore_findings=True).model.provenance["forced"]
+    assert forced.startswith("the model explains nothing")
+    body = replace(result.model.body, terms=(Term(1.0, (Factor("current", 0),)),))
+    with pytest.raises(CesError, match=r"no term of the model follows the motion, and J is 4\d"):
+        replace(result, model=replace(result.model, body=body), evaluations=weakened(0.6)).require_explained()
+
+
+def test_spikes_do_not_change_the_model():
+    force, current = (planted(1).channel(name).values.copy() for name in ("force", "current"))
+    force[300:2000:300], current[500] = 999e3, 500.0
+    spoilt = with_values(planted(1), force=force, current=current)
+    clean, spiky = (identify([one], (), options(limits=QUICK)) for one in (planted(1), spoilt))
+    for one, other in zip(clean.model.body.terms, spiky.model.body.terms, strict=True):
+        assert other.factors == one.factors and other.coefficient == pytest.approx(one.coefficient, rel=0.02)
 
 
 def test_provenance_names_recordings_and_costs(result):

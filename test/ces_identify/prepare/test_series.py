@@ -69,6 +69,15 @@ def test_force_that_was_not_measured_is_neither_interpolated_nor_scored(run, abs
     np.testing.assert_array_equal(series.force[series.scored], untouched.force[series.scored])
 
 
+def test_spikes_of_the_force_are_neither_interpolated_nor_scored():
+    made = recording()
+    values = made.channels["force"].values.copy()
+    values[[1000, 2000]] = 999e3, -999e3
+    series, untouched = prepare(with_force(made, values), SAMPLING), prepare(made, SAMPLING)
+    assert np.flatnonzero(~series.scored[500:-1]).tolist() == [500, 501, 1500, 1501]
+    np.testing.assert_array_equal(series.force[series.scored], untouched.force[series.scored])
+
+
 def test_values_beside_a_hole_count_at_their_own_stamps():
     force = Channel("force", "N", np.arange(10) * MS, np.where(np.arange(10) == 4, np.nan, 1.0))
     np.testing.assert_array_equal(np.flatnonzero(~measured_at(force, force.stamps_ns)), [4])
@@ -131,6 +140,18 @@ def test_a_part_warms_up_anew():
     np.testing.assert_array_equal(part.segments, [[0, 1500]])
     assert not part.scored[:500].any()
     assert part.scored[500:-1].all()
+
+
+def test_a_long_series_is_thinned_to_stretches_that_warm_up_anew(monkeypatch):
+    monkeypatch.setattr("ces_identify.prepare.series.STRETCH_S", 0.7)
+    whole = prepare(recording(gap_at=1500), SAMPLING)
+    assert whole.thin(1) is whole
+    thin = whole.thin(2)
+    kept = np.r_[0:700, 1400:2100, 2800:3000]
+    np.testing.assert_array_equal(thin.time_s, whole.time_s[kept])
+    np.testing.assert_array_equal(thin.segments, [[0, 700], [700, 800], [800, 1400], [1400, 1600]])
+    assert np.flatnonzero(thin.scored).tolist() == [*range(500, 700), *range(1300, 1400)]
+    np.testing.assert_array_equal(thin.force[thin.scored], whole.force[kept][thin.scored])
 
 
 def test_too_short_a_stretch_is_refused():

@@ -25,7 +25,7 @@ def test_it_has_a_row_and_sections_for_each_delay(tmp_path: Path) -> None:
     write_report(tmp_path / "report.html", "A file", two, found, {})
     root = ET.fromstring((tmp_path / "report.html").read_text(encoding="utf-8"))
     idents = [e.get("id") for e in root.iter() if e.get("id")]
-    assert len(idents) == len(set(idents)) and len(list(root.iter(f"{SVG}svg"))) == 3 * len(found) + 4
+    assert len(idents) == len(set(idents)) and len(list(root.iter(f"{SVG}svg"))) == 3 * len(found) + 5
     sections = {e.get("id"): e for e in root.iter(f"{XHTML}section")}
     rows = [[words(cell) for cell in row.iter(f"{XHTML}td")] for row in sections["costs"].iter(f"{XHTML}tr")]
     rows = [row for row in rows if VALIDATION in row]
@@ -34,6 +34,6 @@ def test_it_has_a_row_and_sections_for_each_delay(tmp_path: Path) -> None:
     for ident in ("recordings", "terms", "coverage"):
         first, later = (words(next(sections[one].iter(f"{XHTML}h2"))) for one in (ident, f"{ident}-late"))
         assert later == f"{first} (6 ms later)"
-    headline = words(next(e for e in root.iter(f"{XHTML}p") if e.get("class") == "headline"))
-    assert headline.startswith("Validation, at once: cost J from ") and "; 6 ms later: cost J from " in headline
+    headline = words(next(root.iter(f"{XHTML}dd")))
+    assert headline.startswith("Well. Validation, at once: cost J from ") and "; 6 ms later: cost J from " in headline
     assert "6 terms; 2 terms (6 ms later)" in words(root)

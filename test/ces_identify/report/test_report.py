@@ -78,7 +78,7 @@ def test_ids_are_unique_and_every_figure_has_an_accessible_name(
     idents = [e.get("id") for e in root.iter() if e.get("id")]
     assert len(idents) == len(set(idents))
     figures = list(root.iter(f"{SVG}svg"))
-    assert len(figures) == 3 * len(both) + 2
+    assert len(figures) == 3 * len(both) + 3
     for figure in figures:
         assert figure.get("role") == "img"
         assert set((figure.get("aria-labelledby") or "").split()) <= set(idents)
@@ -102,8 +102,7 @@ def test_cost_table_tells_each_recording_validation_first(
         assert low < e.cost < high
         assert float(row[6]) == pytest.approx(np.sqrt(np.mean(error**2)), rel=6e-3)
     assert rows[0][8].startswith("0 / 1") and rows[1][8] == "0 / 0"
-    head = next(e for e in root.iter(f"{XHTML}p") if e.get("class") == "headline")
-    assert words(head) == f"Validation: cost J = {rows[0][4]} % (road)."
+    assert words(next(root.iter(f"{XHTML}dd"))) == f"Well. Validation: cost J = {rows[0][4]} % (road)."
 
 
 def test_title_and_command_say_what_was_done(
@@ -111,7 +110,8 @@ def test_title_and_command_say_what_was_done(
 ) -> None:
     root = whole[1]
     assert words(next(root.iter(f"{XHTML}title"))) == "A model: road (validation); sine (identification)"
-    assert [words(e) for e in root.iter(f"{XHTML}code")] == [FACTS["Command"]]
+    other = "ces identify bags/sine --out model_auto.json --structure auto"
+    assert [words(e) for e in root.iter(f"{XHTML}code")] == [other, FACTS["Command"]]
     many = [replace(both[0], name=f"r{n}") for n in range(9)]
     _, root = page(tmp_path, many)
     assert "r0, r1, r2, r3, r4 and 4 more (identification)" in words(next(root.iter(f"{XHTML}title")))
@@ -352,6 +352,29 @@ def test_weighted_cost_has_a_column_if_asked_for(tmp_path: Path, both: list[Eval
     assert "zero_crossing=3" in words(section(root, "costs"))
 
 
+def test_the_first_screen_says_fit_place_trust_and_what_to_record(tmp_path: Path, both: list[Evaluation]) -> None:
+    def answers(evaluations: list[Evaluation], used: Model | None = None) -> dict[str, str]:
+        rows = page(tmp_path, evaluations, used)[1].iter(f"{XHTML}dl")
+        return {words(pair[0]): words(pair[1]) for pair in next(rows)}
+
+    fitted, held_out = both
+    said = answers(both)
+    assert re.match(
+        r"At −?[\d.]+ to [\d.]+ m/s.*: \d+ % of the error's energy in \d+ % of the time", said["Where not?"]
+    )
+    assert "of the time on a class C road at 60 km/h" in said["On the vehicle?"]
+    assert said["Another structure?"].endswith("--out model_auto.json --structure auto")
+    assert "as --validate BAG" in answers([fitted])["Record next?"]
+    slow = model(envelope=replace(WIDE, speed_m_s=(-0.18, 0.18)))
+    assert "68.3 % of the time on a class C road" in answers(both, slow)["On the vehicle?"]
+    assert answers(both, slow)["Record next?"] == "Faster strokes, up to 0.5 m/s."
+    one = model(envelope=replace(WIDE, current_A=(0.5, 0.5)))
+    assert answers(both, one)["Record next?"] == "Other currents: it knows 0.5 A only."
+    same = [fitted, replace(held_out, name=fitted.name)]
+    assert answers(same)["Does it fit?"].startswith("Well, on the rest of its own recording. Validation: cost J")
+    assert answers([without_force(held_out), fitted])["Does it fit?"].startswith("No. ")
+
+
 def test_several_validation_recordings_are_told_together(tmp_path: Path, both: list[Evaluation]) -> None:
     held_out = [replace(e, role=VALIDATION) for e in both]
     _, root = page(tmp_path, held_out)
@@ -359,17 +382,14 @@ def test_several_validation_recordings_are_told_together(tmp_path: Path, both: l
     assert float(last[2]) == pytest.approx(pooled_cost(held_out), rel=6e-3)
 
 
-def test_many_recordings_outside_the_envelope_have_one_warning_and_a_table(tmp_path: Path) -> None:
+def test_many_recordings_outside_the_envelope_have_one_warning(tmp_path: Path) -> None:
     narrow = model(envelope=replace(WIDE, position_m=(-0.001, 0.001)))
     ran = [evaluate(narrow, [damper(f"run_{n}", seed=n)], VALIDATION)[0] for n in range(4)]
     few, _ = page(tmp_path, ran[:3], narrow)
-    assert few.count('class="warning"') == 3 and "Known to the model" not in few
-    many, root = page(tmp_path, ran, narrow)
+    assert few.count('class="warning"') == 3
+    many, _ = page(tmp_path, ran, narrow)
     assert many.count('class="warning"') == 1 and "4 of 4 recordings are outside" in many
-    table = next(t for t in root.iter(f"{XHTML}table") if "Known to the model" in words(t))
-    rows = [[cell.text for cell in row] for row in table.iter(f"{XHTML}tr")][1:]
-    assert [row[:2] for row in rows] == [[e.name, "position [m]"] for e in ran]
-    assert all(row[3] == "−0.00100 to 0.00100" for row in rows)
+    assert "model knows −0.00100 to 0.00100" in many
 
 
 def test_a_long_name_beside_intervals_keeps_both_ends() -> None:

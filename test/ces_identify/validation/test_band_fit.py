@@ -8,7 +8,7 @@ from damper_models import plain_damper
 from residual_series import RATE, evaluation, series
 
 from ces_identify.simulations.simulate import band_half_width, simulate_series, since_reversal
-from ces_identify.validation.band import LEVEL, coverage_regions, fit_band
+from ces_identify.validation.band import LEVEL, fit_band
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
 from ces_observer.model import Envelope
 
@@ -118,17 +118,6 @@ def test_evaluations_have_the_coverage_of_the_band(band):
     with_band, without = (evaluate(m, [fresh], VALIDATION)[0] for m in (replace(MODEL, band=band), MODEL))
     assert with_band.coverage == coverage(band, fresh)
     assert without.coverage is None and without.half_width is None
-    assert coverage_regions([without]) == []
-
-
-def test_regions_of_coverage(band):
-    found = evaluate(replace(MODEL, band=band), [noisy(7, by_force_and_reversal)], VALIDATION)
-    regions = coverage_regions(found)
-    for axis in ("speed, either direction", "current", "time since reversal"):
-        rows = [r for r in regions if r.axis == axis]
-        assert len(rows) >= 3
-        assert sum(r.ticks for r in rows) == pytest.approx(1.0, abs=0.02)
-        assert sum(r.ticks * r.coverage for r in rows) == pytest.approx(found[0].coverage, abs=0.02)
 
 
 def test_ticks_after_a_divergence_are_outside_the_band():
@@ -137,4 +126,3 @@ def test_ticks_after_a_divergence_are_outside_the_band():
     error[600:] = np.nan
     diverged = replace(evaluation(one, error, IDENTIFICATION), half_width=np.where(np.isnan(error), np.nan, 1.0))
     assert diverged.coverage == pytest.approx(0.6)
-    assert all(r.coverage <= 0.75 for r in coverage_regions([diverged]))
