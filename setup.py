@@ -119,7 +119,6 @@ setup(
             "joblib>=1.4",
             "sysidentpy>=0.9",
             "fastcan>=0.6",
-            "anfis-toolbox>=0.2",
             "matplotlib>=3.6",
         ],  # the peers in bench/
         "mdf": MDF,  # ces import FILE.mf4

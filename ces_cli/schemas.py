@@ -21,10 +21,6 @@ from ces_identify.polynomial import candidates
 from ces_identify.schema_files import ABOUT
 from ces_iterate import plan as iterate_plan
 from ces_iterate.rigs.kinds import RIG_SETTINGS
-from ces_iterate.stroke import plan as stroke_plan
-from ces_iterate.stroke.actuator import ActuatorModel
-from ces_iterate.stroke.learning import LearningSettings, ProbeSettings
-from ces_iterate.stroke.limits import StrokeLimits
 from ces_observer.fields import Schema, record_schema
 from ces_observer.json_text import write_atomically
 from ces_observer.nodes import parameter_table
@@ -341,21 +337,6 @@ def iterate_schema() -> Schema:
     return mapping_of({key: properties[key] for key in iterate_plan.KEYS}, ("limits", "rig"))
 
 
-def learn_stroke_schema() -> Schema:
-    """Return the schema of a plan for `ces learn-stroke`."""
-    properties = {
-        "description": TEXT,
-        "experiment": with_description(TEXT, "packaged experiment, or a file beside this one: its stroke is wanted"),
-        "rig": choose_by_kind(list_branches(RIG_SETTINGS)),
-        "actuator": record_schema(ServoActuator),
-        "limits": record_schema(StrokeLimits),
-        "probe": record_schema(ProbeSettings),
-        "learning": record_schema(LearningSettings),
-        "model": record_schema(ActuatorModel),
-    }
-    return mapping_of({key: properties[key] for key in stroke_plan.KEYS}, ("experiment",))
-
-
 def campaign_schema() -> Schema:
     """Return the schema of a campaign."""
     bags = {"anyOf": [TEXT, {**TEXTS, "minItems": 1, "uniqueItems": True}]}
@@ -410,7 +391,6 @@ BUILDERS: Mapping[str, Callable[[], Schema]] = {
     "experiment": experiment_schema,
     "damper": damper_schema,
     "iterate": iterate_schema,
-    "learn-stroke": learn_stroke_schema,
     "observer": observer_schema,
     "controller": partial(node_schema, parameter_table.OF_THE_CONTROLLER),
     "rig-node": partial(node_schema, (*OF_THE_RIG_NODE, *OF_THE_RIG), with_dots=True),

@@ -36,7 +36,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     ),
     "ces_report": ("typesetting table drawing shell figure plot charts"),
     "ces_identify": (
-        "jobs numerics schema_files prepare polynomial progress_file trained physical structures options export "
+        "jobs cluster numerics schema_files prepare polynomial trained physical structures options export "
         "simulations characteristics validation comparison identification report campaign folds api"
     ),
     "ces_rig": ("errors drive sensors dampers experiment withheld blind live"),
@@ -44,10 +44,10 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "progress errors grid sensor_noise plant_map trace effects baseline augmented inputs inference "
         "experiment regions diagnosis report pipeline api fleet"
     ),
-    "ces_iterate": "errors commands plan design rigs loop stroke page",
+    "ces_iterate": "errors commands plan design rigs loop page",
     "ces_serve": "items catalogue contents work security app server",
     "ces_cli": (
-        "terminal bags blind compare diagnose iterate rig learn_stroke serve identify schemas schema versions main "
+        "terminal bags blind compare diagnose iterate rig serve identify schemas schema versions main "
         "completion ros_program"
     ),
 }
@@ -72,14 +72,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 107,
-    "ces_data": 75,
+    "ces_data": 84,
     "ces_report": 12,
-    "ces_identify": 172,
+    "ces_identify": 175,
     "ces_rig": 58,
     "ces_gap": 106.2,
-    "ces_iterate": 34,
-    "ces_serve": 13,
-    "ces_cli": 59,
+    "ces_iterate": 21,
+    "ces_serve": 12,
+    "ces_cli": 60.2,
     "bench": 78,
     "test": 456,
 }

@@ -155,6 +155,7 @@ def test_every_picture_is_shown_and_made_by_a_command() -> None:
     drawn = (ROOT / "bench" / "pictures.py").read_text(encoding="utf-8")
     for path in sorted((DOCS / "img").glob("*.*")):
         assert f"img/{path.name})" in text, f"no page shows {path.name}"
+        assert path.stat().st_size < 100_000, f"{path.name} is large: fewer colours"
         assert f'"{path.stem}"' in drawn or f"<!-- img/{path.name}: " in text, f"no command makes {path.name}"
 
 

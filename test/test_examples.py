@@ -5,6 +5,7 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+from programs import NO_SHORT_FITS
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples"
@@ -27,11 +28,15 @@ def write_csv(path, seed):
     return str(path)
 
 
-def test_a_csv_becomes_a_model(tmp_path):
-    files = [write_csv(tmp_path / f"{seed}.csv", seed) for seed in (1, 2)]
-    model = tmp_path / "model.json"
-    assert main_of("csv_to_model.py")(*files, str(model), seconds=3.0) < 40.0
-    assert json.loads(model.read_text())["structure"] == "polynomial_narx"
+def test_logs_become_a_model_and_its_report(tmp_path, monkeypatch):
+    monkeypatch.setattr(*NO_SHORT_FITS)
+    files, out = [write_csv(tmp_path / f"{seed}.csv", seed) for seed in (1, 2)], tmp_path / "out"
+    words = [files[0], "--out", str(out), "--validate", files[1], "--time", "1", "--starts", "1", "--no-band"]
+    assert main_of("csv_to_model.py")(words) == 0
+    rows = json.loads((out / "model.json").read_text())["provenance"]["cost_J_percent"]
+    assert [row["recording"] for row in rows] == ["1", "2"] and rows[1]["J"] < 40.0
+    assert "Does it fit?" in (out / "report.html").read_text()
+    assert main_of("csv_to_model.py")(words) == 2  # replaces nothing
 
 
 def test_a_model_in_a_loop_equals_the_batch_simulation():

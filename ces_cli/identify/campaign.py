@@ -56,15 +56,15 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     folder: Path = options.out
     if folder == parser.get_default("out"):
         raise CesError("--campaign needs a folder for its results; add --out DIR")
-    require_folder(folder)
+    require_folder(folder, names=("campaign.html", "results.csv"))
     campaign = load_campaign(options.campaign)
     signals = load_signals(campaign.signals)
     read = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
     recordings = with_distinct_names(read)
     found = check_each(list(recordings.values()))
-    forced = require_sound(found, options.ignore_findings)
+    require_sound(found, options.ignore_findings)
     print_warnings(found)
-    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), forced)
+    todo = jobs(campaign, recordings, repr(sorted(signals.by_name.items())), found, options.ignore_findings)
     with open_results(folder / RESULTS, "a campaign") as results:
         missing = [job for job in todo if not results.has(job)]
         finished = True

@@ -32,7 +32,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(argv)
     inputs = [options.model, options.signals]
     if options.ros_package is not None:
-        require_outputs(options.overwrite, folders={"--ros-package": options.ros_package}, inputs=inputs)
+        require_outputs(
+            options.overwrite, folders={"--ros-package": options.ros_package}, inputs=inputs, names=["package.xml"]
+        )
     else:
         header = options.out.with_suffix(".h") if _kind(options) == "c" else None
         require_outputs(options.overwrite, {"--out": options.out, "the header of --out": header}, inputs=inputs)

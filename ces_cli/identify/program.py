@@ -36,14 +36,14 @@ from ces_data.findings import Finding
 from ces_data.recording import Recording
 from ces_gap.augmented import file_of
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
-from ces_identify.identification import DELAYED_SELECTION, IdentificationResult, count_starts, identify
+from ces_identify.identification import DELAYED_SELECTION, STRETCHES, IdentificationResult, count_starts, identify
 from ces_identify.options import build_identify_options
 from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import late
-from ces_identify.progress_file import SearchProgressFile
+from ces_identify.report.preliminary import PreliminaryReport
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, DIFFERENCE, LEFT_OUT, TIE, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions, StructureKit
@@ -78,18 +78,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     if options.campaign is not None:
         return run_campaign(options, parser)
-    work = prepare_identification(options)
-    if options.folds:
-        split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
-    result, folds = work.run(SearchProgress), None
-    with without_text(options.json):
+    with PreliminaryReport() as page:
+        work = prepare_identification(options, page)
         if options.folds:
-            result, folds = with_folds(result, options, work.bags, work.how)
-            result.model.save(options.out)
-        _print_result(result, options)
-        if options.report is not None:
-            write_report_page(result, options, terminal.command_line("identify", argv))
-            print(f"report: {options.report}")
+            split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
+        result, folds = work.run(SearchProgress), None
+        with without_text(options.json):
+            if options.folds:
+                result, folds = with_folds(result, options, work.bags, work.how)
+                result.model.save(options.out)
+            _print_result(result, options)
+            if options.report is not None:
+                write_report_page(result, options, terminal.command_line("identify", argv))
+                print(f"report: {options.report}")
     if options.json:
         print_document("identify", _as_json(result, folds, work, options))
     return 0
@@ -109,8 +110,8 @@ ShowProgress = Callable[[Limits], AbstractContextManager[Progress]]
 class Identification:
     """The inputs of an identification.
 
-    `bags` and `validation` are recordings with the force to learn, `measured` all of them as logged. `forced` are the
-    findings in spite of which --ignore-findings goes on, `findings` all of the checks.
+    `bags` and `validation` are recordings with the force to learn, `measured` all of them as logged. `findings` are
+    those of the checks.
     """
 
     options: argparse.Namespace
@@ -118,35 +119,27 @@ class Identification:
     validation: Sequence[Recording]
     measured: Sequence[Recording]
     how: IdentifyOptions
-    forced: tuple[str, ...] = ()
+    page: PreliminaryReport
     findings: tuple[Finding, ...] = ()
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
-        facts = {
-            "structure": self.options.structure,
-            "seconds": self.options.time,
-            "starts": self.how.limits.starts,
-            "recordings": [recording.name for recording in self.bags],
-            "validation": [recording.name for recording in self.validation],
-        }
-        with SearchProgressFile("identify", self.options.out, facts) as file:
-            with show_progress(self.how.limits) as progress:
+        with show_progress(self.how.limits) as progress:
 
-                def listen(result: SearchResult) -> None:
-                    progress.listen(result)
-                    file.listen(result)
+            def listen(result: SearchResult) -> None:
+                progress.listen(result)
+                self.page.listen(result)
 
-                result = select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
-            if self.options.teacher is not None:
-                result = with_teacher(result, self.options.teacher, self.measured)
-            result = result.with_ignored_findings(self.forced)
-            result.model.save(self.options.out)
+            result = select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
+        if self.options.teacher is not None:
+            result = with_teacher(result, self.options.teacher, self.measured)
+        result = result.require_explained(self.findings, self.options.ignore_findings)
+        result.model.save(self.options.out)
         return result
 
 
-def prepare_identification(options: argparse.Namespace) -> Identification:
-    """Read and check all files that `options` name, before the long search; raises CesError."""
+def prepare_identification(options: argparse.Namespace, page: PreliminaryReport | None = None) -> Identification:
+    """Read and check all files that `options` name, before the long search, with `page` begun; raises CesError."""
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
     paths = [find_bags(words, repeated=True) for words in (options.bags, options.validate)]
@@ -156,10 +149,14 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
     require_outputs(options.overwrite, outputs, inputs=inputs)
     values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
+    groups = zip(("recordings", "validation"), paths, strict=True)
+    if page is not None:
+        facts = {role: ", ".join(path.stem for path in group) for role, group in groups if group}
+        page.begin(options.report, f"Model {options.out.name}", facts)
     measured, (bags, validation) = _read_recordings(paths, options)
     require_distinct(bags, validation)
     found = check_together([*bags, *validation])
-    forced = require_sound(found, options.ignore_findings)
+    require_sound(found, options.ignore_findings)
     print_warnings(found)
     how = build_identify_options(
         {
@@ -168,7 +165,7 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
             "threads": options.threads or os.cpu_count() or 1,
         }
     )
-    return Identification(options, bags, validation, measured, how, forced, found)
+    return Identification(options, bags, validation, measured, how, page or PreliminaryReport(), found)
 
 
 def _read_recordings(
@@ -267,6 +264,8 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
         terminal.print_warning(line)
     _print_teacher(result)
     print(RULE)
+    if used := model.provenance["selection"].get(STRETCHES):
+        print(f"identified on {used}")
     print(f"{describe_starts(result, options)}; stopped: {result.search_results[0].ended}")
     if not any(e.role == VALIDATION for e in evaluations):
         terminal.print_warning(

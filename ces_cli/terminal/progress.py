@@ -17,9 +17,9 @@ from rich.markup import escape
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import never_with
-from ces_identify.jobs import DONE, ResultsFolder, Row, Shared, Task, Work, run_on_cluster, run_on_this_machine
-from ces_identify.polynomial.search_limits import Limits, SearchResult
-from ces_identify.progress_file import RUNNING, ProgressFile
+from ces_identify.cluster import run_on_cluster
+from ces_identify.jobs import DONE, ResultsFolder, Row, Shared, Task, Work, run_on_this_machine
+from ces_identify.polynomial.search_limits import RUNNING, Limits, SearchResult
 from ces_observer.errors import CesError
 
 LOG_EVERY_S = 5.0
@@ -71,7 +71,9 @@ class LiveBar:
 
 
 class FileProgress(LiveBar):
-    """Shows the share of a file that is read or written (`verb`)."""
+    """Shows the share of a file that is read or written (`verb`), and how many `rows` that is, if it is set."""
+
+    rows = 0
 
     def __init__(self, verb: str, path: Path) -> None:
         columns = (bars.TaskProgressColumn(), bars.TimeElapsedColumn())
@@ -80,8 +82,9 @@ class FileProgress(LiveBar):
 
     def listen(self, share: float) -> None:
         """Show the share (0 to 1) that is done."""
-        self.show(share, escape(str(self._path)))
-        self.log_seldom(f"{self._verb} {self._path}: {share:.0%}")
+        rows = f", {self.rows} rows" if self.rows else ""
+        self.show(share, escape(f"{self._path}{rows}"))
+        self.log_seldom(f"{self._verb} {self._path}: {share:.0%}{rows}")
 
 
 class DiagnoseProgress(LiveBar):
@@ -131,6 +134,7 @@ class SearchProgress(LiveBar):
         text = "no model yet (Ctrl-C keeps the best so far)"
         super().__init__("searching", bars.TaskProgressColumn(), bars.TimeElapsedColumn(), total=1.0, text=text)
         self._results = BestResults(limits.starts)
+        self._logged = -LOG_EVERY_S  # the first model is said at once
 
     def listen(self, result: SearchResult) -> None:
         """Show an improvement or the end of a start."""
@@ -154,7 +158,7 @@ class JobsProgress(LiveBar):
         text = f"{already} from an earlier run" if already else "(Ctrl-C keeps finished results)"
         super().__init__(things, *columns, total=total, text=text, done=already)
         if already:
-            self.log(f"{already} of {total} {things} are done from an earlier run")
+            terminal.err.print(f"{already} of {total} {things} are done from an earlier run", highlight=False)
 
     def count(self, text: str, failed: bool = False) -> None:
         """Count a finished job; `text` describes its result."""
@@ -179,16 +183,14 @@ def run_jobs(
 ) -> bool:
     """Run the tasks on --dask or in --jobs processes, store each result; False after Ctrl-C."""
     if options.dask is not None:
-        running = run_on_cluster(work, tasks, shared, options.dask)
+        running = run_on_cluster(work, tasks, shared, options.dask, terminal.print_warning)
     else:
         running = run_on_this_machine(work, tasks, shared, options.jobs or os.cpu_count() or 1, threads)
     try:
-        facts = {"things": progress.things, "total": progress.total, "done": progress.finished}
-        with progress, closing(running), ProgressFile("jobs", results.folder, facts) as file:
+        with progress, closing(running):
             for result in running:
                 results.add(result)
                 progress.count(describe(result.row), failed=result.row["status"] != DONE)
-                file.write({"done": progress.finished, "failed": progress.failed})
     except KeyboardInterrupt:
         results.refresh()
         return False

@@ -78,6 +78,10 @@ def summarize(stored: Mapping[str, Any]) -> str:
         within = "" if inside is None else f"{inside:.0f} N within the envelope, "
         bound = f"|force| at most {within}{anywhere:.0f} N for any input"
         return f"passive: only the motion feeds its energy, and {bound}"
+    slowest_s = stored.get("slowest_s")
+    if slowest_s is not None:
+        forgotten = f"forgotten with a time constant of at most {1e3 * slowest_s:.3g} ms"
+        return f"the past is {forgotten}; |force| at most {inside or 0.0:.0f} N for any input"
     return str(stored.get("claim"))
 
 

@@ -232,7 +232,8 @@ class Recurrent(Structure):
     def size(self) -> str:
         """The size, in words."""
         filters = sum(len(stage.decay_s) for stage in self.all_stages)
-        return f"{len(self.members)} networks with {filters} filters, {self.parameters} parameters"
+        networks = f"{len(self.members)} network" + "s" * (len(self.members) > 1)
+        return f"{networks} with {filters} filters, {self.parameters} parameters"
 
     @property
     def all_stages(self) -> list[Stage]:

@@ -235,19 +235,6 @@ iterate i4.yaml --out o | missing
 iterate i5.yaml --out o | not valid YAML
 iterate i6.yaml --out taken | is not a folder
 iterate --template plan.yaml | PLAN does not apply with --template
-learn-stroke p1.yaml --out o | 'experiment' is None; expected a packaged name or a file
-learn-stroke p2.yaml --out o | nothing.yaml: no such file or packaged experiment
-learn-stroke p3.yaml --out o | has no actuator, so its stroke is exact; add 'actuator: {}'
-learn-stroke p4.yaml --out o | unknown key 'seed'; known are description, experiment
-learn-stroke p5.yaml --out o | rig is 3; expected a mapping with kind: one of virtual, folder, ros
-learn-stroke p6.yaml --out o | wanted stroke: its stroke reaches 0.009999 m, the limit is
-learn-stroke p7.yaml --out o | limits: stroke_m is -1; expected a number from 0.0001 to
-learn-stroke p8.yaml --out o | is not a mapping; expected a plan of a stroke to learn
-learn-stroke p9.yaml --out o | learning: max_iterations is 'none'; expected
-learn-stroke p10.yaml --out o | model: gain is 0; expected a number from 0.1 to 10
-learn-stroke p11.yaml --out o | probe: duration_s is 'nan'; expected
-learn-stroke p12.yaml --out o | does not begin and end at rest in one place
-learn-stroke stroke.yaml --out taken | taken: is not a folder; expected the name of a folder to write
 schema signals --list | NAME does not apply with --list
 schema --list --path | --path does not apply with --list
 schema signals --json | --json applies to --list

@@ -29,7 +29,7 @@ CASES = [  # words, the last to be completed; what is offered, and what is not
     (["simulate", "--sim", ""], {"model.json", "a.yaml", "b.fmu"}, {"polynomial"}),
     (["blind", ""], {"make", "run", "score"}, {"one.mcap"}),
     (["blind", "run", "--simul"], {"--simulation"}, {"--seed"}),
-    (["help", "le"], {"learn-stroke"}, {"rig"}),
+    (["help", "ite"], {"iterate"}, {"rig"}),
     (["schema", "sig"], {"signals"}, {"campaign"}),
     (["rig", ""], {"a.yaml"}, {"polynomial"}),
     (["rig", "sweep", "--se"], {"--seed"}, {"--signals"}),

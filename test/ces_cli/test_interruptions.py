@@ -6,9 +6,13 @@ import os
 import resource
 import shutil
 import signal
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -121,17 +125,6 @@ WRITING = {
 }
 
 
-@pytest.mark.parametrize("name", ["replay", "simulate"])
-def test_ctrl_c_while_a_bag_or_table_is_written(
-    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, name: str
-) -> None:
-    monkeypatch.chdir(work)
-    monkeypatch.setattr("ces_data.bags.writer._move_into_place", interrupt)
-    monkeypatch.setattr("ces_observer.json_text.os.fsync", interrupt)
-    assert error_line(capsys, *WRITING[name], tmp_path / "out", status=130) == f"ces {name}: interrupted"
-    assert list(tmp_path.iterdir()) == []
-
-
 def test_programs_turn_ctrl_c_into_an_exception_whatever_it_was_before() -> None:
     before = signal.signal(signal.SIGINT, lambda *_: None)
     try:
@@ -140,6 +133,49 @@ def test_programs_turn_ctrl_c_into_an_exception_whatever_it_was_before() -> None
         assert terminal.run("x", lambda _: os.kill(os.getpid(), signal.SIGINT) or 0) == 0
     finally:
         signal.signal(signal.SIGINT, before)
+
+
+def test_a_second_ctrl_c_spares_the_cleaning_up_but_does_not_wait_for_work(monkeypatch: pytest.MonkeyPatch) -> None:
+    ended: list[object] = []
+    monkeypatch.setattr(terminal, "PATIENCE_S", 0.2)
+    monkeypatch.setattr(terminal, "end_process", ended.append)
+
+    def press(times: int) -> None:
+        for _ in range(times):
+            os.kill(os.getpid(), signal.SIGINT)
+
+    def work(_: object) -> int:
+        try:
+            press(1)
+        finally:
+            press(3)
+            assert not ended
+            time.sleep(0.21)
+            press(1)
+        return 0
+
+    before = signal.signal(signal.SIGINT, lambda *_: None)
+    try:
+        assert terminal.run("x", work) == 130
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert ended == [signal.SIGINT]
+
+
+@pytest.mark.parametrize(("name", "status"), [("SIGINT", 130), ("SIGTERM", 143), ("SIGHUP", 129)])
+@pytest.mark.parametrize("kind", ["export an FMU", "simulate", "replay"])
+def test_a_signal_that_ends_leaves_nothing(work: Path, tmp_path: Path, name: str, status: int, kind: str) -> None:
+    code = (
+        "import os, signal, sys; from ces_cli.main import main; import ces_data.bags.writer as writer\n"
+        f"def end(*_): os.kill(os.getpid(), signal.{name})\n"
+        "os.fsync = writer._move_into_place = end; sys.exit(main(sys.argv[1:]))"
+    )
+    words = [sys.executable, "-c", code, *WRITING[kind], tmp_path / "m.fmu"]
+    how: dict[str, Any] = {"cwd": work, "env": {**os.environ, "TMPDIR": str(tmp_path)}, "capture_output": True}
+    done = subprocess.run(words, check=False, text=True, **how)
+    said = f"ended by {name}; finished results are kept\n" if name != "SIGINT" else "interrupted\n"
+    assert (done.returncode, done.stderr.partition(": ")[2]) == (status, said)
+    assert list(tmp_path.iterdir()) == []
 
 
 # ------------------------------------------------------------------------------------------------------- a full disk
@@ -185,13 +221,16 @@ def test_the_old_model_stays_as_it_was(
     def fail(*_: object) -> None:
         raise KeyboardInterrupt if ctrl_c else OSError(28, "No space left on device")
 
-    (tmp_path / "m.json").write_text("old")
+    old = '{"schema": "ces-model/1"}'
+    (tmp_path / "m.json").write_text(old)
     monkeypatch.setattr(Path, "replace", fail)
     words = [*identify(work, "one"), "--out", tmp_path / "m.json", "--overwrite"]
     line = error_line(capsys, *words, status=130 if ctrl_c else 2)
     if not ctrl_c:
-        assert line.endswith("m.json: cannot be written: No space left on device; choose a writable folder")
-    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", "old")]
+        assert line.endswith(
+            "m.json: cannot be written: No space left on device; free space there and run the same command"
+        )
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("m.json", old)]
 
 
 def test_several_files_are_written_together_or_not_at_all(tmp_path: Path) -> None:

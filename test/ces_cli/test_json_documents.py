@@ -1,6 +1,6 @@
 """`--json`: one document on standard output whose numbers are those of the table, not rounded.
 
-The documents of campaign, learn-stroke, iterate, diagnose and blind are tested with these programs.
+The documents of campaign, iterate, diagnose and blind are tested with these programs.
 """
 
 from __future__ import annotations

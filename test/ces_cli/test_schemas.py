@@ -28,7 +28,6 @@ from ces_identify.schema_files import ABOUT, KEYWORD, path_of_schema, schema_lin
 from ces_iterate.plan import TEMPLATE as ITERATE_TEMPLATE
 from ces_iterate.plan import load_plan
 from ces_iterate.rigs.kinds import open_rig
-from ces_iterate.stroke.plan import load_plan as load_stroke_plan
 from ces_observer.errors import CesError
 from ces_observer.signals import NAMES
 from ces_rig.experiment import KEYS as EXPERIMENT_KEYS
@@ -146,7 +145,6 @@ LOADERS: dict[str, Callable[[Path], object]] = {
     "experiment": load_experiment,
     "damper": load_rig_damper,
     "iterate": load_iterate,
-    "learn-stroke": load_stroke_plan,
 }
 GOOD = {
     "signals": "position: {topic: a, type: std_msgs/msg/Float64, field: data, scale: 0.001}\ncurrent: {constant: 0}\n",
@@ -158,7 +156,6 @@ GOOD = {
     "damper": "seal: {coulomb_N: 30, static_N: 50}\n",
     "iterate": "limits: {stroke_m: 0.02, speed_m_s: 1, acceleration_m_s2: 50, low_A: 0.3, high_A: 0.6}\n"
     "rig: {kind: virtual}\nstop: {budget_s: 30}\n",
-    "learn-stroke": "experiment: road\nactuator: {gain: 1.1}\nlimits: {stroke_m: 0.05}\nlearning: {repeats: 3}\n",
 }
 
 
@@ -208,10 +205,6 @@ WRONG: list[tuple[str, tuple[str, ...], object]] = [
     ("iterate", ("limits", "heat"), {"power": 3}),
     ("iterate", ("rig", "kind"), "real"),
     ("iterate", ("identify",), {"structure": "best"}),
-    ("learn-stroke", ("experiment",), ...),
-    ("learn-stroke", ("limits", "stroke_m"), 5),
-    ("learn-stroke", ("rig",), {"kind": "real"}),
-    ("learn-stroke", ("plan",), {}),
 ]
 
 

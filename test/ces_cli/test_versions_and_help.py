@@ -69,14 +69,14 @@ def test_help_of_a_program_is_its_own(capsys: pytest.CaptureFixture[str]) -> Non
     assert main(["help"]) == 0
     assert capsys.readouterr().out.startswith("usage: ces PROGRAM")
     with pytest.raises(SystemExit) as stop:
-        main(["help", "learn-stroke"])
+        main(["help", "export-data"])
     assert stop.value.code == 0
-    assert capsys.readouterr().out.startswith("usage: ces learn-stroke")
+    assert capsys.readouterr().out.startswith("usage: ces export-data")
 
 
 @pytest.mark.parametrize(
     ("typed", "meant"),
-    [("identity", "identify"), ("diagnos", "diagnose"), ("learn_stroke", "learn-stroke"), ("vaildate", "validate")],
+    [("identity", "identify"), ("diagnos", "diagnose"), ("export_data", "export-data"), ("vaildate", "validate")],
 )
 def test_a_misspelt_program_is_recognised(typed: str, meant: str, capsys: pytest.CaptureFixture[str]) -> None:
     for words in ([typed], ["help", typed]):

@@ -7,6 +7,7 @@ import pytest
 from ces_cli.bags import import_
 from ces_cli.terminal import terminal
 from ces_data.bags.reader import read_recording
+from ces_data.logs import csv
 from ces_data.logs.log_import import import_log
 from ces_data.signals_file import load_signals
 
@@ -112,3 +113,29 @@ def test_a_speed_goes_into_the_message_of_the_position(files, capsys):
     np.testing.assert_array_equal(recording.channel("speed").values, 2.0 * np.arange(5))
     np.testing.assert_array_equal(recording.channel("speed").stamps_ns, recording.channel("position").stamps_ns)
     assert "left out" not in capsys.readouterr().err
+
+
+def test_a_long_log_is_written_block_by_block(files, capsys, monkeypatch):
+    """Two bags; a fault in a later block is said once, and an error there leaves nothing of either bag."""
+    for name, size in (("MAX_ROWS", 100), ("SAMPLE", 50), ("BATCH", 10), ("FIRST_PART", 100), ("PART", 300)):
+        monkeypatch.setattr(csv, name, size)
+    rows = [f"{20 * np.sin(0.3 * i):.4f},{800 * np.cos(0.3 * i):.2f}" for i in range(1050)]
+    rows[777] = f"nan,{rows[777].partition(',')[2]}"
+    words = ("--mapping", files / "map.yaml", "--out", files / "bags")
+    (files / "b.csv").write_text("\n".join(["x,F", *rows, ""]))
+    assert run(files / "a.csv", files / "b.csv", *words) == 0
+    out, err = capsys.readouterr()
+    assert f"{files / 'bags' / 'b'}: 1050 samples of position, current, force at 100.0 Hz" in out
+    assert err.count("warning:") == 1
+    assert (
+        "the first at 0.610 s; they are left out (in 1 of 10 parts of the log; the numbers are of that from 7.1" in err
+    )
+    whole = import_log(files / "b.csv", import_.load_dyno_mapping(files / "map.yaml"))
+    recording = read_recording(files / "bags" / "b", load_signals())
+    for name, channel in whole.channels.items():
+        np.testing.assert_array_equal(recording.channel(name).stamps_ns, channel.stamps_ns)
+        np.testing.assert_array_equal(recording.channel(name).values, channel.values)
+    (files / "b.csv").write_text("\n".join(["x,F", *rows, "x,1", ""]))
+    assert run(files / "a.csv", files / "b.csv", *words[:2], "--out", files / "more") == 2
+    assert "b.csv:1052: column 'x' is 'x'; expected a number" in errors(capsys)[-1]
+    assert not any((files / "more").iterdir())

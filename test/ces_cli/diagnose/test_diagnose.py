@@ -17,6 +17,7 @@ from ces_data.bags.reader import read_recording
 from ces_data.bags.writer import recording_topics, write_bag
 from ces_data.checks.content import recording_marks
 from ces_observer.errors import CesError
+from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Envelope, Model, load_model
 from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial
@@ -136,9 +137,30 @@ def test_files_of_an_earlier_run_are_removed(quick):
     (quick / "stale").mkdir()
     for name in ("next_experiment.yaml", "next_experiment.csv", "mine.txt"):
         (quick / "stale" / name).write_text("old")
+    (quick / "stale" / "gap.json").write_text('{"schema": "ces-gap/1"}')
     assert ces("diagnose", "--sim", SIM, "--real", "fleet/red", "--out", "stale") == 2  # not without --overwrite
     assert ces("diagnose", "--sim", SIM, "--real", "fleet/red", "--out", "stale", "--overwrite") == 0
     assert sorted(path.name for path in (quick / "stale").iterdir()) == ["gap.json", "mine.txt", "report.html"]
+
+
+@pytest.mark.parametrize("full", ["report.html", "gap.json"])
+def test_a_diagnosis_is_shown_and_what_fits_is_written_on_a_full_disk(quick, capsys, monkeypatch, full):
+    def write(files):
+        if full in [path.name for path in files]:
+            raise CesError(f"{full}: cannot be written: full; run the same command")
+        write_all_atomically(files)
+
+    out = quick / f"no {full}"
+    out.mkdir()
+    monkeypatch.setattr("ces_cli.diagnose.diagnosis.write_all_atomically", write)
+    assert ces("diagnose", "--sim", SIM, "--real", "fleet/blue", "--out", out) == 2
+    printed = capsys.readouterr()
+    assert "NAMED: the gap is 89.9 N" in printed.out
+    kept = full == "report.html"
+    assert ("written: " in printed.out) == kept
+    told = "run the same command with --overwrite; gap.json are complete\n" if kept else "run the same command\n"
+    assert printed.err.endswith(told)
+    assert [path.name for path in out.iterdir()] == ["gap.json"] * kept
 
 
 @pytest.mark.parametrize(
@@ -194,6 +216,8 @@ def test_a_fleet_has_a_row_for_each_vehicle(quick, capsys):
     assert [row["name"] for row in document["diagnoses"]] == list(rows)
     assert [row["gap_N"] for row in document["diagnoses"]] == [float(row["gap_N"]) for row in rows.values()]
     assert (quick / "fleet_gap" / "fleet.jsonl").read_bytes() == lines
+    assert ces(*words, "--seed", 2) == 0
+    assert "fleet_gap: also holds 3 results of other recordings or options" in capsys.readouterr().err
 
 
 def test_vehicles_that_the_model_was_identified_on_are_named(quick, capsys):
