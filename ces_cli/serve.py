@@ -32,7 +32,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         terminal.print_warning(f"--host {options.host}: everyone on that network can read {options.folder}")
     with suppress(KeyboardInterrupt):
         for number in (getattr(signal, name) for name in ENDS if hasattr(signal, name)):
-            if signal.getsignal(number) == signal.SIG_DFL:  # one may be ignored, as under nohup
+            if signal.getsignal(number) != signal.SIG_IGN:  # as under nohup
                 signal.signal(number, signal.default_int_handler)
         print(f"{options.folder}: {server.url}  (Ctrl-C ends it)", flush=True)
         server.run()
@@ -45,8 +45,8 @@ def make_parser() -> terminal.Parser:
     host = "address to listen on; with another than that of this computer only, all of its network can read DIR"
     return terminal.parser(
         "serve",
-        "Show what is in a folder and below it as pages in the browser: models, reports, campaigns, diagnoses, fleets, "
-        "recordings, and searches while they run. Nothing is written. Ctrl-C ends it.",
+        "Show what is in a folder and below it as pages in the browser: models, reports, campaigns, diagnoses, fleets "
+        "and recordings. Nothing is written. Ctrl-C ends it.",
         "ces serve .",
         Argument("folder", meaning="the folder to show", kind=Path, metavar="DIR"),
         Option("port", 8000, "port to listen on; 0 for a free one", 0, 65535, metavar="N"),

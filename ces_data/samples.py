@@ -150,21 +150,22 @@ def find_dropouts(channel: Channel, other: Channel | None) -> Mask:
     return dropouts
 
 
-def measured(recording: Recording, name: str) -> Channel:
-    """Return a channel with NaN in the place of spikes and dropouts: they count as not measured."""
+def measured(recording: Recording, name: str, dropouts: bool = True) -> Channel:
+    """Return a channel with NaN in the place of spikes and, if wanted, `dropouts`: they count as not measured."""
     channel = recording.channels[name]
     other = recording.channels.get("force" if name == "position" else "position")
     moving = None if other is None else other.finite()
-    for find in (find_spikes, lambda one: find_dropouts(one, moving)):
+    for find in (find_spikes, lambda one: find_dropouts(one, moving))[: 1 + dropouts]:
         if (lost := find(channel)).any():
             channel = replace(channel, values=np.where(lost, np.nan, channel.values))
     return channel
 
 
-def without_spikes(recording: Recording, split: float = 1.0) -> Recording:
+def without_spikes(recording: Recording, split: float = 1.0, dropouts: bool = True) -> Recording:
     """Return the recording with all channels as `measured`; its parts before and after `split` are judged alone."""
     parts = [recording] if split >= 1.0 else [recording.part(0.0, split), recording.part(split, 1.0)]
-    return Recording.join([replace(p, channels={name: measured(p, name) for name in p.channels}) for p in parts])
+    cleaned = [replace(p, channels={name: measured(p, name, dropouts) for name in p.channels}) for p in parts]
+    return Recording.join(cleaned)
 
 
 SPIKE_FACTOR = 5.0  # times the robust standard deviation of a sample's distance from its neighbours' parabola

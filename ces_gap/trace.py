@@ -141,7 +141,7 @@ def make_trace(recording: Recording, simulated_N: F, noise: MeasuredNoise | None
     base, base_Hz, factor = lay_base_grid(seconds, recording.name)
     factor = factor if thinned else 1
     base_ns = clock[0] + np.round(base * 1e9).astype(np.int64)
-    logged = without_spikes(recording)
+    logged = without_spikes(recording, dropouts=False)  # a force that stays 0 after a jump may be play
     position, known_x = bridge_gaps(seconds, logged.channel("position").values, base)
     position = smooth_out(position, find_low_pass_Hz(position, base_Hz), base_Hz)
     force, known_f, measured = np.zeros_like(base), np.zeros(len(base), bool), np.zeros(len(base), bool)

@@ -176,7 +176,7 @@ def _identify_at(
     identified = [series.thin(every) for series in identified]
     thinned = sum(map(len, identified)) < total
     if (scored := sum(int(series.scored.sum()) for series in identified)) < MIN_SCORED_TICKS:
-        text = f"{scored} ticks with a measured force after the warm-up; expected at least {MIN_SCORED_TICKS}"
+        text = f"{scored} ticks with a measured force past warm-up; expected at least {MIN_SCORED_TICKS}"
         raise RecordingError(f"{', '.join(s.name for s in whole)}: {text}: record longer (are the times in s?)")
     fitted = fitter(identified, sampling, options, listener)
     band = fit_band(fitted.model, identified, fitted.refit, fitted.leave_out_recordings) if options.band else None

@@ -107,8 +107,8 @@ def cut(recording: Recording) -> Recording:
     """Return some seconds of a recording."""
     start = min(channel.stamps_ns[0] for channel in recording.channels.values())
     ends = (start + 1e9 * np.array([FIRST_S, FIRST_S + SECONDS])).astype(np.int64)
-    parts = {name: slice(*np.searchsorted(c.stamps_ns, ends)) for name, c in recording.channels.items()}
-    return replace(recording, channels={name: c.select(parts[name]) for name, c in recording.channels.items()})
+    inside = {name: (c.stamps_ns >= ends[0]) & (c.stamps_ns < ends[1]) for name, c in recording.channels.items()}
+    return replace(recording, channels={name: c.select(inside[name]) for name, c in recording.channels.items()})
 
 
 def _plain(text: str) -> str:

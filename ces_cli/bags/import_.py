@@ -5,7 +5,7 @@ from __future__ import annotations
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -137,11 +137,18 @@ def _import(options: Namespace) -> list[_ImportedLog]:
         inputs = [*(split_damper(path)[0] for path in options.files), options.mapping, options.signals]
         require_outputs(options.overwrite, bags={"--out": bag}, inputs=inputs)
     with ExitStack() as opened:
+        if several and not options.out.exists():
+            opened.callback(_remove_if_empty, options.out)
         pairs = zip(options.files, bags, strict=True)
         imported = [_convert(path, bag, mapping, signals, options, opened) for path, bag in pairs]
     for one in imported:
         print(f"{one.bag}: {one.samples} samples of {', '.join(one.written)} at {one.rate_Hz:.1f} Hz")
     return imported
+
+
+def _remove_if_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()
 
 
 def _convert(

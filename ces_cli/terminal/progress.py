@@ -134,7 +134,6 @@ class SearchProgress(LiveBar):
         text = "no model yet (Ctrl-C keeps the best so far)"
         super().__init__("searching", bars.TaskProgressColumn(), bars.TimeElapsedColumn(), total=1.0, text=text)
         self._results = BestResults(limits.starts)
-        self._logged = -LOG_EVERY_S  # the first model is said at once
 
     def listen(self, result: SearchResult) -> None:
         """Show an improvement or the end of a start."""

@@ -24,10 +24,10 @@ identify one --candidates none.yaml --out m.json | none.yaml
 identify one --candidates explode.yaml --out m.json | 4096000000 terms; at most
 identify one --out nowhere/m.json | the folder nowhere does not exist
 identify one --out full | full: is a folder; expected the name of a file
-identify one --out m.json --report taken | taken: exists; choose another name for --report
+identify one --out m.json --report taken | taken: not written by ces; it is not replaced: choose another name
 identify one --out m.json --report m.json | m.json: is named by --out and --report
 identify one --teacher model.json --overwrite | model.json: is an input, too
-identify one --validate two --out mine.json --report empty | empty/mine_on_two.html: exists; choose another name for
+identify one --validate two --out mine.json --report empty | empty/mine_on_two.html: not written by ces
 identify one two --folds 3 --out m.json | --folds 3: 2 recordings
 identify one two --folds 1 --out m.json | expected at least 2
 identify one --folds 9 --out m.json | use fewer folds
@@ -89,9 +89,9 @@ validate model.json | no recording given
 validate model.json b.csv | convert it: ces import b.csv --out BAG
 validate model.json two --part 1:0 | --part
 validate model.json two --weight everything=2 | --weight 'everything=2'
-validate model.json two --report taken | taken: exists; choose another name for --report, or replace it with --overwrite
+validate model.json two --report taken | taken: not written by ces
 validate model.json two --report new.pdf | a report is an HTML page; expected a name that ends in .html
-validate model.json two --report empty | empty/model_on_two.html: exists; choose another name for --report
+validate model.json two --report empty | empty/model_on_two.html: not written by ces
 validate model.json --certificate --report r.html | --report applies to recordings; name them
 validate two model.json | two: not a regular file; expected a JSON file
 validate no_envelope.json two | key 'force_envelope_N' is missing
@@ -104,12 +104,12 @@ simulate --sim what one --out x.csv | 'what' is no simulation; expected MODEL.js
 simulate --sim topic:/none one --out x.csv | no topic /none; it has /joint_states
 simulate --sim no_module:f one --out x.csv | cannot be imported
 simulate --sim my/sim.py one --out x.csv | 'my/sim.py' is a file; expected sim:FUNCTION
-simulate --sim model.json one --out taken | taken: exists; choose another name for --out, or replace it
+simulate --sim model.json one --out taken | taken: not written by ces
 simulate --sim model.json one --out model.json --overwrite | model.json: is an input, too
 simulate --sim none.fmu one --out x.csv | none.fmu: no such file
 simulate --sim broken.fmu one --out x.csv | not a zip file
 replay model.json b.csv --out x | convert it: ces import b.csv --out BAG
-replay model.json one --out full | full: exists; choose another name for --out, or replace it
+replay model.json one --out full | full: is a folder but not a bag
 replay model.json one --out full --overwrite | full: is a folder but not a bag
 replay model.json one --out one --overwrite | one: is an input, too
 export model.json --out m.cpp | m.cpp: expected a name that ends in .c (C99, with its header
@@ -122,8 +122,8 @@ export model.json --out missing/m.c | missing does not exist; make it first
 export model.json --out math.c | not a standard header
 export model.json --out m.c --name '2; x' | name '2; x': not usable in C; choose one such as 'model_2_x'
 export model.json --out m.fmu --name '2; x' | name '2; x': not usable in C
-export model.json --out taken.c | taken.c: exists; choose another name for --out, or replace it
-export model.json --out head.c | head.h: exists; choose another name for the header of --out
+export model.json --out taken.c | taken.c: not written by ces
+export model.json --out head.c | head.h: not written by ces
 export none.json --out m.c | no such model file
 export model.json --ros-package full | full: exists; choose another name for --ros-package, or replace it
 export model.json --ros-package full --overwrite | full: is not a ROS 2 package, so it is not replaced
@@ -137,12 +137,12 @@ compare one | no model given; taken as recordings: one
 compare model.json law:force one --report page.pdf | a report is an HTML page
 compare model.json law:force | no recording given
 compare model.json model.json one | model.json is given twice
-compare model.json law:force one --report page.html | page.html: exists; choose another name
+compare model.json law:force one --report page.html | page.html: not written by ces
 compare model.json law:force one --report model.json | model.json:
 compare model.json law:force nowhere | nowhere
 compare model.json nothing.json one | nothing.json: no such model file
 compare model.json topic:/prediction one | no topic /prediction
-compare model.json law:force one two --report empty | empty/model_and_law-force_on_one_and_two.html: exists
+compare model.json law:force one two --report empty | empty/model_and_law-force_on_one_and_two.html: not written by ces
 diagnose --sim law:force --real b.csv --out o | convert it: ces import b.csv --out BAG
 diagnose --sim law:force --real nowhere --out o | nowhere: no such file
 diagnose --sim law:force --real x* --out o | x*: no bag matches
@@ -167,7 +167,7 @@ diagnose --sim law:nothing --real one --out o | law:nothing: returned nan at 0.0
 diagnose --sim law:short --real one --out o | law:short: returned shape (1999,); expected (2000,), one for each
 diagnose --sim law:turned --real one --out o | opposite sign of the measured one (measured over simulated is
 diagnose --sim law:force --real kN --out o | the measured force is in kN
-diagnose --sim law:force --real one --reference kN --out o | expected one unit: is one of them in kN?
+diagnose --sim law:force --real one --reference kN --out o | expected one unit: is one of them in kN or kip?
 diagnose --sim law:force --real clipped --out o | force: the channel saturates
 diagnose --sim law:force --real loose --out o | the measured force is constant
 diagnose --sim law:force --real s03 --out o | 75 position samples; expected at least 100
@@ -213,7 +213,7 @@ import b.csv a.csv --mapping map.yaml --out o | a.csv:3: column 'F' is 'oops'; e
 import b.csv sub/b.csv --mapping map.yaml --out o | 2 files are named 'b'
 import b.csv --mapping map.yaml --out one | one: exists; choose another name for --out, or replace it with --overwrite
 import b.csv --mapping map.yaml --out o --signals load.yaml | give the log's scale in map.yaml, and none here
-export-data one --out taken.csv | taken.csv: exists; choose another name for --out, or replace it with --overwrite
+export-data one --out taken.csv | taken.csv: not written by ces
 export-data one --out run.xlsx | expected a name that ends in .csv, .parquet, .pq, or a folder
 export-data one --out run.csv --format parquet | is a csv file by its name; omit --format
 export-data one --out run.csv --model none.json | none.json
@@ -226,7 +226,7 @@ rig none.yaml --out x | none.yaml: no such file or packaged experiment
 rig | expected EXPERIMENT and --out BAG
 rig sweep | expected EXPERIMENT and --out BAG
 rig sweep --out x --seed -1 | expected a whole number from 0 to 2147483648
-rig sine_4hz --out full | full: exists; choose another name for --out, or replace it
+rig sine_4hz --out full | full: is a folder but not a bag
 rig --list --seed 1 | --seed does not apply with --list
 iterate i1.yaml --out o | 'limits' is missing or not a mapping
 iterate i2.yaml --out o | expected one of virtual, folder, ros

@@ -122,6 +122,7 @@ def find_faults(path: Path) -> list[str]:
 def find_silent_charts(page: Any) -> list[str]:
     """Return the charts of a page that say nothing when the arrow keys read their values, or show no focus."""
     silent = []
+    page.evaluate("document.querySelectorAll('details').forEach(one => { one.open = true; })")
     for frame in page.locator(".plot-frame, .value-frame").all():
         frame.focus()
         page.keyboard.press("ArrowRight")
