@@ -39,7 +39,7 @@ from ces_observer.structures.polynomial import Polynomial
 
 UNEXPLAINED_J, WITHOUT_SPEED_J = 60.0, 30.0  # [%] beyond the noise; of a polynomial without the speed
 UNLIKE_FORCE = "the force does not follow these signals: check that topics, signs and damper are the right ones"
-MAX_TICKS = 300_000  # of identification data; of longer recordings one minute in two, three, ... is used
+ALL_TICKS, MAX_TICKS = 600_000, 300_000  # that are used; of more, one minute in three, four, ... of long recordings
 STRETCHES = "identified_on"  # key of the provenance
 MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
 COSTS, DELAYED_SELECTION = "cost_J_percent", "selection_delayed"  # keys of the provenance
@@ -172,7 +172,7 @@ def _identify_at(
     whole = [prepare(without_spikes(r, options.split), sampling, has_spikes=False) for r in recordings]
     identified = [series.part(0.0, options.split) for series in whole]
     total = sum(map(len, identified))
-    every = -(-total // MAX_TICKS)
+    every = -(-total // MAX_TICKS) if total > ALL_TICKS else 1
     identified = [series.thin(every) for series in identified]
     thinned = sum(map(len, identified)) < total
     if (scored := sum(int(series.scored.sum()) for series in identified)) < MIN_SCORED_TICKS:

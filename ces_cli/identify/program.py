@@ -244,7 +244,10 @@ def write_report_page(result: IdentificationResult, options: argparse.Namespace,
         "selection": f"{describe_starts(result, options)}, {sum(f.trials for f in result.search_results)} trials",
         "end of search": result.search_results[0].ended,
     }
-    write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
+    try:
+        write_report(options.report, f"Model {options.out.name}", result.model, result.evaluations, facts)
+    except CesError as error:
+        raise CesError(f"{error} with --overwrite; {options.out} is complete") from None
 
 
 def describe_starts(result: IdentificationResult, options: argparse.Namespace) -> str:

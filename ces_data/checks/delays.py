@@ -49,7 +49,6 @@ CURRENT_FACTOR, CURRENT_FLOOR = 1.12, 0.025
 LIKELY_S, LIKELY_FACTOR, LIKELY_FLOOR, LIKELY_ERROR = 0.015, 1.15, 0.01, 0.2  # of a delay that is probable only
 LIKELY_WIDTH_S = 0.05  # of the interval
 FOLLOWING = 0.7  # least share of a current that does not follow the motion
-BETTER = 1.1  # ratio of errors, for other features without a delay to fit better than a delay
 MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these signals
 
 
@@ -162,7 +161,7 @@ def _with_alternatives(motion: Motion, estimate: Callable[..., DelayEstimate | N
         return alone
     if beside.certain and beside.late_s * alone.late_s > 0.0:
         return replace(alone, low_s=min(alone.low_s, beside.low_s), high_s=max(alone.high_s, beside.high_s))
-    if not beside.likely and BETTER * beside.error_at_zero < alone.least_error:
+    if not beside.likely and beside.error_at_zero < alone.least_error:
         return beside
     names = [name for name, one in features.items() if (e := estimate(one)) is not None and not e.certain]
     return replace(alone, alternatives=tuple(names or features))
