@@ -266,7 +266,7 @@ def _without_noise(channel: Channel) -> Iterator[Finding]:
     runs = runs_of_equal(channel.values)
     long, noisy = _long_runs(channel, runs, STUCK_CURRENT_S)
     total = np.diff(runs[long], axis=1).sum() / len(channel)
-    if noisy and total < 0.5:  # steps of a commanded current are longer together
+    if noisy and total < 0.9:  # steps of a commanded current are longer together
         first = (channel.stamps_ns[int(runs[long][0, 0])] - channel.stamps_ns[0]) * 1e-9
         when = f"{count_times(int(long.sum()))} {first:.2f} s, {total:.1%} of the time"
         yield Finding(WARNING, f"current: stuck {when}, although noise changes it everywhere else; {REMEDY}", "current")
