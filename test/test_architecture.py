@@ -76,12 +76,12 @@ MAX_PACKAGE = {
     "ces_report": 12,
     "ces_identify": 175,
     "ces_rig": 58,
-    "ces_gap": 106.2,
+    "ces_gap": 105,
     "ces_iterate": 21,
     "ces_serve": 12,
-    "ces_cli": 60.2,
+    "ces_cli": 60.3,
     "bench": 78,
-    "test": 456,
+    "test": 454,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
