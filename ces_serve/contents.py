@@ -17,7 +17,6 @@ from ces_observer.model import Model, load_model
 from ces_serve.catalogue import Listing, ServedFolder
 from ces_serve.items import MODEL, REPORT, RESULT, Item, format_number, list_facts
 
-WIDTH = 760.0
 MAX_BESIDE = 40
 # Sent because of the results that stand beside them.
 OF_FOLDER = ("results.csv", "fleet.csv", "plan.yaml", "augmented.json")

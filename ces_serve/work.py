@@ -39,7 +39,7 @@ from ces_identify.comparison.comparison_report import comparison_page
 from ces_observer.errors import CesError
 from ces_observer.model import load_model
 from ces_report.plot import Plot, PlotArea, PlotLine, draw_plot, series_css
-from ces_serve.contents import WIDTH, PageContent, PageTable
+from ces_serve.contents import PageContent, PageTable
 from ces_serve.items import format_number
 
 MAX_RUNNING, MAX_KEPT = 2, 32
@@ -195,7 +195,7 @@ def _draw_signals(recording: Recording) -> list[str]:
         time_s = 1e-9 * np.asarray(channel.stamps_ns[order] - start_ns, np.float64)
         line = PlotLine(name, time_s, np.asarray(channel.values[order], np.float64), series_css(k))
         areas.append(PlotArea(f"{name.capitalize()} [{channel.unit}]", [line], height=110.0))
-    plot = Plot("signals", "Signals over time", "The signals as logged.", "Time [s]", areas, WIDTH, legend=False)
+    plot = Plot("signals", "Signals over time", "The signals as logged.", "Time [s]", areas, 760.0, legend=False)
     return [draw_plot(plot, MAX_POINTS)] if areas else []
 
 

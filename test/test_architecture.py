@@ -79,7 +79,7 @@ MAX_PACKAGE = {
     "ces_gap": 105,
     "ces_iterate": 21,
     "ces_serve": 12,
-    "ces_cli": 60.3,
+    "ces_cli": 60.4,
     "bench": 78,
     "test": 454,
 }

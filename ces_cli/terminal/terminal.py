@@ -251,10 +251,17 @@ def run(name: str, program: Callable[[Sequence[str] | None], int], argv: Sequenc
     except OSError as error:
         _print_error(name, f"error: {_describe_system_error(error)}")
         _silence(sys.stdout)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, SystemError) as error:
+        if not _is_interrupt(error):
+            raise
         _print_error(name, "interrupted")
         return INTERRUPTED
     return USER_ERROR
+
+
+def _is_interrupt(error: BaseException | None) -> bool:
+    """Return whether Ctrl-C is behind an error; compiled code makes a chain of SystemErrors of it."""
+    return error is not None and (isinstance(error, KeyboardInterrupt) or _is_interrupt(error.__cause__))
 
 
 def accept_all_characters() -> None:

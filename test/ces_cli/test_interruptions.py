@@ -135,6 +135,19 @@ def test_programs_turn_ctrl_c_into_an_exception_whatever_it_was_before() -> None
         signal.signal(signal.SIGINT, before)
 
 
+def test_ctrl_c_in_compiled_code_is_ctrl_c() -> None:
+    """numba makes SystemErrors of it, each the cause of the next; others are errors of the program."""
+    first = SystemError("returned a result with an exception set")
+    first.__cause__ = KeyboardInterrupt()
+
+    def fail(cause: Exception | None) -> int:
+        raise SystemError("again") from cause
+
+    assert terminal.run("x", lambda _: fail(first)) == 130
+    with pytest.raises(SystemError):
+        terminal.run("x", lambda _: fail(None))
+
+
 def test_a_second_ctrl_c_spares_the_cleaning_up_but_does_not_wait_for_work(monkeypatch: pytest.MonkeyPatch) -> None:
     ended: list[object] = []
     monkeypatch.setattr(terminal, "PATIENCE_S", 0.2)
