@@ -106,11 +106,12 @@ def fit_network(
     scales = replace(read_scales(coarse, 1.0 / tick_s), currents_A=place_current_nodes(coarse.inputs[2]))
     search = PhysicalSearch(Limits(threads=threads, work=WORK), lambda _: None)
     fits = search.run(coarse, scales, KINDS, ROWS, held=is_constant(coarse.inputs[2]))
+    if search.stop.is_set():
+        raise KeyboardInterrupt  # the search keeps its best so far, which is no twin
     if not fits:
         return None
     progress(fits[0].models.kind)
-    steps = max(count_steps(t) for t in alike)
-    fine, step_s = build_training(alike, steps, MAX_STEPS)
+    fine, step_s = build_training(alike, max(count_steps(t) for t in alike), MAX_STEPS)
     close = [fit for fit in fits if fit.cost < CLOSE * fits[0].cost][:2]
     with ThreadPoolExecutor(max(1, threads)) as pool:
         polished = list(pool.map(lambda fit: search.polish(fit, fine, step_s, strengths), close))

@@ -89,6 +89,15 @@ def test_without_motion_there_is_no_twin() -> None:
     assert fit_twin([replace(still, simulated_at_base=np.zeros_like(still.time_s))]) is None
 
 
+def test_ctrl_c_leaves_no_twin_that_is_half_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    def press(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(twin_fit.PhysicalSearch, "_fit_kind", press)
+    with pytest.raises(KeyboardInterrupt):
+        fit_twin([traced()])
+
+
 @pytest.mark.slow
 def test_a_twin_of_a_network_is_close_to_it(fitted: Twin) -> None:
     trace = traced(seed=3)
