@@ -13,6 +13,7 @@ import json
 import logging
 import os
 import signal
+import tempfile
 import threading
 import time
 import warnings
@@ -204,7 +205,8 @@ def run_in_processes(
 
     warnings.filterwarnings("ignore", r"\d+ tasks which were", UserWarning)  # are cancelled, as was wanted
     ordered = tuple(map(int, joblib.__version__.split(".")[:2])) < (1, 4)
-    with joblib.parallel_config(backend="loky", inner_max_num_threads=threads):
+    folders = tempfile.TemporaryDirectory(prefix="ces_jobs_", ignore_cleanup_errors=True)  # joblib kills its workers
+    with folders as folder, joblib.parallel_config(backend="loky", inner_max_num_threads=threads):
         pool = joblib.Parallel(
             n_jobs=max(2, processes),  # with 1, joblib would use this process, where Ctrl-C stops the search
             pre_dispatch=processes,
@@ -212,7 +214,7 @@ def run_in_processes(
             return_as="generator" if ordered else "generator_unordered",
         )
         try:
-            yield from pool(joblib.delayed(_run_in_process)(os.getpid(), function, *task) for task in tasks)
+            yield from pool(joblib.delayed(_run_in_process)(os.getpid(), folder, function, *task) for task in tasks)
         except BrokenProcessPool as error:
             if error.__cause__ is None:
                 text = "died, perhaps short of memory; finished results are kept: run again with fewer --jobs"
@@ -222,14 +224,18 @@ def run_in_processes(
             raise CesError(f"a worker process {text}") from None
 
 
-def _run_in_process(parent: int, function: Callable[..., Result], *arguments: Any) -> Result:
-    _follow(parent)
+def _run_in_process(parent: int, folder: str, function: Callable[..., Result], *arguments: Any) -> Result:
+    _follow(parent, folder)
     return function(*arguments)
 
 
 @cache
-def _follow(parent: int) -> None:
-    """Leave Ctrl-C, which the terminal sends to all processes, to the parent; end with it, even if it was killed."""
+def _follow(parent: int, folder: str) -> None:
+    """Leave Ctrl-C, which the terminal sends to all processes, to the parent; end with it, even if it was killed.
+
+    Temporary files are made in `folder`, which the parent removes.
+    """
+    tempfile.tempdir = folder
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, end_process)
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
@@ -250,17 +256,14 @@ def end_process(number: int, frame: FrameType | None = None) -> NoReturn:
     end = threading.Timer(EXIT_S, os._exit, (128 + number,))  # if a library waits at exit
     end.daemon = True
     end.start()
-    for pid in _children():
-        with contextlib.suppress(OSError):
-            os.kill(pid, signal.SIGTERM)
+    _end_children()
     atexit._run_exitfuncs()  # `sys.exit` would first wait for the threads of a search
     os._exit(128 + number)
 
 
-def _children() -> list[int]:
-    """Return the processes that this one has started; none without /proc."""
-    try:
-        lists = [path.read_text() for path in Path("/proc/self/task").glob("*/children")]
-    except OSError:
-        return []
-    return [int(pid) for text in lists for pid in text.split()]
+def _end_children() -> None:
+    """Send SIGTERM to the processes that this one has started; to none without /proc."""
+    for path in Path("/proc/self/task").glob("*/children"):
+        for pid in path.read_text().split() if path.exists() else ():
+            with contextlib.suppress(OSError):
+                os.kill(int(pid), signal.SIGTERM)

@@ -302,8 +302,7 @@ def _describe_delay(signal: str, other: str, delay: DelayEstimate, motion: Motio
         text = f"{1e3 * abs(delay.late_s):.0f} ms {relation}, or {others}: these recordings cannot tell; compare how "
         return DelayFinding(WARNING, f"{name}: {text}both are stamped, and set {key} if it is late", name)
     sure = signal != "current" and abs(delay.nearest_s) >= WRONG_DELAY_S  # a slow valve, or a bypass, looks alike
-    severity = WRONG_MODEL if sure else WARNING
-    return DelayFinding(severity, f"{name}: logged {text}", name)
+    return DelayFinding(WRONG_MODEL if sure else WARNING, f"{name}: logged {text}", name)
 
 
 def _describe_likely(signal: str, other: str, delay: DelayEstimate) -> DelayFinding:
@@ -363,10 +362,7 @@ DRIFT_FACTOR, MAX_DRIFT_ERROR = 1.25, 0.3  # of the error that still counts as a
 
 
 def find_drift_within(motion: Motion, delay: DelayEstimate | None = None) -> Finding | None:
-    """Return a finding if the force fits clearly better at a delay that grows with time than at none, and at `delay`.
-
-    Unlike a delay, it can be known on a single sine: no damper changes its phase steadily.
-    """
+    """Return a finding if the force fits clearly better at a delay that grows with time than at none and at `delay`."""
     seconds = len(motion) / RATE_HZ
     rates = np.linspace(-MAX_DRIFT, MAX_DRIFT, 2 * DRIFT_STEPS + 1)
     rows = _rows(motion, round(MAX_DRIFT * seconds * RATE_HZ), ROWS)
