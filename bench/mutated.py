@@ -54,10 +54,10 @@ class Mutation:
 
 def scale(signal: str, factor: float) -> Make:
     """Return a change of a signal's unit."""
-    return _fixed(change_values(signal, lambda values: factor * values))
+    return _ignore_dice(change_values(signal, lambda values: factor * values))
 
 
-def _fixed(change: Change) -> Make:
+def _ignore_dice(change: Change) -> Make:
     return lambda recording, _: change(recording)
 
 
@@ -96,7 +96,7 @@ def wrap(signal: str, share: float) -> Make:
         middle, reach = 0.5 * (values.max() + values.min()), 0.5 * share * np.ptp(values)
         return np.asarray((values - middle + reach) % (2.0 * reach) + middle - reach)
 
-    return _fixed(change_values(signal, spoil))
+    return _ignore_dice(change_values(signal, spoil))
 
 
 def restamp(signals: Sequence[str], change: Callable[[F], F]) -> Make:
@@ -170,7 +170,9 @@ MUTATIONS = (
         for share in (0.5, 0.8)
     ),
     *(
-        Mutation("wraps", f"{s} clipped at {100 * share:.0f} %", _fixed(clip(s, share)), f"^{s}: .*saturat", "stuck")
+        Mutation(
+            "wraps", f"{s} clipped at {100 * share:.0f} %", _ignore_dice(clip(s, share)), f"^{s}: .*saturat", "stuck"
+        )
         for s in ("force", "position")
         for share in (0.5, 0.8)
     ),
@@ -184,20 +186,20 @@ MUTATIONS = (
     Mutation("clocks", "time reversed", restamp(ALL, lambda t: t[-1] - t), "back"),
     Mutation("clocks", "times rounded to 50 ms", restamp(ALL, lambda t: np.floor(20.0 * t) / 20.0), "same stamp|round"),
     *(
-        Mutation("delays", f"{s} {1e3 * d:+.0f} ms", _fixed(delay_signal(s, d)), LATE)
+        Mutation("delays", f"{s} {1e3 * d:+.0f} ms", _ignore_dice(delay_signal(s, d)), LATE)
         for s in ("force", "position")
         for d in (0.005, 0.02, 0.06)
     ),
-    Mutation("delays", "current +60 ms", _fixed(delay_signal("current", 0.06)), "^current: .*ms", "", True),
+    Mutation("delays", "current +60 ms", _ignore_dice(delay_signal("current", 0.06)), "^current: .*ms", "", True),
     Mutation("swaps", "position and force", swap("position", "force"), "interchanged|position"),
     Mutation("swaps", "current and force", swap("current", "force"), "force|current"),
     Mutation("swaps", "position and current", swap("position", "current"), "position|current"),
     *(
-        Mutation("dropouts", f"{s} {what}", _fixed(hold_stretch(s, 0.4, last, value)), f"^{s}: .*stuck")
+        Mutation("dropouts", f"{s} {what}", _ignore_dice(hold_stretch(s, 0.4, last, value)), f"^{s}: .*stuck")
         for s in ("force", "position")
         for what, last, value in (("held 3 %", 0.43, None), ("held 15 %", 0.55, None), ("zero 5 %", 0.45, 0.0))
     ),
-    Mutation("dropouts", "force NaN 5 %", _fixed(hold_stretch("force", 0.4, 0.45, np.nan)), "^force: .*NaN"),
+    Mutation("dropouts", "force NaN 5 %", _ignore_dice(hold_stretch("force", 0.4, 0.45, np.nan)), "^force: .*NaN"),
     Mutation("dropouts", "force loses 20 %", lose("force", 0.2), "^force: .*(miss|lost|rate|Hz)"),
     Mutation("dropouts", "position loses 20 %", lose("position", 0.2), "^position: .*(miss|lost|rate|Hz)"),
 )

@@ -150,7 +150,7 @@ def find_dropouts(channel: Channel, other: Channel | None) -> Mask:
     return dropouts
 
 
-def measured(recording: Recording, name: str, dropouts: bool = True) -> Channel:
+def mask_lost(recording: Recording, name: str, dropouts: bool = True) -> Channel:
     """Return a channel with NaN in the place of spikes and, if wanted, `dropouts`: they count as not measured."""
     channel = recording.channels[name]
     other = recording.channels.get("force" if name == "position" else "position")
@@ -162,9 +162,9 @@ def measured(recording: Recording, name: str, dropouts: bool = True) -> Channel:
 
 
 def without_spikes(recording: Recording, split: float = 1.0, dropouts: bool = True) -> Recording:
-    """Return the recording with all channels as `measured`; its parts before and after `split` are judged alone."""
+    """Return the recording with all channels as `mask_lost`; its parts before and after `split` are judged alone."""
     parts = [recording] if split >= 1.0 else [recording.part(0.0, split), recording.part(split, 1.0)]
-    cleaned = [replace(p, channels={name: measured(p, name, dropouts) for name in p.channels}) for p in parts]
+    cleaned = [replace(p, channels={name: mask_lost(p, name, dropouts) for name in p.channels}) for p in parts]
     return Recording.join(cleaned)
 
 

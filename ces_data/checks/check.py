@@ -25,7 +25,7 @@ from ces_observer.errors import RecordingError
 from ces_observer.signals import UNITS
 
 LONG_S = 60.0  # clocks that differ by 100 ppm drift by 6 ms in it
-COMPARED = (  # signal, trait, the limit of any damper, verb, and the unit that it may be in instead
+COMPARED = (  # signal, trait, the limit of any damper, verb, and the units that it may be in instead
     ("position", "stroke_m", MAX_STROKE_M, "spans", "mm, cm or inches"),
     ("current", "current_A", MAX_CURRENT_A, "reaches", "mA"),
     ("force", "force_N", 0.0, "spans", "kN or kip"),

@@ -4,7 +4,7 @@ A damper's force depends on motion and current until now, never on those to come
 flexible causal map of position, speed and current, with memory, is fitted to the force by least squares; it contains
 the lags that dampers have. The relative error of the fit is least at the right shift. All shifts that fit almost as
 well form the interval: where a lag of the damper or of its valve could imitate the delay, as with a single sine, the
-interval is wide and holds zero.
+interval is wide and holds zero. A delay is claimed only beside inertia, forces of position, and slow valves.
 
 Recordings of one damper by one logger may be joined: sines at several frequencies show together what none shows alone.
 """
@@ -56,7 +56,7 @@ MAX_ERROR = 0.6  # of the best fit; beyond it the force is not that of these sig
 class DelayEstimate:
     """How late a signal is [s], the interval of shifts (up to `reach_s`) that fit, and the errors at zero and best.
 
-    `alternatives` are what explains the force without a delay; a fit without them leaves the interval.
+    `alternatives` name what explains the force as well without a delay; the interval is that of a fit without them.
     """
 
     late_s: float
@@ -151,7 +151,7 @@ def current_delay(motion: Motion, force_late_s: float = 0.0) -> DelayEstimate | 
 
 
 def _with_alternatives(motion: Motion, estimate: Callable[..., DelayEstimate | None]) -> DelayEstimate | None:
-    """Return the estimate beside other features if they fit clearly better, else that without, and which fit, too."""
+    """Return the estimate with what else fits: the wider interval, no delay if that fits better, or `alternatives`."""
     alone = estimate()
     if alone is None or not (alone.certain or alone.likely):
         return alone

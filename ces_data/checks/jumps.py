@@ -16,7 +16,7 @@ from ces_data.checks.motion import fit_errors, force_features, recorded_motion
 from ces_data.checks.sensors import MIN_SAMPLES, OTHER, REMEDY, WRONG_STUCK, count_times
 from ces_data.findings import BAD_SHARE, WARNING, WRONG_MODEL, Finding, runs_of_equal
 from ces_data.recording import Channel, Recording
-from ces_data.samples import GAP_INTERVALS, JUMP_SPANS, MAX_SPIKE, find_jumps, find_spikes, measured, without_spikes
+from ces_data.samples import GAP_INTERVALS, JUMP_SPANS, MAX_SPIKE, find_jumps, find_spikes, mask_lost, without_spikes
 
 FIT = "they are left out of the fit"
 USE = {"position": FIT, "current": FIT, "force": "they are neither fitted nor scored"}
@@ -42,7 +42,7 @@ def _lost(name: str, recording: Recording) -> Iterator[Finding]:
     """Yield a finding on the spikes of a channel, and one on its dropouts."""
     channel = recording.channels[name]
     spikes = find_spikes(channel)
-    lost = ~np.isfinite(measured(recording, name).values) & np.isfinite(channel.values) & ~spikes
+    lost = ~np.isfinite(mask_lost(recording, name).values) & np.isfinite(channel.values) & ~spikes
     if lost.any():
         spikes &= np.convolve(lost, np.ones(2 * EDGE + 1), "same") < 0.5
     at = (channel.stamps_ns - channel.stamps_ns[:1]) * 1e-9

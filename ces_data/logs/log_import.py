@@ -49,18 +49,18 @@ def read_blocks(log: LogTable | TimedLog, mapping: DynoMapping) -> Iterator[Reco
             if given is not None:
                 remedy = f"remove '{key}': the channels of {log.path.name} have their own times"
                 raise MappingError(f"{mapping.source}: {remedy}")
-        for series in _guarded(log.blocks(list(columns.values())), log.path):
+        for series in _guard(log.blocks(list(columns.values())), log.path):
             yield _of_series(log, mapping, dict(zip(columns, series, strict=True)))
         return
     if mapping.time is None and mapping.rate is None:
         raise MappingError(f"{mapping.source}: {ONE_TIME}")
     clock, rate = TableClock(), 1.0 if mapping.time else _rate(log, mapping.rate)
     used = [*columns.values(), *([mapping.time] if mapping.time else [])]
-    for table in _guarded(log.blocks(used), log.path):
+    for table in _guard(log.blocks(used), log.path):
         yield _of_table(table, mapping, rate, clock)
 
 
-def _guarded(blocks: Iterator[Block], path: Path) -> Iterator[Block]:
+def _guard(blocks: Iterator[Block], path: Path) -> Iterator[Block]:
     try:
         yield from blocks
     except OSError as error:

@@ -13,7 +13,7 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Channel, Recording
-from ces_data.samples import measured, measured_at
+from ces_data.samples import mask_lost, measured_at
 from ces_identify.numerics.speed_kernels import (
     STATUS_BEYOND,
     STATUS_ORDER,
@@ -224,7 +224,7 @@ def track_samples(samples: PositionSamples, sampling: Sampling) -> Tracked:
 def force_at(recording: Recording, stamps_ns: I, max_gap_s: float, has_spikes: bool = True) -> F:
     """Return the measured force [N] interpolated at each stamp, NaN where none was measured (see `measured_at`)."""
     if has_spikes and "force" in recording.channels:
-        recording = replace(recording, channels={"force": measured(recording, "force")})
+        recording = replace(recording, channels={"force": mask_lost(recording, "force")})
     force = interpolate_force(recording, stamps_ns, max_gap_s)
     if np.isfinite(force).any():
         force[~measured_at(recording.channel("force"), stamps_ns)] = np.nan
