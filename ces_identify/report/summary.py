@@ -122,7 +122,7 @@ def _describe_trust(model: Model, held_out: Sequence[Evaluation]) -> str:
     text += f"; up to {100.0 * outside:.1f} % of a validation recording is outside." if outside else "."
     coverage = [e.coverage for e in held_out if e.coverage is not None]
     if model.band is not None and coverage:
-        held = f"{100.0 * min(coverage):.0f} % of the validation forces"
+        held = f"{'at least ' * (len(coverage) > 1)}{100.0 * min(coverage):.0f} % of the validation forces"
         text += f" Its band, meant for {100.0 * model.band.level:.0f} %, holds {held}."
     return text
 
