@@ -47,7 +47,7 @@ class McapFile:
         times = [log_ns for log_ns, _ in messages.values() if len(log_ns)]
         first, last = (int(f([f(one) for one in times])) for f in (np.min, np.max))
         data, at = self._compressor.compress(buffer.data), self._file.tell()
-        length = self._write(records.Chunk("zstd", data, last, first, zlib.crc32(buffer), len(buffer)))
+        length = self._write(records.Chunk("zstd", data, last, first, zlib.crc32(buffer.data), len(buffer)))
         offsets: dict[int, int] = {}
         for channel, (log_ns, starts) in messages.items():
             if len(log_ns):
