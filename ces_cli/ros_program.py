@@ -10,18 +10,25 @@ import signal
 import sys
 from collections.abc import Sequence
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 from typing import NoReturn
 
 from ces_cli import main as ces
 
+# what no node of a vehicle imports
+DESK = ("numpy", "scipy", "numba", "jinja2", "rich", "yaml", "joblib", "rosbags", "mcap")
 NODES = {"identify": "ces_cli.identify.node", "rig": "ces_rig.live.node"}
 
 
 def main() -> int:
     """Run the node or program named by this process's executable; returns the exit status."""
     name, words = Path(sys.argv[0]).name, sys.argv[1:]
+    if missing := [library for library in DESK if find_spec(library) is None]:
+        cure = "run 'rosdep install --from-paths src --ignore-src' without CES_VEHICLE, and 'pip install rosbags mcap'"
+        print(f"ces {name}: error: not installed: {', '.join(missing)}, as on a vehicle; {cure}", file=sys.stderr)
+        return 2
     if not is_node(name, words):
         return ces.main([name, *words])
     signal.signal(signal.SIGINT, _end_start)

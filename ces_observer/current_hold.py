@@ -51,18 +51,24 @@ class CurrentHold:
         stamps = self._stamps
         if stamps and stamp_ns < stamps[-1] - JUMP_NS:
             self.reset()
-        place = bisect_right(stamps, stamp_ns)
-        stamps.insert(place, stamp_ns)
-        self._values.insert(place, current_A)
+        if stamps and stamp_ns < stamps[-1]:
+            place = bisect_right(stamps, stamp_ns)
+            stamps.insert(place, stamp_ns)
+            self._values.insert(place, current_A)
+        else:
+            stamps.append(stamp_ns)
+            self._values.append(current_A)
         if len(stamps) > 2 * HISTORY:
             del stamps[:HISTORY], self._values[:HISTORY]
 
     def at(self, stamp_ns: int) -> float:
         """Return the current [A] that holds at `stamp_ns`, or NaN."""
-        newest = bisect_right(self._stamps, stamp_ns) - 1
-        if newest < 0 or stamp_ns - self._stamps[newest] > self._max_age_ns:
-            return nan
-        return self._values[newest]
+        stamps, newest = self._stamps, -1
+        if not stamps or stamp_ns < stamps[-1]:
+            newest = bisect_right(stamps, stamp_ns) - 1
+            if newest < 0:
+                return nan
+        return self._values[newest] if stamp_ns - stamps[newest] <= self._max_age_ns else nan
 
     def explain(self, stamp_ns: int, name: str = "current") -> str:
         """Return why `at` returns NaN at `stamp_ns` for the signal `name`; empty if none was received at all."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from math import isfinite
+from math import ceil, isfinite
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.errors import ModelError
@@ -77,7 +77,7 @@ class DamperObserver:
 
     def set_max_age(self, max_age_s: float) -> None:
         """Set the largest difference [s] between stamp and clock; 0: any."""
-        self._max_age_ns = round(max_age_s * 1e9)
+        self._max_age_ns = ceil(max_age_s * 1e9)  # 0 stands for any
 
     def load(self, model: Model) -> None:
         """Let `model` take over as soon as it has warmed up, instead of any other that was still warming up.
@@ -130,11 +130,12 @@ class DamperObserver:
 
     def step(self, stamp_ns: int, position_m: float, now_ns: int) -> float | None:
         """Return the force [N] at `stamp_ns`, or None with `reason` set; `now_ns` is the node's clock."""
-        self.tally.samples += 1
+        tally = self.tally
+        tally.samples += 1
         self.stamp_ns, self.age_ns = stamp_ns, now_ns - stamp_ns
         self._errors["position"] = ""
         current = self.current.at(stamp_ns)
-        motion = self.motion.at(stamp_ns)
+        motion = 0.0 if self.motion is _NO_SIGNAL else self.motion.at(stamp_ns)
         self._position_m = position_m
         force = self._estimator.step(stamp_ns, position_m, current, motion)
         if self._next is not None:
@@ -150,13 +151,17 @@ class DamperObserver:
         self.late = self._usable(estimator.late) if estimator.late else estimator.late
         # A model with a delay alone has no force here, but is well if `late` has those of earlier samples.
         known = force if force is not None or estimator.reason != OK else 0.0
-        self.reason = self._reason_for(known, position_m, current, motion)
-        if self.reason != OK:
-            self.tally.withheld[self.reason] = self.tally.withheld.get(self.reason, 0) + 1
-            return None
-        self.tally.estimates += 1
-        self.tally.clamped += estimator.clamped
-        self.tally.held += estimator.held
+        late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
+        # One sum instead of five tests: it is finite only if all terms are.
+        if known is None or late or not isfinite(known + position_m + current + self.position + self.speed):
+            self.reason = self._explain_withholding(known, position_m, current, motion)
+            if self.reason != OK:
+                tally.withheld[self.reason] = tally.withheld.get(self.reason, 0) + 1
+                return None
+        self.reason = OK
+        tally.estimates += 1
+        tally.clamped += estimator.predictor.clamped
+        tally.held += estimator.predictor.held
         return force
 
     def _usable(self, late: list[LateEstimate]) -> list[LateEstimate]:
@@ -214,14 +219,6 @@ class DamperObserver:
                 "replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0"
             )
         return text
-
-    def _reason_for(self, force: float | None, position: float, current: float, motion: float) -> str:
-        """Return OK for a force that may be published, else why it is withheld: the fast path of the rule below."""
-        late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
-        # One sum instead of five tests: it is finite only if all terms are.
-        if force is not None and not late and isfinite(force + position + current + self.position + self.speed):
-            return OK
-        return self._explain_withholding(force, position, current, motion)
 
     def _explain_withholding(self, force: float | None, position: float, current: float, motion: float) -> str:
         """Return why a force is withheld: the first of these rules that applies."""

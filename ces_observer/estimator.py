@@ -94,6 +94,7 @@ class Estimator:
         self.model = model
         delay = model.best.sampling.delay_ticks
         self._own = ForceRun(model)
+        self.predictor = self._own.predictor
         self._now = None if model.sampling.delay_ticks else self._own
         self._late = None if delay == 0 else ForceRun(model.delayed) if model.delayed else self._own
         self._tracker = Tracker(model.best.sampling)

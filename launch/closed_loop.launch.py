@@ -4,6 +4,7 @@ ros2 launch ces_observer closed_loop.launch.py
 ros2 launch ces_observer closed_loop.launch.py drive:=vehicle feedback:=none
 ros2 launch ces_observer closed_loop.launch.py use_sim_time:=true real_time_factor:=0.0
 With a factor of 0 each sample waits for the command that answers it: the loop runs in lockstep, as fast as possible.
+All names are relative: PushRosNamespace and SetRemap of an including launch file move them (docs/live.md).
 """
 
 from typing import Any
@@ -24,6 +25,7 @@ ARGUMENTS = {
     "model": (SHARE / "config" / "models" / "sample.json", "model file of observer and controller"),
     "model_topic": ("", "latched topic of models that observer and controller both change to; empty: none"),
     "namespace": ("", "namespace of nodes and topics"),
+    "autostart": ("true", "false: a lifecycle manager configures and activates observer and controller"),
     "use_sim_time": ("false", "let the rig publish /clock, and all nodes use it"),
     "real_time_factor": ("1.0", "with use_sim_time: simulated over real time; 0.0: in lockstep with the controller"),
     "drive": ("script", "what moves the damper: script, vehicle or set_points"),
@@ -45,6 +47,7 @@ def generate_launch_description() -> LaunchDescription:
     model = {
         "model": argument_value("model"),
         "model_topic": argument_value("model_topic"),
+        "autostart": argument_value("autostart", bool),
         "use_sim_time": argument_value("use_sim_time", bool),
     }
     rig = {

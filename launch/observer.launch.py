@@ -1,55 +1,62 @@
 """Start the observer node: ros2 launch ces_observer observer.launch.py model:=/path/model.json.
 
-An argument that is not set leaves the parameter file's value.
+An argument that is not set leaves the parameter file's value. docs/live.md shows it included in a launch file of a
+vehicle, with other namespaces and topics, and driven by a lifecycle manager.
 """
 
 from ament_index_python.packages import get_package_share_path
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
+from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 
 from ces_observer.nodes.launch_arguments import check_files, check_names
 
-PARAMETERS = {
-    "model": ("path of the model file (model.json)", str),
-    "executor": ("what runs the callbacks: auto, events or single", str),
-    "use_sim_time": ("take time from /clock", bool),
+PARAMETERS = {  # by argument: the parameter, its type, and what it means
+    "model": ("model", str, "path of the model file (model.json)"),
+    "model_topic": ("model_topic", str, "latched topic of models to change to"),
+    "position_topic": ("position.topic", str, "topic of the position"),
+    "current_topic": ("current.topic", str, "topic of the current"),
+    "force_topic": ("force.topic", str, "topic of a measured force"),
+    "executor": ("executor", str, "what runs the callbacks: auto, events or single"),
+    "autostart": ("autostart", bool, "false: a lifecycle manager configures and activates the node"),
+    "use_sim_time": ("use_sim_time", bool, "take time from /clock"),
+}
+OTHERS = {
+    "params_file": (get_package_share_path("ces_observer") / "config" / "observer.yaml", "parameter file"),
+    "estimate_topic": ("", "topic of the estimate of a single damper"),
+    "namespace": ("", "namespace of node and topics"),
+    "log_level": ("info", "debug, info, warn, error or fatal"),
 }
 
 
 def generate_launch_description() -> LaunchDescription:
-    shipped = get_package_share_path("ces_observer") / "config" / "observer.yaml"
-    return LaunchDescription(
-        [
-            DeclareLaunchArgument("params_file", default_value=str(shipped), description="parameter file"),
-            *(
-                DeclareLaunchArgument(name, default_value="", description=meaning)
-                for name, (meaning, _) in PARAMETERS.items()
-            ),
-            DeclareLaunchArgument("namespace", default_value="", description="namespace of node and topics"),
-            DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
-            OpaqueFunction(function=observer),
-        ]
-    )
+    arguments = {**{name: ("", meaning) for name, (_, _, meaning) in PARAMETERS.items()}, **OTHERS}
+    declared = [
+        DeclareLaunchArgument(name, default_value=str(default), description=meaning)
+        for name, (default, meaning) in arguments.items()
+    ]
+    return LaunchDescription([*declared, OpaqueFunction(function=observer)])
 
 
-def observer(context: LaunchContext) -> list[Node]:
-    check_names(__file__, [*PARAMETERS, "params_file", "namespace", "log_level"])
-    check_files({"params_file": context.launch_configurations["params_file"]})
+def observer(context: LaunchContext) -> list[LifecycleNode]:
+    given = context.launch_configurations
+    check_names(__file__, [*PARAMETERS, *OTHERS])
+    check_files({"params_file": given["params_file"]})
     own = {
-        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
-        for name, (_, kind) in PARAMETERS.items()
-        if context.launch_configurations[name]
+        parameter: ParameterValue(LaunchConfiguration(name), value_type=kind)
+        for name, (parameter, kind, _) in PARAMETERS.items()
+        if given[name]
     }
-    node = Node(
+    node = LifecycleNode(
         package="ces_observer",
         executable="observer",
         name="observer",
         namespace=LaunchConfiguration("namespace"),
         output="screen",
         parameters=[LaunchConfiguration("params_file"), own],
+        remappings=[("~/estimate", given["estimate_topic"])] if given["estimate_topic"] else [],
         ros_arguments=["--log-level", LaunchConfiguration("log_level")],
     )
     return [node]

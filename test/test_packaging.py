@@ -11,6 +11,7 @@ from xml.etree import ElementTree
 import pytest
 
 from ces_cli.main import PROGRAMS
+from ces_cli.ros_program import DESK
 from ces_data.signals_file import load_signals
 from ces_observer import __version__
 from ces_observer.signals import Signals
@@ -63,6 +64,24 @@ def test_packages_are_the_seven_without_tests() -> None:
 def test_version_is_one() -> None:
     manifest = ElementTree.parse(ROOT / "package.xml").getroot()
     assert manifest.findtext("version") == __version__ == arguments("")["version"]
+
+
+def depends(vehicle: str) -> set[str]:
+    """Return what rosdep installs with this CES_VEHICLE: package.xml's dependencies whose condition (REP 149) holds."""
+    tags = [tag for tag in ElementTree.parse(ROOT / "package.xml").getroot() if tag.tag.endswith("_depend")]
+    assert {tag.get("condition", "") for tag in tags} == {"", "$CES_VEHICLE != 1"}
+    return {str(tag.text) for tag in tags if vehicle != "1" or not tag.get("condition")}
+
+
+def test_a_vehicle_gets_what_the_nodes_import_and_no_more() -> None:
+    trees = [ast.parse(path.read_text(encoding="utf-8")) for path in (ROOT / "ces_observer").rglob("*.py")]
+    nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ImportFrom | ast.Import)]
+    names = {getattr(node, "module", None) or node.names[0].name for node in nodes}
+    imported = {name.partition(".")[0] for name in names} - {"ces_observer", *sys.stdlib_module_names}
+    by_name = {"rosbag2_interfaces", "rosgraph_msgs", "lifecycle_msgs", "launch", "launch_ros", "ros2launch"}
+    assert depends("1") == imported | by_name
+    desk = depends("") - depends("1")
+    assert all(any(library in key for key in desk) for library in (*DESK, "flask", "pytest"))
 
 
 def test_package_files_are_where_ament_looks() -> None:

@@ -2,12 +2,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from math import inf, isfinite, nan
 
 from ces_observer.control.force_controller import NO_ESTIMATE, NOT_FINITE, OK, STALE, ControllerCounts, ForceController
-from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Latencies, Status, Values
+from ces_observer.health.health import (
+    ACTIVE,
+    INACTIVE_TASK,
+    LEVEL_ERROR,
+    LEVEL_OK,
+    LEVEL_WARN,
+    Latencies,
+    NodeFacts,
+    Report,
+    Task,
+    Values,
+    find_change_remarks,
+    make_statuses,
+)
 
 ESTIMATE, MEASURED, NONE = "estimate", "measured", "none"
 FEEDBACKS = (ESTIMATE, MEASURED, NONE)
@@ -68,6 +81,13 @@ class ControlLoop:
 
 
 SHARES = ("unreachable", "saturated", "rate_limited", "unfed")  # counts of ControllerCounts
+KEYS: Mapping[str, Sequence[str]] = {  # of the tasks, at most 20 in all
+    "health": ("reason", "state", "feedback", "command [A]", "desired force [N]",
+               *(f"{name.replace('_', ' ')} share" for name in SHARES), "unexpected errors"),
+    "frequency": ("estimates: rate [Hz]", "estimates: age of the last [ms]",
+                  *(f"latency from stamp to command, {name} [ms]" for name in ("p50", "p99", "max"))),
+    "model": ("model sha256", "last change of the model"),
+}  # fmt: skip
 UNFED = "of the time no measured force is fed back: feed-forward alone"
 
 
@@ -95,15 +115,26 @@ class ControllerHealth:
         self.latency.roll()
         self._before, self._estimates = deepcopy(now), self._loop.estimates
 
-    def status(self, detail: str = "") -> Status:
-        """Return the present status; `detail` is added to the reason."""
-        reason, unfed = self._loop.controller.reason, self._shares["unfed"]
-        level, message = LEVEL_OK, "controlling"
+    def report(self, detail: str, node: NodeFacts) -> Report:
+        """Return the present report; `detail` is added to the reason."""
+        reason, active = self._loop.controller.reason, node.state == ACTIVE
+        values = {**dict(self._values()), "state": node.state, **dict(node.values)}
+        tasks = {
+            "health": self._health_task(detail, node.remarks) if active else INACTIVE_TASK,
+            "frequency": Task(LEVEL_OK if self._rate_Hz else LEVEL_WARN, f"estimates {self._rate_Hz:.1f} Hz"),
+            "model": Task(LEVEL_OK, values.get("model", ""), find_change_remarks(values)),
+        }
+        status, each = make_statuses(tasks, values, KEYS)
+        interruptions = sum(self._loop.controller.count.interruptions.values())
+        return Report(reason if active else node.state, status, each, interruptions)
+
+    def _health_task(self, detail: str, remarks: Sequence[str]) -> Task:
+        reason, unfed, remarks = self._loop.controller.reason, self._shares["unfed"], list(filter(None, remarks))
         if reason != OK:
-            level, message = LEVEL_ERROR, f"safe current: {reason}" + (f": {detail}" if detail else "")
-        elif self._loop.feedback == MEASURED and unfed > 0.0:
-            level, message = LEVEL_WARN, f"controlling; {unfed:.1%} {UNFED}"
-        return Status(level, message, tuple(self._values()))
+            return Task(LEVEL_ERROR, f"safe current: {reason}" + (f": {detail}" if detail else ""), remarks)
+        if self._loop.feedback == MEASURED and unfed > 0.0:
+            remarks.insert(0, f"{unfed:.1%} {UNFED}")
+        return Task(LEVEL_OK, "controlling", remarks)
 
     def _values(self) -> Values:
         loop, controller = self._loop, self._loop.controller

@@ -2,118 +2,24 @@
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections import deque
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
 from math import ceil
 from typing import NamedTuple, Protocol
 
+from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
 from ces_observer.estimator import UNBOUNDED
+from ces_observer.health.episodes import Episodes, Stillness
 from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
-from ces_observer.health.streams import Arrivals
+from ces_observer.health.streams import Arrivals, StreamFigures
 from ces_observer.tracker import BEYOND_STROKE, OK
 
 Values = Iterator[tuple[str, str]]  # key and value for diagnostics
-MAX_EPISODES = 10  # ended episodes listed one by one; the totals count all
-MAX_REASONS = 4  # of one episode listed by name
 
-
-@dataclass(frozen=True)
-class Episode:
-    """An ended episode: its start [ns of the node's clock], length [s], reasons in order, and withheld samples."""
-
-    start_ns: int
-    length_s: float
-    reasons: tuple[str, ...]
-    withheld: int
-
-    @property
-    def reason(self) -> str:
-        """All its reasons in one line."""
-        return ", then ".join(self.reasons)
-
-    def __str__(self) -> str:
-        start = f"{self.start_ns // 10**9}.{self.start_ns // 10**6 % 1000:03d} s"
-        return f"{start}, for {self.length_s:.3f} s: {self.reason} ({self.withheld} samples withheld)"
-
-
-class Episodes:
-    """Episodes of one damper: `total` counts the ended ones, `last` holds the newest of them.
-
-    `by_reason` maps the first reason to number and total length [s] of its episodes.
-    """
-
-    def __init__(self) -> None:
-        self.total = 0
-        self.last: deque[Episode] = deque(maxlen=MAX_EPISODES)
-        self.by_reason: dict[str, tuple[int, float]] = {}
-        self._reasons: list[str] = []
-        self._start_ns = self._withheld = 0
-
-    def add_withheld(self, reason: str, now_ns: int, withheld_before: int) -> None:
-        """Add a reason for withholding; `withheld_before` counts the samples withheld before this one."""
-        if not self._reasons:
-            self._start_ns, self._withheld = now_ns, withheld_before
-        if reason not in self._reasons and len(self._reasons) < MAX_REASONS:
-            self._reasons.append(reason)
-
-    def end_episode(self, now_ns: int, withheld: int) -> None:
-        """End the episode, if there is one; `withheld` counts the samples withheld so far.
-
-        One that began at 0, before the first /clock of simulated time, is taken to begin now.
-        """
-        if not self._reasons:
-            return
-        start_ns = self._start_ns or now_ns
-        length_s = max(0, now_ns - start_ns) * 1e-9
-        episode = Episode(start_ns, length_s, tuple(self._reasons), withheld - self._withheld)
-        self._reasons.clear()
-        self.total += 1
-        self.last.append(episode)
-        count, length = self.by_reason.get(episode.reasons[0], (0, 0.0))
-        self.by_reason[episode.reasons[0]] = count + 1, length + episode.length_s
-
-    def values(self) -> Values:
-        """Yield the values of the ended episodes, newest first."""
-        yield "episodes of withholding", str(self.total)
-        for reason, (count, length_s) in sorted(self.by_reason.items()):
-            yield f"episodes: {reason}", f"{count}, {length_s:.3f} s in all"
-        for number, episode in enumerate(reversed(self.last), start=1):
-            yield f"last episode {number}", str(episode)
-
-
-class Stillness:
-    """Rests of at least `warn_s` [s] of the positions' stamps; with 0 there are none.
-
-    `count` is the number of rests, `last_s` [s] the length of the last one, `resting` True during a rest.
-    """
-
-    def __init__(self, warn_s: float) -> None:
-        self.warn_s = warn_s
-        self._position_m: float | None = None
-        self._since_ns = 0
-        self.count = 0
-        self.last_s = 0.0
-        self.resting = False
-
-    def take(self, stamp_ns: int, position_m: float) -> None:
-        """Add a position sample [m]; NaN ends a rest."""
-        if position_m != self._position_m or stamp_ns < self._since_ns:
-            self._position_m, self._since_ns, self.resting = position_m, stamp_ns, False
-        elif self.resting or 0.0 < self.warn_s * 1e9 <= stamp_ns - self._since_ns:
-            self.count += not self.resting
-            self.resting = True
-            self.last_s = (stamp_ns - self._since_ns) * 1e-9
-
-
-PARTS_BITS = 6
-WHOLE_BITS = PARTS_BITS + 1  # smaller numbers have a class each
-MAX_NS = (1 << 37) - 1  # 137 s; the last class counts all longer ones
-CLASSES = (MAX_NS.bit_length() - PARTS_BITS + 1) << PARTS_BITS
+MAX_LATENCIES = 20_000  # kept of a window: the newest
 
 
 class LatencyFigures(NamedTuple):
@@ -134,38 +40,21 @@ class Latencies:
     """The latencies since the last `roll`; `figures` are those of the window before."""
 
     def __init__(self) -> None:
-        self._counts = [0] * CLASSES
-        self._max_ns = 0
+        self._ns: deque[int] = deque(maxlen=MAX_LATENCIES)
         self.figures = LatencyFigures()
 
     def take(self, ns: int) -> None:
         """Count a latency; a negative one, from different clocks, counts as zero."""
-        if ns > self._max_ns:  # noqa: PLR1730  # faster than max()
-            self._max_ns = ns
-        if not 0 <= ns <= MAX_NS:
-            ns = 0 if ns < 0 else MAX_NS
-        shift = ns.bit_length() - WHOLE_BITS
-        if shift < 0:  # noqa: PLR1730
-            shift = 0
-        self._counts[(shift << PARTS_BITS) + (ns >> shift)] += 1
+        self._ns.append(ns)
 
     def roll(self) -> LatencyFigures:
         """Return the figures of the window and begin a new one."""
-        totals = list(accumulate(self._counts))
-        p50_ns, p99_ns = self._percentile_ns(totals, 50), self._percentile_ns(totals, 99)
-        self.figures = LatencyFigures(p50_ns, p99_ns, self._max_ns, totals[-1])
-        self._counts, self._max_ns = [0] * CLASSES, 0
+        ns, self.figures = sorted(self._ns), LatencyFigures()
+        self._ns.clear()
+        if ns:
+            p50_ns, p99_ns, max_ns = (max(0, ns[ceil(len(ns) * percent / 100) - 1]) for percent in (50, 99, 100))
+            self.figures = LatencyFigures(p50_ns, p99_ns, max_ns, len(ns))
         return self.figures
-
-    def _percentile_ns(self, totals: list[int], percent: int) -> int:
-        """Return the middle of the class that holds the smallest latency not exceeded by `percent` of all.
-
-        The first 128 classes hold a single whole number each.
-        """
-        place = bisect_left(totals, ceil(totals[-1] * percent / 100))
-        shift = max(0, (place >> PARTS_BITS) - 1)
-        middle_ns = ((place - (shift << PARTS_BITS)) << shift) + (1 << shift >> 1)
-        return min(middle_ns, self._max_ns)
 
 
 LEVEL_OK, LEVEL_WARN, LEVEL_ERROR = 0, 1, 2  # as in diagnostic_msgs/msg/DiagnosticStatus
@@ -193,8 +82,83 @@ class Status:
     values: tuple[tuple[str, str], ...]
 
 
+UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"  # states of a node
+
+
+class NodeFacts(NamedTuple):
+    """The state of a node, remarks on it (empty ones are none), and more values for `~/details`."""
+
+    state: str = ACTIVE
+    remarks: tuple[str, ...] = ()
+    values: tuple[tuple[str, str], ...] = ()
+
+
+class Task(NamedTuple):
+    """One task of diagnostics: its level and message, and remarks, each of which makes it a warning."""
+
+    level: int
+    words: str
+    remarks: Sequence[str] = ()
+
+
+class Report(NamedTuple):
+    """The report on a damper: its reason, a status with all values, those of the tasks by name, and counts for the log.
+
+    `changes` of the reason and samples `withheld` are counted since the start.
+    """
+
+    reason: str
+    status: Status
+    tasks: tuple[tuple[str, Status], ...] = ()
+    changes: int = 0
+    withheld: int = 0
+
+
+def make_statuses(
+    tasks: Mapping[str, Task], values: Mapping[str, str], keys: Mapping[str, Sequence[str]]
+) -> tuple[Status, tuple[tuple[str, Status], ...]]:
+    """Return one status with the first task's words, all remarks and `values`, and one of each task with its `keys`."""
+    levels = {name: max(task.level, LEVEL_WARN if task.remarks else LEVEL_OK) for name, task in tasks.items()}
+    each = tuple(
+        (name, Status(levels[name], "; ".join((task.words, *task.remarks)),
+                      tuple((key, values[key]) for key in keys[name] if key in values)))
+        for name, task in tasks.items()
+    )  # fmt: skip
+    remarks = [remark for task in tasks.values() for remark in task.remarks]
+    words = next(iter(tasks.values())).words
+    return Status(max(levels.values()), "; ".join((words, *remarks)), tuple(values.items())), each
+
+
+def unconfigured_report(purpose: str) -> Report:
+    """Return the report of a node without a model; `purpose` is what it would do."""
+    status = Status(LEVEL_WARN, f"unconfigured: configure the node to {purpose}", (("state", UNCONFIGURED),))
+    return Report(UNCONFIGURED, status, (("health", status),))
+
+
+def find_change_remarks(values: Mapping[str, str]) -> list[str]:
+    """Return a remark on the last change of the model, if it was refused."""
+    change = values.get("last change of the model", "")
+    return [f"the last change was {change}"] if change.startswith(REFUSED) else []
+
+
+INACTIVE_TASK = Task(LEVEL_WARN, "inactive: activate the node to publish")
+LATENCIES = tuple(f"latency from stamp to publish, {name} [ms]" for name in ("p50", "p99", "max"))
+KEYS: Mapping[str, Sequence[str]] = {  # of the tasks, at most 20 in all
+    "health": ("reason", "state", "withheld in the last second [%]", "share outside the envelope",
+               "episodes of withholding", "last episode", "unexpected errors"),
+    "frequency": ("position: rate [Hz]", "current: rate [Hz]", "dropped", "forces estimated"),
+    "time stamps": ("age of the last position on arrival [s]", *LATENCIES, "jumps of time"),
+    "model": ("model sha256", "last change of the model", "running cost J [%]", "threshold of J [%]"),
+}  # fmt: skip
+AHEAD_S = 0.05  # of stamps before the node's clock, that simulated time may give
+REFUSED = "refused"  # begins the state of a change of the model
+
+
 class Health:
-    """Status of one damper; rates, shares and latencies are of the last window that `roll` closed."""
+    """Report on one damper; rates, shares and latencies are of the last window that `roll` closed.
+
+    `mismatch` names publishers that its subscriptions cannot hear, beside those that they do.
+    """
 
     def __init__(
         self, damper: DamperObserver, facts: Mapping[str, str], *,
@@ -207,7 +171,11 @@ class Health:
         self.snapshots = snapshots
         self._name = name
         self._load = Load()
-        self._reported_episodes = self._reported_rests = 0  # in a status message
+        self._reported_episodes = self._reported_rests = self._changes = 0
+        self._jumps = self._rolled_jumps = 0
+        self._jump, self._recent_jump = "none", ""
+        self._position_before, self._is_rolled = StreamFigures(), False
+        self.mismatch = ""
         self.set_damper(damper, facts, cost)
 
     def set_damper(self, damper: DamperObserver, facts: Mapping[str, str], cost: RunningCost | None) -> None:
@@ -221,6 +189,7 @@ class Health:
 
     def note_change(self, now_ns: int) -> None:
         """Record a change of the damper's reason; an episode includes its first withheld sample."""
+        self._changes += 1
         tally, reason = self._damper.tally, self._damper.reason
         withheld = tally.samples - tally.estimates
         if reason == OK:
@@ -236,7 +205,9 @@ class Health:
         self._withheld = 1.0 - estimates / samples if samples else 0.0
         self._outside = (now.clamped - before.clamped) / estimates if estimates else 0.0
         self._held = (now.held - before.held) / estimates if estimates else 0.0
-        self._before = now.copy()
+        self._before, self._position_before, self._is_rolled = now.copy(), self.position.figures, True
+        self._recent_jump = self._jump if self._jumps > self._rolled_jumps else ""
+        self._rolled_jumps = self._jumps
         for stream in (self.position, self.current, self.force):
             stream.roll(elapsed_s)
         self.latency.roll()
@@ -249,22 +220,39 @@ class Health:
         elif self.snapshots is not None and not self._recorded:
             self._recorded = self.snapshots.note_drift(f"{self._name}: {self.cost.describe_drift()}")
 
-    def status(self, detail: str) -> Status:
-        """Return the present status; `detail` is added to the reason. One message reports each ended episode."""
-        reason = self._damper.reason
-        remarks = list(self._remarks())
+    def note_jump(self, what: str) -> None:
+        """Count a jump of the node's time."""
+        self._jumps, self._jump = self._jumps + 1, what
+        for stream in (self.position, self.current, self.force):
+            stream.restart_ages()
+
+    def report(self, detail: str, node: NodeFacts) -> Report:
+        """Return the present report; `detail` is added to the reason. One message reports each ended episode."""
+        tally, active = self._damper.tally, node.state == ACTIVE
+        values = {**dict(self._values()), "state": node.state, **dict(node.values)}
+        tasks = {
+            "health": self._health_task(detail, node.remarks) if active else INACTIVE_TASK,
+            "frequency": self._frequency_task(),
+            "time stamps": self._stamps_task(),
+            "model": Task(LEVEL_OK, self._damper.model.size, [*self._model_remarks(), *find_change_remarks(values)]),
+        }
         self._reported_episodes, self._reported_rests = self.episodes.total, self.stillness.count
-        if reason != OK:
-            level = LEVEL_ERROR if reason in ERRORS else LEVEL_WARN
-            words = [f"withholding: {reason}" + (f": {detail}" if detail else "")]
-        else:
-            level, words = LEVEL_WARN if remarks else LEVEL_OK, ["estimating"]
-        return Status(level, "; ".join(words + remarks), tuple(self._values()))
+        status, each = make_statuses(tasks, values, KEYS)
+        reason = self._damper.reason if active else node.state
+        return Report(reason, status, each, self._changes, tally.samples - tally.estimates)
+
+    def _health_task(self, detail: str, remarks: Sequence[str]) -> Task:
+        reason = self._damper.reason
+        remarks = [*self._remarks(), *filter(None, remarks)]
+        if reason == OK:
+            return Task(LEVEL_OK, "estimating", remarks)
+        level = LEVEL_ERROR if reason in ERRORS else LEVEL_WARN
+        return Task(level, f"withholding: {reason}" + (f": {detail}" if detail else ""), remarks)
 
     def _remarks(self) -> Iterator[str]:
         episodes, ok = self.episodes, self._damper.reason == OK
-        if new := episodes.total - self._reported_episodes:
-            last = episodes.last[-1]
+        new, last = episodes.total - self._reported_episodes, episodes.last
+        if new and last is not None:
             more = f" and {new - 1} more" if new > 1 else ""
             yield f"recovered from {last.reason} ({last.length_s:.2g} s){more}"
         if ok and self._withheld > 0.0:
@@ -279,10 +267,43 @@ class Health:
             yield f"the position has not changed for {self.stillness.last_s:.1f} s: at rest, or its sensor is stuck"
         elif self.stillness.count > self._reported_rests:
             yield f"the position has not changed for {self.stillness.last_s:.1f} s and does now"
-        figures = self.position.figures
+
+    def _frequency_task(self) -> Task:
+        figures, remarks = self.position.figures, [self.mismatch] if self.mismatch else []
+        if not self._is_rolled:
+            return Task(LEVEL_OK, "not measured yet", remarks)
+        if not figures.samples:
+            return Task(LEVEL_ERROR, "no position", remarks)
+        rates = f"position {figures.rate_Hz:.1f} Hz"
+        if not isinstance(self._damper.current, ConstantCurrent):
+            rates += f", current {self.current.figures.rate_Hz:.1f} Hz"
         if figures.dropped and figures.dropped >= DROPPED_WARN * (figures.samples + figures.dropped):
             share = figures.dropped / (figures.samples + figures.dropped)
-            yield f"{share:.1%} of the positions {figures.describe_missing()}"
+            remarks.insert(0, f"{share:.1%} of the positions {figures.describe_missing()}")
+        return Task(LEVEL_OK, rates, remarks)
+
+    def _stamps_task(self) -> Task:
+        now, before, remarks = self.position.figures, self._position_before, list[str]()
+        if not now.samples:
+            words = "no position in the last second"
+        elif now.total_dropped is None:
+            words = "positions have no stamp: they are stamped on arrival"
+        else:
+            words = f"positions arrive {now.mean_age_s * 1e3:.1f} ms after their stamp"
+            if now.mean_age_s < -AHEAD_S:
+                remarks.append("their stamps are ahead of the node's clock")
+        if (
+            repeats := now.total_out_of_order
+            + now.total_duplicates
+            - before.total_out_of_order
+            - before.total_duplicates
+        ):
+            remarks.append(f"{repeats} positions repeat or run backwards")
+        if breaks := now.total_interruptions - before.total_interruptions:
+            remarks.append(f"{breaks} interruptions of the stamps")
+        return Task(LEVEL_OK, words, remarks + ([self._recent_jump] if self._recent_jump else []))
+
+    def _model_remarks(self) -> Iterator[str]:
         if self.cost is not None and self.cost.drifted:
             snapshot = f"; snapshot {self.snapshots.state}" if self.snapshots is not None and self._recorded else ""
             yield f"re-identify: {self.cost.describe_drift()}{snapshot}"
@@ -292,6 +313,7 @@ class Health:
         yield "reason", damper.reason
         yield "rate [Hz]", f"{self._rate_Hz:.1f}"
         yield "age of the last position on arrival [s]", f"{damper.age_ns * 1e-9:.6f}"
+        yield "withheld in the last second [%]", f"{100.0 * self._withheld:.1f}"
         yield "share outside the envelope", f"{self._outside:.4f}"
         yield "inputs outside the envelope", f"are {damper.model.body.outside}"
         yield "position samples", str(tally.samples)
@@ -303,7 +325,8 @@ class Health:
         yield "messages without the field", str(tally.unreadable)
         for reason, count in sorted(tally.withheld.items()):
             yield f"withheld: {reason}", str(count)
-        yield from self.episodes.values()
+        yield "episodes of withholding", str(self.episodes.total)
+        yield "last episode", str(self.episodes.last or "none")
         yield "position has not changed, times", str(stillness.count)
         if stillness.count:
             yield "position has not changed, last for [s]", f"{stillness.last_s:.3f}"
@@ -313,6 +336,9 @@ class Health:
                 yield f"{name} load [% of a core]", f"{100.0 * share:.1f}"
         for name, stream in (("position", self.position), ("current", self.current), ("measured force", self.force)):
             yield from stream.figures.values(name)
+        if self.position.figures.total_dropped is not None:
+            yield "dropped", str(self.position.figures.total_dropped)
+        yield "jumps of time", f"{self._jumps}, the last: {self._jump}"
         if self.cost is not None:
             yield from self.cost.values(self._evaluated)
         if self.snapshots is not None:

@@ -41,6 +41,8 @@ class Losses:
 
     def take_gap(self, missing: int, waited_ns: int, period_ns: int) -> bool:
         """Count `missing` samples as overflowed if the message after them had waited for a full queue; return this."""
+        if self.lost is not None:
+            missing = min(missing, self.lost - self.overflowed)
         if missing <= 0 or waited_ns < FULL_SHARE * self.depth * period_ns:
             return False
         self.overflowed += missing
@@ -60,19 +62,18 @@ MAX_LOST_SHARE = 0.5  # of messages while learning; a period that implies more i
 class StreamFigures:
     """One window of a topic; times in s. Counts named `total_` are since the start, the others in the window.
 
-    `age` is arrival minus stamp, of the newest message and over the window. `jitter` is the standard deviation of the
+    `age` is arrival minus stamp. `jitter` is the standard deviation of the
     usual intervals between stamps, `longest` the longest of all intervals. `burst` is the largest number of messages,
     each within a quarter of the period after the one before. `dropped` is estimated from gaps in the stamps; it is None
     for messages without stamps, where a gap may be a stalled computer. Of these samples `lost` are known to have been
     lost, None if that is not known (`Losses`), and `overflowed` in the node's own queue; the source has not sent the
-    others. Interruptions are stamps that ran back, or silences too long to be lost messages.
+    others. Interruptions are stamps out of line with the others, or silences too long to be lost messages.
     """
 
     samples: int = 0
     total_samples: int = 0
     rate_Hz: float = 0.0
     period_s: float = 0.0
-    age_s: float = 0.0
     mean_age_s: float = 0.0
     max_age_s: float = 0.0
     jitter_s: float = 0.0
@@ -121,29 +122,30 @@ class Arrivals:
     """Counts the messages of one topic; `figures` are those of the last window.
 
     `stamped` is False if the messages have no stamps, so that `take` gets their arrival instead. A late message,
-    stamped before the newest, cancels one counted as dropped. `losses` are those of the topic.
+    stamped before the newest, cancels one that would be counted as dropped. A stamp that ran further back, or that was
+    sent after it arrived as the others are stamped, is out of line, and counts go on as if it had not come, unless the
+    next confirms it. `losses` are those of the topic.
     """
 
     def __init__(self, stamped: bool = True, losses: Losses | None = None) -> None:
         self._stamped = stamped
         self._losses = losses or Losses(MAX_DEPTH)
         self._newest_ns = self._now_ns = self._period_ns = 0
-        self._usual_age_ns = 0  # until the first window is closed, as if both clocks were the same
+        self._usual_age_ns: int | None = None
+        self._last_age_ns: float | None = None  # mean of the last window
+        self._doubtful_ns: int | None = None  # the last stamp, if it was out of line
         self._age_sum_ns = self._longest_ns = self._max_run = 0
         self._max_age_ns = MIN_AGE_NS
         self._usual = self._rare = self._run = self._pending = self._streak = 0
         self._missing = self._late = self._duplicates = self._interruptions = 0
         self._steps: list[int] = []
-        self._before = 0  # messages until the last roll
+        self._before = self._aged = 0  # messages until the last roll, and those whose ages do not count
         self._set_period(0.0)
         self.figures = StreamFigures(dropped=0, total_dropped=0) if stamped else StreamFigures()
 
     def take(self, stamp_ns: int, now_ns: int) -> None:
         """Count a message stamped `stamp_ns` that arrived at `now_ns` of the node's clock."""
         age = now_ns - stamp_ns
-        self._age_sum_ns += age
-        if age > self._max_age_ns:  # noqa: PLR1730  # faster than max()
-            self._max_age_ns = age
         step = stamp_ns - self._newest_ns
         if self._short_ns < step < self._long_ns:
             self._newest_ns = stamp_ns
@@ -154,7 +156,10 @@ class Arrivals:
             if step > self._longest_ns:  # noqa: PLR1730
                 self._longest_ns = step
         else:
-            self._take_rare(stamp_ns, step, now_ns)
+            age = self._take_rare(stamp_ns, step, age)
+        self._age_sum_ns += age
+        if age > self._max_age_ns:  # noqa: PLR1730  # faster than max()
+            self._max_age_ns = age
         if now_ns - self._now_ns < self._close_ns:
             self._run += 1
         elif self._run:
@@ -166,60 +171,94 @@ class Arrivals:
         if self._usual != self._streak_at:
             self._count_pending()
         self._end_run()
-        self._missing = max(self._missing, self._late)
+        self._missing = max(self._missing, self._late + (self.figures.total_dropped or 0))
         dropped = self._missing - self._late if self._stamped else None
         samples = self._usual + self._rare - self._before
         mean_ns = jitter_ns = 0.0  # mean deviation from the period and standard deviation of the usual intervals
         if intervals := self._usual - self._unmeasured:
             mean_ns = self._deviation_ns / intervals
             jitter_ns = sqrt(max(0.0, self._deviation_ns2 / intervals - mean_ns * mean_ns))
-        before, losses = self.figures, self._losses
+        before, losses, aged = self.figures, self._losses, samples - self._aged
+        mean_age_ns = self._age_sum_ns / aged if aged else 0.0
         self.figures = StreamFigures(
             samples=samples, total_samples=self._usual + self._rare,
             rate_Hz=samples / elapsed_s if elapsed_s > 0.0 else 0.0, period_s=(self._period_ns + mean_ns) * 1e-9,
-            age_s=(self._now_ns - self._newest_ns) * 1e-9 if samples else 0.0,
-            mean_age_s=self._age_sum_ns / samples * 1e-9 if samples else 0.0,
-            max_age_s=self._max_age_ns * 1e-9 if samples else 0.0,
+            mean_age_s=mean_age_ns * 1e-9, max_age_s=self._max_age_ns * 1e-9 if aged else 0.0,
             jitter_s=jitter_ns * 1e-9, longest_s=self._longest_ns * 1e-9, burst=self._max_run + 1 if samples else 0,
-            dropped=None if dropped is None else max(0, dropped - (before.total_dropped or 0)), total_dropped=dropped,
+            dropped=None if dropped is None else dropped - (before.total_dropped or 0), total_dropped=dropped,
             lost=None if losses.lost is None else losses.lost - (before.total_lost or 0), total_lost=losses.lost,
             overflowed=losses.overflowed - before.total_overflowed, total_overflowed=losses.overflowed,
             total_out_of_order=self._late, total_duplicates=self._duplicates, total_interruptions=self._interruptions,
         )  # fmt: skip
-        if samples:
-            ages = [figures.mean_age_s for figures in (before, self.figures) if figures.samples]
-            self._usual_age_ns = round(min(ages) * 1e9)  # a window with a stall is none of usual ages
+        if aged:  # a window with a stall is none of usual ages
+            self._usual_age_ns = round(min(mean_age_ns, self._last_age_ns or mean_age_ns))
+        self._last_age_ns = mean_age_ns if aged else None
         if self._period_ns:
             self._set_period(self._period_ns + mean_ns)
         self._before += samples
+        self._aged = 0
         self._age_sum_ns = self._longest_ns = self._max_run = 0
         self._max_age_ns = MIN_AGE_NS
         return self.figures
+
+    def restart_ages(self) -> None:
+        """Forget the ages of messages: the node's clock was set."""
+        self._aged, self._age_sum_ns, self._max_age_ns = self._usual + self._rare - self._before, 0, MIN_AGE_NS
+        self._usual_age_ns = self._last_age_ns = None
 
     def _end_run(self) -> None:
         self._max_run = max(self._max_run, self._run)
         self._run = 0
 
-    def _take_rare(self, stamp_ns: int, step_ns: int, now_ns: int) -> None:
-        """Count a message whose stamp is not about one period after the newest."""
+    def _take_rare(self, stamp_ns: int, step_ns: int, age_ns: int) -> int:
+        """Count a message whose stamp is not about one period after the newest; return its age, or the usual one.
+
+        The usual age, that of the first message until a window is closed, replaces one that means nothing.
+        """
         self._rare += 1
-        period_ns = self._period_ns
-        waited_ns = now_ns - stamp_ns - self._usual_age_ns
+        if self._usual_age_ns is None:
+            self._usual_age_ns = age_ns
         if self._usual + self._rare == 1:
             self._newest_ns = stamp_ns
-        elif step_ns == 0:
+            return age_ns
+        back_ns = max(BACK_NS, BACK_PERIODS * self._period_ns)
+        waited_ns = age_ns - self._usual_age_ns
+        if step_ns < -back_ns or (step_ns > 0 and waited_ns < -back_ns):
+            return self._take_doubtful(stamp_ns, step_ns, age_ns)
+        self._doubtful_ns = None
+        if step_ns == 0:
             self._duplicates += self._stamped
-        elif -max(BACK_NS, BACK_PERIODS * period_ns) <= step_ns < 0:
+        elif step_ns < 0:
             self._late += 1
         else:
-            self._newest_ns = stamp_ns
-            missing = round(step_ns / period_ns) - 1 if period_ns else 0
-            overflowed = self._losses.take_gap(missing, waited_ns, period_ns)
-            if overflowed or 0 < step_ns <= max(SILENCE_NS, SILENCE_PERIODS * period_ns):
-                self._longest_ns = max(self._longest_ns, step_ns)
-                self._take_unusual(step_ns)
-            else:
-                self._interruptions += 1
+            self._take_gap(stamp_ns, step_ns, waited_ns)
+        return age_ns
+
+    def _take_doubtful(self, stamp_ns: int, step_ns: int, age_ns: int) -> int:
+        """Count a stamp out of line, once; the next one beside it shows that the clock was set."""
+        doubtful_ns, self._doubtful_ns = self._doubtful_ns, stamp_ns
+        if step_ns < 0:  # the gap before it was none
+            self._pending = self._streak = 0
+        if doubtful_ns is None or abs(stamp_ns - doubtful_ns) > self._silence_ns():
+            self._interruptions += 1
+            return self._usual_age_ns or 0
+        self.restart_ages()
+        self._newest_ns, self._doubtful_ns, self._usual_age_ns = stamp_ns, None, age_ns
+        self._aged -= 1  # this message counts
+        self._pending = self._streak = 0
+        return age_ns
+
+    def _silence_ns(self) -> int:
+        return max(SILENCE_NS, SILENCE_PERIODS * self._period_ns)
+
+    def _take_gap(self, stamp_ns: int, step_ns: int, waited_ns: int) -> None:
+        self._newest_ns = stamp_ns
+        missing = round(step_ns / self._period_ns) - 1 if self._period_ns else 0
+        if self._losses.take_gap(missing, waited_ns, self._period_ns) or step_ns <= self._silence_ns():
+            self._longest_ns = max(self._longest_ns, step_ns)
+            self._take_unusual(step_ns)
+        else:
+            self._interruptions += 1
 
     def _take_unusual(self, step_ns: int) -> None:
         """Learn from an interval, or count the messages missing in it; a short one cancels a long one."""

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from math import nan
 from time import monotonic
@@ -18,18 +17,21 @@ from rclpy.parameter import Parameter
 from ces_observer.control.control_loop import ControllerHealth, ControlLoop
 from ces_observer.control.force_controller import NO_ESTIMATE, OK, ForceController
 from ces_observer.control.inverse_map import ModelInverse
+from ces_observer.health.episodes import LineLimit
+from ces_observer.health.health import NodeFacts, unconfigured_report
 from ces_observer.nodes import executors
 from ces_observer.nodes.executors import NodeClock
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.inputs import InputSubscriptions
+from ces_observer.nodes.managed_node import ManagedNode
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
 from ces_observer.nodes.model_check import INVERT, PROVE, Verdict, model_facts
-from ces_observer.nodes.outputs import CommandOutput, DamperReport, DesiredOutput, DiagnosticsOutput, add_remark
+from ces_observer.nodes.outputs import CommandOutput, DamperReport, DesiredOutput, DiagnosticsOutput
 from ces_observer.nodes.parameters import (
     ControllerSettings,
     LiveSettings,
-    TableNode,
     declare_controller,
+    read_controller,
     read_live_settings,
 )
 from ces_observer.signals import FieldPath, Signal
@@ -72,38 +74,54 @@ class ControllerModel:
         return f"within {tuning.recovery_s:g} s"
 
 
-class Controller(TableNode):
+class Controller(ManagedNode):
     """The node `controller`; raises what executors.START_ERRORS lists if it cannot be built."""
 
     def __init__(self) -> None:
         super().__init__("controller")
-        self._settings = settings = declare_controller(self)
-        self.executor_choice = settings.values["executor"]
+        self._values = declare_controller(self)
+        self.executor_choice = self._values["executor"]
+        self._time = NodeClock(self, self._on_time_jump)
+        self._diagnostics = DiagnosticsOutput(self)
+        self._rolled = self._reported_s = monotonic()
+        self._reported_reason = ""
+        self._jump_log = LineLimit(self.get_logger().warning)
+        self._speed, self._unreadable = nan, ""
+        self._is_configured = False
+        self.refuse_parameters(self._check_parameters)
+        self.add_post_set_parameters_callback(self._apply_parameters)
+        self.create_steady_timer(WATCH_S, self._watch)
+
+    def configure(self) -> None:
+        """Load, prove and invert the model, and make the topics."""
+        self._settings = settings = read_controller(self, self._values)
         live = settings.live
         controller = ForceController(live.curve, settings.inverse.map, live.tuning)
         self._loop = ControlLoop(controller, live.feedback, live.max_age_s)
         self._model = ControllerModel(self, settings, controller)
+        self.made.callback(self._model.changes.close)
         self._health = ControllerHealth(self._loop, self._model.facts())
-        self._time = NodeClock(self, self._on_time_jump)
         self._command, self._desired = CommandOutput(self), DesiredOutput(self)
-        self._diagnostics = DiagnosticsOutput(self)
-        self._rolled = self._reported_s = monotonic()
-        self._reported_reason = ""
-        self._speed, self._unreadable = nan, ""
+        self.made.callback(self._command.close)
+        self.made.callback(self._desired.close)
         self._subscribe(settings)
-        self.refuse_parameters(self._read_live_settings)
-        self.add_post_set_parameters_callback(self._apply_parameters)
-        self.create_steady_timer(WATCH_S, self._watch)
+        self._is_configured = True
+        self.made.callback(setattr, self, "_is_configured", False)
+
+    def deactivate(self) -> None:
+        """Send the safe current, which the valve then keeps."""
+        self._command.publish(self._loop.controller.tuning.safe_A)
+        self._loop.restart()
 
     def destroy_node(self) -> None:
-        """End model changes and clock callbacks, then the node."""
-        self.guard.call(self._model.changes.close)
+        """End the clock's callbacks, and the node."""
         self.guard.call(self._time.close)
         super().destroy_node()
 
     def _subscribe(self, settings: ControllerSettings) -> None:
         """Subscribe to the speed before the force: of the two numbers in an estimate it is delivered first."""
         inputs, values, reset = InputSubscriptions(self, self._time), settings.values, self._loop.restart
+        self.made.callback(inputs.close)
         place = values["joint"] or "0"  # without a joint's name: the first in the message
 
         def signal(name: str, kind: str, field: str) -> Signal:
@@ -125,6 +143,8 @@ class Controller(TableNode):
     def _on_force(self, stamp_ns: int, force_N: float, frame: bytes, now_ns: int) -> None:
         self._unreadable = ""
         loop = self._loop
+        if not self.is_active:
+            return
         self._command.publish(loop.take_estimate(stamp_ns, self._speed, force_N, now_ns, monotonic()))
         self._health.latency.take(self._time.now() - stamp_ns)
         if self._desired.has_listeners and loop.controller.reason == OK:
@@ -143,22 +163,32 @@ class Controller(TableNode):
         self._unreadable = error
 
     def _on_time_jump(self, what: str) -> None:
-        self.get_logger().warning(f"{what}: the controller restarts")
-        self._loop.controller.reset()
+        self._jump_log(f"{what}: the controller restarts")
+        if self._is_configured:
+            self._loop.controller.reset()
 
     def _watch(self) -> None:
         """Do what is due; the command first, whatever fails then."""
         now = monotonic()
-        self.guard.wrap(self._watch_estimates, self._loop.restart)(now)
-        self.guard.call(self._poll_model)
-        if now - self._rolled < DIAGNOSTICS_S:
+        if self.is_active:
+            self.guard.wrap(self._watch_estimates, self._loop.restart)(now)
+        if self._is_configured:
+            self.guard.call(self._poll_model)
             self._publish_change()
-            return
-        elapsed, self._rolled = now - self._rolled, now
+        if now - self._rolled >= DIAGNOSTICS_S:
+            elapsed, self._rolled = now - self._rolled, now
+            self._roll(elapsed)
+
+    def _roll(self, elapsed_s: float) -> None:
         executors.collect_garbage()
-        for step in (self._time.watch, self._desired.check_listeners, partial(self._health.roll, elapsed)):
+        self._jump_log.flush()
+        self.guard.call(self._time.watch)
+        if not self._is_configured:
+            self._diagnostics.publish([DamperReport("controller", "", *unconfigured_report("control"))])
+            return
+        for step in (self._desired.check_listeners, partial(self._health.roll, elapsed_s)):
             self.guard.call(step)
-        self._publish_status()
+        self._publish_status(details=True)
 
     def _watch_estimates(self, now: float) -> None:
         current_A = self._loop.watch(now, WATCH_S)
@@ -174,13 +204,13 @@ class Controller(TableNode):
         if self._loop.controller.reason != self._reported_reason and monotonic() - self._reported_s >= REPORT_S:
             self._publish_status()
 
-    def _publish_status(self) -> None:
+    def _publish_status(self, details: bool = False) -> None:
         self._reported_s, self._reported_reason = monotonic(), self._loop.controller.reason
-        status = self._health.status(self._detail())
-        status = replace(status, values=(*status.values, *self._model.changes.values(), *self.guard.values()))
-        status = add_remark(status, self.guard.take_remark())
-        damper = self._settings.values["joint"] or "damper"
-        self._diagnostics.publish([DamperReport(damper, damper, self._reported_reason, status)])
+        values = (*self._model.changes.values(), *self.guard.values())
+        facts = NodeFacts(self.state, (self.guard.take_remark(),), values)
+        joint = self._settings.values["joint"] or "damper"
+        report = self._health.report(self._detail(), facts)
+        self._diagnostics.publish([DamperReport("controller", joint, *report)], details)
 
     def _detail(self) -> str:
         if self._loop.controller.reason != NO_ESTIMATE:
@@ -190,15 +220,17 @@ class Controller(TableNode):
         return self._unreadable or f"{topic} {silent}"
 
     def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:
-        live, loop = self._read_live_settings(parameters), self._loop
+        if not self._is_configured:
+            return
+        live, loop = self._check_parameters(parameters), self._loop
         loop.controller.curve, loop.controller.tuning = live.curve, live.tuning
         loop.feedback, loop.max_age_s = live.feedback, live.max_age_s
         if any(parameter.name == "model" for parameter in parameters):
             self._model.changes.begin_from_parameter()
 
-    def _read_live_settings(self, parameters: Sequence[Parameter]) -> LiveSettings:
+    def _check_parameters(self, parameters: Sequence[Parameter]) -> LiveSettings:
         """Return the live settings with `parameters` changed; raises CesError."""
-        return read_live_settings(self, parameters, self._model.lag_s)
+        return read_live_settings(self, parameters, self._model.lag_s if self._is_configured else 0.0)
 
 
 def main(argv: Sequence[str] | None = None) -> int:

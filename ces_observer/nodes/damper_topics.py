@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
+from time import monotonic
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold, PositionQueue
 from ces_observer.damper_observer import NO_CURRENT, NO_MOTION, SILENT, DamperObserver
@@ -11,8 +12,8 @@ from ces_observer.health.health import Health
 from ces_observer.health.running_cost import RunningCost, default_warn_J
 from ces_observer.health.streams import Arrivals
 from ces_observer.nodes.executors import NodeClock
-from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.inputs import Deliver, InputSubscriptions
+from ces_observer.nodes.managed_node import ManagedNode
 from ces_observer.nodes.model_check import Verdict, model_facts
 from ces_observer.nodes.outputs import EstimateOutput
 from ces_observer.nodes.parameters import DamperSettings, live_value
@@ -29,7 +30,7 @@ class DamperTopics:
     """
 
     def __init__(
-        self, node: GuardedNode, settings: DamperSettings, inputs: InputSubscriptions, clock: NodeClock,
+        self, node: ManagedNode, settings: DamperSettings, inputs: InputSubscriptions, clock: NodeClock,
         on_change: Callable[[], None], on_first_force: Callable[[DamperTopics], None],
     ) -> None:  # fmt: skip
         self.settings = settings
@@ -41,7 +42,8 @@ class DamperTopics:
         motions = {name: CurrentHold(sampling.max_gap_s) for name in measured}
         self.damper = DamperObserver(settings.model, current, settings.values["max_age_s"], motions)
         self.health = Health(self.damper, {}, name=settings.name)
-        self._node, self._clock = node, clock
+        self._node, self._clock, self._inputs = node, clock, inputs
+        self._subscribed: list[Signal] = []
         self._on_change, self._on_first_force = node.guard.wrap(on_change), on_first_force
         # Guarded apart: an error in what only describes the estimates must not withhold them.
         self._note_position = node.guard.wrap(self._add_position)
@@ -52,10 +54,18 @@ class DamperTopics:
         self._wait_for_current(settings.values["wait_for_current_s"])
         self._reported_reason = self.damper.reason
         self._last_samples, self._quiet_s = 0, 0.0
+        self._failures = self._failures_before = 0
+        self._failing_since: float | None = None  # by the steady clock; None: the last sample has not failed
         name, topics = settings.name, settings.topics
         self._now = EstimateOutput(node, name, f"{topics}estimate", f"{topics}estimate_band")
         self._late: EstimateOutput | None = None
-        self._subscribe(inputs)
+        node.made.callback(self._close)
+        self._subscribe()
+
+    @property
+    def failing_s(self) -> float:
+        """For how long each sample has failed [s]."""
+        return 0.0 if self._failing_since is None else monotonic() - self._failing_since
 
     def use_model(self, source: str) -> None:
         """Let health report the damper's model, which comes from `source`."""
@@ -85,12 +95,22 @@ class DamperTopics:
     def watch(self, elapsed_s: float) -> None:
         """Release positions that have waited, and check for silence, `elapsed_s` after the last call."""
         self._release_positions(self._clock.now())
+        if self._failures == self._failures_before:
+            self._failing_since = None
+        self._failures_before = self._failures
         samples = self.damper.tally.samples
         self._quiet_s = 0.0 if samples != self._last_samples else self._quiet_s + elapsed_s
         self._last_samples = samples
         if self._quiet_s >= max(MIN_SILENCE_S, self.damper.model.sampling.max_gap_s):
             self.damper.report_silence()
             self._report_change()
+
+    def note_mismatches(self) -> None:
+        """Look for publishers that cannot be heard, and say so once."""
+        found = "; ".join(filter(None, map(self._inputs.find_mismatch, self._subscribed)))
+        if found and found != self.health.mismatch:
+            self._node.get_logger().warning(f"{self.settings.name}: {found}")
+        self.health.mismatch = found
 
     def reset(self) -> None:
         """Restart after a time jump; positions held back belong to the time before it."""
@@ -101,6 +121,8 @@ class DamperTopics:
 
     def restart(self) -> None:
         """Begin anew after a failure, which may have left an estimator half changed: nothing is published meanwhile."""
+        self._failures += 1
+        self._failing_since = self._failing_since or monotonic()
         self._positions.pop_all()
         self.damper.restart()
         self._report_change()
@@ -121,6 +143,12 @@ class DamperTopics:
         if silent.type not in types:
             return f"{topic} carries {', '.join(types)}; {silent.name}.type is {silent.type}"
         return f"{topic} has a publisher that is silent"
+
+    def _close(self) -> None:
+        """Withdraw the topics of the estimates."""
+        for output in (self._now, self._late):
+            if output is not None:
+                output.close()
 
     def _offer_late(self) -> None:
         """Offer the topics of the delayed estimates while a model with a delay runs or is about to."""
@@ -143,7 +171,7 @@ class DamperTopics:
         warn_J = live_value(self._node, self.settings.prefix, "cost_warn_J")
         return RunningCost.from_model(self.damper.model, warn_J or None, self.settings.values["cost_window_s"])
 
-    def _subscribe(self, inputs: InputSubscriptions) -> None:
+    def _subscribe(self) -> None:
         """Subscribe, to the position last: what else its message carries holds for it."""
         health, damper, settings = self.health, self.damper, self.settings
 
@@ -151,13 +179,14 @@ class DamperTopics:
             signal = settings.signals[name]
             if isinstance(signal, Constant):
                 return Arrivals()
-            stamped = inputs.subscribe(signal, deliver, on_unreadable, self.restart)
+            self._subscribed.append(signal)
+            stamped = self._inputs.subscribe(signal, deliver, on_unreadable, self.restart)
             if not stamped:
                 self._node.get_logger().warning(
                     f"signal '{settings.prefix}{name}': {signal.type} has no header; samples are stamped with their "
                     "arrival"
                 )
-            return Arrivals(stamped, inputs.losses_of(signal))
+            return Arrivals(stamped, self._inputs.losses_of(signal))
 
         health.current = subscribe("current", self._on_current, partial(damper.count_unreadable, "current"))
         for name in damper.motions:
@@ -206,17 +235,18 @@ class DamperTopics:
             self._estimate(stamp_ns, position_m, frame, now_ns)
 
     def _estimate(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
-        damper = self.damper
+        damper, is_active = self.damper, self._node.is_active
         force = damper.step(stamp_ns, position_m, now_ns)
-        if force is not None:
+        if force is not None and is_active:
             self._now.publish(stamp_ns, frame, damper.position, damper.speed, force, damper.half_width())
             self._note_estimate(stamp_ns, force)
-        if damper.late and self._late is not None:
+        if damper.late and is_active and self._late is not None:
             for one in damper.late:
                 self._late.publish(one.stamp_ns, frame, *one[1:])
                 self._note_late(one.stamp_ns, one.force)
         if damper.reason != self._reported_reason:
             self._report_change()
+        self._failing_since = None
 
     def _add_position(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
         self.health.position.take(stamp_ns, now_ns)

@@ -80,7 +80,7 @@ START_ERRORS = (CesError, ParameterException, NameValidationException, InvalidQo
 
 
 def run(name: str, make: Callable[[], GuardedNode], argv: Sequence[str] | None = None) -> int:
-    """Build the node `name` with `make` and run it; returns the program's exit status.
+    """Build the node `name` with `make`, start and run it; returns the program's exit status.
 
     That is 0 after a signal, or 2 with one FATAL line after one of START_ERRORS. The node's attribute
     `executor_choice`, a value of EXECUTOR, selects the executor; the default is `auto`.
@@ -94,6 +94,7 @@ def run(name: str, make: Callable[[], GuardedNode], argv: Sequence[str] | None =
         try:
             rclpy.init(args=None if argv is None else list(argv))
             node = make()
+            node.start()
             executor = make_executor(getattr(node, "executor_choice", AUTO))
         except START_ERRORS as error:
             if ends:  # the signal has shut down the context during the start

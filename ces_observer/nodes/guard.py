@@ -54,12 +54,8 @@ class Guard:
         def guarded(*arguments: Any) -> Any:
             try:
                 return callback(*arguments)
-            except self._passing:
-                raise
             except Exception as error:
-                self.take(error)
-                if on_failure is not None:
-                    self.call(on_failure)
+                self.catch(error, on_failure)
                 return None if answer_failure is None else answer_failure(*arguments)
 
         setattr(guarded, GUARDED, True)
@@ -69,10 +65,16 @@ class Guard:
         """Run `step`; count and report its failure."""
         try:
             step()
-        except self._passing:
-            raise
         except Exception as error:
-            self.take(error)
+            self.catch(error)
+
+    def catch(self, error: Exception, on_failure: Callable[[], None] | None = None) -> None:
+        """Count and report a failure, then call `on_failure()`; raise it instead if its type is in `passing`."""
+        if isinstance(error, self._passing):
+            raise error
+        self.take(error)
+        if on_failure is not None:
+            self.call(on_failure)
 
     def take(self, error: Exception) -> None:
         """Count a failure, and report it if it is of a new kind. Never raises."""
@@ -103,30 +105,35 @@ class Guard:
 MAX_NAMES = 500  # names, prefixes or parameters in one request
 MAX_NAME_LENGTH = 1000  # characters
 MAX_VALUE_LENGTH = 10_000  # characters of a string, elements of an array
+LAST_TYPE = 9  # of rcl_interfaces/msg/ParameterType: an array of strings
 LISTS = ("names", "prefixes", "parameters")
 VALUES = ("string_value", *(f"{kind}_array_value" for kind in ("byte", "bool", "integer", "double", "string")))
 
 
 def find_excess(request: Any) -> str:
     """Return in what a request exceeds the limits, empty if in nothing."""
+    excesses = (_find_excess_of(one) for name in LISTS for one in getattr(request, name, ()))
+    return find_too_many(request) or next(filter(None, excesses), "")
+
+
+def find_too_many(request: Any) -> str:
+    """Return of what there are too many in a request, empty if of nothing."""
     for name in LISTS:
-        found = getattr(request, name, ())
-        if len(found) > MAX_NAMES:
-            return f"{len(found)} {name} in one request; expected at most {MAX_NAMES}"
-        for one in found:
-            excess = _find_excess_of(one)
-            if excess:
-                return excess
+        count = len(getattr(request, name, ()))
+        if count > MAX_NAMES:
+            return f"{count} {name} in one request; expected at most {MAX_NAMES}"
     return ""
 
 
 def _find_excess_of(one: Any) -> str:
-    """Return in what one name or parameter exceeds the limits."""
+    """Return in what one name or parameter exceeds the limits, or that its value has no type."""
     name = one if isinstance(one, str) else one.name
     if len(name) > MAX_NAME_LENGTH:
         return f"a parameter's name of {len(name)} characters; expected at most {MAX_NAME_LENGTH}"
     if isinstance(one, str):
         return ""
+    if one.value.type > LAST_TYPE:
+        return f"parameter '{name}' has a value of unknown type {one.value.type}"
     longest = max(len(getattr(one.value, field)) for field in VALUES)
     if longest > MAX_VALUE_LENGTH:
         return f"parameter '{name}' has {longest} characters or elements; expected at most {MAX_VALUE_LENGTH}"

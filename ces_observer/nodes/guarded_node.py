@@ -22,8 +22,9 @@ from rclpy.serialization import deserialize_message
 from rclpy.service import Service
 from rclpy.subscription import Subscription
 from rclpy.timer import Timer
+from rosgraph_msgs.msg import Clock
 
-from ces_observer.nodes.guard import Guard, find_excess
+from ces_observer.nodes.guard import Guard, find_excess, find_too_many
 
 FAILED = "unexpected error in the node; see its log"
 
@@ -37,6 +38,9 @@ class GuardedNode(Node):  # type: ignore[misc]  # rclpy is not there where types
         self._warned: set[str] = set()
         super().__init__(name, **options)
 
+    def start(self) -> None:
+        """Begin what the node does; nothing, if its constructor already has."""
+
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callable[[Any], None], qos_profile: Any, **options: Any
     ) -> Subscription:
@@ -49,8 +53,8 @@ class GuardedNode(Node):  # type: ignore[misc]  # rclpy is not there where types
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Callable[..., Any], **options: Any) -> Service:
         """Do the same as rclpy, but guarded: a service that fails says so, and refuses requests that are too large."""
-        answer = partial(_set_each, callback) if srv_type is SetParameters else callback
-        guarded = self.guard.wrap(partial(_answer, answer), answer_failure=partial(_refuse, FAILED))
+        answer = _set_each if srv_type is SetParameters else _answer
+        guarded = self.guard.wrap(partial(answer, callback), answer_failure=partial(_refuse, FAILED))
         options.setdefault("callback_group", MutuallyExclusiveCallbackGroup())
         return super().create_service(srv_type, srv_name, guarded, **options)
 
@@ -71,10 +75,12 @@ class GuardedNode(Node):  # type: ignore[misc]  # rclpy is not there where types
     def _deserialise(self, msg_type: Any, topic: str, callback: Callable[[Any], None], raw: bytes) -> None:
         try:
             message = deserialize_message(raw, msg_type)
+            if msg_type is Clock and message.clock.sec < 0:  # rclpy has no such times
+                raise RuntimeError("its time is before 1970")
         except RuntimeError as error:
             if topic not in self._warned:
                 self._warned.add(topic)
-                self.get_logger().warning(f"{topic}: ignored messages that are no {msg_type.__name__}: {error}")
+                self.get_logger().warning(f"{topic}: ignored messages that are no usable {msg_type.__name__}: {error}")
             return
         callback(message)
 
@@ -86,12 +92,11 @@ def _answer(callback: Callable[..., Any], request: Any, response: Any) -> Any:
 
 def _set_each(callback: Callable[..., Any], request: Any, response: Any) -> Any:
     """Set the parameters one by one: rclpy's handler leaves those after a failure without a result."""
+    if excess := find_too_many(request):
+        return _refuse(excess, request, response)
     for parameter in request.parameters:
-        try:
-            one = callback(SetParameters.Request(parameters=[parameter]), SetParameters.Response())
-            response.results.extend(one.results)
-        except ValueError as error:  # by rclpy, for a type that does not exist
-            response.results.append(SetParametersResult(successful=False, reason=str(error)))
+        one = _answer(callback, SetParameters.Request(parameters=[parameter]), SetParameters.Response())
+        response.results.extend(one.results)
     return response
 
 

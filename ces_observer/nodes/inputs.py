@@ -22,6 +22,7 @@ from ces_observer.cdr.types import CdrUnsupportedError
 from ces_observer.errors import SignalsError
 from ces_observer.health.streams import Losses
 from ces_observer.nodes.executors import NodeClock
+from ces_observer.nodes.guard import Guard
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.parameter_table import INPUT_DEPTH
 from ces_observer.signals import Signal
@@ -100,9 +101,27 @@ class InputSubscriptions:
         for topic in self._topics.values():
             topic.reset()
 
+    def close(self) -> None:
+        """End all subscriptions."""
+        for topic in self._topics.values():
+            self._node.destroy_subscription(topic.subscription)
+        self._topics.clear()
+
     def losses_of(self, signal: Signal) -> Losses:
         """Return the losses on a subscribed signal's topic, as far as they are known."""
         return self._topics[self._resolve_topic(signal), signal.type].losses
+
+    def find_mismatch(self, signal: Signal) -> str:
+        """Return a sentence on publishers of the signal's topic with other types, empty without any."""
+        topic = self._resolve_topic(signal)
+        subscription = self._topics[topic, signal.type].subscription
+        if subscription is None or self._node.count_publishers(topic) <= subscription.get_publisher_count():
+            return ""
+        found = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)}
+        others = ", ".join(sorted(found - {signal.type}))
+        return (
+            f"{topic} also carries {others}, which is not read; {signal.name}.type is {signal.type}" if others else ""
+        )
 
     def subscribe(
         self,
@@ -120,7 +139,7 @@ class InputSubscriptions:
         kind = message_class(signal)
         key = (self._resolve_topic(signal), signal.type)
         if key not in self._topics:
-            self._topics[key] = topic = _Topic(self, self._depth)
+            self._topics[key] = topic = (_DrainedTopic if self.drain else _Topic)(self, self._node.guard, self._depth)
             qos = QoSProfile(depth=self._depth, reliability=QoSReliabilityPolicy.BEST_EFFORT)
             options = QoSOverridingOptions.with_default_policies()
             topic.subscription = self._node.create_subscription(
@@ -130,16 +149,14 @@ class InputSubscriptions:
         read = slowly = _make_slow_reader(signal, kind)
         with suppress(CdrUnsupportedError):
             read = RawSignal(signal, fields_of).read
-        wrap = self._node.guard.wrap
-        callbacks = wrap(deliver, on_failure), wrap(on_unreadable, on_failure)
-        self._topics[key].readers.append((read, slowly, signal.delay_ns, *callbacks))
+        self._topics[key].readers.append((read, slowly, signal.delay_ns, deliver, on_unreadable, on_failure))
         return is_stamped(kind)
 
     def take_all(self, topic: _Topic, first: Taken) -> None:
         """Read a message and all that wait on any topic, in the order in which they were sent."""
         taken = [(one.arrived_ns(message), one, message) for one, message in self._take_waiting(topic, first)]
         for _, one, message in sorted(taken, key=itemgetter(0)):
-            self._node.guard.call(partial(one.read, *message))
+            self._node.guard.call(partial(_Topic.__call__, one, *message))
 
     def _take_waiting(self, topic: _Topic, first: Taken) -> Iterator[tuple[_Topic, Taken]]:
         """Yield the messages of all topics until none waits: after a stall the middleware still hands them over."""
@@ -160,52 +177,48 @@ class InputSubscriptions:
 
 
 class _Topic:
-    """One topic's readers, each with its slow substitute, delay [ns], and the callbacks for samples and for errors.
+    """One topic's readers, each with its slow substitute, delay [ns], and the callbacks for samples, errors, failures.
 
     It is the callback of the subscription, called with message and information.
     """
 
     __signature__ = _MESSAGE_AND_INFO  # rclpy counts the parameters
 
-    def __init__(self, inputs: InputSubscriptions, depth: int) -> None:
-        self._inputs = inputs
+    def __init__(self, inputs: InputSubscriptions, guard: Guard, depth: int) -> None:
+        self._inputs, self._clock, self._guard = inputs, inputs.clock, guard
         self._numbered = True  # the middleware numbers the messages, as far as is known
         self._arrived_ns = 0
         self.subscription: Subscription | None = None
         self.arrivals = ArrivalClock()
         self.losses = Losses(depth)
-        self.readers: list[tuple[Read, Read, int, Deliver, Callable[[str], None]]] = []
-
-    def __call__(self, *taken: Any) -> None:
-        message, info = taken if len(taken) == 2 else taken[0]  # EventsExecutors up to 7.1.11 pass one tuple
-        if self._inputs.drain:
-            self._inputs.take_all(self, (message, info))
-        else:
-            self.read(message, info)
+        self.readers: list[tuple[Read, Read, int, Deliver, Callable[[str], None], Callable[[], None] | None]] = []
 
     def reset(self) -> None:
         """Forget the delays of messages."""
         self.arrivals.reset()
         self._arrived_ns = 0
 
-    def read(self, raw: bytes, info: dict[str, Any]) -> None:
+    def __call__(self, raw: Any, info: Any = None) -> None:
         """Read a message; `info` has the time of sending, and its number where the middleware has one."""
-        clock = self._inputs.clock
+        if info is None:  # EventsExecutors up to 7.1.11 pass one tuple
+            raw, info = raw
+        clock = self._clock
         now_ns = clock.now()
         if self._numbered:
             self._numbered = self.losses.take_number(info.get("publication_sequence_number"))
-        for read, slowly, delay_ns, deliver, on_unreadable in self.readers:
+        for read, slowly, delay_ns, deliver, on_unreadable, on_failure in self.readers:
             try:
                 try:
                     stamp_ns, value, frame = read(raw)
                 except CdrUnsupportedError:
                     stamp_ns, value, frame = slowly(raw)
+                if stamp_ns is None:  # simulated time does not show when the message was sent
+                    stamp_ns = now_ns if clock.is_simulated else self.arrivals.stamp(info["source_timestamp"], now_ns)
+                deliver(stamp_ns - delay_ns, value, frame, now_ns)
             except SignalsError as error:
                 on_unreadable(str(error))
-                continue
-            if stamp_ns is None:  # simulated time does not show when the message was sent
-                stamp_ns = now_ns if clock.is_simulated else self.arrivals.stamp(info["source_timestamp"], now_ns)
-            deliver(stamp_ns - delay_ns, value, frame, now_ns)
+            except Exception as error:
+                self._guard.catch(error, on_failure)
 
     def take_waiting(self, max_count: int) -> Iterator[Taken]:
         """Take the messages that wait in the queue, at most `max_count`."""
@@ -225,6 +238,14 @@ class _Topic:
         stamp_ns = self.arrivals.stamp(taken[1]["source_timestamp"], time_ns())
         self._arrived_ns = max(stamp_ns, self._arrived_ns)
         return self._arrived_ns
+
+
+class _DrainedTopic(_Topic):
+    """A topic for an executor that takes one message of a topic at a time."""
+
+    def __call__(self, raw: Any, info: Any = None) -> None:
+        """Read this message and all that wait on any topic."""
+        self._inputs.take_all(self, raw if info is None else (raw, info))
 
 
 def _make_slow_reader(signal: Signal, kind: Any) -> Read:

@@ -20,6 +20,7 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 from rclpy.parameter import Parameter
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -80,10 +81,11 @@ class ModelChanges:
         self._prepares = Thread()
         self._good_path, self._logged_s = self._read_parameter(), float("-inf")
         self._status = node.create_publisher(DiagnosticStatus, f"{user.prefix}model_status", LATCHED)
-        node.create_service(Trigger, f"{user.prefix}reload_model", self._on_service)
+        self._service = node.create_service(Trigger, f"{user.prefix}reload_model", self._on_service)
+        self._texts: Subscription | None = None
         if user.topic:
             options = QoSOverridingOptions.with_default_policies()
-            node.create_subscription(
+            self._texts = node.create_subscription(
                 String, user.topic, self._on_topic, LATCHED, raw=True, qos_overriding_options=options
             )
 
@@ -123,9 +125,13 @@ class ModelChanges:
         return True
 
     def close(self) -> None:
-        """Cancel a change in progress."""
+        """Cancel a change in progress, and withdraw service and topics."""
         self._waiting = self._checking = None
         self._reload.cancel()
+        self._node.destroy_service(self._service)
+        if self._texts is not None:
+            self._node.destroy_subscription(self._texts)
+        self._node.destroy_publisher(self._status)
 
     def _read_parameter(self) -> str:
         return str(value_of(self._node, self._user.parameter()))

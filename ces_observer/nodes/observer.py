@@ -8,61 +8,72 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
 from functools import partial
 from time import monotonic
 
 from rclpy.parameter import Parameter
 
 from ces_observer.estimator import Estimator
+from ces_observer.health.episodes import LineLimit
+from ces_observer.health.health import NodeFacts, unconfigured_report
 from ces_observer.health.process import ProcessWatch, check_processors
 from ces_observer.nodes import executors
 from ces_observer.nodes.damper_topics import DamperTopics
 from ces_observer.nodes.executors import NodeClock
 from ces_observer.nodes.inputs import InputSubscriptions
+from ces_observer.nodes.managed_node import ManagedNode
 from ces_observer.nodes.model_changes import ModelChanges, ModelUser
 from ces_observer.nodes.model_check import PROVE, describe_model
-from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_remark
+from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput
 from ces_observer.nodes.parameters import (
     DamperSettings,
-    TableNode,
     check_live_values,
     declare_observer,
     governing_parameter,
+    read_dampers,
 )
 from ces_observer.nodes.snapshot import Snapshots
 
 WATCH_S = 0.1  # period of the watch timer, and minimum time between two diagnostics
 DIAGNOSTICS_S = 1.0
+FALL_S = 5.0  # of failures at each sample, after which the node leaves the active state
 
 
-class Observer(TableNode):
+class Observer(ManagedNode):
     """The node `observer` with its dampers; raises what executors.START_ERRORS lists if it cannot be built."""
 
     def __init__(self) -> None:
         super().__init__("observer")
-        values, dampers = declare_observer(self)
+        self._values, self._keys = values, _ = declare_observer(self)
         self.executor_choice = values["executor"]
         self._time = NodeClock(self, self._on_time_jump)
-        self._inputs = InputSubscriptions(
-            self, self._time, depth=values["input_depth"], drain=executors.is_single(self.executor_choice)
-        )
-        self._snapshots = Snapshots(self, values["snapshot_service"], values["snapshot_after_s"])
-        self._dampers = [self._make_damper(one) for one in dampers]
+        self._dampers: list[tuple[DamperTopics, ModelChanges]] = []
         self._diagnostics = DiagnosticsOutput(self)
         options = values["realtime_priority"], check_processors(values["cpu_affinity"]), values["lock_memory"]
         self._process = ProcessWatch(*options, self.get_logger().warning)
         self._watched = self._rolled = self._reported_s = monotonic()
         self._pending = False
-        self._jumps, self._jump = 0, "none"
-        self.refuse_parameters(lambda parameters: check_live_values(self, parameters))
+        self._jump_log = LineLimit(self.get_logger().warning)
+        self.refuse_parameters(check_live_values)
         self.add_post_set_parameters_callback(self._apply_parameters)
         self.create_steady_timer(WATCH_S, self._watch)
 
+    def configure(self) -> None:
+        """Load and prove the models, and make the topics of each damper."""
+        settings, values = read_dampers(self, self._keys), self._values
+        self.made.callback(self._dampers.clear)
+        self._inputs = InputSubscriptions(
+            self, self._time, depth=values["input_depth"], drain=executors.is_single(self.executor_choice)
+        )
+        self.made.callback(self._inputs.close)
+        self._snapshots = Snapshots(self, values["snapshot_service"], values["snapshot_after_s"])
+        self.made.callback(self._snapshots.close)
+        for one in settings:
+            self._dampers.append(self._make_damper(one))
+
     def destroy_node(self) -> None:
-        """End model changes, snapshots and clock callbacks, then the node."""
-        for close in (*(changes.close for _, changes in self._dampers), self._snapshots.close, self._time.close):
-            self.guard.call(close)
+        """End the clock's callbacks, and the node."""
+        self.guard.call(self._time.close)
         super().destroy_node()
 
     def _make_damper(self, settings: DamperSettings) -> tuple[DamperTopics, ModelChanges]:
@@ -78,6 +89,7 @@ class Observer(TableNode):
             prepare=Estimator,  # its numbers are kept for the model that will run
         )
         changes = ModelChanges(self, user, settings.model_path)
+        self.made.callback(changes.close)
         topics.use_model(changes.source)
         self.get_logger().info(f"{settings.name}: {describe_model(settings.model)}")
         return topics, changes
@@ -90,14 +102,24 @@ class Observer(TableNode):
         for topics, changes in self._dampers:
             self.guard.wrap(topics.watch, topics.restart)(elapsed)
             self.guard.call(partial(self._poll_model, topics, changes))
-        self.guard.call(self._snapshots.work)
+        if self._dampers:
+            self.guard.call(self._snapshots.work)
+        self._watch_failures()
         if now - self._rolled >= DIAGNOSTICS_S:
             elapsed, self._rolled = now - self._rolled, now
             self.guard.call(partial(self._roll, elapsed))
-            self._publish_status()
+            self._publish_status(details=True)
+            self._jump_log.flush()
             executors.collect_garbage()
         elif self._pending:
             self._publish_status()
+
+    def _watch_failures(self) -> None:
+        """Leave the active state if a damper does nothing but fail, and come back later."""
+        failing = [topics.settings.name for topics, _ in self._dampers if topics.failing_s >= FALL_S]
+        if failing:
+            self.guard.call(partial(self.fall, f"{', '.join(failing)}: each sample has failed for {FALL_S:g} s"))
+        self.guard.call(self.start_again)
 
     def _poll_model(self, topics: DamperTopics, changes: ModelChanges) -> None:
         if changes.poll():
@@ -107,6 +129,7 @@ class Observer(TableNode):
         load, now_ns = self._process.update(), self._time.now()
         for topics, _ in self._dampers:
             topics.health.roll(elapsed_s, now_ns, load)
+            self.guard.call(topics.note_mismatches)
 
     def _on_change(self) -> None:
         """Report a new reason at once, or by the watch timer if the last report was just now."""
@@ -114,18 +137,19 @@ class Observer(TableNode):
         if monotonic() - self._reported_s >= WATCH_S:
             self._publish_status()
 
-    def _publish_status(self) -> None:
+    def _publish_status(self, details: bool = False) -> None:
         self._reported_s, self._pending = monotonic(), False
         remark = self.guard.take_remark()
-        self._diagnostics.publish([self._make_report(topics, changes, remark) for topics, changes in self._dampers])
+        reports = [self._make_report(topics, changes, remark) for topics, changes in self._dampers]
+        if not reports:
+            reports = [DamperReport(key, "", *unconfigured_report("estimate")) for key in self._keys or ("damper",)]
+        self._diagnostics.publish(reports, details)
 
     def _make_report(self, topics: DamperTopics, changes: ModelChanges, remark: str) -> DamperReport:
-        status = add_remark(topics.health.status(topics.detail()), self._process.remark())
-        status = add_remark(status, remark)
-        jumps = ("jumps of time", f"{self._jumps}, the last: {self._jump}")
-        values = (*status.values, *changes.values(), *self._process.values(), jumps, *self.guard.values())
+        values = (*changes.values(), *self._process.values(), *self.guard.values())
+        facts = NodeFacts(self.state, (self._process.remark(), remark), values)
         damper = topics.settings.key or topics.settings.name
-        return DamperReport(damper, topics.settings.name, topics.damper.reason, replace(status, values=values))
+        return DamperReport(damper, topics.settings.name, *topics.health.report(topics.detail(), facts))
 
     def _on_first_force(self, topics: DamperTopics) -> None:
         """Start the comparison with the measured force; a drift asks for a snapshot."""
@@ -133,10 +157,11 @@ class Observer(TableNode):
         topics.health.snapshots = self._snapshots
 
     def _on_time_jump(self, what: str) -> None:
-        self._jumps, self._jump = self._jumps + 1, what
-        self.get_logger().warning(f"{what}: the estimates restart")
-        self._inputs.reset()
+        self._jump_log(f"{what}: the estimates restart")
+        if self._dampers:
+            self._inputs.reset()
         for topics, _ in self._dampers:
+            topics.health.note_jump(what)
             self.guard.wrap(topics.reset, topics.restart)()
 
     def _apply_parameters(self, parameters: Sequence[Parameter]) -> None:

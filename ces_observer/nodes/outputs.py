@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from array import array
 from collections.abc import Sequence
-from math import inf
 from struct import Struct
 from time import monotonic
 from typing import Any, NamedTuple
@@ -20,6 +19,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from ces_observer.cdr.joint_state import FIELDS, LITTLE_CDR, RawJointState
+from ces_observer.health.episodes import ReasonLog
 from ces_observer.health.health import LEVEL_OK, LEVEL_WARN, Status
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers get the newest
@@ -27,7 +27,6 @@ OUTPUT_DEPTH = 1000  # estimates of a burst after a stall that wait for a slow r
 PROBE_STAMP_NS = 1_234_567_890_987_654_321
 PROBE_FRAME = b"piston_rod"
 PROBE = (0.0123, -0.456, 789.1)  # numbers that differ from each other
-LOG_S = 1.0  # minimum time between two lines on one damper, against floods by a flickering reason
 
 
 def create_publisher(node: Node, kind: type, topic: str, depth: int) -> Publisher:
@@ -54,11 +53,11 @@ class JointStateOutput:
         self._fields = fields
         raw, numbers = RawJointState(names, fields), PROBE[: len(fields) * len(names)]
         written, expected = (fill(PROBE_STAMP_NS, PROBE_FRAME, *numbers) for fill in (raw.fill, self._fill_slowly))
-        self._fill = raw.fill if written == expected else self._fill_slowly
+        self.fill = raw.fill if written == expected else self._fill_slowly
 
     def publish(self, stamp_ns: int, frame: bytes, *numbers: float) -> None:
         """Publish the numbers, one sequence after the other, with this stamp [ns] and frame id (UTF-8)."""
-        self.publisher.publish(self._fill(stamp_ns, frame, *numbers))
+        self.publisher.publish(self.fill(stamp_ns, frame, *numbers))
 
     def _fill_slowly(self, stamp_ns: int, frame: bytes, *numbers: float) -> bytes:
         set_header(self._message.header, stamp_ns, frame)
@@ -69,19 +68,28 @@ class JointStateOutput:
 
 
 class EstimateOutput:
-    """Publishers of a joint's estimates on `topic`, and of the bounds of their bands on `band_topic`."""
+    """Publishers of a joint's estimates on `topic`, and of the bounds of their bands on `band_topic`.
+
+    `has_band_listeners` says whether bands are heard; `check_listeners` updates it.
+    """
 
     def __init__(self, node: Node, joint: str, topic: str, band_topic: str) -> None:
         self._node = node
         self._estimates = JointStateOutput(node, topic, [joint])
         self._bands = JointStateOutput(node, band_topic, [f"{joint}_lower", f"{joint}_upper"], ["effort"])
+        self._fill, self._send = self._estimates.fill, self._estimates.publisher.publish
+        self.check_listeners()
+
+    def check_listeners(self) -> None:
+        """Update `has_band_listeners`."""
+        self.has_band_listeners = self._bands.publisher.get_subscription_count() > 0
 
     def publish(
         self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float, half_width: float | None
     ) -> None:
         """Publish an estimate [m, m/s, N], and its band if the half-width [N] is known."""
-        self._estimates.publish(stamp_ns, frame, position, speed, force)
-        if half_width is not None:
+        self._send(self._fill(stamp_ns, frame, position, speed, force))
+        if half_width is not None and self.has_band_listeners:
             self._bands.publish(stamp_ns, frame, force - half_width, force + half_width)
 
     def close(self) -> None:
@@ -94,11 +102,16 @@ class CommandOutput:
     """Publisher of currents on `valve_command`, written as bytes; only the newest counts, so the queue holds one."""
 
     def __init__(self, node: Node) -> None:
+        self._node = node
         self._publisher = create_publisher(node, Float64, "valve_command", 1)
         self._pack = Struct("<4sd").pack
         self._own_bytes = self._pack(LITTLE_CDR, PROBE[0]) == serialize_message(Float64(data=PROBE[0]))
         if not self._own_bytes:
             node.get_logger().info("this ROS serialises messages in another way: rclpy serialises the commands")
+
+    def close(self) -> None:
+        """Withdraw the topic."""
+        self._node.destroy_publisher(self._publisher)
 
     def publish(self, current_A: float) -> None:
         """Publish a current [A]."""
@@ -109,9 +122,14 @@ class DesiredOutput:
     """Publisher of the reachable desired force on `~/desired_force`; costs nothing without subscribers."""
 
     def __init__(self, node: Node) -> None:
+        self._node = node
         self._publisher = create_publisher(node, WrenchStamped, "~/desired_force", 10)
         self._message = WrenchStamped()
         self.has_listeners = False
+
+    def close(self) -> None:
+        """Withdraw the topic."""
+        self._node.destroy_publisher(self._publisher)
 
     def check_listeners(self) -> None:
         """Update `has_listeners`."""
@@ -125,12 +143,18 @@ class DesiredOutput:
 
 
 class DamperReport(NamedTuple):
-    """The status of a damper, with its name in diagnostics, its joint, and "ok" or why its force is withheld."""
+    """The report on a damper or the controller, with its name in diagnostics and its joint: see Report.
+
+    Without tasks the status itself goes on /diagnostics, with all its values.
+    """
 
     damper: str
     joint: str
     reason: str
     status: Status
+    tasks: tuple[tuple[str, Status], ...] = ()
+    changes: int = 0
+    withheld: int = 0
 
 
 def add_remark(status: Status, remark: str) -> Status:
@@ -141,34 +165,47 @@ def add_remark(status: Status, remark: str) -> Status:
 
 
 class DiagnosticsOutput:
-    """Publisher of statuses."""
+    """Publisher of the tasks on /diagnostics as diagnostic_updater has them, and of all values on `~/details`."""
 
     def __init__(self, node: Node) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._logged: dict[str, tuple[str, float]] = {}
+        self._details: Publisher | None = None  # of a node with tasks
+        self._logs: dict[str, ReasonLog] = {}
 
-    def publish(self, reports: Sequence[DamperReport]) -> None:
-        """Publish the status of each damper in one message, and log new reasons."""
-        message = DiagnosticArray()
-        for damper, joint, _, status in reports:
-            one = DiagnosticStatus(level=bytes([status.level]), message=status.message, hardware_id=joint)
-            one.name = f"{self._node.get_fully_qualified_name()}: {damper}"
-            one.values = [KeyValue(key=key, value=value) for key, value in status.values]
-            message.status.append(one)
-        message.header.stamp = self._node.get_clock().now().to_msg()
-        self._publisher.publish(message)
+    def publish(self, reports: Sequence[DamperReport], details: bool = False) -> None:
+        """Publish the tasks of each damper in one message, with `details` all values if they are heard, and log."""
+        tasks = [
+            self._fill(f"{one.damper} {name}".strip(), one.joint, status)
+            for one in reports
+            for name, status in one.tasks or (("", one.status),)
+        ]
+        self._publish(self._publisher, tasks)
+        if self._details is None and any(one.tasks for one in reports):
+            self._details = self._node.create_publisher(DiagnosticArray, "~/details", 10)
+        if details and self._details is not None and self._details.get_subscription_count() > 0:
+            self._publish(self._details, [self._fill(one.damper, one.joint, one.status) for one in reports])
         for report in reports:
             self._log(report)
 
+    def _fill(self, name: str, joint: str, status: Status) -> DiagnosticStatus:
+        one = DiagnosticStatus(level=bytes([status.level]), message=status.message, hardware_id=joint)
+        one.name = f"{self._node.get_fully_qualified_name()}: {name}"
+        one.values = [KeyValue(key=key, value=value) for key, value in status.values]
+        return one
+
+    def _publish(self, publisher: Publisher, statuses: list[DiagnosticStatus]) -> None:
+        message = DiagnosticArray(status=statuses)
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        publisher.publish(message)
+
     def _log(self, report: DamperReport) -> None:
-        known, at = self._logged.get(report.damper, ("", -inf))
-        now = monotonic()
-        if report.reason == known or now - at < LOG_S:
-            return
-        self._logged[report.damper] = report.reason, now
-        logger, text = self._node.get_logger(), f"{report.damper}: {report.status.message}"
-        if report.status.level == LEVEL_OK:
-            logger.info(text)
-        else:
-            logger.warning(text)
+        status = report.tasks[0][1] if report.tasks else report.status
+        log = self._logs.setdefault(report.damper, ReasonLog())
+        line = log.find_line(monotonic(), report.reason, status.message, report.changes, report.withheld)
+        if line:
+            logger, text = self._node.get_logger(), f"{report.damper}: {line}"
+            if status.level == LEVEL_OK:  # rclpy knows a line of code by its level
+                logger.info(text)
+            else:
+                logger.warning(text)

@@ -5,13 +5,18 @@ It does not use ROS: `parameters.declare_table` declares a table; documentation 
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from functools import partial
+from math import inf
+from typing import Any
 
 from ces_observer.control.control_loop import FEEDBACKS
+from ces_observer.errors import CesError
 from ces_observer.health.process import ALL_PROCESSORS, MAX_PRIORITY
 from ces_observer.options import Option
+from ces_observer.signals import LARGEST, MAX_DELAY_S
 
+TYPES = {bool: "BOOL", int: "INTEGER", float: "DOUBLE", str: "STRING"}  # as in rcl_interfaces/msg/ParameterType
 OF_ROS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 
 
@@ -31,11 +36,42 @@ def find_unknown(
     return unknown
 
 
+def type_name(spec: Option) -> str:
+    """Return ROS's name of the type of a parameter, such as DOUBLE or STRING_ARRAY."""
+    return TYPES[spec.kind] + ("_ARRAY" if spec.many else "")
+
+
+def check_value(spec: Option, name: str, kind: str, value: Any) -> Any:
+    """Return a value for the parameter `name`; raises CesError unless it has type and range of `spec`."""
+    require_type(name, type_name(spec), kind)
+    return spec.check_parameter(value, name)
+
+
+def require_type(name: str, wanted: str, kind: str) -> None:
+    """Raise CesError in the words of rclcpp unless a value has the type of its parameter."""
+    if kind == "NOT_SET":
+        raise CesError("cannot undeclare a statically typed parameter")
+    if kind != wanted:
+        types = f"parameter {{{name}}} is of type {{{wanted.lower()}}}, setting it to {{{kind.lower()}}}"
+        raise CesError(f"Wrong parameter type, {types} is not allowed.")
+
+
+def signal_options(signal: str, defaults: Mapping[str, Any]) -> tuple[Option, ...]:
+    """Return the parameters SIGNAL.KEY of a signal; those without a default are not set."""
+    options = []
+    for key, meaning in {**SIGNAL_KEYS, "constant": "known value in SI units instead of a topic"}.items():
+        kind, high = (float, SIGNAL_LIMITS[key]) if key in SIGNAL_LIMITS else (str, inf)
+        options.append(Option(f"{signal}.{key}", defaults.get(key), f"{signal}: {meaning}", -high, high, kind=kind))
+    return tuple(options if signal == "current" else options[:-1])
+
+
 # fmt: off
 EXECUTOR = Option(
     "executor", "auto",
     "what runs the callbacks: 'events' is rclpy's EventsExecutor, 'single' its SingleThreadedExecutor, 'auto' "
     "events if this rclpy has it", choices=("auto", "events", "single"))
+AUTOSTART = Option(
+    "autostart", True, "configure and activate at the start; false: a lifecycle manager or `ros2 lifecycle` does")
 MODEL_TOPIC = Option(
     "model_topic", "", "latched topic (std_msgs/msg/String) with the text of models to load; empty: none")
 ALLOW_UNCERTIFIED = Option("allow_uncertified", False, "run a model whose stability cannot be proved (unsafe)")
@@ -44,6 +80,7 @@ DAMPERS = "dampers"
 DAMPERS_MEANING = (
     "names of the dampers that this node observes, each with parameters NAME.model and so on, and a topic "
     "~/NAME/estimate; not set: one damper without a name")
+OF_DAMPERS = Option(DAMPERS, None, DAMPERS_MEANING, kind=str, many=True)
 SIGNAL_KEYS = {
     "topic": "topic; a relative name is resolved in the node's namespace",
     "type": "message type, such as sensor_msgs/msg/JointState",
@@ -52,11 +89,13 @@ SIGNAL_KEYS = {
     "offset": "value in SI units = scale * number + offset",
     "delay": "[s] by how much later than measured the numbers are stamped; stamps are moved back by it",
 }
+SIGNAL_LIMITS = {"scale": LARGEST, "offset": LARGEST, "constant": LARGEST, "delay": MAX_DELAY_S}  # either way
 HOUR_S = 3600.0
 INPUT_DEPTH = 5000  # messages: 5 s at 1 kHz
 tunable = partial(Option, live=True)
 OF_THE_NODE = (
     EXECUTOR,
+    AUTOSTART,
     Option("input_depth", INPUT_DEPTH,
            "messages that wait in the queue of each input while the node stalls; at least the highest rate times the "
            "longest stall. Full queues lose the oldest. About 0.3 kB of memory each, used only in a stall", 1, 100_000),
@@ -102,6 +141,7 @@ CURVE = (
 )
 FIXED = (
     EXECUTOR,
+    AUTOSTART,
     tunable("model", "",
             "path of the model file (model.json) that the observer uses, too; its inverse is fed forward. If it is "
             "changed while running, the new model is checked and adopted"),

@@ -8,7 +8,7 @@ NAME.model, NAME.position.topic and so on; one that is not set has the value of 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 from pathlib import Path
 from typing import Any, ClassVar
@@ -30,7 +30,6 @@ from ces_observer.options import Option
 from ces_observer.signals import DEFAULTS, MOTIONS, NAMES, Constant, Signals, override
 
 NULL = "null"  # what `ros2 param dump` writes for a parameter that is not set, and ROS 2 then reads as a text
-LIVE_OF_DAMPER = {spec.name: spec for spec in OF_A_DAMPER if spec.live}
 LIVE_OF_CONTROLLER = tuple(spec.name for spec in (*LOOP, *tables.TUNING, *tables.CURVE) if spec.live)
 SIGNALS = ("position", "current", "force", *MOTIONS)
 NUMBERS = {"scale": 1.0, "offset": 0.0, "delay": 0.0}  # of a signal, with their defaults
@@ -45,6 +44,7 @@ class TableNode(GuardedNode):
     MAY_BE_EMPTY: ClassVar[frozenset[str]] = frozenset()
 
     def __init__(self, name: str) -> None:
+        self.specs: dict[str, Option] = {}  # by parameter name
         try:
             super().__init__(name, automatically_declare_parameters_from_overrides=True)
         except ValueError:
@@ -56,12 +56,34 @@ class TableNode(GuardedNode):
         declared: list[Any] = super().declare_parameters(namespace, typed, ignore_override)
         return declared
 
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Do the same as rclpy, but refuse first, in the words of rclcpp and of the table."""
+        try:
+            for one in parameter_list:
+                self._require_settable(one)
+        except CesError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return super().set_parameters_atomically(parameter_list)
+
+    def _require_settable(self, one: Parameter) -> None:
+        if not self.has_parameter(one.name):
+            raise CesError(f"parameter '{one.name}' cannot be set because it was not declared")
+        descriptor = self.describe_parameter(one.name)
+        if descriptor.read_only:
+            raise CesError(f"parameter '{one.name}' cannot be set because it is read-only")
+        if one.name in self.specs:
+            check_given(self.specs[one.name], one)
+        else:
+            tables.require_type(one.name, Parameter.Type(descriptor.type).name, one.type_.name)
+
     def refuse_parameters(self, check: Callable[[Sequence[Parameter]], object]) -> None:
-        """Refuse changes of parameters for which `check` raises CesError."""
+        """Refuse changes of parameters for which `check` raises CesError; it does not see those of ROS itself."""
 
         def answer(parameters: Sequence[Parameter]) -> SetParametersResult:
+            own = [one for one in parameters if one.name.partition(".")[0] not in tables.OF_ROS]
             try:
-                check(parameters)
+                if own:
+                    check(own)
             except CesError as error:
                 return SetParametersResult(successful=False, reason=str(error))
             return SetParametersResult(successful=True)
@@ -73,7 +95,12 @@ class TableNode(GuardedNode):
         self.create_timer(period_s, callback, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
 
-def declare_table(node: Node, table: Iterable[Option], groups: Collection[str] = ()) -> dict[str, Any]:
+def check_given(spec: Option, given: Parameter) -> None:
+    """Raise CesError unless a parameter has the type and the range in its table."""
+    tables.check_value(spec, given.name, given.type_.name, given.value)
+
+
+def declare_table(node: TableNode, table: Iterable[Option], groups: Collection[str] = ()) -> dict[str, Any]:
     """Declare all of `table`, warn of unknown parameters, and return the values by name.
 
     Names below one of `groups` are not unknown. Raises CesError or rclpy's ParameterException if a value is wrong.
@@ -91,32 +118,44 @@ def warn_of_unknown(
         node.get_logger().warning(f"parameter '{name}' is unknown and ignored; known are {', '.join(sorted(known))}")
 
 
-def declare(node: Node, spec: Option) -> Any:
+def declare(node: TableNode, spec: Option) -> Any:
     """Declare `spec` and return its value; raises CesError or rclpy's ParameterException if the value is wrong."""
-    value = declare_anew(node, spec.name, spec.default, descriptor_of(spec))
+    value = declare_anew(node, spec.name, spec)
     return spec.check_parameter([] if value is None and isinstance(spec.default, list) else value)
 
 
 def descriptor_of(spec: Option) -> ParameterDescriptor:
     """Return the ROS descriptor of `spec`."""
-    constraints = f"one of {', '.join(spec.choices)}" if spec.choices else ""
-    descriptor = ParameterDescriptor(
-        description=spec.described, read_only=not spec.live, additional_constraints=constraints
+    descriptor, is_limited = (
+        ParameterDescriptor(description=spec.described, read_only=not spec.live),
+        isfinite(spec.high),
     )
-    if isfinite(spec.high) and spec.kind is int:
+    if is_limited or spec.choices:
+        descriptor.additional_constraints = spec.expected
+    if is_limited and spec.kind is int:
         descriptor.integer_range = [IntegerRange(from_value=int(spec.low), to_value=int(spec.high), step=1)]
-    elif isfinite(spec.high):
+    elif is_limited:
         descriptor.floating_point_range = [FloatingPointRange(from_value=float(spec.low), to_value=float(spec.high))]
     return descriptor
 
 
-def declare_anew(node: Node, name: str, default: Any, descriptor: ParameterDescriptor) -> Any:
-    """Declare a parameter, again if it has no description, and return its value; NULL without a default: not set."""
-    is_null = False
+def declare_anew(node: TableNode, name: str, spec: Option, note: str = "") -> Any:
+    """Declare a parameter, again if it has no description, and return its value; raises CesError if that is wrong.
+
+    Without a default it may be not set, or NULL.
+    """
+    descriptor, is_null = descriptor_of(spec), False
+    descriptor.description += note
+    # rclpy cannot return several parameters if one of a fixed type is not set.
+    descriptor.dynamic_typing = spec.default is None
     if node.has_parameter(name):
-        is_null = default is None and value_of(node, name) == NULL
+        given = node.get_parameter_or(name)
+        is_null = spec.default is None and given.value == NULL
+        if not is_null:
+            check_given(spec, given)
         node.undeclare_parameter(name)
-    return node.declare_parameter(name, default, descriptor, ignore_override=is_null).value
+    node.specs[name] = spec
+    return node.declare_parameter(name, spec.default, descriptor, ignore_override=is_null).value
 
 
 def value_of(node: Node, name: str) -> Any:
@@ -125,10 +164,15 @@ def value_of(node: Node, name: str) -> Any:
 
 
 def model_path(text: str) -> Path:
-    """Return the path in a parameter `model`; raises ModelError if it is empty."""
-    if not text:
-        raise ModelError("parameter 'model' is not set; set the path of a model file: -p model:=/path/model.json")
-    return Path(text).expanduser()
+    """Return the path in a parameter `model`; raises ModelError unless it is an absolute path."""
+    try:
+        path = Path(text).expanduser()
+    except RuntimeError:  # there is no such user
+        path = Path()
+    if not path.is_absolute():  # the node's working folder is not that of who sets the parameter
+        what = f"is {text!r}" if text else "is not set"
+        raise ModelError(f"parameter 'model' {what}; expected the absolute path of a model file: /path/model.json")
+    return path
 
 
 def load_first_model(values: Mapping[str, Any]) -> tuple[Path, Model]:
@@ -149,7 +193,7 @@ class DamperSettings:
     model: Model
     model_path: Path
     signals: Signals
-    values: dict[str, Any]  # by the names in OF_A_DAMPER, as they were at the start
+    values: dict[str, Any]  # by the names in OF_A_DAMPER, as they were when it was configured
 
     @property
     def prefix(self) -> str:
@@ -162,8 +206,8 @@ class DamperSettings:
         return f"~/{self.key}/" if self.key else "~/"
 
 
-def declare_observer(node: Node) -> tuple[dict[str, Any], tuple[DamperSettings, ...]]:
-    """Declare and read the observer's parameters: values by the names in OF_THE_NODE, and settings of each damper.
+def declare_observer(node: TableNode) -> tuple[dict[str, Any], tuple[str, ...]]:
+    """Declare the observer's parameters; returns values by the names in OF_THE_NODE, and the names in `dampers`.
 
     Raises CesError or rclpy's ParameterException.
     """
@@ -171,19 +215,18 @@ def declare_observer(node: Node) -> tuple[dict[str, Any], tuple[DamperSettings, 
     keys = _declare_dampers(node)
     for spec in (*OF_A_DAMPER, NAME):
         declare(node, spec)
-        # Typed dynamically: rclpy cannot return several parameters if one of a fixed type is not set.
-        descriptor = descriptor_of(spec)
-        descriptor.dynamic_typing = True
-        descriptor.description += "; not set: as for all dampers"
-        for name in (f"{key}.{spec.name}" for key in keys):
-            value = declare_anew(node, name, None, descriptor)
-            if value is not None:
-                spec.check_parameter(value, name)
+        for key in keys:
+            declare_anew(node, f"{key}.{spec.name}", replace(spec, default=None), "; not set: as for all dampers")
     for prefix in ("", *(f"{key}." for key in keys)):
         _declare_signals(node, prefix)
     known = {spec.name for spec in (*OF_THE_NODE, *OF_A_DAMPER, NAME)} | {DAMPERS}
     warn_of_unknown(node, known, NAMES, keys)
-    return values, tuple(_read_damper(node, key) for key in keys or ("",))
+    return values, keys
+
+
+def read_dampers(node: Node, keys: tuple[str, ...]) -> tuple[DamperSettings, ...]:
+    """Return the settings of each damper by the present parameters, its model loaded and proved; raises CesError."""
+    return tuple(_read_damper(node, key) for key in keys or ("",))
 
 
 def governing_parameter(node: Node, prefix: str, name: str) -> str:
@@ -199,21 +242,15 @@ def live_value(node: Node, prefix: str, name: str) -> Any:
     return value_of(node, governing_parameter(node, prefix, name))
 
 
-def check_live_values(node: Node, parameters: Sequence[Parameter]) -> None:
-    """Raise CesError if one of these parameters of the observer cannot be set."""
+def check_live_values(parameters: Sequence[Parameter]) -> None:
+    """Raise CesError if one of these parameters is the path of a model that cannot be used."""
     for parameter in parameters:
-        spec = LIVE_OF_DAMPER.get(parameter.name.rpartition(".")[2])
-        if spec is not None and node.has_parameter(parameter.name):
-            value = spec.check_parameter(parameter.value, parameter.name)
-            if spec.name == "model":
-                load_model(model_path(value))
+        if parameter.name.rpartition(".")[2] == "model":
+            load_model(model_path(parameter.value))
 
 
-def _declare_dampers(node: Node) -> tuple[str, ...]:
-    descriptor = ParameterDescriptor(description=tables.DAMPERS_MEANING, read_only=True, dynamic_typing=True)
-    keys = declare_anew(node, DAMPERS, None, descriptor) or []
-    if not isinstance(keys, list) or not all(isinstance(key, str) for key in keys):
-        raise CesError(f"parameter '{DAMPERS}' is {keys!r}; expected a list of names, such as [front, rear]")
+def _declare_dampers(node: TableNode) -> tuple[str, ...]:
+    keys = declare_anew(node, DAMPERS, tables.OF_DAMPERS) or []
     for key in keys:
         if not key.isidentifier() or not key.isascii() or key in NAMES:
             raise CesError(
@@ -225,19 +262,12 @@ def _declare_dampers(node: Node) -> tuple[str, ...]:
     return tuple(keys)
 
 
-def _declare_signals(node: Node, prefix: str) -> None:
+def _declare_signals(node: TableNode, prefix: str) -> None:
     """Declare the parameters of all signals; with the `prefix` of one damper they have no defaults."""
-
-    def declare_key(name: str, default: Any, description: str, free: bool) -> None:
-        descriptor = ParameterDescriptor(description=description, read_only=True, dynamic_typing=free)
-        declare_anew(node, prefix + name, default, descriptor)
-
     for signal in SIGNALS:
         defaults = {**DEFAULTS[signal], **NUMBERS} if signal in DEFAULTS and not prefix else {}
-        for key, meaning in tables.SIGNAL_KEYS.items():
-            free = not defaults or key in NUMBERS  # not set, or perhaps set to a whole number
-            declare_key(f"{signal}.{key}", defaults.get(key), f"{signal}: {meaning}", free)
-    declare_key("current.constant", None, "current: known value in SI units instead of a topic", True)
+        for spec in tables.signal_options(signal, defaults):
+            declare_anew(node, prefix + spec.name, spec)
 
 
 def _read_damper(node: Node, key: str) -> DamperSettings:
@@ -280,7 +310,7 @@ class LiveSettings:
 
 @dataclass(frozen=True)
 class ControllerSettings:
-    """The settings at the start; a negative `valve_lag_s` is replaced by that of the model's inverse."""
+    """The settings when it was configured; a negative `valve_lag_s` is replaced by that of the model's inverse."""
 
     values: Mapping[str, Any]  # by the names in tables.OF_THE_CONTROLLER
     model: Model
@@ -289,9 +319,14 @@ class ControllerSettings:
     live: LiveSettings
 
 
-def declare_controller(node: Node) -> ControllerSettings:
-    """Declare and read the controller's parameters; raises CesError or rclpy's ParameterException."""
-    values = declare_table(node, tables.OF_THE_CONTROLLER)
+def declare_controller(node: TableNode) -> dict[str, Any]:
+    """Declare the controller's parameters; returns their values. Raises CesError or rclpy's ParameterException."""
+    return declare_table(node, tables.OF_THE_CONTROLLER)
+
+
+def read_controller(node: Node, names: Iterable[str]) -> ControllerSettings:
+    """Return the settings by the present parameters, the model loaded, proved and inverted; raises CesError."""
+    values = {name: value_of(node, name) for name in names}
     path, model = load_first_model(values)
     inverse = ModelInverse.from_model(model, str(path))
     return ControllerSettings(values, model, path, inverse, build_live_settings(values, inverse.lag_s))
@@ -311,8 +346,6 @@ def read_live_settings(node: Node, parameters: Sequence[Parameter], model_lag_s:
 
 def build_live_settings(values: Mapping[str, Any], model_lag_s: float) -> LiveSettings:
     """Return the settings in `values`, by parameter name; raises CesError if they cannot be used."""
-    for spec in LOOP:
-        spec.check_parameter(values[spec.name])
     field_names = {"timeout_s": "max_gap_s"}
     tuning = {field_names.get(spec.name, spec.name): values[spec.name] for spec in tables.TUNING}
     if tuning["valve_lag_s"] < 0.0:

@@ -10,6 +10,8 @@ import subprocess
 from time import monotonic
 from typing import Any
 
+from rclpy.service import Service
+
 from ces_observer.nodes.guarded_node import GuardedNode
 from ces_observer.nodes.model_check import start_child
 
@@ -32,11 +34,12 @@ class Snapshots:
         self._due_s: float | None = None
         self._asked_s = -PAUSE_S
         self._child: subprocess.Popen[bytes] | None = None
+        self._service: Service | None = None
         self.state = "none taken" if name else "off"
         if name:
             from std_srvs.srv import Trigger
 
-            node.create_service(Trigger, "~/snapshot", self._on_request)
+            self._service = node.create_service(Trigger, "~/snapshot", self._on_request)
 
     def note_drift(self, drift: str) -> bool:
         """Plan a snapshot that has the seconds after a drift in it, too; return whether there will be one."""
@@ -54,14 +57,19 @@ class Snapshots:
             status = self._child.poll()
             if status is None and now - self._asked_s < MAX_CALL_S:
                 return
-            self.close()
+            self._end_call()
             self.state = RESULTS.get(status, f"not taken: the call ended with status {status}")
             self._node.get_logger().info(f"snapshot {self.state}")
         elif self._due_s is not None and now >= self._due_s:
             self._take(now)
 
     def close(self) -> None:
-        """End a call in progress."""
+        """End a call in progress, and withdraw the service."""
+        self._end_call()
+        if self._service is not None:
+            self._node.destroy_service(self._service)
+
+    def _end_call(self) -> None:
         if self._child is not None:
             self._child.kill()
             self._child.wait()

@@ -10,9 +10,9 @@ import sys
 from collections.abc import Sequence
 from time import monotonic
 
-from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from ces_data.compilation import CompilationNotice
 from ces_observer.health.health import LEVEL_OK, Status
 from ces_observer.nodes.executors import collect_garbage, run
 from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_remark
@@ -51,11 +51,8 @@ class Rig(TableNode):
         super().__init__("rig")
         own, settings = declare_settings(self)
         self.executor_choice = own.executor
-        begin = monotonic()
+        CompilationNotice(self.get_logger().info)
         LiveRig(settings).tick()  # compiles the kernels, so that compilation delays no sample
-        duration_s = monotonic() - begin
-        if duration_s > 5.0:
-            self.get_logger().info(f"compiled in {duration_s:.0f} s; the next start uses the cache")
         self._own, self._rig = own, LiveRig(settings)
         self._free = own.publish_clock and own.real_time_factor == 0.0
         self._lockstep = Lockstep(own.answer_s, monotonic()) if self._free and own.answer_s > 0.0 else None
@@ -158,7 +155,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     return run("rig", Rig, argv)
 
 
-def declare_settings(node: Node) -> tuple[RigNodeSettings, RigSettings]:
+def declare_settings(node: TableNode) -> tuple[RigNodeSettings, RigSettings]:
     """Declare and read all parameters; raises CesError or rclpy's ParameterException."""
     own, rig = read_settings(declare_table(node, (*OF_THE_NODE, *OF_THE_RIG)))
     if node.get_parameter("use_sim_time").value and not own.publish_clock:

@@ -15,7 +15,7 @@ from physical_models import LINEAR
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
 from ces_observer.estimator import UNBOUNDED, WARMING_UP
-from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Health
+from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Health, NodeFacts, Status
 from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
 from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER
@@ -29,6 +29,16 @@ def damper_and_health() -> tuple[DamperObserver, Health]:
     return damper, Health(damper, {"model": "model.json"})
 
 
+def tasks_of(health: Health) -> dict[str, Status]:
+    return dict(health.report("", NodeFacts()).tasks)
+
+
+def told(health: Health, detail: str = "") -> Status:
+    """Return level and message of the task `health`, and all values."""
+    report = health.report(detail, NodeFacts())
+    return replace(dict(report.tasks)["health"], values=report.status.values)
+
+
 def feed(damper: DamperObserver, first: int, last: int, position: float = 0.01) -> None:
     for k in range(first, last):
         damper.step(k * MS, position, k * MS)
@@ -40,7 +50,7 @@ def test_estimating_is_ok() -> None:
     health.roll(0.1, 0)
     feed(damper, 100, 200)
     health.roll(0.1, 0)
-    status = health.status("")
+    status = told(health)
     assert (status.level, status.message) == (LEVEL_OK, "estimating")
     values = dict(status.values)
     assert values["rate [Hz]"] == "1000.0"
@@ -52,9 +62,9 @@ def test_delayed_forces_are_counted_if_the_model_has_a_delay() -> None:
     damper = DamperObserver(delayed_damper(0.003), ConstantCurrent(0.5), 0.0)
     health = Health(damper, {})
     feed(damper, 0, 200)
-    values = dict(health.status("").values)
+    values = dict(told(health).values)
     assert (values["forces estimated"], values["delayed forces estimated"]) == ("100", "97")
-    assert "delayed forces estimated" not in dict(damper_and_health()[1].status("").values)
+    assert "delayed forces estimated" not in dict(told(damper_and_health()[1]).values)
 
 
 def test_what_was_withheld_in_the_window_is_a_warning_and_passes() -> None:
@@ -64,12 +74,12 @@ def test_what_was_withheld_in_the_window_is_a_warning_and_passes() -> None:
     feed(damper, 90, 100)  # ten repeats
     feed(damper, 100, 190)
     health.roll(0.1, 0)
-    assert health.status("").level == LEVEL_WARN
-    assert health.status("").message == "estimating; 10.0% withheld in the last second"
+    assert told(health).level == LEVEL_WARN
+    assert told(health).message == "estimating; 10.0% withheld in the last second"
     feed(damper, 190, 290)
     health.roll(0.1, 0)
-    assert health.status("").level == LEVEL_OK
-    assert dict(health.status("").values)[f"withheld: {OUT_OF_ORDER}"] == "10"
+    assert told(health).level == LEVEL_OK
+    assert dict(told(health).values)[f"withheld: {OUT_OF_ORDER}"] == "10"
 
 
 def test_clamped_inputs_are_a_warning() -> None:
@@ -78,7 +88,7 @@ def test_clamped_inputs_are_a_warning() -> None:
     health.roll(0.1, 0)
     feed(damper, 100, 200, position=0.2)
     health.roll(0.1, 0)
-    status = health.status("")
+    status = told(health)
     assert status.level == LEVEL_WARN
     assert "100.0% of the forces from clamped inputs, outside what the model was identified on" in status.message
     assert dict(status.values)["share outside the envelope"] == "1.0000"
@@ -93,7 +103,7 @@ def test_held_forces_are_a_warning_and_are_counted() -> None:
     for begin in (0, 100):
         feed(damper, begin, begin + 100)
         health.roll(0.1, 0)
-    status = health.status("")
+    status = told(health)
     assert (status.level, status.message) == (LEVEL_WARN, "estimating; 100.0% of the forces held at the force envelope")
     assert dict(status.values)["forces held at the force envelope"] == str(damper.tally.held)
     assert damper.tally.held == damper.tally.estimates > 100
@@ -106,7 +116,7 @@ def test_extrapolated_inputs_are_a_warning_of_their_own() -> None:
     health.roll(0.1, 0)
     feed(damper, 700, 800, position=0.08)
     health.roll(0.1, 0)
-    status = health.status("")
+    status = told(health)
     assert status.level == LEVEL_WARN
     assert "100.0% of the forces extrapolated to inputs outside what the model was identified on" in status.message
     outside = dict(status.values)["inputs outside the envelope"]
@@ -129,15 +139,15 @@ def test_extrapolated_inputs_are_a_warning_of_their_own() -> None:
 def test_reasons_have_their_level_and_are_in_the_line(reason: str, level: int) -> None:
     damper, health = damper_and_health()
     damper.reason = reason
-    status = health.status("since Tuesday")
+    status = told(health, "since Tuesday")
     assert (status.level, status.message) == (level, f"withholding: {reason}: since Tuesday")
-    assert health.status("").message == f"withholding: {reason}"
+    assert told(health).message == f"withholding: {reason}"
 
 
 def test_an_empty_window_has_no_rate() -> None:
     _, health = damper_and_health()
     health.roll(1.0, 0)
-    assert dict(health.status("").values)["rate [Hz]"] == "0.0"
+    assert dict(told(health).values)["rate [Hz]"] == "0.0"
 
 
 def step(damper: DamperObserver, health: Health, k: int, position: float = 0.01) -> None:
@@ -148,22 +158,21 @@ def step(damper: DamperObserver, health: Health, k: int, position: float = 0.01)
         health.note_change(k * MS)
 
 
-def test_the_shortest_episode_is_in_the_next_status_and_stays_among_the_last() -> None:
+def test_the_shortest_episode_is_in_the_next_status_and_stays_the_last() -> None:
     damper, health = damper_and_health()
     for k in range(200):
         step(damper, health, k)
-    health.status("")
+    told(health)
     for k in range(200, 203):
         step(damper, health, k, nan)
     step(damper, health, 203)
-    status = health.status("")
+    status = told(health)
     assert status.level == LEVEL_WARN
     assert status.message == f"estimating; recovered from {POSITION_NOT_FINITE} (0.003 s)"
-    assert health.status("").message == "estimating"
-    values = dict(health.status("").values)
+    assert told(health).message == "estimating"
+    values = dict(told(health).values)
     assert values["episodes of withholding"] == "2"  # warming up was the first
-    assert values[f"episodes: {POSITION_NOT_FINITE}"] == "1, 0.003 s in all"
-    assert values["last episode 1"] == f"0.200 s, for 0.003 s: {POSITION_NOT_FINITE} (3 samples withheld)"
+    assert values["last episode"] == f"0.200 s, for 0.003 s: {POSITION_NOT_FINITE} (3 samples withheld)"
 
 
 def test_an_episode_with_several_reasons_names_them_in_order() -> None:
@@ -174,9 +183,9 @@ def test_an_episode_with_several_reasons_names_them_in_order() -> None:
     health.note_change(300 * MS)
     for k in range(500, 700):
         step(damper, health, k)
-    message = health.status("").message
+    message = told(health).message
     assert f"recovered from {SILENT}, then {WARMING_UP} (0.25 s) and 1 more" in message
-    assert dict(health.status("").values)["last episode 1"].endswith("(50 samples withheld)")
+    assert dict(told(health).values)["last episode"].endswith("(50 samples withheld)")
 
 
 def test_an_episode_that_began_before_the_first_clock_does_not_last_since_1970() -> None:
@@ -187,8 +196,8 @@ def test_an_episode_that_began_before_the_first_clock_does_not_last_since_1970()
         damper.step(began_ns + k * MS, 0.01, began_ns + k * MS)
         if damper.reason != before:
             health.note_change(0 if k < 10 else began_ns + k * MS)  # as the node's clock then says
-    assert health.status("").message == f"estimating; recovered from {WARMING_UP} (0 s)"
-    assert dict(health.status("").values)["last episode 1"].startswith("1795392125.0")
+    assert told(health).message == f"estimating; recovered from {WARMING_UP} (0 s)"
+    assert dict(told(health).values)["last episode"].startswith("1795392125.0")
 
 
 def test_an_ended_episode_is_reported_even_if_another_has_begun() -> None:
@@ -196,7 +205,7 @@ def test_an_ended_episode_is_reported_even_if_another_has_begun() -> None:
     for k in range(200):
         step(damper, health, k, nan if k == 100 else 0.01)
     step(damper, health, 200, 0.09)
-    message = health.status("").message
+    message = told(health).message
     assert message == f"withholding: {OUTLIER}; recovered from {POSITION_NOT_FINITE} (0.001 s) and 1 more"
 
 
@@ -213,10 +222,9 @@ def test_every_one_of_many_episodes_is_counted() -> None:
         withheld += bad
         if k % 100 == 0:
             health.roll(0.1, k * MS)
-            health.status("")
-    assert health.episodes.by_reason[POSITION_NOT_FINITE][0] == episodes
-    assert health.episodes.by_reason[POSITION_NOT_FINITE][1] == pytest.approx(withheld * 1e-3)
-    assert dict(health.status("").values)[f"withheld: {POSITION_NOT_FINITE}"] == str(withheld)
+            told(health)
+    assert health.episodes.total == episodes + 1  # warming up was the first
+    assert dict(told(health).values)[f"withheld: {POSITION_NOT_FINITE}"] == str(withheld)
 
 
 def test_the_status_shows_inputs_latency_and_load() -> None:
@@ -226,7 +234,7 @@ def test_the_status_shows_inputs_latency_and_load() -> None:
             health.position.take(k * MS, k * MS + MS // 2)
         health.latency.take(200_000 if k % 20 else 5 * MS)
     health.roll(1.0, 0, Load(process=0.153, executor=0.1))
-    values = dict(health.status("").values)
+    values = dict(told(health).values)
     assert values["position: rate [Hz]"] == "990.0"
     assert values["position: age, mean [ms]"] == "0.500"
     assert values["position: dropped"] == "9"
@@ -236,7 +244,7 @@ def test_the_status_shows_inputs_latency_and_load() -> None:
     assert (values["process load [% of a core]"], values["executor load [% of a core]"]) == ("15.3", "10.0")
     assert not any(key.startswith(("current:", "measured force")) for key in values)
     damper.reason = OK
-    assert health.status("").message == "estimating"  # 0.9 % lost is not worth a warning
+    assert tasks_of(health)["frequency"].message == "position 990.0 Hz"  # 0.9 % lost is not worth a warning
 
 
 def test_lost_positions_are_a_warning() -> None:
@@ -246,11 +254,10 @@ def test_lost_positions_are_a_warning() -> None:
             health.position.take(k * MS, k * MS)
     health.roll(1.0, 0)
     damper.reason = OK
-    status = health.status("")
-    assert (status.level, status.message) == (
-        LEVEL_WARN,
-        "estimating; 9.9% of the positions missing: lost on the way, or the source paused",
-    )
+    status = tasks_of(health)["frequency"]
+    words = "9.9% of the positions missing: lost on the way, or the source paused"
+    assert (status.level, status.message) == (LEVEL_WARN, f"position 900.0 Hz; {words}")
+    assert health.report("", NodeFacts()).status.message == f"estimating; {words}"
 
 
 def compare(cost: RunningCost, first_s: int, last_s: int, factor: float, each_second: Callable[[int], None]) -> None:
@@ -282,35 +289,36 @@ def test_a_drift_asks_for_one_snapshot_and_is_named_until_it_is_over() -> None:
 
     def each_second(now_ns: int) -> None:
         health.roll(1.0, now_ns)
-        messages.append(health.status("").message)
+        messages.append(tasks_of(health)["model"].message)
 
     compare(cost, 0, 10, 1.05, each_second)
-    assert set(messages) == {"estimating"}
-    assert dict(health.status("").values)["running cost J [%]"] == "4.76"
+    assert set(messages) == {damper.model.size}
+    assert dict(told(health).values)["running cost J [%]"] == "4.76"
     compare(cost, 10, 20, 1.6, each_second)
-    status = health.status("")
+    status = tasks_of(health)["model"]
     assert status.level == LEVEL_WARN
-    assert status.message.startswith("estimating; re-identify: the cost J against the measured force is 37.5%")
+    assert status.message.startswith(
+        f"{damper.model.size}; re-identify: the cost J against the measured force is 37.5%"
+    )
     assert status.message.endswith("expected below 20.0%; snapshot taken")
-    assert dict(status.values)["snapshot"] == "taken"
     assert len(notes.drifts) == 1 and notes.drifts[0].startswith("rear_damper: the cost J")
     compare(cost, 20, 32, 1.05, each_second)
-    assert messages[-1] == "estimating"
-    assert dict(health.status("").values)["threshold of J [%]"] == "20.00"
+    assert messages[-1] == damper.model.size
+    assert dict(told(health).values)["threshold of J [%]"] == "20.00"
 
 
 def test_without_a_recent_measured_force_there_is_no_cost() -> None:
     cost, damper = RunningCost(window_s=5), damper_and_health()[0]
     health = Health(damper, {}, cost=cost)
     compare(cost, 0, 3, 1.05, lambda now_ns: health.roll(1.0, now_ns))
-    assert dict(health.status("").values)["running cost J [%]"] == "4.76"
+    assert dict(told(health).values)["running cost J [%]"] == "4.76"
     health.roll(1.0, 4 * SECOND)
-    assert dict(health.status("").values)["running cost J [%]"] == "none"
+    assert dict(told(health).values)["running cost J [%]"] == "none"
 
 
 def test_after_a_reload_the_status_shows_the_new_models_facts_and_cost() -> None:
     damper, health = damper_and_health()
     cost = RunningCost(warn_J=33.0)
     health.set_damper(damper, {"model": "other.json"}, cost)
-    values = dict(health.status("").values)
+    values = dict(told(health).values)
     assert (values["model"], values["threshold of J [%]"]) == ("other.json", "33.00")

@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ces_observer.health.streams import MAX_SWITCHES, UNKNOWN, Arrivals, Losses
 
 MS = 1_000_000
-START = 1_700_000_000 * 1000 * MS
+SECOND = 1000 * MS
+HOUR, YEAR = 3600 * SECOND, 365 * 86_400 * SECOND
+START = 1_700_000_000 * SECOND
 BEFORE, AFTER = range(200), range(300, 500)  # samples of a millisecond; a hundred are missing between them
 
 
@@ -74,7 +80,7 @@ def test_an_overflow_that_takes_seconds_is_no_interruption() -> None:
 
 
 def test_a_queue_that_overflows_while_it_is_read_is_known_on_clocks_that_differ() -> None:
-    arrivals, ahead = Arrivals(losses=Losses(100)), 3600 * 1000 * MS
+    arrivals, ahead = Arrivals(losses=Losses(100)), HOUR
     for tick in range(1000):
         arrivals.take(START + tick * MS + ahead, START + tick * MS)
     arrivals.roll(1.0)
@@ -98,3 +104,49 @@ def test_a_publisher_that_is_started_again_loses_nothing() -> None:
     losses = Losses(1000)
     assert all(losses.take_number(number) for number in [*range(500), *range(500)])
     assert losses.lost == 0
+
+
+FORGED = (50 * YEAR, -50 * YEAR, -(2**61), HOUR, -HOUR, 30 * SECOND, -30 * SECOND, 900 * MS, -900 * MS)
+
+
+@pytest.mark.parametrize("offset_ns", FORGED)
+def test_a_forged_stamp_is_one_interruption_and_the_counts_go_on(offset_ns: int) -> None:
+    """Its sample is missing, and no other; nothing is said of the queue."""
+    arrivals = Arrivals(losses=Losses(1000))
+    for tick in range(6000):
+        forged = tick in (2500, 3100)
+        arrivals.take(START + tick * MS + (offset_ns if forged else 0), START + tick * MS)
+        if tick % 1000 == 999:
+            figures = arrivals.roll(1.0)
+            assert (figures.dropped, figures.overflowed) == (int(2000 < tick < 4000), 0)
+            assert abs(figures.mean_age_s) < 1e-6
+    assert (figures.total_dropped, figures.total_interruptions) == (2, 2)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.integers(0, 2**32))
+def test_dropped_never_runs_back_nor_exceeds_what_fits(seed: int) -> None:
+    """Samples are lost, late and forged at random."""
+    chance = random.Random(seed)
+    arrivals, total = Arrivals(losses=Losses(50)), 0
+    for tick in range(1000):
+        offset_ns = chance.choice(FORGED) if chance.random() < 0.03 else -chance.choice((0, 0, 0, 3)) * MS
+        if chance.random() < 0.95:
+            arrivals.take(START + tick * MS + offset_ns, START + tick * MS)
+        if tick % 100 == 99:
+            figures = arrivals.roll(0.1)
+            assert figures.total_dropped is not None
+            assert total <= figures.total_dropped <= total + 100 and not figures.total_overflowed
+            total = figures.total_dropped
+
+
+def test_after_the_nodes_clock_was_set_a_gap_is_no_overflow() -> None:
+    arrivals = Arrivals(losses=Losses(1000))
+    for tick in range(4000):
+        if tick == 1500:
+            arrivals.restart_ages()
+        if not 1700 <= tick < 1800 and not 2700 <= tick < 2800:
+            arrivals.take(START + tick * MS, START + tick * MS + (5 * SECOND if tick >= 1500 else 0))
+        if tick % 1000 == 999:
+            figures = arrivals.roll(1.0)
+    assert (figures.total_dropped, figures.total_overflowed, figures.mean_age_s) == (200, 0, 5.0)

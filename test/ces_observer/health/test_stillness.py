@@ -4,7 +4,7 @@ from math import nan
 
 import pytest
 
-from ces_observer.health.health import Stillness
+from ces_observer.health.episodes import Stillness
 
 MS = 1_000_000
 

@@ -132,6 +132,7 @@ class Value:
     """The arrays of rcl_interfaces/msg/ParameterValue."""
 
     string_value: str = ""
+    type: int = 4
     byte_array_value: list[bytes] = field(default_factory=list)
     bool_array_value: list[bool] = field(default_factory=list)
     integer_array_value: list[int] = field(default_factory=list)
@@ -164,6 +165,11 @@ def test_too_long_a_value(kind: str) -> None:
     value = Value(**{kind: "a" * (MAX_VALUE_LENGTH + 1) if kind == "string_value" else [0] * (MAX_VALUE_LENGTH + 1)})
     request = SimpleNamespace(parameters=[SimpleNamespace(name="model", value=value)])
     assert find_excess(request) == "parameter 'model' has 10001 characters or elements; expected at most 10000"
+
+
+def test_an_unknown_type() -> None:
+    request = SimpleNamespace(parameters=[SimpleNamespace(name="model", value=Value(type=77))])
+    assert find_excess(request) == "parameter 'model' has a value of unknown type 77"
 
 
 def test_too_long_a_string_in_an_array() -> None:
