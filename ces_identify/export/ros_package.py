@@ -10,24 +10,24 @@ from __future__ import annotations
 import re
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass, replace
 from importlib import resources
 from importlib.resources.abc import Traversable
 from pathlib import Path
-from typing import Any
 
-from ces_identify.export.export_c import REASONS, export_c, identifier, render_text, text_literal
+from ces_identify.export.export_c import REASONS, export_c, identifier, render_text
+from ces_identify.export.parameter_library import parameter_file, parameter_library
 from ces_identify.export.replay_sequence import record_faults
 from ces_observer import __version__, damper_observer, tracker
 from ces_observer.errors import CesError, ModelError
 from ces_observer.estimator import Estimator
 from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model
-from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, SIGNAL_KEYS
+from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, signal_options
 from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate
-from ces_observer.signals import MAX_DELAY_S, Constant, Signal, Signals
+from ces_observer.signals import LARGEST, Constant, Signal, Signals
 
 TEMPLATE = ".j2"
 WORDS = {
@@ -40,7 +40,6 @@ WORDS = {
 }  # for each reason, by its name in C++
 PYTHON_ONLY = frozenset(
     {
-        "snapshot_service",
         "snapshot_after_s",
         "model",
         "model_topic",
@@ -51,12 +50,21 @@ PYTHON_ONLY = frozenset(
     }
 )  # parameters of the Python node that the C++ node does not have
 MEANINGS = {
+    "snapshot_service": "service of a `ros2 bag record --snapshot-mode` that ~/snapshot calls; empty: none",
     "executor": "what runs the callbacks of the program `observer`: 'events' (auto) is rclcpp's EventsExecutor, "
     "'single' its SingleThreadedExecutor",
     "name": "joint name in the estimate; empty: the one in position.field, else 'damper'",
 }  # of parameters that differ here from the Python node's
-MAX_FACTOR = 1e30  # scale, offset or constant: beyond any unit, and far from overflow
-NODE_MESSAGES = ("diagnostic_msgs", "sensor_msgs", "std_msgs")  # that the node needs for any model
+DEPENDENCIES = (
+    *("diagnostic_msgs", "diagnostic_updater", "generate_parameter_library", "lifecycle_msgs", "rcl_interfaces"),
+    *("rclcpp", "rclcpp_components", "rclcpp_lifecycle", "rosbag2_interfaces", "rosidl_typesupport_introspection_cpp"),
+    *("sensor_msgs", "std_msgs", "std_srvs"),
+)  # of the package for any model
+CONSTANT = "current.constant"  # which may be not set, so that the node declares it by hand
+HEAD = (
+    "Parameters of the observer with the compiled model, as of ces_observer's node; the values are the defaults. Units "
+    "are m, A and N; position and force are positive in compression. To use a copy of this file: "
+)
 PACKAGE = re.compile(r"[a-z][a-z0-9]*(_[a-z0-9]+)*")
 RESERVED = (
     "alignas alignof and asm auto bitand bitor bool break case catch char class compl concept const constexpr continue "
@@ -99,7 +107,14 @@ def export_ros_package(model: Model, package: str, signals: Signals, certificate
     name = identifier(package)
     source, header = export_c(model, name, name, certificate)
     facts = _find_facts(model, package, name, signals, certificate)
-    files = {f"src/model/{name}.c": source, f"src/model/{name}.h": header, "test/sequence.txt": record_faults(model)}
+    options = _list_parameters(_describe_signals(model, signals))
+    files = {
+        f"src/model/{name}.c": source,
+        f"src/model/{name}.h": header,
+        "src/parameters.yaml": parameter_library("observer", [one for one in options if one.name != CONSTANT]),
+        "config/observer.yaml": _write_settings(package, options),
+        "test/sequence.txt": record_faults(model),
+    }
     for path, text in _list_files(resources.files("ces_identify.export") / "ros_package"):
         files[path.removesuffix(TEMPLATE)] = render_text(text, facts) if path.endswith(TEMPLATE) else text
     return files
@@ -183,11 +198,9 @@ def _find_facts(model: Model, package: str, name: str, signals: Signals, certifi
         "bands": [one.band for one in model.each],
         "causes": (tracker.RESTARTED, tracker.UNSETTLED),
         "signals": described,
-        "parameters": _list_parameters(described),
-        "cpp_value": _cpp_value,
-        "max_delay_s": MAX_DELAY_S,
+        "largest": LARGEST,
         "types": [_find_header(one) for one in types],
-        "messages": sorted({*NODE_MESSAGES, *(one.partition("/")[0] for one in types)}),
+        "dependencies": sorted({*DEPENDENCIES, *(one.partition("/")[0] for one in types)}),
     }
 
 
@@ -213,17 +226,15 @@ def _describe_signals(model: Model, signals: Signals) -> dict[str, NodeSignal]:
 def _list_parameters(signals: Mapping[str, NodeSignal]) -> list[Option]:
     """Return the parameters of the Python node that the C++ node has, too, and those of its signals."""
     common = [replace(one, meaning=MEANINGS.get(one.name, one.meaning)) for one in (*OF_THE_NODE, *OF_A_DAMPER, NAME)]
-    keys = ((name, signal, key) for name, signal in signals.items() for key in SIGNAL_KEYS)
-    return [one for one in common if one.name not in PYTHON_ONLY] + [
-        Option(f"{name}.{key}", getattr(signal, key), f"{name}: {SIGNAL_KEYS[key]}", -MAX_FACTOR, MAX_FACTOR)
-        for name, signal, key in keys
-    ]
+    listed = [one for one in common if one.name not in PYTHON_ONLY]
+    for name, signal in signals.items():
+        listed += signal_options(name, asdict(signal))
+    return listed
 
 
-def _cpp_value(value: Any) -> str:
-    """Return the literal of a parameter's default."""
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, list):
-        return f"std::vector<std::int64_t>{{{', '.join(map(str, value))}}}"
-    return text_literal(value) if isinstance(value, str) else repr(value).replace("inf", "HUGE_VAL")
+def _write_settings(package: str, options: Iterable[Option]) -> str:
+    """Return the parameter file of the package; a measured current has no constant, and a constant one no topic."""
+    constant = any(one.name == CONSTANT and one.default is not None for one in options)
+    shown = [one for one in options if not constant or one.name.partition(".")[0] != "current" or one.name == CONSTANT]
+    head = f"ros2 run {package} observer --ros-args --params-file observer.yaml"
+    return parameter_file(HEAD + head, [one for one in shown if one.default is not None])

@@ -20,8 +20,10 @@ from party import Party
 from patience import PATIENCE_S
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState, Temperature
-from vehicle import DEEP, JOINT, stroke, wait
+from std_srvs.srv import Trigger
+from vehicle import DEEP, JOINT, Vehicle, stamp_of, stroke, wait
 
+from ces_data.bags.reader import read_recording
 from ces_observer.signals import Signals
 
 TOPICS = {"position": "joint_states", "current": "stamped_current", "force": "measured_force"}
@@ -120,6 +122,42 @@ class Recorder:
 
     def kill(self) -> None:
         self._process.kill()
+
+
+class SnapshotRecorder(Recorder):
+    """A recorder in snapshot mode of a vehicle and its node `observer`, Python or C++; `service` has it write."""
+
+    def __init__(self, vehicle: Vehicle, path: Path) -> None:
+        name = f"recorder_{vehicle.namespace.strip('/').replace('/', '_')}"
+        self.service = f"/{name}/snapshot"
+        self._estimate = f"{vehicle.namespace}/observer/estimate"
+        topics = [f"{vehicle.namespace}/joint_states", self._estimate, f"{vehicle.namespace}/measured_force"]
+        super().__init__(path, topics, ("--snapshot-mode", "--node-name", name, "--storage", "mcap"))
+
+    def meets(self, vehicle: Vehicle) -> None:
+        """Wait until it hears the positions, beside the node."""
+        wait(lambda: vehicle.position.get_subscription_count() > 1, "the recorder hears the positions")
+
+    def asks(self, vehicle: Vehicle) -> int:
+        """Call the node's `~/snapshot`; return when [ns]."""
+        client = vehicle.node.create_client(Trigger, "observer/snapshot")
+        assert client.wait_for_service(PATIENCE_S)
+        asked_ns, answer = time.time_ns(), client.call_async(Trigger.Request())
+        wait(answer.done, "the answer of ~/snapshot")
+        assert answer.result().success, answer.result().message
+        return asked_ns
+
+    def has_estimates_around(self, asked_ns: int, vehicle: Vehicle) -> None:
+        """End it, and see that its bag has the estimates that the vehicle heard, from before and after the request."""
+        self.ends(signal.SIGINT)
+        estimate = {"topic": self._estimate, "type": "sensor_msgs/msg/JointState", "field": "effort[0]"}
+        signals = Signals.from_mapping({"sim_force": estimate}, "estimates")
+        channel = read_recording(self.path, signals, ["sim_force"]).channel("sim_force")
+        recorded = dict(zip(channel.stamps_ns.tolist(), channel.values.tolist(), strict=True))
+        heard = {stamp_of(estimate): estimate.effort[0] for estimate in vehicle.estimates}
+        assert len(recorded.keys() & heard.keys()) > 500
+        assert not {stamp for stamp in recorded.keys() & heard.keys() if recorded[stamp] != heard[stamp]}
+        assert min(recorded) < asked_ns < max(recorded)
 
 
 def keep_all(path: Path, topics: Iterable[str]) -> tuple[str, str]:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,12 +16,14 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from cpp_package import CppPackage
     from node_process import NodeProcess
     from vehicle import Vehicle
 
 os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 99)  # away from whatever else runs on this computer
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "support"))
+signal.signal(signal.SIGINT, signal.default_int_handler)  # a job of a shell (&) and what it starts would ignore it
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 NUMBERS = count()
@@ -65,6 +69,26 @@ def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "model.json"
     plain_damper(max_gap_s=0.3).save(path)
     return path
+
+
+@pytest.fixture(scope="session")
+def banded_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Write the model of the C++ package: with a delay and bands."""
+    from bands import BAND
+    from damper_models import delayed_damper
+
+    path = tmp_path_factory.mktemp("model") / "model.json"
+    model = delayed_damper(0.003, max_gap_s=0.3)
+    replace(model, band=BAND, delayed=replace(model.best, band=BAND)).save(path)
+    return path
+
+
+@pytest.fixture(scope="session")
+def package(tmp_path_factory: pytest.TempPathFactory, banded_path: Path) -> CppPackage:
+    """Build the C++ package once for all tests."""
+    from cpp_package import CppPackage
+
+    return CppPackage(tmp_path_factory.mktemp("workspace"), banded_path)
 
 
 @pytest.fixture

@@ -19,7 +19,7 @@ FLAGS = ("-DBUILD_TESTING=ON", "-DCMAKE_CXX_FLAGS=-Werror", "-DCMAKE_C_FLAGS=-We
 def missing_tool() -> str:
     """Return what is missing to build such a package; empty: nothing."""
     prefixes = [Path(prefix) for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(":") if prefix]
-    for package in ("rclcpp_components", "diagnostic_updater"):
+    for package in ("rclcpp_components", "rclcpp_lifecycle", "diagnostic_updater", "generate_parameter_library"):
         if not any((prefix / "share" / package).is_dir() for prefix in prefixes):
             return package
     return next((tool for tool in ("colcon", "cmake", "c++") if shutil.which(tool) is None), "")
@@ -44,11 +44,13 @@ class CppPackage:
         listed = subprocess.run(["sh", "-c", script], capture_output=True, text=True, check=True)
         self.environment = dict(line.split("=", 1) for line in listed.stdout.split("\0") if line)
 
-    def start(self, namespace: str, name: str, parameters: Mapping[str, object]) -> NodeProcess:
-        """Start the program as the node `name`."""
+    def start(
+        self, namespace: str, name: str, parameters: Mapping[str, object], variables: Mapping[str, str] | None = None
+    ) -> NodeProcess:
+        """Start the program as the node `name`, with further `variables` in its environment."""
         program = self.workspace / "install" / PACKAGE / "lib" / PACKAGE / "observer"
         words = [str(program), *ros_args(namespace, parameters), "-r", f"__node:={name}"]
-        return NodeProcess(words, self.environment)
+        return NodeProcess(words, {**self.environment, **(variables or {})})
 
     def replay(self) -> str:
         """Run the package's own test; return its output."""

@@ -195,7 +195,7 @@ class Misuser(Party):
         assert self._set_one("observer", on)
         clocks = [Clock(), Clock(), Clock(), Clock()]
         clocks[1].clock.sec, clocks[2].clock.sec, clocks[3].clock.nanosec = -(2**31), 2**31 - 1, 2**32 - 1
-        self._publish(Clock, "clock", clocks, RELIABLE)
+        self._publish(Clock, "clock", 20 * clocks, RELIABLE)
         on.value.bool_value = False
         assert self._set_one("observer", on)
 

@@ -48,9 +48,8 @@ class Loop(Party):
         self.models = self.node.create_publisher(String, "identify/model", LATCHED)
         self._estimates = self.node.create_publisher(JointState, "observer/estimate", DEEP)
         self.reloads = ModelReloads(self.node, "controller")
-        self._name = f"{namespace}/controller: damper"
         self.node.create_subscription(Float64, "valve_command", lambda m: self.commands.append(m.data), DEEP)
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear, DEEP)
+        self.node.create_subscription(DiagnosticArray, "controller/details", self._hear, DEEP)
 
     @contextmanager
     def estimating(self) -> Iterator[None]:
@@ -82,7 +81,7 @@ class Loop(Party):
         self._estimates.publish(message)
 
     def _hear(self, message: DiagnosticArray) -> None:
-        self.told.extend({v.key: v.value for v in s.values} for s in message.status if s.name == self._name)
+        self.told.extend({v.key: v.value for v in s.values} for s in message.status)
 
 
 @pytest.fixture(scope="module")

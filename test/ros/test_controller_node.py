@@ -92,7 +92,7 @@ class Surroundings(Party):
         self.commands.append(message.data)
 
     def _hear_diagnostics(self, message: DiagnosticArray) -> None:
-        self.statuses.extend(s for s in message.status if s.name == f"{self.namespace}/controller: damper")
+        self.statuses.extend(s for s in message.status if s.name.startswith(f"{self.namespace}/controller: "))
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from __future__ import annotations
 import signal
 import sys
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 import numpy as np
+from conftest import new_namespace
 from node_process import NodeProcess
 from party import Party
 from std_msgs.msg import Float64
@@ -21,6 +23,7 @@ from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.errors import IterateError
 from ces_iterate.rigs.kinds import RosRigSettings
 from ces_iterate.rigs.topic_rig import TopicRig
+from ces_observer.errors import RecordingError
 from ces_observer.signals import Signals
 
 SAFE_A = 0.35
@@ -67,8 +70,9 @@ def make_rig(namespace: str, **changes: object) -> TopicRig:
 
 @pytest.fixture(scope="module")
 def namespace() -> Iterator[str]:
-    name = "/iterate"
-    parameters = {"drive": "set_points", "stamped_current": True, "noise": 0.1, "command_timeout_s": 2.0}
+    name = new_namespace()
+    rates = {"rate_hz": 200, "command_timeout_s": 2.0}
+    parameters = {"drive": "set_points", "stamped_current": True, "noise": 0.1, **rates}
     process = NodeProcess.from_source(name, parameters, "ces_rig.live.node")
     try:
         with SetPointListener(name) as listener:
@@ -81,14 +85,14 @@ def namespace() -> Iterator[str]:
 def test_the_rig_does_what_was_asked_and_is_left_with_the_safe_current(namespace: str, tmp_path: Path) -> None:
     commands = make_commands()
     stroke_m = pytest.approx(np.ptp(commands.stroke_m), rel=0.15)
-    for _ in range(RECOVERIES):  # the stroke is shorter where a busy computer holds up who commands it
-        with SetPointListener(namespace) as listener:
+    for _ in range(RECOVERIES):  # the stroke is shorter, or none, where a busy computer holds up rig or commands
+        with SetPointListener(namespace) as listener, suppress(RecordingError):
             recording = make_rig(namespace).run(commands, tmp_path)
             wait(lambda heard=listener.currents: len(heard) > 5 and heard[-1] == SAFE_A, "the safe current is set")
-        position, force = recording.channel("position"), recording.channel("force")
-        if np.ptp(position.values) == stroke_m:
-            break
-    assert len(position) > 1000
+            position, force = recording.channel("position"), recording.channel("force")
+            if np.ptp(position.values) == stroke_m:
+                break
+    assert len(position) > 200
     assert np.ptp(position.values) == stroke_m
     assert np.ptp(recording.channel("current").values) > 0.3
     at = np.arange(position.stamps_ns[0], position.stamps_ns[-1], 20_000_000)
@@ -117,7 +121,7 @@ def test_ctrl_c_stops_the_program_and_the_same_command_goes_on(namespace: str, t
         f"rig: {{kind: ros, stroke_topic: {namespace}/stroke_command, current_topic: {namespace}/valve_command,\n"
         f"  signals: signals.yaml, approach_s: 0.5, deviation_m: {DEVIATION_M}, silence_s: {SILENCE_S},\n"
         f"  safe_current_A: {SAFE_A}}}\n"
-        "experiments: {duration_s: 12}\nstop: {budget_s: 12}\n"  # so that Ctrl-C on a busy computer is not late
+        "experiments: {duration_s: 8}\nstop: {budget_s: 8}\n"  # so that Ctrl-C on a busy computer is not late
         "identify: {structure: hydraulic, time: 5, threads: 1}\n"
     )
     command = [sys.executable, "-m", "ces_cli.main", "iterate", str(tmp_path / "plan.yaml")]
@@ -132,4 +136,4 @@ def test_ctrl_c_stops_the_program_and_the_same_command_goes_on(namespace: str, t
     assert not (tmp_path / "plan" / "iteration_01" / "recording").exists()
     status, output = NodeProcess(command).ended()
     assert status == 0, output
-    assert "stopped: budget spent: 12.0 of 12 s" in output
+    assert "stopped: budget spent: 8.0 of 8 s" in output

@@ -179,7 +179,6 @@ def test_an_observer_that_only_fails_lets_go_and_comes_back(vehicle: Vehicle, na
     node = NodeProcess([sys.executable, "-c", FALLING, *words])
     try:
         with vehicle.driving(current=None):
-            vehicle.hears("unconfigured", None)
             wait(lambda: len(vehicle.estimates) > 500, "estimates after the failure")
         node.interrupt()
         status, output = node.ended()

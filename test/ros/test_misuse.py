@@ -24,6 +24,7 @@ from vehicle import JOINT, STAMPED_CURRENT, Vehicle, reliable_inputs, stamp_of, 
 from ces_observer.model import Model
 
 CURRENT_A = 0.5
+QUICK = {"bags": f"[{ROOT / 'bags' / 'noise'}]", "terms": 2, "starts": 1, "threads": 1}
 EXECUTORS = ("events", "single")
 
 
@@ -51,7 +52,7 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
             {"model": model, "model_topic": "models", "executor": executor, "feedback": "measured"},
         ),
         "rig": ("ces_rig.live.node", {"executor": executor}),
-        "identify": ("ces_cli.identify.node", {"bags": f"[{ROOT / 'bags' / 'noise'}]", "out": folder / "out.json"}),
+        "identify": ("ces_cli.identify.node", {**QUICK, "out": folder / "out.json"}),
     }
     rig = ["-r", "joint_states:=rig/joint_states", "-r", "measured_force:=rig/measured_force"]
     started = {}
@@ -84,6 +85,11 @@ def test_no_misuse_ends_a_node_or_changes_an_estimate(
         last = vehicle.driven[-1]
         wait(lambda: stamp_of(vehicle.estimates[-1]) == last, "the last estimate")
         assert all(node.is_running() for node in nodes.values())
+        assert not misuser.unexpected
+        nodes["observer"].interrupt()
+        _, output = nodes["observer"].ended()
+        assert 1 <= output.count("the estimates restart") <= 4, output  # of more than a hundred times
+        assert output.count("/clock: ignored messages") == 1, output
     compare(vehicle)
 
 

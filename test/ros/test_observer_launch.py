@@ -1,94 +1,89 @@
-"""The launch file as a user starts it: two observers in two namespaces, each with its parameters, to Ctrl-C."""
+"""A vehicle's launch file that includes the observer's twice, in two namespaces, one with other topics and managed."""
 
 from __future__ import annotations
 
 import json
-import os
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
-pytest.importorskip("launch_pytest", reason="launch_pytest is not installed")
 
-import launch_pytest
-from conftest import ROOT, new_namespace
-from damper_models import plain_damper
-from launch import LaunchDescription
-from launch.actions import GroupAction, IncludeLaunchDescription, RegisterEventHandler
-from launch.event_handlers import OnProcessExit
-from launch.events.process import ProcessExited
-from launch_pytest.actions import ReadyToTest
+from conftest import new_namespace
+from node_process import NodeProcess
 from replay import currents, jittered_positions, offline, require_equal
 from vehicle import Vehicle
 
-MS = 1_000_000
-STAMPED_CURRENT = {"topic": "stamped_current", "type": "sensor_msgs/msg/Temperature", "field": "temperature"}
-RELIABLE = {"reliability": "reliable", "depth": 5000}
+STAMPED_CURRENT = {"type": "sensor_msgs/msg/Temperature", "field": "temperature"}
+RELIABLE = {"subscription": {"reliability": "reliable", "depth": 5000}}
+VEHICLE = """
+from launch import LaunchDescription
+from launch.actions import GroupAction, IncludeLaunchDescription
+from launch_ros.actions import LifecycleTransition, PushRosNamespace, SetRemap
+from launch_ros.substitutions import FindPackageShare
+
+
+def observer(**arguments):
+    file = [FindPackageShare("ces_observer"), "/launch/observer.launch.py"]
+    return IncludeLaunchDescription(file, launch_arguments={"log_level": "warn", **arguments}.items())
+
+
+def generate_launch_description():
+    replayed = observer(**REPLAYED, current_topic="stamped_current")
+    topics = {"position_topic": "damper/stroke", "estimate_topic": "damper/force"}
+    driven = observer(**DRIVEN, **topics, autostart="false")
+    moved = [PushRosNamespace(NAMESPACE), SetRemap("damper/stroke", "joint_states"), driven]
+    managed = LifecycleTransition(lifecycle_node_names=[f"{NAMESPACE}/observer"], transition_ids=[1, 3])
+    return LaunchDescription([GroupAction([replayed]), GroupAction(moved), managed])
+"""
 
 
 class Launched:
-    """Two vehicles, the model file of the first, and the exits of the processes launched for them."""
+    """Two vehicles, one to replay samples to and one to drive, and the launch of an observer for each of them."""
 
-    def __init__(self, replayed: Vehicle, driven: Vehicle, model_path: Path) -> None:
-        self.replayed, self.driven, self.model_path = replayed, driven, model_path
-        self.exits: list[ProcessExited] = []
+    def __init__(self, replayed: Vehicle, driven: Vehicle, model: Path, env: dict[str, str], folder: Path) -> None:
+        self.replayed, self.driven = replayed, driven
+        self.forces = driven.hear_estimates("damper/force")
+        inputs = ("joint_states", "stamped_current")
+        reliable = {f"{replayed.namespace}/{topic}": RELIABLE for topic in inputs}
+        ours = {"max_age_s": 0.0, "wait_for_current_s": 10.0, "current": STAMPED_CURRENT, "qos_overrides": reliable}
+        other = {"name": "driven", "qos_overrides": {f"{driven.namespace}/joint_states": RELIABLE}}
+        given = {
+            "REPLAYED": {**arguments(folder / "replayed.yaml", model, ours), "namespace": replayed.namespace},
+            "DRIVEN": arguments(folder / "driven.yaml", model, other),
+            "NAMESPACE": driven.namespace,
+        }
+        file = folder / "vehicle.launch.py"
+        file.write_text(VEHICLE + "\n".join(f"{name} = {value!r}" for name, value in given.items()), encoding="utf-8")
+        self.process = NodeProcess(["ros2", "launch", str(file)], env)
 
 
 @pytest.fixture(scope="module")
-def launched(laid_out: dict[str, str], tmp_path_factory: pytest.TempPathFactory) -> Iterator[Launched]:
-    path = tmp_path_factory.mktemp("launched") / "model.json"
-    plain_damper(max_gap_s=0.3).save(path)
-    with pytest.MonkeyPatch.context() as patch, Vehicle(new_namespace()) as one, Vehicle(new_namespace()) as other:
-        for name, value in laid_out.items():
-            patch.setitem(os.environ, name, value)
-        yield Launched(one, other, path)
+def launched(
+    laid_out: dict[str, str], model_path: Path, tmp_path_factory: pytest.TempPathFactory
+) -> Iterator[Launched]:
+    with Vehicle(new_namespace()) as one, Vehicle(new_namespace()) as other:
+        made = Launched(one, other, model_path, laid_out, tmp_path_factory.mktemp("launched"))
+        yield made
+        made.process.kill()
 
 
-@launch_pytest.fixture(scope="module")
-def observers(launched: Launched, tmp_path_factory: pytest.TempPathFactory) -> LaunchDescription:
-    """Describe the launch of an observer for each of the vehicles, with a parameter file of their own."""
-    inputs = ("joint_states", "stamped_current")
-    reliable = {f"{launched.replayed.namespace}/{topic}": {"subscription": RELIABLE} for topic in inputs}
-    replayed = {"max_age_s": 0.0, "wait_for_current_s": 10.0, "current": STAMPED_CURRENT, "qos_overrides": reliable}
-    joints = f"{launched.driven.namespace}/joint_states"
-    driven = {"name": "driven", "qos_overrides": {joints: {"subscription": RELIABLE}}}
-    folder = tmp_path_factory.mktemp("parameters")
-    return LaunchDescription(
-        [
-            RegisterEventHandler(OnProcessExit(on_exit=lambda event, context: launched.exits.append(event))),
-            observer(launched.replayed, launched.model_path, parameter_file(folder / "replayed.yaml", replayed)),
-            observer(launched.driven, launched.model_path, parameter_file(folder / "driven.yaml", driven)),
-            ReadyToTest(),
-        ]
-    )
+def arguments(file: Path, model: Path, parameters: dict[str, object]) -> dict[str, str]:
+    """Write a parameter file; return the launch arguments with which an observer reads it."""
+    file.write_text(json.dumps({"/**": {"ros__parameters": parameters}}), encoding="utf-8")  # YAML, too
+    return {"params_file": str(file), "model": str(model)}
 
 
-def parameter_file(path: Path, parameters: dict[str, object]) -> Path:
-    path.write_text(json.dumps({"/**": {"ros__parameters": {**parameters}}}))  # YAML, too
-    return path
-
-
-def observer(vehicle: Vehicle, model: Path, parameters: Path) -> GroupAction:
-    arguments = {"model": model, "params_file": parameters, "namespace": vehicle.namespace, "log_level": "warn"}
-    given = [(name, str(value)) for name, value in arguments.items()]
-    return GroupAction([IncludeLaunchDescription(str(ROOT / "launch/observer.launch.py"), launch_arguments=given)])
-
-
-in_launch: Callable[..., pytest.MarkDecorator] = pytest.mark.launch(fixture=observers)
-
-
-@in_launch
-def test_both_nodes_start_and_do_not_mix(launched: Launched) -> None:
+def test_both_nodes_start_with_their_topics_and_do_not_mix(launched: Launched) -> None:
     launched.replayed.meets_node()
-    launched.driven.meets_node()
-    launched.driven.drive_until(lambda: len(launched.driven.estimates) > 100, "estimates")
-    assert {name for message in launched.driven.estimates for name in message.name} == {"driven"}
+    launched.driven.meets_node("damper/force")
+    launched.driven.drive_until(lambda: len(launched.forces) > 100, "estimates")
+    assert {name for message in launched.forces for name in message.name} == {"driven"}
     assert not launched.replayed.estimates
+    assert not launched.driven.estimates
 
 
-@in_launch
 def test_estimates_equal_the_offline_replay(launched: Launched) -> None:
     vehicle, positions, held = launched.replayed, jittered_positions(2000), currents(2000)
     samples = [(stamp, vehicle.publish_position, value) for stamp, value in positions]
@@ -98,6 +93,8 @@ def test_estimates_equal_the_offline_replay(launched: Launched) -> None:
     require_equal(vehicle, offline(positions, held))
 
 
-@pytest.mark.launch(fixture=observers, shutdown=True)
-def test_ctrl_c_ends_both_with_status_0(launched: Launched) -> None:
-    assert [exit.returncode for exit in launched.exits] == [0, 0]
+def test_ctrl_c_ends_both_in_order(launched: Launched) -> None:
+    launched.process.interrupt()
+    status, output = launched.process.ended()
+    assert status == 0, output
+    assert output.count("process has finished cleanly") == 2, output

@@ -131,3 +131,9 @@ def test_the_newest_of_several_wins(driven: Vehicle, tmp_path: Path) -> None:
         model.save(tmp_path / f"{k}.json")
         assert driven.sets("model", str(tmp_path / f"{k}.json")).successful
     runs(driven, models[-1])
+
+
+def test_each_of_many_simultaneous_requests_is_answered(driven: Vehicle) -> None:
+    answers = driven.reloads.answers(200)
+    assert all(answer.success for answer in answers)
+    assert len({answer.message.partition(":")[0] for answer in answers}) == 200

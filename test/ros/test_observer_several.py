@@ -51,7 +51,7 @@ class Motorcycle:
         self.vehicle.position.publish(message)
 
     def statuses(self, damper: str) -> list[DiagnosticStatus]:
-        return [status for status in self.vehicle.statuses if status.name.endswith(f": {damper}")]
+        return [status for status in self.vehicle.statuses if f": {damper}" in status.name]
 
 
 @pytest.fixture(scope="module")

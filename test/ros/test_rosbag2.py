@@ -6,6 +6,7 @@ import json
 import shutil
 import signal
 import subprocess
+import time
 import warnings
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -20,6 +21,7 @@ from bag_recorders import (
     NEEDS_ROSBAG2,
     Experiment,
     Recorder,
+    SnapshotRecorder,
     assert_published,
     described_signals,
     lossless_node,
@@ -194,25 +196,23 @@ def read_estimates(path: Path, key: str) -> dict[int, float]:
     return dict(zip(channel.stamps_ns.tolist(), channel.values.tolist(), strict=True))
 
 
-def test_a_drift_has_a_recorder_in_snapshot_mode_write_the_seconds_around_it(
-    vehicle: Vehicle, start: Callable[..., NodeProcess], tmp_path: Path
+@pytest.mark.parametrize("asked_by", ["drift", "service"])
+def test_a_recorder_in_snapshot_mode_writes_the_seconds_around_a_request(
+    vehicle: Vehicle, start: Callable[..., NodeProcess], tmp_path: Path, asked_by: str
 ) -> None:
-    name = f"recorder_{vehicle.namespace.strip('/').replace('/', '_')}"
-    topics = [f"{vehicle.namespace}/{topic}" for topic in ("joint_states", "observer/estimate", "measured_force")]
-    recorder = Recorder(tmp_path / "drift", topics, ("--snapshot-mode", "--node-name", name, "--storage", "mcap"))
+    recorder = SnapshotRecorder(vehicle, tmp_path / asked_by)
     try:
-        start(snapshot_service=f"/{name}/snapshot", snapshot_after_s=0.5, cost_window_s=3, cost_warn_J=20.0)
+        start(snapshot_service=recorder.service, snapshot_after_s=0.5, cost_window_s=3, cost_warn_J=20.0)
         vehicle.meets_node()
-        wait(lambda: vehicle.position.get_subscription_count() > 1, "the recorder hears the positions")
-        with vehicle.driving(), vehicle.measuring(1.5):
+        recorder.meets(vehicle)
+        with vehicle.driving(), vehicle.measuring(1.5 if asked_by == "drift" else 1.0):
+            if asked_by == "drift":
+                vehicle.hears_value("snapshot", "due within")
+                asked_ns = time.time_ns()
+            else:
+                wait(lambda: len(vehicle.estimates) > 500, "estimates before the request")
+                asked_ns = recorder.asks(vehicle)
             vehicle.hears_value("snapshot", "taken: the recorder has written")
-        recorder.ends(signal.SIGINT)
+        recorder.has_estimates_around(asked_ns, vehicle)
     finally:
         recorder.kill()
-    estimate = {"topic": topics[1], "type": "sensor_msgs/msg/JointState", "field": "effort[0]"}
-    signals = Signals.from_mapping({"sim_force": estimate}, "estimates")
-    channel = read_recording(recorder.path, signals, ["sim_force"]).channel("sim_force")
-    heard = {stamp_of(estimate): estimate.effort[0] for estimate in vehicle.estimates}
-    recorded = dict(zip(channel.stamps_ns.tolist(), channel.values.tolist(), strict=True))
-    assert len(recorded.keys() & heard.keys()) > 500
-    assert not {stamp for stamp in recorded.keys() & heard.keys() if recorded[stamp] != heard[stamp]}

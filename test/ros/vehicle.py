@@ -49,7 +49,8 @@ class Vehicle(Party):
         self.driven: list[int] = []  # stamps of the positions published by drive
         self.late_s = 0.0  # the most that the last drive was late: something held this process up
         self.node.create_subscription(JointState, "observer/estimate", self._hear_estimate, DEEP)
-        self.node.create_subscription(DiagnosticArray, "/diagnostics", self._hear_diagnostics, DEEP)
+        for topic in ("/diagnostics", "observer/details"):
+            self.node.create_subscription(DiagnosticArray, topic, self._hear_diagnostics, DEEP)
         self.reloads = ModelReloads(self.node, "observer")
         self.position = self.node.create_publisher(JointState, "joint_states", DEEP)
         self.current = self.node.create_publisher(Float64, "valve_current", DEEP)

@@ -8,6 +8,7 @@ from functools import cache
 from importlib import resources
 from math import inf, nan
 
+import numpy as np
 import pytest
 from bands import BAND
 from damper_models import plain_damper
@@ -19,6 +20,7 @@ from trained_models import network_model
 from ces_data.signals_file import load_signals
 from ces_identify.export.replay_sequence import START_NS, ReplaySequence, record_faults
 from ces_identify.export.ros_package import export_ros_package, write_package
+from ces_observer.health.streams import Arrivals, Losses
 from ces_observer.model import load_model
 from ces_observer.proof.certificate import Contraction
 
@@ -146,3 +148,68 @@ def test_a_difference_is_found_and_printed(replayer) -> None:
     assert status == 1
     assert "1 differ" in output
     assert replay(folder, "settings 0 0\n") == (2, "replay: sequence.txt: no results\n")
+
+
+ARRIVALS = """
+#include <iostream>
+#include "health/arrivals.hpp"
+int main()
+{
+  ces::Losses losses(1000);
+  ces::Arrivals arrivals;
+  arrivals.set_topic(true, losses);
+  char kind;
+  for (long long stamp, now; std::cin >> kind >> stamp >> now; ) {
+    if (kind == 'p') {arrivals.take(stamp, now);}
+    if (kind == 'j') {arrivals.restart_ages();}
+    if (kind != 'r') {continue;}
+    arrivals.roll(1.0);
+    const auto & f = arrivals.figures();
+    std::cout << f.total_samples << ' ' << f.total_dropped << ' ' << f.total_overflowed << ' ' << f.total_out_of_order
+              << ' ' << f.total_duplicates << ' ' << f.total_interruptions << ' ' << std::llround(f.mean_age_s * 1e9)
+              << ' ' << std::llround(f.max_age_s * 1e9) << ' ' << std::llround(f.jitter_s * 1e9) << std::endl;
+  }
+}
+"""
+YEAR_S = 365 * 86400
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_arrivals_are_counted_as_in_python(tmp_path, seed) -> None:
+    """Also after stamps far from the others, gaps, repeats and stalls: the losses come back to what is lost."""
+    package = resources.files("ces_identify.export") / "ros_package"
+    words = ["c++", "-std=c++17", *FLAGS, f"-I{package / 'src'}", "-x", "c++", "-", "-o", "arrivals"]
+    subprocess.run(words, input=ARRIVALS, text=True, cwd=tmp_path, check=True)
+    chance, python, lines, expected = random.Random(seed), Arrivals(losses=Losses(1000)), [], []
+    for second in range(20):
+        lost = 0
+        for k in range(1000):
+            now_ns = START_NS + (1000 * second + k) * MS + 300_000 + chance.randrange(50_000)
+            lost += chance.random() < 0.01
+            if lost and chance.random() < 0.5:
+                lost = 0
+                continue
+            stamp_ns = now_ns - now_ns % MS
+            if 3 <= second < 8 and chance.random() < 0.02:
+                seconds = chance.choice((50 * YEAR_S, -50 * YEAR_S, 3600, -3600, 30, 0.9, -0.9, 0.1, -0.002))
+                stamp_ns += round(seconds * 1e9)
+            lines.append(f"p {stamp_ns} {now_ns}")
+            python.take(stamp_ns, now_ns)
+        if second == 9:
+            lines.append("j 0 0")
+            python.restart_ages()
+        lines.append("r 0 0")
+        f = python.roll(1.0)
+        counts = [f.total_samples, f.total_dropped, f.total_overflowed, f.total_out_of_order, f.total_duplicates]
+        times = [round(seconds * 1e9) for seconds in (f.mean_age_s, f.max_age_s, f.jitter_s)]
+        expected.append([*counts, f.total_interruptions, *times])
+    done = subprocess.run(
+        ["./arrivals"], input="\n".join(lines), text=True, cwd=tmp_path, capture_output=True, check=True
+    )
+    found = [list(map(int, line.split())) for line in done.stdout.splitlines()]
+    assert [one[:6] for one in found] == [one[:6] for one in expected]
+    assert np.allclose(found, expected, rtol=1e-6, atol=2)
+    dropped = [one[1] for one in found]
+    assert dropped == sorted(dropped)
+    assert dropped[-1] - dropped[-2] < 50
+    assert found[-1][2] == 0

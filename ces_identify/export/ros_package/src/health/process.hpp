@@ -25,6 +25,8 @@
 namespace ces
 {
 
+using Status = diagnostic_updater::DiagnosticStatusWrapper;
+
 // Processor load between two calls of `roll`, as shares of one core: of the process and of the calling thread, which is
 // to run the executor.
 class LoadMeter
@@ -32,30 +34,22 @@ class LoadMeter
 public:
   void roll()
   {
-    const auto now = read();
-    const auto elapsed = static_cast<double>(now[0] - before_[0]);
-    for (std::size_t k = 0; k < 2; ++k) {
-      shares_[k] = elapsed > 0.0 ? static_cast<double>(now[k + 1] - before_[k + 1]) / elapsed : 0.0;
-    }
-    before_ = now;
+    before_ = now_;
+    for (std::size_t k = 0; k < CLOCKS.size(); ++k) {now_[k] = static_cast<double>(read_clock(CLOCKS[k]));}
   }
 
-  void add_values(diagnostic_updater::DiagnosticStatusWrapper & status) const
+  void add_values(Status & status) const
   {
-    status.addf("process load [% of a core]", "%.1f", 100.0 * shares_[0]);
-    status.addf("executor load [% of a core]", "%.1f", 100.0 * shares_[1]);
+    for (const auto & [k, name] : {std::pair(1, "process"), std::pair(2, "executor")}) {
+      const auto share = (now_[k] - before_[k]) / std::max(1.0, now_[0] - before_[0]);
+      status.addf(std::string(name) + " load [% of a core]", "%.1f", 100.0 * share);
+    }
   }
 
 private:
-  using Times = std::array<Nanoseconds, 3>;
+  static constexpr std::array CLOCKS{CLOCK_MONOTONIC, CLOCK_PROCESS_CPUTIME_ID, CLOCK_THREAD_CPUTIME_ID};
 
-  static Times read()
-  {
-    return {read_clock(CLOCK_MONOTONIC), read_clock(CLOCK_PROCESS_CPUTIME_ID), read_clock(CLOCK_THREAD_CPUTIME_ID)};
-  }
-
-  Times before_ = read();
-  std::array<double, 2> shares_{};
+  std::array<double, CLOCKS.size()> now_{}, before_{};
 };
 
 struct RealTimeOptions
@@ -101,7 +95,7 @@ public:
   }
 
   // Add what is in force.
-  void add_values(diagnostic_updater::DiagnosticStatusWrapper & status) const
+  void add_values(Status & status) const
   {
     const int policy = sched_getscheduler(0) & ~SCHED_RESET_ON_FORK;
     const std::string name = policy == SCHED_FIFO ? "SCHED_FIFO" : policy == SCHED_RR ? "SCHED_RR" :
@@ -112,13 +106,13 @@ public:
     cpu_set_t set;
     CPU_ZERO(&set);
     sched_getaffinity(0, sizeof set, &set);
-    std::vector<std::int64_t> processors;
+    std::vector<std::string> processors;
     for (std::size_t k = 0; k < CPU_SETSIZE; ++k) {
-      if (CPU_ISSET(k, &set)) {processors.push_back(static_cast<std::int64_t>(k));}
+      if (CPU_ISSET(k, &set)) {processors.push_back(std::to_string(k));}
     }
     const bool locked = std::strtoull(read_status("VmLck").c_str(), nullptr, 10) > 0;
     status.add("scheduling", name + (priority ? ", priority " + std::to_string(priority) : ""));
-    status.add("processors", list(processors));
+    status.add("processors", join(processors, ","));
     status.add("memory locked", locked ? "yes" : "no");
     status.add("datagrams dropped by the kernel", drops_ - start_);
   }
@@ -152,8 +146,10 @@ private:
     for (const auto number : options_.processors) {CPU_SET(static_cast<std::size_t>(number), &set);}
     const auto error = for_all_threads([&](pid_t thread) {return sched_setaffinity(thread, sizeof set, &set);});
     if (error == 0) {return "";}
-    return "cpu_affinity " + list(options_.processors) + " is not possible: " + std::strerror(error) +
-           "; the computer has " + std::to_string(std::thread::hardware_concurrency()) + " processors";
+    std::string list;
+    for (const auto number : options_.processors) {list += (list.empty() ? "" : ",") + std::to_string(number);}
+    return "cpu_affinity " + list + " is not possible: " + std::strerror(error) + "; the computer has " +
+           std::to_string(std::thread::hardware_concurrency()) + " processors";
   }
 
   // Lock all memory, unless a limit would make later allocations fail.
@@ -192,13 +188,6 @@ private:
     return "";
   }
 
-  static std::string list(const std::vector<std::int64_t> & numbers)
-  {
-    std::vector<std::string> texts;
-    for (const auto number : numbers) {texts.push_back(std::to_string(number));}
-    return join(texts, ",");
-  }
-
   // The inodes of the process' sockets, as the kernel's tables name them.
   static std::set<std::string> find_sockets()
   {
@@ -207,7 +196,8 @@ private:
     std::error_code error;
     for (const auto & entry : std::filesystem::directory_iterator("/proc/self/fd", error)) {
       const auto target = std::filesystem::read_symlink(entry.path(), error).string();  // empty: closed meanwhile
-      if (target.rfind(socket, 0) == 0) {inodes.insert(target.substr(socket.size(), target.size() - socket.size() - 1));}
+      const bool is_socket = target.rfind(socket, 0) == 0 && target.back() == ']';
+      if (is_socket) {inodes.insert(target.substr(socket.size(), target.size() - socket.size() - 1));}
     }
     return inodes;
   }

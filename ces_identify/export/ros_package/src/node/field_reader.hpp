@@ -8,7 +8,7 @@
 #include <rosidl_typesupport_introspection_cpp/field_types.hpp>
 #include <rosidl_typesupport_introspection_cpp/message_introspection.hpp>
 
-#include "node/parameters.hpp"
+#include "node/settings.hpp"
 
 namespace ces
 {
@@ -58,9 +58,8 @@ public:
       record = member.type_id_ == types::ROS_TYPE_MESSAGE ? &members_of(member) : nullptr;
     }
     const auto last = steps_.back().member->type_id_;
-    if (last > types::ROS_TYPE_INT64 || last == types::ROS_TYPE_LONG_DOUBLE || last == types::ROS_TYPE_WCHAR) {
-      throw UserError(where_ + " is not a number; expected the path to a number");
-    }
+    load_ = last < std::size(LOADS) ? LOADS[last] : nullptr;
+    if (load_ == nullptr) {throw UserError(where_ + " is not a number; expected the path to a number");}
   }
 
   // The value [SI] in a message; nothing with `error` set if it lacks the joint or element. It allocates in that
@@ -88,7 +87,7 @@ public:
       }
       at = member.get_const_function(at, *index);
     }
-    return scale_ * convert(at) + offset_;
+    return scale_ * load_(at) + offset_;
   }
 
 private:
@@ -163,6 +162,8 @@ private:
     return std::nullopt;
   }
 
+  using Load = double (*)(const void *);
+
   template<typename T>
   static double load(const void * number)
   {
@@ -171,28 +172,16 @@ private:
     return static_cast<double>(value);
   }
 
-  double convert(const void * number) const
-  {
-    switch (steps_.back().member->type_id_) {
-      case types::ROS_TYPE_FLOAT: return load<float>(number);
-      case types::ROS_TYPE_DOUBLE: return load<double>(number);
-      case types::ROS_TYPE_BOOLEAN: return load<bool>(number);
-      case types::ROS_TYPE_CHAR:
-      case types::ROS_TYPE_OCTET:
-      case types::ROS_TYPE_UINT8: return load<std::uint8_t>(number);
-      case types::ROS_TYPE_INT8: return load<std::int8_t>(number);
-      case types::ROS_TYPE_UINT16: return load<std::uint16_t>(number);
-      case types::ROS_TYPE_INT16: return load<std::int16_t>(number);
-      case types::ROS_TYPE_UINT32: return load<std::uint32_t>(number);
-      case types::ROS_TYPE_INT32: return load<std::int32_t>(number);
-      case types::ROS_TYPE_UINT64: return load<std::uint64_t>(number);
-      default: return load<std::int64_t>(number);
-    }
-  }
+  static_assert(types::ROS_TYPE_FLOAT == 1 && types::ROS_TYPE_BOOLEAN == 6 && types::ROS_TYPE_INT64 == 15);
+  static constexpr Load LOADS[] = {  // by the number of the type
+    nullptr, load<float>, load<double>, nullptr, load<std::uint8_t>, nullptr, load<bool>, load<std::uint8_t>,
+    load<std::uint8_t>, load<std::int8_t>, load<std::uint16_t>, load<std::int16_t>, load<std::uint32_t>,
+    load<std::int32_t>, load<std::uint64_t>, load<std::int64_t>};
 
   std::string text_, where_;
   std::vector<Step> steps_;
   double scale_, offset_;
+  Load load_ = nullptr;
 };
 
 }  // namespace ces

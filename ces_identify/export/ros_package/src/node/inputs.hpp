@@ -27,7 +27,7 @@ class NodeClock
 public:
   // `on_jump` is called with a line of text after each time jump. Simulated time is 0 until its first /clock
   // message, which is no jump: samples may arrive before it.
-  NodeClock(rclcpp::Node & node, OnText on_jump)
+  NodeClock(Node & node, OnText on_jump)
   : clock_(node.get_clock()), on_jump_(std::move(on_jump))
   {
     rcl_jump_threshold_t threshold;
@@ -102,6 +102,14 @@ inline std::shared_ptr<void> make_message(const MessageMembers & type)
     }};
 }
 
+// The types of what is published on a topic.
+inline std::set<std::string> find_types(const Node & node, const std::string & topic)
+{
+  std::set<std::string> types;
+  for (const auto & publisher : node.get_publishers_info_by_topic(topic)) {types.insert(publisher.topic_type());}
+  return types;
+}
+
 class Inputs
 {
 public:
@@ -109,7 +117,7 @@ public:
   using Deliver = std::function<void(Nanoseconds, double, const std::string &, Nanoseconds)>;
 
   // Queues hold `depth` messages. `on_failure` is called with unexpected errors; no message throws out of a callback.
-  Inputs(rclcpp::Node & node, const NodeClock & clock, std::size_t depth, OnText on_failure)
+  Inputs(Node & node, const NodeClock & clock, std::size_t depth, OnText on_failure)
   : node_(node), clock_(clock), depth_(depth), on_failure_(std::move(on_failure)) {}
 
   // Forget the delays of messages, as after a time jump.
@@ -118,8 +126,25 @@ public:
     for (const auto & topic : topics_) {topic->arrivals = ArrivalClock();}
   }
 
+  // A sentence on publishers whose type is not that of their topic's signal, empty without any.
+  std::string find_mismatch() const
+  {
+    std::vector<std::string> found;
+    for (const auto & topic : topics_) {
+      if (node_.count_publishers(topic->name) <= topic->subscription->get_publisher_count()) {continue;}
+      auto types = find_types(node_, topic->name);
+      types.erase(topic->type);
+      if (!types.empty()) {
+        found.push_back(
+          topic->name + " also carries " + join(types, ", ") + ", which is not read; " + topic->signal + ".type is " +
+          topic->type);
+      }
+    }
+    return join(found, "; ");
+  }
+
   // Deliver each sample of `signal`, or the error that makes a message unreadable; its arrivals are counted in
-  // `arrivals`. A sample without a stamp is stamped with its arrival (ArrivalClock); the signal's delay is taken off the
+  // `arrivals`. A sample without a stamp is stamped with its arrival (ArrivalClock); the delay is taken off the
   // stamps. Signals in one message are delivered in the order of their subscriptions. Raises UserError if topic, type
   // or field is wrong.
   void subscribe(const SignalSettings & signal, Deliver deliver, OnText on_unreadable, Arrivals * arrivals)
@@ -127,7 +152,7 @@ public:
     const auto topic = find_topic(signal);
     topic->readers.push_back(
       {FieldReader(signal, *topic->members), to_ns(signal.delay_s), std::move(deliver), std::move(on_unreadable)});
-    if (!topic->subscription) {create_subscription(signal, *topic);}
+    if (!topic->subscription) {create_subscription(signal, topic);}
     if (arrivals != nullptr) {arrivals->set_topic(topic->header.has_value(), topic->losses);}
     if (!topic->header) {
       RCLCPP_WARN(
@@ -148,7 +173,7 @@ private:
   // One topic with the readers of its signals.
   struct Topic
   {
-    std::string name, type;
+    std::string name, type, signal;  // the last: one of those in it
     Losses losses;
     std::shared_ptr<rcpputils::SharedLibrary> introspection = nullptr;
     const MessageMembers * members = nullptr;
@@ -165,14 +190,15 @@ private:
     try {
       const auto now = clock_.now();
       const auto number = info.publication_sequence_number;
-      const bool has_number = number != RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED && number != 0;
+      const bool is_local = info.from_intra_process;  // rclcpp leaves the rest of `info` unset
+      const bool has_number = !is_local && number != RMW_MESSAGE_INFO_SEQUENCE_NUMBER_UNSUPPORTED && number != 0;
       topic.losses.take_number(has_number ? std::optional<std::uint64_t>(number) : std::nullopt);
       static const std::string NO_FRAME;
       const auto * header = topic.header ? reinterpret_cast<const std_msgs::msg::Header *>(
         static_cast<const char *>(message) + *topic.header) : nullptr;
       // Simulated time does not show when a message without a stamp was sent.
       const auto stamp = header ? header->stamp.sec * SECOND + header->stamp.nanosec :
-        clock_.is_simulated() ? now : topic.arrivals.stamp(info.source_timestamp, now);
+        is_local || clock_.is_simulated() ? now : topic.arrivals.stamp(info.source_timestamp, now);
       for (const auto & reader : topic.readers) {
         if (const auto value = reader.field.read(message, topic.error)) {
           reader.deliver(stamp - reader.delay, *value, header ? header->frame_id : NO_FRAME, now);
@@ -188,7 +214,7 @@ private:
   std::shared_ptr<Topic> find_topic(const SignalSettings & signal)
   {
     const auto where = "signal '" + signal.name + "': ";
-    auto topic = std::make_shared<Topic>(Topic{"", signal.type, Losses(depth_)});
+    auto topic = std::make_shared<Topic>(Topic{"", signal.type, signal.name, Losses(depth_)});
     try {
       topic->name = node_.get_node_topics_interface()->resolve_topic_name(signal.topic);
     } catch (const std::exception &) {
@@ -212,37 +238,42 @@ private:
     return topic;
   }
 
-  void create_subscription(const SignalSettings & signal, Topic & topic)
+  // The executor may hold a message that is read after the topics are closed: its callback then does nothing.
+  void create_subscription(const SignalSettings & signal, const std::shared_ptr<Topic> & topic)
   {
     const auto qos = rclcpp::QoS(depth_).best_effort();
     rclcpp::SubscriptionOptions options;
     options.qos_overriding_options = rclcpp::QosOverridingOptions::with_default_policies();
     const auto subscribe_typed = [&](auto type) {
         using Message = typename decltype(type)::Message;
-        topic.subscription = node_.create_subscription<Message>(
-          signal.topic, qos, [this, &topic](const Message & message, const rclcpp::MessageInfo & info) {
-            take(topic, &message, info.get_rmw_message_info());
+        topic->subscription = node_.create_subscription<Message>(
+          signal.topic, qos, [this, weak = std::weak_ptr(topic)](
+            const Message & message, const rclcpp::MessageInfo & info) {
+            if (const auto open = weak.lock()) {take(*open, &message, info.get_rmw_message_info());}
           },
           options, std::make_shared<ReusedMessage<Message>>());
       };
     if (visit_message_type(signal.type, subscribe_typed)) {return;}
     const auto library = rclcpp::get_typesupport_library(signal.type, "rosidl_typesupport_cpp");
     const auto * handle = rclcpp::get_message_typesupport_handle(signal.type, "rosidl_typesupport_cpp", *library);
-    const auto take_bytes = [this, &topic, library, message = make_message(*topic.members),
-        serialization = rclcpp::SerializationBase(handle)](
+    const auto take_bytes = [this, weak = std::weak_ptr(topic), library, introspection = topic->introspection,
+        message = make_message(*topic->members), serialization = rclcpp::SerializationBase(handle)](
       std::shared_ptr<const rclcpp::SerializedMessage> bytes, const rclcpp::MessageInfo & info) {
+        const auto open = weak.lock();
+        if (!open) {return;}
         try {
           serialization.deserialize_message(bytes.get(), message.get());
         } catch (const std::exception & error) {
           on_failure_(error.what());
           return;
         }
-        take(topic, message.get(), info.get_rmw_message_info());
+        take(*open, message.get(), info.get_rmw_message_info());
       };
-    topic.subscription = node_.create_generic_subscription(signal.topic, signal.type, qos, take_bytes, options);
+    topic->subscription = rclcpp::create_generic_subscription(
+      node_.get_node_topics_interface(), signal.topic, signal.type, qos, take_bytes, options);
   }
 
-  rclcpp::Node & node_;
+  Node & node_;
   const NodeClock & clock_;
   std::size_t depth_;
   OnText on_failure_;

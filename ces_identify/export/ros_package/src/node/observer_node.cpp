@@ -1,5 +1,6 @@
 #include "node/observer_node.hpp"
 
+#include <lifecycle_msgs/msg/state.hpp>
 #include <rclcpp/experimental/executors/events_executor/events_executor.hpp>
 
 namespace ces
@@ -7,134 +8,148 @@ namespace ces
 namespace
 {
 
-constexpr std::size_t OUTPUT_DEPTH = 1000;  // as of the inputs: a burst after a stall is published completely
+using States = lifecycle_msgs::msg::State;
+
 constexpr std::chrono::milliseconds WATCH_PERIOD{100};
 constexpr Nanoseconds WATCH = 100'000'000;  // minimum time between two diagnostics
 constexpr Nanoseconds DIAGNOSTICS = SECOND;
-constexpr Nanoseconds LOG = SECOND;  // minimum time between two lines, against floods by a flickering reason
-constexpr double MIN_SILENCE_S = 0.2;
+constexpr Nanoseconds FALL = 5 * SECOND;  // of failures at each sample, after which the node leaves the active state
+constexpr Nanoseconds RETRY = 5 * SECOND;
 constexpr double NEVER_S = 1e6;
 constexpr int USER_ERROR = 2;
 constexpr std::chrono::milliseconds PAUSE{1};  // a lasting error must not take the whole processor
+constexpr std::size_t MAX_LOGGED = 100;  // kinds of errors
+constexpr std::array<const char *, 4> TASKS{"health", "frequency", "time stamps", "model"};
+const std::array<std::vector<std::string>, TASKS.size()> KEYS{{
+  {"reason", "state", "withheld in the last second [%]", "share outside the envelope", "episodes of withholding",
+    "last episode", "unexpected errors"},
+  {"position: rate [Hz]", "current: rate [Hz]", "dropped", "forces estimated"},
+  {"age of the last position on arrival [s]", "latency from stamp to publish, p50 [ms]",
+    "latency from stamp to publish, p99 [ms]", "latency from stamp to publish, max [ms]", "jumps of time"},
+  {"model sha256", "last change of the model"}}};
+
+// The node's parameters, as parameters.yaml declares them. Raises UserError with the reason alone.
+std::unique_ptr<observer::ParamListener> declare_all(Node & node)
+{
+  try {
+    auto listener = std::make_unique<observer::ParamListener>(&node);
+    declare_constant(node);
+    return listener;
+  } catch (const rclcpp::exceptions::InvalidParameterTypeException & error) {
+    const std::string text = error.what(), end = "has invalid type: ";
+    throw UserError(text.substr(std::min(text.size(), text.find(end) + end.size())));
+  } catch (const rclcpp::exceptions::InvalidParameterValueException & error) {
+    const std::string text = error.what();
+    throw UserError(text.substr(text.find(": ") + 2));
+  }
+}
+
+// Raises UserError.
+RealTimeOptions find_real_time(const observer::Params & parameters)
+{
+  const auto & given = parameters.cpu_affinity;
+  const auto is_processor = [](std::int64_t number) {return 0 <= number && number < 4096;};
+  const bool is_all = given == std::vector<std::int64_t>{-1};
+  if (!is_all && (given.empty() || !std::all_of(given.begin(), given.end(), is_processor))) {
+    const auto text = fmt::format("{}", fmt::join(given, ", "));
+    throw UserError("parameter 'cpu_affinity' is [" + text + "]; expected numbers of processors such as [2, 3]");
+  }
+  const auto processors = is_all ? std::vector<std::int64_t>() : given;
+  return {static_cast<int>(parameters.realtime_priority), processors, parameters.lock_memory};
+}
 
 }  // namespace
 
-EstimateOutput::EstimateOutput(rclcpp::Node & node, const std::string & joint, const std::string & topic)
-{
-  rclcpp::PublisherOptions options;
-  options.qos_overriding_options = rclcpp::QosOverridingOptions::with_default_policies();
-  publisher_ = node.create_publisher<JointState>(topic, rclcpp::QoS(OUTPUT_DEPTH), options);
-  band_publisher_ = node.create_publisher<JointState>(topic + "_band", rclcpp::QoS(OUTPUT_DEPTH), options);
-  message_.name = {joint};
-  message_.position = message_.velocity = message_.effort = {0.0};
-  band_.name = {joint + "_lower", joint + "_upper"};
-  band_.effort = {0.0, 0.0};
-}
-
-void EstimateOutput::publish(const Estimate & estimate, const std::string & frame)
-{
-  const auto seconds = estimate.stamp / SECOND - (estimate.stamp % SECOND < 0);
-  message_.header.stamp.sec = static_cast<std::int32_t>(seconds);
-  message_.header.stamp.nanosec = static_cast<std::uint32_t>(estimate.stamp - seconds * SECOND);
-  message_.header.frame_id = frame;
-  message_.position[0] = estimate.position;
-  message_.velocity[0] = estimate.speed;
-  message_.effort[0] = estimate.force;
-  publisher_->publish(message_);
-  if (std::isfinite(estimate.half_width)) {
-    band_.header = message_.header;
-    band_.effort[0] = estimate.force - estimate.half_width;
-    band_.effort[1] = estimate.force + estimate.half_width;
-    band_publisher_->publish(band_);
-  }
-}
-
 ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
 : Node(
-    "observer", rclcpp::NodeOptions(options).use_clock_thread(false).append_parameter_override(
-      "diagnostic_updater.use_fqn", true)),
-  parameters_(*this),
-  joint_(parameters_.joint()),
-  position_(parameters_.position()), current_(parameters_.current()), motion_(parameters_.motion()),
-  damper_(SignalHold(Model::MAX_CURRENT_AGE_S, current_.constant), SignalHold(Model::MAX_GAP_S, motion_.constant)),
-  health_(damper_),
-  intake_(damper_, [this](auto stamp, const auto & frame, auto force_N) {on_estimate(stamp, frame, force_N);}),
+    "observer", rclcpp::NodeOptions(options).use_clock_thread(false).start_parameter_services(false)
+    .append_parameter_override("diagnostic_updater.use_fqn", true)),
+  parameters_(declare_all(*this)),
+  joint_(find_joint(parameters_->get_params().name, parameters_->get_params().position.field)),
+  services_(*this),
   clock_(*this, [this](const std::string & what) {on_time_jump(what);}),
-  estimate_(*this, joint_, "~/estimate"),
   updater_(this, NEVER_S),  // its timer stands still with simulated time: `watch` updates it
-  inputs_(
-    *this, clock_, static_cast<std::size_t>(parameters_.get<std::int64_t>("input_depth")),
-    [this](const std::string & what) {on_failure(what);}),
-  process_(parameters_.real_time())
+  details_(rclcpp::create_publisher<diagnostic_msgs::msg::DiagnosticArray>(*this, "~/details", rclcpp::QoS(1))),
+  process_(find_real_time(parameters_->get_params()))
 {
-  if (Model::DELAY_TICKS) {late_.emplace(*this, joint_, "~/estimate_delayed");}
+  warn_of_unknown(*this);
   updater_.setHardwareID(joint_);
-  updater_.add(joint_, [this](auto & status) {write_status(status);});
-  apply_live_parameters();
-  on_set_ = add_on_set_parameters_callback(
-    [](const std::vector<rclcpp::Parameter> & parameters) {
-      rcl_interfaces::msg::SetParametersResult result;
-      result.reason = Parameters::find_refusal(parameters);
-      result.successful = result.reason.empty();
-      return result;
-    });
-  post_set_ = add_post_set_parameters_callback(
-    [this](const std::vector<rclcpp::Parameter> &) {guard([this] {apply_live_parameters();});});
+  for (std::size_t k = 0; k < TASKS.size(); ++k) {
+    updater_.add(joint_ + " " + TASKS[k], [this, k](Status & status) {
+        tasks_[k].summarise(status);
+        for (const auto & key : KEYS[k]) {
+          for (const auto & one : values_.values) {
+            if (one.key == key) {status.values.push_back(one);}
+          }
+        }
+      });
+  }
+  parameters_->setUserCallback([this](const observer::Params & changed) {guard([&] {apply(changed);});});
   watched_ = rolled_ = reported_ = read_clock(CLOCK_MONOTONIC);
   timer_ = create_wall_timer(WATCH_PERIOD, [this] {guard([this] {watch();});});
-  subscribe();
+  if (parameters_->get_params().autostart) {start();}
+}
+
+ObserverNode::Transition ObserverNode::on_configure(const State &)
+{
+  try {
+    made_ = std::make_unique<Observation>(
+      *this, clock_, joint_, [this] {report_change();}, [this](const std::string & what) {on_error(what);});
+    apply(parameters_->get_params());
+  } catch (const std::exception & error) {
+    mistake_ = error.what();
+    if (!is_starting_) {RCLCPP_ERROR(get_logger(), "%s", error.what());}
+    made_.reset();
+    return dynamic_cast<const UserError *>(&error) ? Transition::FAILURE : Transition::ERROR;
+  }
   RCLCPP_INFO(get_logger(), "%s: %s, compiled in, SHA-256 %.12s", joint_.c_str(), Model::SIZE, Model::DIGEST);
+  return Transition::SUCCESS;
 }
 
-// Subscribe, to the position last: what else its message carries holds for it.
-void ObserverNode::subscribe()
+ObserverNode::Transition ObserverNode::on_deactivate(const State & state)
 {
-  const auto count_unreadable = [this](Input input) {
-      return [this, input](const std::string & error) {damper_.count_unreadable(input, error);};
-    };
-  if (!current_.constant) {
-    const auto take = [this](Nanoseconds stamp, double current_A, const std::string &, Nanoseconds now) {
-        health_.current.take(stamp, now);
-        intake_.take_current(stamp, current_A, now);
-      };
-    inputs_.subscribe(current_, take, count_unreadable(CURRENT), &health_.current);
-  }
-  if (!motion_.constant) {
-    const auto take = [this](Nanoseconds stamp, double value, const std::string &, Nanoseconds now) {
-        intake_.take_motion(stamp, value, now);
-      };
-    inputs_.subscribe(motion_, take, count_unreadable(MOTION), nullptr);
-  }
-  const auto take = [this](Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now) {
-      health_.position.take(stamp, now);
-      health_.stillness.take(stamp, position_m);
-      intake_.take_position(stamp, position_m, frame, now);
-    };
-  inputs_.subscribe(position_, take, count_unreadable(POSITION), &health_.position);
+  const auto done = Node::on_deactivate(state);
+  return has_fallen_ ? Transition::ERROR : done;
 }
 
-void ObserverNode::on_estimate(Nanoseconds stamp, const std::string & frame, std::optional<double> force_N)
+ObserverNode::Transition ObserverNode::on_cleanup(const State &)
 {
-  if (force_N) {
-    estimate_.publish({stamp, damper_.position(), damper_.speed(), *force_N, damper_.half_width()}, frame);
-    health_.latency.take(clock_.now() - stamp);
-  }
-  for (const auto & one : damper_.late()) {
-    late_->publish(one, frame);
-    if (!Model::HAS_NOW) {health_.latency.take(clock_.now() - one.stamp);}
-  }
-  report_change();
+  has_fallen_ = false;
+  made_.reset();
+  mismatch_.clear();
+  reported_reason_ = Reason::SILENT;
+  return Transition::SUCCESS;
+}
+
+// Configure and activate the node; raises UserError if it cannot.
+void ObserverNode::start()
+{
+  mistake_ = "the node cannot be started";
+  is_starting_ = true;
+  configure();
+  is_starting_ = false;
+  if (get_current_state().id() == States::PRIMARY_STATE_INACTIVE) {activate();}
+  if (get_current_state().id() != States::PRIMARY_STATE_ACTIVE) {throw UserError(mistake_);}
+}
+
+// Go through the error state to `unconfigured`; a node that starts itself does so again, after RETRY.
+void ObserverNode::fall()
+{
+  RCLCPP_ERROR(
+    get_logger(), "%s: each sample has failed for 5 s; the node lets go of everything and is unconfigured",
+    joint_.c_str());
+  has_fallen_ = true;
+  deactivate();
+  if (parameters_->get_params().autostart) {next_start_ = read_clock(CLOCK_MONOTONIC) + RETRY;}
 }
 
 // Restart after a time jump.
 void ObserverNode::on_time_jump(const std::string & what)
 {
   guard([this, &what] {  // rcl calls this in the middle of setting its clock
-      ++jumps_;
-      jump_ = what;
-      RCLCPP_WARN(get_logger(), "%s: the estimates restart", what.c_str());
-      inputs_.reset();
-      intake_.reset(clock_.now());
+      RCLCPP_WARN_THROTTLE(get_logger(), steady_, 1000, "%s: the estimates restart", what.c_str());
+      if (!made_) {return;}
+      made_->reset(what);
       report_change();
     });
 }
@@ -150,51 +165,61 @@ void ObserverNode::on_error(const std::string & what) noexcept
   }
 }
 
-// Begin anew after a failure in a sample's way, which may have left the estimator half changed.
-void ObserverNode::on_failure(const std::string & what) noexcept
+void ObserverNode::apply(const observer::Params & parameters)
 {
-  on_error(what);
-  guard([this] {
-      intake_.restart();
-      report_change();
-    });
+  if (made_) {made_->set_live(parameters.max_age_s, parameters.wait_for_current_s, parameters.still_warn_s);}
 }
 
-void ObserverNode::apply_live_parameters()
-{
-  damper_.set_max_age(parameters_.number("max_age_s"));
-  intake_.set_wait(parameters_.number("wait_for_current_s"));
-  health_.stillness.set_warn(parameters_.number("still_warn_s"));
-}
-
+// Do what is due; a step that fails does not keep the others from being done.
 void ObserverNode::watch()
 {
   const auto now = read_clock(CLOCK_MONOTONIC), elapsed = now - watched_;
   watched_ = now;
-  clock_.watch();
-  intake_.release(clock_.now());
-  quiet_ = damper_.tally().samples == watched_samples_ ? quiet_ + elapsed : 0;
-  watched_samples_ = damper_.tally().samples;
-  if (quiet_ >= to_ns(std::max(MIN_SILENCE_S, Model::MAX_GAP_S))) {
-    damper_.report_silence();
-    report_change();
-  }
-  if (now - rolled_ >= DIAGNOSTICS) {
-    if (const auto warning = process_.roll(); !warning.empty()) {RCLCPP_WARN(get_logger(), "%s", warning.c_str());}
-    health_.roll(to_s(now - rolled_));
+  guard([this] {clock_.watch();});
+  guard([&] {if (made_) {made_->watch(elapsed);}});
+  guard([&] {watch_failures(now);});
+  if (const auto window = now - rolled_; window >= DIAGNOSTICS) {
     rolled_ = now;
+    guard([&] {roll(to_s(window));});
+    guard([this] {publish_status();});
+    guard([this] {publish_details();});
+  } else if (is_pending_ || get_current_state().label() != state_) {
     publish_status();
-  } else if (is_pending_) {
-    publish_status();
+  }
+}
+
+// Close a window of `elapsed_s` seconds.
+void ObserverNode::roll(double elapsed_s)
+{
+  if (const auto warning = process_.roll(); !warning.empty()) {RCLCPP_WARN(get_logger(), "%s", warning.c_str());}
+  if (!made_) {return;}
+  made_->health.roll(elapsed_s);
+  const auto before = std::exchange(mismatch_, made_->find_mismatch());
+  if (before != mismatch_ && !mismatch_.empty()) {
+    RCLCPP_WARN(get_logger(), "%s: %s", joint_.c_str(), mismatch_.c_str());
+  }
+}
+
+// Leave the active state if each sample fails, and come back later.
+void ObserverNode::watch_failures(Nanoseconds now)
+{
+  if (made_ && made_->failing(now) >= FALL && get_current_state().id() == States::PRIMARY_STATE_ACTIVE) {fall();}
+  if (next_start_ == 0 || now < next_start_) {return;}
+  next_start_ = now + RETRY;
+  try {
+    start();
+    next_start_ = 0;
+  } catch (const UserError & error) {
+    RCLCPP_ERROR(get_logger(), "cannot be started again: %s", error.what());
   }
 }
 
 // Report a new reason at once, or by the watch timer if the last report was just now.
 void ObserverNode::report_change()
 {
-  if (damper_.reason() == reported_reason_) {return;}
-  reported_reason_ = damper_.reason();
-  health_.note_change(clock_.now());
+  if (made_->damper.reason() == reported_reason_) {return;}
+  reported_reason_ = made_->damper.reason();
+  made_->health.note_change(clock_.now());
   is_pending_ = true;
   if (read_clock(CLOCK_MONOTONIC) - reported_ >= WATCH) {publish_status();}
 }
@@ -203,59 +228,75 @@ void ObserverNode::publish_status()
 {
   reported_ = read_clock(CLOCK_MONOTONIC);
   is_pending_ = false;
+  state_ = get_current_state().label();
+  tasks_ = make_tasks();
+  collect_values();
   updater_.force_update();
+  log_reason();
 }
 
-// Write the status that the updater publishes, and log a new reason.
-void ObserverNode::write_status(diagnostic_updater::DiagnosticStatusWrapper & status)
+std::array<Task, 4> ObserverNode::make_tasks()
 {
-  using diagnostic_msgs::msg::DiagnosticStatus;
-  health_.report(status, find_detail());
-  const auto failures = std::to_string(failures_) + " unexpected errors, the last: " + failure_;
-  for (const auto & remark : {process_.find_remark(), failures_ > reported_failures_ ? failures : ""}) {
-    if (remark.empty()) {continue;}
-    status.level = std::max<std::uint8_t>(status.level, DiagnosticStatus::WARN);
-    status.message += "; " + remark;
+  if (!made_) {
+    const Task task{DiagnosticStatus::WARN, "unconfigured: configure the node to estimate"};
+    return {task, task, task, task};
   }
-  reported_failures_ = failures_;
-  status.add("model", "compiled in");
-  status.add("model sha256", Model::DIGEST);
-  status.addf("delay_s", "%g", Model::DELAY_S);
-  process_.add_values(status);
-  status.add("jumps of time", std::to_string(jumps_) + ", the last: " + jump_);
-  status.add("unexpected errors", std::to_string(failures_) + ", the last: " + failure_);
-  const auto now = read_clock(CLOCK_MONOTONIC);
-  if (logged_ != 0 && (damper_.reason() == logged_reason_ || now - logged_ < LOG)) {return;}
-  logged_ = now;
-  logged_reason_ = damper_.reason();
-  if (status.level == DiagnosticStatus::OK) {
-    RCLCPP_INFO(get_logger(), "%s: %s", joint_.c_str(), status.message.c_str());
-  } else {
-    RCLCPP_WARN(get_logger(), "%s: %s", joint_.c_str(), status.message.c_str());
+  auto & health = made_->health;
+  auto task = health.make_health_task(made_->find_detail());
+  task.add(!process_.find_remark().empty(), process_.find_remark());
+  task.add(
+    failures_ > std::exchange(reported_failures_, failures_),
+    std::to_string(failures_) + " unexpected errors, the last: " + failure_);
+  if (get_current_state().id() != States::PRIMARY_STATE_ACTIVE) {
+    task = {DiagnosticStatus::WARN, "inactive: activate the node to publish"};
   }
+  return {task, health.make_frequency_task(mismatch_), health.make_stamps_task(), {DiagnosticStatus::OK, Model::SIZE}};
 }
 
-// Details of the damper's reason, including the state of a silent topic.
-std::string ObserverNode::find_detail()
+void ObserverNode::collect_values()
 {
-  const auto detail = damper_.explain();
-  if (!detail.empty()) {return detail;}
-  switch (damper_.reason()) {
-    case Reason::SILENT: return describe_topic(position_);
-    case Reason::NO_CURRENT: return current_.constant ? "" : describe_topic(current_);
-    case Reason::NO_MOTION: return describe_topic(motion_);
-    default: return "";
-  }
+  values_.values.clear();
+  values_.add("state", state_);
+  values_.add("unexpected errors", std::to_string(failures_) + ", the last: " + failure_);
+  if (!made_) {return;}
+  made_->health.add_values(values_);
+  values_.add("snapshot", made_->snapshot.state());
+  values_.add("model", "compiled in");
+  values_.add("model sha256", Model::DIGEST);
+  values_.add("last change of the model", "none: it is compiled in");
+  values_.addf("delay_s", "%g", Model::DELAY_S);
+  process_.add_values(values_);
 }
 
-std::string ObserverNode::describe_topic(const SignalSettings & signal)
+// Publish all values, if somebody listens.
+void ObserverNode::publish_details()
 {
-  const auto topic = get_node_topics_interface()->resolve_topic_name(signal.topic);
-  std::set<std::string> types;
-  for (const auto & publisher : get_publishers_info_by_topic(topic)) {types.insert(publisher.topic_type());}
-  if (types.empty()) {return "nothing publishes " + topic;}
-  if (types.count(signal.type)) {return topic + " has a publisher that is silent";}
-  return topic + " carries " + join(types, ", ") + "; " + signal.name + ".type is " + signal.type;
+  if (details_->get_subscription_count() == 0) {return;}
+  diagnostic_msgs::msg::DiagnosticArray message;
+  message.header.stamp = get_clock()->now();
+  values_.name = get_fully_qualified_name() + (": " + joint_);
+  values_.hardware_id = joint_;
+  message.status = {values_};
+  details_->publish(message);
+}
+
+void ObserverNode::log_reason()
+{
+  Task all = tasks_[0];
+  for (std::size_t k = 1; k < tasks_.size() && made_; ++k) {
+    all.level = std::max(all.level, tasks_[k].level);
+    all.remarks.insert(all.remarks.end(), tasks_[k].remarks.begin(), tasks_[k].remarks.end());
+  }
+  all.summarise(values_);
+  const bool is_active = get_current_state().id() == States::PRIMARY_STATE_ACTIVE;
+  const auto line = reason_log_.find_line(
+    reported_, is_active && made_ ? text_of(made_->damper.reason()) : state_, joint_ + ": " + values_.message,
+    made_ ? made_->health.changes() : 0, made_ ? made_->health.withheld() : 0);
+  if (!line.empty() && values_.level == DiagnosticStatus::OK) {
+    RCLCPP_INFO(get_logger(), "%s", line.c_str());
+  } else if (!line.empty()) {
+    RCLCPP_WARN(get_logger(), "%s", line.c_str());
+  }
 }
 
 int run_observer(int argc, char ** argv)
@@ -270,17 +311,20 @@ int run_observer(int argc, char ** argv)
     } else {
       executor = std::make_unique<rclcpp::experimental::executors::EventsExecutor>();
     }
-    executor->add_node(node);
+    executor->add_node(node->get_node_base_interface());
+    std::set<std::string> logged;
     for (bool is_over = false; rclcpp::ok() && !is_over; ) {
       try {
         executor->spin();
         is_over = true;
-      } catch (const std::exception & error) {  // in rclcpp itself
-        RCLCPP_ERROR(rclcpp::get_logger("observer"), "unexpected error; the node runs on: %s", error.what());
+      } catch (const std::exception & error) {  // in rclcpp itself, as for a /clock before 1970
+        if (logged.size() < MAX_LOGGED && logged.insert(error.what()).second) {
+          RCLCPP_ERROR(node->get_logger(), "error in rclcpp, logged once; the node runs on: %s", error.what());
+        }
         std::this_thread::sleep_for(PAUSE);
       }
     }
-    executor->remove_node(node);
+    executor->remove_node(node->get_node_base_interface());
   } catch (const std::exception & error) {
     const std::string text = error.what();
     RCLCPP_FATAL(rclcpp::get_logger("observer"), "%s", text.substr(0, text.find('\n')).c_str());

@@ -1,0 +1,145 @@
+"""The C++ observer as a managed node, and what it asks of a recorder."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
+from bag_recorders import Recorder
+from cpp_package import CppPackage, missing_tool
+from diagnostic_msgs.msg import DiagnosticStatus
+from lifecycle_msgs.msg import Transition
+from lifecycle_msgs.srv import ChangeState
+from node_process import NodeProcess
+from patience import PATIENCE_S
+from std_srvs.srv import Trigger
+from vehicle import Vehicle, wait
+
+pytestmark = pytest.mark.skipif(bool(missing_tool()), reason=f"{missing_tool()} is missing")
+
+UNCONFIGURED = "unconfigured: configure the node to estimate"
+FAILING_CLOCK = """
+#define _GNU_SOURCE
+#include <dlfcn.h>
+#include <string.h>
+#include <unistd.h>
+int rcl_clock_get_now(int * clock, long * now)
+{
+  Dl_info caller;
+  dladdr(__builtin_return_address(0), &caller);
+  if (*clock == 1 && strstr(caller.dli_fname, "librclcpp") && access(FAILS, F_OK) == 0) {return 1;}
+  return ((int (*)(int *, long *))dlsym(RTLD_NEXT, "rcl_clock_get_now"))(clock, now);
+}
+"""  # while the file FAILS is there, rclcpp cannot read ROS time (clock 1), and each sample fails
+
+
+@pytest.fixture
+def start_cpp(namespace: str, package: CppPackage) -> Iterator[Callable[..., NodeProcess]]:
+    """Yield a function that starts the C++ observer, with further variables in its environment."""
+    started: list[NodeProcess] = []
+
+    def start(variables: dict[str, str] | None = None, **parameters: object) -> NodeProcess:
+        started.append(package.start(namespace, "observer", {"current.constant": 0.5, **parameters}, variables))
+        return started[-1]
+
+    yield start
+    for node in started:
+        node.kill()
+
+
+def change(vehicle: Vehicle, transition: str) -> bool:
+    """Ask the observer for a transition; return whether it succeeded."""
+    client = vehicle.node.create_client(ChangeState, "observer/change_state")
+    assert client.wait_for_service(PATIENCE_S)
+    answer = client.call_async(ChangeState.Request(transition=Transition(label=transition)))
+    wait(answer.done, f"an answer to transition {transition}")
+    return bool(answer.result().success)
+
+
+def test_a_lifecycle_manager_drives_it(vehicle: Vehicle, start_cpp: Callable[..., NodeProcess]) -> None:
+    start_cpp(autostart=False)
+    for _ in range(2):
+        vehicle.hears(UNCONFIGURED, DiagnosticStatus.WARN, len(vehicle.statuses))
+        wait(lambda: vehicle.node.count_publishers("observer/estimate") == 0, "no topics")
+        assert change(vehicle, "configure")
+        vehicle.meets_node()
+        told, heard = len(vehicle.statuses), len(vehicle.estimates)
+        with vehicle.driving():
+            vehicle.hears("inactive: activate the node to publish", DiagnosticStatus.WARN, told)
+            wait(lambda since=told: newest(vehicle, "forces estimated", since) > 500, "it is warm")
+            assert len(vehicle.estimates) == heard
+            began = time.time_ns()
+            assert change(vehicle, "activate")
+            wait(lambda since=heard: len(vehicle.estimates) > since, "estimates of the active node")
+            assert vehicle.stamps()[heard] - began < 10**9
+            assert change(vehicle, "deactivate")
+            time.sleep(0.2)
+            heard = len(vehicle.estimates)
+            time.sleep(0.2)
+            assert len(vehicle.estimates) == heard
+        assert change(vehicle, "cleanup")
+    assert not change(vehicle, "activate")
+
+
+def newest(vehicle: Vehicle, key: str, since: int) -> int:
+    """Return the newest value of a key in the statuses after the first `since`, 0 if there is none."""
+    values = (v.value for s in reversed(list(vehicle.statuses)[since:]) for v in s.values if v.key == key)
+    return int(next(values, "0"))
+
+
+def test_if_each_sample_fails_it_starts_anew(
+    vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path
+) -> None:
+    library, fails = tmp_path / "failing.so", tmp_path / "fails"
+    words = ["cc", "-shared", "-fPIC", f'-DFAILS="{fails}"', "-x", "c", "-", "-o", str(library), "-ldl"]
+    subprocess.run(words, input=FAILING_CLOCK, text=True, check=True)
+    node = start_cpp({"LD_PRELOAD": str(library)})
+    vehicle.meets_node()
+    vehicle.drive_until(lambda: len(vehicle.estimates) > 100, "estimates")
+    fails.touch()
+    with vehicle.driving():
+        wait(lambda: vehicle.node.count_publishers("observer/estimate") == 0, "it lets go of its topics")
+        fails.unlink()
+        vehicle.hears(UNCONFIGURED, DiagnosticStatus.WARN)
+        heard = len(vehicle.estimates)
+        wait(lambda: len(vehicle.estimates) > heard + 100, "estimates after the restart")
+    node.interrupt()
+    output = node.ended()[1]
+    assert output.count("each sample has failed for 5 s") == output.count("[ERROR]") == 1, output
+
+
+def test_a_transition_that_fails_says_why(vehicle: Vehicle, start_cpp: Callable[..., NodeProcess]) -> None:
+    node = start_cpp(autostart=False, **{"position.type": "no_msgs/msg/Such"})
+    assert not change(vehicle, "configure")
+    vehicle.hears(UNCONFIGURED, DiagnosticStatus.WARN, len(vehicle.statuses))
+    node.interrupt()
+    assert node.ended()[1].count("[ERROR]") == 1
+
+
+def test_a_recorder_writes_a_snapshot_on_request(
+    vehicle: Vehicle, start_cpp: Callable[..., NodeProcess], tmp_path: Path
+) -> None:
+    name = f"recorder_{vehicle.namespace.strip('/').replace('/', '_')}"
+    topic = f"{vehicle.namespace}/joint_states"
+    recorder = Recorder(tmp_path / "bag", [topic], ("--snapshot-mode", "--node-name", name, "--storage", "mcap"))
+    try:
+        start_cpp(snapshot_service=f"/{name}/snapshot")
+        vehicle.meets_node()
+        wait(lambda: vehicle.position.get_subscription_count() > 1, "the recorder hears the positions")
+        client = vehicle.node.create_client(Trigger, "observer/snapshot")
+        assert client.wait_for_service(PATIENCE_S)
+        with vehicle.driving():
+            vehicle.hears_value("snapshot", "none taken")
+            client.call_async(Trigger.Request())
+            vehicle.hears_value("snapshot", "taken: the recorder has written its last seconds")
+        recorder.ends(signal.SIGINT)
+    finally:
+        recorder.kill()
+    assert list((tmp_path / "bag").glob("*.mcap"))
