@@ -128,9 +128,10 @@ def identify(
     delays = sorted(set(require_delays(options.delay)))
     sampling = choose_sampling([without_spikes(one.part(0.0, options.split)) for one in recordings], options.rate)
     samplings = [replace(sampling, delay_s=require_delay(one, sampling.rate_Hz)) for one in delays]
-    result = _identify_at(samplings[0], recordings, validation, options, listener, fitter)
+    share = replace(options, limits=replace(options.limits, time=options.limits.time / len(samplings)))
+    result = _identify_at(samplings[0], recordings, validation, share, listener, fitter)
     if len(samplings) > 1 and all(one.ended != INTERRUPTED for one in result.search_results):
-        result = _join(result, _identify_at(samplings[1], recordings, validation, options, listener, fitter))
+        result = _join(result, _identify_at(samplings[1], recordings, validation, share, listener, fitter))
     return result
 
 
@@ -202,7 +203,7 @@ def _identify_at(
             "starts_with_model": count_starts(fitted.results),
             "first_seed": options.limits.seed,
             "best_seed": fitted.results[0].seed,
-            **({"seconds": options.limits.time} if np.isfinite(options.limits.time) else {}),
+            **({"seconds": round(options.limits.time, 3)} if np.isfinite(options.limits.time) else {}),
             "trials": sum(result.trials for result in fitted.results),
             "ended": fitted.results[0].ended,
             **({"weights": str(options.weight)} if options.weight else {}),

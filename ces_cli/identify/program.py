@@ -45,6 +45,7 @@ from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import late
+from ces_identify.report.preliminary import PreliminaryReport
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, DIFFERENCE, LEFT_OUT, TIE, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions, StructureKit
@@ -80,18 +81,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     if options.campaign is not None:
         return run_campaign(options, parser)
-    work = prepare_identification(options)
-    if options.folds:
-        split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
-    result, folds = work.run(SearchProgress), None
-    with without_text(options.json):
+    with PreliminaryReport() as page:
+        work = prepare_identification(options, page)
         if options.folds:
-            result, folds = with_folds(result, options, work.bags, work.how)
-            result.model.save(options.out)
-        _print_result(result, options)
-        if options.report is not None:
-            write_report_page(result, options, terminal.command_line("identify", argv))
-            print(f"report: {options.report}")
+            split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
+        result, folds = work.run(SearchProgress), None
+        with without_text(options.json):
+            if options.folds:
+                result, folds = with_folds(result, options, work.bags, work.how)
+                result.model.save(options.out)
+            _print_result(result, options)
+            if options.report is not None:
+                write_report_page(result, options, terminal.command_line("identify", argv))
+                print(f"report: {options.report}")
     if options.json:
         print_document("identify", _as_json(result, folds, work, options))
     return 0
@@ -120,13 +122,19 @@ class Identification:
     validation: Sequence[Recording]
     measured: Sequence[Recording]
     how: IdentifyOptions
+    page: PreliminaryReport
     findings: tuple[Finding, ...] = ()
 
     def run(self, show_progress: ShowProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
         CompilationNotice(terminal.print_warning)
         with show_progress(self.how.limits) as progress:
-            result = select_identify_function(self.options)(self.bags, self.validation, self.how, progress.listen)
+
+            def listen(result: SearchResult) -> None:
+                progress.listen(result)
+                self.page.listen(result)
+
+            result = select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
         if self.options.teacher is not None:
             result = with_teacher(result, self.options.teacher, self.measured)
         result = result.require_explained(self.findings, self.options.ignore_findings)
@@ -134,8 +142,8 @@ class Identification:
         return result
 
 
-def prepare_identification(options: argparse.Namespace) -> Identification:
-    """Read and check all files that `options` name, before the long search; raises CesError."""
+def prepare_identification(options: argparse.Namespace, page: PreliminaryReport | None = None) -> Identification:
+    """Read and check all files that `options` name, before the long search, with `page` begun; raises CesError."""
     began_s = monotonic()
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
@@ -146,6 +154,10 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
     require_outputs(options.overwrite, outputs, inputs=inputs)
     values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
+    groups = zip(("recordings", "validation"), paths, strict=True)
+    if page is not None:
+        facts = {role: ", ".join(path.stem for path in group) for role, group in groups if group}
+        page.begin(options.report, f"Model {options.out.name}", facts)
     measured, (bags, validation) = _read_recordings(paths, options)
     require_distinct(bags, validation)
     found = check_together([*bags, *validation])
@@ -160,7 +172,7 @@ def prepare_identification(options: argparse.Namespace) -> Identification:
     )
     left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
     how = replace(how, limits=replace(how.limits, time=SEARCH_SHARE * left_s))
-    return Identification(options, bags, validation, measured, how, found)
+    return Identification(options, bags, validation, measured, how, page or PreliminaryReport(), found)
 
 
 def _read_recordings(

@@ -89,14 +89,6 @@ class Group:
             return np.vstack([np.zeros(len(theta)), np.cumsum(np.diag(shares) - np.outer(shares, shares), axis=0)])
         return np.diag(self.values(theta)) if self.unit is None else self.unit * np.eye(len(theta))
 
-    def inverse(self, values: F) -> F:
-        """Return the parameters of these values."""
-        if self.name == "setting":
-            return np.asarray(np.log(np.maximum(np.diff(values), 1e-12) * len(self.centre)))
-        if self.unit is None:
-            return np.asarray(np.log(np.maximum(values, 1e-30)))
-        return np.asarray(values) / self.unit
-
 
 @dataclass(frozen=True)
 class Bump(Group):

@@ -13,7 +13,7 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_identify.physical.hydraulic_kernels import run_network
-from ces_identify.physical.laws import STARTS, NodeEdge
+from ces_identify.physical.laws import NodeEdge
 from ces_identify.physical.layout import (
     BYPASS_M,
     EDGE_NAMES,
@@ -21,10 +21,7 @@ from ces_identify.physical.layout import (
     Layout,
     as_floats,
     first_layout,
-    head_groups,
     positive_group,
-    read_scales,
-    tail_groups,
 )
 from ces_identify.physical.network_step import NetworkArrays
 from ces_identify.physical.valve_kernels import RunData, Score
@@ -93,24 +90,6 @@ class HydraulicModels:
         ratio, moved = self.scales.interval_s / interval_s, theta.copy()
         moved[[name == "delay_ticks" for name in self.layout.owners]] += np.log(ratio)
         return replace(self, training=training, scales=replace(self.scales, interval_s=interval_s)), moved
-
-    @classmethod
-    def reopen(cls, body: Hydraulic, interval_s: float, training: Training) -> tuple[HydraulicModels, F]:
-        """Return the models about `body`, and its parameters."""
-        currents, positions = np.array(body.valve.characteristic.at), np.array(body.side.position_m)
-        limit = body.side.max_acceleration_m_s2
-        found = read_scales(training, 1.0 / interval_s)
-        scales = replace(found, currents_A=currents, positions_m=positions, max_acceleration_m_s2=limit)
-        bypassed = np.array(body.bypass.position_m if body.bypass else ())
-        start, elements = STARTS[body.kind], len(body.side.friction)
-        start = replace(start, friction=(start.friction * elements)[:elements])
-        head, tail = tuple(head_groups(scales, start, held=False)), tuple(tail_groups(scales, start, len(bypassed)))
-        edges = tuple(NodeEdge(np.diff(getattr(body, n).rows, axis=1) / scales.force_N) for n in EDGE_NAMES)
-        layout = Layout(head, tail, edges, np.array(body.piston.at), scales.force_N)
-        models = cls(training, scales, body.kind, layout, bypassed, body.laminar_N, body.most_N)
-        own = _own_values(body)
-        theta = [g.inverse(np.atleast_1d(np.asarray(own[g.name], dtype=np.float64))) for g in layout.groups]
-        return models, np.concatenate([*theta, *(e.start for e in edges)])
 
     @cached_property
     def data(self) -> RunData:

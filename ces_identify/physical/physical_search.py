@@ -112,6 +112,8 @@ class PhysicalSearch:
                 raise
 
     def _fit_kind(self, models: HydraulicModels, seed: int) -> None:
+        if self._found and self._find_stop_reason():
+            return
         share = min(0.5 + self.limits.work, 1.0)
         estimation = models.training.estimation
         theta = models.layout.centre
@@ -163,6 +165,8 @@ class PhysicalSearch:
     def _descend(
         self, models: HydraulicModels, weights: F, start: F, strength: float, steps: int, stiff: float = 1.0
     ) -> Iterator[tuple[float, F]]:
+        if self._find_stop_reason():
+            return
         pull = strength * models.layout.weight
         pull[: sum(len(group.centre) for group in models.layout.groups)] *= stiff
         problem = CentredProblem(

@@ -139,7 +139,11 @@ COARSE_HZ = 250.0  # rate of searches and fits; the lag itself is computed at th
 def find_time_constants(
     rules: CandidateRules, series: Sequence[Series], limits: Limits, stable: bool = True, weighting: Weighting = EQUAL
 ) -> CandidateRules:
-    """Return `rules` with every open time constant [s] set to that of the lowest selection cost [%] on `series`."""
+    """Return `rules` with every open time constant [s] set to that of the lowest selection cost [%] on `series`.
+
+    When the time is up, one that has not been searched for is FIRST_GUESS_S.
+    """
+    end = search_clock.now() + limits.time
 
     def problem(name: str, seconds: float, chosen: I | None = None) -> Problem:
         return _coarse_problem(rules.with_time_constant(name, seconds), series, stable, weighting, chosen)
@@ -149,7 +153,9 @@ def find_time_constants(
         while len(tried) < GUESSES and not any(NEAR[0] < guess / one < NEAR[1] for one in tried):
             tried.append(guess)
             rules = rules.with_time_constant(name, guess)
-            found = _search_shortly(problem(name, guess), limits)
+            found = _search_shortly(problem(name, guess), limits.within(end))
+            if search_clock.now() > end:
+                break
             cost = cache(partial(_cost_after_refit, partial(problem, name), found))
             best = GRID_S.index(min(GRID_S[1::EVERY], key=cost))
             guess = min(GRID_S[max(0, best - AROUND) : best + AROUND + 1], key=cost)
@@ -177,9 +183,10 @@ def add_stroke_if_needed(
     blended = add_blend(rules, f"position:{peaks}")
     kept = tuple(p for p in blended.products if not {"force", BY_STROKE} <= set(p))  # else most proofs fail
     blended = replace(blended, products=kept)
+    end = search_clock.now() + limits.time
     tried = (_coarse_problem(one, series, stable, weighting) for one in (rules, blended))
-    costs = [_search_shortly(problem, limits).cost for problem in tried]
-    return blended if costs[1] < STROKE_GAIN * costs[0] else rules
+    costs = [_search_shortly(problem, limits.within(end)).cost for problem in tried]
+    return blended if costs[1] < STROKE_GAIN * costs[0] and search_clock.now() <= end else rules
 
 
 def _coarse_problem(

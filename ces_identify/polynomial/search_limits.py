@@ -50,6 +50,10 @@ class Limits:
     exchanges: bool = True
     work: float = 1.0
 
+    def within(self, end_s: float, share: float = 1.0) -> Limits:
+        """Return the limits with a share of the time until `end_s` of search_clock."""
+        return replace(self, time=max(0.0, share * (end_s - search_clock.now())))
+
     @property
     def term_limit(self) -> int:
         """Maximum number of terms: by default DEFAULT_TERMS, for the thesis' procedure what a model file can hold."""

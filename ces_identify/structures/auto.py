@@ -29,7 +29,7 @@ AUTO = "auto"
 LEFT_OUT, DIFFERENCE, TIE = "left_out", "structures_difference", "structures_tie"  # keys of the provenance
 SHORT_WORK = 0.12  # of a short fit: one start, without exchange of terms
 SHORT_THREADS = 2  # short fits at a time
-SHORT_SHARE = 0.5  # of a time limit, for all short fits
+SHORT_SHARE = 0.35  # of a time limit, for all short fits
 CLEARLY_BETTER = 0.9  # share of the chosen structure's cost
 
 
@@ -44,10 +44,13 @@ class BestStructure:
         self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
     ) -> Fitted:
         """Return the best model; raises CesError if no structure can be fitted."""
-        found = _compare(self.names or tuple(KITS), self.sizes, series, sampling, options)
+        end = search_clock.now() + options.limits.time
+        short = replace(options, limits=options.limits.within(end, SHORT_SHARE))
+        found = _compare(self.names or tuple(KITS), self.sizes, series, sampling, short)
         if not found.squares:
-            raise CesError("no structure could be fitted; check signals and units")
+            raise CesError("no structure could be fitted; check signals and units, or give more time")
         facts = _judge(found)
+        options = replace(options, limits=options.limits.within(end))
         fitted = KITS[facts["structure"]].fitter(self.sizes)(series, sampling, options, listener)
         return replace(fitted, how={**fitted.how, **facts})
 
@@ -71,11 +74,12 @@ def select_fitter(option: str, sizes: Mapping[str, Size]) -> Fitter:
     def fit_beside_physical_structures(
         series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
     ) -> Fitted:
-        fitted = fitter(series, sampling, options, listener)
-        others = physical_structures()
-        if options.limits.method == THESIS or not others:
-            return fitted
-        found = _compare((option, *others), sizes, series, sampling, options)
+        others, limits = physical_structures(), options.limits
+        if limits.method == THESIS or not others:
+            return fitter(series, sampling, options, listener)
+        end = search_clock.now() + limits.time
+        fitted = fitter(series, sampling, replace(options, limits=limits.within(end, 1.0 - SHORT_SHARE)), listener)
+        found = _compare((option, *others), sizes, series, sampling, replace(options, limits=limits.within(end)))
         return replace(fitted, how={**fitted.how, **_judge(found, option)}) if option in found.squares else fitted
 
     return fitter if KITS[option].models else fit_beside_physical_structures
@@ -105,14 +109,15 @@ def _compare(
 ) -> _Comparison:
     """Fit each structure shortly, without each part of the data in turn; Ctrl-C ends it with those that are done.
 
-    Structures that cannot be fitted are left out.
+    Structures that cannot be fitted, or not within the time, are left out.
     """
     folds = choose_left_out(series)
-    end, late = search_clock.now() + SHORT_SHARE * how.limits.time, list[str]()
+    end, late = search_clock.now() + how.limits.time, list[str]()
 
     def fit(name: str, fold: LeftOut) -> F | None:
-        seconds = max(0.0, end - search_clock.now())
-        limits = replace(how.limits, starts=1, threads=1, exchanges=False, work=SHORT_WORK, time=seconds)
+        if search_clock.now() > end:
+            return None
+        limits = replace(how.limits.within(end), starts=1, threads=1, exchanges=False, work=SHORT_WORK)
         try:
             fitter = KITS[name].fitter(sizes)
             fitted = fitter(fold.hide(series), sampling, replace(how, limits=limits), lambda result: None)

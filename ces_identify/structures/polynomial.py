@@ -148,7 +148,7 @@ NO_MODEL_BY_THESIS = (
     "give another initial model or more candidates, or a lower --rate"
 )
 REFIT_STEPS = 8
-MIN_SEARCH_SHARE = 0.5  # of a time limit that the search gets, however long it took to build the problem
+MAX_BUILD_SHARE = 0.5  # of a time limit, to build the problem
 
 
 def fit_polynomial(
@@ -161,8 +161,7 @@ def fit_polynomial(
     """
     end = search_clock.now() + options.limits.time
     problem = build_problem(training, options)
-    seconds = max(MIN_SEARCH_SHARE * options.limits.time, end - search_clock.now())
-    results = [f for f in search(problem, replace(options.limits, time=seconds), listener) if f.cost < 100.0]
+    results = [f for f in search(problem, options.limits.within(end), listener) if f.cost < 100.0]
     if not results:
         raise CesError(NO_MODEL_BY_THESIS if options.limits.method == THESIS else NO_CANDIDATE)
     method = f"{options.limits.method}, judged by free run"
@@ -182,8 +181,9 @@ def fit_polynomial(
 def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Problem:
     """Return the problem of choosing terms on prepared series, with all open time constants determined.
 
-    The built-in rules get sub-models over the stroke if the data ask for them.
+    The built-in rules get sub-models over the stroke if the data ask for them. What a time limit ends is left as it is.
     """
+    end = search_clock.now() + MAX_BUILD_SHARE * options.limits.time
     rules = options.candidates or load_rules(None, options.limits.method)
     built_in = rules == load_rules(None)
     stable = options.certificate and options.limits.method != THESIS
@@ -191,9 +191,9 @@ def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Probl
     if np.ptp(current) <= 1e-3 * max(1e-9, float(np.abs(current).max())):
         rules = rules.without_signal("current")
     rules = restrict_to_data(rules.at_rate(training[0].rate_Hz), training)
-    rules = find_time_constants(rules, training, options.limits, stable, options.weight)
+    rules = find_time_constants(rules, training, options.limits.within(end), stable, options.weight)
     if built_in:
-        rules = add_stroke_if_needed(rules, training, options.limits, stable, options.weight)
+        rules = add_stroke_if_needed(rules, training, options.limits.within(end), stable, options.weight)
     problem = assemble_problem(training, rules.candidates(), stable, options.weight)
     return replace(problem, initial=np.arange(len(rules.initial_terms())))
 

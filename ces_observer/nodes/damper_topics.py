@@ -45,10 +45,12 @@ class DamperTopics:
         self._node, self._clock, self._inputs = node, clock, inputs
         self._subscribed: list[Signal] = []
         self._on_change, self._on_first_force = node.guard.wrap(on_change), on_first_force
-        # Guarded apart: an error in what only describes the estimates must not withhold them.
-        self._note_position = node.guard.wrap(self._add_position)
-        self._note_estimate = node.guard.wrap(self._add_estimate)
-        self._note_late = node.guard.wrap(self._add_late)
+        # What only describes the estimates is counted later, together and guarded apart: this takes less time, and an
+        # error in it must not withhold them.
+        self._samples: list[tuple[int, float, int]] = []
+        self._currents: list[tuple[int, int]] = []
+        self._latencies_ns: list[int] = []
+        self._note_force = node.guard.wrap(self._add_force)
         self.health.stillness.warn_s = settings.values["still_warn_s"]
         self._positions = PositionQueue(0.0)
         self._wait_for_current(settings.values["wait_for_current_s"])
@@ -95,6 +97,7 @@ class DamperTopics:
     def watch(self, elapsed_s: float) -> None:
         """Release positions that have waited, and check for silence, `elapsed_s` after the last call."""
         self._release_positions(self._clock.now())
+        self._node.guard.call(self._take_notes)
         if self._failures == self._failures_before:
             self._failing_since = None
         self._failures_before = self._failures
@@ -114,6 +117,7 @@ class DamperTopics:
 
     def reset(self) -> None:
         """Restart after a time jump; positions held back belong to the time before it."""
+        self._node.guard.call(self._take_notes)
         for stamp_ns, position_m, frame in self._positions.pop_all():
             self._estimate(stamp_ns, position_m, frame, self._clock.now())
         self.damper.reset()
@@ -197,7 +201,7 @@ class DamperTopics:
 
     def _on_current(self, stamp_ns: int, current_A: float, frame: bytes, now_ns: int) -> None:
         del frame
-        self._node.guard.call(partial(self.health.current.take, stamp_ns, now_ns))
+        self._currents.append((stamp_ns, now_ns))
         self.damper.take_current(stamp_ns, current_A)
         if self._positions.is_waiting:
             self._release_positions(now_ns)
@@ -209,7 +213,7 @@ class DamperTopics:
             self._release_positions(now_ns)
 
     def _on_position(self, stamp_ns: int, position_m: float, frame: bytes, now_ns: int) -> None:
-        self._note_position(stamp_ns, position_m, now_ns)
+        self._samples.append((stamp_ns, position_m, now_ns))
         if self._positions.is_waiting:
             self._positions.add(stamp_ns, position_m, frame, now_ns)
             self._release_positions(now_ns)
@@ -238,32 +242,38 @@ class DamperTopics:
         damper, is_active = self.damper, self._node.is_active
         force = damper.step(stamp_ns, position_m, now_ns)
         if force is not None and is_active:
-            self._now.publish(stamp_ns, frame, damper.position, damper.speed, force, damper.half_width())
-            self._note_estimate(stamp_ns, force)
+            half_width = damper.half_width() if self._now.has_band_listeners else None
+            self._now.publish(stamp_ns, frame, damper.position, damper.speed, force, half_width)
+            self._latencies_ns.append(self._clock.now() - stamp_ns)
+            if self.health.cost is not None and damper.model.delayed is None:
+                self._note_force(stamp_ns, force)
         if damper.late and is_active and self._late is not None:
             for one in damper.late:
                 self._late.publish(one.stamp_ns, frame, *one[1:])
-                self._note_late(one.stamp_ns, one.force)
+                if damper.model.delayed is None:
+                    self._latencies_ns.append(self._clock.now() - one.stamp_ns)
+                if self.health.cost is not None:  # which takes these if there are any, being the best
+                    self._note_force(one.stamp_ns, one.force)
         if damper.reason != self._reported_reason:
             self._report_change()
         self._failing_since = None
 
-    def _add_position(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
-        self.health.position.take(stamp_ns, now_ns)
-        self.health.stillness.take(stamp_ns, position_m)
-
-    def _add_estimate(self, stamp_ns: int, force_N: float) -> None:
-        health = self.health
-        health.latency.take(self._clock.now() - stamp_ns)
-        if health.cost is not None and self.damper.model.delayed is None:
-            health.cost.add_estimate(stamp_ns, force_N)
-
-    def _add_late(self, stamp_ns: int, force_N: float) -> None:
-        """Add a delayed estimate; the running cost takes these if there are any, being the best."""
-        if self.damper.model.delayed is None:
-            self._add_estimate(stamp_ns, force_N)
-        elif self.health.cost is not None:
+    def _add_force(self, stamp_ns: int, force_N: float) -> None:
+        if self.health.cost is not None:
             self.health.cost.add_estimate(stamp_ns, force_N)
+
+    def _take_notes(self) -> None:
+        """Let health count what has arrived and was published since the last call."""
+        samples, currents, latencies_ns = self._samples, self._currents, self._latencies_ns
+        self._samples, self._currents, self._latencies_ns = [], [], []
+        health = self.health
+        for stamp_ns, position_m, now_ns in samples:
+            health.position.take(stamp_ns, now_ns)
+            health.stillness.take(stamp_ns, position_m)
+        for stamp_ns, now_ns in currents:
+            health.current.take(stamp_ns, now_ns)
+        for latency_ns in latencies_ns:
+            health.latency.take(latency_ns)
 
     def _report_change(self) -> None:
         if self.damper.reason != self._reported_reason:

@@ -18,6 +18,7 @@ from rclpy.callback_groups import MutuallyExclusiveCallbackGroup
 from rclpy.executors import ExternalShutdownException
 from rclpy.logging import get_logger
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 from rclpy.service import Service
 from rclpy.subscription import Subscription
@@ -26,6 +27,7 @@ from rosgraph_msgs.msg import Clock
 
 from ces_observer.nodes.guard import Guard, find_excess, find_too_many
 
+SERVICE_DEPTH = 1000  # requests that wait; with the default of rclpy, 10, the others of a burst get no answer
 FAILED = "unexpected error in the node; see its log"
 
 
@@ -56,6 +58,7 @@ class GuardedNode(Node):  # type: ignore[misc]  # rclpy is not there where types
         answer = _set_each if srv_type is SetParameters else _answer
         guarded = self.guard.wrap(partial(answer, callback), answer_failure=partial(_refuse, FAILED))
         options.setdefault("callback_group", MutuallyExclusiveCallbackGroup())
+        options["qos_profile"] = QoSProfile(depth=SERVICE_DEPTH)
         return super().create_service(srv_type, srv_name, guarded, **options)
 
     def create_timer(self, timer_period_sec: float, callback: Callable[[], None], **options: Any) -> Timer:

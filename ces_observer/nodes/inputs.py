@@ -149,6 +149,7 @@ class InputSubscriptions:
         read = slowly = _make_slow_reader(signal, kind)
         with suppress(CdrUnsupportedError):
             read = RawSignal(signal, fields_of).read
+        on_unreadable = self._node.guard.wrap(on_unreadable, on_failure)
         self._topics[key].readers.append((read, slowly, signal.delay_ns, deliver, on_unreadable, on_failure))
         return is_stamped(kind)
 
@@ -212,11 +213,13 @@ class _Topic:
                     stamp_ns, value, frame = read(raw)
                 except CdrUnsupportedError:
                     stamp_ns, value, frame = slowly(raw)
-                if stamp_ns is None:  # simulated time does not show when the message was sent
-                    stamp_ns = now_ns if clock.is_simulated else self.arrivals.stamp(info["source_timestamp"], now_ns)
-                deliver(stamp_ns - delay_ns, value, frame, now_ns)
             except SignalsError as error:
                 on_unreadable(str(error))
+                continue
+            if stamp_ns is None:  # simulated time does not show when the message was sent
+                stamp_ns = now_ns if clock.is_simulated else self.arrivals.stamp(info["source_timestamp"], now_ns)
+            try:
+                deliver(stamp_ns - delay_ns, value, frame, now_ns)
             except Exception as error:
                 self._guard.catch(error, on_failure)
 

@@ -119,6 +119,7 @@ class Observer(ManagedNode):
         failing = [topics.settings.name for topics, _ in self._dampers if topics.failing_s >= FALL_S]
         if failing:
             self.guard.call(partial(self.fall, f"{', '.join(failing)}: each sample has failed for {FALL_S:g} s"))
+            self._publish_status()
         self.guard.call(self.start_again)
 
     def _poll_model(self, topics: DamperTopics, changes: ModelChanges) -> None:

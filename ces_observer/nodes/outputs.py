@@ -26,6 +26,7 @@ LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)  #
 OUTPUT_DEPTH = 1000  # estimates of a burst after a stall that wait for a slow reader
 PROBE_STAMP_NS = 1_234_567_890_987_654_321
 PROBE_FRAME = b"piston_rod"
+CHECK_NS = 100_000_000  # of stamps, between two looks for subscribers
 PROBE = (0.0123, -0.456, 789.1)  # numbers that differ from each other
 
 
@@ -70,7 +71,7 @@ class JointStateOutput:
 class EstimateOutput:
     """Publishers of a joint's estimates on `topic`, and of the bounds of their bands on `band_topic`.
 
-    `has_band_listeners` says whether bands are heard; `check_listeners` updates it.
+    `has_band_listeners` says whether bands are heard, which is checked every CHECK_NS; others are not published.
     """
 
     def __init__(self, node: Node, joint: str, topic: str, band_topic: str) -> None:
@@ -78,17 +79,15 @@ class EstimateOutput:
         self._estimates = JointStateOutput(node, topic, [joint])
         self._bands = JointStateOutput(node, band_topic, [f"{joint}_lower", f"{joint}_upper"], ["effort"])
         self._fill, self._send = self._estimates.fill, self._estimates.publisher.publish
-        self.check_listeners()
-
-    def check_listeners(self) -> None:
-        """Update `has_band_listeners`."""
-        self.has_band_listeners = self._bands.publisher.get_subscription_count() > 0
+        self.has_band_listeners, self._checked_ns = True, 0
 
     def publish(
         self, stamp_ns: int, frame: bytes, position: float, speed: float, force: float, half_width: float | None
     ) -> None:
         """Publish an estimate [m, m/s, N], and its band if the half-width [N] is known."""
         self._send(self._fill(stamp_ns, frame, position, speed, force))
+        if not 0 <= stamp_ns - self._checked_ns < CHECK_NS:
+            self.has_band_listeners, self._checked_ns = self._bands.publisher.get_subscription_count() > 0, stamp_ns
         if half_width is not None and self.has_band_listeners:
             self._bands.publish(stamp_ns, frame, force - half_width, force + half_width)
 
