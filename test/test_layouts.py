@@ -22,7 +22,7 @@ from shared_results import SharedResults
 from ces_cli.main import main
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import DamperObserver
-from ces_observer.health.health import Health
+from ces_observer.health.health import Health, NodeFacts, Status
 from ces_observer.health.running_cost import RunningCost
 from ces_observer.model import load_model
 
@@ -30,7 +30,7 @@ ROOT = Path(__file__).resolve().parent.parent
 FOXGLOVE = json.loads((ROOT / "config" / "foxglove.json").read_text())
 PLOTJUGGLER = ElementTree.parse(ROOT / "config" / "plotjuggler.xml").getroot()
 MS = 1_000_000
-JOINT, NODE = "rear_damper", "/observer"
+JOINT, NODE, DETAILS = "rear_damper", "/observer", "/observer/details"
 NUMBER = re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
 
 
@@ -41,11 +41,13 @@ def messages(shared_model: SharedResults, tmp_path_factory: pytest.TempPathFacto
     assert main(["replay", str(shared_model.model), str(ROOT / "bags" / "road"), "--out", str(replayed)]) == 0
     with AnyReader([replayed]) as bag:
         found = {c.topic: (c.msgtype, bag.deserialize(raw, c.msgtype)) for c, _, raw in bag.messages()}
-    return {**found, "/diagnostics": ("diagnostic_msgs/msg/DiagnosticArray", diagnostics(shared_model.model))}
+    kind = "diagnostic_msgs/msg/DiagnosticArray"
+    told = zip(("/diagnostics", DETAILS), diagnostics(shared_model.model), strict=True)
+    return {**found, **{topic: (kind, array) for topic, array in told}}
 
 
-def diagnostics(model: Path) -> SimpleNamespace:
-    """Return what the node tells of a damper that has run for two seconds beside a measured force."""
+def diagnostics(model: Path) -> Iterator[SimpleNamespace]:
+    """Yield the tasks and the details of a damper that has run for two seconds beside a measured force."""
     damper = DamperObserver(load_model(model), ConstantCurrent(0.5), 0.0)
     health = Health(damper, {"model": str(model)}, cost=RunningCost(window_s=1))
     for k in range(2000):
@@ -59,11 +61,15 @@ def diagnostics(model: Path) -> SimpleNamespace:
         health.cost.add_measured(now_ns, 1.1 * force)
         if k % 500 == 499:
             health.roll(0.5, now_ns)
-    status = health.status("")
+    report = health.report("", NodeFacts())
+    yield SimpleNamespace(status=[as_message(f"{JOINT} {name}", status) for name, status in report.tasks])
+    yield SimpleNamespace(status=[as_message(JOINT, report.status)])
+
+
+def as_message(name: str, status: Status) -> SimpleNamespace:
     values = [SimpleNamespace(key=key, value=value) for key, value in status.values]
-    name = f"{NODE}: {JOINT}"
-    one = SimpleNamespace(level=status.level, name=name, message=status.message, hardware_id=JOINT, values=values)
-    return SimpleNamespace(status=[one])
+    told = {"level": status.level, "message": status.message, "values": values}
+    return SimpleNamespace(name=f"{NODE}: {name}", hardware_id=JOINT, **told)
 
 
 # -- PlotJuggler: topic/field/field, but joints by name, and diagnostics by hardware id, name and key
@@ -106,8 +112,8 @@ def test_every_curve_of_plotjuggler_has_data(messages: dict[str, tuple[str, Any]
 def test_plotjuggler_subscribes_to_what_it_shows(messages: dict[str, tuple[str, Any]]) -> None:
     (chosen,) = PLOTJUGGLER.iter("selected_topics")
     shown = {row.attrib["name"] for row in PLOTJUGGLER.iter("curve")}
-    assert set(chosen.attrib["value"].split(";")) == set(messages)
-    assert all(any(name.startswith(f"{topic}/") for name in shown) for topic in messages)
+    assert set(chosen.attrib["value"].split(";")) == set(messages) - {DETAILS}
+    assert all(any(name.startswith(f"{topic}/") for name in shown) for topic in set(messages) - {DETAILS})
 
 
 # -- Foxglove: message paths, /topic.field[index]{key==value}.field
@@ -159,8 +165,11 @@ def test_every_panel_of_foxglove_is_shown_once() -> None:
     assert sorted(re.findall(r'"(\w+!\w+)"', json.dumps(trees))) == sorted(configs)
 
 
-def test_the_health_panel_selects_the_observers_status(messages: dict[str, tuple[str, Any]]) -> None:
+def test_the_health_panel_selects_the_observers_details(messages: dict[str, tuple[str, Any]]) -> None:
     chosen = FOXGLOVE["configById"]["DiagnosticStatusPanel!observer"]
     _, array = messages[chosen["topicToRender"]]
     assert (chosen["selectedHardwareId"], chosen["selectedName"]) in [(s.hardware_id, s.name) for s in array.status]
-    assert FOXGLOVE["configById"]["DiagnosticSummary!all"]["topicToRender"] == chosen["topicToRender"]
+    assert (chosen["topicToRender"], FOXGLOVE["configById"]["DiagnosticSummary!all"]["topicToRender"]) == (
+        DETAILS,
+        "/diagnostics",
+    )

@@ -4,36 +4,27 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from types import ModuleType
 
 import pytest
 from patience import PATIENCE_S
 
+NotebookClient = pytest.importorskip("nbclient").NotebookClient
+nbformat = pytest.importorskip("nbformat")
+pytest.importorskip("ipykernel")
 NOTEBOOK = Path(__file__).resolve().parent.parent / "examples" / "own_data.ipynb"
-
-
-@pytest.fixture
-def nbformat() -> ModuleType:
-    """The library that reads notebooks; skipped in the test, as launch_testing imports this file while it collects."""
-    pytest.importorskip("nbclient")
-    pytest.importorskip("ipykernel")
-    module: ModuleType = pytest.importorskip("nbformat")
-    return module
 
 
 def output_of(cell: dict[str, object]) -> str:
     return "".join(str(output.get("text", "")) for output in cell.get("outputs", []))  # type: ignore[attr-defined]
 
 
-def test_the_notebook_is_stored_without_outputs(nbformat: ModuleType) -> None:
+def test_the_notebook_is_stored_without_outputs() -> None:
     for cell in nbformat.read(NOTEBOOK, as_version=4).cells:
         assert not cell.get("outputs") and not cell.get("execution_count")
 
 
 @pytest.mark.slow
-def test_the_notebook_runs(nbformat: ModuleType, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    from nbclient import NotebookClient
-
+def test_the_notebook_runs(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(NOTEBOOK.parents[1]), os.environ.get("PYTHONPATH", "")]))
     monkeypatch.setenv("MPLBACKEND", "module://matplotlib_inline.backend_inline")
     notebook = nbformat.read(NOTEBOOK, as_version=4)

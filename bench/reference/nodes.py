@@ -10,6 +10,8 @@ from xml.etree import ElementTree
 
 from bench.reference.tables import as_text, codes, span, table
 from ces_cli.identify.options import EXIT_WHEN_DONE
+from ces_observer.control.control_loop import KEYS as CONTROLLER_KEYS
+from ces_observer.health.health import KEYS as OBSERVER_KEYS
 from ces_observer.nodes import parameter_table
 from ces_observer.options import Option
 from ces_rig.live.rig import OF_THE_NODE as OF_THE_RIG_NODE
@@ -32,7 +34,7 @@ SIGNALS = (
     "`position`, `current`, `force`, `temperature`, `speed`, `acceleration`, each with `topic`, `type`, `field`, "
     "`scale`, `offset` and `delay` ([meaning](files.md#signals))."
 )
-KEYS = re.compile(r'yield f?"([^"]+)", ')
+KEYS_IN_CODE = re.compile(r'yield f?"([^"]+)", ')
 SPEAKERS = ("health", "running_cost", "streams")
 OF_THE_PROCESS = (
     "model",
@@ -44,30 +46,32 @@ OF_THE_PROCESS = (
     "processors",
     "memory locked",
     "datagrams dropped by the kernel",
-    "jumps of time",
+    "state",
     "unexpected errors",
 )
 DIAGNOSTICS = (  # keys of the observer as the code writes them, with {} for what varies
     (("reason",), "ok, or why the force is withheld"),
     (("rate [Hz]",), "position samples per second"),
     (("age of the last position on arrival [s]",), "clock of the node minus its stamp"),
+    (("withheld in the last second [%]",), "of the samples"),
     (("share outside the envelope", "inputs outside the envelope"), "of the last second; what becomes of them"),
     (("position samples", "forces estimated", "withheld: {}"), "since the start; withheld by reason"),
     (("delayed forces estimated",), "since the start, by a model with a delay"),
     (("forces held at the force envelope",), "since the start, if any"),
     (("messages without the field",), "received messages in which the signal's field is missing"),
-    (("episodes of withholding", "episodes: {}", "last episode {}"), "number; length by reason; the last ones"),
+    (("episodes of withholding", "last episode"), "number; the last one: its start, length, reasons and samples"),
     (("position has not changed, times", "position has not changed, last for [s]"), "at rest, or its sensor is stuck"),
     (("latency from stamp to {}, {} [ms]",), "p50, p99 and max of the last second"),
     (("{} load [% of a core]",), "of the process and of the callbacks"),
     (("{}: rate [Hz]", "{}: age, mean [ms]", "{}: age, max [ms]", "{}: jitter [ms]", "{}: longest interval [ms]",
       "{}: longest burst"), "of each input in the last second"),
-    (("{}: dropped", "{}: dropped, in this node's queue", "{}: dropped, lost on the way", "{}: dropped, not sent"),
-     "samples missing between stamps, and what became of them"),
+    (("dropped", "{}: dropped", "{}: dropped, in this node's queue", "{}: dropped, lost on the way",
+      "{}: dropped, not sent"), "samples missing between stamps (first: positions), and what became of them"),
     (("{}: out of order", "{}: duplicates", "{}: interruptions"), "since the start"),
     (("running cost J [%]", "threshold of J [%]", "measured force, standard deviation [N]"),
      "against the measured force, if there is one"),
     (("measured forces not finite", "measured forces without estimates around"), "left out of J"),
+    (("jumps of time",), "number, and the last one"),
     (("snapshot",), "what became of the last request for a recording"),
 )  # fmt: skip
 
@@ -90,15 +94,18 @@ def nodes_page() -> str:
         if name == "identify":
             text.append("`bags` and all [options of `ces identify`](programs.md#identify), with `_` for `-`.\n")
     require_keys_of_the_code()
+    tasks = [(f"`DAMPER {name}`", codes(keys)) for name, keys in OBSERVER_KEYS.items()]
+    tasks += [(f"`controller {name}`", codes(keys)) for name, keys in CONTROLLER_KEYS.items()]
+    text += ["## Keys of `/diagnostics`\n", table(("task", "keys"), tasks)]
     keys = ((codes(group), about) for group, about in DIAGNOSTICS)
     more = f"Also {codes(OF_THE_PROCESS)}.\n"
-    return "\n".join([*text, "## Keys of `/diagnostics`\n", table(("keys of the observer", "meaning"), keys), more])
+    return "\n".join([*text, "## Keys of `~/details`\n", table(("keys of the observer", "meaning"), keys), more])
 
 
 def require_keys_of_the_code() -> None:
     """Raise SystemExit if the observer's diagnostics have other keys than the table."""
     sources = "".join((PACKAGE / "health" / f"{name}.py").read_text(encoding="utf-8") for name in SPEAKERS)
-    found = {re.sub(r"\{[^}]*\}", "{}", key) for key in KEYS.findall(sources)}
+    found = {re.sub(r"\{[^}]*\}", "{}", key) for key in KEYS_IN_CODE.findall(sources)}
     if differing := found ^ {key for group, _ in DIAGNOSTICS for key in group}:
         sys.exit(f"diagnostics: {', '.join(sorted(differing))}: in the code or in DIAGNOSTICS, not in both")
 

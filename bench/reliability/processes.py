@@ -179,7 +179,7 @@ def is_same_estimate(message: JointState, stamp_ns: int, *numbers: float) -> boo
 
 @dataclass(frozen=True)
 class ReceivedStatus:
-    """A status of the observer and its time of arrival [ns]."""
+    """The observer's tasks in one line, the newest of all its values, and the time of arrival [ns]."""
 
     at: int
     level: int
@@ -198,7 +198,9 @@ class ObserverMonitor:
         self.estimates = Estimates()
         self.diagnoses: list[ReceivedStatus] = []
         self._node.create_subscription(JointState, f"{NODE}/estimate", self.estimates.take, DEEP, raw=True)
-        self._node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, DEEP)
+        self._values: dict[str, str] = {}
+        for topic in ("/diagnostics", f"{NODE}/details"):
+            self._node.create_subscription(DiagnosticArray, topic, self._on_diagnostics, DEEP)
         self._models = self._node.create_publisher(String, MODEL_TOPIC, LATCHED)
         self._parameters = AsyncParameterClient(self._node, self._name)
         self._reload = self._node.create_client(Trigger, f"{NODE}/reload_model")
@@ -256,12 +258,11 @@ class ObserverMonitor:
             self._outcomes[values["request"]] = values["state"] == "accepted", status.message
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        now = time.time_ns()
-        self.diagnoses += [
-            ReceivedStatus(now, status.level[0], status.message, {pair.key: pair.value for pair in status.values})
-            for status in message.status
-            if status.name.startswith(self._name)
-        ]
+        own = [status for status in message.status if status.name.startswith(self._name)]
+        if own:
+            self._values = self._values | {pair.key: pair.value for status in own for pair in status.values}
+            level, words = max(status.level[0] for status in own), "; ".join(status.message for status in own)
+            self.diagnoses.append(ReceivedStatus(time.time_ns(), level, words, self._values))
 
     def _spin(self) -> None:
         with suppress(ExternalShutdownException):

@@ -42,6 +42,19 @@ def test_the_file_name_selects_the_program(monkeypatch: pytest.MonkeyPatch, caps
     assert "products:" in capsys.readouterr().out
 
 
+def test_a_vehicle_is_told_in_one_line_what_the_desk_has_more(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(ros_program, "find_spec", lambda name: None if name in ("numba", "rich") else find_spec(name))
+    for words in (["info"], ["identify", "--ros-args"], ["rig"]):
+        monkeypatch.setattr(sys, "argv", words)
+        assert ros_program.main() == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert line.startswith(
+            f"ces {words[0]}: error: not installed: numba, rich, as on a vehicle; run 'rosdep install"
+        )
+
+
 def test_ces_is_no_node(capsys: pytest.CaptureFixture[str]) -> None:
     assert ces(["identify", "--ros-args"]) == 2
     (line,) = capsys.readouterr().err.splitlines()

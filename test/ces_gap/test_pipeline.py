@@ -264,12 +264,6 @@ def test_the_verdict_stands_if_no_experiment_can_be_simulated(few_effects: None)
     assert "next experiment not available: the simulation refuses all" in found.notes[-1]
 
 
-def test_a_simulation_of_the_wrong_sign_is_refused() -> None:
-    backwards = FunctionSimulation("backwards", lambda t, x, i: -damper(t, x, i))
-    with pytest.raises(GapError, match="sign"):
-        diagnose(backwards, "backwards", [recorded(seconds=6.0)], [recorded(seed=2)], [])
-
-
 def test_too_little_data_is_refused_before_the_fit() -> None:
     told: list[str] = []
     with pytest.raises(GapError, match="expected at least"):

@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from damper_models import delayed_damper
-from engine_plant import NOISE_N, RATE_HZ, SIMULATION, F, recorded, traced
+from engine_plant import NOISE_N, RATE_HZ, SIMULATION, recorded, traced
 
 from ces_data.recording import Channel, Recording
 from ces_gap.errors import GapError
-from ces_gap.grid import GRID_HZ, bridge_gaps, derivative, find_low_pass_Hz, interpolate, smooth_out
+from ces_gap.grid import GRID_HZ, bridge_gaps, find_low_pass_Hz, interpolate, smooth_out
 from ces_gap.trace import Trace, TraceInputs, make_trace, open_trace, require_usable, smooth_recording
 from ces_identify.simulations.simulation import ModelSimulation
 
@@ -156,16 +156,6 @@ def test_a_changed_position_changes_the_speed_consistently() -> None:
     assert moved.current is inputs.current
     powered = inputs.with_current(2.0 * inputs.current)
     assert isinstance(powered, TraceInputs) and powered.position is inputs.position
-
-
-def test_a_derivative_is_of_fourth_order() -> None:
-    errors = []
-    for rate in (50.0, 100.0):
-        time: F = np.arange(round(2.0 * rate)) / rate
-        away = derivative(np.sin(8.0 * time), rate) - 8.0 * np.cos(8.0 * time)
-        errors.append(np.abs(away[2:-2]).max())
-    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.1)
-    np.testing.assert_allclose(derivative(np.array([0.0, 1.0, 3.0]), 2.0), [2.0, 3.0, 4.0])
 
 
 def test_noise_of_the_test_damper_is_estimated() -> None:

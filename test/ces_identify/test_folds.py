@@ -16,7 +16,6 @@ from ces_identify.structures import KITS
 from ces_identify.structures.auto import default_sizes
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, evaluate
-from ces_observer.errors import CesError
 
 
 def recordings(count, seconds=6.0):
@@ -74,15 +73,6 @@ def test_a_diverged_fold_is_no_number():
     result = cross_validate(recordings(2), 2, identify, IdentifyOptions())
     assert result.mean == result.spread == float("inf")
     assert all(row.interval is None for row in result.rows)
-
-
-@pytest.mark.parametrize(
-    ("count", "seconds", "folds", "expected"),
-    [(3, 6.0, 1, "at least 2"), (3, 6.0, 4, "3 recordings"), (1, 6.0, 4, "use fewer folds")],
-)
-def test_too_few_for_the_folds(count, seconds, folds, expected):
-    with pytest.raises(CesError, match=expected):
-        split_folds(recordings(count, seconds), folds)
 
 
 LIMITS = Limits(threads=1, work=0.1)

@@ -168,23 +168,6 @@ def test_two_delays_give_two_models_of_the_same_samples_with_their_own_bands():
     assert replace(alone.model, provenance={}) == replace(later, provenance={})
 
 
-@pytest.mark.parametrize(
-    ("delay", "text"),
-    [
-        ((0.0, 0.003), "--delay 0.003: expected whole ticks of 0.002 s .the model's rate is 500 Hz. from 0 to 0.02 s"),
-        ((0.03,), "--delay 0.03: expected whole ticks"),
-        ((0.002, 0.004), "--delay 0.002 0.004: expected one delay, or 0 and another"),
-        ((0.0, 0.002, 0.004), "expected one delay, or 0 and another"),
-        ((), "expected one delay, or 0 and another"),
-    ],
-)
-def test_delays_are_refused_before_the_first_search(delay, text):
-    began = []
-    with pytest.raises(CesError, match=text):
-        identify([planted(1)], (), options(limits=QUICK, delay=delay), began.append)
-    assert not began
-
-
 def test_a_search_that_was_interrupted_is_the_last_one():
     def fit(*given):
         fitted = fit_polynomial(*given)

@@ -54,14 +54,6 @@ def test_a_torn_last_line_is_dropped_and_the_next_one_whole(tmp_path, cut):
     assert [json.loads(line)["key"] for line in path.read_text().splitlines()] == ["a", "c"]
 
 
-def test_a_file_with_nothing_but_a_torn_line(tmp_path):
-    (tmp_path / "results.jsonl").write_bytes(b'{"key": "a"')
-    with open_results(tmp_path) as results:
-        assert results.rows == {}
-        results.add(result("b"))
-    assert len((tmp_path / "results.jsonl").read_text().splitlines()) == 1
-
-
 def test_a_broken_line_in_the_middle_is_named(tmp_path):
     (tmp_path / "results.jsonl").write_text('{"key": "a"}\nnonsense\n{"key": "b"}\n')
     with pytest.raises(CesError, match=r"results\.jsonl:2: is not a result"), open_results(tmp_path):

@@ -41,7 +41,6 @@ def test_the_template_shows_the_defaults() -> None:
         ("experiments", {"commands": "mine.csv"}, "needs kind: repeated"),
         ("identify", {"structure": "oracle"}, "one of polynomial"),
         ("identify", {"delay": 0.03}, "delay is 0.03; expected a number from 0 to 0.02 s"),
-        ("identify", {"bandwidth": 40}, "unknown key 'bandwidth'"),
         ("seed", -1, "seed is -1"),
         ("recordings", "bag", "expected a list of texts"),
         ("typo", {}, "unknown key 'typo'"),

@@ -13,7 +13,6 @@ from typing import Any
 from flask.testing import FlaskClient
 from served_folders import described_model, fill_folder, write_report_page
 
-from ces_observer.errors import CesError
 from ces_serve.app import Site, make_app
 from ces_serve.catalogue import NotServedError, ServedFolder
 from ces_serve.security import is_own_name
@@ -133,13 +132,6 @@ def test_nothing_else_is_served(client: FlaskClient) -> None:
 def test_there_is_no_way_out_of_the_folder(root: Path, path: str) -> None:
     with pytest.raises(NotServedError):
         ServedFolder(root).find(path)
-
-
-def test_only_a_folder_can_be_served(root: Path) -> None:
-    assert ServedFolder(root).find_file("inside/report.html") == root / "worn" / "report.html"
-    for path, reason in (("notes.txt", "is not a folder; expected the folder to show"), ("none", "no such folder")):
-        with pytest.raises(CesError, match=reason):
-            ServedFolder(root / path)
 
 
 def test_no_page_leaves_the_folder(client: FlaskClient) -> None:

@@ -239,6 +239,5 @@ def test_an_exported_package_has_the_delays_of_the_signals_file():
     files = export_ros_package(model, "damper", signals, model.certify())
     parameters = yaml.safe_load(files["config/observer.yaml"])["/**"]["ros__parameters"]
     assert [parameters[name]["delay"] for name in ("position", "current")] == [0.02, -0.005]
-    compiled = files["src/model/parameters.hpp"]
-    assert '{"position.delay", rclcpp::ParameterValue(0.02)' in compiled
-    assert '{"current.delay", rclcpp::ParameterValue(-0.005)' in compiled
+    declared = yaml.safe_load(files["src/parameters.yaml"])["observer"]
+    assert [declared[name]["delay"]["default_value"] for name in ("position", "current")] == [0.02, -0.005]

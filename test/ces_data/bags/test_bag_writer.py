@@ -71,14 +71,6 @@ def test_replay_topic_with_named_columns(tmp_path):
     assert metadata["custom_data"] == {"model": "m.json", "written_by": f"ces_observer {__version__}"}
 
 
-def test_nested_arrays(tmp_path):
-    columns = {"points[1].positions[0]": np.array([1.5, 2.5])}
-    write_bag(tmp_path / "b", [TopicData("t", "trajectory_msgs/msg/JointTrajectory", np.array([1, 2]), columns)])
-    with AnyReader([tmp_path / "b"]) as reader:
-        read = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages()]
-    assert [m.points[1].positions[0] for m in read] == [1.5, 2.5]
-
-
 def test_channels_that_share_a_topic_need_the_same_stamps(tmp_path):
     signals = Signals.from_mapping(
         {"force": {"topic": "joint_states", "type": tiny.JOINTS, "field": "effort[rear_damper]"}}, "signals.yaml"

@@ -74,15 +74,6 @@ def test_numbers_without_header(little_endian):
     assert singles == (0 if little_endian else len(messages))
 
 
-@pytest.mark.parametrize("little_endian", [True, False])
-def test_joint_order_that_changes_between_messages(little_endian):
-    names = [["rear", "fork"], ["fork", "rear"], ["axle", "rear"]]
-    messages = [tiny.joints(i, names[i % 3], [i, -i], efforts=[5 * i, 0.5]) for i in range(60)]
-    paths = ("position[rear]", "effort[rear]", "position[1]")
-    singles, _ = compare(messages, tiny.JOINTS, *STAMP, *paths, little_endian=little_endian)
-    assert singles == (0 if little_endian else len(messages))
-
-
 def test_joint_missing_in_some_messages_keeps_the_reason():
     names = [["rear", "fork"], ["fork", "seat"]]
     messages = [tiny.joints(i, names[i % 2], [i, -i]) for i in range(20)]

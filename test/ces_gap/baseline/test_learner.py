@@ -51,14 +51,6 @@ def test_simulated_noise_is_identified_and_whitened(pole: float) -> None:
     assert max(abs(autocorrelation(flat, lag)) for lag in range(1, 20)) < 4.0 / np.sqrt(len(flat))
 
 
-def test_only_usable_ticks_count() -> None:
-    usable = np.arange(len(EVERYWHERE)) % 4000 > 400
-    spoiled = np.where(usable, simulated(0.7), 1e6)
-    noise = noise_of([spoiled], [usable])
-    assert noise.rms_N == pytest.approx(8.0, rel=0.05)
-    assert noise.ar[0] == pytest.approx(0.7, abs=0.03)
-
-
 def test_a_whitened_value_is_usable_if_it_depends_on_usable_ticks_only() -> None:
     noise = noise_of([simulated(0.7)], [EVERYWHERE], order=3)
     usable = np.ones(20, bool)
@@ -256,16 +248,6 @@ def test_the_correction_of_a_correct_simulation_is_nearly_zero() -> None:
     correction, _ = learn_correction([traced(seed=s) for s in (1, 2)])
     trace = traced(seed=9)
     assert rms(correction.force(trace, trace.inputs, trace.simulated), trace) < 0.3 * NOISE_N
-
-
-def test_the_json_round_trip_of_a_correction_is_exact() -> None:
-    correction, trace = taught()[0], unseen()
-    again = LearnedCorrection.from_json(json.loads(json.dumps(correction.as_json())))
-    assert again.dictionary == correction.dictionary
-    one, other = (c.force(trace, trace.inputs, trace.simulated) for c in (again, correction))
-    np.testing.assert_array_equal(one, other)
-    with pytest.raises(KeyError):
-        LearnedCorrection.from_json({"weights": [1.0]})
 
 
 def test_the_ceiling_explains_a_drift_with_time() -> None:

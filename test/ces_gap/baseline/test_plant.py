@@ -131,12 +131,6 @@ def test_outer_effects_drive_first(trace: Trace) -> None:
     np.testing.assert_allclose(inputs.position, moved.position)
 
 
-def test_a_known_force_of_the_plant_is_reused(trace: Trace) -> None:
-    alone = np.full(len(trace), 5.0)
-    composition = Composition((Setting(Added(), (1.0,)),))
-    np.testing.assert_array_equal(Plant(CALLED).with_effects(composition, trace, alone), np.full(len(trace), 6.0))
-
-
 @pytest.mark.parametrize(
     ("parameter", "value"),
     [

@@ -48,16 +48,6 @@ def test_marginalising_is_the_dense_inverse_root(noise: NoiseModel, monkeypatch:
     np.testing.assert_allclose(whitened, np.concatenate(expected), atol=1e-9)
 
 
-def test_directions_with_negligible_uncertainty_are_ignored() -> None:
-    values = draw_values(2, 1)
-    features = draw_values(1, 5)
-    known = gather(TRACES, PLANT, make_white_noise(8.0), features, 1e-9 * np.eye(5))
-    plain = gather(TRACES, PLANT, make_white_noise(8.0), features, np.zeros((5, 5)))
-    np.testing.assert_allclose(known.whiten(values), plain.whiten(values), rtol=0.01, atol=1e-9)
-    rows = [known.noise.whiten(values[u.trace])[u.ticks] for u in known.units]
-    np.testing.assert_allclose(np.linalg.norm(known.whiten(values)), np.linalg.norm(np.concatenate(rows)), rtol=0.01)
-
-
 def test_noise_and_baseline_error_as_expected_become_white_with_unit_variance() -> None:
     rng = np.random.default_rng(7)
     noise, features, covariance = ar(8.0, 0.8), draw_values(1, 5), covariance_of(5)

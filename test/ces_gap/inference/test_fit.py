@@ -266,12 +266,3 @@ def test_refinement_runs_the_simulation_once_per_trace_and_round() -> None:
     assert inexact.searched[0] == pytest.approx(1.0 + (GAIN - 1.0) / 0.67, abs=0.02)
     assert refined.searched[0] == pytest.approx(GAIN, abs=0.005)
     assert refined.cost < inexact.cost
-
-
-def test_effects_that_keep_the_inputs_and_exact_simulations_need_no_run() -> None:
-    evidence = evidence_of(InexactTwin())
-    fit = fit_alone(evidence, Spring())
-    counter = CountedSimulator([])
-    assert Refinement(counter).refine(evidence, fit) is fit and not counter.runs
-    assert Refinement(counter).anchor(evidence, fit) is evidence and not counter.runs
-    assert Refinement().refine(evidence, fit) is fit and Refinement().anchor(evidence, fit) is evidence

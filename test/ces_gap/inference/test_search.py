@@ -26,10 +26,7 @@ from ces_gap.inference.search import (
     find_absorbed_effects,
     find_alternatives,
     interchangeable_effects,
-    loses_to_nested_form,
     min_unexplained_shares,
-    order_nested_forms,
-    rank_additions,
     search,
 )
 from ces_gap.trace import Trace, TraceInputs
@@ -132,17 +129,6 @@ def test_an_unnecessary_effect_is_removed() -> None:
     assert best.names == ("spring",)
 
 
-def test_additions_are_ranked_by_expected_gain_once_per_effect() -> None:
-    compositions = build_search(planted(OFFSET, FRICTION, Setting(EFFECTS[1], (300.0,))))
-    order = [
-        f.names[0]
-        for f in rank_additions(
-            fit_composition(compositions, "friction"), compositions.forms, compositions.baseline_residual
-        )
-    ]
-    assert order[0] == "offset" and sorted(order) == ["current_offset", "offset", "spring"]
-
-
 GAS, CONSTANT = library_effect("gas_spring", "charged"), library_effect("force_offset", "constant")
 
 OTHERS = tuple(e for e in EFFECTS if e.name == "friction")
@@ -170,14 +156,6 @@ def test_a_visible_difference_decides_however_small_its_share(planted_effect: Se
 def test_an_invisible_difference_leaves_both() -> None:
     result = search_around(Setting(GAS, (6.0, 0.4)), seed=6)
     assert [set(group) for group in interchangeable_effects(result)] == [{"gas_spring", "force_offset"}]
-
-
-def test_fits_that_differ_in_more_or_in_unrelated_effects_do_not_decide() -> None:
-    evidence = planted(Setting(GAS, (60.0, 0.4)))
-    gas, offset, friction = (fit_alone(evidence, e) for e in (GAS, CONSTANT, *OTHERS))
-    assert loses_to_nested_form(evidence, offset, gas) and not loses_to_nested_form(evidence, gas, offset)
-    assert not loses_to_nested_form(evidence, friction, gas) and not loses_to_nested_form(evidence, gas, gas)
-    assert order_nested_forms(evidence, (offset, friction, gas)) == (gas, offset, friction)
 
 
 class Tare(Offset):

@@ -27,7 +27,7 @@ from ces_gap.inputs.checks import (
 )
 from ces_gap.trace import make_trace
 from ces_identify.simulations.simulation import FunctionSimulation, ModelSimulation
-from ces_observer.errors import CesError, RecordingError
+from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -91,14 +91,9 @@ def test_a_duplicate_recording_is_refused(sets, message):
 
 
 def test_recordings_that_cannot_be_compared_are_refused():
-    kilonewtons = ride("kilo", 2, change=lambda force: force / 1000.0)
-    with pytest.raises(RecordingError, match=r"force: spans .* N in ride, .* N in kilo"):
-        check_recordings([ride()], [], [kilonewtons])
     channels = {name: c for name, c in ride().channels.items() if name != "force"}
     with pytest.raises(GapError, match="bare: no measured force"):
         check_recordings([replace(ride("bare"), channels=channels)], [], [])
-    with pytest.raises(GapError, match=r"ride: force: the channel saturates: .* record again with a larger range"):
-        check_recordings([ride(change=clipped(-200.0, 200.0))], [], [])
 
 
 # saturation ------------------------------------------------------------------------------------------------------
@@ -171,9 +166,6 @@ def test_a_constant_force_is_refused():
     recording = ride()
     with pytest.raises(GapError, match="the force of my:sim is constant"):
         check_traces([make_trace(recording, np.full(5000, 3.0))], SIM, "my:sim")
-    still = ride(change=lambda force: np.full(5000, 7.0))
-    with pytest.raises(GapError, match="the measured force is constant"):
-        check_traces([make_trace(still, simulated(still))], SIM, "my:sim")
 
 
 # range -----------------------------------------------------------------------------------------------------------

@@ -137,11 +137,6 @@ def test_less_than_a_second_of_data_is_refused_by_name(signal: str) -> None:
     assert "\n" not in str(messages.value)
 
 
-def test_too_little_data_for_the_fit_is_refused() -> None:
-    with pytest.raises(GapError, match="remain for the fit; expected at least 4 s"):
-        prepare([recorded(seconds=3.0)], [recorded(seed=2)])
-
-
 def test_progress_is_reported_for_each_recording() -> None:
     messages: list[str] = []
     prepare_recordings(SIMULATION, [recorded()], [recorded(seed=2)], [], lambda what, share: messages.append(what))

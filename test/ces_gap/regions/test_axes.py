@@ -15,7 +15,6 @@ from ces_gap.regions.axes import (
     axis_edges,
     axis_values,
     region_indices,
-    round_to_one_two_five,
 )
 from ces_gap.trace import Trace, TraceInputs
 
@@ -78,16 +77,3 @@ def test_edges_hold_all_values_in_a_handful_of_regions_none_empty(axis):
 def test_every_level_of_a_stepped_current_is_a_region():
     values = np.random.default_rng(0).choice([0.0, 0.4, 0.8, 1.6], 5000)
     assert axis_edges(CURRENT, values) == pytest.approx([0.0, 0.2, 0.6, 1.2, 1.6])
-
-
-@pytest.mark.parametrize("level", [0.0, -0.3])
-def test_a_constant_is_one_region_around_its_value(level):
-    low, high = axis_edges(CURRENT, np.full(100, level))
-    assert low <= level <= high
-    assert low < high
-
-
-@pytest.mark.parametrize(("value", "above", "below"), [(0.03, 0.05, 0.02), (0.2, 0.2, 0.2), (7.0, 10.0, 5.0)])
-def test_nice_numbers(value, above, below):
-    assert round_to_one_two_five(value, up=True) == pytest.approx(above)
-    assert round_to_one_two_five(value, up=False) == pytest.approx(below)

@@ -11,13 +11,9 @@ from ces_gap.diagnosis import GapRegion, Where
 from ces_gap.errors import GapError
 from ces_gap.regions.axes import CURRENT, FREQUENCY, OPERATING, REVERSAL, SPEED, STROKE, axis_values
 from ces_gap.regions.locate import (
-    block_s,
     locate,
     normal_scores,
-    q_values,
-    resampled_sums,
     rms_within_regions,
-    scattered_sums,
 )
 from ces_gap.trace import Trace, usable_inputs
 
@@ -144,14 +140,6 @@ def test_false_discoveries_in_noise_alone_are_as_rare_as_claimed(pole):
 
 
 @pytest.mark.slow
-def test_p_values_of_noise_are_spread_evenly():
-    traces = [drive(1, seconds=5.0, rate_Hz=125.0)]
-    p = [locate(traces, noisy(traces, k), NOISE, k).max_p_value for k in range(50)]
-    assert 0.4 < np.mean(p) < 0.6
-    assert 0.33 < np.mean(np.array(p) < 0.5) < 0.67
-
-
-@pytest.mark.slow
 def test_intervals_cover_the_truth_about_as_often_as_claimed():
     traces = [drive(s, seconds=8.0, rate_Hz=125.0) for s in (1, 2)]
     clean = [80.0 * t.inputs.speed + 4.0 for t in traces]
@@ -182,34 +170,6 @@ def test_maps_show_where_the_gap_is_and_hide_fields_with_too_few_ticks():
     assert np.median(maps[0].rms_N[full & (stroke[:, None] < 0.0)]) < 6.0
 
 
-@pytest.mark.parametrize("pole", [0.0, 0.9])
-def test_bootstrap_error_of_a_mean_is_that_of_many_series(pole):
-    rng = np.random.default_rng(0)
-    series = [ar_noise(4000, 1.0, pole, rng) for _ in range(40)]
-    true = np.std([s.mean() for s in series])
-    errors = [(resampled_sums(s[:, None] - s.mean(), 150, 100, rng) / len(s)).std() for s in series]
-    assert np.mean(errors) == pytest.approx(true, rel=0.25)
-
-
-def test_blocks_are_several_correlation_lengths_within_limits():
-    rng = np.random.default_rng(2)
-    white, slow = (block_s(ar_noise(10_000, 1.0, pole, rng), 0.002) for pole in (0.0, 0.95))
-    assert white == 0.25
-    assert 0.25 < slow < 1.0
-    assert block_s(np.sin(np.arange(10_000) * 0.001), 0.002) == 1.0
-
-
-def test_scattered_series_keep_their_sum_on_average_and_lose_their_place():
-    rng = np.random.default_rng(3)
-    series = np.zeros(3000)
-    series[1000:1100] = 1.0
-    members = np.zeros((3000, 2))
-    members[1000:1100, 0] = members[:, 1] = 1.0
-    sums = scattered_sums(series, members, 50, 2000, rng)
-    assert sums[:, 1].mean() == pytest.approx(100.0, rel=0.05)
-    assert sums[:, 0].mean() == pytest.approx(100.0 / 30.0, rel=0.2)
-
-
 def test_scores_resolve_the_tail_of_a_skewed_null():
     rng = np.random.default_rng(4)
     draws = rng.gamma(3.0, size=(4000, 1)) - 3.0
@@ -218,8 +178,3 @@ def test_scores_resolve_the_tail_of_a_skewed_null():
     scored = float(norm.sf(normal_scores(value, draws, 0.0)[0][0]))
     assert scored == pytest.approx(true, rel=0.5)
     assert norm.sf(9.0 / 3.0**0.5) < 0.01 * true  # the normal distribution would have it far too rare
-
-
-def test_false_discovery_rates_by_hand():
-    p = np.array([0.01, 0.04, 0.03, 0.5])
-    assert q_values(norm.isf(p)) == pytest.approx([0.04, 0.16 / 3.0, 0.16 / 3.0, 0.5])

@@ -15,7 +15,6 @@ from schema_rules import SCHEMA, faults
 
 from ces_gap.errors import GapError
 from ces_gap.report.gap_json import gap_document, write_gap
-from ces_observer.errors import CesError
 
 
 def leaves(item: Any) -> Iterator[Any]:
@@ -143,11 +142,6 @@ def test_file_is_the_document(tmp_path: Path) -> None:
     text = (tmp_path / "gap.json").read_text(encoding="utf-8")
     assert json.loads(text) == gap_document(named()) and text.endswith("}\n")
     assert [p.name for p in tmp_path.iterdir()] == ["gap.json"]
-
-
-def test_a_missing_folder_is_reported(tmp_path: Path) -> None:
-    with pytest.raises(CesError, match="cannot be written"):
-        write_gap(tmp_path / "missing" / "gap.json", named())
 
 
 def test_a_recipe_that_json_cannot_represent_is_refused() -> None:

@@ -20,11 +20,11 @@ from ces_gap.effects.effect import Setting
 from ces_gap.effects.library import library
 from ces_gap.effects.simulation_errors import simulation_errors
 from ces_gap.report.charts import draw_share_charts, find_largest_errors, shares_ci95
-from ces_gap.report.formatting import join_effect_names, parameter_text, percent, percents, region_name
+from ces_gap.report.formatting import join_effect_names, parameter_text, percent, region_name
 from ces_gap.report.page import build_gap_steps, report_page
 from ces_gap.report.result_files import result_files
 from ces_gap.report.tables import cause_rows, effects_without_row
-from ces_report.typesetting import format_number, format_range
+from ces_report.typesetting import format_number
 
 XHTML = "{http://www.w3.org/1999/xhtml}"
 
@@ -346,25 +346,3 @@ def test_the_closest_effect_is_the_same_in_the_sentence_the_bars_and_the_key_fig
         assert f"the closest, {closest[0].label.split(': ')[-1].removeprefix('With ')}," in text
         assert words(classed(page, "closed")[0]).startswith(f"{left} %")
         assert not [row for row in cause_rows(told) if row.css == "named"]
-
-
-@pytest.mark.parametrize(
-    ("low", "high", "text"),
-    [
-        (-0.125, -0.1249, "−0.125 to −0.1249"),
-        (2000.0, 5000.0, "2 000 to 5 000"),
-        (1e-5, 2e-5, "10⁻⁵"),
-        (3.0, 3.0, "3"),
-        (0.0, math.inf, "0 to ∞"),
-        (math.nan, math.nan, "–"),
-    ],
-)
-def test_a_range_has_two_ends_and_no_exponent(low: float, high: float, text: str) -> None:
-    shown = format_range(low, high)
-    assert text in shown.replace("\N{NARROW NO-BREAK SPACE}", " ") and "e" not in shown
-    ends = shown.split(" to ")
-    assert len(ends) == (2 if low < high else 1) and len(set(ends)) == len(ends)
-
-
-def test_shares_that_round_to_one_percentage_keep_two_ends() -> None:
-    assert percents((0.952, 0.954)).startswith("95.2 to 95.4") and percents((0.9, 0.95)).startswith("90 to 95")

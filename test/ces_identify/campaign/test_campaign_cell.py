@@ -7,8 +7,8 @@ from campaign_parts import CAMPAIGN, RULES, made
 
 from ces_identify.campaign import cell as module
 from ces_identify.campaign.cell import compute_cell
-from ces_identify.campaign.plan import CampaignError, jobs, load_campaign
-from ces_identify.campaign.rows import front, is_proved
+from ces_identify.campaign.plan import jobs, load_campaign
+from ces_identify.campaign.rows import is_proved
 from ces_identify.jobs import CRASHED, DONE, FAILED
 from ces_identify.prepare.series import prepare
 from ces_identify.validation.evaluate import evaluate
@@ -145,19 +145,3 @@ def test_every_size_is_a_cell_with_a_proved_model(rows):
     bodies = [parse_model(*done.files.values(), "test").body for done in rows]
     assert [body.kind for body in bodies] == ["uniflow", "monotube"]
     assert [len(edge.rows) for edge in (bodies[0].external, bodies[1].piston)] == [2, 2]
-
-
-def test_they_are_on_the_front_beside_models_with_a_gain(rows):
-    proved = [done.row for done in rows]
-    polynomial = {**proved[0], "parameters": 5, "selection_J": 50.0, "gain": 0.9}
-    unproved = {**proved[0], "parameters": 3, "selection_J": 0.1, "force_bound_N": None}
-    on_front = front([*proved, polynomial, unproved])
-    assert polynomial in on_front
-    assert unproved not in on_front
-    assert on_front[-1] in proved
-
-
-def test_a_size_out_of_range_is_refused(tmp_path):
-    (tmp_path / "c.yaml").write_text(PHYSICAL.replace("curves: 2", "curves: 40"))
-    with pytest.raises(CampaignError, match=r"curves: .*40.*2 to 8"):
-        load_campaign(tmp_path / "c.yaml")

@@ -137,8 +137,6 @@ def test_what_is_left_out_is_as_in_identify(load):
         ("seed: [1, 2]", "certificate: maybe", "certificate is 'maybe'"),
         ("seed: [1, 2]", "delay: [0, 0.03]", "delay is 0.03; expected a number from 0 to 0.02 s"),
         ("seed: [1, 2]", "delay: [[0, 0.003]]", "delay is [0, 0.003]; expected a number"),
-        ("seed: [1, 2]", "bandwidth: 40", "unknown key 'bandwidth'; known are bags"),
-        ("seed: [1, 2]", "differentiator: fused", "unknown key 'differentiator'; known are bags"),
         ("seed: [1, 2]", "split: 2", "split is 2; expected a number from 0.05 to 1"),
         ("terms: [2, 4]", "terms: [0]", "structures: polynomial: terms is 0"),
         ("rules.yaml", "none.yaml", "none.yaml: cannot be read: No such file or directory; expected candidate rules"),

@@ -13,7 +13,7 @@ import ces_identify
 from ces_identify.characteristics.characterise import characterise
 from ces_identify.characteristics.page import format_page
 from ces_identify.characteristics.rows import TABLES
-from ces_identify.characteristics.tables import MAX_ROWS, choose_rows, number, peak_table, with_spread
+from ces_identify.characteristics.tables import MAX_ROWS, choose_rows, peak_table, with_spread
 from ces_identify.simulations.simulation import FunctionSimulation
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -116,11 +116,6 @@ def test_the_page_without_cycles_says_so():
 )
 def test_values_are_rounded_to_their_spread(value, spread, text):
     assert with_spread(value, spread) == text
-
-
-def test_a_missing_value_is_a_dash():
-    assert number(float("nan")) == "–"
-    assert with_spread(float("nan"), 1.0) == "–"
 
 
 @pytest.fixture(scope="module")

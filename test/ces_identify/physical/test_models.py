@@ -1,16 +1,13 @@
-"""Parameters and derivatives of hydraulic networks, and networks opened again from their file."""
+"""Parameters and derivatives of hydraulic networks."""
 
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from hydraulic_models import GROOVE, hydraulic_model, make_hydraulic
-from physical_examples import make_valve
 from planted import SAMPLING
 from planted_dampers import KINDS, planted_model, ride, started, truth
 
-from ces_identify.physical.models import HydraulicModels
 from ces_identify.simulations.simulate import simulate_series
 from ces_observer.model import Model, parse_model
 
@@ -46,24 +43,11 @@ def test_every_vector_is_a_model_that_its_file_can_hold(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_parameters_and_force_are_those_of_the_file(kind, bypass):
     (models, theta), model, series = truth(kind, bypass), planted_model(kind, bypass), ride(1)
-    opened, again = HydraulicModels.reopen(model.body, models.scales.interval_s, models.training)
-    assert opened.body(again).size == model.body.size
     force, run = simulate_series(model, series).force, model.make_predictor()
-    np.testing.assert_allclose(opened.force(again)[series.scored], force[series.scored], rtol=1e-6, atol=1e-6)
     np.testing.assert_allclose(models.force(theta)[series.scored], force[series.scored], atol=1e-6)
     start, stop = series.segments[0]
     ticks = [run.tick(*row) for row in zip(series.position[start:stop], series.speed, series.current, strict=False)]
     np.testing.assert_allclose(ticks, force[start:stop], rtol=1e-9, atol=1e-6)
-
-
-def test_a_model_made_by_hand_is_opened_too():
-    body = hydraulic_model(make_hydraulic(make_valve(), bypass=GROOVE)).body
-    models = started("twin tube", seconds=SHORT_S)
-    opened, theta = HydraulicModels.reopen(body, models.scales.interval_s, models.training)
-    found, wanted = (one.to_json()["hydraulic"] for one in (opened.body(theta), body))
-    for key in ("area_ratio", "compression_m_N", "mount_m_N", "air"):
-        assert found[key] == pytest.approx(wanted[key])
-    np.testing.assert_allclose(found["piston"]["force_N"], wanted["piston"]["force_N"], rtol=1e-9)
 
 
 @pytest.mark.slow
@@ -91,13 +75,3 @@ def test_the_matrix_is_that_of_the_derivatives(kind, how):
     direction = np.random.default_rng(2).standard_normal(len(theta))
     change = (models.force(theta + 1e-6 * direction) - models.force(theta - 1e-6 * direction)) / 2e-6
     assert direction @ matrix @ direction == pytest.approx(weights @ change**2, rel=2e-3)
-
-
-def test_the_gradients_of_blocks_add_up():
-    models, theta = case("uniflow", "bypass")
-    weights = models.training.estimation
-    blocks = np.arange(len(weights)) // 100
-    _, _, gradients = models.sensitivities(theta, weights, blocks)
-    _, _, gradient = models.normal_equations(theta, weights)
-    assert gradients.shape == (blocks.max() + 1, len(theta))
-    np.testing.assert_allclose(gradients.sum(axis=0), gradient, rtol=1e-9, atol=1e-12 * np.abs(gradient).max())

@@ -91,13 +91,6 @@ def test_the_blend_is_proved_stable_and_survives_its_file(blended):
     assert again.is_stable()
 
 
-@pytest.mark.slow
-def test_without_blend_and_hysteresis_the_same_number_of_terms_does_worse(blended):
-    plain = {key: value for key, value in RAW.items() if key not in RAW["constructed"] and key != "constructed"}
-    plain["products"] = [p for p in RAW["products"] if "hysteresis" not in p]
-    assert fresh_cost(identified(parse_rules(plain, "test"))) > 1.5 * fresh_cost(blended)
-
-
 def rules_with(**constructed):
     """Return the built-in rules with more constructed inputs, which no product uses."""
     built_in = yaml.safe_load(built_in_rules())

@@ -24,32 +24,6 @@ def test_level_of_white_noise_and_power_of_a_sine(rate):
     assert spectrum.power[~above].sum() * spectrum.frequency[0] == pytest.approx(0.5 * 0.01**2, rel=0.02)
 
 
-def test_noise_does_not_fade_with_jitter_or_a_rate_that_is_off():
-    random = np.random.default_rng(2)
-    time = np.arange(40_000) / 1000.4 + 3e-5 * random.standard_normal(40_000)
-    spectrum = position_spectrum(recording(time, random.normal(0.0, 1e-5, 40_000)), 1.0)
-    assert spectrum.power[spectrum.frequency > 100.0].mean() == pytest.approx(1e-10 / 500.0, rel=0.1)
-
-
-def test_a_gap_is_not_bridged():
-    time = np.arange(20_000) / 1000.0
-    time[10_000:] += 3.0
-    noise = np.random.default_rng(3).normal(0.0, 1e-5, 20_000)
-    noise[10_000:] += 0.05  # a jump that bridging would smear over the spectrum
-    spectrum = position_spectrum(recording(time, noise), 0.05)
-    assert spectrum.power[spectrum.frequency > 50.0].mean() == pytest.approx(1e-10 / 500.0, rel=0.1)
-
-
-def test_late_stamps_are_left_out():
-    time = np.arange(20_000) / 1000.0
-    late = time.copy()
-    late[5000:5005] -= 0.02
-    x = 0.01 * np.sin(2 * np.pi * 3.0 * time) + np.random.default_rng(4).normal(0.0, 1e-5, 20_000)
-    tidy, rough = (position_spectrum(recording(t, x), 0.05) for t in (time, late))
-    high = tidy.frequency > 50.0
-    assert rough.power[high].mean() == pytest.approx(tidy.power[high].mean(), rel=0.1)
-
-
 @pytest.mark.parametrize("run", [1, 2, 3])
 def test_spikes_are_replaced_and_the_rest_is_left(run):
     x = np.sin(np.arange(2000) * 0.02) + np.random.default_rng(13).normal(0, 1e-4, 2000)

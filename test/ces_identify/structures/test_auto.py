@@ -13,7 +13,7 @@ from ces_identify.prepare.sampling import choose_sampling
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import KITS, auto
 from ces_identify.structures.auto import DIFFERENCE, LEFT_OUT, TIE, BestStructure, advise, default_sizes, select_fitter
-from ces_identify.structures.kit import IdentifyOptions
+from ces_identify.structures.kit import Fitted, IdentifyOptions
 from ces_identify.structures.left_out import choose_left_out, compare_costs, cost_of
 from ces_observer.errors import CesError
 
@@ -152,6 +152,27 @@ def test_all_are_fitted_shortly_to_the_same_part_and_those_that_fail_are_left_ou
     assert found.about == "every fourth block of 3 s"
     hurried = IdentifyOptions(limits=Limits(time=1.0))
     assert TIME_IS_UP in auto._compare(("polynomial",), {}, series, NETWORK.sampling, hurried).about
+
+
+@pytest.mark.parametrize(("option", "shares"), [("polynomial", [0.65, 1.0]), (auto.AUTO, [0.35, 1.0])])
+def test_a_time_limit_holds_for_fit_and_comparison_together(monkeypatch, option, shares):
+    times = []
+
+    def take(limits, result):
+        times.append(limits.time)
+        return result
+
+    kits = {
+        name: SimpleNamespace(
+            models=models, fitter=lambda sizes: lambda *how: take(how[2].limits, Fitted(None, [], {}))
+        )
+        for name, models in (("polynomial", None), (PHYSICAL, True))
+    }
+    none = auto._Comparison("", {"polynomial": squares(np.ones(4))})
+    monkeypatch.setattr(auto, "KITS", kits)
+    monkeypatch.setattr(auto, "_compare", lambda *how: take(how[4].limits, none))
+    select_fitter(option, {})([], None, IdentifyOptions(limits=Limits(time=1000.0)), None)
+    assert times == pytest.approx([1000.0 * share for share in shares], abs=1.0)
 
 
 @pytest.mark.parametrize(

@@ -1,13 +1,11 @@
 """Signals outside a model's envelope are named with both ranges."""
 
 import numpy as np
-import pytest
 from samplings import make_sampling
 
 from ces_identify.prepare.series import Series
 from ces_identify.validation.evaluate import (
     VALIDATION,
-    RangeUse,
     describe_held,
     describe_outside,
     evaluate,
@@ -85,15 +83,3 @@ def test_an_evaluation_has_the_text_ready():
     )
     (inside,) = evaluate(model(), [series()], VALIDATION)
     assert inside.outside_text == ""
-
-
-@pytest.mark.parametrize(
-    ("used", "known", "text"),
-    [
-        ((0.0, 0.0), (0.0, 0.0), "0.000 A, model knows 0.000"),
-        ((-1e-9, 700.0), (0.0, 0.7), "0.0 to 700.0 A, model knows 0.0 to 0.7"),
-        ((12345.0, 23456.0), (0.0, 1.0), "12345 to 23456 A, model knows 0 to 1"),
-    ],
-)
-def test_numbers_are_short(used, known, text):
-    assert str(RangeUse("current", used, known, 1.0)) == f"current {text}"

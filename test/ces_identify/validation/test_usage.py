@@ -1,19 +1,9 @@
 import numpy as np
 from residual_series import series
 
-from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.problem import assemble_problem, estimation_ticks
 from ces_identify.validation.cost_table import usage
 from ces_observer.structures.terms import Term
-
-RULES = parse_rules(
-    {
-        "force": {"lags": [1]},
-        "speed": {"lags": [0], "powers": [1.0], "forms": ["signed"]},
-        "products": [[], ["speed"], ["force"]],
-    },
-    "test",
-)
 
 
 def test_seconds_are_those_the_search_deals():

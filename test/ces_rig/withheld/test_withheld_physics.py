@@ -11,12 +11,10 @@ from ces_rig.dampers.hydraulic.parameters import Hydraulic
 from ces_rig.dampers.stepper import simulate
 from ces_rig.errors import RigError
 from ces_rig.sensors import GRID_S
-from ces_rig.withheld.environment import hold_until_free
 from ces_rig.withheld.plants import (
     PLANTS,
     draw_effect,
     draw_plant,
-    gap_from,
     physical_numbers,
     scale_to_gap,
     simulate_signals,
@@ -25,10 +23,6 @@ from ces_rig.withheld.plants import (
 pytestmark = pytest.mark.slow
 
 FREQUENCY = 2.0
-
-
-def gap_N(plant, effects, *inputs):
-    return gap_from(plant, simulate_signals(plant, (), *inputs), simulate_signals(plant, effects, *inputs))
 
 
 def sine(amplitude=0.02, frequency=FREQUENCY, seconds=1.5, share=0.5, kind="bouc_wen"):
@@ -180,14 +174,6 @@ def test_foam_builds_up_and_a_groove_has_its_place():
         assert np.std(force[near]) > 2 * np.std(force[far])
 
 
-@pytest.mark.parametrize("name", ["ring_tilt", "side_load", "sticking_check", "cell_resonance", "mains_hum"])
-def test_effects_outside_the_library_act_on_a_real_recording(name):
-    inputs = sine(amplitude=0.03, frequency=3.0, kind="hydraulic")
-    plant = plant_of("hydraulic")
-    effect = scale_to_gap(plant, draw_effect("hydraulic", name, np.random.default_rng(1)), 24.0, *inputs)
-    assert gap_N(plant, [effect], *inputs) == pytest.approx(24.0, rel=0.031)
-
-
 TIME = np.arange(1600) * GRID_S
 
 STROKE = 0.015 * np.clip(5 * TIME, 0, 1) ** 2 * np.sin(2 * np.pi * 4 * TIME)
@@ -195,11 +181,6 @@ STROKE = 0.015 * np.clip(5 * TIME, 0, 1) ** 2 * np.sin(2 * np.pi * 4 * TIME)
 
 def simulate_with(kind, effect, command):
     return simulate_signals(plant_of(kind), [effect] if effect else [], TIME, STROKE, command)
-
-
-def test_a_spool_sticks_after_each_reversal_or_stop_until_the_threshold():
-    held = hold_until_free(np.array([0.0, 0.05, 0.11, 0.2, 0.2, 0.12, 0.3, 0.31, 0.1]), 0.1)
-    assert held.tolist() == [0.0, 0.0, 0.11, 0.2, 0.2, 0.2, 0.2, 0.31, 0.31]
 
 
 @pytest.mark.parametrize("kind", PLANTS)
