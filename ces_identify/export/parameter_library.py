@@ -31,7 +31,7 @@ def parameter_library(name: str, options: Iterable[Option]) -> str:
         for group in groups:
             place = place.setdefault(group, {})
         place[last] = _declaration(option)
-    return yaml.safe_dump({name: tree}, sort_keys=False, width=116, allow_unicode=True)
+    return yaml.safe_dump({name: tree}, sort_keys=False, width=116, allow_unicode=True, default_flow_style=None)
 
 
 def parameter_file(head: str, options: Iterable[Option]) -> str:

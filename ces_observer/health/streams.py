@@ -62,12 +62,11 @@ MAX_LOST_SHARE = 0.5  # of messages while learning; a period that implies more i
 class StreamFigures:
     """One window of a topic; times in s. Counts named `total_` are since the start, the others in the window.
 
-    `age` is arrival minus stamp. `jitter` is the standard deviation of the
-    usual intervals between stamps, `longest` the longest of all intervals. `burst` is the largest number of messages,
-    each within a quarter of the period after the one before. `dropped` is estimated from gaps in the stamps; it is None
-    for messages without stamps, where a gap may be a stalled computer. Of these samples `lost` are known to have been
-    lost, None if that is not known (`Losses`), and `overflowed` in the node's own queue; the source has not sent the
-    others. Interruptions are stamps out of line with the others, or silences too long to be lost messages.
+    `age` is arrival minus stamp, `jitter` the standard deviation of the usual intervals between stamps. `dropped` is
+    estimated from gaps in the stamps; it is None for messages without stamps, where a gap may be a stalled computer. Of
+    these samples `lost` are known to have been lost, None if that is not known (`Losses`), and `overflowed` in the
+    node's own queue; the source has not sent the others. Interruptions are stamps out of line with the others, or
+    silences too long to be lost messages.
     """
 
     samples: int = 0
@@ -77,8 +76,6 @@ class StreamFigures:
     mean_age_s: float = 0.0
     max_age_s: float = 0.0
     jitter_s: float = 0.0
-    longest_s: float = 0.0
-    burst: int = 0
     dropped: int | None = None
     total_dropped: int | None = None
     lost: int | None = None
@@ -97,8 +94,6 @@ class StreamFigures:
         yield f"{name}: age, mean [ms]", f"{self.mean_age_s * 1e3:.3f}"
         yield f"{name}: age, max [ms]", f"{self.max_age_s * 1e3:.3f}"
         yield f"{name}: jitter [ms]", f"{self.jitter_s * 1e3:.3f}"
-        yield f"{name}: longest interval [ms]", f"{self.longest_s * 1e3:.3f}"
-        yield f"{name}: longest burst", str(self.burst)
         if self.total_dropped is not None:
             lost, overflowed = self.total_lost, self.total_overflowed
             yield f"{name}: dropped", str(self.total_dropped)
@@ -130,13 +125,12 @@ class Arrivals:
     def __init__(self, stamped: bool = True, losses: Losses | None = None) -> None:
         self._stamped = stamped
         self._losses = losses or Losses(MAX_DEPTH)
-        self._newest_ns = self._now_ns = self._period_ns = 0
+        self._newest_ns = self._period_ns = 0
         self._usual_age_ns: int | None = None
         self._last_age_ns: float | None = None  # mean of the last window
         self._doubtful_ns: int | None = None  # the last stamp, if it was out of line
-        self._age_sum_ns = self._longest_ns = self._max_run = 0
-        self._max_age_ns = MIN_AGE_NS
-        self._usual = self._rare = self._run = self._pending = self._streak = 0
+        self._age_sum_ns, self._max_age_ns = 0, MIN_AGE_NS
+        self._usual = self._rare = self._pending = self._streak = 0
         self._missing = self._late = self._duplicates = self._interruptions = 0
         self._steps: list[int] = []
         self._before = self._aged = 0  # messages until the last roll, and those whose ages do not count
@@ -153,24 +147,16 @@ class Arrivals:
             deviation = step - self._period_ns
             self._deviation_ns += deviation
             self._deviation_ns2 += deviation * deviation
-            if step > self._longest_ns:  # noqa: PLR1730
-                self._longest_ns = step
         else:
             age = self._take_rare(stamp_ns, step, age)
         self._age_sum_ns += age
         if age > self._max_age_ns:  # noqa: PLR1730  # faster than max()
             self._max_age_ns = age
-        if now_ns - self._now_ns < self._close_ns:
-            self._run += 1
-        elif self._run:
-            self._end_run()
-        self._now_ns = now_ns
 
     def roll(self, elapsed_s: float) -> StreamFigures:
         """Close a window of `elapsed_s` seconds and return its figures."""
         if self._usual != self._streak_at:
             self._count_pending()
-        self._end_run()
         self._missing = max(self._missing, self._late + (self.figures.total_dropped or 0))
         dropped = self._missing - self._late if self._stamped else None
         samples = self._usual + self._rare - self._before
@@ -184,7 +170,7 @@ class Arrivals:
             samples=samples, total_samples=self._usual + self._rare,
             rate_Hz=samples / elapsed_s if elapsed_s > 0.0 else 0.0, period_s=(self._period_ns + mean_ns) * 1e-9,
             mean_age_s=mean_age_ns * 1e-9, max_age_s=self._max_age_ns * 1e-9 if aged else 0.0,
-            jitter_s=jitter_ns * 1e-9, longest_s=self._longest_ns * 1e-9, burst=self._max_run + 1 if samples else 0,
+            jitter_s=jitter_ns * 1e-9,
             dropped=None if dropped is None else dropped - (before.total_dropped or 0), total_dropped=dropped,
             lost=None if losses.lost is None else losses.lost - (before.total_lost or 0), total_lost=losses.lost,
             overflowed=losses.overflowed - before.total_overflowed, total_overflowed=losses.overflowed,
@@ -196,19 +182,13 @@ class Arrivals:
         if self._period_ns:
             self._set_period(self._period_ns + mean_ns)
         self._before += samples
-        self._aged = 0
-        self._age_sum_ns = self._longest_ns = self._max_run = 0
-        self._max_age_ns = MIN_AGE_NS
+        self._aged, self._age_sum_ns, self._max_age_ns = 0, 0, MIN_AGE_NS
         return self.figures
 
     def restart_ages(self) -> None:
         """Forget the ages of messages: the node's clock was set."""
         self._aged, self._age_sum_ns, self._max_age_ns = self._usual + self._rare - self._before, 0, MIN_AGE_NS
         self._usual_age_ns = self._last_age_ns = None
-
-    def _end_run(self) -> None:
-        self._max_run = max(self._max_run, self._run)
-        self._run = 0
 
     def _take_rare(self, stamp_ns: int, step_ns: int, age_ns: int) -> int:
         """Count a message whose stamp is not about one period after the newest; return its age, or the usual one.
@@ -255,7 +235,6 @@ class Arrivals:
         self._newest_ns = stamp_ns
         missing = round(step_ns / self._period_ns) - 1 if self._period_ns else 0
         if self._losses.take_gap(missing, waited_ns, self._period_ns) or step_ns <= self._silence_ns():
-            self._longest_ns = max(self._longest_ns, step_ns)
             self._take_unusual(step_ns)
         else:
             self._interruptions += 1
@@ -299,6 +278,5 @@ class Arrivals:
         """Count relative to this period from now on; 0 while it is unknown."""
         self._period_ns = round(period_ns)
         self._short_ns, self._long_ns = round(0.5 * period_ns), round(1.5 * period_ns)
-        self._close_ns = round(0.25 * period_ns)
         self._deviation_ns = self._deviation_ns2 = 0
         self._unmeasured = self._streak_at = self._usual

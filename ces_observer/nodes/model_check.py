@@ -208,6 +208,8 @@ def _check(source: str, tasks: Sequence[str]) -> str:
 
 
 def _limit_this_process() -> None:
+    with suppress(OSError, AttributeError):  # the node may run under SCHED_FIFO
+        os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICENESS)
     resource.setrlimit(resource.RLIMIT_CPU, (MAX_CPU_S, MAX_CPU_S))
     resource.setrlimit(resource.RLIMIT_AS, (MAX_MEMORY_BYTES, MAX_MEMORY_BYTES))

@@ -16,7 +16,7 @@ from rclpy.parameter import Parameter
 from ces_observer.estimator import Estimator
 from ces_observer.health.episodes import LineLimit
 from ces_observer.health.health import NodeFacts, unconfigured_report
-from ces_observer.health.process import ProcessWatch, check_processors
+from ces_observer.health.process import ProcessWatch
 from ces_observer.nodes import executors
 from ces_observer.nodes.damper_topics import DamperTopics
 from ces_observer.nodes.executors import NodeClock
@@ -49,8 +49,7 @@ class Observer(ManagedNode):
         self._time = NodeClock(self, self._on_time_jump)
         self._dampers: list[tuple[DamperTopics, ModelChanges]] = []
         self._diagnostics = DiagnosticsOutput(self)
-        options = values["realtime_priority"], check_processors(values["cpu_affinity"]), values["lock_memory"]
-        self._process = ProcessWatch(*options, self.get_logger().warning)
+        self._process = ProcessWatch()
         self._watched = self._rolled = self._reported_s = monotonic()
         self._pending = False
         self._jump_log = LineLimit(self.get_logger().warning)

@@ -12,7 +12,6 @@ from typing import Any
 
 from ces_observer.control.control_loop import FEEDBACKS
 from ces_observer.errors import CesError
-from ces_observer.health.process import ALL_PROCESSORS, MAX_PRIORITY
 from ces_observer.options import Option
 from ces_observer.signals import LARGEST, MAX_DELAY_S
 
@@ -99,11 +98,6 @@ OF_THE_NODE = (
     Option("input_depth", INPUT_DEPTH,
            "messages that wait in the queue of each input while the node stalls; at least the highest rate times the "
            "longest stall. Full queues lose the oldest. About 0.3 kB of memory each, used only in a stall", 1, 100_000),
-    Option("realtime_priority", 0,
-           "priority of the node under SCHED_FIFO, that of its DDS threads is one higher; 0: ordinary scheduling",
-           0, MAX_PRIORITY),
-    Option("cpu_affinity", ALL_PROCESSORS, "processors that the node may use, such as [2, 3]; [-1]: all"),
-    Option("lock_memory", False, "keep the node's memory from being swapped out"),
     Option("snapshot_service", "/rosbag2_recorder/snapshot",
            "service of a `ros2 bag record --snapshot-mode` that is called after a drift of the model, or when "
            "~/snapshot is called; empty: none"),

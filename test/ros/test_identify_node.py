@@ -131,7 +131,7 @@ def test_sigterm_before_there_is_a_model_leaves_none(listener: Listener, begin: 
     ("parameter", "reason"),
     [
         ({"bags": "['']"}, "parameter 'bags' is not set"),
-        ({"terms": 999}, "Min: 0, Max: 200, value: 999"),
+        ({"terms": 999}, "parameter 'terms' is 999; expected a whole number from 0 to 200"),
         ({"bags": "[/nowhere]"}, "/nowhere: no such file or folder"),
     ],
 )

@@ -80,21 +80,3 @@ def test_what_a_full_queue_loses_is_counted(vehicle: Vehicle, start: Callable[..
         wait(lambda: len(vehicle.estimates) > 200, "estimates before the stall")
         wait(loses_300, f"the count of what stalls lost, and '{warning}'")
     assert count_lost() <= len(vehicle.driven) - 200
-
-
-def test_options_in_force_are_in_the_diagnostics(vehicle: Vehicle, start: Callable[..., NodeProcess]) -> None:
-    start(cpu_affinity="[0]")
-    assert vehicle.hears_value("processors", "0") == "0"
-    assert vehicle.hears_value("memory locked", "no") == "no"
-
-
-def test_an_impossible_option_is_one_warning_and_the_node_runs(
-    vehicle: Vehicle, start: Callable[..., NodeProcess]
-) -> None:
-    node = start(cpu_affinity="[4000]")
-    vehicle.hears("no position samples arrive")
-    assert vehicle.hears_value("scheduling", "SCHED_") == "SCHED_OTHER"
-    node.interrupt()
-    status, output = node.ended()
-    assert status == 0
-    assert output.count("cpu_affinity 4000 is not possible") == 1

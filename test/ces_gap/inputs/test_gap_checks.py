@@ -90,7 +90,7 @@ def test_a_duplicate_recording_is_refused(sets, message):
         require_distinct([ride("one", 1)], [ride("two", 1)], [])  # of the same content, without hashes
 
 
-def test_recordings_that_cannot_be_compared_are_refused():
+def test_a_recording_without_a_force_is_refused():
     channels = {name: c for name, c in ride().channels.items() if name != "force"}
     with pytest.raises(GapError, match="bare: no measured force"):
         check_recordings([replace(ride("bare"), channels=channels)], [], [])

@@ -28,12 +28,11 @@ def regular(arrivals: Arrivals, first: int, last: int, period_ns: int = MS) -> S
 
 def test_a_steady_topic() -> None:
     figures = regular(Arrivals(), 0, 1000)
-    assert (figures.samples, figures.rate_Hz, figures.burst) == (1000, 1000.0, 1)
+    assert (figures.samples, figures.rate_Hz) == (1000, 1000.0)
     assert (figures.dropped, figures.total_out_of_order, figures.total_duplicates) == (0, 0, 0)
     assert figures.period_s == pytest.approx(1e-3)
     assert [figures.mean_age_s, figures.max_age_s] == pytest.approx([3e-4] * 2)
     assert figures.jitter_s == 0.0
-    assert figures.longest_s == pytest.approx(1e-3)
     assert figures.total_interruptions == 0
 
 
@@ -41,7 +40,7 @@ def test_an_empty_window() -> None:
     arrivals = Arrivals()
     regular(arrivals, 0, 1000)
     figures = arrivals.roll(1.0)
-    assert (figures.samples, figures.rate_Hz, figures.burst, figures.mean_age_s) == (0, 0.0, 0, 0.0)
+    assert (figures.samples, figures.rate_Hz, figures.mean_age_s) == (0, 0.0, 0.0)
     assert figures.total_samples == 1000
 
 
@@ -59,7 +58,6 @@ def test_jitter_and_age_are_those_of_the_stamps() -> None:
     intervals = np.diff(stamps[LEARN:])
     assert figures.jitter_s == pytest.approx(intervals.std() * 1e-9, rel=1e-6)
     assert figures.period_s == pytest.approx(intervals.mean() * 1e-9, rel=1e-6)
-    assert figures.longest_s == pytest.approx(intervals.max() * 1e-9)
     assert figures.mean_age_s == pytest.approx(ages[LEARN + 1 :].mean() * 1e-9)
     assert figures.max_age_s == pytest.approx(ages[LEARN + 1 :].max() * 1e-9)
 
@@ -166,15 +164,6 @@ def test_a_clock_jump_is_one_interruption(jump_s: float) -> None:
     figures = arrivals.roll(1.0)
     assert (figures.total_interruptions, figures.dropped, figures.total_out_of_order) == (1, 0, 0)
     assert figures.rate_Hz == 1000.0
-
-
-def test_a_burst_after_a_stall_is_counted() -> None:
-    arrivals = Arrivals()
-    regular(arrivals, 0, 100)
-    for k in range(100, 150):
-        arrivals.take(START + k * MS, START + 150 * MS + 1000 * k)
-    assert arrivals.roll(0.1).burst == 50
-    assert regular(arrivals, 151, 200).burst == 1
 
 
 def test_without_stamps_nothing_is_said_of_losses() -> None:
