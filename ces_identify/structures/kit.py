@@ -124,10 +124,12 @@ class ConstantTable:
         shape = f"[{len(self.values) // self.width}][{self.width}]" if self.width else f"[{len(self.values)}]"
         step = self.width or len(self.values)
         rows = [self.values[k : k + step] for k in range(0, len(self.values), step)]
-        texts = ["{" + ", ".join(map(number, row)) + "}" for row in rows]
+        gap = "\0" if self.width else " "  # a row is not broken
+        texts = ["{" + f",{gap}".join(map(number, row)) + "}" for row in rows]
         text = "{" + ", ".join(texts) + "}" if self.width else texts[0]
         text = f"static const double {self.name}{shape} = {text};"
-        return textwrap.fill(text, 118, subsequent_indent="    ", break_on_hyphens=False, break_long_words=False)
+        text = textwrap.fill(text, 118, subsequent_indent="    ", break_on_hyphens=False, break_long_words=False)
+        return text.replace("\0", " ")
 
 
 def number(value: float) -> str:
