@@ -65,8 +65,7 @@ private:
 struct ArrivalFigures
 {
   std::int64_t samples = 0, total_samples = 0;
-  double rate_Hz = 0.0, mean_age_s = 0.0, max_age_s = 0.0, jitter_s = 0.0, longest_s = 0.0;
-  std::int64_t burst = 0;  // largest number of messages, each within a quarter of the period after the one before
+  double rate_Hz = 0.0, mean_age_s = 0.0, max_age_s = 0.0, jitter_s = 0.0;
   bool has_dropped = false;
   std::int64_t dropped = 0, total_dropped = 0;
   std::optional<std::int64_t> lost, total_lost;
@@ -101,15 +100,11 @@ public:
       ++usual_;
       deviation_ += deviation;
       deviation2_ += deviation * deviation;
-      longest_ = std::max(longest_, step);
     } else {
       age = take_rare(stamp, step, age);
     }
     age_sum_ += static_cast<double>(age);
     max_age_ = std::max(max_age_, age);
-    run_ = static_cast<double>(now - now_) < 0.25 * period_ ? run_ + 1 : 0;
-    max_run_ = std::max(max_run_, run_);
-    now_ = now;
   }
 
   // Close a window of `elapsed_s` seconds.
@@ -124,7 +119,6 @@ public:
     next.has_dropped = figures_.has_dropped;
     next.total_samples = usual_ + rare_;
     next.samples = next.total_samples - figures_.total_samples;
-    next.burst = next.samples ? max_run_ + 1 : 0;
     const auto aged = next.total_samples - aged_;
     if (aged > 0) {
       next.mean_age_s = age_sum_ / static_cast<double>(aged) * 1e-9;
@@ -135,7 +129,6 @@ public:
     last_age_s_ = aged > 0 ? std::optional<double>(next.mean_age_s) : std::nullopt;
     next.rate_Hz = elapsed_s > 0.0 ? static_cast<double>(next.samples) / elapsed_s : 0.0;
     next.jitter_s = std::sqrt(std::max(0.0, variance)) * 1e-9;
-    next.longest_s = to_s(longest_);
     if (next.has_dropped) {
       next.total_dropped = missing_ - late_;
       next.dropped = next.total_dropped - figures_.total_dropped;
@@ -153,7 +146,6 @@ public:
     next.repeats = late_ + next.total_duplicates - figures_.total_out_of_order - figures_.total_duplicates;
     figures_ = next;
     if (period_ != 0.0) {set_period(period_ + mean);}
-    longest_ = run_ = max_run_ = 0;
     reset_ages();
   }
 
@@ -232,7 +224,6 @@ private:
     const auto missing = period_ != 0.0 ? count_periods(step, period_) - 1 : 0;
     const bool overflowed = losses_ != nullptr && losses_->take_gap(missing, waited, static_cast<Nanoseconds>(period_));
     if (overflowed || step <= silence()) {
-      longest_ = std::max(longest_, step);
       take_unusual(step);
     } else {
       ++interruptions_;
@@ -287,13 +278,13 @@ private:
 
   Losses * losses_ = nullptr;
   double period_ = 0.0;  // [ns]
-  Nanoseconds newest_ = 0, now_ = 0;
+  Nanoseconds newest_ = 0;
   std::optional<Nanoseconds> usual_age_;  // that of the first message until a window is closed
   std::optional<double> last_age_s_;  // the mean of the last window
   std::optional<Nanoseconds> doubtful_;  // the last stamp, if it was out of line
   double age_sum_ = 0.0;
-  Nanoseconds longest_ = 0, max_age_ = std::numeric_limits<Nanoseconds>::min();
-  std::int64_t run_ = 0, max_run_ = 0, usual_ = 0, rare_ = 0, pending_ = 0, streak_ = 0, streak_at_ = 0, learnt_ = 0;
+  Nanoseconds max_age_ = std::numeric_limits<Nanoseconds>::min();
+  std::int64_t usual_ = 0, rare_ = 0, pending_ = 0, streak_ = 0, streak_at_ = 0, learnt_ = 0;
   std::int64_t missing_ = 0, late_ = 0, duplicates_ = 0, interruptions_ = 0, unmeasured_ = 0;
   std::int64_t aged_ = 0;  // messages before those whose ages count
   std::array<Nanoseconds, LEARN> steps_{};

@@ -351,8 +351,6 @@ private:
     status.addf(name + "age, mean [ms]", "%.3f", 1e3 * figures.mean_age_s);
     status.addf(name + "age, max [ms]", "%.3f", 1e3 * figures.max_age_s);
     status.addf(name + "jitter [ms]", "%.3f", 1e3 * figures.jitter_s);
-    status.addf(name + "longest interval [ms]", "%.3f", 1e3 * figures.longest_s);
-    status.add(name + "longest burst", figures.burst);
     if (figures.has_dropped) {
       const auto describe = [&figures](std::int64_t count) {
           return figures.total_lost ? std::to_string(std::max(std::int64_t(0), count)) :

@@ -44,20 +44,6 @@ std::unique_ptr<observer::ParamListener> declare_all(Node & node)
   }
 }
 
-// Raises UserError.
-RealTimeOptions find_real_time(const observer::Params & parameters)
-{
-  const auto & given = parameters.cpu_affinity;
-  const auto is_processor = [](std::int64_t number) {return 0 <= number && number < 4096;};
-  const bool is_all = given == std::vector<std::int64_t>{-1};
-  if (!is_all && (given.empty() || !std::all_of(given.begin(), given.end(), is_processor))) {
-    const auto text = fmt::format("{}", fmt::join(given, ", "));
-    throw UserError("parameter 'cpu_affinity' is [" + text + "]; expected numbers of processors such as [2, 3]");
-  }
-  const auto processors = is_all ? std::vector<std::int64_t>() : given;
-  return {static_cast<int>(parameters.realtime_priority), processors, parameters.lock_memory};
-}
-
 }  // namespace
 
 ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
@@ -69,8 +55,7 @@ ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
   services_(*this),
   clock_(*this, [this](const std::string & what) {on_time_jump(what);}),
   updater_(this, NEVER_S),  // its timer stands still with simulated time: `watch` updates it
-  details_(rclcpp::create_publisher<diagnostic_msgs::msg::DiagnosticArray>(*this, "~/details", rclcpp::QoS(1))),
-  process_(find_real_time(parameters_->get_params()))
+  details_(rclcpp::create_publisher<diagnostic_msgs::msg::DiagnosticArray>(*this, "~/details", rclcpp::QoS(1)))
 {
   warn_of_unknown(*this);
   updater_.setHardwareID(joint_);
@@ -191,7 +176,7 @@ void ObserverNode::watch()
 // Close a window of `elapsed_s` seconds.
 void ObserverNode::roll(double elapsed_s)
 {
-  if (const auto warning = process_.roll(); !warning.empty()) {RCLCPP_WARN(get_logger(), "%s", warning.c_str());}
+  drops_.roll();
   if (!made_) {return;}
   made_->health.roll(elapsed_s);
   const auto before = std::exchange(mismatch_, made_->find_mismatch());
@@ -243,7 +228,7 @@ std::array<Task, 4> ObserverNode::make_tasks()
   }
   auto & health = made_->health;
   auto task = health.make_health_task(made_->find_detail());
-  task.add(!process_.find_remark().empty(), process_.find_remark());
+  task.add(!drops_.find_remark().empty(), drops_.find_remark());
   task.add(
     failures_ > std::exchange(reported_failures_, failures_),
     std::to_string(failures_) + " unexpected errors, the last: " + failure_);
@@ -265,7 +250,7 @@ void ObserverNode::collect_values()
   values_.add("model sha256", Model::DIGEST);
   values_.add("last change of the model", "none: it is compiled in");
   values_.addf("delay_s", "%g", Model::DELAY_S);
-  process_.add_values(values_);
+  drops_.add_values(values_);
 }
 
 // Publish all values, if somebody listens.
