@@ -137,6 +137,9 @@ class Walk:
         return SignalsError(f"{self.where}: malformed message of {len(self.raw)} bytes: {what}")
 
 
+LARGE = 4096  # bytes of a message whose names are not listed one by one if the joint's is not there at all
+
+
 @dataclass(frozen=True)
 class FieldLayout:
     """The place of a number in messages of `length` bytes that have the same bytes in the spans `fixed`.
@@ -161,6 +164,8 @@ def find_layout(raw: bytes, record: MessagePart, path: FieldPath) -> FieldLayout
     walk = Walk(raw, f"field '{path.text}'")
     part: Part = record
     for name, element in path.steps:
+        if isinstance(element, str) and len(raw) > LARGE and element.encode() not in raw:
+            raise SignalsError(f"{walk.where}: no joint '{element}'; the message has other names")
         if isinstance(part, MessagePart):
             part = _enter(walk, part, name, element)
     if not isinstance(part, NumberPart):
