@@ -70,12 +70,8 @@ def test_each_node_is_a_guarded_one() -> None:
     }
     assert [name for name, of in bases.items() if "Node" in of] == ["GuardedNode"]
     assert bases["TableNode"] == ["GuardedNode"]
-    assert {name for name, of in bases.items() if "TableNode" in of} == {
-        "Observer",
-        "Controller",
-        "Rig",
-        "IdentifyNode",
-    }
+    assert {name for name, of in bases.items() if "TableNode" in of} == {"ManagedNode", "Rig", "IdentifyNode"}
+    assert {name for name, of in bases.items() if "ManagedNode" in of} == {"Observer", "Controller"}
 
 
 def test_the_guarded_node_guards_each_of_them() -> None:

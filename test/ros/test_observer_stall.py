@@ -8,6 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+
 from damper_models import plain_damper
 from node_process import NodeProcess
 from replay import offline
