@@ -75,7 +75,7 @@ class Probabilities:
     def with_none(self, none: float) -> Probabilities:
         """Return them with another probability of no gap; the others keep their proportions."""
         gap = self.known + self.unknown
-        if gap <= 0.0:
+        if gap < 1e-300:  # a share of it could overflow
             return Probabilities(none, 1.0 - none, self.effects)
         share = (1.0 - none) / gap
         return Probabilities(none, self.unknown * share, {name: p * share for name, p in self.effects.items()})

@@ -123,13 +123,15 @@ def judge(evidence: VerdictEvidence) -> Judgement:
     nothing speaks against them; whatever does becomes possible by it, and the verdict "ambiguous".
     """
     raw = _normalise(evidence.search.odds, evidence.composition)
-    odds = _weigh_held_out(evidence, raw)
+    odds = weighed = _weigh_held_out(evidence, raw)
     if evidence.may_be_own_error:  # so may be what no effect explains
         odds = Probabilities(min(odds.none + odds.unknown, 1.0), 0.0, odds.effects)
     odds = odds.with_none(max(odds.none, _probability_within_tolerance(evidence)))
     reason = find_no_gap_reason(evidence, odds.none >= max(odds.unknown, odds.known))
     if reason:
         return Judgement(NO_GAP, odds, reason)
+    if not evidence.composition:
+        odds = weighed
     odds = odds.with_none(min(odds.none, MAX_NONE))
     if not evidence.composition or odds.unknown > odds.known:
         return Judgement(UNKNOWN, odds)
