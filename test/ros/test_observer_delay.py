@@ -140,6 +140,5 @@ def test_the_running_cost_takes_the_delayed_estimates(vehicle: Vehicle, start: S
     vehicle.meets_node(DELAYED)
     with vehicle.driving():
         wait(lambda: bool(late), "a delayed estimate")
-        vehicle.estimates = late  # what `measuring` publishes as the measured force
-        with vehicle.measuring(1.0):
+        with vehicle.measuring(1.0, late):
             wait(lambda: any(0.0 <= cost < 1.0 for cost in costs_of(vehicle)), "a running cost below 1 %")

@@ -178,17 +178,18 @@ class Vehicle(Party):
         return str(found())
 
     @contextmanager
-    def measuring(self, factor: float) -> Iterator[None]:
-        """Publish `factor` times each new estimate as the measured force, beside what is done in this context."""
+    def measuring(self, factor: float, estimates: list[JointState] | None = None) -> Iterator[None]:
+        """Publish `factor` times each new one of `estimates` as the measured force, beside what is done meanwhile."""
+        estimates = self.estimates if estimates is None else estimates
         force = self.node.create_publisher(WrenchStamped, "measured_force", DEEP)
         message = WrenchStamped()
 
         def measure() -> None:
-            estimate = self.estimates[-1]
+            estimate = estimates[-1]
             message.header.stamp, message.wrench.force.z = estimate.header.stamp, factor * estimate.effort[0]
             force.publish(message)
 
-        wait(lambda: bool(self.estimates), "an estimate")
+        wait(lambda: bool(estimates), "an estimate")
         with self.repeating(0.005, measure):
             yield
 
