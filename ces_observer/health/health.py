@@ -285,7 +285,7 @@ class Health:
     def _stamps_task(self) -> Task:
         now, before, remarks = self.position.figures, self._position_before, list[str]()
         if not now.samples:
-            words = "no position in the last second"
+            words = "no position in the last second" if self._is_rolled else "not measured yet"
         elif now.total_dropped is None:
             words = "positions have no stamp: they are stamped on arrival"
         else:

@@ -23,6 +23,7 @@ UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"
 RETRY_S = 5.0  # from a failure while active to the next start
 
 try:
+    from lifecycle_msgs.msg import State
     from rclpy.lifecycle import LifecycleNodeMixin
     from rclpy.lifecycle import TransitionCallbackReturn as Outcome
 except ImportError:
@@ -47,7 +48,9 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         # A request that cannot be read would block for good a group that runs one callback at a time.
         LifecycleNodeMixin.__init__(self, callback_group=ReentrantCallbackGroup())
         for service in set(self.services) - own:
-            service.callback = self.guard.wrap(self._refuse_impossible(service.callback))
+            answer = self._refuse_impossible(service.callback)
+            lists = service.srv_name.endswith("/get_available_states")
+            service.callback = self.guard.wrap(self._list_states if lists else answer)
 
     def configure(self) -> None:
         """Read the parameters, and make what the node needs; may raise START_ERRORS."""
@@ -163,6 +166,13 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
             return Outcome.ERROR
         _freeze_objects()
         return Outcome.SUCCESS
+
+    def _list_states(self, request: Any, response: Any) -> Any:
+        """Answer from the transitions: rclpy 7.1.1 reads beyond the end of its own list of states, and may crash."""
+        ends = [end for _, _, *two in self._state_machine.transition_graph for end in (tuple(two[:2]), tuple(two[2:]))]
+        states = sorted({(State.PRIMARY_STATE_UNKNOWN, "unknown"), *ends})
+        response.available_states = [State(id=number, label=label) for number, label in states]
+        return response
 
     def _refuse_impossible(self, answer: Callable[..., Any]) -> Callable[..., Any]:
         """Return the service's callback with a plain answer to transitions that the state does not have."""

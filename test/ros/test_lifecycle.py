@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
+pytest.importorskip("lifecycle_msgs", reason="lifecycle_msgs is not installed")
 
 from launch import LaunchDescription, LaunchService
 from launch.actions import EmitEvent, RegisterEventHandler
@@ -21,7 +22,7 @@ from launch_ros.event_handlers import OnStateTransition
 from launch_ros.events.lifecycle import ChangeState
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState as ChangeStateService
-from lifecycle_msgs.srv import GetState
+from lifecycle_msgs.srv import GetAvailableStates, GetState
 from node_process import NodeProcess, ros_args
 from patience import PATIENCE_S
 from std_msgs.msg import Float64
@@ -56,6 +57,7 @@ class Manager:
     def __init__(self, vehicle: Vehicle, name: str) -> None:
         self._change = vehicle.node.create_client(ChangeStateService, f"{name}/change_state")
         self._state = vehicle.node.create_client(GetState, f"{name}/get_state")
+        self._states = vehicle.node.create_client(GetAvailableStates, f"{name}/get_available_states")
         assert self._change.wait_for_service(PATIENCE_S)
         assert self._state.wait_for_service(PATIENCE_S)
 
@@ -71,12 +73,20 @@ class Manager:
         wait(answer.done, "an answer about the state")
         return str(answer.result().current_state.label)
 
+    def states(self) -> list[str]:
+        """Return all states that the node has."""
+        assert self._states.wait_for_service(PATIENCE_S)
+        answer = self._states.call_async(GetAvailableStates.Request())
+        wait(answer.done, "an answer about the states")
+        return [one.label for one in answer.result().available_states]
+
 
 def test_an_observer_is_driven_by_hand(vehicle: Vehicle, start: Start, tmp_path: Path, model_path: Path) -> None:
     missing = tmp_path / "later.json"
     node = start(model=missing, autostart=False)
     manager = Manager(vehicle, "observer")
     vehicle.hears("unconfigured: configure the node to estimate", None)
+    assert {"unconfigured", "inactive", "active", "finalized", "errorprocessing"} < set(manager.states())
     assert not manager.change("activate")
     assert not manager.change("configure")  # there is no such file
     assert manager.state() == "unconfigured"

@@ -282,7 +282,8 @@ public:
   Task make_stamps_task() const
   {
     const auto & figures = position.figures();
-    Task task{DiagnosticStatus::OK, !figures.samples ? "no position in the last second" :
+    Task task{DiagnosticStatus::OK, !is_rolled_ ? "not measured yet" :
+      !figures.samples ? "no position in the last second" :
       !figures.has_dropped ? "positions have no stamp: they are stamped on arrival" :
       format_number("positions arrive %.1f ms after their stamp", 1e3 * figures.mean_age_s)};
     const bool is_ahead = figures.has_dropped && figures.samples && figures.mean_age_s < -AHEAD_S;
