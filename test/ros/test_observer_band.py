@@ -15,8 +15,9 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 from bands import BAND
 from damper_models import plain_damper
 from node_process import NodeProcess
+from patience import wait_until
 from sensor_msgs.msg import JointState
-from vehicle import DEEP, JOINT, Vehicle, stamp_of, wait
+from vehicle import DEEP, JOINT, Vehicle, stamp_of
 
 TOPIC = "observer/estimate_band"
 Start = Callable[..., NodeProcess]
@@ -38,9 +39,14 @@ def test_the_band_surrounds_each_estimate(
     vehicle.meets_node()
     vehicle.drive_until(lambda: len(heard) > 1000, "bands")
     first_ns = stamp_of(heard[0])  # a topic that is matched later misses the first ones
-    last_ns = vehicle.driven[-1]
-    wait(lambda: stamp_of(heard[-1]) == vehicle.stamps()[-1] == last_ns, "the last estimate and its band")
-    for estimate, band in zip(vehicle.estimates[-len(vehicle.stamps(first_ns)) :], heard, strict=True):
+
+    def find_pairs() -> list[tuple[JointState, JointState]]:
+        bands = {stamp_of(one): one for one in list(heard)}
+        estimates = [one for one in list(vehicle.estimates) if stamp_of(one) >= first_ns]
+        pairs = [(one, bands[stamp_of(one)]) for one in estimates if stamp_of(one) in bands]
+        return pairs if len(pairs) == len(bands) == len(estimates) else []
+
+    for estimate, band in wait_until(find_pairs, "a band for each estimate"):
         assert (stamp_of(band), band.header.frame_id) == (stamp_of(estimate), estimate.header.frame_id)
         assert list(band.name) == [f"{JOINT}_lower", f"{JOINT}_upper"]
         lower, upper = band.effort
