@@ -62,7 +62,7 @@ class LeftOut:
 
 
 @dataclass(frozen=True)
-class Difference:
+class CostRatio:
     """The ratio of the cost of structure `second` to that of `first`, with the ends of its 95 % interval."""
 
     first: str
@@ -82,14 +82,14 @@ def cost_of(squares: F) -> float:
     return float(100.0 * np.sqrt(squares[0].sum() / squares[1].sum()))
 
 
-def compare_costs(squares: Mapping[str, F], first: str, second: str) -> Difference:
+def compare_costs(squares: Mapping[str, F], first: str, second: str) -> CostRatio:
     """Return the difference of two structures, with a t interval of the logarithm over the observations."""
     a, b = (squares[name][0, squares[name][1] > 0.0] for name in (first, second))
     change = 0.5 * (b / b.sum() - a / a.sum())
     n, mean = len(change), 0.5 * float(np.log(b.sum() / a.sum()))
     error = np.sqrt(n / max(n - 1, 1) * float(change @ change))
     half = float(stdtrit(n - 1, 0.5 + LEVEL / 2.0)) * error if n > 1 else np.inf
-    return Difference(first, second, *(float(np.exp(x)) for x in (mean, mean - half, mean + half)))
+    return CostRatio(first, second, *(float(np.exp(x)) for x in (mean, mean - half, mean + half)))
 
 
 def choose_left_out(series: Sequence[Series]) -> list[LeftOut]:

@@ -86,14 +86,14 @@ class MemberArrays(NamedTuple):
     current: StageArrays | None
 
 
-class Trace(NamedTuple):
+class Tape(NamedTuple):
     """What the way back needs: inputs (n, ticks, lanes) of a stage, and `joined` (tanh + states, ticks, lanes)."""
 
     inputs: F
     joined: F
 
 
-def run_stage(stage: StageArrays, inputs: F, state: F) -> tuple[F, Trace]:
+def run_stage(stage: StageArrays, inputs: F, state: F) -> tuple[F, Tape]:
     """Return the outputs (outputs, ticks, lanes); `state` (2, poles, lanes) moves on to the last tick."""
     count, tanhs = stage.poles.shape[1], len(stage.hidden_bias)
     joined = np.empty((stage.out.shape[1], *inputs.shape[1:]))
@@ -106,10 +106,10 @@ def run_stage(stage: StageArrays, inputs: F, state: F) -> tuple[F, Trace]:
     hidden += stage.hidden_bias[:, None]
     np.tanh(hidden, out=hidden)
     outputs = stage.out @ _flat(joined) + stage.out_bias[:, None]
-    return outputs.reshape(-1, *inputs.shape[1:]), Trace(inputs, joined)
+    return outputs.reshape(-1, *inputs.shape[1:]), Tape(inputs, joined)
 
 
-def run_stage_back(stage: StageArrays, trace: Trace, back: F) -> tuple[F, StageArrays]:
+def run_stage_back(stage: StageArrays, trace: Tape, back: F) -> tuple[F, StageArrays]:
     """Return the derivatives by inputs and parts, from those by the outputs (outputs, ticks, lanes)."""
     count, tanhs = stage.poles.shape[1], len(stage.hidden_bias)
     joined, inputs, back = _flat(trace.joined), _flat(trace.inputs), _flat(back)
@@ -158,7 +158,7 @@ def _steady(stage: StageArrays, inputs: F) -> F:
     return np.stack([states.real, states.imag])
 
 
-def run_member(member: MemberArrays, motion: F, current: F, states: list[F]) -> tuple[F, list[Trace]]:
+def run_member(member: MemberArrays, motion: F, current: F, states: list[F]) -> tuple[F, list[Tape]]:
     """Return the scaled force (ticks, lanes) for inputs (n, ticks, lanes), and the traces."""
     between, first = run_stage(member.first, motion, states[0])
     forces, second = run_stage(member.second, np.tanh(between, out=between), states[1])
@@ -166,10 +166,10 @@ def run_member(member: MemberArrays, motion: F, current: F, states: list[F]) -> 
         return forces[0], [first, second]
     factors, third = run_stage(member.current, current, states[2])
     force = forces[0] + (factors * forces[1:]).sum(axis=0)
-    return force, [first, second, third, Trace(factors, forces)]
+    return force, [first, second, third, Tape(factors, forces)]
 
 
-def run_member_back(member: MemberArrays, traces: list[Trace], back: F) -> MemberArrays:
+def run_member_back(member: MemberArrays, traces: list[Tape], back: F) -> MemberArrays:
     """Return the derivatives by all parts, from those by the force (ticks, lanes)."""
     first, second, *rest = traces
     by_forces, by_current = back[None], None

@@ -13,10 +13,10 @@ from ces_observer.health.health import (
     LEVEL_ERROR,
     LEVEL_OK,
     LEVEL_WARN,
+    DiagnosticTask,
     Latencies,
     NodeFacts,
     Report,
-    Task,
     Values,
     find_change_remarks,
     make_statuses,
@@ -121,20 +121,20 @@ class ControllerHealth:
         values = {**dict(self._values()), "state": node.state, **dict(node.values)}
         tasks = {
             "health": self._health_task(detail, node.remarks) if active else INACTIVE_TASK,
-            "frequency": Task(LEVEL_OK if self._rate_Hz else LEVEL_WARN, f"estimates {self._rate_Hz:.1f} Hz"),
-            "model": Task(LEVEL_OK, values.get("model", ""), find_change_remarks(values)),
+            "frequency": DiagnosticTask(LEVEL_OK if self._rate_Hz else LEVEL_WARN, f"estimates {self._rate_Hz:.1f} Hz"),
+            "model": DiagnosticTask(LEVEL_OK, values.get("model", ""), find_change_remarks(values)),
         }
         status, each = make_statuses(tasks, values, KEYS)
         interruptions = sum(self._loop.controller.count.interruptions.values())
         return Report(reason if active else node.state, status, each, interruptions)
 
-    def _health_task(self, detail: str, remarks: Sequence[str]) -> Task:
+    def _health_task(self, detail: str, remarks: Sequence[str]) -> DiagnosticTask:
         reason, unfed, remarks = self._loop.controller.reason, self._shares["unfed"], list(filter(None, remarks))
         if reason != OK:
-            return Task(LEVEL_ERROR, f"safe current: {reason}" + (f": {detail}" if detail else ""), remarks)
+            return DiagnosticTask(LEVEL_ERROR, f"safe current: {reason}" + (f": {detail}" if detail else ""), remarks)
         if self._loop.feedback == MEASURED and unfed > 0.0:
             remarks.insert(0, f"{unfed:.1%} {UNFED}")
-        return Task(LEVEL_OK, "controlling", remarks)
+        return DiagnosticTask(LEVEL_OK, "controlling", remarks)
 
     def _values(self) -> Values:
         loop, controller = self._loop, self._loop.controller

@@ -93,7 +93,7 @@ class NodeFacts(NamedTuple):
     values: tuple[tuple[str, str], ...] = ()
 
 
-class Task(NamedTuple):
+class DiagnosticTask(NamedTuple):
     """One task of diagnostics: its level and message, and remarks, each of which makes it a warning."""
 
     level: int
@@ -115,7 +115,7 @@ class Report(NamedTuple):
 
 
 def make_statuses(
-    tasks: Mapping[str, Task], values: Mapping[str, str], keys: Mapping[str, Sequence[str]]
+    tasks: Mapping[str, DiagnosticTask], values: Mapping[str, str], keys: Mapping[str, Sequence[str]]
 ) -> tuple[Status, tuple[tuple[str, Status], ...]]:
     """Return one status with the first task's words, all remarks and `values`, and one of each task with its `keys`."""
     levels = {name: max(task.level, LEVEL_WARN if task.remarks else LEVEL_OK) for name, task in tasks.items()}
@@ -141,7 +141,7 @@ def find_change_remarks(values: Mapping[str, str]) -> list[str]:
     return [f"the last change was {change}"] if change.startswith(REFUSED) else []
 
 
-INACTIVE_TASK = Task(LEVEL_WARN, "inactive: activate the node to publish")
+INACTIVE_TASK = DiagnosticTask(LEVEL_WARN, "inactive: activate the node to publish")
 LATENCIES = tuple(f"latency from stamp to publish, {name} [ms]" for name in ("p50", "p99", "max"))
 KEYS: Mapping[str, Sequence[str]] = {  # of the tasks, at most 20 in all
     "health": ("reason", "state", "withheld in the last second [%]", "share outside the envelope",
@@ -234,20 +234,22 @@ class Health:
             "health": self._health_task(detail, node.remarks) if active else INACTIVE_TASK,
             "frequency": self._frequency_task(),
             "time stamps": self._stamps_task(),
-            "model": Task(LEVEL_OK, self._damper.model.size, [*self._model_remarks(), *find_change_remarks(values)]),
+            "model": DiagnosticTask(
+                LEVEL_OK, self._damper.model.size, [*self._model_remarks(), *find_change_remarks(values)]
+            ),
         }
         self._reported_episodes, self._reported_rests = self.episodes.total, self.stillness.count
         status, each = make_statuses(tasks, values, KEYS)
         reason = self._damper.reason if active else node.state
         return Report(reason, status, each, self._changes, tally.samples - tally.estimates)
 
-    def _health_task(self, detail: str, remarks: Sequence[str]) -> Task:
+    def _health_task(self, detail: str, remarks: Sequence[str]) -> DiagnosticTask:
         reason = self._damper.reason
         remarks = [*self._remarks(), *filter(None, remarks)]
         if reason == OK:
-            return Task(LEVEL_OK, "estimating", remarks)
+            return DiagnosticTask(LEVEL_OK, "estimating", remarks)
         level = LEVEL_ERROR if reason in ERRORS else LEVEL_WARN
-        return Task(level, f"withholding: {reason}" + (f": {detail}" if detail else ""), remarks)
+        return DiagnosticTask(level, f"withholding: {reason}" + (f": {detail}" if detail else ""), remarks)
 
     def _remarks(self) -> Iterator[str]:
         episodes, ok = self.episodes, self._damper.reason == OK
@@ -268,21 +270,21 @@ class Health:
         elif self.stillness.count > self._reported_rests:
             yield f"the position has not changed for {self.stillness.last_s:.1f} s and does now"
 
-    def _frequency_task(self) -> Task:
+    def _frequency_task(self) -> DiagnosticTask:
         figures, remarks = self.position.figures, [self.mismatch] if self.mismatch else []
         if not self._is_rolled:
-            return Task(LEVEL_OK, "not measured yet", remarks)
+            return DiagnosticTask(LEVEL_OK, "not measured yet", remarks)
         if not figures.samples:
-            return Task(LEVEL_ERROR, "no position", remarks)
+            return DiagnosticTask(LEVEL_ERROR, "no position", remarks)
         rates = f"position {figures.rate_Hz:.1f} Hz"
         if not isinstance(self._damper.current, ConstantCurrent):
             rates += f", current {self.current.figures.rate_Hz:.1f} Hz"
         if figures.dropped and figures.dropped >= DROPPED_WARN * (figures.samples + figures.dropped):
             share = figures.dropped / (figures.samples + figures.dropped)
             remarks.insert(0, f"{share:.1%} of the positions {figures.describe_missing()}")
-        return Task(LEVEL_OK, rates, remarks)
+        return DiagnosticTask(LEVEL_OK, rates, remarks)
 
-    def _stamps_task(self) -> Task:
+    def _stamps_task(self) -> DiagnosticTask:
         now, before, remarks = self.position.figures, self._position_before, list[str]()
         if not now.samples:
             words = "no position in the last second" if self._is_rolled else "not measured yet"
@@ -292,16 +294,12 @@ class Health:
             words = f"positions arrive {now.mean_age_s * 1e3:.1f} ms after their stamp"
             if now.mean_age_s < -AHEAD_S:
                 remarks.append("their stamps are ahead of the node's clock")
-        if (
-            repeats := now.total_out_of_order
-            + now.total_duplicates
-            - before.total_out_of_order
-            - before.total_duplicates
-        ):
+        repeats = now.total_out_of_order + now.total_duplicates - before.total_out_of_order - before.total_duplicates
+        if repeats:
             remarks.append(f"{repeats} positions repeat or run backwards")
         if breaks := now.total_interruptions - before.total_interruptions:
             remarks.append(f"{breaks} interruptions of the stamps")
-        return Task(LEVEL_OK, words, remarks + ([self._recent_jump] if self._recent_jump else []))
+        return DiagnosticTask(LEVEL_OK, words, remarks + ([self._recent_jump] if self._recent_jump else []))
 
     def _model_remarks(self) -> Iterator[str]:
         if self.cost is not None and self.cost.drifted:

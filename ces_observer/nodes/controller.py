@@ -17,8 +17,8 @@ from rclpy.parameter import Parameter
 from ces_observer.control.control_loop import ControllerHealth, ControlLoop
 from ces_observer.control.force_controller import NO_ESTIMATE, OK, ForceController
 from ces_observer.control.inverse_map import ModelInverse
-from ces_observer.health.episodes import LineLimit
 from ces_observer.health.health import NodeFacts, unconfigured_report
+from ces_observer.health.log_lines import LineLimit
 from ces_observer.nodes import executors
 from ces_observer.nodes.executors import NodeClock
 from ces_observer.nodes.guarded_node import GuardedNode
@@ -184,7 +184,7 @@ class Controller(ManagedNode):
         self._jump_log.flush()
         self.guard.call(self._time.watch)
         if not self._is_configured:
-            self._diagnostics.publish([DamperReport("controller", "", *unconfigured_report("control"))])
+            self._diagnostics.publish([DamperReport("controller", "", unconfigured_report("control"))])
             return
         for step in (self._desired.check_listeners, partial(self._health.roll, elapsed_s)):
             self.guard.call(step)
@@ -210,7 +210,7 @@ class Controller(ManagedNode):
         facts = NodeFacts(self.state, (self.guard.take_remark(),), values)
         joint = self._settings.values["joint"] or "damper"
         report = self._health.report(self._detail(), facts)
-        self._diagnostics.publish([DamperReport("controller", joint, *report)], details)
+        self._diagnostics.publish([DamperReport("controller", joint, report)], details)
 
     def _detail(self) -> str:
         if self._loop.controller.reason != NO_ESTIMATE:

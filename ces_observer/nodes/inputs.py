@@ -119,9 +119,8 @@ class InputSubscriptions:
             return ""
         found = {info.topic_type for info in self._node.get_publishers_info_by_topic(topic)}
         others = ", ".join(sorted(found - {signal.type}))
-        return (
-            f"{topic} also carries {others}, which is not read; {signal.name}.type is {signal.type}" if others else ""
-        )
+        text = f"{topic} also carries {others}, which is not read; {signal.name}.type is {signal.type}"
+        return text if others else ""
 
     def subscribe(
         self,

@@ -16,18 +16,17 @@ from typing import Any
 from rclpy.callback_groups import ReentrantCallbackGroup
 
 from ces_observer.errors import CesError
+from ces_observer.health.health import ACTIVE, INACTIVE, UNCONFIGURED
 from ces_observer.nodes.executors import START_ERRORS
 from ces_observer.nodes.parameters import TableNode
 
-UNCONFIGURED, INACTIVE, ACTIVE = "unconfigured", "inactive", "active"
 RETRY_S = 5.0  # from a failure while active to the next start
 
 try:
     from lifecycle_msgs.msg import State
-    from rclpy.lifecycle import LifecycleNodeMixin
-    from rclpy.lifecycle import TransitionCallbackReturn as Outcome
+    from rclpy.lifecycle import LifecycleNodeMixin, TransitionCallbackReturn
 except ImportError:
-    from ces_observer.nodes.plain_life import LifecycleNodeMixin, Outcome
+    from ces_observer.nodes.plain_life import LifecycleNodeMixin, TransitionCallbackReturn
 
 
 class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
@@ -82,7 +81,8 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         if not self.starts_itself:
             return
         self._is_starting = True
-        self.trigger_configure()
+        if self.state == UNCONFIGURED:
+            self.trigger_configure()
         self._is_starting = False
         if self.state == INACTIVE:
             self.trigger_activate()
@@ -118,24 +118,24 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
             if not self._is_starting:
                 self.get_logger().error(str(error).splitlines()[0])
             self._run(self._let_go)
-            return Outcome.FAILURE
+            return TransitionCallbackReturn.FAILURE
         except Exception as error:
             self.guard.take(error)
-            return Outcome.ERROR
+            return TransitionCallbackReturn.ERROR
         _freeze_objects()
-        return Outcome.SUCCESS
+        return TransitionCallbackReturn.SUCCESS
 
     def on_activate(self, state: Any) -> Any:
         """Let the node publish."""
         outcome = self._run(self.activate)
-        self.is_active = outcome == Outcome.SUCCESS
+        self.is_active = outcome == TransitionCallbackReturn.SUCCESS
         return outcome
 
     def on_deactivate(self, state: Any) -> Any:
         """Let the node withhold; an error if it falls."""
         self.is_active = False
         outcome = self._run(self.deactivate)
-        return Outcome.ERROR if self._fell else outcome
+        return TransitionCallbackReturn.ERROR if self._fell else outcome
 
     def on_cleanup(self, state: Any) -> Any:
         """Let go of everything."""
@@ -152,7 +152,7 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
         """Let go of everything, so that the node can be configured again."""
         self._fell = False
         self.on_cleanup(state)
-        return Outcome.SUCCESS
+        return TransitionCallbackReturn.SUCCESS
 
     def _let_go(self) -> None:
         made, self.made = self.made, ExitStack()
@@ -163,9 +163,9 @@ class ManagedNode(TableNode, LifecycleNodeMixin):  # type: ignore[misc]
             step()
         except Exception as error:
             self.guard.take(error)
-            return Outcome.ERROR
+            return TransitionCallbackReturn.ERROR
         _freeze_objects()
-        return Outcome.SUCCESS
+        return TransitionCallbackReturn.SUCCESS
 
     def _list_states(self, request: Any, response: Any) -> Any:
         """Answer from the transitions: rclpy 7.1.1 reads beyond the end of its own list of states, and may crash."""

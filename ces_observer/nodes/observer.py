@@ -14,8 +14,8 @@ from time import monotonic
 from rclpy.parameter import Parameter
 
 from ces_observer.estimator import Estimator
-from ces_observer.health.episodes import LineLimit
 from ces_observer.health.health import NodeFacts, unconfigured_report
+from ces_observer.health.log_lines import LineLimit
 from ces_observer.health.process import ProcessWatch
 from ces_observer.nodes import executors
 from ces_observer.nodes.damper_topics import DamperTopics
@@ -142,14 +142,14 @@ class Observer(ManagedNode):
         remark = self.guard.take_remark()
         reports = [self._make_report(topics, changes, remark) for topics, changes in self._dampers]
         if not reports:
-            reports = [DamperReport(key, "", *unconfigured_report("estimate")) for key in self._keys or ("damper",)]
+            reports = [DamperReport(key, "", unconfigured_report("estimate")) for key in self._keys or ("damper",)]
         self._diagnostics.publish(reports, details)
 
     def _make_report(self, topics: DamperTopics, changes: ModelChanges, remark: str) -> DamperReport:
         values = (*changes.values(), *self._process.values(), *self.guard.values())
         facts = NodeFacts(self.state, (self._process.remark(), remark), values)
         damper = topics.settings.key or topics.settings.name
-        return DamperReport(damper, topics.settings.name, *topics.health.report(topics.detail(), facts))
+        return DamperReport(damper, topics.settings.name, topics.health.report(topics.detail(), facts))
 
     def _on_first_force(self, topics: DamperTopics) -> None:
         """Start the comparison with the measured force; a drift asks for a snapshot."""

@@ -19,15 +19,15 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64
 
 from ces_observer.cdr.joint_state import FIELDS, LITTLE_CDR, RawJointState
-from ces_observer.health.episodes import ReasonLog
-from ces_observer.health.health import LEVEL_OK, LEVEL_WARN, Status
+from ces_observer.health.health import LEVEL_OK, LEVEL_WARN, Report, Status
+from ces_observer.health.log_lines import ReasonLog
 
 LATCHED = QoSProfile(depth=1, durability=QoSDurabilityPolicy.TRANSIENT_LOCAL)  # late subscribers get the newest
 OUTPUT_DEPTH = 1000  # estimates of a burst after a stall that wait for a slow reader
 PROBE_STAMP_NS = 1_234_567_890_987_654_321
 PROBE_FRAME = b"piston_rod"
-CHECK_NS = 100_000_000  # of stamps, between two looks for subscribers
 PROBE = (0.0123, -0.456, 789.1)  # numbers that differ from each other
+CHECK_NS = 100_000_000  # of stamps, between two looks for subscribers
 
 
 def create_publisher(node: Node, kind: type, topic: str, depth: int) -> Publisher:
@@ -142,18 +142,14 @@ class DesiredOutput:
 
 
 class DamperReport(NamedTuple):
-    """The report on a damper or the controller, with its name in diagnostics and its joint: see Report.
+    """The report on a damper, or on the controller, with its name in diagnostics and its joint.
 
     Without tasks the status itself goes on /diagnostics, with all its values.
     """
 
     damper: str
     joint: str
-    reason: str
-    status: Status
-    tasks: tuple[tuple[str, Status], ...] = ()
-    changes: int = 0
-    withheld: int = 0
+    report: Report
 
 
 def add_remark(status: Status, remark: str) -> Status:
@@ -177,15 +173,15 @@ class DiagnosticsOutput:
         tasks = [
             self._fill(f"{one.damper} {name}".strip(), one.joint, status)
             for one in reports
-            for name, status in one.tasks or (("", one.status),)
+            for name, status in one.report.tasks or (("", one.report.status),)
         ]
         self._publish(self._publisher, tasks)
-        if self._details is None and any(one.tasks for one in reports):
+        if self._details is None and any(one.report.tasks for one in reports):
             self._details = self._node.create_publisher(DiagnosticArray, "~/details", 10)
         if details and self._details is not None and self._details.get_subscription_count() > 0:
-            self._publish(self._details, [self._fill(one.damper, one.joint, one.status) for one in reports])
-        for report in reports:
-            self._log(report)
+            self._publish(self._details, [self._fill(one.damper, one.joint, one.report.status) for one in reports])
+        for one in reports:
+            self._log(one.damper, one.report)
 
     def _fill(self, name: str, joint: str, status: Status) -> DiagnosticStatus:
         one = DiagnosticStatus(level=bytes([status.level]), message=status.message, hardware_id=joint)
@@ -198,12 +194,12 @@ class DiagnosticsOutput:
         message.header.stamp = self._node.get_clock().now().to_msg()
         publisher.publish(message)
 
-    def _log(self, report: DamperReport) -> None:
+    def _log(self, damper: str, report: Report) -> None:
         status = report.tasks[0][1] if report.tasks else report.status
-        log = self._logs.setdefault(report.damper, ReasonLog())
+        log = self._logs.setdefault(damper, ReasonLog())
         line = log.find_line(monotonic(), report.reason, status.message, report.changes, report.withheld)
         if line:
-            logger, text = self._node.get_logger(), f"{report.damper}: {line}"
+            logger, text = self._node.get_logger(), f"{damper}: {line}"
             if status.level == LEVEL_OK:  # rclpy knows a line of code by its level
                 logger.info(text)
             else:

@@ -126,10 +126,8 @@ def declare(node: TableNode, spec: Option) -> Any:
 
 def descriptor_of(spec: Option) -> ParameterDescriptor:
     """Return the ROS descriptor of `spec`."""
-    descriptor, is_limited = (
-        ParameterDescriptor(description=spec.described, read_only=not spec.live),
-        isfinite(spec.high),
-    )
+    descriptor = ParameterDescriptor(description=spec.described, read_only=not spec.live)
+    is_limited = isfinite(spec.high)
     if is_limited or spec.choices:
         descriptor.additional_constraints = spec.expected
     if is_limited and spec.kind is int:

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 from typing import Any
 
 
-class Outcome(Enum):
+class TransitionCallbackReturn(Enum):
     """What a transition came to."""
 
     SUCCESS, FAILURE, ERROR = "success", "failure", "error"
@@ -18,10 +18,10 @@ class LifecycleNodeMixin:
     """The part of rclpy's class of this name that `ManagedNode` uses."""
 
     is_plain = True
-    on_configure: Callable[[Any], Outcome]
-    on_activate: Callable[[Any], Outcome]
-    on_deactivate: Callable[[Any], Outcome]
-    on_error: Callable[[Any], Outcome]
+    on_configure: Callable[[Any], TransitionCallbackReturn]
+    on_activate: Callable[[Any], TransitionCallbackReturn]
+    on_deactivate: Callable[[Any], TransitionCallbackReturn]
+    on_error: Callable[[Any], TransitionCallbackReturn]
 
     def __init__(self, **_: Any) -> None:
         self._state_machine = SimpleNamespace(current_state=(0, "unconfigured"))
@@ -38,10 +38,10 @@ class LifecycleNodeMixin:
         """Deactivate."""
         self._go(self.on_deactivate, "inactive")
 
-    def _go(self, step: Callable[[Any], Outcome], state: str) -> None:
+    def _go(self, step: Callable[[Any], TransitionCallbackReturn], state: str) -> None:
         outcome = step(None)
-        if outcome is Outcome.ERROR:
+        if outcome is TransitionCallbackReturn.ERROR:
             self.on_error(None)
-        if outcome is not Outcome.FAILURE:
-            state = state if outcome is Outcome.SUCCESS else "unconfigured"
+        if outcome is not TransitionCallbackReturn.FAILURE:
+            state = state if outcome is TransitionCallbackReturn.SUCCESS else "unconfigured"
             self._state_machine.current_state = (0, state)

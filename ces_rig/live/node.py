@@ -13,7 +13,7 @@ from time import monotonic
 from rclpy.parameter import Parameter
 
 from ces_data.compilation import CompilationNotice
-from ces_observer.health.health import LEVEL_OK, Status
+from ces_observer.health.health import LEVEL_OK, Report, Status
 from ces_observer.nodes.executors import collect_garbage, run
 from ces_observer.nodes.outputs import DamperReport, DiagnosticsOutput, add_remark
 from ces_observer.nodes.parameters import TableNode, declare_table
@@ -147,7 +147,7 @@ class Rig(TableNode):
         counts = ("samples", str(self._rig.ticks)), ("commands refused", str(self._rig.command.refused))
         values = (*counts, *self.guard.values())
         status = add_remark(Status(LEVEL_OK, "running", values), self.guard.take_remark())
-        self._diagnostics.publish([DamperReport(self._own.joint, self._own.joint, "running", status)])
+        self._diagnostics.publish([DamperReport(self._own.joint, self._own.joint, Report("running", status))])
 
 
 def main(argv: Sequence[str] | None = None) -> int:

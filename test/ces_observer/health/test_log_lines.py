@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ces_observer.health.episodes import LineLimit, ReasonLog
+from ces_observer.health.log_lines import LineLimit, ReasonLog
 from ces_observer.tracker import OK, OUTLIER
 
 
