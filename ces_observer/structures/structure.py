@@ -7,15 +7,37 @@ under its `keys`; the rest of the file is the same for every structure.
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from math import inf, isfinite
+from sys import float_info
 from typing import Any, ClassVar, Protocol, Self
 
+from ces_observer.core import bind, floats, ints
+from ces_observer.flat import Arrays, Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Certificate
+from ces_observer.tick.model import (
+    CLAMPED,
+    CURRENT_HIGH,
+    CURRENT_LOW,
+    FORCE_HIGH,
+    FORCE_LOW,
+    HELD,
+    K_STRUCTURE,
+    KIND,
+    N_STRUCTURE,
+    P_STRUCTURE,
+    POSITION_HIGH,
+    POSITION_LOW,
+    RATE,
+    S_STRUCTURE,
+    SPEED_HIGH,
+    SPEED_LOW,
+)
 
 MAX_LAG = 1000  # ticks, of any signal
+INPUTS = ("position", "speed", "current")
 
 Range = tuple[float, float]
 Ranges = Mapping[str, Range]  # of position [m], speed [m/s] and current [A] by name
@@ -61,12 +83,33 @@ class Predictor(Protocol):
         """Return the force [N] at this tick's inputs [m, m/s, A], held in its range; infinite if it is not finite."""
 
 
+class CoreRun:
+    """The free run of the functions of `ces_observer.tick` on a model's arrays; a Predictor."""
+
+    def __init__(self, arrays: Arrays, reset: Callable[..., None], tick: Callable[..., float]) -> None:
+        p, n, self.s, self.k = floats(arrays.p), ints(arrays.n), floats(arrays.s), ints(arrays.k)
+        self.reset = bind(reset, p, n, self.s, self.k)
+        self.tick = bind(tick, p, n, self.s, self.k)
+        self.reset()
+
+    @property
+    def clamped(self) -> bool:
+        """True if the last inputs lay outside their ranges."""
+        return self.k[CLAMPED] != 0
+
+    @property
+    def held(self) -> bool:
+        """True if the last force lay outside its range and was held at its end."""
+        return self.k[HELD] != 0
+
+
 class Structure(ABC):
     """The part of a model that computes the force; `name` and `keys` are its name and keys in a model file.
 
     `option` is its name for users, who see the structures by `rank`; the first is the default.
     `extrapolates` is True if inputs outside the envelope are used as they are, up to a stated reach, and not clamped to
-    the envelope. `unproved` is the reason given if `is_stable` is False.
+    the envelope. `unproved` is the reason given if `is_stable` is False. `number` is its number in
+    `ces_observer.tick.structure`, and `runs` are its reset and its tick there.
     """
 
     name: ClassVar[str]
@@ -75,6 +118,8 @@ class Structure(ABC):
     rank: ClassVar[int] = 100
     extrapolates: ClassVar[bool] = False
     unproved: ClassVar[str] = "it is not proved to be a contraction over its input envelope"
+    number: ClassVar[int] = -1
+    runs: ClassVar[tuple[Callable[..., None], Callable[..., float]]]
 
     @property
     @abstractmethod
@@ -104,9 +149,24 @@ class Structure(ABC):
     def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
         """Check the `keys` of a model file over its ranges of inputs; raises ModelError."""
 
-    @abstractmethod
+    def fill(self, layout: Layout, within: OperatingRange) -> None:
+        """Write the structure's numbers into a layout, for the functions `runs`; raises ModelError."""
+        raise NotImplementedError
+
+    def lay_out(self, within: OperatingRange) -> Layout:
+        """Return the layout of its arrays: what every model has, and what `fill` writes; raises ModelError."""
+        layout = Layout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE)
+        places = (POSITION_LOW, POSITION_HIGH, SPEED_LOW, SPEED_HIGH, CURRENT_LOW, CURRENT_HIGH, FORCE_LOW, FORCE_HIGH)
+        ranges = (*(within.inputs[name] for name in INPUTS), within.force_N)
+        ends = [min(max(end, -float_info.max), float_info.max) for ends in ranges for end in ends]
+        layout.set_numbers({**dict(zip(places, ends, strict=True)), RATE: within.rate_Hz})
+        layout.set_counts({KIND: self.number})
+        self.fill(layout, within)
+        return layout
+
     def make_predictor(self, within: OperatingRange) -> Predictor:
         """Return a new free run; raises ModelError for numbers that cannot be used."""
+        return CoreRun(self.lay_out(within).arrays(), *self.runs)
 
     @abstractmethod
     def certify(self, within: OperatingRange) -> Certificate:

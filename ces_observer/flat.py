@@ -1,0 +1,70 @@
+"""A model laid out as flat arrays of numbers, for the functions of `ces_observer.tick`.
+
+A structure fills a `Layout`: its named numbers at the places that its tick declares, then tables of any length. The
+names of places are declared once, in `tick/`; nobody writes a number for a place.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from math import isfinite
+from typing import NamedTuple
+
+from ces_observer.errors import ModelError
+
+
+class Arrays(NamedTuple):
+    """The four arrays of a function of the tick: numbers and whole numbers of a model, and its state."""
+
+    p: Sequence[float]
+    n: Sequence[int]
+    s: Sequence[float]
+    k: Sequence[int]
+
+
+class Layout:
+    """Collects the numbers of a model; `numbers`, `counts`, `states` and `flags` are the sizes of its named parts."""
+
+    def __init__(self, numbers: int, counts: int, states: int, flags: int) -> None:
+        self.p = [0.0] * numbers
+        self.n = [0] * counts
+        self.states, self.flags = states, flags
+
+    def set_numbers(self, values: Mapping[int, float]) -> None:
+        """Set numbers by the names of their places."""
+        for place, value in values.items():
+            self.p[place] = float(value)
+
+    def set_counts(self, values: Mapping[int, int]) -> None:
+        """Set whole numbers by the names of their places."""
+        for place, value in values.items():
+            self.n[place] = int(value)
+
+    def table(self, values: Iterable[float]) -> int:
+        """Append numbers to p; return the place of the first."""
+        place = len(self.p)
+        self.p.extend(map(float, values))
+        return place
+
+    def indices(self, values: Iterable[int]) -> int:
+        """Append whole numbers to n; return the place of the first."""
+        place = len(self.n)
+        self.n.extend(map(int, values))
+        return place
+
+    def state(self, count: int) -> int:
+        """Reserve numbers of the state s; return the place of the first."""
+        self.states += count
+        return self.states - count
+
+    def memory(self, count: int) -> int:
+        """Reserve whole numbers of the state k; return the place of the first."""
+        self.flags += count
+        return self.flags - count
+
+    def arrays(self) -> Arrays:
+        """Return p, n and a new state of zeros. Raises ModelError if a number is not finite."""
+        for value in self.p:
+            if not isfinite(value):
+                raise ModelError(f"the model holds {value!r}; expected finite numbers only: identify the model again")
+        return Arrays(self.p, self.n, [0.0] * self.states, [0] * self.flags)

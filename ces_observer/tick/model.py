@@ -1,0 +1,67 @@
+"""What every model has: the ranges of its inputs and of its force, and what becomes of a force outside.
+
+p and n hold the model, s and k its state. Each module declares the places it uses; those of a structure begin at
+P_STRUCTURE, N_STRUCTURE, S_STRUCTURE and K_STRUCTURE, and tables of any length follow behind, where the model's own n
+says (`ces_observer.flat`).
+"""
+
+from math import inf, isfinite
+
+from ces_observer.tick.arrays import Floats, Ints
+
+# p: ranges [m, m/s, A, N], the rate [Hz], and the numbers of the band
+(
+    POSITION_LOW,
+    POSITION_HIGH,
+    SPEED_LOW,
+    SPEED_HIGH,
+    CURRENT_LOW,
+    CURRENT_HIGH,
+    FORCE_LOW,
+    FORCE_HIGH,
+    RATE,
+    P_BAND,
+) = range(10)
+P_STRUCTURE = 48
+
+# n: which structure, ticks of warm-up, whether there is a band
+KIND, WARM_UP, HAS_BAND, N_STRUCTURE = range(4)
+
+# s: the last two forces [N], and the state of the band
+PREVIOUS_FORCE, NEWEST_FORCE, S_BAND = range(3)
+S_STRUCTURE = 16
+
+# k: whether the last inputs and the last force lay outside their ranges, ticks of warm-up that are left, and whether
+# the band and the structure have begun
+CLAMPED, HELD, WAIT, BAND_STARTED, STARTED, K_STRUCTURE = range(6)
+
+
+def hold_force(p: Floats, k: Ints, force: float) -> float:
+    """Return a force [N] held at the ends of its range, and set HELD; infinite if it is not finite.
+
+    The held force is also the past force of later ticks. Holding brings no two forces further apart, so that a
+    contraction stays one, and comes back by itself.
+    """
+    low = p[FORCE_LOW]
+    high = p[FORCE_HIGH]
+    if low <= force <= high:
+        k[HELD] = 0
+        return force
+    k[HELD] = 1
+    if not isfinite(force):
+        return inf
+    return low if force < low else high
+
+
+def is_clamped(p: Floats, position: float, speed: float, current: float) -> bool:
+    """Return whether an input [m, m/s, A] lies outside its range, or is no number."""
+    return not (
+        p[POSITION_LOW] <= position <= p[POSITION_HIGH]
+        and p[SPEED_LOW] <= speed <= p[SPEED_HIGH]
+        and p[CURRENT_LOW] <= current <= p[CURRENT_HIGH]
+    )
+
+
+def clamp(value: float, low: float, high: float) -> float:
+    """Return a value, or the nearest end of its range; a value that is no number stays one."""
+    return low if value < low else high if value > high else value
