@@ -1,4 +1,4 @@
-"""The half-width of a model's band, tick by tick; `ces_observer.band` says what it means, and where its numbers are from.
+"""The half-width of a model's band, tick by tick; `ces_observer.band` says what it means and where its numbers are from.
 
     half-width = growth * sum of weights * (low current, high current, slow, fast, |force|, |change of force|, reversal)
     growth^2 = share + (1 - share) * min(|whitening (state - mean)|, max_distance)^2

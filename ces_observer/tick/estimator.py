@@ -1,4 +1,4 @@
-"""The estimator: stamped position and current in; the damping force at that sample out, or the reason why there is none.
+"""The estimator: stamped position and current in; the damping force at that sample out, or why there is none.
 
 A model with a delay estimates the force of a sample when its speed is known better, so many ticks later. Each tick
 waits in a ring with the stamp, the current and the place of the sample that began it. A model file may hold a model
