@@ -248,7 +248,7 @@ public:
     task.add(ok && withheld_ > 0.0, format_number("%.1f%% withheld in the last second", 100.0 * withheld_));
     task.add(
       ok && outside_ >= OUTSIDE_WARN, format_number("%.1f%% of the forces ", 100.0 * outside_) +
-      (Model::EXTRAPOLATES ? "extrapolated to inputs" : "from clamped inputs,") +
+      (damper_.model().extrapolates ? "extrapolated to inputs" : "from clamped inputs,") +
       " outside what the model was identified on");
     task.add(
       ok && held_ >= OUTSIDE_WARN, format_number("%.1f%% of the forces held at the force envelope", 100.0 * held_));
@@ -303,10 +303,10 @@ public:
     status.addf("age of the last position on arrival [s]", "%.6f", to_s(damper_.age()));
     status.addf("withheld in the last second [%]", "%.1f", 100.0 * withheld_);
     status.addf("share outside the envelope", "%.4f", outside_);
-    status.addf("inputs outside the envelope", "are %s", Model::OUTSIDE);
+    status.addf("inputs outside the envelope", "are %s", damper_.model().outside.c_str());
     status.add("position samples", tally.samples);
     status.add("forces estimated", tally.estimates);
-    if (Model::DELAY_TICKS) {status.add("delayed forces estimated", tally.late);}
+    if (damper_.model().delay_ticks) {status.add("delayed forces estimated", tally.late);}
     if (tally.held) {status.add("forces held at the force envelope", tally.held);}
     status.add("messages without the field", tally.unreadable);
     std::map<std::string, std::uint64_t> withheld;  // in the order of the reasons' texts

@@ -28,7 +28,7 @@ const std::array<std::vector<std::string>, TASKS.size()> KEYS{{
     "latency from stamp to publish, p99 [ms]", "latency from stamp to publish, max [ms]", "jumps of time"},
   {"model sha256", "last change of the model"}}};
 
-// The node's parameters, as parameters.yaml declares them. Raises UserError with the reason alone.
+// The node's parameters, as their table declares them. Raises UserError with the reason alone.
 std::unique_ptr<observer::ParamListener> declare_all(Node & node)
 {
   try {
@@ -69,6 +69,8 @@ ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
         }
       });
   }
+  model_checks_ = add_on_set_parameters_callback([this](const auto & changed) {return check_model(changed);});
+  model_loads_ = add_post_set_parameters_callback([this](const auto &) {guard([this] {load_model();});});
   parameters_->setUserCallback([this](const observer::Params & changed) {guard([&] {apply(changed);});});
   watched_ = rolled_ = reported_ = read_clock(CLOCK_MONOTONIC);
   timer_ = create_wall_timer(WATCH_PERIOD, [this] {guard([this] {watch();});});
@@ -87,7 +89,10 @@ ObserverNode::Transition ObserverNode::on_configure(const State &)
     made_.reset();
     return dynamic_cast<const UserError *>(&error) ? Transition::FAILURE : Transition::ERROR;
   }
-  RCLCPP_INFO(get_logger(), "%s: %s, compiled in, SHA-256 %.12s", joint_.c_str(), Model::SIZE, Model::DIGEST);
+  const auto & model = made_->damper.model();
+  RCLCPP_INFO(
+    get_logger(), "%s: %s; inputs outside the envelope are %s; %s; SHA-256 %.12s", joint_.c_str(), model.size.c_str(),
+    model.outside.c_str(), model.is_proved ? model.claim.c_str() : "not proved stable", model.digest.c_str());
   return Transition::SUCCESS;
 }
 
@@ -153,6 +158,34 @@ void ObserverNode::on_error(const std::string & what) noexcept
 void ObserverNode::apply(const observer::Params & parameters)
 {
   if (made_) {made_->set_live(parameters.max_age_s, parameters.wait_for_current_s, parameters.still_warn_s);}
+}
+
+// Read the file that the parameter `model` is to name; refuse it, or keep the model until the parameter is set.
+rcl_interfaces::msg::SetParametersResult ObserverNode::check_model(const std::vector<rclcpp::Parameter> & changed)
+{
+  rcl_interfaces::msg::SetParametersResult result;
+  result.successful = true;
+  loaded_.reset();
+  try {
+    for (const auto & one : changed) {
+      if (one.get_name() != "model" || one.get_type() != rclcpp::PARAMETER_STRING) {continue;}
+      if (made_ && one == get_parameter("model")) {continue;}
+      loaded_ = ces::load_model(*this, one.as_string());
+      if (made_) {made_->damper.require_motion(*loaded_);}
+    }
+  } catch (const UserError & error) {
+    loaded_.reset();
+    result.successful = false;
+    result.reason = error.what();
+  }
+  return result;
+}
+
+// Let the model of the parameter that was set take over.
+void ObserverNode::load_model()
+{
+  const auto model = std::exchange(loaded_, nullptr);
+  if (made_ && model) {made_->changes.adopt(model);}
 }
 
 // Do what is due; a step that fails does not keep the others from being done.
@@ -235,7 +268,8 @@ std::array<Task, 4> ObserverNode::make_tasks()
   if (get_current_state().id() != States::PRIMARY_STATE_ACTIVE) {
     task = {DiagnosticStatus::WARN, "inactive: activate the node to publish"};
   }
-  return {task, health.make_frequency_task(mismatch_), health.make_stamps_task(), {DiagnosticStatus::OK, Model::SIZE}};
+  return {task, health.make_frequency_task(mismatch_), health.make_stamps_task(),
+    {DiagnosticStatus::OK, made_->damper.model().size}};
 }
 
 void ObserverNode::collect_values()
@@ -246,10 +280,7 @@ void ObserverNode::collect_values()
   if (!made_) {return;}
   made_->health.add_values(values_);
   values_.add("snapshot", made_->snapshot.state());
-  values_.add("model", "compiled in");
-  values_.add("model sha256", Model::DIGEST);
-  values_.add("last change of the model", "none: it is compiled in");
-  values_.addf("delay_s", "%g", Model::DELAY_S);
+  made_->changes.add_values(values_);
   drops_.add_values(values_);
 }
 

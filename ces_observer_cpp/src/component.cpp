@@ -1,10 +1,10 @@
-// The node as a component of rclcpp_components, {{ package }}::Observer.
+// The node as a component of rclcpp_components, ces_observer_cpp::Observer.
 
 #include <rclcpp_components/register_node_macro.hpp>
 
 #include "node/observer_node.hpp"
 
-namespace {{ package }}
+namespace ces_observer_cpp
 {
 
 class Observer : public ces::ObserverNode
@@ -14,6 +14,6 @@ public:
   : ObserverNode(options) {}
 };
 
-}  // namespace {{ package }}
+}  // namespace ces_observer_cpp
 
-RCLCPP_COMPONENTS_REGISTER_NODE({{ package }}::Observer)
+RCLCPP_COMPONENTS_REGISTER_NODE(ces_observer_cpp::Observer)

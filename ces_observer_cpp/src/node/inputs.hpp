@@ -1,7 +1,7 @@
 // The node's time and subscriptions: one for each topic and type, with any number of signals.
 //
-// Types that are compiled in (model/message_types.hpp) arrive as messages, within a process without a copy. Any other
-// installed type arrives as bytes and is deserialised into one message that is kept.
+// The types of the default signals arrive as messages, within a process without a copy. Any other installed type arrives
+// as bytes and is deserialised into one message that is kept.
 #pragma once
 
 #include <memory>
@@ -9,11 +9,11 @@
 #include <rclcpp/rclcpp.hpp>
 #include <rclcpp/serialization.hpp>
 #include <rclcpp/typesupport_helpers.hpp>
-#include <std_msgs/msg/header.hpp>
+#include <sensor_msgs/msg/joint_state.hpp>
+#include <std_msgs/msg/float64.hpp>
 
 #include "core/clocks.hpp"
 #include "health/arrivals.hpp"
-#include "model/message_types.hpp"
 #include "node/field_reader.hpp"
 
 namespace ces
@@ -244,8 +244,8 @@ private:
     const auto qos = rclcpp::QoS(depth_).best_effort();
     rclcpp::SubscriptionOptions options;
     options.qos_overriding_options = rclcpp::QosOverridingOptions::with_default_policies();
-    const auto subscribe_typed = [&](auto type) {
-        using Message = typename decltype(type)::Message;
+    const auto subscribe_typed = [&](auto message) {
+        using Message = decltype(message);
         topic->subscription = node_.create_subscription<Message>(
           signal.topic, qos, [this, weak = std::weak_ptr(topic)](
             const Message & message, const rclcpp::MessageInfo & info) {
@@ -253,7 +253,8 @@ private:
           },
           options, std::make_shared<ReusedMessage<Message>>());
       };
-    if (visit_message_type(signal.type, subscribe_typed)) {return;}
+    if (signal.type == "sensor_msgs/msg/JointState") {return subscribe_typed(sensor_msgs::msg::JointState());}
+    if (signal.type == "std_msgs/msg/Float64") {return subscribe_typed(std_msgs::msg::Float64());}
     const auto library = rclcpp::get_typesupport_library(signal.type, "rosidl_typesupport_cpp");
     const auto * handle = rclcpp::get_message_typesupport_handle(signal.type, "rosidl_typesupport_cpp", *library);
     const auto take_bytes = [this, weak = std::weak_ptr(topic), library, introspection = topic->introspection,

@@ -32,26 +32,61 @@ enum Input : std::size_t {POSITION, CURRENT, MOTION};
 class Damper
 {
 public:
-  // `motion` is the signal that the model needs beside the position.
-  Damper(SignalHold current, SignalHold motion)
-  : current_(std::move(current)), motion_(std::move(motion)) {late_.reserve(Model::DELAY_TICKS);}
+  using Motions = std::array<std::optional<SignalHold>, 3>;  // by Motion, of those that are measured
+
+  // Raises UserError if the model needs a motion that is not measured.
+  Damper(ModelPtr model, SignalHold current, Motions motions)
+  : current_(std::move(current)), motions_(std::move(motions))
+  {
+    motions_[NO_MOTION_SIGNAL].emplace(0.0);
+    estimator_ = make_estimator(std::move(model));
+  }
+
+  // Let a model take over as soon as it has warmed up beside the running one, instead of any other that is warming up.
+  // Raises UserError as above.
+  void load(ModelPtr model)
+  {
+    next_ = make_estimator(std::move(model));
+    retired_.reset();
+  }
+
+  // Raise UserError if a model needs a motion that is not measured.
+  void require_motion(const Model & model) const
+  {
+    if (motions_[model.motion]) {return;}
+    const std::string motion = MOTIONS[model.motion];
+    throw UserError(
+      "the model needs the signal '" + motion + "', too; set " + motion + ".topic, " + motion + ".type and " + motion +
+      ".field");
+  }
 
   // The largest difference between a position's stamp and the node's clock, in either direction, at which its force is
   // returned, plus the delay for those in `late`; 0 switches the check off.
   void set_max_age(double max_age_s) {max_age_ = to_ns(max_age_s);}
 
-  // Forget all samples and currents, as after a time jump; keep counts.
+  // Forget all samples and currents, as after a time jump; keep counts and models.
   void reset()
   {
     current_.reset();
-    motion_.reset();
-    estimator_.reset();
+    for (auto & motion : motions_) {if (motion) {motion->reset();}}
+    estimator_->reset();
+    if (next_) {next_->reset();}
     late_.clear();
+    late_stamp_ = 0;
     if (reason_ != Reason::SILENT) {reason_ = Reason::WARMING_UP;}
   }
 
-  void take_current(Nanoseconds stamp, double current_A) {take(CURRENT, current_, stamp, current_A);}
-  void take_motion(Nanoseconds stamp, double value) {take(MOTION, motion_, stamp, value);}
+  void take_current(Nanoseconds stamp, double current_A)
+  {
+    note_value(CURRENT, "current", current_A);
+    current_.add(stamp, current_A);
+  }
+
+  void take_motion(Motion motion, Nanoseconds stamp, double value)
+  {
+    note_value(MOTION, MOTIONS[motion], value);
+    motions_[motion]->add(stamp, value);
+  }
 
   // The force [N] at `stamp`, or nothing with `reason` set; `now` is the node's clock. It also sets `late`.
   std::optional<double> step(Nanoseconds stamp, double position_m, Nanoseconds now)
@@ -61,27 +96,34 @@ public:
     position_m_ = position_m;
     age_ = now - stamp;
     errors_[POSITION].clear();
-    const double current = current_.at(stamp), motion = motion_.at(stamp);
-    const auto force = estimator_.step(stamp, position_m, current, motion);
+    auto force = run(*estimator_);
+    if (next_) {
+      const auto next_force = run(*next_);
+      if (next_->is_warm()) {
+        force = next_force;
+        next_->skip_late(late_stamp_);
+        retired_ = std::exchange(estimator_, std::move(next_));  // it is freed later
+      }
+    }
     take_late(now);
     // A model with a delay alone has no force here, but is well after its warm-up.
-    const bool is_well = force || estimator_.reason() != Reason::OK;
-    reason_ = find_reason(is_well ? force : std::optional<double>(0.0), position_m, current, motion);
+    const bool is_well = force || estimator_->reason() != Reason::OK;
+    reason_ = find_reason(is_well ? force : std::optional<double>(0.0));
     if (reason_ != Reason::OK) {
       ++tally_.withheld[reason_];
       return std::nullopt;
     }
     ++tally_.estimates;
-    tally_.clamped += estimator_.is_clamped();
-    tally_.held += estimator_.is_held();
+    tally_.clamped += estimator_->is_clamped();
+    tally_.held += estimator_->is_held();
     return force;
   }
 
-  // The estimates of earlier samples that the last step has brought and that may be published.
+  // The estimates of earlier samples that the last step has brought and that may be published, each stamp once.
   const std::vector<Estimate> & late() const {return late_;}
 
   // The half-width [N] of the band around the force that `step` has just returned; not finite without one.
-  double half_width() const {return estimator_.half_width();}
+  double half_width() const {return estimator_->half_width();}
 
   // Count a message without its field; `error` explains missing samples.
   void count_unreadable(Input input, const std::string & error)
@@ -99,14 +141,15 @@ public:
       case Reason::SILENT:
         return errors_[POSITION];
       case Reason::NO_CURRENT:
-        return errors_[CURRENT].empty() ? current_.explain(stamp_, "current") : errors_[CURRENT];
+        return errors_[CURRENT].empty() ? current_.explain(stamp_, model().max_current_age_s, "current") : errors_[CURRENT];
       case Reason::NO_MOTION:
-        return errors_[MOTION].empty() ? motion_.explain(stamp_, Model::MOTION) : errors_[MOTION];
+        return errors_[MOTION].empty() ? motion().explain(stamp_, model().max_gap_s, MOTIONS[model().motion]) :
+               errors_[MOTION];
       case Reason::WARMING_UP:
-        return estimator_.cause();
+        return estimator_->cause();
       case Reason::BEYOND_STROKE:
-        return format_number("%g m, the model takes ", position_m_) + format_number("%g to ", Model::STROKE_MIN_M) +
-               format_number("%g m; check scale and offset", Model::STROKE_MAX_M);
+        return format_number("%g m, the model takes ", position_m_) + format_number("%g to ", model().stroke_min_m) +
+               format_number("%g m; check scale and offset", model().stroke_max_m);
       case Reason::OFF_CLOCK:
       case Reason::OUT_OF_ORDER:
         if (stamp_ == 0) {return "the header stamp is 0: the publisher does not fill it in";}
@@ -116,47 +159,63 @@ public:
     }
   }
 
+  const ModelPtr & running() const {return estimator_->model();}
+  const Model & model() const {return *running();}
+  // The model that is warming up to take over; null: none.
+  const Model * next_model() const {return next_ ? next_->model().get() : nullptr;}
   Reason reason() const {return reason_;}
   Nanoseconds age() const {return age_;}
-  double position() const {return estimator_.position();}
-  double speed() const {return estimator_.speed();}
+  double position() const {return estimator_->position();}
+  double speed() const {return estimator_->speed();}
   const Tally & tally() const {return tally_;}
   const SignalHold & current() const {return current_;}
-  const SignalHold & motion() const {return motion_;}
+  const SignalHold & motion() const {return *motions_[model().motion];}  // that the running model needs
+  bool measures_motion() const {return motions_[SPEED] || motions_[ACCELERATION];}
 
 private:
-  void take(Input input, SignalHold & signal, Nanoseconds stamp, double value)
+  std::unique_ptr<Estimator> make_estimator(ModelPtr model)
+  {
+    require_motion(*model);
+    late_.reserve(model->delay_ticks + 1);
+    return std::make_unique<Estimator>(std::move(model));
+  }
+
+  std::optional<double> run(Estimator & estimator) const
+  {
+    const auto & model = *estimator.model();
+    return estimator.step(
+      stamp_, position_m_, current_.at(stamp_, model.max_current_age_s), motions_[model.motion]->at(stamp_, model.max_gap_s));
+  }
+
+  void note_value(Input input, const char * name, double value)
   {
     errors_[input].clear();
-    if (!std::isfinite(value)) {
-      errors_[input] = std::string("the ") + (input == CURRENT ? "current" : Model::MOTION) + " is " +
-        (std::isnan(value) ? "nan" : format_number("%g", value));  // the sign of NaN is not shown
-    }
-    signal.add(stamp, value);
+    if (std::isfinite(value)) {return;}
+    errors_[input] = std::string("the ") + name + " is " + (std::isnan(value) ? "nan" : format_number("%g", value));
   }
 
   void take_late(Nanoseconds now)
   {
     late_.clear();
-    estimator_.visit_late(
+    estimator_->visit_late(
       [this, now](const Estimate & one) {
-        const bool is_fresh = max_age_ == 0 || std::llabs(now - one.stamp) <= max_age_ + Model::DELAY;
+        late_stamp_ = one.stamp;
+        const bool is_fresh = max_age_ == 0 || std::llabs(now - one.stamp) <= max_age_ + model().delay;
         if (is_fresh && std::isfinite(one.position + one.speed + one.force)) {late_.push_back(one);}
       });
     tally_.late += late_.size();
   }
 
   // The first of these rules that applies.
-  Reason find_reason(std::optional<double> force, double position, double current, double motion) const
+  Reason find_reason(std::optional<double> force) const
   {
-    if (!std::isfinite(position)) {return Reason::POSITION_NOT_FINITE;}
+    if (!std::isfinite(position_m_)) {return Reason::POSITION_NOT_FINITE;}
     if (max_age_ != 0 && std::llabs(age_) > max_age_) {return Reason::OFF_CLOCK;}
-    if (!std::isfinite(current)) {return Reason::NO_CURRENT;}
-    if (!std::isfinite(motion)) {return Reason::NO_MOTION;}
-    if (!force) {return estimator_.reason();}
-    const bool finite =
-      std::isfinite(*force) && std::isfinite(estimator_.position()) && std::isfinite(estimator_.speed());
-    return finite ? Reason::OK : Reason::UNBOUNDED;
+    if (!std::isfinite(current_.at(stamp_, model().max_current_age_s))) {return Reason::NO_CURRENT;}
+    if (!std::isfinite(motion().at(stamp_, model().max_gap_s))) {return Reason::NO_MOTION;}
+    if (!force) {return estimator_->reason();}
+    const bool is_finite = std::isfinite(*force) && std::isfinite(position()) && std::isfinite(speed());
+    return is_finite ? Reason::OK : Reason::UNBOUNDED;
   }
 
   std::string describe_clock_difference() const
@@ -166,12 +225,13 @@ private:
            " s; for a replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0";
   }
 
-  Estimator estimator_;
-  SignalHold current_, motion_;
+  SignalHold current_;
+  Motions motions_;
+  std::unique_ptr<Estimator> estimator_, next_, retired_;  // the last ran before
   Nanoseconds max_age_ = 0;
   Tally tally_;
   Reason reason_ = Reason::SILENT;
-  Nanoseconds stamp_ = 0, age_ = 0;
+  Nanoseconds stamp_ = 0, age_ = 0, late_stamp_ = 0;
   double position_m_ = 0.0;
   std::vector<Estimate> late_;
   std::array<std::string, 3> errors_;  // by input
@@ -191,7 +251,7 @@ public:
   // Hold positions back for at most `wait_s` by the node's clock until their current is known; a constant always is.
   void set_wait(double wait_s)
   {
-    const bool measured = !damper_.current().is_constant() || !damper_.motion().is_constant();
+    const bool measured = !damper_.current().is_constant() || damper_.measures_motion();
     wait_ = measured ? to_ns(wait_s) : 0;
     if (wait_ > 0 && ring_.empty()) {
       ring_.resize(MAX_POSITIONS + 1);
@@ -205,9 +265,9 @@ public:
     release(now);
   }
 
-  void take_motion(Nanoseconds stamp, double value, Nanoseconds now)
+  void take_motion(Motion motion, Nanoseconds stamp, double value, Nanoseconds now)
   {
-    damper_.take_motion(stamp, value);
+    damper_.take_motion(motion, stamp, value);
     release(now);
   }
 

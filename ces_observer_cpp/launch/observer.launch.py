@@ -1,6 +1,6 @@
-"""Start the observer: ros2 launch {{ package }} observer.launch.py [container:=/CONTAINER].
+"""Start the observer: ros2 launch ces_observer_cpp observer.launch.py model:=/path/model.ces.
 
-Without `container` it runs as a program of its own. With it, it runs in that component container, where it exchanges
+Without `container:=/CONTAINER` it runs as a program of its own. With it, it runs in that component container, where it exchanges
 messages with the other components of the process without DDS: with a leading / in one that runs, else in a new one. An
 argument that is empty leaves the parameter file's value.
 """
@@ -13,8 +13,9 @@ from launch_ros.actions import ComposableNodeContainer, LoadComposableNodes, Nod
 from launch_ros.descriptions import ComposableNode
 from launch_ros.parameter_descriptions import ParameterValue
 
-PACKAGE = "{{ package }}"
+PACKAGE = "ces_observer_cpp"
 PARAMETERS = {
+    "model": ("model", str, "absolute path of the flat model file (model.ces)"),
     "position_topic": ("position.topic", str, "topic of the piston position"),
     "current_topic": ("current.topic", str, "topic of the valve current"),
     "autostart": ("autostart", bool, "configure and activate the node; false: a lifecycle manager does"),

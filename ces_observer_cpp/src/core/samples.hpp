@@ -49,9 +49,9 @@ std::string join(const Texts & texts, const std::string & separator)
 class SignalHold
 {
 public:
-  // A measured signal, of which a value older than `max_age_s` is not used, or a known value that does not age.
-  explicit SignalHold(double max_age_s, std::optional<double> constant = std::nullopt)
-  : max_age_(to_ns(max_age_s)), constant_(constant)
+  // A measured signal, or a known value that does not age.
+  explicit SignalHold(std::optional<double> constant = std::nullopt)
+  : constant_(constant)
   {
     if (!constant) {samples_.reserve(2 * HISTORY + 1);}
   }
@@ -75,28 +75,27 @@ public:
     if (samples_.size() > 2 * HISTORY) {samples_.erase(samples_.begin(), samples_.begin() + HISTORY);}
   }
 
-  // The value that holds at `stamp`, or NaN.
-  double at(Nanoseconds stamp) const
+  // The value that holds at `stamp` and is not older than `max_age_s`, or NaN.
+  double at(Nanoseconds stamp, double max_age_s) const
   {
     if (constant_) {return *constant_;}
     const auto later = find_later(stamp);
-    if (later == samples_.begin() || stamp - std::prev(later)->first > max_age_) {return NOT_A_NUMBER;}
+    if (later == samples_.begin() || stamp - std::prev(later)->first > to_ns(max_age_s)) {return NOT_A_NUMBER;}
     return std::prev(later)->second;
   }
 
   // Why `at` is NaN at `stamp` for the signal `name`; empty if no value was received at all.
-  std::string explain(Nanoseconds stamp, const std::string & name) const
+  std::string explain(Nanoseconds stamp, double max_age_s, const std::string & name) const
   {
     if (samples_.empty()) {return "";}
     const auto later = find_later(stamp);
-    const auto limit = to_s(max_age_);
     if (later == samples_.begin()) {
       const auto ahead = to_s(later->first - stamp);
       return "the position was measured " + format_number("%.3g", ahead) + " s before the first known " + name +
-             (ahead > limit ? ": are both on one clock?" : "");
+             (ahead > max_age_s ? ": are both on one clock?" : "");
     }
     return "the newest " + name + " is " + format_number("%.3g", to_s(stamp - std::prev(later)->first)) +
-           " s older than the position; the model allows " + format_number("%g", limit) + " s";
+           " s older than the position; the model allows " + format_number("%g", max_age_s) + " s";
   }
 
 private:
@@ -113,7 +112,6 @@ private:
       samples_.begin(), samples_.end(), stamp, [](Nanoseconds at, const auto & sample) {return at < sample.first;});
   }
 
-  Nanoseconds max_age_;
   std::optional<double> constant_;
   Samples samples_;
 };

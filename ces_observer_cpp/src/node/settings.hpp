@@ -1,25 +1,16 @@
 // The settings in the node's parameters, which generate_parameter_library declares from parameters.yaml.
 #pragma once
 
-#include <cmath>
-#include <stdexcept>
-
 #include <rclcpp_lifecycle/lifecycle_node.hpp>
 
-#include "core/samples.hpp"
-#include "model/estimator.hpp"
+#include "from_python.hpp"
+#include "model/flat_file.hpp"
 #include "node/validators.hpp"
 
 namespace ces
 {
 
 using Node = rclcpp_lifecycle::LifecycleNode;
-
-// A mistake of the user, in one line: what is wrong, where, what was expected and what to do.
-class UserError : public std::runtime_error
-{
-  using std::runtime_error::runtime_error;
-};
 
 // A signal: where it is, and how it becomes a value in SI units; or its constant value.
 struct SignalSettings
@@ -30,43 +21,52 @@ struct SignalSettings
   std::optional<double> constant = std::nullopt;
 };
 
-// Declare `current.constant`, which may be not set, unlike those in parameters.yaml; `ros2 param dump` then writes
-// `null`. A topic that is set replaces the constant of the export. Raises UserError.
+// Declare `current.constant`, which may be not set, unlike those in the table; `ros2 param dump` then writes `null`.
+// Raises UserError.
 inline void declare_constant(Node & node)
 {
   const auto overrides = node.get_node_parameters_interface()->get_parameter_overrides();
   const auto given = overrides.find("current.constant");
   const bool is_null = given != overrides.end() && given->second == rclcpp::ParameterValue("null");
-  const bool is_known = std::isfinite(Model::CURRENT_A) && !overrides.count("current.topic");
   rcl_interfaces::msg::ParameterDescriptor descriptor;
   descriptor.description = "current: known value in SI units instead of a topic";
   descriptor.read_only = descriptor.dynamic_typing = true;
-  const auto value = node.declare_parameter(
-    "current.constant", is_known ? rclcpp::ParameterValue(Model::CURRENT_A) : rclcpp::ParameterValue(), descriptor,
-    is_null);
+  const auto value = node.declare_parameter("current.constant", rclcpp::ParameterValue(), descriptor, is_null);
   if (value.get_type() == rclcpp::PARAMETER_NOT_SET) {return;}
   if (value.get_type() != rclcpp::PARAMETER_DOUBLE) {
     throw UserError(
       "Wrong parameter type, parameter {current.constant} is of type {double}, setting it to {" +
       rclcpp::to_string(value.get_type()) + "} is not allowed.");
   }
-  const auto verdict = within<double>({"current.constant", value}, -Model::LARGEST, Model::LARGEST);
+  const auto verdict = within<double>({"current.constant", value}, -LARGEST, LARGEST);
   if (!verdict) {throw UserError(verdict.error());}
 }
 
-// Warn in one line of the parameters that were set and are not known.
+// Warn in one line of the parameters that were set and are not known here; both nodes can read one file.
 inline void warn_of_unknown(Node & node)
 {
   std::vector<std::string> unknown;
   for (const auto & [name, value] : node.get_node_parameters_interface()->get_parameter_overrides()) {
     const auto group = name.substr(0, name.find('.'));
-    const bool is_other = group == "force" || group == "qos_overrides";  // the former is of the Python node
+    const bool is_python = std::count(std::begin(PYTHON_ONLY), std::end(PYTHON_ONLY), group);
+    const bool is_empty = value == rclcpp::ParameterValue("");
+    const bool is_other = group == "qos_overrides" || (name == "model_topic" ? is_empty : is_python);
     if (!is_other && !node.has_parameter(name)) {unknown.push_back(quote(name));}
   }
   if (unknown.empty()) {return;}
-  RCLCPP_WARN(
-    node.get_logger(), "parameters unknown and ignored: %s; the model is compiled into this node",
-    join(unknown, ", ").c_str());
+  RCLCPP_WARN(node.get_logger(), "parameters unknown and ignored: %s", join(unknown, ", ").c_str());
+}
+
+// The path in the parameter `model`; ~ is the home. Raises UserError unless it is absolute: the node's working folder is
+// not that of who sets the parameter.
+inline std::string find_model_path(const std::string & text)
+{
+  const char * home = std::getenv("HOME");
+  const auto path = home && text.compare(0, 2, "~/") == 0 ? home + text.substr(1) : text;
+  if (!path.empty() && path.front() == '/') {return path;}
+  throw UserError(
+    "parameter 'model' " + (text.empty() ? "is not set" : "is " + quote(text)) +
+    "; expected the absolute path of a flat model file: /path/model.ces");
 }
 
 inline void check_texts(const SignalSettings & signal, const std::string & where)
@@ -83,17 +83,18 @@ inline void check_texts(const SignalSettings & signal, const std::string & where
   }
 }
 
-// The settings of a signal; one without a name is the constant 0. Raises UserError.
-inline SignalSettings read_signal(const Node & node, const std::string & name)
+// The settings of a signal; nothing for a motion that is not measured. Raises UserError.
+inline std::optional<SignalSettings> read_signal(const Node & node, const std::string & name)
 {
-  if (name.empty()) {return {"", "", "", "", 1.0, 0.0, 0.0, 0.0};}
   if (rclcpp::Parameter constant; name == "current" && node.get_parameter("current.constant", constant)) {
-    return {name, "", "", "", 1.0, 0.0, 0.0, constant.as_double()};
+    return SignalSettings{name, "", "", "", 1.0, 0.0, 0.0, constant.as_double()};
   }
   const auto text = [&](const char * key) {return node.get_parameter(name + "." + key).as_string();};
   const auto number = [&](const char * key) {return node.get_parameter(name + "." + key).as_double();};
   const SignalSettings signal{
     name, text("topic"), text("type"), text("field"), number("scale"), number("offset"), number("delay")};
+  const bool is_motion = name == MOTIONS[SPEED] || name == MOTIONS[ACCELERATION];
+  if (is_motion && (signal.topic + signal.type + signal.field).empty()) {return std::nullopt;}
   const auto where = "parameters: signal '" + name + "'";
   check_texts(signal, where);
   if (signal.scale == 0.0) {

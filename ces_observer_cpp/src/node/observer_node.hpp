@@ -7,7 +7,7 @@
 #pragma once
 
 #include <diagnostic_updater/diagnostic_updater.hpp>
-#include <{{ package }}/observer_parameters.hpp>
+#include <ces_observer_cpp/observer_parameters.hpp>
 
 #include "node/observation.hpp"
 #include "node/parameter_services.hpp"
@@ -47,6 +47,8 @@ private:
   }
 
   void apply(const observer::Params & parameters);
+  rcl_interfaces::msg::SetParametersResult check_model(const std::vector<rclcpp::Parameter> & changed);
+  void load_model();
   void watch();
   void roll(double elapsed_s);
   void watch_failures(Nanoseconds now);
@@ -66,6 +68,7 @@ private:
   rclcpp::Publisher<diagnostic_msgs::msg::DiagnosticArray>::SharedPtr details_;
   KernelDrops drops_;
   std::unique_ptr<Observation> made_;  // while it is configured
+  ModelPtr loaded_;  // for the parameter that is being set
   std::array<Task, 4> tasks_;  // of the last report, with all values
   Status values_;
   std::string state_;
@@ -75,6 +78,8 @@ private:
   bool is_pending_ = false, is_starting_ = false, has_fallen_ = false;
   std::uint64_t failures_ = 0, reported_failures_ = 0;
   std::string mistake_, failure_ = "none", mismatch_;
+  rclcpp::node_interfaces::OnSetParametersCallbackHandle::SharedPtr model_checks_;
+  rclcpp::node_interfaces::PostSetParametersCallbackHandle::SharedPtr model_loads_;
   rclcpp::TimerBase::SharedPtr timer_;
 };
 

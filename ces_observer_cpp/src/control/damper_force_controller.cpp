@@ -16,9 +16,9 @@
 #include <pluginlib/class_list_macros.hpp>
 
 #include "core/damper.hpp"
-#include "{{ package }}/damper_force_controller_parameters.hpp"
+#include "ces_observer_cpp/damper_force_controller_parameters.hpp"
 
-namespace {{ package }}
+namespace ces_observer_cpp
 {
 
 using controller_interface::CallbackReturn;
@@ -42,17 +42,23 @@ public:
   CallbackReturn on_configure(const rclcpp_lifecycle::State &) override
   {
     const auto given = parameters_->get_params();
-    if (!ces::Model::HAS_NOW) {
-      return refuse("the model gives its forces after a delay only; expected one with a force at each sample");
+    ces::ModelPtr model;
+    try {
+      model = ces::read_model(given.model, given.allow_uncertified);
+    } catch (const ces::UserError & error) {
+      return refuse(error.what());
+    }
+    if (!model->has_now) {
+      return refuse(given.model + ": gives its forces after a delay only; expected one with a force at each sample");
     }
     inputs_[ces::POSITION] = {given.joint + "/position", given.position.scale, given.position.offset};
-    auto constant = given.current.constant;
-    if (std::isnan(constant)) {constant = ces::Model::CURRENT_A;}
+    const auto constant = given.current.constant;
     const bool is_measured = std::isnan(constant) || !given.current.interface.empty();
     inputs_[ces::CURRENT] = {
       !is_measured ? "" : given.current.interface.empty() ? given.joint + "/current" : given.current.interface,
       given.current.scale, given.current.offset};
-    const std::string motion = ces::Model::MOTION == std::string("speed") ? "velocity" : ces::Model::MOTION;
+    motion_ = model->motion;
+    const std::string motion = motion_ == ces::SPEED ? "velocity" : ces::MOTIONS[motion_];
     inputs_[ces::MOTION] = {
       motion.empty() ? "" : given.motion.interface.empty() ? given.joint + "/" + motion : given.motion.interface,
       given.motion.scale, given.motion.offset};
@@ -61,10 +67,10 @@ public:
         return refuse("scale and offset of " + name + ": expected finite numbers, a scale other than 0");
       }
     }
-    const auto current = is_measured ? std::nullopt : std::optional<double>(constant);
-    const auto no_motion = motion.empty() ? std::optional<double>(0.0) : std::nullopt;
+    ces::Damper::Motions motions;
+    motions[motion_].emplace();
     damper_.emplace(
-      ces::SignalHold(ces::Model::MAX_CURRENT_AGE_S, current), ces::SignalHold(ces::Model::MAX_GAP_S, no_motion));
+      model, ces::SignalHold(is_measured ? std::nullopt : std::optional<double>(constant)), std::move(motions));
     max_still_ = ces::to_ns(given.max_still_s);
     force_name_ = given.joint + "/damping_force";
     timer_ = get_node()->create_wall_timer(std::chrono::seconds(1), [this] {report();});
@@ -122,7 +128,9 @@ public:
     }
     // One that is not finite is withheld here: it would be explained in text, which allocates.
     if (std::isfinite(values[ces::CURRENT])) {damper_->take_current(stamp, values[ces::CURRENT]);}
-    if (std::isfinite(values[ces::MOTION])) {damper_->take_motion(stamp, values[ces::MOTION]);}
+    if (motion_ != ces::NO_MOTION_SIGNAL && std::isfinite(values[ces::MOTION])) {
+      damper_->take_motion(motion_, stamp, values[ces::MOTION]);
+    }
     auto force = damper_->step(stamp, values[ces::POSITION], stamp);
     const char * reason = force ? "" : ces::text_of(damper_->reason());
     if (is_still(stamp, values[ces::POSITION]) && force) {
@@ -183,6 +191,7 @@ private:
   std::shared_ptr<damper_force_controller::ParamListener> parameters_;
   std::array<Input, 3> inputs_;  // by ces::Input
   std::optional<ces::Damper> damper_;
+  ces::Motion motion_ = ces::NO_MOTION_SIGNAL;
   ces::Nanoseconds max_still_ = 0, since_ = 0;
   double position_m_ = ces::NOT_A_NUMBER;
   std::string force_name_, told_;
@@ -192,6 +201,6 @@ private:
   std::atomic<std::uint64_t> withheld_{0};
 };
 
-}  // namespace {{ package }}
+}  // namespace ces_observer_cpp
 
-PLUGINLIB_EXPORT_CLASS({{ package }}::DamperForceController, controller_interface::ChainableControllerInterface)
+PLUGINLIB_EXPORT_CLASS(ces_observer_cpp::DamperForceController, controller_interface::ChainableControllerInterface)

@@ -3,11 +3,10 @@
 // The position samples drive it. Estimates are published while the node is active; inactive, it stays warm.
 #pragma once
 
-#include <sensor_msgs/msg/joint_state.hpp>
-
 #include "core/damper.hpp"
 #include "health/health.hpp"
 #include "node/inputs.hpp"
+#include "node/model_changes.hpp"
 #include "node/snapshot.hpp"
 
 namespace ces
@@ -29,6 +28,12 @@ public:
     message_.position = message_.velocity = message_.effort = {0.0};
     band_.name = {joint + "_lower", joint + "_upper"};
     band_.effort = {0.0, 0.0};
+  }
+
+  void activate()
+  {
+    publisher_->on_activate();
+    band_publisher_->on_activate();
   }
 
   // Publish an estimate, with its band if the half-width is finite; returns whether the node is active.
@@ -68,18 +73,19 @@ public:
   // Raises UserError for a wrong parameter.
   Observation(
     Node & node, const NodeClock & clock, const std::string & joint, std::function<void()> on_change, OnText on_failure)
-  : node_(node), clock_(clock), on_change_(std::move(on_change)), on_failure_(std::move(on_failure)),
-    position_(read_signal(node, "position")), current_(read_signal(node, "current")),
-    motion_(read_signal(node, Model::MOTION)),
-    damper(SignalHold(Model::MAX_CURRENT_AGE_S, current_.constant), SignalHold(Model::MAX_GAP_S, motion_.constant)),
+  : node_(node), clock_(clock), joint_(joint), on_change_(std::move(on_change)), on_failure_(std::move(on_failure)),
+    position_(*read_signal(node, "position")), current_(*read_signal(node, "current")),
+    motions_{std::nullopt, read_signal(node, MOTIONS[SPEED]), read_signal(node, MOTIONS[ACCELERATION])},
+    damper(load_model(node), SignalHold(current_.constant), make_holds()),
     health(damper), snapshot(node, node.get_parameter("snapshot_service").as_string()),
+    changes(node, damper, [this] {offer_late();}),
     intake_(damper, [this](auto stamp, const auto & frame, auto force_N) {on_estimate(stamp, frame, force_N);}),
     now_(node, joint, "~/estimate"),
     inputs_(
       node, clock, static_cast<std::size_t>(node.get_parameter("input_depth").as_int()),
       [this](const std::string & what) {fail(what);})
   {
-    if (Model::DELAY_TICKS) {late_.emplace(node, joint, "~/estimate_delayed");}
+    offer_late();
     subscribe();
   }
 
@@ -103,9 +109,10 @@ public:
   {
     intake_.release(clock_.now());
     snapshot.watch();
+    changes.watch();
     quiet_ = damper.tally().samples == watched_samples_ ? quiet_ + elapsed : 0;
     watched_samples_ = damper.tally().samples;
-    if (quiet_ >= to_ns(std::max(MIN_SILENCE_S, Model::MAX_GAP_S))) {
+    if (quiet_ >= to_ns(std::max(MIN_SILENCE_S, damper.model().max_gap_s))) {
       damper.report_silence();
       on_change_();
     }
@@ -129,7 +136,7 @@ public:
     switch (damper.reason()) {
       case Reason::SILENT: return describe_topic(position_);
       case Reason::NO_CURRENT: return current_.constant ? "" : describe_topic(current_);
-      case Reason::NO_MOTION: return describe_topic(motion_);
+      case Reason::NO_MOTION: return describe_topic(*motions_[damper.model().motion]);
       default: return "";
     }
   }
@@ -139,16 +146,38 @@ private:
 
   Node & node_;
   const NodeClock & clock_;
+  std::string joint_;
   std::function<void()> on_change_;
   OnText on_failure_;
-  SignalSettings position_, current_, motion_;
+  SignalSettings position_, current_;
+  std::array<std::optional<SignalSettings>, 3> motions_;  // by Motion
 
 public:
   Damper damper;
   Health health;
   Snapshot snapshot;
+  ModelChanges changes;
 
 private:
+  Damper::Motions make_holds() const
+  {
+    Damper::Motions holds;
+    for (const auto motion : {SPEED, ACCELERATION}) {if (motions_[motion]) {holds[motion].emplace();}}
+    return holds;
+  }
+
+  // Offer the topics of the delayed estimates while a model with a delay runs or is about to.
+  void offer_late()
+  {
+    const auto * next = damper.next_model();
+    if (!damper.model().delay_ticks && !(next && next->delay_ticks)) {
+      late_.reset();
+    } else if (!late_) {
+      late_.emplace(node_, joint_, "~/estimate_delayed");
+      if (node_.get_current_state().id() == lifecycle_msgs::msg::State::PRIMARY_STATE_ACTIVE) {late_->activate();}
+    }
+  }
+
   // Subscribe, to the position last: what else its message carries holds for it.
   void subscribe()
   {
@@ -162,11 +191,11 @@ private:
         };
       inputs_.subscribe(current_, take, count_unreadable(CURRENT), &health.current);
     }
-    if (!motion_.constant) {
-      const auto take = [this](Nanoseconds stamp, double value, const std::string &, Nanoseconds now) {
-          intake_.take_motion(stamp, value, now);
+    for (const auto motion : {SPEED, ACCELERATION}) {
+      const auto take = [this, motion](Nanoseconds stamp, double value, const std::string &, Nanoseconds now) {
+          intake_.take_motion(motion, stamp, value, now);
         };
-      inputs_.subscribe(motion_, take, count_unreadable(MOTION), nullptr);
+      if (motions_[motion]) {inputs_.subscribe(*motions_[motion], take, count_unreadable(MOTION), nullptr);}
     }
     const auto take = [this](Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now) {
         health.position.take(stamp, now);
@@ -183,7 +212,7 @@ private:
       if (now_.publish(now, frame)) {health.latency.take(clock_.now() - stamp);}
     }
     for (const auto & one : damper.late()) {
-      if (late_->publish(one, frame) && !Model::HAS_NOW) {health.latency.take(clock_.now() - one.stamp);}
+      if (late_ && late_->publish(one, frame) && !damper.model().has_now) {health.latency.take(clock_.now() - one.stamp);}
     }
     failing_since_ = 0;
     on_change_();
