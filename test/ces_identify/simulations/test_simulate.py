@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bands import BAND, lower_bounds, make_band
+from bands import BAND, lower_bounds
 from constructed_models import constructed_damper
 from planted import FUZZY, NETWORK, SAMPLING, planted, stroked
 from planted_dampers import planted_model
