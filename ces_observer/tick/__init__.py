@@ -15,6 +15,7 @@ MODULES = (
     "hydraulic",
     "constructed",
     "polynomial",
+    "layers",
     "lagged",
     "sigmoid",
     "fuzzy",
