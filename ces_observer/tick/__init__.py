@@ -24,3 +24,21 @@ MODULES = (
     "run",
     "estimator",
 )
+
+ENTRY_POINTS = (
+    "polynomial_reset",
+    "polynomial_tick",
+    "sigmoid_reset",
+    "sigmoid_tick",
+    "fuzzy_reset",
+    "fuzzy_tick",
+    "recurrent_reset",
+    "recurrent_tick",
+    "hydraulic_reset",
+    "hydraulic_tick",
+    "estimator_reset",
+    "estimator_step",
+    "estimator_skip_late",
+    "run_half_width",
+    "check_models",
+)  # what is called from outside, by name: `ces_observer.core.bind`
