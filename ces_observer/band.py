@@ -14,11 +14,25 @@ square over them): an error that depends linearly on the state, by unknown amoun
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass, fields
-from itertools import islice
-from math import exp, sqrt
+from itertools import chain, islice
+from math import exp
 from typing import Any
 
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
+from ces_observer.tick.band import (
+    BAND_FADE,
+    BAND_GAIN,
+    BAND_LIMIT,
+    BAND_LOW_A,
+    BAND_MEAN,
+    BAND_PER_A,
+    BAND_SHARE,
+    BAND_SPEED,
+    BAND_WHITENING,
+    LOW_CURRENT_WEIGHT,
+)
+from ces_observer.tick.model import HAS_BAND
 
 STATE = ("position", "speed", "current", "change of speed", "change of current")
 PARTS = ("low_current_N", "high_current_N", "slow_N", "fast_N", "force", "change_of_force", "reversal_N")
@@ -48,6 +62,25 @@ class Band:
     max_distance: float
     constant_share: float
 
+    def fill(self, layout: Layout, rate_Hz: float) -> None:
+        """Write its numbers into the layout of a model, for `ces_observer.tick.band`."""
+        low, high = self.current_A
+        layout.set_counts({HAS_BAND: 1})
+        layout.set_numbers(
+            {
+                BAND_GAIN: 1.0 - exp(-1.0 / (self.change_s * rate_Hz)),
+                BAND_FADE: exp(-1.0 / (self.reversal_s * rate_Hz)),
+                BAND_LOW_A: low,
+                BAND_PER_A: 1.0 / (high - low) if high > low else 0.0,
+                BAND_SPEED: self.speed_m_s,
+                **dict(enumerate(self.parts, LOW_CURRENT_WEIGHT)),
+                **dict(enumerate(self.mean, BAND_MEAN)),
+                **dict(enumerate(chain.from_iterable(self.whitening), BAND_WHITENING)),
+                BAND_LIMIT: self.max_distance * self.max_distance,
+                BAND_SHARE: self.constant_share,
+            }
+        )
+
     def to_json(self) -> dict[str, Any]:
         """Return the contents of the key `band` of a model file."""
         whitening = [number for row in self.whitening for number in row]
@@ -73,70 +106,3 @@ class Band:
             max_distance=node.number("max_distance", 0.0, MAX_DISTANCE),
             constant_share=node.number("constant_share", 0.0, 1.0),
         )
-
-
-class BandRun:
-    """The band along a run: `tick` for each tick, then `half_width` if it is wanted."""
-
-    def __init__(self, band: Band, rate_Hz: float) -> None:
-        self._band = band
-        self._gain = 1.0 - exp(-1.0 / (band.change_s * rate_Hz))
-        self._fade = exp(-1.0 / (band.reversal_s * rate_Hz))
-        self._low_A = band.current_A[0]
-        span = band.current_A[1] - band.current_A[0]
-        self._per_A = 1.0 / span if span > 0.0 else 0.0
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past."""
-        self._started = False
-        self._position = self._speed = self._current = self._force = self._reversal = 0.0
-        self._mean_speed = self._mean_current = self._mean_force = 0.0
-
-    def tick(self, position: float, speed: float, current: float, force: float) -> None:
-        """Take a tick's inputs [m, m/s, A] and estimated force [N]."""
-        if self._started:
-            gain = self._gain
-            self._mean_speed += gain * (speed - self._mean_speed)
-            self._mean_current += gain * (current - self._mean_current)
-            self._mean_force += gain * (force - self._mean_force)
-            self._reversal = 1.0 if speed * self._speed <= 0.0 else self._reversal * self._fade
-        else:
-            self._started, self._reversal = True, 1.0
-            self._mean_speed, self._mean_current, self._mean_force = speed, current, force
-        self._position, self._speed, self._current, self._force = position, speed, current, force
-
-    def half_width(self) -> float:
-        """Return the half-width [N] at the last tick; not finite only after inputs beyond any damper's."""
-        band, current = self._band, self._current
-        low_A, high_A, slow, fast, force, change, reversal = band.parts
-        high = (current - self._low_A) * self._per_A
-        high = 0.0 if high < 0.0 else 1.0 if high > 1.0 else high
-        u = abs(self._speed) / band.speed_m_s
-        width = (
-            low_A * (1.0 - high)
-            + high_A * high
-            + slow / (1.0 + u)
-            + fast * u
-            + force * abs(self._force)
-            + change * abs(self._force - self._mean_force)
-            + reversal * self._reversal
-        )
-        return width * self._growth()
-
-    def _growth(self) -> float:
-        mean = self._band.mean
-        (a0, a1, a2, a3, a4), (b1, b2, b3, b4), (c2, c3, c4), (d3, d4), (e4,) = self._band.whitening
-        z0 = self._position - mean[0]
-        z1 = self._speed - mean[1]
-        z2 = self._current - mean[2]
-        z3 = self._speed - self._mean_speed - mean[3]
-        z4 = self._current - self._mean_current - mean[4]
-        a = a0 * z0 + a1 * z1 + a2 * z2 + a3 * z3 + a4 * z4
-        b = b1 * z1 + b2 * z2 + b3 * z3 + b4 * z4
-        c = c2 * z2 + c3 * z3 + c4 * z4
-        d = d3 * z3 + d4 * z4
-        e = e4 * z4
-        square = a * a + b * b + c * c + d * d + e * e
-        limit, share = self._band.max_distance, self._band.constant_share
-        return sqrt(share + (1.0 - share) * min(square, limit * limit))

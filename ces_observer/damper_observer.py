@@ -12,9 +12,9 @@ from math import ceil, isfinite
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.errors import ModelError
-from ces_observer.estimator import UNBOUNDED, WARMING_UP, Estimator, LateEstimate
+from ces_observer.estimator import Estimator, LateEstimate
 from ces_observer.model import Model
-from ces_observer.tracker import BEYOND_STROKE, OK, OUT_OF_ORDER
+from ces_observer.reasons import BEYOND_STROKE, OK, OUT_OF_ORDER, UNBOUNDED, WARMING_UP
 
 SILENT = "no position samples arrive"
 POSITION_NOT_FINITE = "position is not finite"
@@ -148,7 +148,9 @@ class DamperObserver:
                 self.current, self.motion = self._next_current, self._next_motion
         estimator = self._estimator
         self.position, self.speed = estimator.position, estimator.speed
-        self.late = self._usable(estimator.late) if estimator.late else estimator.late
+        self.late = estimator.late
+        if self.late:
+            self.late = self._usable(self.late)
         # A model with a delay alone has no force here, but is well if `late` has those of earlier samples.
         known = force if force is not None or estimator.reason != OK else 0.0
         late = self._max_age_ns and abs(self.age_ns) > self._max_age_ns
@@ -160,8 +162,8 @@ class DamperObserver:
                 return None
         self.reason = OK
         tally.estimates += 1
-        tally.clamped += estimator.predictor.clamped
-        tally.held += estimator.predictor.held
+        tally.clamped += estimator.clamped
+        tally.held += estimator.held
         return force
 
     def _usable(self, late: list[LateEstimate]) -> list[LateEstimate]:

@@ -1,7 +1,7 @@
 """The estimator: stamped position and current in; damping force, or the reason why there is none, out.
 
 It is driven by position samples alone and has no clock, so its forces are the same in real time, in simulated time and
-offline (`ces_identify.simulations.simulate.sample_run` is its batch form).
+offline. `ces_observer.tick.estimator` computes them; `ces_identify.simulations.simulate.sample_run` is its batch form.
 
 A model with a delay estimates the force of a sample when the speed is known better, so many ticks later. Its estimates
 come out in `late`, each with the stamp of the sample that it belongs to: the first sample of every tick. A model file
@@ -10,17 +10,33 @@ may hold a model without a delay and one with; both share the tracker.
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Iterable
-from math import inf, isfinite
+from math import isfinite
 from typing import NamedTuple
 
-from ces_observer.band import BandRun
+from ces_observer.core import bind, floats, ints
+from ces_observer.flat import Arrays, Layout
 from ces_observer.model import Model
-from ces_observer.tracker import NOT_FINITE, OK, RESTARTED, UNSETTLED, Tick, Tracker
-
-WARMING_UP = "warming up"
-UNBOUNDED = "force is not finite"
+from ces_observer.reasons import REASONS
+from ces_observer.sampling_layout import layout_of
+from ces_observer.tick.estimator import (
+    CAUSE,
+    FORCE,
+    HAS_NOW,
+    LATE_COUNT,
+    LATE_STAMPS,
+    LATE_VALUES,
+    LATE_WIDTH,
+    REASON,
+    RING_STAMPS,
+    RING_VALUES,
+    RING_WIDTH,
+    estimator_reset,
+    estimator_skip_late,
+    estimator_step,
+)
+from ces_observer.tick.model import CLAMPED, HELD
+from ces_observer.tick.run import run_half_width
+from ces_observer.tick.tracker import TRACK_POSITION, TRACK_SPEED
 
 
 class LateEstimate(NamedTuple):
@@ -33,54 +49,32 @@ class LateEstimate(NamedTuple):
     half_width: float | None
 
 
-class ForceRun:
-    """The free run of a model with its band and warm-up; `reason` is "ok" or why it has no force."""
+class EstimatorArrays(NamedTuple):
+    """The arrays of tracker and estimator, of the model without a delay, and of the one with; absent ones are short."""
 
-    def __init__(self, model: Model) -> None:
-        self.predictor = model.make_predictor()
-        self._tick = self.predictor.tick
-        self._band = None if model.band is None else BandRun(model.band, model.sampling.rate_Hz)
-        self._low, self._high = model.force_envelope_N
-        self._warm_up = round(model.sampling.warm_up_s * model.sampling.rate_Hz)
-        self.restart()
+    sampling: Arrays
+    now: Arrays
+    late: Arrays
 
-    def restart(self) -> None:
-        """Forget the past, and warm up."""
-        self.predictor.reset()
-        if self._band is not None:
-            self._band.reset()
-        self._wait = self._warm_up
-        self._newest = self._previous = 0.0
-        self.reason = WARMING_UP
 
-    def advance(self, ticks: Iterable[Tick], current: float, ahead: float) -> float | None:
-        """Run ticks and return the force [N] `ahead` ticks after the last, within the force envelope.
-
-        None in the warm-up, or after a force that is not finite: then the run restarts. Without ticks, nothing changes.
-        """
-        for position, speed in ticks:
-            self._wait -= 1
-            force = self._tick(position, speed, current)
-            if force == inf:
-                self.restart()
-                self.reason = UNBOUNDED
-                return None
-            self._previous, self._newest = self._newest, force
-            if self._band is not None:
-                self._band.tick(position, speed, current, force)
-        if self._wait >= 0:
-            self.reason = WARMING_UP
-            return None
-        self.reason = OK
-        force = self._newest + (self._newest - self._previous) * ahead
-        return self._low if force < self._low else self._high if force > self._high else force
-
-    def half_width(self) -> float | None:
-        """Return the half-width [N] of the band at the last tick; None without one, or if it is not finite."""
-        if self._band is None:
-            return None
-        width = self._band.half_width()
-        return width if isfinite(width) else None
+def lay_out_estimator(model: Model) -> EstimatorArrays:
+    """Return the arrays of a model file's estimator; raises ModelError for numbers that cannot be used."""
+    sampling = model.best.sampling
+    length = sampling.delay_ticks + 1
+    layout = layout_of(sampling)
+    layout.set_counts(
+        {
+            HAS_NOW: model.sampling.delay_ticks == 0,
+            RING_VALUES: layout.state(RING_WIDTH * length),
+            RING_STAMPS: layout.memory(RING_WIDTH * length),
+            LATE_VALUES: layout.state(LATE_WIDTH * length),
+            LATE_STAMPS: layout.memory(length),
+        }
+    )
+    absent = Layout(1, 1, 1, 1).arrays()
+    now = absent if model.sampling.delay_ticks else model.lay_out().arrays()
+    late = model.best.lay_out().arrays() if sampling.delay_ticks else absent
+    return EstimatorArrays(layout.arrays(), now, late)
 
 
 class Estimator:
@@ -92,58 +86,20 @@ class Estimator:
 
     def __init__(self, model: Model) -> None:
         self.model = model
+        parts = [array for p, n, s, k in lay_out_estimator(model) for array in (floats(p), ints(n), floats(s), ints(k))]
+        _, self._n, self._s, self._k, now_p, now_n, now_s, now_k, _, _, _, late_k = parts
         delay = model.best.sampling.delay_ticks
-        self._own = ForceRun(model)
-        self.predictor = self._own.predictor
-        self._now = None if model.sampling.delay_ticks else self._own
-        self._late = None if delay == 0 else ForceRun(model.delayed) if model.delayed else self._own
-        self._tracker = Tracker(model.best.sampling)
-        self._waiting: deque[tuple[int | None, float, float]] = deque(
-            maxlen=delay + 1
-        )  # stamp, current, ahead of ticks
-        self._tick_s = 1.0 / model.sampling.rate_Hz
-        self.delay_ns = round(delay * self._tick_s * 1e9)
+        self._has_now, self._has_late = not model.sampling.delay_ticks, delay > 0
+        self._own = now_k if self._has_now else late_k
+        self._half_width = bind(run_half_width, now_p, now_n, now_s)
+        self._step, self._reset = bind(estimator_step, *parts), bind(estimator_reset, *parts)
+        self._skip_late = bind(estimator_skip_late, self._n, self._s, self._k)
+        self.delay_ns = round(delay / model.sampling.rate_Hz * 1e9)
         self.reset()
 
     def reset(self) -> None:
         """Bring the estimator back to new."""
-        self._tracker.reset()
-        self._restart_models()
-        self.late: list[LateEstimate] = []
-        self.position = self.speed = 0.0
-        self.reason, self.cause = WARMING_UP, ""
-
-    def _restart_models(self) -> None:
-        self._waiting.clear()
-        for run in (self._now, self._late):
-            if run is not None:
-                run.restart()
-
-    @property
-    def is_warm(self) -> bool:
-        """True if `step` has just given all forces that the model estimates."""
-        return self.reason == OK and (self._late is None or bool(self.late))
-
-    @property
-    def clamped(self) -> bool:
-        """True if the last inputs lay outside the envelope; they were clamped, unless the structure extrapolates."""
-        return self._own.predictor.clamped
-
-    @property
-    def held(self) -> bool:
-        """True if the last force lay outside the force envelope and was held at its end."""
-        return self._own.predictor.held
-
-    def half_width(self) -> float | None:
-        """Return the half-width [N] of the band around the force that `step` has just returned, None without one."""
-        return None if self._now is None else self._now.half_width()
-
-    def skip_late(self, until_ns: int) -> None:
-        """Give no estimates in `late` up to this stamp: another estimator has given them."""
-        self.late = [one for one in self.late if one.stamp_ns > until_ns]
-        for i, (stamp_ns, current, ahead) in enumerate(self._waiting):
-            if stamp_ns is not None and stamp_ns <= until_ns:
-                self._waiting[i] = None, current, ahead
+        self._reset()
 
     def step(self, stamp_ns: int, position_m: float, current_A: float, motion: float = 0.0) -> float | None:
         """Return the force [N] at `stamp_ns`, within the model's force envelope, or None with `reason` set.
@@ -151,41 +107,62 @@ class Estimator:
         `motion` is the signal `model.sampling.motion`, if the model needs one. Bad samples count as missing. With only
         a delayed model there is no force at once: the reason is "ok" while `late` has those of earlier samples.
         """
-        if self.late:
-            self.late = []
-        if not isfinite(current_A):
-            self.reason = NOT_FINITE
+        if self._step(stamp_ns, position_m, current_A, motion) or not self._has_now:
             return None
-        tracker = self._tracker
-        outcome = tracker.advance(stamp_ns, position_m, motion)
-        if outcome != OK:
-            if outcome not in (RESTARTED, UNSETTLED):
-                self.reason = outcome
-                return None
-            self.cause = outcome
-            if outcome == RESTARTED:
-                self._restart_models()
-        self.position, self.speed = tracker.position, tracker.speed
-        if self._late is not None and tracker.late_ticks:
-            for known in tracker.late_ticks[:-1]:  # lost
-                self._run_late(self._late, known, None, current_A)
-            self._run_late(self._late, tracker.late_ticks[-1], None if outcome == UNSETTLED else stamp_ns, current_A)
-        force = None if self._now is None else self._now.advance(tracker.ticks, current_A, tracker.ahead)
-        self.reason = self._own.reason
-        if outcome == UNSETTLED and self.reason == OK:
-            self.reason, force = WARMING_UP, None
-        elif self.reason == UNBOUNDED:
-            self.cause = UNBOUNDED
+        force: float = self._s[FORCE]
         return force
 
-    def _run_late(self, run: ForceRun, known: Tick | None, stamp_ns: int | None, current: float) -> None:
-        """Run the tick that is known now, when a newer one with this stamp and current begins."""
-        self._waiting.append((stamp_ns, current, self._tracker.ahead))
-        if known is None:
-            return
-        stamp, its_current, ahead = self._waiting[0]
-        force = run.advance((known,), its_current, ahead)
-        if force is not None and stamp is not None:
-            position, speed = known
-            position += ahead * self._tick_s * speed
-            self.late.append(LateEstimate(stamp, position, speed, force, run.half_width()))
+    @property
+    def reason(self) -> str:
+        """The word "ok", or why the last force was withheld."""
+        return REASONS[self._k[REASON]]
+
+    @property
+    def cause(self) -> str:
+        """What the warm-up is for; empty before the first sample."""
+        return REASONS[self._k[CAUSE]] if self._k[CAUSE] else ""
+
+    @property
+    def position(self) -> float:
+        """Position [m] at the last accepted sample."""
+        return self._s[TRACK_POSITION]
+
+    @property
+    def speed(self) -> float:
+        """Speed [m/s] at the last accepted sample."""
+        return self._s[TRACK_SPEED]
+
+    @property
+    def late(self) -> list[LateEstimate]:
+        """The estimates of earlier samples that the last step has brought."""
+        count = self._k[LATE_COUNT]
+        return [self._late_estimate(i) for i in range(count)] if count else []
+
+    def _late_estimate(self, i: int) -> LateEstimate:
+        at = self._n[LATE_VALUES] + LATE_WIDTH * i
+        *values, width = self._s[at : at + LATE_WIDTH]
+        return LateEstimate(self._k[self._n[LATE_STAMPS] + i], *values, width if isfinite(width) else None)
+
+    @property
+    def is_warm(self) -> bool:
+        """True if `step` has just given all forces that the model estimates."""
+        return self._k[REASON] == 0 and (not self._has_late or self._k[LATE_COUNT] > 0)
+
+    @property
+    def clamped(self) -> bool:
+        """True if the last inputs lay outside the envelope; they were clamped, unless the structure extrapolates."""
+        return self._own[CLAMPED] != 0
+
+    @property
+    def held(self) -> bool:
+        """True if the last force lay outside the force envelope and was held at its end."""
+        return self._own[HELD] != 0
+
+    def half_width(self) -> float | None:
+        """Return the half-width [N] of the band around the force that `step` has just returned, None without one."""
+        width = self._half_width() if self._has_now else None
+        return width if width is not None and isfinite(width) else None
+
+    def skip_late(self, until_ns: int) -> None:
+        """Give no estimates in `late` up to this stamp: another estimator has given them."""
+        self._skip_late(until_ns)

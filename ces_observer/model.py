@@ -17,10 +17,12 @@ from typing import Any
 from ces_observer.band import Band
 from ces_observer.bank_design import ACCELERATION, SPEED, BankSettings
 from ces_observer.errors import ModelError
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject, parse_json, read_bounded, write_atomically
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures import STRUCTURES
 from ces_observer.structures.structure import OperatingRange, Predictor, Range, Ranges, Structure
+from ces_observer.tick.model import WARM_UP
 
 SCHEMA = "ces-model/1"
 GONE = ("relaxation", "chambers")  # structures of earlier versions
@@ -146,6 +148,14 @@ class Model:
     def make_predictor(self) -> Predictor:
         """Return a new free run."""
         return self.body.make_predictor(self.operating_range)
+
+    def lay_out(self) -> Layout:
+        """Return the layout of a run of it: structure, warm-up and band; raises ModelError."""
+        layout = self.body.lay_out(self.operating_range)
+        layout.set_counts({WARM_UP: round(self.sampling.warm_up_s * self.sampling.rate_Hz)})
+        if self.band is not None:
+            self.band.fill(layout, self.sampling.rate_Hz)
+        return layout
 
     def certify(self) -> Certificate:
         """Return the certificate of its stability."""

@@ -19,7 +19,7 @@ from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model, parse_model
 from ces_observer.proof import intervals
-from ces_observer.tracker import OK
+from ces_observer.reasons import OK
 
 REFUSED, READ, WITHHELD, FORCE = "refused", "read", "withheld", "force"
 STEPS = 8  # of a model that was read: its corners, at its own rate

@@ -22,8 +22,8 @@ from ces_identify.validation.evaluate import describe_held, describe_outside, fi
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, load_model
 from ces_observer.options import Option
+from ces_observer.reasons import OK
 from ces_observer.signals import Signal
-from ces_observer.tracker import OK
 
 ESTIMATE_TOPIC, DELAYED_TOPIC = "/observer/estimate", "/observer/estimate_delayed"
 TYPE = "sensor_msgs/msg/JointState"

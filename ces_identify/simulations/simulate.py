@@ -1,22 +1,16 @@
-"""A model over whole arrays: a recording or a prepared series in; the force, and the half-width of its band, out.
-
-The forces are those of the estimator; the band is the batch form of `ces_observer.band.BandRun`, with the same
-half-width at every tick up to rounding.
-"""
+"""A model over whole arrays: a recording or a prepared series in; the estimator's force out."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.signal import lfilter
 
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Recording
 from ces_identify.numerics.speed_kernels import STATUS_OK, STATUS_RESTART
 from ces_identify.prepare.series import FreeRun, Series, prepare, select_samples, track_samples
 from ces_identify.structures import run_batch
-from ces_observer.band import STATE, Band
 from ces_observer.model import Model
 from ces_observer.structures.structure import Range
 
@@ -79,67 +73,6 @@ def sample_run(model: Model, recording: Recording) -> SampleRun:
     out, ticks = np.full(len(recording.channel("position")), np.nan), np.full(len(recording.channel("position")), -1)
     out[samples.index], ticks[samples.index] = at_samples, newest
     return SampleRun(model, out, ticks, series, run)
-
-
-@dataclass(frozen=True)
-class BandSignals:
-    """What the band depends on, tick by tick: the state (5, ticks), and rows (ticks,) of the other signals."""
-
-    state: F
-    force: F
-    change_of_force: F
-    reversal: F
-
-    def at(self, ticks: Mask) -> BandSignals:
-        """Return the signals at some ticks."""
-        return BandSignals(self.state[:, ticks], self.force[ticks], self.change_of_force[ticks], self.reversal[ticks])
-
-
-def band_half_width(band: Band, series: Series, force: F) -> F:
-    """Return the half-width [N] of `band` around the free run `force` (ticks,) of `series`, NaN where that is NaN."""
-    signals = band_signals(series, force, band.change_s, band.reversal_s)
-    width = np.asarray(band.parts) @ part_values(signals, band.speed_m_s, band.current_A)
-    return np.asarray(width * growth(band, signals.state))
-
-
-def band_signals(series: Series, force: F, change_s: float, reversal_s: float) -> BandSignals:
-    """Return the signals of the band for the free run `force` (ticks,) of `series`."""
-    change = _change(force, series, change_s)
-    return BandSignals(band_state(series, change_s), force, change, np.exp(-since_reversal(series) / reversal_s))
-
-
-def band_state(series: Series, change_s: float) -> F:
-    """Return the state (5, ticks) of `ces_observer.band.STATE`."""
-    changes = [_change(signal, series, change_s) for signal in (series.speed, series.current)]
-    return np.stack([series.position, series.speed, series.current, *changes])
-
-
-def part_values(signals: BandSignals, speed_m_s: float, current_A: Range) -> F:
-    """Return what the weights of `ces_observer.band.PARTS` multiply, (parts, ticks)."""
-    speed, current = signals.state[STATE.index("speed")], signals.state[STATE.index("current")]
-    low, high = current_A
-    share = np.clip((current - low) / (high - low), 0.0, 1.0) if high > low else np.zeros(len(current))
-    u = np.abs(speed) / speed_m_s
-    forces = (np.abs(signals.force), np.abs(signals.change_of_force))
-    return np.stack([1.0 - share, share, 1.0 / (1.0 + u), u, *forces, signals.reversal])
-
-
-def growth(band: Band, state: F) -> F:
-    """Return how much larger errors are at `state` (5, ticks) than on the identification data, by the band's law."""
-    whitening = np.zeros((len(band.whitening), len(band.whitening)))  # its upper triangle is given by rows
-    whitening[np.triu_indices(len(whitening))] = np.concatenate([np.asarray(row) for row in band.whitening])
-    squares = ((whitening @ (state - np.array(band.mean)[:, None])) ** 2).sum(axis=0)
-    share = band.constant_share
-    return np.asarray(np.sqrt(share + (1.0 - share) * np.minimum(squares, band.max_distance**2)))
-
-
-def _change(signal: F, series: Series, change_s: float) -> F:
-    """Return `signal` minus its low-pass, which begins at each segment's first value."""
-    decay, out = np.exp(-1.0 / (change_s * series.rate_Hz)), np.empty(len(signal))
-    for start, stop in series.segments:
-        first = [decay * signal[start]]
-        out[start:stop] = signal[start:stop] - lfilter([1.0 - decay], [1.0, -decay], signal[start:stop], zi=first)[0]
-    return out
 
 
 def since_reversal(series: Series) -> F:

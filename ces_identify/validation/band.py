@@ -10,13 +10,8 @@ from scipy.optimize import nnls
 
 from ces_data.arrays import F, Mask
 from ces_identify.prepare.series import Series
-from ces_identify.simulations.simulate import (
-    band_signals,
-    band_state,
-    growth,
-    part_values,
-    simulate_series,
-)
+from ces_identify.simulations.band_run import NOWHERE, band_state, parts_and_growth
+from ces_identify.simulations.simulate import simulate_series
 from ces_observer.band import PARTS, STATE, Band
 from ces_observer.model import Model
 
@@ -37,6 +32,10 @@ RIDGE = 1e-4  # of the state's correlation matrix: directions that the recording
 FIGURES = 6
 MIN_SPREAD = 1e-6  # [m, m/s, A]: a state that changes less counts as constant
 MIN_SIZE = 1e-3  # of an error's prediction, relative to the mean error
+
+PLAIN = Band(
+    LEVEL, CHANGE_S, REVERSAL_S, 1.0, (0.0, 1.0), (0.0,) * len(PARTS), (0.0,) * len(STATE), NOWHERE, MAX_DISTANCE, 1.0
+)  # whose weights and state are not known yet
 
 Refit = Callable[[F], Model | None]
 """Fits the model's parameters again with a weight of 0 or 1 for each tick (stacked series); None if that fails."""
@@ -102,9 +101,8 @@ def _errors_on(model: Model, series: Sequence[Series], ticks: Sequence[Mask], ba
     for one, mask in zip(series, ticks, strict=True):
         force = simulate_series(model, one).force if mask.any() else np.full(len(one), np.nan)
         usable = mask & np.isfinite(force) & (np.arange(len(one)) % step == 0)
-        signals = band_signals(one, force, band.change_s, band.reversal_s).at(usable)
-        sizes = np.abs(one.force - force)[usable] / growth(known, signals.state)
-        rows.append(_Errors(sizes, part_values(signals, band.speed_m_s, band.current_A)))
+        parts, growth = parts_and_growth(band, known, one, force)
+        rows.append(_Errors((np.abs(one.force - force) / growth)[usable], parts[:, usable]))
     return _join(rows)
 
 
@@ -115,19 +113,15 @@ def _join(rows: Sequence[_Errors]) -> _Errors:
 
 def _describe_state(series: Sequence[Series], ticks: Sequence[Mask], constant_share: float) -> Band:
     """Return a band with the mean and spread of the states on some ticks, all weights zero."""
-    states = [band_state(s, CHANGE_S)[:, mask] for s, mask in zip(series, ticks, strict=True)]
+    states = [band_state(PLAIN, s)[:, mask] for s, mask in zip(series, ticks, strict=True)]
     state = np.concatenate(states, axis=1)
     mean, speed, current = state.mean(axis=1), state[STATE.index("speed")], state[STATE.index("current")]
-    return Band(
-        level=LEVEL,
-        change_s=CHANGE_S,
-        reversal_s=REVERSAL_S,
+    return replace(
+        PLAIN,
         speed_m_s=max(_round(np.sqrt(np.mean(speed**2))), MIN_SPREAD),
         current_A=(_round(current.min()), _round(current.max())),
-        parts=(0.0,) * len(PARTS),
         mean=_round_all(mean),
         whitening=tuple(_round_all(row[i:]) for i, row in enumerate(_whitening(state - mean[:, None]))),
-        max_distance=MAX_DISTANCE,
         constant_share=constant_share,
     )
 

@@ -23,7 +23,8 @@ from ces_identify.numerics.correlation import MIN_BINS, add_errors, estimate_sum
 from ces_identify.prepare.cost import Weighting, require_force, series_cost, weighted_cost
 from ces_identify.prepare.sampling import late
 from ces_identify.prepare.series import FreeRun, Series
-from ces_identify.simulations.simulate import band_half_width, simulate_series
+from ces_identify.simulations.band_run import band_half_width
+from ces_identify.simulations.simulate import simulate_series
 from ces_identify.validation.cycle_noise import CycleNoise, cycle_noise
 from ces_observer.model import Model
 from ces_observer.structures.structure import Range

@@ -18,7 +18,9 @@ from scipy.signal import lfilter
 
 from ces_data.arrays import F, I
 from ces_identify.prepare.series import Series
-from ces_identify.simulations.simulate import band_state, simulate_series, since_reversal
+from ces_identify.simulations.band_run import band_state
+from ces_identify.simulations.simulate import simulate_series, since_reversal
+from ces_identify.validation.band import PLAIN
 from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation, pooled_cost
 from ces_observer.model import Model
 from ces_report.typesetting import three_figures
@@ -33,7 +35,7 @@ MAX_TICKS, MIN_TICKS = 20_000, 2_000
 BLOCK_S, MIN_BLOCKS, FOLDS, DRAWS = 2.0, 14, 5, 99  # far longer than the memory of a damper
 RIDGE = 1e-2  # of the regressors' mean square
 CURVE = 6  # hat functions of the speed
-HEAT_S, CHANGE_S = 100.0, 0.01  # [s] in which oil warms up, and over which the speed changes
+HEAT_S = 100.0  # [s] in which oil warms up
 REGIONS = 5  # of a quantity, with as many ticks each
 MIN_CHANGE = 0.05  # of the force in a region, to be named
 NETWORK = "hydraulic"
@@ -186,12 +188,21 @@ def _collect(evaluations: Sequence[Evaluation]) -> _Ticks:
 
 def _quantities(e: Evaluation) -> list[F]:
     """Return QUANTITIES in their order, each (ticks,)."""
-    position, speed, current, change, _ = band_state(e.series, CHANGE_S)
+    position, speed, current, change, _ = band_state(PLAIN, e.series)
     power = np.abs(np.where(np.isfinite(e.series.force), e.series.force, e.run.force) * speed)
     decay = np.exp(-1.0 / (HEAT_S * e.series.rate_Hz))
     heat = lfilter([1.0 - decay], [1.0, -decay], np.nan_to_num(power))
     direction = np.where(speed < 0.0, -1.0, 1.0)
-    return [position, speed, current, direction, change / CHANGE_S, since_reversal(e.series), heat, e.series.time_s]
+    return [
+        position,
+        speed,
+        current,
+        direction,
+        change / PLAIN.change_s,
+        since_reversal(e.series),
+        heat,
+        e.series.time_s,
+    ]
 
 
 def _regressors(ticks: _Ticks, curve: bool) -> F:

@@ -20,7 +20,8 @@ from scipy.signal import lfilter
 
 from ces_data.arrays import F, I
 from ces_identify.prepare.series import Series
-from ces_identify.simulations.simulate import band_half_width, simulate_series
+from ces_identify.simulations.band_run import band_half_width
+from ces_identify.simulations.simulate import simulate_series
 from ces_iterate.commands import INTERVAL_S, RigCommands
 from ces_iterate.design.candidates import draw_current, draw_motion
 from ces_iterate.plan import RigLimits

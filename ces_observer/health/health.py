@@ -10,12 +10,11 @@ from typing import NamedTuple, Protocol
 
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
-from ces_observer.estimator import UNBOUNDED
 from ces_observer.health.episodes import Episodes, Stillness
 from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
 from ces_observer.health.streams import Arrivals, StreamFigures
-from ces_observer.tracker import BEYOND_STROKE, OK
+from ces_observer.reasons import BEYOND_STROKE, OK, UNBOUNDED
 
 Values = Iterator[tuple[str, str]]  # key and value for diagnostics
 

@@ -1,6 +1,6 @@
-"""The half-width of a model's band, tick by tick; `ces_observer.band` says what it means and where its numbers are from.
+"""The half-width of a model's band, tick by tick; `ces_observer.band` says what it means and how it is fitted.
 
-    half-width = growth * sum of weights * (low current, high current, slow, fast, |force|, |change of force|, reversal)
+    half-width = growth * sum of weights * (low, high current, slow, fast, |force|, |change of force|, reversal)
     growth^2 = share + (1 - share) * min(|whitening (state - mean)|, max_distance)^2
 
 The state is position, speed, current, and the recent changes of speed and current (Mahalanobis distance).

@@ -174,7 +174,8 @@ def _run_late(
 
 
 def _run_oldest(
-    p: Floats, n: Ints, s: Floats, k: Ints, late_p: Floats, late_n: Ints, late_s: Floats, late_k: Ints, i: int, slot: int
+    p: Floats, n: Ints, s: Floats, k: Ints, late_p: Floats, late_n: Ints, late_s: Floats, late_k: Ints,
+    i: int, slot: int,
 ) -> None:  # fmt: skip
     """Run late tick i with what waits at `slot` of the ring, and note its estimate."""
     position = s[n[LATE_AT] + 2 * i]

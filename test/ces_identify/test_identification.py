@@ -14,7 +14,7 @@ from ces_identify.identification import identify
 from ces_identify.polynomial.candidates import parse_rules
 from ces_identify.polynomial.search_limits import INTERRUPTED, Limits
 from ces_identify.prepare.sampling import choose_sampling
-from ces_identify.simulations.simulate import band_half_width
+from ces_identify.simulations.band_run import band_half_width
 from ces_identify.structures.kit import IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION

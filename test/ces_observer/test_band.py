@@ -8,10 +8,13 @@ from bands import BAND, make_band
 from model_examples import make_model
 from samplings import make_sampling
 
-from ces_observer.band import PARTS, BandRun
+from ces_observer.band import PARTS
 from ces_observer.errors import ModelError
 from ces_observer.estimator import Estimator
+from ces_observer.flat import Layout
 from ces_observer.model import parse_model
+from ces_observer.tick.band import band_half_width, band_tick
+from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
 
 MS = 1_000_000
 NO_DISTANCE = {"whitening": ((0.0,) * 5, (0.0,) * 4, (0.0,) * 3, (0.0,) * 2, (0.0,)), "constant_share": 1.0}
@@ -23,10 +26,12 @@ def only(part, weight=1.0):
 
 
 def width_after(band, *ticks):
-    run = BandRun(band, 1000.0)
+    layout = Layout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE)
+    band.fill(layout, 1000.0)
+    p, _, s, k = layout.arrays()
     for tick in ticks:
-        run.tick(*tick)
-    return run.half_width()
+        band_tick(p, s, k, *tick)
+    return band_half_width(p, s)
 
 
 def test_a_band_reads_back_equal_from_a_model_file():

@@ -10,10 +10,10 @@ from damper_models import delayed_damper, plain_damper
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
-from ces_observer.estimator import WARMING_UP, Estimator, LateEstimate
+from ces_observer.estimator import Estimator, LateEstimate
 from ces_observer.model import Model
+from ces_observer.reasons import BEYOND_STROKE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, WARMING_UP
 from ces_observer.structures.polynomial import Polynomial
-from ces_observer.tracker import BEYOND_STROKE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED
 
 MS = 1_000_000
 START = 1_700_000_000_000 * MS

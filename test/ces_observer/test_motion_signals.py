@@ -17,7 +17,7 @@ from ces_observer.damper_observer import NO_MOTION, DamperObserver
 from ces_observer.errors import ModelError, RecordingError
 from ces_observer.estimator import Estimator
 from ces_observer.model import parse_model
-from ces_observer.tracker import OK
+from ces_observer.reasons import OK
 
 MOTIONS = {"": {}, "speed": {"motion_noise": 2e-3}, "acceleration": {"motion_noise": 0.1}}
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bands import BAND, lower_bounds, make_band
+from bands import BAND, lower_bounds
 from constructed_models import constructed_damper
 from planted import FUZZY, NETWORK, SAMPLING, planted, stroked
 from planted_dampers import planted_model
@@ -13,8 +13,8 @@ from samplings import make_sampling
 
 from ces_data.recording import Channel, Recording
 from ces_identify.prepare.series import hold_current, prepare
-from ces_identify.simulations.simulate import band_half_width, sample_force, sample_run, simulate_series
-from ces_observer.band import BandRun
+from ces_identify.simulations.band_run import band_half_width
+from ces_identify.simulations.simulate import sample_force, sample_run, simulate_series
 from ces_observer.estimator import Estimator
 from ces_observer.model import Envelope, Model, parse_model
 from ces_observer.structures.polynomial import Polynomial
@@ -140,19 +140,6 @@ def test_a_model_read_back_from_its_file_gives_the_same_force(kind) -> None:
 
 
 # ------------------------------------------------------------------------------------------------------- the band
-
-
-@pytest.mark.parametrize("band", [BAND, make_band(current_A=(0.5, 0.5)), make_band(max_distance=1e6)])
-def test_widths_of_series_and_ticks_agree(band) -> None:
-    one = series(3000, segments=SEGMENTS)
-    force = np.random.default_rng(0).normal(0.0, 300.0, 3000)
-    run, ticked = BandRun(band, one.rate_Hz), np.empty(3000)
-    for start, stop in SEGMENTS:
-        run.reset()
-        for k in range(start, stop):
-            run.tick(one.position[k], one.speed[k], one.current[k], force[k])
-            ticked[k] = run.half_width()
-    np.testing.assert_allclose(band_half_width(band, one, force), ticked, rtol=1e-9)
 
 
 def test_there_is_no_half_width_without_a_force() -> None:

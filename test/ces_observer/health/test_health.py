@@ -14,11 +14,10 @@ from physical_models import LINEAR
 
 from ces_observer.current_hold import ConstantCurrent
 from ces_observer.damper_observer import NO_CURRENT, OFF_CLOCK, POSITION_NOT_FINITE, SILENT, DamperObserver
-from ces_observer.estimator import UNBOUNDED, WARMING_UP
 from ces_observer.health.health import LEVEL_ERROR, LEVEL_OK, LEVEL_WARN, Health, NodeFacts, Status
 from ces_observer.health.process import Load
 from ces_observer.health.running_cost import RunningCost
-from ces_observer.tracker import OK, OUT_OF_ORDER, OUTLIER
+from ces_observer.reasons import OK, OUT_OF_ORDER, OUTLIER, UNBOUNDED, WARMING_UP
 
 MS = 1_000_000
 SECOND = 1000 * MS

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from ces_observer.health.log_lines import LineLimit, ReasonLog
-from ces_observer.tracker import OK, OUTLIER
+from ces_observer.reasons import OK, OUTLIER
 
 
 def test_a_state_is_one_line_at_its_begin_and_one_at_its_end() -> None:

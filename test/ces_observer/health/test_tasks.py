@@ -17,7 +17,7 @@ from ces_observer.health.health import (
     unconfigured_report,
 )
 from ces_observer.health.running_cost import RunningCost
-from ces_observer.tracker import OK
+from ces_observer.reasons import OK
 
 MS = 1_000_000
 
