@@ -1,8 +1,9 @@
-"""The C++ core of an exported ROS 2 package is the Python observer's twin, and allocates nothing with the samples."""
+"""The core of the C++ package: it repeats what the Python observer does, bit for bit, and refuses spoilt models."""
 
 import random
 import re
 import subprocess
+import zlib
 from dataclasses import replace
 from functools import cache
 from importlib import resources
@@ -11,25 +12,20 @@ from math import inf, nan
 import numpy as np
 import pytest
 from bands import BAND
-from damper_models import plain_damper
+from cpp_core import FLAGS, HOLDS, PACKAGE, UNPROVED, compile_replay, run, save_flat
+from damper_models import damper_with_past, plain_damper
 from exported_c import two_models
 from hydraulic_models import hydraulic_model, make_hydraulic
 from physical_examples import make_valve
+from replay_sequence import MS, START_NS, ReplaySequence, record_faults
 from trained_models import network_model
 
-from ces_data.signals_file import load_signals
-from ces_identify.export.replay_sequence import START_NS, ReplaySequence, record_faults
-from ces_identify.export.ros_package import export_ros_package, write_package
+from ces_identify.export.flat_file import HEAD, SIZES
 from ces_observer.health.streams import Arrivals, Losses
 from ces_observer.model import load_model
-from ces_observer.proof.certificate import Contraction
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("cc", "c++")]
 
-FLAGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Werror", "-O0", "-fsanitize=undefined"]
-FLAGS += ["-fno-sanitize-recover=undefined"]
-UNPROVED = Contraction(2.0, 1.0, 1, "", "")
-MS = 1_000_000
 SAMPLE = resources.files("ces_observer").joinpath("../config/models/sample.json")
 
 
@@ -48,52 +44,78 @@ MODELS = {
 
 
 @pytest.fixture(scope="module")
-def replayer(tmp_path_factory):
-    """Return a model of MODELS and the folder with its package and compiled replay, by its name."""
+def program(tmp_path_factory):
+    return compile_replay(tmp_path_factory.mktemp("core"))
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory):
+    """Return a model of MODELS and the path of its flat file, by its name."""
+    folder = tmp_path_factory.mktemp("models")
 
     def find(name):
-        model, folder = MODELS[name](), tmp_path_factory.mktemp("package") / "damper"
-        write_package(folder, export_ros_package(model, "damper", load_signals(), UNPROVED))
-        compile_replay(folder)
-        return model, folder
+        model = MODELS[name]()
+        return model, save_flat(model, folder / f"{name.replace(' ', '_')}.ces")
 
     return cache(find)
 
 
-def compile_replay(folder):
-    subprocess.run(["cc", "-std=c99", *FLAGS, "-c", "src/model/damper.c", "-o", "m.o"], cwd=folder, check=True)
-    words = ["c++", "-std=c++17", *FLAGS, "-Isrc", "m.o", "test/replay.cpp", "-o", "replay"]
-    subprocess.run(words, cwd=folder, check=True)
-
-
-def replay(folder, text):
-    """Replay a sequence; return exit status and output."""
-    (folder / "sequence.txt").write_text(text, encoding="ascii")
-    done = subprocess.run(["./replay", "sequence.txt"], cwd=folder, capture_output=True, text=True, check=False)
-    return done.returncode, done.stdout + done.stderr
+def require_same(program, path, sequence, folder):
+    """Replay a sequence; each answer is that of Python, and nothing was allocated with finite samples."""
+    (folder / "sequence").write_text("\n".join([*sequence.events, ""]), encoding="ascii")
+    status, output = run([program, path, folder / "sequence"])
+    assert status == 0, output
+    *answers, allocations = output.splitlines()
+    for number, (answer, expected) in enumerate(zip(answers, sequence.answers, strict=True)):
+        assert answer == expected, number
+    assert allocations == "0 allocations with finite samples"
 
 
 @pytest.mark.parametrize("name", MODELS)
-def test_the_stored_sequence_is_repeated_without_allocating(replayer, name) -> None:
-    model, folder = replayer(name)
-    text = (folder / "test" / "sequence.txt").read_text()
-    status, output = replay(folder, text)
-    assert (status, output.splitlines()[-1]) == (0, "0 allocations with finite samples"), output
-    assert text == record_faults(model)
-    reasons = {line.split(" ", 4)[4] for line in text.splitlines() if line.startswith("x ")}
+def test_samples_with_faults_give_the_same_answers(program, flat, tmp_path, name) -> None:
+    model, path = flat(name)
+    sequence = record_faults(model)
+    require_same(program, path, sequence, tmp_path)
+    reasons = {line.split(" ", 5)[5] for line in sequence.answers if line.startswith("x ")}
     assert {"ok", "warming up", "position is not finite", "position stamps are off the node's clock"} <= reasons
     assert {"stamp repeats or runs backwards", "no usable current", "position is beyond the stroke"} <= reasons
 
 
 @pytest.mark.parametrize(("seed", "wait_s"), [(0, 0.0), (1, 0.005)])
 @pytest.mark.parametrize("name", MODELS)
-def test_any_samples_give_the_same_answers(replayer, name, seed, wait_s) -> None:
-    model, folder = replayer(name)
-    text = fuzzed(model, wait_s, seed)
-    status, output = replay(folder, text)
-    assert status == 0, output
-    assert len(re.findall("^x [0-9 ]+ ok$", text, re.MULTILINE)) > 700
+def test_any_samples_give_the_same_answers(program, flat, tmp_path, name, seed, wait_s) -> None:
+    model, path = flat(name)
+    sequence = fuzzed(model, wait_s, seed)
+    require_same(program, path, sequence, tmp_path)
+    text = "\n".join(sequence.answers)
+    assert len(re.findall("^x .* ok$", text, re.MULTILINE)) > 700
     assert (len(re.findall("^l ", text, re.MULTILINE)) > 700) == bool(model.best.sampling.delay_s)
+
+
+def test_other_models_take_over_between_two_samples(program, flat, tmp_path) -> None:
+    """Each warms up beside the one before, on the same samples; no force is missing meanwhile."""
+    (first, path), chance = flat("polynomial"), random.Random(4)
+    sequence, position = ReplaySequence(first, 0.0, 0.0), 0.0
+    names = ["a delay", "hydraulic", "two models", "network, measured speed", "a delay"]
+    for k in range(3500):
+        if k % 500 == 499 and names:
+            sequence.load(*flat(names.pop(0)), START_NS + k * MS)
+        position = chance.gauss(0.97 * position, 2e-4)
+        sequence.damper.take_motion("speed", START_NS + k * MS, speed := chance.gauss(0.0, 0.3))
+        sequence.events.append(f"v {START_NS + k * MS} {speed!r} {START_NS + k * MS}")
+        if k == 2700:
+            sequence.reset(START_NS + k * MS)
+        if k == 1000:  # one that is warming up is replaced
+            sequence.load(*flat("polynomial"), START_NS + k * MS)
+            sequence.load(*flat("hydraulic"), START_NS + k * MS)
+        sequence.take_current(START_NS + k * MS, chance.uniform(0.3, 0.6), START_NS + k * MS)
+        sequence.take_position(START_NS + k * MS, position, START_NS + k * MS)
+    require_same(program, path, sequence, tmp_path)
+    ran = [line.split()[4] for line in sequence.answers if line.startswith("x ")]
+    assert len({*ran}) == 5
+    assert sum(one != other for one, other in zip(ran, ran[1:], strict=False)) == 5
+    late = [int(line.split()[1]) for line in sequence.answers if line.startswith("l ")]
+    assert len(late) == len({*late})
 
 
 def fuzzed(model, wait_s, seed):
@@ -113,7 +135,7 @@ def fuzzed(model, wait_s, seed):
             sequence.take_position(stamp_ns, position, stamp_ns + MS)
         else:
             act(sequence, chance, stamp_ns, position, now_near(chance, stamp_ns))
-    return sequence.text
+    return sequence
 
 
 def now_near(chance, stamp_ns):
@@ -138,16 +160,90 @@ def act(sequence, chance, stamp_ns, position, now_ns):
         chance.choice((sequence.reset, sequence.report_silence))(now_ns)
 
 
-def test_a_difference_is_found_and_printed(replayer) -> None:
-    folder = replayer("polynomial")[1]
-    lines = (folder / "test" / "sequence.txt").read_text().splitlines()
-    place = next(k for k, line in enumerate(lines) if line.startswith("e "))
-    words = lines[place].split()
-    words[2] = repr(float(words[2]) * (1.0 + 1e-8) + 1e-8)
-    status, output = replay(folder, "\n".join([*lines[:place], " ".join(words), *lines[place + 1 :]]) + "\n")
-    assert status == 1
-    assert "1 differ" in output
-    assert replay(folder, "settings 0 0\n") == (2, "replay: sequence.txt: no results\n")
+def seal(content):
+    """Return a file's content with its checksum."""
+    return content[:-4] + zlib.crc32(content[:-4]).to_bytes(4, "little")
+
+
+def edit(content, old, new):
+    """Return the content with another text of the same length."""
+    assert content.count(old) == 1 and len(old) == len(new)
+    return seal(content.replace(old, new))
+
+
+def arrays_of(content):
+    """Return the places of p and n of the sampling, and how many numbers n has."""
+    start = HEAD.size + HEAD.unpack_from(content)[2]
+    start += -start % 8
+    numbers, counts, *_ = SIZES.unpack_from(content, start)
+    return start + SIZES.size, start + SIZES.size + 8 * numbers, counts
+
+
+def put(content, place, value):
+    """Return the content with other 8 bytes at a place."""
+    return seal(content[:place] + value + content[place + 8 :])
+
+
+def refusal(program, path, content):
+    """Return the line with which a file of this content is refused."""
+    path.write_bytes(content)
+    (path.parent / "sequence").write_text("settings 0 0\n")
+    status, output = run([program, path, path.parent / "sequence"])
+    assert (status, output.count("\n")) == (2, 1), output
+    assert output.startswith(f"{path}: ")
+    return output.removeprefix(f"{path}: ").strip()
+
+
+SPOILT = {
+    "no flat model file": lambda c: b"{}",
+    "is no flat model file": lambda c: b"CES-FLOT" + c[8:],
+    "cannot be read, or is empty": lambda c: b"",
+    "has more than 16 MiB": lambda c: c + bytes(1 << 24),
+    "has version 2 of the format; expected 1": lambda c: seal(c[:8] + b"\2" + c[9:]),
+    "its checksum is wrong": lambda c: c[:-9] + bytes([c[-9] ^ 1]) + c[-8:],
+    "its text is longer than the file": lambda c: seal(c[:12] + b"\xff\xff\xff\x7f" + c[16:]),
+    "has no 'core'": lambda c: edit(c, b"core=", b"cork="),
+    "was written for the core 0123": lambda c: edit(c, c[21:25], b"0123"),
+    "has no 'stroke_min_m'": lambda c: edit(c, b"stroke_min_m=", b"stroke_mid_m="),
+    "delay_s is 'x.0'; expected a number": lambda c: edit(c, b"\ndelay_s=0.0", b"\ndelay_s=x.0"),
+    "sampling has a size of -1": lambda c: put(c, arrays_of(c)[0] - 16, b"\xff" * 8),
+    "sampling is longer than the file": lambda c: put(c, arrays_of(c)[0] - 32, (2**20).to_bytes(8, "little")),
+    "sampling: number 3 is nan": lambda c: put(c, arrays_of(c)[0] + 24, np.float64(nan).tobytes()),
+    "bytes too many": lambda c: seal(c[:-4] + bytes(12)),
+    "late is missing": lambda c: seal(c[:-80] + bytes(4)),
+}
+
+
+@pytest.mark.parametrize("message", SPOILT)
+def test_a_spoilt_file_is_refused_with_one_line(program, flat, tmp_path, message) -> None:
+    content = flat("polynomial")[1].read_bytes()
+    assert message in refusal(program, tmp_path / "m.ces", SPOILT[message](content))
+
+
+def test_a_file_that_is_cut_off_or_flipped_anywhere_is_refused(program, flat, tmp_path) -> None:
+    content, chance = flat("two models")[1].read_bytes(), random.Random(1)
+    for place in [chance.randrange(len(content)) for _ in range(30)]:
+        refusal(program, tmp_path / "m.ces", content[:place])
+        refusal(program, tmp_path / "m.ces", content[:place] + bytes([content[place] ^ 64]) + content[place + 1 :])
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_no_whole_number_leads_out_of_the_arrays(program, flat, tmp_path, name) -> None:
+    """Whatever n holds, the file is refused, or its samples stay within the arrays (AddressSanitizer)."""
+    model, path = flat(name)
+    content, chance = path.read_bytes(), random.Random(2)
+    events = fuzzed(model, 0.0, 3).events[:400]
+    (tmp_path / "sequence").write_text("\n".join([*events, ""]))
+    refused = 0
+    _, start, count = arrays_of(content)
+    for _ in range(60):
+        value = chance.choice((-1, 0, 1, 2, 1000, 2**31, 2**62, -(2**63), 2**63 - 1, chance.randrange(200)))
+        place = start + 8 * chance.randrange((len(content) - 4 - start) // 8 if chance.random() < 0.5 else count)
+        (tmp_path / "m.ces").write_bytes(put(content, place, value.to_bytes(8, "little", signed=True)))
+        status, output = run([program, tmp_path / "m.ces", tmp_path / "sequence"])
+        assert status in (0, 2) and "Sanitizer" not in output and "runtime error" not in output, output
+        refused += status == 2
+    assert refused > 5
 
 
 ARRIVALS = """
@@ -177,8 +273,7 @@ YEAR_S = 365 * 86400
 @pytest.mark.parametrize("seed", range(4))
 def test_arrivals_are_counted_as_in_python(tmp_path, seed) -> None:
     """Also after stamps far from the others, gaps, repeats and stalls: the losses come back to what is lost."""
-    package = resources.files("ces_identify.export") / "ros_package"
-    words = ["c++", "-std=c++17", *FLAGS, f"-I{package / 'src'}", "-x", "c++", "-", "-o", "arrivals"]
+    words = ["c++", "-std=c++17", *FLAGS, f"-I{PACKAGE / 'src'}", "-x", "c++", "-", "-o", "arrivals"]
     subprocess.run(words, input=ARRIVALS, text=True, cwd=tmp_path, check=True)
     chance, python, lines, expected = random.Random(seed), Arrivals(losses=Losses(1000)), [], []
     for second in range(20):

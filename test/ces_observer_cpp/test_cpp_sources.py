@@ -1,20 +1,26 @@
-"""The table of parameters as YAML: each option is declared and set in it as in the table."""
+"""What the C++ package is built from: parameters as in the table, reasons as in Python; the standard library suffices."""
 
 from __future__ import annotations
 
-from math import inf
+import json
+import re
+import subprocess
+import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
 
-from ces_identify.export.parameter_library import parameter_file, parameter_library
+from ces_identify.export.cpp_sources import PYTHON_ONLY, list_parameters, parameter_library, reason_header
+from ces_observer import damper_observer
 from ces_observer.errors import CesError
-from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, signal_options
+from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE
 from ces_observer.options import Option
-from ces_observer.signals import DEFAULTS
+from ces_observer.reasons import REASONS
+from ces_observer.tick import tracker
 
-OPTIONS = (*OF_THE_NODE, *OF_A_DAMPER, NAME, *signal_options("current", DEFAULTS["current"] | {"scale": 2.0}))
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def nested(options: dict[str, Any], name: str) -> Any:
@@ -29,10 +35,10 @@ def declaration(option: Option) -> dict[str, Any]:
 
 
 def test_each_option_is_declared_with_type_default_and_meaning() -> None:
-    (root, tree), *others = yaml.safe_load(parameter_library("damper", OPTIONS)).items()
+    (root, tree), *others = yaml.safe_load(parameter_library("damper", list_parameters())).items()
     assert root == "damper" and not others
     kinds = {"bool": bool, "int": int, "double": float, "string": str}
-    for option in OPTIONS:
+    for option in list_parameters():
         declared = nested(tree, option.name)
         assert kinds[declared["type"].removesuffix("_array")] is option.kind
         assert declared["type"].endswith("_array") == option.many
@@ -41,11 +47,16 @@ def test_each_option_is_declared_with_type_default_and_meaning() -> None:
         assert declared["description"] == option.described.replace('"', "'")
 
 
+def test_it_has_the_parameters_of_the_python_node_but_a_few() -> None:
+    names = {option.name.partition(".")[0] for option in list_parameters()}
+    common = {option.name for option in (*OF_THE_NODE, *OF_A_DAMPER, NAME)}
+    assert names == common - {*PYTHON_ONLY} | {"position", "current", "speed", "acceleration"}
+
+
 @pytest.mark.parametrize(
     ("option", "validation"),
     [
         (Option("age", 0.5, "", 0, 3600), {"ces::within<>": [0.0, 3600.0]}),
-        (Option("gain", 1.0, ""), {"ces::within<>": [-inf, inf]}),
         (Option("depth", 5, "", 1, 100), {"ces::within<>": [1, 100]}),
         (Option("what", "a", "", choices=("a", "b")), {"ces::one_of<>": [["a", "b"]]}),
         (Option("name", "a", ""), None),
@@ -69,14 +80,20 @@ def test_a_text_is_a_literal_in_cpp() -> None:
         parameter_library("damper", [Option("field", "a\nb", "")])
 
 
-def test_the_file_sets_the_defaults_and_tells_the_meaning_once() -> None:
-    options = [option for option in OPTIONS if option.default is not None]
-    text = parameter_file("Parameters of a damper.", options)
-    parameters = yaml.safe_load(text)["/**"]["ros__parameters"]
-    assert {option.name: nested(parameters, option.name) for option in options} == {o.name: o.default for o in options}
-    assert text.startswith("# Parameters of a damper.\n/**:\n")
-    assert max(map(len, text.splitlines())) <= 120
-    words = " ".join(line.strip().removeprefix("# ") for line in text.splitlines() if line.strip().startswith("#"))
-    for option in options:
-        assert words.count(option.described.removeprefix("current: ")) == 1, option.name
-    assert "[s]; 0: any; from 0 to 3600 (live)" in words
+def test_reasons_have_the_codes_of_the_tick_and_the_words_of_python() -> None:
+    header = reason_header()
+    names = re.findall(r"\w+", re.findall(r"enum Reason : std::size_t \{(.*)\};", header)[0])
+    texts = json.loads("[" + re.findall(r"REASON_TEXTS\{([^}]*)\};", header)[0] + "]")
+    for name, text in zip(names, texts, strict=True):
+        if name in vars(damper_observer) and name.isupper() and names.index(name) >= len(REASONS):
+            assert text == getattr(damper_observer, name)
+        else:
+            assert text == REASONS[getattr(tracker, name)]
+
+
+def test_the_standard_library_suffices(tmp_path: Path) -> None:
+    words = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r}); import runpy; "
+             f"sys.argv[1:] = [{str(tmp_path)!r}]; runpy.run_module('ces_identify.export.cpp_sources', run_name='__main__')"]  # fmt: skip
+    subprocess.run(words, check=True)
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written == {"ces_core.c", "ces_core.h", "parameters.yaml", "from_python.hpp"}

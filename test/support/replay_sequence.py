@@ -1,7 +1,7 @@
-"""Sequences of samples with the observer's answers: what a generated ROS 2 package replays in its own test.
+"""Sequences of samples, and what the observer in Python makes of them, for the program `replay` in C++.
 
-`ReplaySequence` feeds a `DamperObserver` as the node does, and records each event and each answer as a line of text;
-ros_package/test/replay.cpp reads the lines. `record_faults` is the sequence that is stored in a package.
+`ReplaySequence` feeds a `DamperObserver` as the node does, and records each event as a line for `replay`, and each answer
+as `replay` prints it.
 """
 
 from __future__ import annotations
@@ -9,11 +9,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf, nan, pi, sin
+from pathlib import Path
 from random import Random
 
 from ces_observer.current_hold import ConstantCurrent, CurrentHold, PositionQueue
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.model import Model
+from ces_observer.signals import MOTIONS
 
 START_NS = 1_000_000_000_000
 MS = 1_000_000
@@ -24,40 +26,40 @@ MAX_AGE_S = 0.5
 NO_WIDTH = -1.0
 FAR_M = (0.03, 100.0)  # of a position that is an outlier or beyond the stroke
 OFF_CLOCK_NS = round(1.2e9 * MAX_AGE_S)
+KINDS = {"speed": "v", "acceleration": "a"}  # of an event
 
 
 class ReplaySequence:
-    """A recorded sequence; positions wait for their current at most `wait_s`, `max_age_s` is as in the node."""
+    """Events and answers; positions wait for their current at most `wait_s`, `max_age_s` is as in the node."""
 
     def __init__(self, model: Model, wait_s: float = WAIT_S, max_age_s: float = MAX_AGE_S) -> None:
-        motion = model.sampling.motion
-        motions = {motion: CurrentHold(model.sampling.max_gap_s)} if motion else {}
-        self.damper = DamperObserver(model, CurrentHold(model.sampling.max_current_age_s), max_age_s, motions)
-        self._motion = motion
+        current = CurrentHold(model.sampling.max_current_age_s)
+        self.damper = DamperObserver(model, current, max_age_s, {name: CurrentHold(1.0) for name in MOTIONS})
         self._queue = PositionQueue(wait_s)
-        self._lines = [f"settings {wait_s!r} {max_age_s!r}"]
+        self.events = [f"settings {wait_s!r} {max_age_s!r}"]
+        self.answers: list[str] = []
 
-    @property
-    def text(self) -> str:
-        """All lines."""
-        return "\n".join([*self._lines, ""])
+    def load(self, model: Model, path: Path, now_ns: int) -> None:
+        """Let another model take over, which is in a flat file."""
+        self.damper.load(model)
+        self.events.append(f"n 0 0 {now_ns} {path}")
 
     def take_current(self, stamp_ns: int, current_A: float, now_ns: int) -> None:
         """Add a current."""
-        current_A = self._record("c", stamp_ns, current_A, now_ns)
+        self._record("c", stamp_ns, current_A, now_ns)
         self.damper.take_current(stamp_ns, current_A)
         self._release(now_ns)
 
     def take_motion(self, stamp_ns: int, value: float, now_ns: int) -> None:
-        """Add the speed or acceleration, if the model needs one."""
-        if self._motion:
-            value = self._record("m", stamp_ns, value, now_ns)
-            self.damper.take_motion(self._motion, stamp_ns, value)
+        """Add the speed or acceleration, if the running model needs one."""
+        if motion := self.damper.motion_name:
+            self._record(KINDS[motion], stamp_ns, value, now_ns)
+            self.damper.take_motion(motion, stamp_ns, value)
             self._release(now_ns)
 
     def take_position(self, stamp_ns: int, position_m: float, now_ns: int) -> None:
         """Add a position."""
-        position_m = self._record("p", stamp_ns, position_m, now_ns)
+        self._record("p", stamp_ns, position_m, now_ns)
         if self._queue.is_waiting:
             self._queue.add(stamp_ns, position_m, b"", now_ns)
             self._release(now_ns)
@@ -83,13 +85,11 @@ class ReplaySequence:
 
     def explain(self) -> None:
         """Record the present reason with its details."""
-        self._lines.append(f"d {self.damper.reason}: {self.damper.explain()}")
+        self._record("d", 0, 0.0, 0)
+        self.answers.append(f"d {self.damper.reason}: {self.damper.explain()}")
 
-    def _record(self, kind: str, stamp_ns: int, value: float, now_ns: int) -> float:
-        """Record an event; return the value as it can be read from the line."""
-        text = f"{value:.9g}"
-        self._lines.append(f"{kind} {stamp_ns} {text} {now_ns}")
-        return float(text)
+    def _record(self, kind: str, stamp_ns: int, value: float, now_ns: int) -> None:
+        self.events.append(f"{kind} {stamp_ns} {value!r} {now_ns}")
 
     def _release(self, now_ns: int) -> None:
         signals = [one for one in (self.damper.current, self.damper.motion) if not isinstance(one, ConstantCurrent)]
@@ -102,16 +102,15 @@ class ReplaySequence:
         damper = self.damper
         force = damper.step(stamp_ns, position_m, now_ns)
         if force is not None:
-            self._record_estimate("e", stamp_ns, damper.position, damper.speed, force, damper.half_width())
+            self._answer("e", stamp_ns, damper.position, damper.speed, force, damper.half_width())
         for one in damper.late:
-            self._record_estimate("l", *one)
-        counts = damper.tally
-        self._lines.append(f"x {counts.clamped} {counts.held} {counts.late} {damper.reason}")
+            self._answer("l", *one)
+        counts, digest = damper.tally, damper.model.digest()[:8]
+        self.answers.append(f"x {counts.clamped} {counts.held} {counts.late} {digest} {damper.reason}")
 
-    def _record_estimate(self, kind: str, stamp_ns: int, *numbers: float | None) -> None:
-        *known, width = numbers
-        texts = (f"{number:.15g}" for number in (*known, NO_WIDTH if width is None else width))
-        self._lines.append(f"{kind} {stamp_ns} {' '.join(texts)}")
+    def _answer(self, kind: str, stamp_ns: int, *numbers: float | None) -> None:
+        texts = (f"{NO_WIDTH if number is None else number:.17g}" for number in numbers)
+        self.answers.append(f"{kind} {stamp_ns} {' '.join(texts)}")
 
 
 @dataclass(frozen=True)
@@ -148,8 +147,8 @@ class _Ride:
         return min(0.4 * (high - low) / max(self._amplitude, 1e-9), 10.0 * pi)
 
 
-def record_faults(model: Model) -> str:
-    """Return the text of a sequence with jitter, losses, wrong stamps and numbers, late currents and restarts."""
+def record_faults(model: Model) -> ReplaySequence:
+    """Return a sequence with jitter, losses, wrong stamps and numbers, late currents and restarts."""
     sequence, ride, chance = ReplaySequence(model), _Ride(model), Random(1)
     sampling = model.sampling
     warm_up_s = sampling.warm_up_s + 0.1
@@ -171,7 +170,7 @@ def record_faults(model: Model) -> str:
         _feed(sequence, ride, chance, k, time_s, stamp_ns, pauses=pause_s[0] <= time_s < pause_s[1])
     sequence.watch(START_NS + count * period_ns + shift_ns + 10**9)
     sequence.explain()
-    return sequence.text
+    return sequence
 
 
 def _feed(
