@@ -12,6 +12,7 @@ MODULES = (
     "curves",
     "valve",
     "mount",
+    "edges",
     "hydraulic",
     "constructed",
     "polynomial",
