@@ -16,6 +16,7 @@ MODULES = (
     "hydraulic",
     "constructed",
     "polynomial",
+    "layers",
     "lagged",
     "sigmoid",
     "fuzzy",
