@@ -30,6 +30,12 @@ class Layout:
         self.n = [0] * counts
         self.states, self.flags = states, flags
 
+    def reserve(self, numbers: int, counts: int, states: int, flags: int) -> None:
+        """Make room for named parts of these sizes; call it before tables are appended."""
+        self.p.extend([0.0] * (numbers - len(self.p)))
+        self.n.extend([0] * (counts - len(self.n)))
+        self.states, self.flags = max(states, self.states), max(flags, self.flags)
+
     def set_numbers(self, values: Mapping[int, float]) -> None:
         """Set numbers by the names of their places."""
         for place, value in values.items():

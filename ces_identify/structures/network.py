@@ -18,7 +18,8 @@ from ces_identify.trained.network_kernels import NetworkArrays
 from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_regressors, regressor_table
 from ces_observer.model import Model
 from ces_observer.options import Option
-from ces_observer.structures.network import STEEPEST, Network, SigmoidUnit
+from ces_observer.structures.network import Network, SigmoidUnit
+from ces_observer.tick.sigmoid import MAX_SIGMOID_EXPONENT
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
 FIRST_GAIN = 0.9  # gain of the past forces in a start
@@ -189,7 +190,7 @@ def tick_facts(network: Network, model: Model) -> dict[str, object]:
         "tables": tables,
         "scale": network.scale_N,
         "constant": network.constant,
-        "steepest": STEEPEST,
+        "steepest": MAX_SIGMOID_EXPONENT,
         "units": len(units),
     }
 

@@ -35,7 +35,7 @@ from ces_identify.prepare.series import Series
 from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run, lagged_normal_equations
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope, Model, Sampling
-from ces_observer.structures.lagged_signals import COLUMNS, Regressor
+from ces_observer.structures.lagged_signals import RINGS, Regressor
 from ces_observer.structures.structure import Range, Structure
 from ces_observer.structures.terms import Term
 
@@ -165,7 +165,7 @@ def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs:
     values = np.zeros((inputs.shape[1], len(regressors)))
     for j, r in enumerate(regressors):
         if r.signal != "force":
-            clamped = np.clip(inputs[COLUMNS[r.signal]], *envelope.by_signal[r.signal])
+            clamped = np.clip(inputs[RINGS.index(r.signal)], *envelope.by_signal[r.signal])
             values[:, j] = (delay_values(clamped, r.lag, segments) - r.mean) / r.spread
     past = [r if r.signal == "force" else Regressor("force", 0, 0.0, 1.0) for r in regressors]
     past_lags = np.array([r.lag for r in past], np.int64)

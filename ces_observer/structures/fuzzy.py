@@ -1,4 +1,4 @@
-"""A neuro-fuzzy model (ANFIS: first-order Takagi-Sugeno rules, generalised-bell memberships; Jang 1993): run and proof.
+"""A neuro-fuzzy model (ANFIS; Jang 1993): its parameters and proof of stability.
 
 force = scale_N * sum over rules of share * (constant + linear . phi), with phi the scaled regressors. A rule's share is
 the product of its memberships over the sum of all rules' products. Memberships depend on inputs, never on past forces,
@@ -14,30 +14,52 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import accumulate
 from math import prod
-from operator import mul
 from typing import ClassVar, Self
 
 from ces_observer.errors import ModelError
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import largest, up
 from ces_observer.structures.lagged_signals import (
     MAX_NUMBER,
-    LaggedRun,
     Regressor,
     affine,
+    fill_lagged,
     parse_number,
     parse_regressors,
     scale_from,
 )
 from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure
+from ces_observer.tick.fuzzy import (
+    FUZZY_BELLS,
+    FUZZY_CHOICES,
+    FUZZY_FIRINGS,
+    FUZZY_LAYER,
+    FUZZY_MEMBERSHIPS,
+    FUZZY_OUTPUTS,
+    FUZZY_OWNERS,
+    FUZZY_PREMISES,
+    FUZZY_RULES,
+    FUZZY_SCALE,
+    FUZZY_SHAPES,
+    MAX_FUZZY_EXPONENT,
+    N_FUZZY,
+    P_FUZZY,
+    S_FUZZY,
+    fuzzy_reset,
+    fuzzy_tick,
+)
+from ces_observer.tick.lagged import K_LAGGED
+from ces_observer.tick.structure import FUZZY
 
 INPUTS = ("speed", "current", "position")
 MAX_RULES = 200
 MAX_PREMISES = 6
 MAX_MEMBERSHIPS = 200
-STEEPEST = 10.0
+STEEPEST = 0.5 * MAX_FUZZY_EXPONENT
 MIN_WIDTH = 1e-6  # [m, m/s, A]; with STEEPEST and MAX_NUMBER, so that no power overflows
 MIN_FIRING = 1e-200  # so that the shares do not underflow
 CLAIM = "sum_j |a_j| <= gain < 1 in every rule, so in every blend; |b| <= drive_N for every input in the input envelope"
@@ -83,6 +105,8 @@ class Fuzzy(Structure):
     keys: ClassVar[tuple[str, ...]] = ("fuzzy",)
     option: ClassVar[str] = "anfis"
     rank: ClassVar[int] = 2
+    number: ClassVar[int] = FUZZY
+    runs: ClassVar = (fuzzy_reset, fuzzy_tick)
 
     regressors: tuple[Regressor, ...]
     scale_N: float
@@ -114,9 +138,30 @@ class Fuzzy(Structure):
             )
         return fuzzy
 
-    def make_predictor(self, within: OperatingRange) -> FuzzyRun:
-        """Return a new free run."""
-        return FuzzyRun(self, within)
+    def fill(self, layout: Layout, within: OperatingRange) -> None:
+        """Write the rules into a layout, for `ces_observer.tick.fuzzy`; the bells of all premises are in one row."""
+        layout.reserve(P_FUZZY, N_FUZZY, S_FUZZY, K_LAGGED)
+        premises = [Regressor(p.signal, p.lag, 0.0, 1.0) for p in self.premises]
+        fill_lagged(layout, (*self.regressors, *premises), self.max_lag)
+        bells = [(i, bell) for i, premise in enumerate(self.premises) for bell in premise.memberships]
+        first = list(accumulate((len(p.memberships) for p in self.premises), initial=0))
+        choices = [at + chosen for rule in self.rules for at, chosen in zip(first, rule.memberships, strict=False)]
+        shapes = [number for _, bell in bells for number in (bell.centre, bell.width, 2.0 * bell.slope)]
+        layout.set_numbers({FUZZY_SCALE: self.scale_N})
+        layout.set_counts(
+            {
+                FUZZY_PREMISES: len(premises),
+                FUZZY_BELLS: len(bells),
+                FUZZY_RULES: len(self.rules),
+                FUZZY_SHAPES: layout.table(shapes),
+                FUZZY_LAYER: layout.table(number for r in self.rules for number in (*r.linear, r.constant)),
+                FUZZY_OWNERS: layout.indices(owner for owner, _ in bells),
+                FUZZY_CHOICES: layout.indices(choices),
+                FUZZY_MEMBERSHIPS: layout.state(len(bells)),
+                FUZZY_OUTPUTS: layout.state(len(self.rules)),
+                FUZZY_FIRINGS: layout.state(len(self.rules)),
+            }
+        )
 
     def certify(self, within: OperatingRange) -> Contraction:
         """Return proved bounds on the sum of the past forces' |gains|, and on |force| [N] at a past of zeros."""
@@ -159,28 +204,3 @@ def _parse_rule(node: JsonObject, premises: Sequence[Premise], regressors: int) 
             )
     linear = node.numbers("linear", regressors, MAX_NUMBER)
     return Rule(tuple(int(index) for index in chosen), parse_number(node, "constant"), linear)
-
-
-class FuzzyRun(LaggedRun):
-    """The free run of a neuro-fuzzy model."""
-
-    def __init__(self, fuzzy: Fuzzy, within: OperatingRange) -> None:
-        super().__init__(fuzzy.max_lag, within)
-        self._fuzzy = fuzzy
-        self._premises = tuple(Regressor(p.signal, p.lag, 0.0, 1.0) for p in fuzzy.premises)
-
-    def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick, held in its envelope; infinite if it is not finite."""
-        fuzzy = self._fuzzy
-        self.store_inputs(position, speed, current)
-        phi = self.values(fuzzy.regressors)
-        grades = [
-            [bell.at(x) for bell in premise.memberships]
-            for premise, x in zip(fuzzy.premises, self.values(self._premises), strict=True)
-        ]
-        fired = total = 0.0
-        for rule in fuzzy.rules:
-            firing = prod([grades[p][m] for p, m in enumerate(rule.memberships)])
-            fired += firing
-            total += firing * (rule.constant + sum(map(mul, rule.linear, phi)))
-        return self.store_force(fuzzy.scale_N * total / fired)

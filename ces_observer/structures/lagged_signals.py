@@ -1,4 +1,4 @@
-"""Lagged, scaled regressors for networks and fuzzy rules: inputs of each tick in, a vector of numbers out."""
+"""Lagged, scaled regressors of networks and fuzzy rules: their records, ranges and places in a layout."""
 
 from __future__ import annotations
 
@@ -6,12 +6,21 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, add, down, product, up
-from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, hold
+from ces_observer.structures.structure import MAX_LAG, Ranges
+from ces_observer.tick.lagged import (
+    LAGGED_COUNT,
+    LAGGED_DEPTH,
+    LAGGED_PHI,
+    LAGGED_RINGS,
+    LAGGED_SCALES,
+    LAGGED_SOURCES,
+)
 
 SIGNALS = ("force", "speed", "current", "position")
-COLUMNS = {"position": 0, "speed": 1, "current": 2}
+RINGS = ("position", "speed", "current", "force")
 MAX_REGRESSORS = 64
 MAX_NUMBER = 1e9  # weights and means: far beyond any fit, far below overflow
 MIN_SPREAD = 1e-9
@@ -75,48 +84,18 @@ def affine(constant: float, slopes: Sequence[float], at: Sequence[Interval]) -> 
     return total
 
 
-class LaggedRun:
-    """The past of a free run; `clamped`, `held`: the last tick's inputs, force were outside the envelope.
-
-    Before the first tick, forces are zero and inputs equal the first ones, as in `ces_observer.structures.polynomial`.
-    """
-
-    def __init__(self, depth: int, within: OperatingRange) -> None:
-        """Keep `depth` ticks."""
-        self._depth = depth + 1
-        self._bounds = (*within.inputs["position"], *within.inputs["speed"], *within.inputs["current"])
-        self._limits = within.force_N
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past."""
-        self._rows: list[tuple[float, float, float]] = []
-        self._forces = [0.0] * self._depth
-        self.clamped = self.held = False
-
-    def store_inputs(self, position: float, speed: float, current: float) -> None:
-        """Store the inputs [m, m/s, A] of a new tick."""
-        x0, x1, v0, v1, c0, c1 = self._bounds
-        self.clamped = not (x0 <= position <= x1 and v0 <= speed <= v1 and c0 <= current <= c1)
-        row = (min(max(position, x0), x1), min(max(speed, v0), v1), min(max(current, c0), c1))
-        if not self._rows:
-            self._rows.extend([row] * self._depth)
-        self._rows.insert(0, row)
-        self._rows.pop()
-
-    def values(self, regressors: Sequence[Regressor]) -> list[float]:
-        """Return the scaled regressors of this tick, before its force is known."""
-        rows, forces = self._rows, self._forces
-        return [
-            ((forces[r.lag - 1] if r.signal == "force" else rows[r.lag][COLUMNS[r.signal]]) - r.mean) / r.spread
-            for r in regressors
-        ]
-
-    def store_force(self, force: float) -> float:
-        """Hold this tick's force [N] in its envelope, store it and return it; infinity if it is not finite."""
-        low, high = self._limits
-        self.held = not low <= force <= high
-        force = hold(force, low, high) if self.held else force
-        self._forces.insert(0, force)
-        self._forces.pop()
-        return force
+def fill_lagged(layout: Layout, regressors: Sequence[Regressor], max_lag: int) -> None:
+    """Write regressors and the rings of `max_lag` past ticks into a layout, for `ces_observer.tick.lagged`."""
+    depth = max_lag + 1
+    rings = layout.state(len(RINGS) * depth)
+    sources = [number for r in regressors for number in (rings + RINGS.index(r.signal) * depth, r.lag)]
+    layout.set_counts(
+        {
+            LAGGED_DEPTH: depth,
+            LAGGED_COUNT: len(regressors),
+            LAGGED_PHI: layout.state(len(regressors)),
+            LAGGED_RINGS: rings,
+            LAGGED_SOURCES: layout.indices(sources),
+            LAGGED_SCALES: layout.table(number for r in regressors for number in (r.mean, r.spread)),
+        }
+    )

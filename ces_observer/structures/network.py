@@ -1,4 +1,4 @@
-"""A sigmoid network NARX (thesis eq. 3.4, with a linear part): its parameters, free run and proof of stability.
+"""A sigmoid network NARX (thesis eq. 3.4, with a linear part): its parameters and proof of stability.
 
 force = scale_N * (constant + linear . phi + sum over units of weight * s(slopes . phi + bias)), s(x) = 1 / (1 + e^-x),
 with phi the scaled regressors (past forces, currents, speeds, positions).
@@ -11,28 +11,42 @@ b is the output at a past of zeros, bounded over the input envelope by interval 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import chain
 from math import exp
-from operator import mul
 from typing import ClassVar, Self
 
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import Interval, add, largest, product, up
 from ces_observer.structures.lagged_signals import (
     MAX_NUMBER,
-    LaggedRun,
     Regressor,
     affine,
+    fill_lagged,
     parse_number,
     parse_regressors,
     scale_from,
 )
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.tick.lagged import K_LAGGED
+from ces_observer.tick.model import S_STRUCTURE
+from ces_observer.tick.sigmoid import (
+    MAX_SIGMOID_EXPONENT,
+    N_SIGMOID,
+    P_SIGMOID,
+    SIGMOID_LAYER,
+    SIGMOID_OUTPUTS,
+    SIGMOID_SCALE,
+    SIGMOID_UNITS,
+    SIGMOID_WEIGHTS,
+    sigmoid_reset,
+    sigmoid_tick,
+)
+from ces_observer.tick.structure import SIGMOID
 
 MAX_UNITS = 200
-STEEPEST = 700.0  # beyond, e^x overflows
 CLAIM = (
     "sum_j |dF/dF(k-j)| <= gain < 1 for any past and inputs; "
     "|F| <= drive_N for a past of zeros and every input in the input envelope"
@@ -59,6 +73,8 @@ class Network(Structure):
     keys: ClassVar[tuple[str, ...]] = ("network",)
     option: ClassVar[str] = "sigmoid"
     rank: ClassVar[int] = 1
+    number: ClassVar[int] = SIGMOID
+    runs: ClassVar = (sigmoid_reset, sigmoid_tick)
 
     regressors: tuple[Regressor, ...]
     scale_N: float
@@ -90,9 +106,20 @@ class Network(Structure):
             tuple(_parse_unit(item, len(regressors)) for item in node.items("units", 0, MAX_UNITS)),
         )
 
-    def make_predictor(self, within: OperatingRange) -> NetworkRun:
-        """Return a new free run."""
-        return NetworkRun(self, within)
+    def fill(self, layout: Layout, within: OperatingRange) -> None:
+        """Write the network into a layout, for `ces_observer.tick.sigmoid`."""
+        layout.reserve(P_SIGMOID, N_SIGMOID, S_STRUCTURE, K_LAGGED)
+        fill_lagged(layout, self.regressors, self.max_lag)
+        rows = [(*self.linear, self.constant), *((*unit.slopes, unit.bias) for unit in self.units)]
+        layout.set_numbers({SIGMOID_SCALE: self.scale_N})
+        layout.set_counts(
+            {
+                SIGMOID_UNITS: len(self.units),
+                SIGMOID_LAYER: layout.table(chain.from_iterable(rows)),
+                SIGMOID_WEIGHTS: layout.table(unit.weight for unit in self.units),
+                SIGMOID_OUTPUTS: layout.state(len(rows)),
+            }
+        )
 
     def certify(self, within: OperatingRange) -> Contraction:
         """Return proved bounds on the sum of the past forces' |gains|, and on |force| [N] at a past of zeros."""
@@ -127,28 +154,6 @@ def _parse_unit(node: JsonObject, regressors: int) -> SigmoidUnit:
     return SigmoidUnit(parse_number(node, "weight"), parse_number(node, "bias"), slopes)
 
 
-class NetworkRun(LaggedRun):
-    """The free run of a network."""
-
-    def __init__(self, network: Network, within: OperatingRange) -> None:
-        super().__init__(network.max_lag, within)
-        self._network = network
-
-    def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick, held in its envelope; infinite if it is not finite."""
-        network = self._network
-        self.store_inputs(position, speed, current)
-        phi = self.values(network.regressors)
-        total = network.constant + _dot(network.linear, phi)
-        for unit in network.units:
-            total += unit.weight * sigmoid(_dot(unit.slopes, phi) + unit.bias)
-        return self.store_force(network.scale_N * total)
-
-
 def sigmoid(x: float) -> float:
     """Return 1 / (1 + e^-x)."""
-    return 1.0 / (1.0 + exp(min(-x, STEEPEST)))
-
-
-def _dot(one: Sequence[float], two: Sequence[float]) -> float:
-    return float(sum(map(mul, one, two)))
+    return 1.0 / (1.0 + exp(min(-x, MAX_SIGMOID_EXPONENT)))

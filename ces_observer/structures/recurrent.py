@@ -1,15 +1,8 @@
-"""A recurrent network that forgets for any parameters: what it is made of, its free run and its proof.
+"""A recurrent network that forgets for any parameters: what it is made of, and its proof.
 
-Motion (speed v, v / sqrt(|v| + e), sqrt(|v|), position) goes through two stages with a tanh between them, the current
-through one of its own, so that a current never seen cannot upset the motion; no force is fed back:
-
-    motion -> first -> tanh -> second -> f0, f1, f2        current -> current stage -> q1, q2
-    force = scale_N * mean over members of (f0 + q1 f1 + q2 f2)
-
-A stage has linear filters (a diagonal state-space model) and a layer of tanh, with T the tick and u the inputs:
-
-    h(k) = pole h(k-1) + drive u(k), complex,  pole = exp((-1 / decay_s + 2 pi i frequency_Hz) T)
-    z = (Re h, Im h, u),  outputs = out . (tanh(hidden . z + hidden_bias), z) + out_bias
+`ces_observer.tick.recurrent` has its equations. The current has a stage of its own, so that a current never seen cannot
+upset the motion. A filter h(k) = pole h(k-1) + drive u(k) has pole = exp((-1 / decay_s + 2 pi i frequency_Hz) T), T the
+tick.
 
 |pole| < 1 for any parameters. With |u| <= U, |h| <= |drive| U / (1 - |pole|), and |tanh| <= 1: the force is bounded for
 every input, as inputs are clamped to the envelope. The difference of two runs with the same inputs is that of their
@@ -19,21 +12,65 @@ states: in a stage it falls as |pole|^k, and tanh never amplifies it, so it dies
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from math import hypot, pi, sqrt, tanh
+from math import hypot, pi, sqrt
 from operator import mul
 from typing import ClassVar, Self
 
 from ces_observer.errors import ModelError
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures.lagged_signals import MAX_NUMBER, MIN_SPREAD, parse_number, scale_from
-from ces_observer.structures.structure import OperatingRange, Range, Ranges, Structure, hold
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.tick.model import K_STRUCTURE
+from ces_observer.tick.recurrent import (
+    N_RECURRENT,
+    N_STAGE,
+    P_RECURRENT,
+    RECURRENT_DRIVEN,
+    RECURRENT_INPUTS,
+    RECURRENT_MEMBERS,
+    RECURRENT_SCALE,
+    RECURRENT_SCALED,
+    RECURRENT_SCALES,
+    RECURRENT_SIGNALS,
+    RECURRENT_SMOOTHING,
+    RECURRENT_STAGES,
+    RECURRENT_TABLE,
+    S_RECURRENT,
+    SIGNAL_CURRENT,
+    SIGNAL_POSITION,
+    SIGNAL_ROOT,
+    SIGNAL_SIZE,
+    SIGNAL_SPEED,
+    STAGE_DRIVE,
+    STAGE_FILTERS,
+    STAGE_HIDDEN,
+    STAGE_INPUTS,
+    STAGE_JOINED,
+    STAGE_OUT,
+    STAGE_OUTPUTS,
+    STAGE_POLES,
+    STAGE_RESULTS,
+    STAGE_SOURCE,
+    STAGE_TANHS,
+    recurrent_reset,
+    recurrent_tick,
+)
+from ces_observer.tick.structure import RECURRENT
 
 SPEED, ROOT, SIZE, POSITION, CURRENT = "speed", "speed_root", "speed_size", "position", "current"
 MOTION = (SPEED, ROOT, SIZE, POSITION)
+SIGNALS = {  # places in s
+    SPEED: SIGNAL_SPEED,
+    ROOT: SIGNAL_ROOT,
+    SIZE: SIGNAL_SIZE,
+    POSITION: SIGNAL_POSITION,
+    CURRENT: SIGNAL_CURRENT,
+}
 MAX_MEMBERS, MAX_WIDTH = 8, 64
 DECAY_S = (1e-4, 1.0)  # a filter's decay time
 MAX_FREQUENCY_HZ = 1e5
@@ -50,11 +87,6 @@ Row = tuple[float, ...]
 
 def _dot(one: Sequence[float], two: Sequence[float]) -> float:
     return float(sum(map(mul, one, two)))
-
-
-DOT: Callable[[Sequence[float], Sequence[float]], float] = getattr(
-    math, "sumprod", _dot
-)  # from Python 3.12 on, twice as fast
 
 
 @dataclass(frozen=True)
@@ -102,6 +134,30 @@ class Stage:
         sizes = [math.exp(-1.0 / (decay * rate_Hz)) for decay in self.decay_s]
         angles = [2.0 * pi * frequency / rate_Hz for frequency in self.frequency_Hz]
         return [complex(r * math.cos(a), r * math.sin(a)) for r, a in zip(sizes, angles, strict=True)]
+
+    def fill(self, layout: Layout, rate_Hz: float, source: int, results: int) -> list[int]:
+        """Write the stage into a layout; return its counts. Inputs and outputs begin at `source` and `results` in s."""
+        width = 2 * len(self.decay_s) + self.inputs
+        poles = [(pole, 1.0 / (1.0 - pole)) for pole in self.poles(rate_Hz)]
+        layers = [
+            (self.drive, self.inputs, [0.0] * (2 * len(poles))),
+            (self.hidden, width, self.hidden_bias),
+            (self.out, len(self.hidden_bias) + width, self.out_bias),
+        ]
+        counts = {
+            STAGE_INPUTS: self.inputs,
+            STAGE_FILTERS: len(poles),
+            STAGE_TANHS: len(self.hidden_bias),
+            STAGE_OUTPUTS: len(self.out_bias),
+            STAGE_SOURCE: source,
+            STAGE_RESULTS: results,
+            STAGE_POLES: layout.table(x for pair in poles for one in pair for x in (one.real, one.imag)),
+            STAGE_JOINED: layout.state(len(self.hidden_bias) + width),
+        }
+        for place, (matrix, columns, biases) in zip((STAGE_DRIVE, STAGE_HIDDEN, STAGE_OUT), layers, strict=True):
+            rows = zip(cut(matrix, columns), biases, strict=True)
+            counts[place] = layout.table(number for row, bias in rows for number in (*row, bias))
+        return [counts[place] for place in range(N_STAGE)]
 
     def bound(self, inputs: Sequence[float], rate_Hz: float) -> list[float]:
         """Return bounds on the size of the outputs for inputs of bounded sizes."""
@@ -164,6 +220,15 @@ class Member:
         factors = [] if self.current is None else self.current.bound(current, rate_Hz)
         return force + _dot(scaled, factors)
 
+    def fill(self, layout: Layout, rate_Hz: float, scaled: int) -> list[int]:
+        """Write the member into a layout; return the counts of its stages. Its inputs begin at `scaled` in s."""
+        between, forces = layout.state(len(self.first.out_bias)), layout.state(len(self.second.out_bias))
+        counts = self.first.fill(layout, rate_Hz, scaled, between) + self.second.fill(layout, rate_Hz, between, forces)
+        if self.current is None:
+            return counts
+        factors = layout.state(len(self.current.out_bias))
+        return counts + self.current.fill(layout, rate_Hz, scaled + self.first.inputs, factors)
+
     @classmethod
     def from_json(cls, node: JsonObject, motion: int, current: int) -> Self:
         """Check it in a model file; raises ModelError."""
@@ -215,6 +280,8 @@ class Recurrent(Structure):
     keys: ClassVar[tuple[str, ...]] = ("recurrent",)
     option: ClassVar[str] = "recurrent"
     rank: ClassVar[int] = 3
+    number: ClassVar[int] = RECURRENT
+    runs: ClassVar = (recurrent_reset, recurrent_tick)
     unproved: ClassVar[str] = "its force is not proved to be bounded"
 
     scale_N: float
@@ -248,7 +315,7 @@ class Recurrent(Structure):
     def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
         """Return the force [N] at constant inputs: that of a first tick, before which inputs were the same."""
         middle = 0.5 * sum(within.inputs[POSITION])
-        return RecurrentRun(self, within).tick(middle, speed_m_s, current_A)
+        return self.make_predictor(within).tick(middle, speed_m_s, current_A)
 
     @classmethod
     def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
@@ -267,9 +334,25 @@ class Recurrent(Structure):
             tuple(Member.from_json(one, len(motion), len(current)) for one in node.items("members", 1, MAX_MEMBERS)),
         )
 
-    def make_predictor(self, within: OperatingRange) -> RecurrentRun:
-        """Return a new free run."""
-        return RecurrentRun(self, within)
+    def fill(self, layout: Layout, within: OperatingRange) -> None:
+        """Write the network into a layout, for `ces_observer.tick.recurrent`."""
+        layout.reserve(P_RECURRENT, N_RECURRENT, S_RECURRENT, K_STRUCTURE)
+        inputs = (*self.motion, *self.current)
+        layout.set_numbers({RECURRENT_SCALE: self.scale_N / len(self.members), RECURRENT_SMOOTHING: self.smoothing_m_s})
+        scaled = layout.state(len(inputs))
+        stages = [number for member in self.members for number in member.fill(layout, within.rate_Hz, scaled)]
+        layout.set_counts(
+            {
+                RECURRENT_MEMBERS: len(self.members),
+                RECURRENT_STAGES: len(self.members[0].stages),
+                RECURRENT_INPUTS: len(inputs),
+                RECURRENT_TABLE: layout.indices(stages),
+                RECURRENT_SIGNALS: layout.indices(SIGNALS[one.signal] for one in inputs),
+                RECURRENT_SCALES: layout.table(number for one in inputs for number in (one.mean, one.spread)),
+                RECURRENT_SCALED: scaled,
+                RECURRENT_DRIVEN: layout.state(2 * max(len(stage.decay_s) for stage in self.all_stages)),
+            }
+        )
 
     def certify(self, within: OperatingRange) -> FadingCertificate:
         """Return the proved bound on |force| [N] and the slowest decay."""
@@ -285,78 +368,3 @@ def _parse_input(node: JsonObject, signals: Sequence[str]) -> ScaledInput:
     node.require_only_keys("signal", "mean", "spread")
     signal, mean = node.choice("signal", signals), parse_number(node, "mean")
     return ScaledInput(signal, mean, node.number("spread", MIN_SPREAD, MAX_NUMBER))
-
-
-def _with_biases(rows: Sequence[Row], biases: Row) -> list[Row]:
-    """Return the rows with their biases at the end, for inputs that end with 1."""
-    return [(*row, bias) for row, bias in zip(rows, biases, strict=True)]
-
-
-class StageRun:
-    """The filters' states of a stage."""
-
-    def __init__(self, stage: Stage, rate_Hz: float) -> None:
-        self._poles = stage.poles(rate_Hz)
-        self._drive = cut(stage.drive, stage.inputs)
-        states = 2 * len(self._poles) + stage.inputs
-        self._hidden = _with_biases(cut(stage.hidden, states), stage.hidden_bias)
-        self._out = _with_biases(cut(stage.out, len(self._hidden) + states), stage.out_bias)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past."""
-        self._states: list[complex] = []
-
-    def tick(self, inputs: list[float]) -> list[float]:
-        """Return this tick's outputs."""
-        count, dot = len(self._poles), DOT
-        driven = [dot(row, inputs) for row in self._drive]
-        drives = map(complex, driven[:count], driven[count:])
-        if self._states:
-            states = [pole * h + d for pole, h, d in zip(self._poles, self._states, drives, strict=True)]
-        else:
-            states = [d / (1.0 - pole) for pole, d in zip(self._poles, drives, strict=True)]
-        self._states = states
-        joined = [*[h.real for h in states], *[h.imag for h in states], *inputs, 1.0]
-        joined = [*[tanh(dot(row, joined)) for row in self._hidden], *joined]
-        return [dot(row, joined) for row in self._out]
-
-
-class RecurrentRun:
-    """The free run of a recurrent network."""
-
-    def __init__(self, body: Recurrent, within: OperatingRange) -> None:
-        self._bounds = (*within.inputs[POSITION], *within.inputs[SPEED], *within.inputs[CURRENT])
-        self._limits: Range = within.force_N
-        self._smoothing, self._scale = body.smoothing_m_s, body.scale_N / len(body.members)
-        self._motion = [(MOTION.index(one.signal), one.mean, one.spread) for one in body.motion]
-        self._current = [(one.mean, one.spread) for one in body.current]
-        self._members = [
-            [StageRun(stage, within.rate_Hz) for stage in member.stages.values()] for member in body.members
-        ]
-        self.clamped = self.held = False
-
-    def reset(self) -> None:
-        """Forget the past."""
-        for stage in chain.from_iterable(self._members):
-            stage.reset()
-        self.clamped = self.held = False
-
-    def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick, held in its envelope; infinite if it is not finite."""
-        x0, x1, v0, v1, c0, c1 = self._bounds
-        self.clamped = not (x0 <= position <= x1 and v0 <= speed <= v1 and c0 <= current <= c1)
-        x, v, c = min(max(position, x0), x1), min(max(speed, v0), v1), min(max(current, c0), c1)
-        values = (*_speed_values(v, self._smoothing), x)
-        motion = [(values[at] - mean) / spread for at, mean, spread in self._motion]
-        currents = [(c - mean) / spread for mean, spread in self._current]
-        total = 0.0
-        for first, second, *stages in self._members:
-            force, *scaled = second.tick([tanh(value) for value in first.tick(motion)])
-            total += force
-            for stage in stages:
-                total += DOT(stage.tick(currents), scaled)
-        force = self._scale * total
-        low, high = self._limits
-        self.held = not low <= force <= high
-        return hold(force, low, high) if self.held else force

@@ -65,3 +65,8 @@ def is_clamped(p: Floats, position: float, speed: float, current: float) -> bool
 def clamp(value: float, low: float, high: float) -> float:
     """Return a value, or the nearest end of its range; a value that is no number stays one."""
     return low if value < low else high if value > high else value
+
+
+def lies_within(first: int, count: int, size: int) -> bool:
+    """Return whether `count` places from `first` on lie within an array of `size`; no sum overflows."""
+    return 0 <= count <= size and 0 <= first <= size - count

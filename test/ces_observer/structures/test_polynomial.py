@@ -1,4 +1,4 @@
-"""The compiled tick against a slow, readable twin, and what a run keeps from tick to tick."""
+"""The tick against a slow, readable twin, and what a run keeps from tick to tick."""
 
 import math
 import random
@@ -14,7 +14,6 @@ from ces_observer.structures.constructed_inputs import (
     BASE,
     Frequency,
     Hysteresis,
-    InputConstructor,
     Lag,
     make_memberships,
 )

@@ -1,0 +1,116 @@
+"""Lagged, scaled regressors of networks and fuzzy rules: inputs of each tick in, a vector of numbers out.
+
+phi_j = (u(k - lag_j) - mean_j) / spread_j, with u the position, speed, current or the model's own past force. Before
+the first tick, forces are zero and inputs equal the first ones.
+"""
+
+from ces_observer.tick.arrays import Floats, Ints
+from ces_observer.tick.model import (
+    CLAMPED,
+    CURRENT_HIGH,
+    CURRENT_LOW,
+    HELD,
+    K_STRUCTURE,
+    N_STRUCTURE,
+    POSITION_HIGH,
+    POSITION_LOW,
+    SPEED_HIGH,
+    SPEED_LOW,
+    STARTED,
+    clamp,
+    hold_force,
+    is_clamped,
+    lies_within,
+)
+
+# n: ticks that are kept; the regressors, and where they begin in s; where these begin: in s four rings of the past
+# (position, speed, current, force), in n pairs (ring in s, lag), in p pairs (mean, spread), one for each regressor
+(
+    LAGGED_DEPTH,
+    LAGGED_COUNT,
+    LAGGED_PHI,
+    LAGGED_RINGS,
+    LAGGED_SOURCES,
+    LAGGED_SCALES,
+    N_LAGGED,
+) = range(N_STRUCTURE, N_STRUCTURE + 7)
+
+# k: the place of the newest tick in the rings
+LAGGED_NEWEST, K_LAGGED = range(K_STRUCTURE, K_STRUCTURE + 2)
+
+
+def lagged_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
+    """Forget the past."""
+    k[CLAMPED] = 0
+    k[HELD] = 0
+    k[STARTED] = 0
+    k[LAGGED_NEWEST] = 0
+    forces = n[LAGGED_RINGS] + 3 * n[LAGGED_DEPTH]
+    for i in range(n[LAGGED_DEPTH]):
+        s[forces + i] = 0.0
+
+
+def lagged_inputs(p: Floats, n: Ints, s: Floats, k: Ints, position: float, speed: float, current: float) -> None:
+    """Store the inputs [m, m/s, A] of a new tick, clamped to their ranges, and fill in the regressors."""
+    k[CLAMPED] = 1 if is_clamped(p, position, speed, current) else 0
+    position = clamp(position, p[POSITION_LOW], p[POSITION_HIGH])
+    speed = clamp(speed, p[SPEED_LOW], p[SPEED_HIGH])
+    current = clamp(current, p[CURRENT_LOW], p[CURRENT_HIGH])
+    depth = n[LAGGED_DEPTH]
+    newest = k[LAGGED_NEWEST] + 1
+    if newest == depth:
+        newest = 0
+    k[LAGGED_NEWEST] = newest
+    first = newest
+    last = newest
+    if k[STARTED] == 0:
+        k[STARTED] = 1
+        first = 0
+        last = depth - 1
+    positions = n[LAGGED_RINGS]
+    speeds = positions + depth
+    currents = speeds + depth
+    for i in range(first, last + 1):
+        s[positions + i] = position
+        s[speeds + i] = speed
+        s[currents + i] = current
+    phi = n[LAGGED_PHI]
+    source = n[LAGGED_SOURCES]
+    scale = n[LAGGED_SCALES]
+    for j in range(phi, phi + n[LAGGED_COUNT]):
+        at = newest - n[source + 1]
+        if at < 0:
+            at += depth
+        s[j] = (s[n[source] + at] - p[scale]) / p[scale + 1]
+        source += 2
+        scale += 2
+
+
+def lagged_force(p: Floats, n: Ints, s: Floats, k: Ints, force: float) -> float:
+    """Hold this tick's force [N] in its range, store it and return it."""
+    held = hold_force(p, k, force)
+    s[n[LAGGED_RINGS] + 3 * n[LAGGED_DEPTH] + k[LAGGED_NEWEST]] = held
+    return held
+
+
+def check_lagged(p: Floats, n: Ints, numbers: int, counts: int, states: int, flags: int) -> bool:
+    """Return whether the regressors stay within arrays p, n, s and k of these sizes."""
+    if counts < N_LAGGED or flags < K_LAGGED:
+        return False
+    depth = n[LAGGED_DEPTH]
+    count = n[LAGGED_COUNT]
+    rings = n[LAGGED_RINGS]
+    if not (1 <= depth <= states and 1 <= count <= counts and lies_within(rings, 4 * depth, states)):
+        return False
+    source = n[LAGGED_SOURCES]
+    scale = n[LAGGED_SCALES]
+    if not (lies_within(n[LAGGED_PHI], count, states) and lies_within(source, 2 * count, counts)):
+        return False
+    if not lies_within(scale, 2 * count, numbers):
+        return False
+    for j in range(count):
+        if not (lies_within(n[source + 2 * j], depth, states) and 0 <= n[source + 2 * j + 1] < depth):
+            return False
+        if not p[scale + 2 * j + 1] > 0.0:
+            return False
+    return True
