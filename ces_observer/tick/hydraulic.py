@@ -77,10 +77,10 @@ MAX_STEPS = 300  # Newton steps and halvings of a tick
 CLOSE = 1e-12  # relative change of the pressures that ends a step,
 NEAR = 1e-6  # and of a Newton step that squares its error
 TURN = 0.1  # share of the slope along a step, reversed, from which the step is halved,
-PATIENCE = 20  # for this many steps; then none may turn
+TURN_PATIENCE = 20  # for this many steps; then none may turn
 ROUNDING = 1e-9  # relative
 STILL_N = 1e-6  # drops below may be rounding, whose sign says nothing: an opening stays as it is
-MAX_EXPONENT = 700.0  # of a number that a float holds
+MAX_LOGARITHM = 700.0  # of a number that a float holds
 
 OIL_PIECES = 9
 
@@ -208,8 +208,8 @@ def advance_pressures(p: Floats, n: Ints, s: Floats, k: Ints, position: float, d
     give = p[MOUNT_GIVE]
     p_c = s[PRESSURE_C]
     p_r = s[PRESSURE_R]
-    c_c = p[COMPLIANCE_C] * exp(clamp(p[GROWTH_C] * position, -MAX_EXPONENT, MAX_EXPONENT))
-    c_r = p[COMPLIANCE_R] * exp(clamp(p[GROWTH_R] * position, -MAX_EXPONENT, MAX_EXPONENT))
+    c_c = p[COMPLIANCE_C] * exp(clamp(p[GROWTH_C] * position, -MAX_LOGARITHM, MAX_LOGARITHM))
+    c_r = p[COMPLIANCE_R] * exp(clamp(p[GROWTH_R] * position, -MAX_LOGARITHM, MAX_LOGARITHM))
     thick = exp(-clamp(p[FADE] * s[HEAT], -WARMEST, WARMEST))  # it divides volumes instead of flows
     s[STORED_C] = c_c
     s[STORED_R] = c_r
@@ -300,7 +300,7 @@ def advance_pressures(p: Floats, n: Ints, s: Floats, k: Ints, position: float, d
         f_c = u_c - c_c * (phi_c + soft_c * p_c) + r * way - across - below
         f_r = u_r - c_r * (phi_r + soft_r * p_r) - way + across - beyond
 
-        if step > 0 and f_c * d_c + f_r * d_r < -(TURN if step < PATIENCE else ROUNDING) * fall:
+        if step > 0 and f_c * d_c + f_r * d_r < -(TURN if step < TURN_PATIENCE else ROUNDING) * fall:
             d_c = 0.5 * d_c
             d_r = 0.5 * d_r
             same = False
@@ -455,6 +455,6 @@ def check_bypass(p: Floats, n: Ints, numbers: int) -> bool:
     if not check_curve(p, numbers, n[BYPASS_NODES], n[BYPASS_POSITIONS], n[BYPASS_LOGARITHMS]):
         return False
     for j in range(n[BYPASS_NODES]):
-        if not abs(p[n[BYPASS_LOGARITHMS] + j]) <= MAX_EXPONENT:
+        if not abs(p[n[BYPASS_LOGARITHMS] + j]) <= MAX_LOGARITHM:
             return False
     return True
