@@ -229,3 +229,10 @@ def run_fmu(folder: Path, model: Model, samples: Samples) -> dict[str, NDArray]:
     count = ctypes.c_long(len(samples.stamps))
     assert library.run_samples(count, *pointers(times, samples.inputs, rows)) == 0
     return dict(zip(names, rows.T, strict=True))
+
+
+def run_ticks(library: ctypes.CDLL, inputs: NDArray) -> NDArray:
+    """Return the forces (n,) of a model's exported tick at positions, speeds and currents (n, 3)."""
+    forces = np.empty(len(inputs))
+    library.run_ticks(ctypes.c_int64(len(inputs)), *pointers(np.ascontiguousarray(inputs), forces))
+    return forces
