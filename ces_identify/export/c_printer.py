@@ -14,6 +14,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -257,8 +258,11 @@ class Core:
         target, last = node.targets[0], node.end_lineno or 0
         if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Call):
             names = [module.terms[ast.unparse(name)].text for name in target.elts]
+            first, _, step, *_ = [Expressions(module).term(bound).text for bound in node.value.args] + [""] * 3
+            if step:
+                names[1:] = [f"{name} = {before} + {step}" for before, name in pairwise(names)]
             if len(node.value.args) > 1:
-                names[0] += f" = {Expressions(module).term(node.value.args[0]).text}"
+                names[0] += f" = {first}"
             return wrap(f"enum {{ {', '.join(names)} }};{comments.beside(node.lineno, last)}", 0)
         name = ast.unparse(target)
         value, term, c_name = self.values[name], Expressions(module).term(node.value), module.terms[name].text
