@@ -197,7 +197,7 @@ def refusal(program, path, content):
 SPOILT = {
     "no flat model file": lambda c: b"{}",
     "is no flat model file": lambda c: b"CES-FLOT" + c[8:],
-    "cannot be read, or is empty": lambda c: b"",
+    "is no flat model file; write one": lambda c: b"",
     "has more than 16 MiB": lambda c: c + bytes(1 << 24),
     "has version 2 of the format; expected 1": lambda c: seal(c[:8] + b"\2" + c[9:]),
     "its checksum is wrong": lambda c: c[:-9] + bytes([c[-9] ^ 1]) + c[-8:],

@@ -42,13 +42,12 @@ public:
   explicit FlatFile(const std::string & path)
   : path_(path)
   {
-    std::ifstream file(path, std::ios::binary);
-    bytes_.resize(MAX_BYTES + 1);
-    file.read(bytes_.data(), static_cast<std::streamsize>(bytes_.size()));
-    if (file.bad() || file.gcount() == 0) {
-      refuse(errno == ENOENT ? "no such model file" : "cannot be read, or is empty" + std::string(AGAIN));
-    }
-    bytes_.resize(static_cast<std::size_t>(file.gcount()));
+    std::ifstream file(path, std::ios::binary | std::ios::ate);
+    if (!file) {refuse(errno == ENOENT ? "no such model file" : "cannot be read; check its permissions");}
+    const auto size = file.tellg();
+    if (size > static_cast<std::streamoff>(MAX_BYTES)) {refuse("has more than 16 MiB, or is a folder; expected a model file");}
+    bytes_.resize(static_cast<std::size_t>(std::max(size, std::streampos(0))));
+    file.seekg(0).read(bytes_.data(), static_cast<std::streamsize>(bytes_.size()));
   }
 
   ModelPtr read(bool allow_uncertified)
@@ -87,7 +86,6 @@ private:
     if (bytes_.size() < HEAD_BYTES + CRC_BYTES || bytes_.compare(0, 8, "CES-FLAT")) {
       refuse("is no flat model file; write one with `ces export model.json --out NAME.ces`");
     }
-    if (bytes_.size() > MAX_BYTES) {refuse("has more than 16 MiB; expected a model of at most that size");}
     if (const auto version = load<std::uint32_t>(8); version != VERSION) {
       refuse("has version " + std::to_string(version) + " of the format; expected " + std::to_string(VERSION) + AGAIN);
     }

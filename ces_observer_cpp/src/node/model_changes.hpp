@@ -35,7 +35,7 @@ public:
       "~/reload_model", [this, alive = std::weak_ptr(alive_)](
         const std::shared_ptr<Trigger::Request>, std::shared_ptr<Trigger::Response> response) {
         if (!alive.expired()) {reload(*response);}
-      });
+      }, rclcpp::ServicesQoS().keep_last(MAX_REQUESTS));
   }
 
   // Let a model take over when it has warmed up. Raises UserError if the damper cannot run it.
@@ -65,7 +65,7 @@ public:
     status.add("model", running_->path);
     status.add("model sha256", running_->digest);
     status.addf("delay_s", "%g", running_->delay_s);
-    status.add("tick", rounds_ ? "compiled core" : "compiled core, which rounds otherwise than Python's");
+    status.add("computed by", rounds_ ? "compiled core" : "compiled core, which rounds otherwise than Python's");
     status.add("last change of the model", state_);
     status.add("models refused", refused_);
   }
@@ -73,6 +73,8 @@ public:
 private:
   using Status = diagnostic_msgs::msg::DiagnosticStatus;
   using Trigger = std_srvs::srv::Trigger;
+
+  static constexpr std::size_t MAX_REQUESTS = 1000;  // that wait for their answer
 
   struct Request
   {
