@@ -49,7 +49,7 @@ def observer(context: LaunchContext) -> list[Node | LoadComposableNodes]:
     if not container:
         return [Node(executable="observer", output="screen", ros_arguments=logging, **common)]
     within = [{"use_intra_process_comms": True}]
-    nodes = [ComposableNode(plugin=f"{PACKAGE}::Observer", extra_arguments=within, **common)]
+    nodes = [ComposableNode(plugin="ces::ObserverNode", extra_arguments=within, **common)]
     if container.startswith("/"):
         return [LoadComposableNodes(target_container=container, composable_node_descriptions=nodes)]
     kind = {"package": "rclcpp_components", "executable": "component_container", "name": container}

@@ -7,16 +7,14 @@
 
 #include "core/samples.hpp"
 
-namespace ces
-{
+namespace ces {
 
 // What became of samples that are missing in the stamps: paused source, lost on the way, or lost in the node's queue.
 //
 // Where the middleware numbers the messages of a publisher, their numbers tell pauses from losses. Where it does
 // not, only one cause is certain: the node's own queue was full, if the first message after the gap had waited for
 // as long as a full queue takes.
-class Losses
-{
+class Losses {
 public:
   // The topic's queue holds `depth` messages.
   explicit Losses(std::size_t depth)
@@ -26,8 +24,7 @@ public:
   std::int64_t overflowed = 0;  // those of them that the node's own queue dropped
 
   // Take the number of the next message.
-  void take_number(std::optional<std::uint64_t> number)
-  {
+  void take_number(std::optional<std::uint64_t> number) {
     if (!number || switches_ > MAX_SWITCHES) {
       lost.reset();
       return;
@@ -41,8 +38,7 @@ public:
   }
 
   // Count `missing` samples as overflowed if the message after them had waited for a full queue; return this.
-  bool take_gap(std::int64_t missing, Nanoseconds waited, Nanoseconds period)
-  {
+  bool take_gap(std::int64_t missing, Nanoseconds waited, Nanoseconds period) {
     if (lost) {missing = std::min(missing, *lost - overflowed);}
     if (missing <= 0 || static_cast<double>(waited) < FULL_SHARE * depth_ * static_cast<double>(period)) {return false;}
     overflowed += missing;
@@ -62,8 +58,7 @@ private:
 // estimated from gaps in the stamps; it is unknown for messages without stamps. Of these samples `lost` are known
 // to have been lost, and `overflowed` in the node's own queue; the source has not sent the others. Interruptions
 // are stamps out of line with the others, or silences too long to be lost messages.
-struct ArrivalFigures
-{
+struct ArrivalFigures {
   std::int64_t samples = 0, total_samples = 0;
   double rate_Hz = 0.0, mean_age_s = 0.0, max_age_s = 0.0, jitter_s = 0.0;
   bool has_dropped = false;
@@ -79,19 +74,16 @@ struct ArrivalFigures
 // additions; `take_rare` handles all others. A late message, stamped before the newest, cancels a dropped one. A stamp
 // further back, or sent after it arrived as the others are stamped, is out of line: it does not count, unless the next
 // one confirms it.
-class Arrivals
-{
+class Arrivals {
 public:
   // `losses` are those of the topic; without stamps in the messages, `take` gets their arrival instead.
-  void set_topic(bool stamped, Losses & losses)
-  {
+  void set_topic(bool stamped, Losses & losses) {
     figures_.has_dropped = stamped;
     losses_ = &losses;
   }
 
   // Count a message stamped `stamp` that arrived at `now` of the node's clock.
-  void take(Nanoseconds stamp, Nanoseconds now)
-  {
+  void take(Nanoseconds stamp, Nanoseconds now) {
     auto age = now - stamp;
     const auto step = stamp - newest_;
     if (0.5 * period_ < static_cast<double>(step) && static_cast<double>(step) < 1.5 * period_) {
@@ -108,8 +100,7 @@ public:
   }
 
   // Close a window of `elapsed_s` seconds.
-  void roll(double elapsed_s)
-  {
+  void roll(double elapsed_s) {
     if (usual_ != streak_at_) {count_pending();}
     missing_ = std::max(missing_, late_ + figures_.total_dropped);
     const auto count = static_cast<double>(usual_ - unmeasured_);  // usual intervals since the period was set
@@ -150,8 +141,7 @@ public:
   }
 
   // Forget the ages of messages: the node's clock was set.
-  void restart_ages()
-  {
+  void restart_ages() {
     reset_ages();
     usual_age_.reset();
     last_age_s_.reset();
@@ -165,14 +155,12 @@ private:
   static constexpr double SILENCE = 1e9, SILENCE_PERIODS = 10.0;  // longer than both: silence, not lost messages
   static constexpr double MAX_LOST_SHARE = 0.5;  // of messages while learning; a period that implies more is rejected
 
-  static std::int64_t count_periods(Nanoseconds step, double period)
-  {
+  static std::int64_t count_periods(Nanoseconds step, double period) {
     return static_cast<std::int64_t>(std::nearbyint(static_cast<double>(step) / period));
   }
 
   // Take the mean and maximum of ages from now on.
-  void reset_ages()
-  {
+  void reset_ages() {
     aged_ = usual_ + rare_;
     age_sum_ = 0.0;
     max_age_ = std::numeric_limits<Nanoseconds>::min();
@@ -181,8 +169,7 @@ private:
   Nanoseconds silence() const {return static_cast<Nanoseconds>(std::max(SILENCE, SILENCE_PERIODS * period_));}
 
   // Count a message whose stamp is not about one period after the newest; return its age, if usable, or the usual.
-  Nanoseconds take_rare(Nanoseconds stamp, Nanoseconds step, Nanoseconds age)
-  {
+  Nanoseconds take_rare(Nanoseconds stamp, Nanoseconds step, Nanoseconds age) {
     if (!usual_age_) {usual_age_ = age;}
     if (usual_ + rare_++ == 0) {
       newest_ = stamp;
@@ -201,8 +188,7 @@ private:
   }
 
   // Count a stamp out of line, once; the next one beside it shows that the clock was set.
-  Nanoseconds take_doubtful(Nanoseconds stamp, Nanoseconds step, Nanoseconds age)
-  {
+  Nanoseconds take_doubtful(Nanoseconds stamp, Nanoseconds step, Nanoseconds age) {
     const bool is_confirmed = doubtful_ && std::llabs(stamp - *doubtful_) <= silence();
     if (step < 0 || is_confirmed) {pending_ = streak_ = 0;}  // the gap before it was none
     doubtful_ = stamp;
@@ -218,8 +204,7 @@ private:
     return age;
   }
 
-  void take_gap(Nanoseconds stamp, Nanoseconds step, Nanoseconds waited)
-  {
+  void take_gap(Nanoseconds stamp, Nanoseconds step, Nanoseconds waited) {
     newest_ = stamp;
     const auto missing = period_ != 0.0 ? count_periods(step, period_) - 1 : 0;
     const bool overflowed = losses_ != nullptr && losses_->take_gap(missing, waited, static_cast<Nanoseconds>(period_));
@@ -231,8 +216,7 @@ private:
   }
 
   // Learn from an interval, or count the messages missing in it; a short one cancels a long one.
-  void take_unusual(Nanoseconds step)
-  {
+  void take_unusual(Nanoseconds step) {
     if (period_ == 0.0) {return learn(step);}
     if (usual_ != streak_at_) {count_pending();}
     pending_ += count_periods(step, period_) - 1;
@@ -244,15 +228,13 @@ private:
   }
 
   // Count the pending messages: usual intervals have ended the row of unusual ones.
-  void count_pending()
-  {
+  void count_pending() {
     missing_ += pending_;
     pending_ = streak_ = 0;
     streak_at_ = usual_;
   }
 
-  void learn(Nanoseconds step)
-  {
+  void learn(Nanoseconds step) {
     steps_[static_cast<std::size_t>(learnt_++) % LEARN] = step;
     if (learnt_ < static_cast<std::int64_t>(LEARN)) {return;}
     auto sorted = steps_;
@@ -269,8 +251,7 @@ private:
   }
 
   // Count relative to this period from now on; 0 while it is unknown.
-  void set_period(double period)
-  {
+  void set_period(double period) {
     period_ = std::nearbyint(period);
     deviation_ = deviation2_ = 0.0;
     unmeasured_ = streak_at_ = usual_;

@@ -13,10 +13,8 @@
 #include "ces_core.h"
 #include "from_python.hpp"
 
-namespace ces
-{
-namespace
-{
+namespace ces {
+namespace {
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && sizeof(double) == 8);
 
@@ -24,8 +22,7 @@ constexpr std::size_t MAX_BYTES = 16 << 20, HEAD_BYTES = 16, CRC_BYTES = 4;
 constexpr std::uint32_t VERSION = 1;
 constexpr const char * AGAIN = "; copy it again, or write it with `ces export model.json --out NAME.ces`";
 
-std::uint32_t crc32(const std::string & bytes, std::size_t count)
-{
+std::uint32_t crc32(const std::string & bytes, std::size_t count) {
   std::array<std::uint32_t, 256> table{};
   for (std::uint32_t i = 0; i < table.size(); ++i) {
     table[i] = i;
@@ -36,12 +33,10 @@ std::uint32_t crc32(const std::string & bytes, std::size_t count)
   return ~crc;
 }
 
-class FlatFile
-{
+class FlatFile {
 public:
   explicit FlatFile(const std::string & path)
-  : path_(path)
-  {
+  : path_(path) {
     std::ifstream file(path, std::ios::binary | std::ios::ate);
     if (!file) {refuse(errno == ENOENT ? "no such model file" : "cannot be read; check its permissions");}
     const auto size = file.tellg();
@@ -50,8 +45,7 @@ public:
     file.seekg(0).read(bytes_.data(), static_cast<std::streamsize>(bytes_.size()));
   }
 
-  ModelPtr read(bool allow_uncertified)
-  {
+  ModelPtr read(bool allow_uncertified) {
     open();
     auto model = std::make_shared<Model>();
     model->path = path_;
@@ -80,8 +74,7 @@ private:
   [[noreturn]] void refuse(const std::string & what) const {throw UserError(path_ + ": " + what);}
 
   // Check the frame around the numbers, and find the texts.
-  void open()
-  {
+  void open() {
     end_ = bytes_.size() - CRC_BYTES;
     if (bytes_.size() < HEAD_BYTES + CRC_BYTES || bytes_.compare(0, 8, "CES-FLAT")) {
       refuse("is no flat model file; write one with `ces export model.json --out NAME.ces`");
@@ -99,8 +92,7 @@ private:
     at_ = (HEAD_BYTES + length + 7) / 8 * 8;
   }
 
-  void read_text(Model & model) const
-  {
+  void read_text(Model & model) const {
     model.digest = text("model");
     model.size = text("size");
     model.outside = text("outside");
@@ -117,15 +109,13 @@ private:
     model.motion = static_cast<Motion>(motion - std::begin(MOTIONS));
   }
 
-  const std::string & text(const char * key) const
-  {
+  const std::string & text(const char * key) const {
     const auto found = texts_.find(key);
     if (found == texts_.end()) {refuse(std::string("has no '") + key + "'" + AGAIN);}
     return found->second;
   }
 
-  double number(const char * key) const
-  {
+  double number(const char * key) const {
     const auto & value = text(key);
     char * rest = nullptr;
     const double number = std::strtod(value.c_str(), &rest);
@@ -134,24 +124,21 @@ private:
   }
 
   template<typename T>
-  T load(std::size_t at) const
-  {
+  T load(std::size_t at) const {
     T value;
     std::memcpy(&value, bytes_.data() + at, sizeof value);
     return value;
   }
 
   template<typename T>
-  std::vector<T> load_many(std::size_t count)
-  {
+  std::vector<T> load_many(std::size_t count) {
     std::vector<T> values(count);
     if (count) {std::memcpy(values.data(), bytes_.data() + at_, count * sizeof(T));}
     at_ += count * sizeof(T);
     return values;
   }
 
-  void read_arrays(Arrays & arrays, const char * name)
-  {
+  void read_arrays(Arrays & arrays, const char * name) {
     std::array<std::int64_t, 4> sizes{};
     if (at_ > end_ || end_ - at_ < sizeof sizes) {refuse(std::string(name) + " is missing" + AGAIN);}
     std::memcpy(sizes.data(), bytes_.data() + at_, sizeof sizes);
@@ -177,8 +164,7 @@ private:
   }
 
   // Let the core check sizes and indices, and find what depends on them.
-  void check(Model & model) const
-  {
+  void check(Model & model) const {
     const auto size = [](std::size_t count) {return static_cast<std::int64_t>(count);};
     const auto call = [&](const auto & a, const auto & b, const auto & c) {
         return ces_check_models(
@@ -205,8 +191,7 @@ private:
 
 ModelPtr read_model(const std::string & path, bool allow_uncertified) {return FlatFile(path).read(allow_uncertified);}
 
-bool rounds_like_python()
-{
+bool rounds_like_python() {
   bool is_same = true;
   for (std::size_t i = 0; i < std::size(ROUNDED); ++i) {
     is_same = is_same && ces_rounding_sample(static_cast<std::int64_t>(i) + 1) == ROUNDED[i];
