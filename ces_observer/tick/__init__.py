@@ -6,6 +6,7 @@ them out. MODULES stand from the bottom up: each calls only what stands before i
 """
 
 MODULES = (
+    "selftest",
     "model",
     "bank",
     "tracker",
@@ -43,4 +44,5 @@ ENTRY_POINTS = (
     "estimator_skip_late",
     "run_half_width",
     "check_models",
+    "rounding_sample",
 )  # what is called from outside, by name: `ces_observer.core.bind`
