@@ -25,7 +25,7 @@ from ces_identify.numerics.speed_kernels import (
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
 from ces_observer.structures.structure import Range
-from ces_observer.reasons import MAX_MOTION
+from ces_observer.tracker import MAX_MOTION
 
 STRETCH_S = 60.0  # of a long series of which only a part is used
 

@@ -16,7 +16,7 @@ from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, Sampling
-from ces_observer.reasons import BEYOND_STROKE, NOT_FINITE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, UNSETTLED, Tracker
+from ces_observer.tracker import BEYOND_STROKE, NOT_FINITE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, UNSETTLED, Tracker
 
 MS = 1_000_000
 LATEST_NS = 2**62  # beyond what a ROS stamp can hold

@@ -6,7 +6,7 @@ from rough_samples import MS, rough_samples
 from samplings import make_sampling
 
 from ces_identify.numerics import speed_kernels as kernels
-from ces_observer.reasons import BEYOND_STROKE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, UNSETTLED, Tracker
+from ces_observer.tracker import BEYOND_STROKE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, UNSETTLED, Tracker
 
 STATUS = {
     OK: kernels.STATUS_OK,
