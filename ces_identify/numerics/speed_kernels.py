@@ -37,9 +37,9 @@ class Tracked(NamedTuple):
     """The result of `track` for n samples: m ticks (m, 2) of position [m] and speed [m/s] with their stamps (m,) [ns].
 
     For each sample: the number of ticks so far, its status (a code of `ces_observer.tick.tracker`), and its time after
-    the last tick [ticks]. `late` (m, 2) are the ticks as they are known after the sampling's delay, NaN where they never
-    are; without a delay, the ticks. `innovations` (n,) [m] are NaN where there is none. `likelihood` is the mean log
-    likelihood of the measured ticks.
+    the last tick [ticks]. `late` (m, 2) are the ticks as they are known after the sampling's delay, NaN where they
+    never are; without a delay, the ticks. `innovations` (n,) [m] are NaN where there is none. `likelihood` is the mean
+    log likelihood of the measured ticks.
     """
 
     ticks: F
