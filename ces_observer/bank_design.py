@@ -1,4 +1,4 @@
-"""The design of a bank: what a stroke is like in; the numbers of the modes out (see `ces_observer.speed_bank`).
+"""The design of a bank: what a stroke is like in; the numbers of the modes out (see `ces_observer.tick.bank`).
 
 A sample need not lie at its tick: rows and gains of the measurement are moved to the nearest of SHIFTS, so that a mode
 is nearly as stable as with samples on the ticks. After lost ticks, the gains are those of the next longer span: those
@@ -8,7 +8,7 @@ of a shorter one are too large.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from math import exp, pi, sqrt
 
@@ -26,13 +26,12 @@ from ces_observer.kalman import (
     stationary,
     transpose,
 )
+from ces_observer.tick.bank import BINS, EARLIEST
 
 SPEED, ACCELERATION = "speed", "acceleration"
 AFTER_S = 1e-3  # [s] in which the worth of a late correction fades
 FREEDOM = 9.0  # degrees of freedom of Student's t; the likelihood is then a power of -5
 DRIFT = 1.0  # [m/s2 per root second] of an accelerometer's offset
-BINS = 8  # of a tick, to which the gains know the time of a sample
-EARLIEST = 12  # [bins] before its tick that the mean of several samples may lie
 SHIFTS = range(-EARLIEST, BINS // 2 + 1)  # [bins] from its tick
 MIN_NOISE = 0.02  # of the position, times the RMS speed per tick: gains of less do not bear half a bin
 MIN_MOTION_NOISE = 1e-4  # of the speed or acceleration, times that of the stroke: rounding needs no less
@@ -98,6 +97,13 @@ def spans_of(stroke: BankSettings) -> tuple[int, ...]:
 def design_bank(stroke: BankSettings, delay: int = 0) -> tuple[BankMode, ...]:
     """Return the modes, with gains for all gaps that are bridged."""
     return tuple(_design_mode(stroke, frequency, delay) for frequency in stroke.frequencies_Hz)
+
+
+def response_s(stroke: BankSettings) -> float:
+    """Return the time [s] in which the fastest mode responds to a wrong speed, if the position alone is measured."""
+    fastest = replace(stroke, frequencies_Hz=(max(stroke.frequencies_Hz),), max_gap_s=0.0, motion="", motion_noise=0.0)
+    gains = design_bank(fastest)[0].gains[0][EARLIEST]
+    return gains.position[0] / gains.speed[0]
 
 
 def _design_mode(stroke: BankSettings, frequency_Hz: float, delay: int) -> BankMode:

@@ -17,26 +17,29 @@ from ces_observer.core import bind, floats, ints
 from ces_observer.flat import Arrays, Layout
 from ces_observer.model import Model
 from ces_observer.reasons import REASONS
-from ces_observer.sampling_layout import layout_of
+from ces_observer.sampling_layout import fill_tracker
 from ces_observer.tick.estimator import (
     CAUSE,
     FORCE,
     HAS_NOW,
+    K_ESTIMATOR_END,
     LATE_COUNT,
     LATE_STAMPS,
     LATE_VALUES,
     LATE_WIDTH,
+    N_ESTIMATOR_END,
     REASON,
     RING_STAMPS,
     RING_VALUES,
     RING_WIDTH,
+    S_ESTIMATOR_END,
     estimator_reset,
     estimator_skip_late,
     estimator_step,
 )
 from ces_observer.tick.model import CLAMPED, HELD
 from ces_observer.tick.run import run_half_width
-from ces_observer.tick.tracker import TRACK_POSITION, TRACK_SPEED
+from ces_observer.tick.tracker import P_ESTIMATOR, TRACK_POSITION, TRACK_SPEED
 
 
 class LateEstimate(NamedTuple):
@@ -61,7 +64,8 @@ def lay_out_estimator(model: Model) -> EstimatorArrays:
     """Return the arrays of a model file's estimator; raises ModelError for numbers that cannot be used."""
     sampling = model.best.sampling
     length = sampling.delay_ticks + 1
-    layout = layout_of(sampling)
+    layout = Layout(P_ESTIMATOR, N_ESTIMATOR_END, S_ESTIMATOR_END, K_ESTIMATOR_END)
+    fill_tracker(layout, sampling)
     layout.set_counts(
         {
             HAS_NOW: model.sampling.delay_ticks == 0,

@@ -8,9 +8,10 @@ Chu, Fan & Lin (Linear Algebra Appl. 396, 2005). Runs once for a model, with the
 
 from __future__ import annotations
 
+import operator
 from collections.abc import Sequence
+from functools import reduce
 from math import cos, exp, sqrt
-from operator import mul
 from typing import NamedTuple
 
 Matrix = list[list[float]]
@@ -39,9 +40,9 @@ class Filter(NamedTuple):
 
 
 def product(a: Matrix, b: Matrix) -> Matrix:
-    """Return a b."""
+    """Return a b. Sums are rounded at each term, which `sum` does not do in every version of Python."""
     columns = list(zip(*b, strict=True))
-    return [[sum(map(mul, row, column)) for column in columns] for row in a]
+    return [[reduce(operator.add, map(operator.mul, row, column), 0.0) for column in columns] for row in a]
 
 
 def transpose(a: Matrix) -> Matrix:

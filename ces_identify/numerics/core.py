@@ -6,11 +6,9 @@ whole tick: whatever changes in it, everything that contains it is compiled anew
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Callable, Mapping
 from functools import cache
 from math import isfinite, nan
-from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar
 
@@ -19,21 +17,13 @@ from numba import njit
 
 from ces_data.arrays import F, I, Mask
 from ces_observer import tick
+from ces_observer.core import tick_digest
 from ces_observer.structures.structure import OperatingRange, Structure
 from ces_observer.tick.model import HELD
 from ces_observer.tick.structure import structure_reset, structure_tick
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 TICK = f"{tick.__name__}."
-
-
-@cache
-def tick_digest() -> str:
-    """Return a digest of the source of the tick."""
-    digest = hashlib.sha256()
-    for path in sorted(Path(tick.__path__[0]).glob("*.py")):
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:16]
 
 
 def with_names(function: Callable[..., Any], name: str, names: Mapping[str, Any]) -> Any:

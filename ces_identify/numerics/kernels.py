@@ -14,6 +14,8 @@ import numpy as np
 from numba import njit
 
 from ces_data.arrays import F, I, Mask
+from ces_identify.numerics.core import compiled, core_kernel
+from ces_observer.tick.polynomial import power_of
 
 BLOCK = 1024  # ticks per pass, which fit into the first-level cache
 Bounds = tuple[float, float]  # lowest and highest force of a free run [N]
@@ -46,25 +48,15 @@ class ScoredRun(NamedTuple):
     bounds: Bounds
 
 
-@njit(cache=True, nogil=True)
+power_value = compiled(power_of)
+
+
+@core_kernel
 def power_row(values: F, power: float, signed: bool) -> F:
     """Return |s|^power, or sign(s) |s|^power if `signed`, for each value s."""
     row = np.empty(len(values))
     for k in range(len(values)):
-        s = abs(values[k])
-        if power == 0.0:
-            p = 1.0
-        elif power == 1.0:
-            p = s
-        elif power == 2.0:
-            p = s * s
-        elif power == 0.5:
-            p = sqrt(s)
-        elif power == 1.5:
-            p = s * sqrt(s)
-        else:
-            p = s**power
-        row[k] = -p if signed and np.copysign(1.0, values[k]) < 0.0 else p
+        row[k] = power_value(values[k], power, signed)
     return row
 
 

@@ -2,23 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_identify.numerics import kernels
+from ces_identify.numerics.core import compiled, core_kernel
 from ces_identify.numerics.kernels import TermArrays
-from ces_identify.polynomial import constructed_kernels
+from ces_observer.flat import Layout
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.constructed_inputs import ConstructedInput, Frequency, Lag, TriangularMembership
+from ces_observer.structures.constructed_inputs import (
+    BASE,
+    ConstructedInput,
+    TriangularMembership,
+    lay_out_constructed,
+)
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Factor, Term, collect_constructed
+from ces_observer.tick.constructed import constructed_update, membership
+from ces_observer.tick.model import clamp
 
-SIGNALS = ("position", "speed", "current")
 Power = tuple[str, float, bool]  # signal, power, signed
+
+
+clamp_value, update_inputs, membership_value = compiled(clamp), compiled(constructed_update), compiled(membership)
 
 
 def signal_values(
@@ -27,32 +37,47 @@ def signal_values(
     """Return position, speed and current (ticks,), clamped, and each constructed input as the observer computes it.
 
     `inputs` (3, ticks) are position [m], speed [m/s] and current [A]; they are clamped to `envelope`. In `constructed`,
-    each follows those from which it is computed.
+    each follows those from which it is computed; outside `segments` they are zero.
     """
-    ranges = envelope.by_signal
-    known = {signal: np.clip(values, *ranges[signal]) for signal, values in zip(SIGNALS, inputs, strict=True)}
-    for one in constructed:
-        known[one.name] = _constructed_value(one, known, segments, rate_Hz)
-    return known
+    layout = Layout(0, 0, len(BASE), 0)
+    table, places = lay_out_constructed(layout, constructed, rate_Hz, 0)
+    arrays = layout.arrays()
+    p, n, s = np.array(arrays.p), np.array(arrays.n, np.int64), np.array(arrays.s)
+    values = np.zeros((len(places), len(inputs[0])))
+    values[: len(BASE)] = inputs
+    _construct(p, n, s, table, np.array([envelope.by_signal[name] for name in BASE]), segments, values)
+    return dict(zip(places, values, strict=True))
 
 
-def _constructed_value(one: ConstructedInput, known: Mapping[str, F], segments: I, rate_Hz: float) -> F:
-    if isinstance(one, TriangularMembership):
-        return membership(one, known[one.of])
-    if isinstance(one, Frequency):
-        settings = (one.gain(rate_Hz), one.floor_m, *one.range_Hz)
-        return np.asarray(constructed_kernels.frequency(known["position"], known["speed"], segments, *settings))
-    if isinstance(one, Lag):
-        return np.asarray(constructed_kernels.lag(known[one.of], segments, one.gain(rate_Hz)))
-    hysteresis = constructed_kernels.stop if one.kind == "stop" else constructed_kernels.play
-    return np.asarray(hysteresis(known[one.of], segments, one.half_width))
+@core_kernel
+def _construct(p: F, n: I, s: F, table: int, ranges: F, segments: I, values: F) -> None:
+    """Clamp position, speed and current, the first rows of `values` (signals, ticks), and compute the other rows."""
+    count = len(values) - 3
+    for row in range(3):
+        for i in range(values.shape[1]):
+            values[row, i] = clamp_value(values[row, i], ranges[row, 0], ranges[row, 1])
+    if count == 0:
+        return
+    for segment in range(len(segments)):
+        for i in range(segments[segment, 0], segments[segment, 1]):
+            for row in range(3):
+                s[row] = values[row, i]
+            update_inputs(p, n, s, table, count, 0, i > segments[segment, 0])
+            for row in range(3, 3 + count):
+                values[row, i] = s[row]
 
 
-def membership(definition: TriangularMembership, values: F) -> F:
+@core_kernel
+def _memberships(values: F, low: float, peak: float, high: float) -> F:
+    out = np.empty(len(values))
+    for i in range(len(values)):
+        out[i] = membership_value(values[i], low, peak, high)
+    return out
+
+
+def membership_values(definition: TriangularMembership, values: F) -> F:
     """Return the membership (n,) of `values` (n,)."""
-    low = 1.0 if definition.low is None else 1.0 - (values - definition.peak) / (definition.low - definition.peak)
-    high = 1.0 if definition.high is None else 1.0 - (values - definition.peak) / (definition.high - definition.peak)
-    return np.maximum(0.0, np.where(values < definition.peak, low, high))
+    return np.asarray(_memberships(values, *definition.ends))
 
 
 @dataclass(frozen=True)
@@ -85,7 +110,7 @@ class CompiledTerms:
         """Return row `column` of the power table at `values` (n,) of the factor's variable."""
         signal, power, signed = self.powers[column]
         hat = self._memberships.get(signal)
-        return membership(hat, values) if hat else np.asarray(kernels.power_row(values, power, signed))
+        return membership_values(hat, values) if hat else np.asarray(kernels.power_row(values, power, signed))
 
     def ranges(self, envelope: Envelope) -> dict[str, Range]:
         """Return the range of every signal, constructed ones included."""

@@ -14,11 +14,12 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_identify.numerics import kernels
-from ces_identify.polynomial.compiled_terms import SIGNALS, CompiledTerms, compile_terms
+from ces_identify.polynomial.compiled_terms import CompiledTerms, compile_terms
 from ces_identify.prepare.cost import EQUAL, Weighting, require_force
 from ces_identify.prepare.series import Series
 from ces_observer.errors import RecordingError
 from ces_observer.model import Envelope
+from ces_observer.structures.constructed_inputs import BASE
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Term
 
@@ -123,7 +124,7 @@ def assemble_problem(
         require_force(one)
     envelope = compute_envelope(series)
     compiled = compile_terms(candidates)
-    inputs = [np.concatenate([getattr(s, name) for s in series]) for name in SIGNALS]
+    inputs = [np.concatenate([getattr(s, name) for s in series]) for name in BASE]
     offsets = np.cumsum([0, *(len(s) for s in series[:-1])])
     stacked = np.concatenate([s.segments + offset for s, offset in zip(series, offsets, strict=True)])
     segments = np.ascontiguousarray(stacked, np.int64)

@@ -6,30 +6,35 @@ is the stroke since the last reversal, on which compliance and presliding fricti
 signal. `lag` is a first-order lag, like that of coil and pilot valve between current and force. `frequency` estimates
 the frequency of the damper's motion. `hat` is a triangular membership; memberships over the same breakpoints add up to
 one, so that terms times memberships are sub-models blended over a signal. All are computed from inputs clamped to the
-model's envelope, so their ranges are certain.
-
-`ces_identify.polynomial.constructed_kernels` computes the same over whole arrays, operation by operation.
+model's envelope, so their ranges are certain. Here are their definitions; `ces_observer.tick.constructed` computes
+them.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
-from math import exp, pi, sqrt
+from math import exp
 from typing import Any
 
 from ces_observer.errors import ModelError
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, down, up
 from ces_observer.structures.structure import Range, Ranges
+from ces_observer.tick.constructed import (
+    CONSTRUCTED_NUMBERS,
+    CONSTRUCTED_STATES,
+    KIND_FREQUENCY,
+    KIND_HAT,
+    KIND_LAG,
+    KIND_PLAY,
+    KIND_STOP,
+    membership,
+)
 
-TWO_PI = 2.0 * pi
 BASE = ("position", "speed", "current")
-
-
-# Takes a tick's values (position, speed, current, then the inputs constructed before this one); returns its value.
-ConstructedRun = Callable[[Sequence[float]], float]
 
 
 class _Definition:
@@ -71,30 +76,9 @@ class Hysteresis(_Definition):
         """Return its range, given those of the inputs."""
         return (-self.half_width, self.half_width) if self.kind == "stop" else ranges[self.of]
 
-    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
-        """Return a new run; `columns` maps each signal to its place among the values."""
-        column, half = columns[self.of], self.half_width
-        stop = 0.0
-        last: float | None = None
-        play: float | None = None
-
-        def update_stop(values: Sequence[float]) -> float:
-            nonlocal stop, last
-            value = values[column]
-            if last is not None:
-                moved = stop + (value - last)
-                stop = half if moved > half else -half if moved < -half else moved
-            last = value
-            return stop
-
-        def update_play(values: Sequence[float]) -> float:
-            nonlocal play
-            value = values[column]
-            low, high = value - half, value + half
-            play = value if play is None else low if play < low else high if play > high else play
-            return play
-
-        return update_stop if self.kind == "stop" else update_play
+    def numbers(self, rate_Hz: float) -> tuple[float, ...]:
+        """Return its numbers for the tick."""
+        return (self.half_width,)
 
 
 @dataclass(frozen=True)
@@ -115,18 +99,9 @@ class Lag(_Definition):
         rounding = 4e-16 * max(abs(low), abs(high))  # of a difference, a product and a sum
         return down(low - rounding), up(high + rounding)
 
-    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
-        """Return a new run."""
-        column, gain = columns[self.of], self.gain(rate_Hz)
-        lagged: float | None = None
-
-        def update(values: Sequence[float]) -> float:
-            nonlocal lagged
-            value = values[column]
-            lagged = value if lagged is None else lagged + gain * (value - lagged)
-            return lagged
-
-        return update
+    def numbers(self, rate_Hz: float) -> tuple[float, ...]:
+        """Return its numbers for the tick."""
+        return (self.gain(rate_Hz),)
 
 
 @dataclass(frozen=True)
@@ -152,27 +127,9 @@ class Frequency(_Definition):
         """Return its range."""
         return self.range_Hz
 
-    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
-        """Return a new run."""
-        (lowest, highest), floor = self.range_Hz, self.floor_m * self.floor_m
-        gain = self.gain(rate_Hz)
-        means: tuple[float, float] | None = None
-        xx = vv = 0.0
-
-        def update(values: Sequence[float]) -> float:
-            nonlocal means, xx, vv
-            x, v = values[0], values[1]
-            mean_x, mean_v = means or (x, v)
-            mean_x += gain * (x - mean_x)
-            mean_v += gain * (v - mean_v)
-            means = mean_x, mean_v
-            x, v = x - mean_x, v - mean_v
-            xx += gain * (x * x - xx)
-            vv += gain * (v * v - vv)
-            frequency = sqrt(vv / (xx + floor)) / TWO_PI
-            return lowest if frequency < lowest else highest if frequency > highest else frequency
-
-        return update
+    def numbers(self, rate_Hz: float) -> tuple[float, ...]:
+        """Return its numbers for the tick."""
+        return self.gain(rate_Hz), self.floor_m * self.floor_m, *self.range_Hz
 
 
 @dataclass(frozen=True)
@@ -201,10 +158,15 @@ class TriangularMembership(_Definition):
         """Where its slope jumps."""
         return tuple(at for at in (self.low, self.peak, self.high) if at is not None)
 
+    @property
+    def ends(self) -> tuple[float, float, float]:
+        """The values `low`, `peak` and `high`; a side without an end has it at the peak."""
+        low = self.peak if self.low is None else self.low
+        return low, self.peak, self.peak if self.high is None else self.high
+
     def at(self, value: float) -> float:
         """Return the membership of `value`, from 0 to 1."""
-        end = self.low if value < self.peak else self.high
-        return 1.0 if end is None else max(0.0, 1.0 - (value - self.peak) / (end - self.peak))
+        return membership(value, *self.ends)
 
     def base_range(self, ranges: Ranges) -> Range:
         """Return the range of the signal `of`."""
@@ -230,10 +192,9 @@ class TriangularMembership(_Definition):
         slopes += [0.0] if outside or not slopes else []
         return down(down(down(min(slopes)))), up(up(up(max(slopes))))
 
-    def make_run(self, columns: Mapping[str, int], rate_Hz: float) -> ConstructedRun:
-        """Return a new run."""
-        column = columns[self.of]
-        return lambda values: self.at(values[column])
+    def numbers(self, rate_Hz: float) -> tuple[float, ...]:
+        """Return its numbers for the tick."""
+        return self.ends
 
 
 ConstructedInput = Hysteresis | Lag | Frequency | TriangularMembership
@@ -249,24 +210,25 @@ def make_memberships(
     )
 
 
-class InputConstructor:
-    """The runs of all constructed inputs of a model; each input follows those from which it is computed."""
+CODES = {"stop": KIND_STOP, "play": KIND_PLAY, "lag": KIND_LAG, "frequency": KIND_FREQUENCY, "hat": KIND_HAT}
 
-    def __init__(self, constructed: Sequence[ConstructedInput], rate_Hz: float) -> None:
-        self._constructed, self._rate_Hz = constructed, rate_Hz
-        self._columns = {name: i for i, name in enumerate((*BASE, *(one.name for one in constructed)))}
-        self.reset()
 
-    def reset(self) -> None:
-        """Forget the past."""
-        self._runs = [one.make_run(self._columns, self._rate_Hz) for one in self._constructed]
+def lay_out_constructed(
+    layout: Layout, constructed: Sequence[ConstructedInput], rate_Hz: float, position: int
+) -> tuple[int, dict[str, int]]:
+    """Write the table of constructed inputs, each after those from which it is computed, for `constructed_update`.
 
-    def update(self, values: Sequence[float]) -> list[float]:
-        """Return a tick's position, speed and current, within their envelope, and after them each constructed input."""
-        known = list(values)
-        for run in self._runs:
-            known.append(run(known))
-        return known
+    Position, speed and current stand at s[position] and behind it, where the state of the layout ends. Returns the
+    place of the table in n, and the place in s of every signal.
+    """
+    places = {name: position + i for i, name in enumerate((*BASE, *(one.name for one in constructed)))}
+    layout.state(len(constructed) * (1 + CONSTRUCTED_STATES))
+    rows = list[int]()
+    for one in constructed:
+        numbers = one.numbers(rate_Hz)
+        padding = (0.0,) * (CONSTRUCTED_NUMBERS - len(numbers))
+        rows += [CODES[one.kind], places[one.signals[0]], layout.table((*numbers, *padding))]
+    return layout.indices(rows), places
 
 
 RESERVED = (*BASE, "force", "products", "constructed")

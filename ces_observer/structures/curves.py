@@ -16,19 +16,11 @@ from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.json_text import JsonObject
+from ces_observer.tick.curves import MIN_RISE
 
 MAX_NODES = 64
 MAX_VALUE = 1e9
-MIN_RISE = 1e-12  # between nodes, relative to the largest: less is lost in the rounding of a blend of two curves
 MIN_SLOPE, MAX_SLOPE = 1e-15, 1e12  # far beyond those of any damper's curve, in any of its units
-
-Piece = tuple[float, float, float]  # a straight piece: its left node (x, y), and its slope
-
-
-def pieces(at: Sequence[float], values: Sequence[float]) -> tuple[Piece, ...]:
-    """Return the pieces between nodes (at, values); `bisect_left(at[1:-1], x)` is the index of the one that holds x."""
-    ends = zip(pairwise(at), pairwise(values), strict=True)
-    return tuple((x0, y0, (y1 - y0) / (x1 - x0)) for (x0, x1), (y0, y1) in ends)
 
 
 @dataclass(frozen=True)
@@ -67,7 +59,8 @@ def parse_nodes(node: JsonObject, key: str, count: int | None = None, rising: bo
 def check_slopes(where: str, at: Sequence[float], values: Sequence[float], rising: bool = True) -> None:
     """Raise ModelError if a curve is too steep or, if `rising`, too flat for a step that loses no digits."""
     least = MIN_SLOPE if rising else 0.0
-    for x, _, slope in pieces(at, values):
+    for (x, y), (x1, y1) in pairwise(zip(at, values, strict=True)):
+        slope = (y1 - y) / (x1 - x)
         if not least <= abs(slope) <= MAX_SLOPE:
             raise ModelError(
                 f"{where}: a slope of {slope:g} from {x:g} on; expected {least:g} to {MAX_SLOPE:g}: identify the model "
@@ -108,51 +101,6 @@ class FlowMap:
         for row in parsed:
             check_slopes(node.where, places, row)
         return cls(places, tuple(parsed))
-
-
-EdgePiece = tuple[float, float, float, float, float, float]
-"""Flow and width [m/s] of a piece, drop [N] at its left node and rise to the right one, and how far the next row's
-differ from them."""
-
-
-class EdgeRun:
-    """The flow of an edge over its pressure drop, at a setting of the valve."""
-
-    def __init__(self, flow: FlowMap) -> None:
-        rows = flow.rows
-        self._top = len(rows) - 1
-        self._rows = [_blend(flow.at, *pair) for pair in pairwise((*rows, rows[-1]))]
-        self._last = len(flow.at) - 2
-        self.flows = flow.at
-
-    def blend(self, setting: float) -> tuple[list[EdgePiece], float]:
-        """Return the pieces of the row below a setting, and the share of the next row."""
-        share = setting * self._top
-        row = int(share)
-        return self._rows[row], share - row
-
-    def find(self, curve: Sequence[EdgePiece], share: float, drop: float, piece: int) -> int:
-        """Return the index of the piece that holds a drop [N], searched from `piece` on."""
-        while piece < self._last and drop > curve[piece + 1][2] + share * curve[piece + 1][4]:
-            piece += 1
-        while piece > 0 and drop <= curve[piece][2] + share * curve[piece][4]:
-            piece -= 1
-        return piece
-
-
-def _blend(at: Sequence[float], below: Sequence[float], above: Sequence[float]) -> list[EdgePiece]:
-    return [
-        (x0, x1 - x0, a0, a1 - a0, b0 - a0, (b1 - b0) - (a1 - a0))
-        for (x0, x1), (a0, a1), (b0, b1) in zip(pairwise(at), pairwise(below), pairwise(above), strict=True)
-    ]
-
-
-def line_of(piece: EdgePiece, share: float, part: float) -> tuple[float, float, float, float]:
-    """Return `part` of the flow at no drop and of the slope on the line of a piece, and the drops [N] at its ends."""
-    flow, width, at, rise, higher, steeper = piece
-    low, length = at + share * higher, rise + share * steeper
-    slope = part * width / length
-    return part * flow - slope * low, slope, low, low + length
 
 
 @dataclass(frozen=True)

@@ -1,30 +1,8 @@
-"""A damper as a hydraulic network: two chambers and a reservoir, joined by three edges whose flows rise with the drop.
+"""A damper as a hydraulic network: its numbers, the proof of its force, and the arrays of its tick.
 
-Edges: P from compression to rebound chamber (piston), B from compression chamber to reservoir (base valve), E from
-rebound chamber to reservoir (external valve). With pressures p_c, p_r above the reservoir's, as forces [N] on the rod
-side's area, flows as speeds [m/s] of it, r = 1 + area ratio, s = r p_c - p_r, T the tick, d the drive, x the stroke:
-
-    U_c(k) - U_c(k-1) = r w + T [ -P - B ],   U_c = C_c e^(g_c x) phi(p_c)
-    U_r(k) - U_r(k-1) =  -w + T [  P - E ],   U_r = C_r e^(g_r x) phi(p_r)
-    w = T d - M (f(k) - f(k-1)) - T creep f(k),   f = s + sum_j z_j,   z_j(k) = clip(z_j(k-1) + k_j w, -+yield_j)
-    P = h (b q_P(dp) + (1 - b) y(k-1) root(dp) + A(x - M f(k-1)) passage(dp)),  dp = p_c - p_r,  b = T / (lag + T),
-        y(k) = (1 - b) y(k-1) + b q_P(dp) / root(dp),  root(z) = z / sqrt(|z| + e),
-        passage(z) = 2 z / (sqrt(n + 4 |z|) + sqrt(n));  likewise B with p_c and E with p_r, without A
-    h = e^(fade heat(k-1)),  heat a low-pass of 100 s of |f d|
-    force(k) = f + side force(k),  the friction elements z_j times 1 + growth max(p_r, 0)
-
-U are the volumes stored, C the compliances of the chambers' oil, which change with their length, and M that of mounts
-in series, which may creep; w is the way behind them, and z_j are springs that yield there: friction, and a fluid that
-the current stiffens. phi is that of oil with air: with R the reservoir's absolute pressure, phi' = 1 + air (R / (p +
-R))^2, as straight pieces that meet at R times SPREAD; below the first it stays as soft, a void that must be refilled.
-q_P, q_B(p_c) and q_E(p_r) are piecewise linear, increasing, through the origin; those that the current moves are
-blended between rows. A valve's opening y follows its steady flow with a lag: a check that closes late passes oil back.
-A >= 0 is a bypass that depends on the stroke behind the mount, such as a groove: a laminar and a turbulent resistance
-in series. Oil that warms is thinner: all flows grow by h, which is held within e^(-2) and e^2.
-
-A twin tube has its valve in the piston, and a base valve with a refill check; a uniflow damper has checks in piston and
-base, and its valve outside; a monotube has its valve in the piston, and gas in C_c; a magneto-rheological damper has
-springs that yield instead of a valve.
+`ces_observer.tick.hydraulic` has the equations. A twin tube has its valve in the piston, and a base valve with a refill
+check; a uniflow damper has checks in piston and base, and its valve outside; a monotube has its valve in the piston,
+and gas in C_c; a magneto-rheological damper has springs that yield instead of a valve.
 
 What is proved, for any parameters that a model file can hold and for any inputs:
 
@@ -34,233 +12,51 @@ What is proved, for any parameters that a model file can hold and for any inputs
   given stroke and setting  Phi*(U(k)) - Phi*(U(k-1)) <= s w - T (dp P + p_c B + p_r E)  by convexity, no flow feeds
   energy, and  M f^2 / 2 + sum_j z_j^2 / (2 k_j)  grows by at most  T d f - s w  for the same reason.
 * Pressures are held within +-`most_N`, and the force within its envelope: both stay bounded, whatever the rounding.
-
-A tick solves the step on the pieces of the last one and goes on from piece to piece (Newton's method). Steps along
-which the convex function would rise again are halved.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from math import exp, inf, nan, sqrt
+from math import inf
+from sys import float_info
 from typing import Any, ClassVar, Self
 
 from ces_observer.errors import ModelError
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
-from ces_observer.structures.curves import (
-    MAX_VALUE,
-    Bypass,
-    EdgeRun,
-    FlowMap,
-    line_of,
-    parse_bypass,
-)
-from ces_observer.structures.mount import MountRun
+from ces_observer.structures.curves import MAX_VALUE, Bypass, FlowMap, parse_bypass
 from ces_observer.structures.physical import (
     MAX_REACH,
     FrictionElement,
-    InputLimiter,
     PhysicalStructure,
     SideForces,
-    SideRun,
     ValvePath,
-    ValveRun,
+    widen,
     yield_at_mid_stroke,
 )
-from ces_observer.structures.structure import OperatingRange, Ranges, hold
+from ces_observer.structures.structure import OperatingRange, Ranges
+from ces_observer.tick import edges, mount
+from ces_observer.tick import hydraulic as tick
+from ces_observer.tick.hydraulic import ROUNDING, WARMING_S, hydraulic_reset, hydraulic_tick
+from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
 
 SPREAD = (0.05, 0.2, 0.5, 1.0, 1.7, 3.0, 6.0, 12.0)  # absolute pressures over the reservoir's, between pieces of phi
-WARMING_S = 100.0  # in which a damper takes up its heat
-WARMEST = 2.0  # growth of its flows, as a logarithm
-MAX_STEPS = 300  # Newton steps and halvings of a tick
-CLOSE = 1e-12  # relative change of the pressures that ends a step,
-NEAR = 1e-6  # and of a Newton step that squares its error
-TURN = 0.1  # share of the slope along a step, reversed, from which the step is halved,
-PATIENCE = 20  # for this many steps; then none may turn
-ROUNDING = 1e-9  # relative
-STILL_N = 1e-6  # drops below may be rounding, whose sign says nothing: an opening stays as it is
 KINDS = ("uniflow", "twin tube", "monotube", "magneto-rheological")
 
-OilPiece = tuple[float, float, float, float]
-"""Ends [N] of a piece of phi, its value at 0 N on the straight line of the piece, and its slope."""
+OilPiece = tuple[float, float, float]
+"""Upper end [N] of a piece of phi, its value at 0 N on the straight line of the piece, and its slope."""
 
 
 def oil_pieces(reservoir_N: float, air: float) -> list[OilPiece]:
-    """Return the pieces of phi."""
-    ends = [-inf, *(reservoir_N * (time - 1.0) for time in SPREAD), inf]
+    """Return the pieces of phi; the last has no end."""
+    ends = [*(reservoir_N * (time - 1.0) for time in SPREAD), inf]
     shares = [1.0 / SPREAD[0] ** 2, *(1.0 / (a * b) for a, b in pairwise(SPREAD)), 0.0]
     at = [SPREAD[0], *SPREAD]
     return [
-        (low, high, reservoir_N * air * (1.0 - 1.0 / time - share * (time - 1.0)), 1.0 + air * share)
-        for low, high, time, share in zip(ends, ends[1:], at, shares, strict=False)
+        (high, reservoir_N * air * (1.0 - 1.0 / time - share * (time - 1.0)), 1.0 + air * share)
+        for high, time, share in zip(ends, at, shares, strict=True)
     ]
-
-
-class HydraulicRun:
-    """The free run of a network; `clamped`, `held`: the last inputs, force were outside the envelope."""
-
-    def __init__(self, model: Hydraulic, within: OperatingRange) -> None:
-        rate = within.rate_Hz
-        self._inputs = InputLimiter(within, model.reach)
-        self._valve = ValveRun(model.valve, 1.0 / rate)
-        self._side = SideRun(model.side, 1.0 / rate)
-        self.mount = MountRun(model.side.friction, rate * model.mount_m_N, model.creep_m_Ns, 1.0 / rate)
-        self._friction_growth = model.friction_growth_1_N
-        self._edges = EdgeRun(model.piston), EdgeRun(model.base), EdgeRun(model.external)
-        self._bypass, self._narrow, self._spring = model.bypass, model.bypass_laminar_N, model.mount_m_N
-        self._small = model.laminar_N
-        self._fade, self._warming = model.fade_1_W, 1.0 / (1.0 + rate * WARMING_S)
-        self._ratio = 1.0 + model.area_ratio
-        self._stored = rate * model.compression_m_N, rate * model.rebound_m_N
-        self._growth = model.compression_growth_1_m, model.rebound_growth_1_m
-        self._oil, self._most = oil_pieces(model.reservoir_N, model.air), model.most_N
-        self._shares = tuple(1.0 / (1.0 + rate * lag) for lag in (model.piston_s, model.base_s, model.external_s))
-        self._limits = within.force_N
-        self.reset()
-
-    @property
-    def clamped(self) -> bool:
-        """True if the last inputs lay outside the envelope."""
-        return self._inputs.outside
-
-    def reset(self) -> None:
-        """Forget the past: chambers at the reservoir's pressure."""
-        self._valve.reset()
-        self._side.reset()
-        self.mount.reset()
-        self.pressures = 0.0, 0.0
-        self.heat = 0.0
-        self._volumes: tuple[float, float] | None = None
-        self._openings = 0.0, 0.0, 0.0
-        middle = tuple((len(edge.flows) - 1) // 2 for edge in self._edges)
-        self._pieces = *middle, self._find_oil(0.0), self._find_oil(0.0)
-        self._inputs.outside = self.held = False
-
-    def tick(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at this tick, held in its envelope; infinite if it is not finite."""
-        position, speed, current = self._inputs.limit(position, speed, current)
-        drive, force = self._side.tick(position, speed)
-        setting = self._valve.tick(current)
-        p_c, p_r = self.advance(position, drive, setting)
-        growth = self._friction_growth * p_r if p_r > 0.0 else 0.0
-        force += self._ratio * p_c - p_r + self.mount.rubbed * (1.0 + growth)
-        low, high = self._limits
-        self.held = not low <= force <= high
-        return hold(force, low, high) if self.held else force
-
-    def advance(self, position: float, drive: float, setting: float) -> tuple[float, float]:  # noqa: PLR0912, PLR0915
-        """Step both pressures [N] at a position [m], a drive [m/s] and a setting of the valve."""
-        c_c, c_r = self._stored
-        by_c, by_r = self._growth
-        c_c, c_r, r, oil = c_c * exp(by_c * position), c_r * exp(by_r * position), self._ratio, self._oil
-        thick = exp(-min(max(self._fade * self.heat, -WARMEST), WARMEST))  # it divides volumes instead of flows
-        (p_c, p_r), (i, j, m, n, o) = self.pressures, self._pieces
-        if self._volumes is None:
-            _, _, phi, _ = oil[n]
-            self._volumes = c_c * phi, c_r * phi
-        u_c, u_r = self._volumes
-        u_c, u_r, c_c, c_r = thick * u_c, thick * u_r, thick * c_c, thick * c_r
-        behind = self.mount
-        give, free = behind.give, behind.begin(drive, setting)
-        shift, share, low, high = behind.find(left := free - give * (r * p_c - p_r))
-        small, (y_p, y_b, y_e), (b_p, b_b, b_e) = self._small, self._openings, self._shares
-        o_p, o_b, o_e = (1.0 - b_p) * y_p, (1.0 - b_b) * y_b, (1.0 - b_e) * y_e
-        bypassed, narrow, rooted = 0.0, self._narrow, sqrt(self._narrow)
-        if self._bypass:
-            bypassed = self._bypass(position - self._spring * behind.pull)
-        piston, base, external = self._edges
-        (across, x), (below, y), (beyond, z) = piston.blend(setting), base.blend(setting), external.blend(setting)
-        at_p, s_p, p_low, p_high = line_of(across[i], x, b_p)
-        at_b, s_b, b_low, b_high = line_of(below[j], y, b_b)
-        at_e, s_e, e_low, e_high = line_of(beyond[m], z, b_e)
-        d_c = d_r = fall = 0.0
-        for step in range(MAX_STEPS):
-            drop = p_c - p_r
-            size = abs(drop) + small
-            root = sqrt(size)
-            passed = at_p + s_p * drop + o_p * drop / root
-            p_q = s_p + o_p * (0.5 * abs(drop) + small) / (size * root)
-            if bypassed:
-                root = sqrt(narrow + 4.0 * abs(drop))
-                passed += 2.0 * bypassed * drop / (root + rooted)
-                p_q += bypassed / root
-            size = abs(p_c) + small
-            root = sqrt(size)
-            based = at_b + s_b * p_c + o_b * p_c / root
-            b_q = s_b + o_b * (0.5 * abs(p_c) + small) / (size * root)
-            size = abs(p_r) + small
-            root = sqrt(size)
-            outer = at_e + s_e * p_r + o_e * p_r / root
-            e_q = s_e + o_e * (0.5 * abs(p_r) + small) / (size * root)
-            c_low, c_high, phi_c, soft_c = oil[n]
-            r_low, r_high, phi_r, soft_r = oil[o]
-            way = thick * share * (left + shift)
-            f_c = u_c - c_c * (phi_c + soft_c * p_c) + r * way - passed - based
-            f_r = u_r - c_r * (phi_r + soft_r * p_r) - way + passed - outer
-            if step and f_c * d_c + f_r * d_r < -(TURN if step < PATIENCE else ROUNDING) * fall:
-                d_c, d_r, same = 0.5 * d_c, 0.5 * d_r, False
-                p_c, p_r = p_c - d_c, p_r - d_r
-            else:
-                mount = thick * give * share
-                own_c, own_r, both = c_c * soft_c + b_q, c_r * soft_r + e_q, p_q + r * mount
-                a_c, a_r = own_c + p_q + r * r * mount, own_r + p_q + mount
-                determinant = own_c * a_r + own_r * (p_q + r * r * mount) + p_q * mount * (r - 1.0) * (r - 1.0)
-                d_c, d_r = (a_r * f_c + both * f_r) / determinant, (both * f_c + a_c * f_r) / determinant
-                fall = f_c * d_c + f_r * d_r
-                p_c, p_r, same = p_c + d_c, p_r + d_r, True
-            drop = p_c - p_r
-            if not p_low < drop <= p_high:
-                same &= i == (i := piston.find(across, x, drop, i))
-                at_p, s_p, p_low, p_high = line_of(across[i], x, b_p)
-            if not b_low < p_c <= b_high:
-                same &= j == (j := base.find(below, y, p_c, j))
-                at_b, s_b, b_low, b_high = line_of(below[j], y, b_b)
-            if not e_low < p_r <= e_high:
-                same &= m == (m := external.find(beyond, z, p_r, m))
-                at_e, s_e, e_low, e_high = line_of(beyond[m], z, b_e)
-            if not c_low < p_c <= c_high:
-                same, n = False, self._find_oil(p_c)
-            if not r_low < p_r <= r_high:
-                same, o = False, self._find_oil(p_r)
-            left = free - give * (r * p_c - p_r)
-            if not low <= share * (left + shift) <= high:
-                before, (shift, share, low, high) = (shift, share), behind.find(left)
-                same &= before == (shift, share)
-            close = NEAR if same else CLOSE
-            if abs(d_c) <= close * (1.0 + abs(p_c)) and abs(d_r) <= close * (1.0 + abs(p_r)):
-                break
-        else:
-            self.pressures = nan, nan  # no force rather than a wrong one
-            return self.pressures
-        most = self._most
-        if not (-most <= p_c <= most and -most <= p_r <= most):
-            p_c, p_r = min(max(p_c, -most), most), min(max(p_r, -most), most)
-            n, o = self._find_oil(p_c), self._find_oil(p_r)
-            i = piston.find(across, x, p_c - p_r, i)
-            j, m = base.find(below, y, p_c, j), external.find(beyond, z, p_r, m)
-            at_p, s_p, _, _ = line_of(across[i], x, b_p)
-            at_b, s_b, _, _ = line_of(below[j], y, b_b)
-            at_e, s_e, _, _ = line_of(beyond[m], z, b_e)
-            left = free - give * (r * p_c - p_r)
-            shift, share, _, _ = behind.find(left)
-        _, _, phi_c, soft_c = oil[n]
-        _, _, phi_r, soft_r = oil[o]
-        self._volumes = c_c / thick * (phi_c + soft_c * p_c), c_r / thick * (phi_r + soft_r * p_r)
-        behind.end(share * (left + shift), r * p_c - p_r)
-        self.heat += self._warming * (abs(behind.pull * drive) - self.heat)
-        drop = p_c - p_r  # below STILL_N, openings stay as they are
-        self._openings = (
-            y_p if -STILL_N < drop < STILL_N else o_p + (at_p + s_p * drop) * sqrt(abs(drop) + small) / drop,
-            y_b if -STILL_N < p_c < STILL_N else o_b + (at_b + s_b * p_c) * sqrt(abs(p_c) + small) / p_c,
-            y_e if -STILL_N < p_r < STILL_N else o_e + (at_e + s_e * p_r) * sqrt(abs(p_r) + small) / p_r,
-        )
-        self._pieces, self.pressures = (i, j, m, n, o), (p_c, p_r)
-        return p_c, p_r
-
-    def _find_oil(self, pressure: float) -> int:
-        """Return the piece of phi that holds a pressure [N]."""
-        return next((n for n, (_, high, *_) in enumerate(self._oil) if pressure <= high), 0)  # the first for no number
 
 
 METHOD = "every flow and volume rises with its pressure: one solution a step, passive; pressures and force are held"
@@ -295,6 +91,8 @@ class Hydraulic(PhysicalStructure):
     option: ClassVar[str] = "hydraulic"
     rank: ClassVar[int] = 3
     method: ClassVar[str] = METHOD
+    number: ClassVar[int] = 4
+    runs = (hydraulic_reset, hydraulic_tick)
 
     kind: str
     valve: ValvePath
@@ -364,9 +162,77 @@ class Hydraulic(PhysicalStructure):
             reach=node.number("reach", 1.0, MAX_REACH),
         )
 
-    def make_predictor(self, within: OperatingRange) -> HydraulicRun:
-        """Return a new free run."""
-        return HydraulicRun(self, within)
+    def fill(self, layout: Layout, within: OperatingRange) -> None:
+        """Write its numbers into a layout."""
+        rate = within.rate_Hz
+        layout.table([0.0] * (tick.P_HYDRAULIC_END - P_STRUCTURE))
+        layout.indices([0] * (tick.N_HYDRAULIC_END - N_STRUCTURE))
+        layout.state(tick.S_HYDRAULIC_END - S_STRUCTURE)
+        layout.memory(tick.K_HYDRAULIC_END - K_STRUCTURE)
+        wide = [end for ends in widen(within.inputs, self.reach).values() for end in ends]
+        held = [min(max(end, -float_info.max), float_info.max) for end in wide]
+        layout.set_numbers({tick.WIDE_POSITION_LOW + n: end for n, end in enumerate(held)})
+        self.valve.fill(layout, 1.0 / rate)
+        self.side.fill(layout, 1.0 / rate)
+        self._fill_mount(layout, rate)
+        for n, flow in enumerate((self.piston, self.base, self.external)):
+            counts = {edges.EDGE_NODES: len(flow.at), edges.LAST_ROW: len(flow.rows) - 1}
+            tables = {edges.EDGE_FLOWS: flow.at, edges.EDGE_DROPS: [drop for row in flow.rows for drop in row]}
+            places = {place: layout.table(values) for place, values in tables.items()}
+            layout.set_counts({place + n: count for place, count in (counts | places).items()})
+        if self.bypass is not None:
+            layout.set_counts(
+                {
+                    tick.BYPASS_NODES: len(self.bypass.position_m),
+                    tick.BYPASS_POSITIONS: layout.table(self.bypass.position_m),
+                    tick.BYPASS_LOGARITHMS: layout.table(self.bypass.logarithms),
+                }
+            )
+        lags = (self.piston_s, self.base_s, self.external_s)
+        layout.set_numbers({edges.EDGE_SHARE + n: 1.0 / (1.0 + rate * lag) for n, lag in enumerate(lags)})
+        layout.set_numbers(
+            {
+                tick.RATIO: 1.0 + self.area_ratio,
+                tick.COMPLIANCE_C: rate * self.compression_m_N,
+                tick.COMPLIANCE_R: rate * self.rebound_m_N,
+                tick.GROWTH_C: self.compression_growth_1_m,
+                tick.GROWTH_R: self.rebound_growth_1_m,
+                tick.SPRING: self.mount_m_N,
+                tick.FADE: self.fade_1_W,
+                tick.WARMING: 1.0 / (1.0 + rate * WARMING_S),
+                tick.LAMINAR: self.laminar_N,
+                tick.NARROW: self.bypass_laminar_N,
+                tick.MAX_PRESSURE: self.most_N,
+                tick.FRICTION_GROWTH: self.friction_growth_1_N,
+                tick.OIL_ENDS: -float_info.max,
+            }
+        )
+        for n, (end, value, slope) in enumerate(oil_pieces(self.reservoir_N, self.air)):
+            places = {tick.OIL_ENDS + n + 1: min(end, float_info.max)}
+            layout.set_numbers({**places, tick.OIL_VALUES + n: value, tick.OIL_SLOPES + n: slope})
+
+    def _fill_mount(self, layout: Layout, rate_Hz: float) -> None:
+        springs = self.side.friction
+        steps = [spring.stiffness_N_m * (1.0 / rate_Hz) for spring in springs]
+        yields, moved = ([getattr(spring, name) for spring in springs] for name in ("yield_N", "moved_N"))
+        give, held = rate_Hz * self.mount_m_N + self.creep_m_Ns, 0.0
+        for step in steps:
+            held += step
+        layout.set_numbers(
+            {
+                mount.MOUNT_SPRING: rate_Hz * self.mount_m_N,
+                mount.MOUNT_GIVE: give,
+                mount.MOUNT_HELD: 1.0 / (1.0 + give * held),
+            }
+        )
+        layout.set_counts(
+            {
+                mount.SPRINGS: len(springs),
+                mount.SPRING_NUMBERS: layout.table([*steps, *yields, *moved]),
+                mount.SPRING_STATES: layout.state(4 * len(springs)),
+                mount.SPRING_ORDER: layout.memory(len(springs)),
+            }
+        )
 
     def at_full_strokes(self, half_m: float, setting: float) -> Self:
         """Return the model with the yield forces that its friction has in the middle of strokes to +-`half_m` [m]."""

@@ -1,23 +1,7 @@
 """What the structures with physics inside share: valve path, side forces, how far they extrapolate, and their proof.
 
-The valve path leads from current to the valve's setting: dead time, remanence, characteristic and pilot lag; current
-in, 0 to 1 out.
-
-    delayed(k) = current(k - delay), interpolated between ticks
-    remanence  = mean of plays of half widths 1/3, 1 and 5/3 of `hysteresis_A` (Prandtl-Ishlinskii operator)
-    target     = characteristic(remanence), rising from 0 to 1, constant beyond its ends
-    setting(k) = setting(k-1) + T / (lag + T) (target - setting(k-1)), with one lag for rising and one for falling
-
-Every stage is driven by the current alone and none amplifies a difference, so the setting stays within 0 to 1.
-
-Beside the core of each stand the drive, and the forces on the rod in parallel to it:
-
-    acceleration(k) = (speed(k) - speed(k-1)) / T, limited to +-`max_acceleration`
-    drive(k)        = speed(k) + lead acceleration(k), the speed [m/s] that moves the oil
-    side force(k)   = gas(position) + viscous drive + mass acceleration
-
-A friction element is a spring with a limited force (Prandtl 1928): z(k) = clip(z(k-1) + stiffness way(k), -+limit),
-with limit = yield + setting moved: what a field makes stiff yields later. The way is that behind mounts that give way.
+`ces_observer.tick.valve` leads from the current to the valve's setting; `ces_observer.tick.mount` has the friction
+elements, and `ces_observer.tick.hydraulic` the drive and the forces on the rod in parallel to the oil's.
 
 Curves go on straight beyond what was recorded. Inputs outside the envelope are used as they are, and marked, up to
 `reach` times the envelope about its middle (for the speed about zero); beyond, they are clamped. The proof covers all
@@ -27,29 +11,21 @@ of them.
 from __future__ import annotations
 
 from abc import abstractmethod
-from bisect import bisect_left
-from collections import deque
 from dataclasses import dataclass
 from math import inf
 from typing import Any, ClassVar, Self
 
 from ces_observer.errors import ModelError
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import ENERGY_CLAIM, EnergyCertificate
 from ces_observer.proof.intervals import up
-from ces_observer.structures.curves import (
-    MAX_VALUE,
-    IncreasingCurve,
-    Piece,
-    check_slopes,
-    interpolate,
-    parse_nodes,
-    pieces,
-)
-from ces_observer.structures.structure import MAX_LAG, OperatingRange, Range, Ranges, Structure
+from ces_observer.structures.curves import MAX_VALUE, IncreasingCurve, check_slopes, interpolate, parse_nodes
+from ces_observer.structures.structure import INPUTS, MAX_LAG, OperatingRange, Range, Ranges, Structure
+from ces_observer.tick import hydraulic as tick
+from ces_observer.tick import valve
 
 MAX_REACH = 10.0
-INPUTS = ("position", "speed", "current")
 
 
 def widen(inputs: Ranges, reach: float) -> dict[str, Range]:
@@ -65,26 +41,6 @@ def widen(inputs: Ranges, reach: float) -> dict[str, Range]:
 def _about_middle(one: Range, reach: float) -> Range:
     middle, half = 0.5 * (one[0] + one[1]), 0.5 * reach * (one[1] - one[0])
     return min(one[0], middle - half), max(one[1], middle + half)
-
-
-class InputLimiter:
-    """Marks inputs outside the envelope and clamps those beyond its reach; `outside` is that of the last inputs."""
-
-    def __init__(self, within: OperatingRange, reach: float) -> None:
-        self._envelope = tuple(bound for name in INPUTS for bound in within.inputs[name])
-        wide = widen(within.inputs, reach)
-        self._limits = tuple(bound for name in INPUTS for bound in wide[name])
-        self.outside = False
-
-    def limit(self, position: float, speed: float, current: float) -> tuple[float, float, float]:
-        """Return the inputs [m, m/s, A], clamped where they are beyond reach."""
-        x0, x1, v0, v1, c0, c1 = self._envelope
-        if x0 <= position <= x1 and v0 <= speed <= v1 and c0 <= current <= c1:
-            self.outside = False
-            return position, speed, current
-        self.outside = True
-        x0, x1, v0, v1, c0, c1 = self._limits
-        return min(max(position, x0), x1), min(max(speed, v0), v1), min(max(current, c0), c1)
 
 
 PLAYS = (1.0 / 3.0, 1.0, 5.0 / 3.0)  # half widths relative to their mean
@@ -121,6 +77,27 @@ class ValvePath:
             "fall_s": self.fall_s,
         }
 
+    def fill(self, layout: Layout, interval_s: float) -> None:
+        """Write its numbers for `ces_observer.tick.valve`, at ticks of `interval_s`."""
+        whole = int(self.delay_ticks)
+        layout.set_numbers(
+            {
+                valve.VALVE_PART: self.delay_ticks - whole,
+                valve.VALVE_RISE: interval_s / (self.rise_s + interval_s),
+                valve.VALVE_FALL: interval_s / (self.fall_s + interval_s),
+                **{valve.PLAY_HALF + n: self.hysteresis_A * play for n, play in enumerate(PLAYS)},
+            }
+        )
+        layout.set_counts(
+            {
+                valve.VALVE_DELAY: whole,
+                valve.VALVE_NODES: len(self.characteristic.at),
+                valve.VALVE_CURRENTS: layout.table(self.characteristic.at),
+                valve.VALVE_SETTINGS: layout.table(self.characteristic.values),
+                valve.VALVE_RING: layout.state(whole + 2),
+            }
+        )
+
     @classmethod
     def from_json(cls, node: JsonObject) -> Self:
         """Check it in a model file; raises ModelError."""
@@ -137,59 +114,6 @@ class ValvePath:
             node.number("rise_s", 0.0, MAX_LAG_S),
             node.number("fall_s", 0.0, MAX_LAG_S),
         )
-
-
-class ValveRun:
-    """The valve's past."""
-
-    def __init__(self, path: ValvePath, interval_s: float) -> None:
-        self._path = path
-        whole = int(path.delay_ticks)
-        self._share = path.delay_ticks - whole
-        self._currents: deque[float] = deque(maxlen=whole + 2)  # the oldest first
-        self._halves = tuple(path.hysteresis_A * play for play in PLAYS) if path.hysteresis_A > 0.0 else ()
-        self._nodes, self._pieces = _between_0_and_1(path.characteristic)
-        self._rise = interval_s / (path.rise_s + interval_s)
-        self._fall = interval_s / (path.fall_s + interval_s)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past: earlier currents equal the first one to come."""
-        self._currents.clear()
-        self._plays = 0.0, 0.0, 0.0
-        self._setting = 0.0
-
-    def tick(self, current: float) -> float:
-        """Return the setting after this tick's current [A]."""
-        currents = self._currents
-        if not currents:
-            currents.extend([current] * (currents.maxlen or 0))
-            self._plays = current, current, current
-            self._setting = self._path.steady(current)
-        currents.append(current)
-        newer = currents[1]
-        remanent = newer + self._share * (currents[0] - newer)
-        if self._halves:
-            a, b, c = self._plays
-            for_a, for_b, for_c = self._halves
-            a = low if a < (low := remanent - for_a) else high if a > (high := remanent + for_a) else a
-            b = low if b < (low := remanent - for_b) else high if b > (high := remanent + for_b) else b
-            c = low if c < (low := remanent - for_c) else high if c > (high := remanent + for_c) else c
-            self._plays = a, b, c
-            remanent = (a + b + c) / 3.0
-        at, value, slope = self._pieces[bisect_left(self._nodes, remanent)]
-        setting = self._setting
-        change = value + slope * (remanent - at) - setting
-        self._setting = setting = setting + (self._rise if change > 0.0 else self._fall) * change
-        return setting
-
-
-def _between_0_and_1(curve: IncreasingCurve) -> tuple[tuple[float, ...], tuple[Piece, ...]]:
-    """Return ends and pieces of a curve that goes on straight to 0 and 1, and stays there."""
-    inner = pieces(curve.at, curve.values)
-    (first, low, rising), (last, high, falling) = inner[0], inner[-1]
-    first, last = first - low / rising, last + (1.0 - high) / falling
-    return (first, *curve.at[1:-1], last), ((first, 0.0, 0.0), *inner, (last, 1.0, 0.0))
 
 
 MAX_FRICTION = 8
@@ -248,6 +172,25 @@ class SideForces:
             "friction": [vars(one) for one in self.friction],
         }
 
+    def fill(self, layout: Layout, interval_s: float) -> None:
+        """Write its numbers for `ces_observer.tick.hydraulic`, without friction, at ticks of `interval_s`."""
+        layout.set_numbers(
+            {
+                tick.DRIVE_LEAD: self.lead_s,
+                tick.MAX_ACCELERATION: self.max_acceleration_m_s2,
+                tick.DRIVE_RATE: 1.0 / interval_s,
+                tick.VISCOUS: self.viscous_Ns_m,
+                tick.MASS: self.mass_kg,
+            }
+        )
+        layout.set_counts(
+            {
+                tick.GAS_NODES: len(self.position_m),
+                tick.GAS_POSITIONS: layout.table(self.position_m),
+                tick.GAS_FORCES: layout.table(self.gas_N),
+            }
+        )
+
     @classmethod
     def from_json(cls, node: JsonObject) -> Self:
         """Check it in a model file; raises ModelError."""
@@ -271,33 +214,6 @@ def parse_friction(node: JsonObject) -> FrictionElement:
     node.require_only_keys("stiffness_N_m", "yield_N", "moved_N")
     forces = (node.number(name, 0.0, MAX_VALUE) for name in ("yield_N", "moved_N"))
     return FrictionElement(node.number("stiffness_N_m", 1e-9, 1e12), *forces)
-
-
-class SideRun:
-    """The past of the drive."""
-
-    def __init__(self, side: SideForces, interval_s: float) -> None:
-        self._rate = 1.0 / interval_s
-        self._numbers = side.lead_s, side.max_acceleration_m_s2, side.viscous_Ns_m, side.mass_kg
-        self._inner, self._gas = side.position_m[1:-1], pieces(side.position_m, side.gas_N)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past: no acceleration."""
-        self._speed: float | None = None
-
-    def tick(self, position: float, speed: float) -> tuple[float, float]:
-        """Return the speed [m/s] that moves the oil at this tick, and gas, viscous and inertia force [N]."""
-        before, self._speed = self._speed, speed
-        lead, limit, viscous, mass = self._numbers
-        change = 0.0 if before is None else (speed - before) * self._rate
-        if change > limit:
-            change = limit
-        elif change < -limit:
-            change = -limit
-        drive = speed + lead * change
-        at, gas, slope = self._gas[bisect_left(self._inner, position)]
-        return drive, gas + slope * (position - at) + viscous * drive + mass * change
 
 
 LONG_TICK = OperatingRange(1e-6, dict.fromkeys(INPUTS, (-inf, inf)), (-inf, inf))  # in which every lag dies out

@@ -1,4 +1,4 @@
-"""A polynomial NARX: its terms, free run and proof of stability.
+"""A polynomial NARX: its terms, its proof of stability, and the tables of its tick.
 
 The terms are affine in past forces, so the free run is y(k) = sum_j a_j(u) y(k - j) + b(u), with u the present and past
 inputs, each clamped to the envelope. If sum_j |a_j(u)| <= g < 1 for every u in the envelope, the recursion is a
@@ -6,159 +6,52 @@ contraction: two runs from different pasts approach each other as g^(k / longest
 |y| <= max |b| / (1 - g) at all times; holding y in a force envelope that contains zero changes neither.
 `ces_observer.proof.intervals` bounds both maxima; every lagged input may take any value in its range. Memberships are
 functions of their signals in these bounds, so sub-models blended by them are bounded together.
-
-The tick is a function whose Python source is written for the terms and compiled, as `dataclasses` and `namedtuple` do:
-without loops or look-ups it is more than three times as fast. Of a model file only numbers reach the text, as the
-`repr` of a checked `float` or `int`; all names in it are those below, with a number. Constructed inputs are `made0`,
-`made1`, ...
-
-    size_speed  |speed|            power3  another power of a signal, in one of FORMS
-    speed_2     speed 2 ticks ago  force_1  the model's own force one tick ago
-    past_speed  the speeds kept for the lags, newest first: a deque of fixed length, empty before the first tick
 """
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from math import copysign, isfinite, sqrt
-from operator import index
-from typing import Any, ClassVar, Protocol, Self
+from itertools import chain
+from math import isfinite
+from typing import Any, ClassVar, Self
 
 from ces_observer.errors import ModelError
+from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import bound_maximum, down
-from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, InputConstructor
-from ces_observer.structures.structure import OperatingRange, Ranges, Structure, hold
+from ces_observer.structures.constructed_inputs import (
+    BASE,
+    ConstructedInput,
+    lay_out_constructed,
+)
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.structures.terms import Factor, Term, collect_constructed, term_to_json, terms_from
+from ces_observer.tick.polynomial import (
+    CONSTRUCTED_COUNT,
+    CONSTRUCTED_TABLE,
+    INPUT_TERM_COUNT,
+    LAG_COUNT,
+    LAG_TABLE,
+    N_POLYNOMIAL,
+    OUTPUT_LAG_COUNT,
+    OUTPUT_LAG_TABLE,
+    POSITION_VALUE,
+    POWER_COUNT,
+    POWER_EXPONENTS,
+    POWER_TABLE,
+    PRODUCT_COUNT,
+    S_POLYNOMIAL,
+    TERM_COEFFICIENTS,
+    TERM_FACTORS,
+    UNITY,
+    polynomial_reset,
+    polynomial_tick,
+)
+from ces_observer.tick.structure import POLYNOMIAL
 
-FORMS = {0.0: "1.0", 0.5: "sqrt({0})", 1.0: "{0}", 1.5: "{0} * sqrt({0})", 2.0: "{0} * {0}"}
-
-Power = tuple[str, float, bool]  # name of the signal in the text, power, signed
-
-
-def tick_source(polynomial: Sequence[Term], within: OperatingRange) -> str:
-    """Return the text of `make(run, update) -> tick, pasts, forces`, for one run of a polynomial's terms.
-
-    `tick(position, speed, current)` returns the force [N], held in the force envelope, and sets `run.clamped` and
-    `run.held`; `update` is that of an InputConstructor. To restart, empty the `pasts` and fill `forces` with zeros.
-    The text uses abs, min, max, sqrt, copysign, hold and deque as globals. Raises ModelError for a number that is not
-    finite or an unknown signal.
-    """
-    constructed = collect_constructed(polynomial)
-    signals = {one.name: f"made{i}" for i, one in enumerate(constructed)} | {signal: signal for signal in BASE}
-    powers = sorted({_power(f, signals) for term in polynomial for f in term.inputs})
-    names = {power: _name(i, power) for i, power in enumerate(powers)}
-    terms = [_Product(term, signals, names) for term in polynomial]
-    pasts = sorted({(name, lag) for term in terms for name, lag in term.inputs if lag})
-    lags = dict(pasts)  # the longest of each name, which comes last
-    made = ", ".join(f"made{i}" for i in range(len(constructed)))
-    outputs = sorted({term.output_lag for term in terms} - {0})
-    low, high = (_number(limit, "the force envelope") for limit in within.force_N)
-    tick = [
-        *_clamp(within.inputs),
-        *([f"position, speed, current, {made} = update((position, speed, current))"] if made else []),
-        *_powers(names),
-        *_keep(lags),
-        *(f"{_ago(name, lag)} = past_{name}[{lag}]" for name, lag in pasts),
-        *(f"{_ago('force', lag)} = forces[{lag - 1}]" for lag in outputs),
-        # one term per line: a single expression of hundreds is too deep for the compiler
-        *([f"force {'+=' if i else '='} {term}" for i, term in enumerate(terms)] or ["force = 0.0"]),
-        f"run.held = held = not {low} <= force <= {high}",
-        f"if held: force = hold(force, {low}, {high})",
-        *(["forces.appendleft(force)"] if outputs else []),
-        "return force",
-    ]
-    return "\n".join(
-        [
-            "def make(run, update):",
-            *(f"    past_{name} = deque(maxlen={lag + 1})" for name, lag in lags.items()),
-            f"    forces = deque(maxlen={max(outputs, default=0)})",
-            "    def tick(position, speed, current):",
-            *(f"        {line}" for line in tick),
-            f"    return tick, [{', '.join(f'past_{name}' for name in lags)}], forces",
-            "",
-        ]
-    )
-
-
-class _Product:
-    """A term in the text: its coefficient, the lag of its past force, and names and lags of its inputs."""
-
-    def __init__(self, term: Term, signals: Mapping[str, str], names: Mapping[Power, str]) -> None:
-        self.coefficient = _number(term.coefficient, "a coefficient")
-        self.output_lag = index(term.output_lag)
-        self.inputs = [(names[_power(f, signals)], index(f.lag)) for f in term.inputs]
-
-    def __str__(self) -> str:
-        past = [("force", self.output_lag)] if self.output_lag else []
-        return " * ".join([self.coefficient, *(_ago(*value) for value in (*past, *self.inputs))])
-
-
-def _power(factor: Factor, signals: Mapping[str, str]) -> Power:
-    if factor.signal not in signals:
-        raise ModelError(f"factor of {factor.signal!r}: no such signal; expected a definition, or one of {BASE}")
-    return signals[factor.signal], _finite(factor.power, "a power"), bool(factor.signed)
-
-
-def _name(i: int, power: Power) -> str:
-    match power:
-        case signal, 1.0, True:
-            return signal
-        case signal, 1.0, False:
-            return f"size_{signal}"
-    return f"power{i}"
-
-
-def _ago(name: str, lag: int) -> str:
-    return f"{name}_{lag}" if lag else name
-
-
-def _number(value: float, what: str) -> str:
-    return repr(_finite(value, what))
-
-
-def _finite(value: float, what: str) -> float:
-    """Return `value` as a plain finite float, whose `repr` can only be a number."""
-    value = float(value)
-    if not isfinite(value):
-        raise ModelError(f"{what} of the model is {value!r}; expected a finite number: identify the model again")
-    return value
-
-
-def _clamp(inputs: Ranges) -> list[str]:
-    bounds = {signal: [_number(bound, f"the envelope of {signal}") for bound in inputs[signal]] for signal in BASE}
-    return [
-        "if " + " and ".join(f"{low} <= {signal} <= {high}" for signal, (low, high) in bounds.items()) + ":",
-        "    run.clamped = False",
-        "else:",
-        "    run.clamped = True",
-        *(f"    {signal} = min(max({signal}, {low}), {high})" for signal, (low, high) in bounds.items()),
-    ]
-
-
-def _powers(names: Mapping[Power, str]) -> list[str]:
-    """Compute each power once; a signed power copies the sign to the unsigned one if that is used, too."""
-    sizes = sorted({signal for signal, power, signed in names if (power, signed) != (1.0, True)})
-    lines = [f"size_{signal} = abs({signal})" for signal in sizes]
-    for (signal, power, signed), name in names.items():
-        form = FORMS.get(power, f"{{0}} ** {_number(power, 'a power')}").format(f"size_{signal}")
-        if signed:
-            form = f"copysign({names.get((signal, power, False), form)}, {signal})"
-        lines += [f"{name} = {form}"] if power != 1.0 else []
-    return lines
-
-
-def _keep(lags: Mapping[str, int]) -> list[str]:
-    """Push the values used later; at the first tick, fill the past with them."""
-    first = [f"    past_{name}.extend([{name}] * {lag})" for name, lag in lags.items()]
-    begin = [f"if not past_{next(iter(lags))}:", *first] if lags else []
-    return begin + [f"past_{name}.appendleft({name})" for name in lags]
-
-
-IN_REACH = {"abs": abs, "min": min, "max": max, "sqrt": sqrt, "copysign": copysign, "hold": hold, "deque": deque}
+Row = tuple[float, int, int]  # coefficient, and places of two factors
 DRIVE_GAP, DRIVE_BOXES = 0.05, 4_000  # the drive has many inputs, and its bound need not be tight
 CLAIM = "sum |a_j(u)| <= gain < 1 and |b(u)| <= drive_N for every input in the input envelope"
 METHOD = "interval branch and bound, outward rounding"
@@ -172,6 +65,8 @@ class Polynomial(Structure):
     keys: ClassVar[tuple[str, ...]] = ("terms", "constructed")
     option: ClassVar[str] = "polynomial"
     rank: ClassVar[int] = 0
+    number: ClassVar[int] = POLYNOMIAL
+    runs = polynomial_reset, polynomial_tick
 
     terms: tuple[Term, ...]
 
@@ -200,9 +95,17 @@ class Polynomial(Structure):
         """Check the terms of a model file; raises ModelError."""
         return cls(terms_from(root, inputs))
 
-    def make_predictor(self, within: OperatingRange) -> PolynomialRun:
-        """Return a new free run; raises ModelError for a number that is not finite."""
-        return PolynomialRun(self, within)
+    def fill(self, layout: Layout, within: OperatingRange) -> None:
+        """Write the tables of the tick; raises ModelError for a number that is not finite or an unknown signal."""
+        for term in self.terms:
+            _require_finite(term)
+        layout.indices([0] * (N_POLYNOMIAL - len(layout.n)))
+        layout.state(S_POLYNOMIAL - layout.states)
+        constructed = self.constructed
+        table, signals = lay_out_constructed(layout, constructed, within.rate_Hz, POSITION_VALUE)
+        layout.set_counts({CONSTRUCTED_TABLE: table, CONSTRUCTED_COUNT: len(constructed)})
+        factors = dict.fromkeys(f for term in self.terms for f in term.inputs)
+        _lay_out_terms(layout, self.terms, _lay_out_powers(layout, factors, signals, within.inputs))
 
     def certify(self, within: OperatingRange) -> Contraction:
         """Return the proved bounds, which may be loose (never wrong) at the limit of boxes."""
@@ -220,44 +123,73 @@ class Polynomial(Structure):
         return [[term for term in self.terms if term.output_lag == lag] for lag in lags]
 
 
-class Tick(Protocol):
-    """The function of one tick."""
+def _require_finite(term: Term) -> None:
+    for what, value in (("a coefficient", term.coefficient), *(("a power", f.power) for f in term.inputs)):
+        if not isfinite(value):
+            raise ModelError(f"{what} of the model is {value!r}; expected a finite number: identify the model again")
 
-    def __call__(self, position: float, speed: float, current: float) -> float:
-        """Return the force [N] at inputs [m, m/s, A], held in its envelope; infinite if it is not finite."""
+
+def _lay_out_powers(
+    layout: Layout, factors: Iterable[Factor], signals: Mapping[str, int], ranges: Ranges
+) -> dict[Factor, int]:
+    """Write the table of powers; returns the place in s of each factor's value of the same tick."""
+    powers = dict[Factor, tuple[int, float, bool]]()
+    for f in factors:
+        if f.signal not in signals:
+            raise ModelError(f"factor of {f.signal!r}: no such signal; expected a definition, or one of {BASE}")
+        if f.power != 1.0 or not (f.signed or f.signal_range(ranges)[0] >= 0.0):  # else it is the signal itself
+            powers[f] = signals[f.signal], f.power, f.signed
+    places = {power: layout.state(1) for power in sorted(set(powers.values()))}
+    layout.set_counts(
+        {
+            POWER_TABLE: layout.indices(n for source, _, signed in places for n in (source, signed)),
+            POWER_COUNT: len(places),
+            POWER_EXPONENTS: layout.table(power for _, power, _ in places),
+        }
+    )
+    return {f: places[powers[f]] if f in powers else signals[f.signal] for f in factors}
 
 
-class PolynomialRun:
-    """The free run of a polynomial; `clamped`, `held`: the last tick's inputs, force were outside the envelope.
+def _lay_out_terms(layout: Layout, terms: Sequence[Term], values: Mapping[Factor, int]) -> None:
+    """Write the tables of lags and terms; `values` are the places in s of the factors without their lags."""
+    lagged = {key: layout.state(1) for key in sorted({(place, f.lag) for f, place in values.items() if f.lag})}
+    first = layout.state(sum(max(0, len(term.inputs) - 2) for term in terms))
+    groups = {lag: [term for term in terms if term.output_lag == lag] for lag in (0, *(t.output_lag for t in terms))}
+    products, rows = list[Row](), list[Row]()
+    for term in chain.from_iterable(groups.values()):
+        factors = [lagged[values[f], f.lag] if f.lag else values[f] for f in term.inputs]
+        *more, last = _rows(term.coefficient, factors, first + len(products))
+        products += more
+        rows.append(last)
+    inputs = groups.pop(0)
+    layout.set_counts(
+        {
+            LAG_TABLE: layout.indices(n for place, lag in lagged for n in (place, *_ring(layout, lag))),
+            LAG_COUNT: len(lagged),
+            OUTPUT_LAG_TABLE: layout.indices(n for lag in groups for n in (len(groups[lag]), *_ring(layout, lag))),
+            OUTPUT_LAG_COUNT: len(groups),
+            TERM_COEFFICIENTS: layout.table(row[0] for row in products + rows),
+            TERM_FACTORS: layout.indices(place for row in products + rows for place in row[1:]),
+            PRODUCT_COUNT: len(products),
+            INPUT_TERM_COUNT: len(inputs),
+        }
+    )
+    layout.memory(len(lagged) + len(groups))
 
-    `tick` is compiled from the source that `tick_source` writes. Raises ModelError for a number that is not finite.
+
+def _rows(coefficient: float, factors: Sequence[int], product: int) -> list[Row]:
+    """Return a term, the last row, after the products that it needs if it has more than two factors.
+
+    The first product's place is s[product]. All are multiplied from left to right, as in the kernels of the desk.
     """
-
-    clamped: bool
-    held: bool
-    tick: Tick
-
-    def __init__(self, polynomial: Polynomial, within: OperatingRange) -> None:
-        self._construction = InputConstructor(polynomial.constructed, within.rate_Hz)
-        make = _compile(tick_source(polynomial.terms, within))
-        self.tick, self._pasts, self._forces = make(self, self._construction.update)
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget the past."""
-        for past in self._pasts:
-            past.clear()
-        self._forces.extend([0.0] * (self._forces.maxlen or 0))
-        self._construction.reset()
-        self.clamped = self.held = False
+    rows = list[Row]()
+    while len(factors) > 2:
+        rows.append((coefficient, factors[0], factors[1]))
+        coefficient, factors = 1.0, [product + len(rows) - 1, *factors[2:]]
+    one, two = [*factors, UNITY, UNITY][:2]
+    return [*rows, (coefficient, one, two)]
 
 
-Make = Callable[[PolynomialRun, Callable[..., list[float]]], tuple[Tick, list[deque[float]], deque[float]]]
-
-
-def _compile(source: str) -> Make:
-    """Return `make` from the source of a tick, which can use only IN_REACH."""
-    names: dict[str, Any] = {"__builtins__": {}, **IN_REACH}
-    exec(compile(source, "<tick of a polynomial model>", "exec"), names)
-    make: Make = names["make"]
-    return make
+def _ring(layout: Layout, lag: int) -> tuple[int, int]:
+    begin = layout.state(lag)
+    return begin, begin + lag

@@ -6,12 +6,14 @@ them out. MODULES stand from the bottom up: each calls only what stands before i
 """
 
 MODULES = (
+    "selftest",
     "model",
     "bank",
     "tracker",
     "curves",
     "valve",
     "mount",
+    "edges",
     "hydraulic",
     "constructed",
     "polynomial",
@@ -42,4 +44,5 @@ ENTRY_POINTS = (
     "estimator_skip_late",
     "run_half_width",
     "check_models",
+    "rounding_sample",
 )  # what is called from outside, by name: `ces_observer.core.bind`

@@ -1,0 +1,309 @@
+"""Prints `ces_observer.tick` to C99 that reads like its source: `ces_core.h` and `ces_core.c`, for every model.
+
+docs/tick.md says what the subset of Python is; what is outside it raises SubsetError with file and line. Functions are
+named ces_NAME and constants CES_NAME. The header holds all constants and the entry points, which alone have external
+linkage. Needs the standard library only, as setup.py and CMake run it before anything is installed:
+
+    python3 -m ces_identify.export.c_printer FOLDER
+"""
+
+from __future__ import annotations
+
+import ast
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from ces_identify.export.c_expressions import (
+    ELEMENT,
+    FLOAT,
+    INT,
+    MATH,
+    NONE,
+    PRIMARY,
+    READ_ONLY,
+    SMALL,
+    TYPES,
+    Expressions,
+    Function,
+    Module,
+    Term,
+)
+from ces_identify.export.c_statements import FunctionPrinter
+from ces_identify.export.c_text import Comments, block_comment, wrap
+from ces_observer import tick
+
+NUMBERS = {"inf": "INFINITY", "nan": "NAN", "pi": repr(math.pi)}
+TICK = "ces_observer.tick"
+MADE = "Printed from {}/ by ces_identify.export.c_printer; do not edit."
+HEAD = """#ifndef CES_CORE_H
+#define CES_CORE_H
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+"""
+FOOT = """
+#ifdef __cplusplus
+}
+#endif
+
+#endif"""
+START = """#include "ces_core.h"
+
+#include <float.h>
+#include <stdlib.h>
+
+#ifdef __FAST_MATH__
+#error "compile without -ffast-math: the order of all operations matters"
+#endif
+#if DBL_MANT_DIG != 53
+#error "double is not a number of 64 bits (IEEE 754)"
+#endif
+#if defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != 0
+#error "intermediate results are not rounded to double: on x86, compile with -msse2 -mfpmath=sse"
+#endif
+#if defined(__clang__) || !defined(__GNUC__)
+#pragma STDC FP_CONTRACT OFF
+#endif /* GCC: -ffp-contract=off, which -std=c99 implies */"""
+
+
+class Core:
+    """The printed core: `header` and `source` are the lines of its two files, `functions` what they are made from."""
+
+    def __init__(self, sources: Mapping[str, str], entry_points: Sequence[str], folder: str) -> None:
+        self.folder, self.entry_points = folder, entry_points
+        self.modules: dict[str, Module] = {}
+        self.functions: dict[str, Function] = {}
+        self.values: dict[str, int | float] = {}
+        for name, source in sources.items():
+            self._collect(name, ast.parse(source))
+        for function in self.functions.values():
+            self._check_calls(function, ())
+        self.reached: set[str] = set()
+        for name in entry_points:
+            self._reach(self.functions[name])
+        made = block_comment(MADE.format(folder))
+        self.header, self.source = [*made, *HEAD.splitlines()], [*made, *START.splitlines()]
+        for name, source in sources.items():
+            self._print(self.modules[name], ast.parse(source), Comments(source))
+        for name in entry_points:
+            self._declare(self.functions[name])
+        self.header += FOOT.splitlines()
+
+    def _collect(self, name: str, tree: ast.Module) -> None:
+        """Check a module's imports; note its constants, its functions, and what these call and store."""
+        module = self.modules[name] = Module(f"{self.folder}/{name}.py")
+        if not ast.get_docstring(tree):
+            raise module.error(tree, "the module has no docstring")
+        for node in tree.body[1:]:
+            match node:
+                case ast.ImportFrom(module=str() as source, names=names, level=0):
+                    for alias in names:
+                        self._import(module, node, source, alias)
+                case ast.Assign(targets=[ast.Name(id=constant)], value=value):
+                    self._constant(module, node, constant, Expressions(module).term(value), self._value(value))
+                case ast.Assign(
+                    targets=[ast.Tuple(elts=targets)], value=ast.Call(func=ast.Name(id="range"), args=bounds)
+                ):
+                    for bound in bounds:
+                        Expressions(module).of_type(bound, INT)
+                    places = self._value(node.value)
+                    if len(places) != len(targets):
+                        raise module.error(node, f"{len(targets)} names for a range of {len(places)}")
+                    for target, place in zip(targets, places, strict=True):
+                        self._constant(module, node, ast.unparse(target), Term("", INT), place)
+                case ast.FunctionDef(decorator_list=[]):
+                    self._function(module, node)
+                case _:
+                    raise module.error(node, f"`{ast.unparse(node).splitlines()[0]}` is not in the subset")
+        for function in module.functions.values():
+            if function.module is module:
+                self._scan(module, function)
+
+    def _value(self, node: ast.expr) -> Any:
+        """Return the value of a checked expression of constants."""
+        names = {
+            "__builtins__": {},
+            "range": range,
+            "float": float,
+            "int": int,
+            "abs": abs,
+            **vars(math),
+            **self.values,
+        }
+        return eval(compile(ast.Expression(node), self.folder, "eval"), names)
+
+    def _import(self, module: Module, node: ast.ImportFrom, source: str, alias: ast.alias) -> None:
+        name, home = alias.name, self.modules.get(source.removeprefix(f"{TICK}."))
+        if alias.asname or name in module.names:
+            raise module.error(node, f"{name} is imported under another name, or twice")
+        if source == f"{TICK}.arrays" and name in ("Floats", "Ints"):
+            return
+        if source == "math" and name in NUMBERS:
+            module.terms[name] = Term(NUMBERS[name], FLOAT)
+        elif source == "math" and name in MATH:
+            module.math.add(name)
+        elif home and home is not module and source.startswith(TICK) and name in home.terms and name in self.values:
+            module.terms[name] = home.terms[name]
+        elif home and home is not module and source.startswith(TICK) and name in home.functions:
+            module.functions[name] = home.functions[name]
+        else:
+            raise module.error(
+                node, f"{name} of {source} is not in the subset: names of math, and of modules before this one"
+            )
+
+    def _constant(self, module: Module, node: ast.AST, name: str, term: Term, value: int | float) -> None:
+        if name in self.values or name in module.names or name.lstrip("_").upper() != name.lstrip("_"):
+            raise module.error(node, f"{name}: expected a name in capitals that is nowhere else in the tick")
+        if term.type not in (FLOAT, INT):
+            raise module.error(node, f"{name}: expected a number")
+        self.values[name] = value
+        module.terms[name] = Term(f"CES_{name.lstrip('_')}", term.type)
+
+    def _function(self, module: Module, node: ast.FunctionDef) -> None:
+        arguments, name = node.args, node.name
+        others = (arguments.vararg, arguments.kwarg, *arguments.kwonlyargs, *arguments.posonlyargs, *arguments.defaults)
+        if any(others):
+            raise module.error(node, f"{name}: expected plain arguments without default values")
+        if name in module.names or any(name.lstrip("_") == other.lstrip("_") for other in self.functions):
+            raise module.error(node, f"{name}: expected a name that is nowhere else in the tick")
+        kinds = {argument.arg: TYPES.get(ast.unparse(argument.annotation or argument)) for argument in arguments.args}
+        result = (
+            NONE
+            if ast.unparse(node.returns or node.args) == "None"
+            else TYPES.get(ast.unparse(node.returns or node.args))
+        )
+        parameters = {argument: kind for argument, kind in kinds.items() if kind}
+        if len(parameters) < len(kinds) or result is None or result in ELEMENT:
+            raise module.error(
+                node, f"{name}: expected annotations Floats, Ints, float, int or bool; the result is a number or None"
+            )
+        self.functions[name] = module.functions[name] = Function(name, node, module, parameters, result)
+
+    def _scan(self, module: Module, function: Function) -> None:
+        """Note what a function calls, and the arrays that it stores into or passes on."""
+        for part in ast.walk(function.node):
+            match part:
+                case ast.Assign(targets=[ast.Subscript(value=ast.Name(id=array))]):
+                    function.stored.add(array)
+                case ast.AugAssign(target=ast.Subscript(value=ast.Name(id=array))):
+                    function.stored.add(array)
+                case ast.Call(func=ast.Name(id=name), args=arguments) if name in module.functions:
+                    called = module.functions[name]
+                    function.calls.append(called)
+                    names = [(place, item.id) for place, item in enumerate(arguments) if isinstance(item, ast.Name)]
+                    function.passed += [(array, called, place) for place, array in names]
+
+    def _check_calls(self, function: Function, callers: tuple[Function, ...]) -> None:
+        """Refuse a function that calls itself, and one that has numbers of the model changed."""
+        if function in callers:
+            raise function.module.error(function.node, f"{function.name} calls itself")
+        for called in function.calls:
+            self._check_calls(called, (*callers, function))
+        for name, kind in function.parameters.items():
+            if kind in ELEMENT and name.rpartition("_")[2] in READ_ONLY and function.stores(name):
+                raise function.module.error(
+                    function.node, f"{name} holds numbers of the model, which are never changed"
+                )
+
+    def _reach(self, function: Function) -> None:
+        self.reached.add(function.name)
+        for called in function.calls:
+            if called.name not in self.reached:
+                self._reach(called)
+
+    def _print(self, module: Module, tree: ast.Module, comments: Comments) -> None:
+        own = [function for function in module.functions.values() if function.module is module]
+        lines = block_comment(ast.get_docstring(tree) or "", module.file)
+        begun = len(self.header)
+        printed = []
+        for node in tree.body[1:]:
+            before = comments.before(node.lineno)
+            if isinstance(node, ast.Assign):
+                self.header += [*before, *self._places(module, node, comments)]
+            elif isinstance(node, ast.FunctionDef):
+                function = module.functions[node.name]
+                linkage = "" if node.name in self.entry_points else "static "
+                text = [*before, *FunctionPrinter(module, function, comments).text(linkage)]
+                printed += ["", *text] if node.name in self.reached else []
+        if len(self.header) > begun:
+            self.header[begun:begun] = ["", *block_comment((ast.get_docstring(tree) or "").partition("\n")[0])]
+        if printed:
+            ahead = [function for function in own if self._called_ahead(function, own)]
+            self.source += [
+                "",
+                "",
+                *lines,
+                *(line for function in ahead for line in wrap(f"static {function.prototype};", 0)),
+            ]
+            self.source += printed
+
+    def _called_ahead(self, function: Function, own: list[Function]) -> bool:
+        """Return whether a function without a declaration in the header is called above its definition."""
+        above = own[: own.index(function)]
+        hidden = function.name in self.reached and function.name not in self.entry_points
+        return hidden and any(function in other.calls for other in above if other.name in self.reached)
+
+    def _places(self, module: Module, node: ast.Assign, comments: Comments) -> list[str]:
+        """Return the declaration of a constant, or of the places that a range counts."""
+        target, last = node.targets[0], node.end_lineno or 0
+        if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Call):
+            names = [module.terms[ast.unparse(name)].text for name in target.elts]
+            if len(node.value.args) > 1:
+                names[0] += f" = {Expressions(module).term(node.value.args[0]).text}"
+            return wrap(f"enum {{ {', '.join(names)} }};{comments.beside(node.lineno, last)}", 0)
+        name = ast.unparse(target)
+        value, term, c_name = self.values[name], Expressions(module).term(node.value), module.terms[name].text
+        said = comments.beside(node.lineno, last)
+        if term.type == INT and abs(value) < SMALL:
+            return wrap(f"enum {{ {c_name} = {term.text} }};{said}", 0)
+        text = f"INT64_C({value})" if term.type == INT else term.text
+        return [f"#define {c_name} {text if text.isidentifier() or term.rank == PRIMARY else f'({text})'}{said}"]
+
+    def _declare(self, function: Function) -> None:
+        """Declare an entry point in the header, with the beginning of its docstring."""
+        docstring = (ast.get_docstring(function.node) or "").partition("\n\n")[0]
+        self.header += ["", *block_comment(docstring), *wrap(f"{function.prototype};", 0)]
+
+
+def print_core(sources: Mapping[str, str], entry_points: Sequence[str], folder: str = "tick") -> tuple[str, str]:
+    """Return header and source of modules (name -> text, from the bottom up); raises SubsetError."""
+    core = Core(sources, entry_points, folder)
+    return "\n".join(core.header) + "\n", "\n".join(core.source) + "\n"
+
+
+@cache
+def read_core() -> Core:
+    """Return the core of `ces_observer.tick`; raises SubsetError."""
+    folder = Path(tick.__path__[0])
+    sources = {name: (folder / f"{name}.py").read_text(encoding="utf-8") for name in tick.MODULES}
+    return Core(sources, tick.ENTRY_POINTS, "/".join(folder.parts[-2:]))
+
+
+def core_header() -> str:
+    """Return the text of ces_core.h."""
+    return "\n".join(read_core().header) + "\n"
+
+
+def core_source() -> str:
+    """Return the text of ces_core.c."""
+    return "\n".join(read_core().source) + "\n"
+
+
+def write_core(folder: Path) -> None:
+    """Write both files into a folder."""
+    folder.mkdir(parents=True, exist_ok=True)
+    (folder / "ces_core.h").write_text(core_header(), encoding="utf-8")
+    (folder / "ces_core.c").write_text(core_source(), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    write_core(Path(sys.argv[1]))

@@ -1,0 +1,449 @@
+"""The bank: positions on uniform ticks in; position and speed, known at once and after a stated delay, out.
+
+Each mode is the stationary Kalman filter (`ces_observer.kalman`) of strokes up to one frequency; the speed has the RMS
+of the identification recordings in all of them. The output is the mean of the modes, weighted by how well each predicts
+(multiple-model estimator with switching; Bar-Shalom, Li & Kirubarajan, Estimation with Applications to Tracking and
+Navigation, sec. 11.6). The likelihood is Student's t, so that one wild sample does not decide for long.
+
+Tests find each mode stable at constant shifts of the samples and numbers of lost ticks (`ces_observer.bank_design`),
+but no fixed gains are so for every sequence of intervals. So a mode whose innovation is 300 times its spread restarts
+at the mean, which keeps the states small in every sequence tried; this is not proved.
+
+After `delay` ticks, the innovations that came later have corrected the speed (fixed-lag smoothing). Innovations that
+come later still correct it afterwards, discounted with AFTER_S: a damper's force follows the speed within milliseconds,
+so that a correction which is a tick late still makes up for most of the error.
+
+A mode is held in the companion form of its speed,
+
+    x' = x + b0 v + b1 z1 + b2 z2 + b3 z3,   v' = a1 v + z1,   z1' = a2 v + z2,   z2' = a3 v + z3,   z3' = a4 v,
+
+plus gains times its innovation. A measured speed or acceleration is a second measurement, and an offset of it the sixth
+state. `ces_observer.sampling_layout` fills p and n.
+"""
+
+from ces_observer.tick.arrays import Floats, Ints
+
+# p: the time of a tick [s]; the shares of its weight that a mode keeps and that it gets from all of them
+TICK_S, STAY, LEAVE, P_TRACKER = range(4)
+
+# n: the delay [ticks], how many modes and spans [ticks] there are, whether a motion is measured beside the position;
+# where tables begin: the spans in n; in p the gains by span, shift and mode, the companion forms by mode, and the
+# smoothing by mode and measurement; in s the modes, the ring, how many numbers both have, and a copy of them
+(
+    DELAY,
+    MODES,
+    SPANS,
+    MEASURES_MOTION,
+    SPAN_TABLE,
+    GAINS,
+    COMPANIONS,
+    SMOOTHING,
+    MODE_STATES,
+    RING,
+    BANK_STATES,
+    SAVED,
+    N_TRACKER,
+) = range(13)
+
+# s: position [m] and speed [m/s] at the newest tick, as predicted for the next one, and `delay` ticks ago as they are
+# known now; the sum of the weights; a copy of all these
+(
+    BANK_POSITION,
+    BANK_SPEED,
+    NEXT_POSITION,
+    NEXT_SPEED,
+    LATE_POSITION,
+    LATE_SPEED,
+    TOTAL,
+    SAVED_POSITION,
+) = range(8)
+S_TRACKER = 2 * SAVED_POSITION
+
+# k: ticks since the restart, and a copy
+BANK_TICKS, SAVED_TICKS, K_TRACKER = range(3)
+
+# a mode's state in s: x [m], v [m/s], z1, z2, z3, the offset of the motion, its weight, and whether it must restart
+MODE_X, MODE_V, MODE_Z1, MODE_Z2, MODE_Z3, MODE_OFFSET, MODE_WEIGHT, MODE_LOST, MODE_WIDTH = range(9)
+
+# a mode's companion form in p
+A1, A2, A3, A4, B0, B1, B2, B3, COMPANION_WIDTH = range(9)
+
+# a mode's row of gains in p: the weights of v, z1, z2, z3 in the position; the gains of the outputs and the next states
+# on its innovation; the sharpness and the height of the likelihood
+(
+    SEEN_V,
+    SEEN_Z1,
+    SEEN_Z2,
+    SEEN_Z3,
+    GAIN_POSITION,
+    GAIN_SPEED,
+    GAIN_X,
+    GAIN_V,
+    GAIN_Z1,
+    GAIN_Z2,
+    GAIN_Z3,
+    SHARPNESS,
+    HEIGHT,
+    GAINS_WIDTH,
+) = range(14)
+
+# what follows in a row if a motion is measured, too: the same for the motion and its innovation
+(
+    FELT_V,
+    FELT_Z1,
+    FELT_Z2,
+    FELT_Z3,
+    FELT_POSITION,
+    FELT_SPEED,
+    FELT_X,
+    FELT_GAIN_V,
+    FELT_GAIN_Z1,
+    FELT_GAIN_Z2,
+    FELT_GAIN_Z3,
+    GAIN_OFFSET,
+    FELT_OFFSET,
+    SHARPNESS_BOTH,
+    SHARPNESS_MOTION,
+    BOTH_WIDTH,
+) = range(GAINS_WIDTH, GAINS_WIDTH + 16)
+
+BINS = 8  # of a tick, to which the gains know the time of a sample
+EARLIEST = 12  # [bins] before its tick that the mean of several samples may lie
+SHIFT_COUNT = EARLIEST + BINS // 2 + 1  # from EARLIEST before the tick to half a tick after it
+BINS_A_TICK = 8.0  # BINS
+FIRST_SHIFT = 12.5  # EARLIEST, and half a bin: a bin lies around its middle
+LOST = 1e4  # 1 + e' sharpness e of an innovation that is 300 times its spread
+MAX_MODES = 64
+MAX_SPANS = 64
+MAX_DELAY_TICKS = 10_000
+
+
+def bank_reset(p: Floats, n: Ints, s: Floats, k: Ints, position: float, speed: float) -> None:
+    """Restart at `position` [m] with a constant `speed` [m/s]."""
+    s[BANK_POSITION] = position
+    s[BANK_SPEED] = speed
+    s[NEXT_POSITION] = position + p[TICK_S] * speed
+    s[NEXT_SPEED] = speed
+    s[TOTAL] = 1.0
+    k[BANK_TICKS] = 0
+    for i in range(n[MODES]):
+        here = n[MODE_STATES] + i * MODE_WIDTH
+        make_steady(p, n, s, i, 0.0)
+        s[here + MODE_WEIGHT] = 1.0 / float(n[MODES])
+        s[here + MODE_LOST] = 0.0
+        if n[DELAY] > 0:
+            keep_tick(n, s, k, i, speed, 0.0, 0.0)
+    if n[DELAY] > 0:
+        s[n[RING]] = position
+
+
+def make_steady(p: Floats, n: Ints, s: Floats, mode: int, offset: float) -> None:
+    """Set a mode to the predicted mean, with a speed that stays as it is until it decays."""
+    form = n[COMPANIONS] + mode * COMPANION_WIDTH
+    here = n[MODE_STATES] + mode * MODE_WIDTH
+    speed = s[NEXT_SPEED]
+    z1 = speed - p[form + A1] * speed
+    z2 = z1 - p[form + A2] * speed
+    s[here + MODE_X] = s[NEXT_POSITION]
+    s[here + MODE_V] = speed
+    s[here + MODE_Z1] = z1
+    s[here + MODE_Z2] = z2
+    s[here + MODE_Z3] = z2 - p[form + A3] * speed
+    s[here + MODE_OFFSET] = offset
+
+
+def restart_lost_modes(p: Floats, n: Ints, s: Floats) -> None:
+    """Restart the modes that are lost at the mean, with the offset of the likeliest."""
+    likeliest = n[MODE_STATES]
+    for i in range(n[MODES]):
+        here = n[MODE_STATES] + i * MODE_WIDTH
+        if s[here + MODE_WEIGHT] > s[likeliest + MODE_WEIGHT]:
+            likeliest = here
+    offset = s[likeliest + MODE_OFFSET]
+    for i in range(n[MODES]):
+        here = n[MODE_STATES] + i * MODE_WIDTH
+        if s[here + MODE_LOST] > 0.0:
+            s[here + MODE_LOST] = 0.0
+            make_steady(p, n, s, i, offset)
+
+
+def bank_save(n: Ints, s: Floats, k: Ints) -> None:
+    """Keep the present state, for `bank_restore`."""
+    for i in range(SAVED_POSITION):
+        s[SAVED_POSITION + i] = s[i]
+    begin = n[MODE_STATES]
+    copy = n[SAVED]
+    for i in range(n[BANK_STATES]):
+        s[copy + i] = s[begin + i]
+    k[SAVED_TICKS] = k[BANK_TICKS]
+
+
+def bank_restore(n: Ints, s: Floats, k: Ints) -> None:
+    """Return to the saved state."""
+    for i in range(SAVED_POSITION):
+        s[i] = s[SAVED_POSITION + i]
+    begin = n[MODE_STATES]
+    copy = n[SAVED]
+    for i in range(n[BANK_STATES]):
+        s[begin + i] = s[copy + i]
+    k[BANK_TICKS] = k[SAVED_TICKS]
+
+
+def bank_coast(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
+    """Advance by a tick without a measurement."""
+    k[BANK_TICKS] += 1
+    next_x = 0.0
+    next_v = 0.0
+    form = n[COMPANIONS]
+    here = n[MODE_STATES]
+    for i in range(n[MODES]):
+        speed = s[here + MODE_V]
+        z1 = s[here + MODE_Z1]
+        z2 = s[here + MODE_Z2]
+        z3 = s[here + MODE_Z3]
+        if n[DELAY] > 0:
+            keep_tick(n, s, k, i, speed, 0.0, 0.0)
+        x = s[here + MODE_X] + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3
+        s[here + MODE_X] = x
+        v = p[form + A1] * speed + z1
+        s[here + MODE_V] = v
+        s[here + MODE_Z1] = p[form + A2] * speed + z2
+        s[here + MODE_Z2] = p[form + A3] * speed + z3
+        s[here + MODE_Z3] = p[form + A4] * speed
+        next_x += s[here + MODE_WEIGHT] * x
+        next_v += s[here + MODE_WEIGHT] * v
+        form += COMPANION_WIDTH
+        here += MODE_WIDTH
+    total = s[TOTAL]
+    note_mean(n, s, k, total, total * s[NEXT_POSITION], total * s[NEXT_SPEED], next_x, next_v)
+    if n[DELAY] > 0:
+        look_back(p, n, s, k)
+
+
+def bank_update(
+    p: Floats, n: Ints, s: Floats, k: Ints, ticks: int, position: float, shift: float, motion: float
+) -> None:
+    """Advance to the next tick, `ticks` after the last measured one, and take its measurement.
+
+    `position` [m] is the mean of the samples, `shift` that of their times after the tick, -1.5 to 0.5 ticks; `motion`
+    is the signal measured beside it. Gains are those of the nearest bin of the shift, and of the next longer span:
+    those of a shorter one are too large.
+    """
+    k[BANK_TICKS] += 1
+    span = 0
+    if ticks > 1:
+        while span < n[SPANS] - 1 and n[n[SPAN_TABLE] + span] < ticks:
+            span += 1
+    column = int(BINS_A_TICK * shift + FIRST_SHIFT)
+    beside = (shift - float(column - EARLIEST) / BINS_A_TICK) * p[TICK_S]  # [s] beside the middle of the bin
+    row = (span * SHIFT_COUNT + column) * n[MODES]
+    if n[MEASURES_MOTION] != 0:
+        take_both(p, n, s, k, n[GAINS] + row * BOTH_WIDTH, position, beside, motion)
+    else:
+        take_position(p, n, s, k, n[GAINS] + row * GAINS_WIDTH, position, beside)
+    if n[DELAY] > 0:
+        look_back(p, n, s, k)
+
+
+def take_position(p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: float, shift: float) -> None:
+    """Advance all modes by a tick with a position [m], `shift` [s] beside the middle of its bin.
+
+    The weights are those of the last tick, moved a little towards equal ones, times the likelihood of the innovation e:
+    height / (1 + sharpness e^2)^5.
+    """
+    delay = n[DELAY]
+    stay = p[STAY] / s[TOTAL]
+    leave = p[LEAVE]
+    total = 0.0
+    mean_x = 0.0
+    mean_v = 0.0
+    next_x = 0.0
+    next_v = 0.0
+    lost = False
+    at = gains
+    form = n[COMPANIONS]
+    here = n[MODE_STATES]
+    for i in range(n[MODES]):
+        x = s[here]
+        speed = s[here + MODE_V]
+        z1 = s[here + MODE_Z1]
+        z2 = s[here + MODE_Z2]
+        z3 = s[here + MODE_Z3]
+        e = position - x - (p[at] + shift) * speed - p[at + SEEN_Z1] * z1 - p[at + SEEN_Z2] * z2 - p[at + SEEN_Z3] * z3
+        u = 1.0 + p[at + SHARPNESS] * e * e
+        square = u * u
+        weight = (leave + stay * s[here + MODE_WEIGHT]) * p[at + HEIGHT] / (square * square * u)
+        total += weight
+        mean_x += weight * (x + p[at + GAIN_POSITION] * e)
+        mean_v += weight * (speed + p[at + GAIN_SPEED] * e)
+        if delay > 0:
+            keep_tick(n, s, k, i, speed, e, 0.0)
+        x = (
+            x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3 + p[at + GAIN_X] * e
+        )
+        v = p[form] * speed + z1 + p[at + GAIN_V] * e
+        s[here] = x
+        s[here + MODE_V] = v
+        s[here + MODE_Z1] = p[form + A2] * speed + z2 + p[at + GAIN_Z1] * e
+        s[here + MODE_Z2] = p[form + A3] * speed + z3 + p[at + GAIN_Z2] * e
+        s[here + MODE_Z3] = p[form + A4] * speed + p[at + GAIN_Z3] * e
+        s[here + MODE_WEIGHT] = weight
+        next_x += weight * x
+        next_v += weight * v
+        if u > LOST:
+            s[here + MODE_LOST] = 1.0
+            lost = True
+        at += GAINS_WIDTH
+        form += COMPANION_WIDTH
+        here += MODE_WIDTH
+    note_mean(n, s, k, total, mean_x, mean_v, next_x, next_v)
+    if lost:
+        restart_lost_modes(p, n, s)
+
+
+def take_both(
+    p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: float, shift: float, motion: float
+) -> None:
+    """Do as `take_position` with a second measurement, whose innovation is f: u = 1 + (e, f)' sharpness (e, f)."""
+    stay = p[STAY] / s[TOTAL]
+    total = 0.0
+    mean_x = 0.0
+    mean_v = 0.0
+    next_x = 0.0
+    next_v = 0.0
+    lost = False
+    at = gains
+    form = n[COMPANIONS]
+    here = n[MODE_STATES]
+    for i in range(n[MODES]):
+        x = s[here + MODE_X]
+        speed = s[here + MODE_V]
+        z1 = s[here + MODE_Z1]
+        z2 = s[here + MODE_Z2]
+        z3 = s[here + MODE_Z3]
+        offset = s[here + MODE_OFFSET]
+        e = position - x - (p[at + SEEN_V] + shift) * speed
+        e = e - p[at + SEEN_Z1] * z1 - p[at + SEEN_Z2] * z2 - p[at + SEEN_Z3] * z3
+        felt = p[at + FELT_V] * speed + p[at + FELT_Z1] * z1 + p[at + FELT_Z2] * z2 + p[at + FELT_Z3] * z3
+        f = motion - (felt + offset)
+        u = 1.0 + (p[at + SHARPNESS] * e * e + p[at + SHARPNESS_BOTH] * e * f + p[at + SHARPNESS_MOTION] * f * f)
+        if u < 0.5:
+            u = 1.0  # never, but for numbers that no design gives
+        square = u * u
+        weight = (p[LEAVE] + stay * s[here + MODE_WEIGHT]) * p[at + HEIGHT] / (square * square * u)
+        total += weight
+        mean_x += weight * (x + (p[at + GAIN_POSITION] * e + p[at + FELT_POSITION] * f))
+        mean_v += weight * (speed + (p[at + GAIN_SPEED] * e + p[at + FELT_SPEED] * f))
+        if n[DELAY] > 0:
+            keep_tick(n, s, k, i, speed, e, f)
+        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3
+        x = x + (p[at + GAIN_X] * e + p[at + FELT_X] * f)
+        v = p[form + A1] * speed + z1 + (p[at + GAIN_V] * e + p[at + FELT_GAIN_V] * f)
+        s[here + MODE_X] = x
+        s[here + MODE_V] = v
+        s[here + MODE_Z1] = p[form + A2] * speed + z2 + (p[at + GAIN_Z1] * e + p[at + FELT_GAIN_Z1] * f)
+        s[here + MODE_Z2] = p[form + A3] * speed + z3 + (p[at + GAIN_Z2] * e + p[at + FELT_GAIN_Z2] * f)
+        s[here + MODE_Z3] = p[form + A4] * speed + (p[at + GAIN_Z3] * e + p[at + FELT_GAIN_Z3] * f)
+        s[here + MODE_OFFSET] = offset + (p[at + GAIN_OFFSET] * e + p[at + FELT_OFFSET] * f)
+        s[here + MODE_WEIGHT] = weight
+        next_x += weight * x
+        next_v += weight * v
+        if u > LOST:
+            s[here + MODE_LOST] = 1.0
+            lost = True
+        at += BOTH_WIDTH
+        form += COMPANION_WIDTH
+        here += MODE_WIDTH
+    note_mean(n, s, k, total, mean_x, mean_v, next_x, next_v)
+    if lost:
+        restart_lost_modes(p, n, s)
+
+
+def note_mean(
+    n: Ints, s: Floats, k: Ints, total: float, x: float, v: float, next_x: float, next_v: float
+) -> None:
+    """Set the mean of the modes from sums over them, times their weights."""
+    if not total > 0.0:
+        total = 1.0  # never, but for numbers that no design gives
+    s[TOTAL] = total
+    s[BANK_POSITION] = x / total
+    s[BANK_SPEED] = v / total
+    s[NEXT_POSITION] = next_x / total
+    s[NEXT_SPEED] = next_v / total
+    if n[DELAY] > 0:
+        s[n[RING] + k[BANK_TICKS] % (n[DELAY] + 1)] = s[BANK_POSITION]
+
+
+def keep_tick(n: Ints, s: Floats, k: Ints, mode: int, speed: float, e: float, f: float) -> None:
+    """Keep a mode's predicted speed [m/s] and innovations at this tick in the ring.
+
+    The ring has the positions, then for each mode the speeds and twice the innovations of the last `delay` + 1 ticks.
+    Each innovation is written twice, so that the last ones always lie in a row.
+    """
+    length = n[DELAY] + 1
+    slot = k[BANK_TICKS] % length
+    if n[MEASURES_MOTION] != 0:
+        at = n[RING] + length * (1 + 5 * mode) + slot
+        s[at + 3 * length] = f
+        s[at + 4 * length] = f
+    else:
+        at = n[RING] + length * (1 + 3 * mode) + slot
+    s[at] = speed
+    s[at + length] = e
+    s[at + 2 * length] = e
+
+
+def look_back(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
+    """Set position and speed of the tick `delay` ticks ago, by all innovations since."""
+    length = n[DELAY] + 1
+    oldest = (k[BANK_TICKS] + 1) % length
+    measurements = 2 if n[MEASURES_MOTION] != 0 else 1
+    gains = n[SMOOTHING]
+    kept = n[RING] + length
+    here = n[MODE_STATES]
+    total = 0.0
+    for _mode in range(n[MODES]):
+        speed = s[kept + oldest]
+        kept += length
+        for _measurement in range(measurements):
+            part = 0.0
+            errors = kept + oldest
+            for i in range(length):
+                part += p[gains + i] * s[errors + i]
+            speed += part
+            gains += length
+            kept += 2 * length
+        total += s[here + MODE_WEIGHT] * speed
+        here += MODE_WIDTH
+    s[LATE_POSITION] = s[n[RING] + oldest]
+    s[LATE_SPEED] = total / s[TOTAL]
+
+
+def check_bank(p: Floats, n: Ints, numbers: int, counts: int, named: int, states: int) -> bool:
+    """Return whether the bank stays within arrays p, n and s of these sizes, and can divide by its weights.
+
+    Its state must lie behind the `named` places of s.
+    """
+    modes = n[MODES]
+    spans = n[SPANS]
+    length = n[DELAY] + 1
+    if not (1 <= modes <= MAX_MODES and 1 <= spans <= MAX_SPANS and 1 <= length <= MAX_DELAY_TICKS):
+        return False
+    both = n[MEASURES_MOTION] != 0
+    rows = spans * SHIFT_COUNT * modes
+    width = BOTH_WIDTH if both else GAINS_WIDTH
+    size = modes * MODE_WIDTH
+    if n[DELAY] > 0:
+        size += length * (1 + modes * (5 if both else 3))
+    fits = n[BANK_STATES] == size and named <= n[MODE_STATES] <= states - size
+    fits = fits and named <= n[SAVED] <= states - size
+    fits = fits and n[RING] == n[MODE_STATES] + modes * MODE_WIDTH
+    fits = fits and 0 <= n[SPAN_TABLE] <= counts - spans and 0 <= n[GAINS] <= numbers - rows * width
+    fits = fits and 0 <= n[COMPANIONS] <= numbers - modes * COMPANION_WIDTH
+    fits = fits and 0 <= n[SMOOTHING] <= numbers - modes * length * (2 if both else 1)
+    if not (fits and p[TICK_S] > 0.0):
+        return False
+    for i in range(rows):
+        if not p[n[GAINS] + i * width + SHARPNESS] >= 0.0:
+            return False
+    return True
