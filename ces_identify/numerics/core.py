@@ -24,15 +24,14 @@ from ces_observer.tick.structure import structure_reset, structure_tick
 
 Function = TypeVar("Function", bound=Callable[..., Any])
 TICK = f"{tick.__name__}."
-COUNTLESS = {"_nrt": False}  # the tick makes no arrays: without Numba's counting of references it is up to twice as fast
 
 
-def with_names(function: Callable[..., Any], name: str, names: Mapping[str, Any], **options: Any) -> Any:
+def with_names(function: Callable[..., Any], name: str, names: Mapping[str, Any]) -> Any:
     """Return a function with another name and other globals, compiled. Numba's cache takes no closures."""
     assert isinstance(function, FunctionType)
     clone = FunctionType(function.__code__, {**function.__globals__, **names}, name)
     clone.__module__ = function.__module__
-    return core_kernel(clone, **options)
+    return core_kernel(clone)
 
 
 @cache
@@ -43,13 +42,13 @@ def compiled(function: Callable[..., Any]) -> Any:
         for name, value in function.__globals__.items()
         if name in function.__code__.co_names and getattr(value, "__module__", "").startswith(TICK) and callable(value)
     }
-    return with_names(function, function.__name__, names, **COUNTLESS)
+    return with_names(function, function.__name__, names)
 
 
-def core_kernel(function: Function, **options: Any) -> Function:
+def core_kernel(function: Function) -> Function:
     """Compile a kernel that calls compiled functions of the tick; a decorator."""
     function.__qualname__ = f"{function.__name__}_{tick_digest()}"
-    kernel: Function = njit(cache=True, nogil=True, error_model="numpy", **options)(function)
+    kernel: Function = njit(cache=True, nogil=True, error_model="numpy")(function)
     return kernel
 
 
@@ -73,7 +72,7 @@ def batch_run(reset: Callable[..., None], tick: Callable[..., float]) -> Any:
     the result. From a force that is not finite to the end of its segment, forces are NaN.
     """
     names = {"structure_reset": compiled(reset), "structure_tick": compiled(tick)}
-    return with_names(_run, f"run_{tick.__name__}", names, **COUNTLESS)
+    return with_names(_run, f"run_{tick.__name__}", names)
 
 
 def run_batch(body: Structure, within: OperatingRange, inputs: F, segments: I) -> tuple[F, Mask]:
