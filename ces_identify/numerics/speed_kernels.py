@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.arrays import F, I
-from ces_identify.numerics.core import compiled, core_kernel
+from ces_identify.numerics.core import compiled, core_kernel, pointer
 from ces_observer.model import Sampling
 from ces_observer.sampling_layout import layout_of
 from ces_observer.tick import tracker
@@ -61,8 +61,9 @@ def track(stamps_ns: I, positions: F, sampling: Sampling, motion: F | None = Non
 
 
 @core_kernel
-def _track(p: F, n: I, s: F, k: I, stamps: I, positions: F, motion: F, rate: float) -> Any:
+def _track(numbers: F, counts: I, states: F, flags: I, stamps: I, positions: F, motion: F, rate: float) -> Any:
     """Do the work of `track`, with new arrays of the tick."""
+    p, n, s, k = pointer(numbers), pointer(counts), pointer(states), pointer(flags)
     count, delay = len(stamps), n[DELAY]
     room = count + 2
     for i in range(1, count):
