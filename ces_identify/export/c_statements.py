@@ -93,8 +93,7 @@ class FunctionPrinter(Expressions):
         self.lines += wrap(text + self.comments.beside(first, last), depth)
 
     def _put_comments(self, depth: int, line: int, column: int = 0) -> None:
-        for comment in self.comments.before(line, column):
-            self.lines += wrap(comment, depth)
+        self.lines += [INDENT * depth + comment for comment in self.comments.before(line, column)]
 
     def _block(self, block: Block, path: Path, depth: int, end: int) -> None:
         """Print the statements of a block that lies above line `end` of the source."""
@@ -129,8 +128,8 @@ class FunctionPrinter(Expressions):
                 self._put(depth, f"{'' if term.type == NONE else '(void)'}{term.text};", node.lineno, last)
             case ast.Return(value=value):
                 term = self.term(value) if value else Term("", NONE)
-                if term.type != self.definition.result:
-                    raise self.error(node, f"the result is a {WORDS[term.type]}, not a {WORDS[self.definition.result]}")
+                what = f"the result has type {WORDS[term.type]}; expected {WORDS[self.definition.result]}"
+                self.require(node, term.type == self.definition.result, what)
                 self._put(depth, f"return {term.text};" if value else "return;", node.lineno, last)
                 self.assigned = None
             case ast.Break() | ast.Continue():
@@ -147,7 +146,7 @@ class FunctionPrinter(Expressions):
             case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=bounds), orelse=[]):
                 self._for(node, name, bounds, path, depth, end)
             case _:
-                raise self.error(node, f"`{ast.unparse(node).splitlines()[0]}` is not in the subset")
+                raise self.error(node)
 
     def _assignment(self, node: ast.stmt, target: ast.expr, value: Term) -> str:
         if isinstance(target, ast.Subscript):
@@ -227,9 +226,8 @@ class FunctionPrinter(Expressions):
         terms = [self.of_type(bound, INT) for bound in bounds]
         first, last = (Term("0", INT), *terms[:2])[-2:]
         limit = bounds[min(1, len(bounds) - 1)]
-        step = (
-            ast.literal_eval(bounds[2]) if len(bounds) > 2 and isinstance(bounds[2], ast.Constant | ast.UnaryOp) else 1
-        )
+        step = ast.literal_eval(ast.unparse(bounds[2])) if len(bounds) > 2 and terms[2].text.strip("-").isdigit() else 1
+        self.require(node, 1 <= len(bounds) <= (3 if step != 1 else 2), "a range takes one step, or a literal one")
         changed = {part.id for part in ast.walk(node) if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)}
         fixed = isinstance(limit, ast.Constant) or (isinstance(limit, ast.Name) and limit.id not in changed)
         i = c_local(name)
@@ -238,6 +236,5 @@ class FunctionPrinter(Expressions):
         move = f"{i}++" if step == 1 else f"{i} += {step}" if step > 0 else f"{i} -= {-step}"
         self.counters.append(name)
         self.locals[name] = INT
-        head = f"for ({start}; {stop}; {move}) {{"
-        self._loop(node, head, path, depth, end)
+        self._loop(node, f"for ({start}; {stop}; {move}) {{", path, depth, end)
         self.counters.pop()
