@@ -14,6 +14,7 @@ import math
 import sys
 from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +27,7 @@ from ces_identify.export.c_expressions import (
     PRIMARY,
     READ_ONLY,
     SMALL,
+    SUM,
     TYPES,
     Expressions,
     Function,
@@ -259,6 +261,9 @@ class Core:
             names = [module.terms[ast.unparse(name)].text for name in target.elts]
             if len(node.value.args) > 1:
                 names[0] += f" = {Expressions(module).term(node.value.args[0]).text}"
+            if len(node.value.args) > 2:
+                step = Expressions(module).term(node.value.args[2]).within(SUM)
+                names[1:] = [f"{name} = {before.split()[0]} + {step}" for before, name in pairwise(names)]
             return wrap(f"enum {{ {', '.join(names)} }};{comments.beside(node.lineno, last)}", 0)
         name = ast.unparse(target)
         value, term, c_name = self.values[name], Expressions(module).term(node.value), module.terms[name].text
