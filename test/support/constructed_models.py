@@ -1,13 +1,24 @@
-"""A model that uses every kind of constructed input, for tests."""
+"""A model that uses every kind of constructed input, and these alone, for tests."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from samplings import make_sampling
 
+from ces_observer.flat import Layout
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.constructed_inputs import Frequency, Hysteresis, Lag, make_memberships
+from ces_observer.structures.constructed_inputs import (
+    ConstructedInput,
+    Frequency,
+    Hysteresis,
+    Lag,
+    lay_out_constructed,
+    make_memberships,
+)
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
+from ces_observer.tick.constructed import constructed_update
 
 STOP = Hysteresis("hysteresis", "stop", "position", 0.002)
 PLAY = Hysteresis("remanence", "play", "current", 0.05)
@@ -46,3 +57,19 @@ def constructed_damper(terms: tuple[Term, ...] = TERMS, rate_Hz: float = 1000.0)
     """Return a contraction with a stop, a play, a lag, a frequency and hats over current and stop."""
     settings = make_sampling(rate_Hz, 0.02, warm_up_s=0.1)
     return Model(settings, Polynomial(terms), ENVELOPE, (-8000.0, 8000.0))
+
+
+class ConstructedRun:
+    """Constructed inputs tick by tick: `update` returns position, speed, current and each of them."""
+
+    def __init__(self, constructed: Sequence[ConstructedInput], rate_Hz: float) -> None:
+        layout, self._count, self._started = Layout(0, 0, 3, 0), len(constructed), False
+        self._table, _ = lay_out_constructed(layout, constructed, rate_Hz, 0)
+        self._p, self._n, self._s, _ = layout.arrays()
+
+    def update(self, values: Sequence[float]) -> list[float]:
+        """Return all signals at the next tick's position [m], speed [m/s] and current [A]."""
+        self._s[:3] = values
+        constructed_update(self._p, self._n, self._s, self._table, self._count, 0, self._started)
+        self._started = True
+        return self._s[: 3 + self._count]

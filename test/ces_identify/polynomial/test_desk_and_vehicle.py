@@ -43,7 +43,7 @@ def random_model(seed):
 
 
 def hostile(seed):
-    """Positions, speeds and currents (3, 2400) that wander, jump beyond the envelope, stand still, and are both zeros."""
+    """Return inputs (3, 2400) that wander, stand still, jump beyond the envelope, and take both zeros."""
     rng = np.random.default_rng(seed)
     t = np.arange(2400) * 1e-3
     walks = [np.interp(t, t[::40], rng.uniform(1.1 * low, 1.1 * high, 60)) for low, high in ENVELOPE.by_signal.values()]

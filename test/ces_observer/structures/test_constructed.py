@@ -7,6 +7,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import pytest
+from constructed_models import ConstructedRun
 from hypothesis import given
 from hypothesis import strategies as st
 from model_examples import make_model
@@ -16,7 +17,6 @@ from ces_observer.model import Envelope, parse_model
 from ces_observer.structures.constructed_inputs import (
     Frequency,
     Hysteresis,
-    InputConstructor,
     Lag,
     TriangularMembership,
     make_memberships,
@@ -43,7 +43,7 @@ def model(*terms, **changes):
 
 
 def values(one, positions, speeds=None, currents=None, rate_Hz=1000.0):
-    run = InputConstructor([one], rate_Hz)
+    run = ConstructedRun([one], rate_Hz)
     zeros = [0.0] * len(positions)
     rows = zip(positions, speeds or zeros, currents or zeros, strict=True)
     return [run.update(row)[-1] for row in rows]

@@ -5,10 +5,12 @@ import random
 import tracemalloc
 
 import pytest
+from constructed_models import ConstructedRun
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from model_examples import make_model
 
+from ces_observer.errors import ModelError
 from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import (
     BASE,
@@ -44,7 +46,7 @@ def driven(count, seed=1, beyond=1.0):
 
 def slow_forces(made, rows):
     """Return the force [N] at each of `rows`, and how large its terms are together."""
-    construction, past, forces, sizes = InputConstructor(made.body.constructed, made.sampling.rate_Hz), [], [], []
+    construction, past, forces, sizes = ConstructedRun(made.body.constructed, made.sampling.rate_Hz), [], [], []
     names = [*BASE, *(one.name for one in made.body.constructed)]
     for row in rows:
         ranges = made.envelope.by_signal.values()
@@ -219,5 +221,25 @@ def test_a_run_does_not_grow():
     assert peak - before < 20_000
 
 
-def test_the_compiled_text_reaches_no_builtins():
-    assert everything().make_predictor().tick.__globals__["__builtins__"] == {}
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize(
+    ("what", "term"),
+    [
+        ("a coefficient", lambda bad: Term(bad, ())),
+        ("a power", lambda bad: Term(1.0, (Factor("speed", 0, bad),))),
+    ],
+)
+def test_a_number_that_is_not_finite_is_refused(bad, what, term):
+    with pytest.raises(ModelError, match=f"{what} of the model is {bad!r}; expected a finite number"):
+        model(term(bad)).make_predictor()
+
+
+def test_a_range_that_is_no_number_is_refused():
+    with pytest.raises(ModelError, match="expected finite numbers"):
+        model(limits=(math.nan, 1.0)).make_predictor()
+
+
+def test_a_signal_without_a_definition_is_refused_in_one_line():
+    with pytest.raises(ModelError, match="no such signal") as error:
+        model(Term(1.0, (Factor("speed\nimport os", 0),))).make_predictor()
+    assert "\n" not in str(error.value)
