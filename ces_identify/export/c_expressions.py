@@ -218,8 +218,8 @@ class Expressions:
     def _comparison(self, node: ast.Compare) -> Term:
         terms = [self.term(part) for part in (node.left, *node.comparators)]
         effect, texts = self.effect(node, *terms), []
-        middle = any(isinstance(part, ast.Call) for inner in node.comparators[:-1] for part in ast.walk(inner))
-        self.require(node, not middle, "a call in the middle of a chain would run twice in C; assign it to a local")
+        once = all(term.effect < STORES for term in terms[1:-1])
+        self.require(node, once, "a call in the middle of a chain would run twice in C; assign its result to a local")
         for left, operator, right in zip(terms, node.ops, terms[1:], strict=False):
             sign, rank = RELATIONS.get(type(operator), ("", 0))
             self.require(node, rank > 0, f"the comparison {type(operator).__name__} is not in the subset")

@@ -62,7 +62,7 @@ class FunctionPrinter(Expressions):
     def text(self, linkage: str) -> list[str]:
         """Return the definition, with docstring and comments."""
         node = self.definition.node
-        docstring = ast.get_docstring(node)
+        docstring = ast.get_docstring(node) or ""
         body = node.body[1:] if docstring else node.body
         parts = [part for statement in body for part in ast.walk(statement)]
         used = {part.id for part in parts if isinstance(part, ast.Name)}
@@ -75,7 +75,7 @@ class FunctionPrinter(Expressions):
         for line, depth, names in reversed(self.waiting):
             self.lines[line:line] = [f"{INDENT * depth}{self.locals[name]} {c_local(name)};" for name in names]
         head = wrap(f"{linkage}{self.definition.prototype} {{", 0)
-        return [*(block_comment(docstring) if docstring else []), *head, *self.lines, "}"]
+        return [*block_comment(docstring), *head, *self.lines, "}"]
 
     def _find_homes(self, block: Block, path: Path, names: set[str]) -> None:
         """Note for each local the blocks around all that name it."""
@@ -159,7 +159,7 @@ class FunctionPrinter(Expressions):
             self.declared.add(name)
             declaration = f"{value.type} "
         if self.locals.setdefault(name, value.type) != value.type:
-            raise self.error(node, f"{name} is a {WORDS[self.locals[name]]}, and a {WORDS[value.type]} here")
+            raise self.error(node, f"{name} has type {WORDS[self.locals[name]]}, and type {WORDS[value.type]} here")
         if self.assigned is not None:
             self.assigned.add(name)
         return f"{declaration}{c_local(name)} = {value.text};"
@@ -222,12 +222,13 @@ class FunctionPrinter(Expressions):
         self._check_name(node, name)
         home = self.homes.get(name)
         if name in self.definition.parameters or (home is not None and home == path[: len(home)]):
-            raise self.error(node, f"{name} is already the name of a local")
+            raise self.error(node, f"{name} counts a loop, and is named outside it, too")
         terms = [self.of_type(bound, INT) for bound in bounds]
         first, last = (Term("0", INT), *terms[:2])[-2:]
         limit = bounds[min(1, len(bounds) - 1)]
-        step = ast.literal_eval(ast.unparse(bounds[2])) if len(bounds) > 2 and terms[2].text.strip("-").isdigit() else 1
-        self.require(node, 1 <= len(bounds) <= (3 if step != 1 else 2), "a range takes one step, or a literal one")
+        by = terms[2].text if len(terms) > 2 else "1"
+        self.require(node, 1 <= len(terms) <= 3 and by.lstrip("-").strip("0").isdigit(), "a range has a literal step")
+        step = int(by)
         changed = {part.id for part in ast.walk(node) if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)}
         fixed = isinstance(limit, ast.Constant) or (isinstance(limit, ast.Name) and limit.id not in changed)
         i = c_local(name)
