@@ -34,9 +34,9 @@ from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.structures.curves import Bypass, FlowMap
-from ces_observer.structures.hydraulic import (
+from ces_observer.structures.hydraulic import EDGES, Hydraulic, oil_pieces
+from ces_observer.tick.hydraulic import (
     CLOSE,
-    EDGES,
     MAX_STEPS,
     NEAR,
     PATIENCE,
@@ -45,8 +45,6 @@ from ces_observer.structures.hydraulic import (
     TURN,
     WARMEST,
     WARMING_S,
-    Hydraulic,
-    oil_pieces,
 )
 
 METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pull and bypass by the selection data"
@@ -208,7 +206,7 @@ def _write_compliance(compliance_m_N: float, growth_1_m: float) -> str:
 def _oil_facts(body: Hydraulic) -> dict[str, object]:
     """Return the pieces of the oil's curve, and the one in use at a start."""
     pieces = oil_pieces(body.reservoir_N, body.air)
-    _, ends, values, slopes = zip(*pieces, strict=True)
+    ends, values, slopes = zip(*pieces, strict=True)
     return {
         "oil_pieces": len(pieces),
         "oil_at_rest": next(n for n, end in enumerate(ends) if end >= 0.0),

@@ -159,6 +159,8 @@ def hydraulic_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
     mount_reset(n, s)
     s[PRESSURE_C] = 0.0
     s[PRESSURE_R] = 0.0
+    s[VOLUME_C] = 0.0
+    s[VOLUME_R] = 0.0
     s[HEAT] = 0.0
     s[BLENDED_AT] = 0.0
     for edge in range(EDGES):
@@ -223,9 +225,6 @@ def advance_pressures(p: Floats, n: Ints, s: Floats, k: Ints, position: float, d
     # the pieces of the last step, with what does not change in this one
     oil_c = k[OIL_C]
     oil_r = k[OIL_R]
-    if k[STARTED] == 0:
-        s[VOLUME_C] = c_c * p[OIL_VALUES + oil_c]
-        s[VOLUME_R] = c_r * p[OIL_VALUES + oil_r]
     u_c = thick * s[VOLUME_C]
     u_r = thick * s[VOLUME_R]
     c_c = thick * c_c
