@@ -22,18 +22,17 @@ from ces_observer.tick import hydraulic as tick
 from ces_observer.tick import valve as tick_valve
 from ces_observer.tick.edges import EDGE_DROPS, EDGE_FLOWS, EDGE_NODES, EDGE_PIECE, EDGE_ROW, EDGE_SHARE, LAST_ROW
 from ces_observer.tick.edges import OPENING as OPENINGS
-from ces_observer.tick.hydraulic import (
-    ACCELERATION,
+from ces_observer.tick.hydraulic import ACCELERATION, DRIVE, DRIVE_RATE, GAS_NODES, GAS_POSITIONS
+from ces_observer.tick.hydraulic import VISCOUS as DRAG
+from ces_observer.tick.mount import FRICTION as RUBBED
+from ces_observer.tick.mount import MOUNT_GIVE, PULL, SPRING_NUMBERS, SPRING_STATES, SPRINGS, WAY
+from ces_observer.tick.pressures import (
     BYPASS_LOGARITHMS,
     BYPASS_NODES,
     BYPASS_POSITIONS,
     COMPLIANCE_C,
     COMPLIANCE_R,
-    DRIVE,
-    DRIVE_RATE,
     FRICTION_GROWTH,
-    GAS_NODES,
-    GAS_POSITIONS,
     HEAT,
     LAMINAR,
     NARROW,
@@ -51,11 +50,8 @@ from ces_observer.tick.hydraulic import (
     WARMEST,
     WARMING,
 )
-from ces_observer.tick.hydraulic import FADE as FADES
-from ces_observer.tick.hydraulic import RATIO as RATIOS
-from ces_observer.tick.hydraulic import VISCOUS as DRAG
-from ces_observer.tick.mount import FRICTION as RUBBED
-from ces_observer.tick.mount import MOUNT_GIVE, PULL, SPRING_NUMBERS, SPRING_STATES, SPRINGS, WAY
+from ces_observer.tick.pressures import FADE as FADES
+from ces_observer.tick.pressures import RATIO as RATIOS
 from ces_observer.tick.valve import PLAY, PLAYS, SETTING, VALVE_DELAY
 
 hydraulic_reset, hydraulic_tick = compiled(tick.hydraulic_reset), compiled(tick.hydraulic_tick)

@@ -21,7 +21,7 @@ from ces_data.arrays import F, I
 from ces_identify.physical.models import HydraulicModels, free_run
 from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.structure import Range
-from ces_observer.tick.hydraulic import WARMEST
+from ces_observer.tick.pressures import WARMEST
 
 BLOCK_S = 0.25
 MIN_BLOCKS = 1.0  # for each parameter that the data determine

@@ -35,7 +35,7 @@ from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.structures.curves import Bypass, FlowMap
 from ces_observer.structures.hydraulic import EDGES, Hydraulic, oil_pieces
-from ces_observer.tick.hydraulic import (
+from ces_observer.tick.pressures import (
     CLOSE,
     MAX_STEPS,
     NEAR,

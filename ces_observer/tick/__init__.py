@@ -13,6 +13,7 @@ MODULES = (
     "valve",
     "mount",
     "edges",
+    "pressures",
     "hydraulic",
     "constructed",
     "polynomial",
