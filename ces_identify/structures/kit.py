@@ -13,6 +13,7 @@ from math import isfinite
 from typing import Any, Generic, TypeVar
 
 from ces_data.arrays import F, I, Mask
+from ces_identify.numerics.core import run_batch
 from ces_identify.physical.models import HydraulicModels
 from ces_identify.polynomial.candidates import CandidateRules
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
@@ -73,6 +74,11 @@ Fitter = Callable[[Sequence[Series], Sampling, IdentifyOptions, Listener], Fitte
 S = TypeVar("S", bound=Structure)
 
 
+def run_core(body: Structure, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
+    """Return the batch run of a structure's functions of the tick, as `StructureKit.batch_run` describes it."""
+    return run_batch(body, model.operating_range, inputs, segments)
+
+
 @dataclass(frozen=True)
 class CTick(Generic[S]):
     """A tick in C: `template`.c.j2 and .h.j2 beside its module, the `facts` that fill them, a `noun` for comments."""
@@ -98,8 +104,8 @@ class StructureKit(Generic[S]):
     body: type[S]
     sizes: tuple[Option, ...]
     fitter: Callable[[Mapping[str, Size]], Fitter]
-    batch_run: Callable[[S, Model, F, I], tuple[F, Mask]]
     table: Callable[[S, Model, Sequence[SimulatedSeries], str], ModelTable]
+    batch_run: Callable[[S, Model, F, I], tuple[F, Mask]] = run_core
     c_tick: CTick[S] | None = None
     models: type[HydraulicModels] | None = None
     quick: bool = False
