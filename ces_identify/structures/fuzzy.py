@@ -1,4 +1,4 @@
-"""Neuro-fuzzy models at the desk: starts by hybrid learning, errors of a fit, sizes, report, tick in C.
+"""Neuro-fuzzy models at the desk: starts by hybrid learning, errors of a fit, sizes, report.
 
 A start follows Jang (1993): memberships on a grid; then, in turn, consequents by least squares with measured past
 forces and a descent of the premises on the same one-step error. The free-run fit that follows moves all parameters.
@@ -18,8 +18,8 @@ from markupsafe import Markup
 from ces_data.arrays import F, I
 from ces_identify.numerics.levenberg import Evaluate, damped_step
 from ces_identify.prepare.series import SimulatedSeries
-from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
-from ces_identify.structures.lagged import LaggedShape, lagged_facts
+from ces_identify.structures.kit import StructureKit
+from ces_identify.structures.lagged import LaggedShape
 from ces_identify.trained import training
 from ces_identify.trained.fuzzy_kernels import fill_fuzzy_slopes
 from ces_identify.trained.lagged_kernels import RegressorTable, normal_equations
@@ -275,26 +275,6 @@ def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], rol
     return parameter_table(about, heads, tuple(rows), symbols)
 
 
-def tick_facts(fuzzy: Fuzzy, model: Model) -> dict[str, object]:
-    """Return the tables of a neuro-fuzzy model's tick; the memberships of all premises are numbered in one row."""
-    lags = [(r.signal, r.lag) for r in fuzzy.regressors] + [(p.signal, p.lag) for p in fuzzy.premises]
-    bells = [bell for premise in fuzzy.premises for bell in premise.memberships]
-    starts = [sum(len(p.memberships) for p in fuzzy.premises[:k]) for k in range(len(fuzzy.premises))]
-    tables = [
-        ConstantTable("BELLS", [value for b in bells for value in (b.centre, b.width, 2.0 * b.slope)], 3),
-        ConstantTable("CONSTANTS", [rule.constant for rule in fuzzy.rules]),
-        ConstantTable("LINEAR", [slope for rule in fuzzy.rules for slope in rule.linear], len(fuzzy.regressors)),
-    ]
-    return {
-        **lagged_facts(fuzzy.regressors, lags, model),
-        "tables": tables,
-        "scale": fuzzy.scale_N,
-        "bells": len(bells),
-        "premises": [(p, start, len(p.memberships)) for p, start in zip(fuzzy.premises, starts, strict=True)],
-        "rules": [[start + m for start, m in zip(starts, rule.memberships, strict=True)] for rule in fuzzy.rules],
-    }
-
-
 RULES = Option(
     "rules",
     f"{FuzzyShape().speeds}x{FuzzyShape().currents}",
@@ -318,5 +298,4 @@ ANFIS = StructureKit(
     sizes=(RULES, MEMBERSHIPS),
     fitter=lambda sizes: choose_shape(str(sizes["rules"]), str(sizes["memberships"])),
     table=fuzzy_table,
-    c_tick=CTick("fuzzy", tick_facts, "neuro-fuzzy model"),
 )

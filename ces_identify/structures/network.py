@@ -1,4 +1,4 @@
-"""Sigmoid networks at the desk: random starts and errors of a fit, sizes, batch run, report and tick in C."""
+"""Sigmoid networks at the desk: random starts and errors of a fit, sizes, batch run and report."""
 
 from __future__ import annotations
 
@@ -11,15 +11,15 @@ from markupsafe import Markup
 
 from ces_data.arrays import F
 from ces_identify.prepare.series import SimulatedSeries
-from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
-from ces_identify.structures.lagged import LaggedShape, lagged_facts
+from ces_identify.structures.kit import StructureKit
+from ces_identify.structures.lagged import LaggedShape
 from ces_identify.trained.lagged_kernels import RegressorTable, normal_equations
 from ces_identify.trained.network_kernels import fill_sigmoid_slopes
 from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_regressors
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.network import Network, SigmoidUnit
-from ces_observer.tick.sigmoid import MAX_SIGMOID_EXPONENT, sigmoid_force
+from ces_observer.tick.sigmoid import sigmoid_force
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
 FIRST_GAIN = 0.9  # gain of the past forces in a start
@@ -161,27 +161,6 @@ def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries
     return parameter_table(about, tuple(map(Markup, heads)), tuple(rows), symbols)
 
 
-def tick_facts(network: Network, model: Model) -> dict[str, object]:
-    """Return the tables of a sigmoid network's tick."""
-    units = network.units
-    tables = [ConstantTable("LINEAR", network.linear)]
-    if units:
-        slopes = [slope for unit in units for slope in unit.slopes]
-        tables += [
-            ConstantTable("WEIGHTS", [unit.weight for unit in units]),
-            ConstantTable("BIASES", [unit.bias for unit in units]),
-            ConstantTable("SLOPES", slopes, len(network.regressors)),
-        ]
-    return {
-        **lagged_facts(network.regressors, [(r.signal, r.lag) for r in network.regressors], model),
-        "tables": tables,
-        "scale": network.scale_N,
-        "constant": network.constant,
-        "steepest": MAX_SIGMOID_EXPONENT,
-        "units": len(units),
-    }
-
-
 UNITS = Option("units", NetworkShape().units, "sigmoids of a sigmoid network, at most", 1, 60, metavar="N")
 NETWORK_LAGS = Option(
     "lags",
@@ -198,6 +177,5 @@ SIGMOID = StructureKit(
     sizes=(UNITS, NETWORK_LAGS),
     fitter=lambda sizes: NetworkShape(units=int(sizes["units"]), lags=read_lags(str(sizes["lags"]))),
     table=network_table,
-    c_tick=CTick("network", tick_facts, "sigmoid network"),
     quick=True,
 )

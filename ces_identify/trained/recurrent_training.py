@@ -226,16 +226,6 @@ class RecurrentFamily:
         return Stage(*(tuple(row.ravel().tolist()) for row in rows))
 
 
-def stage_arrays(stage: Stage, rate_Hz: float) -> StageArrays:
-    """Return the arrays of a stage at a rate."""
-    poles, tanhs = np.array(stage.poles(rate_Hz)), len(stage.hidden_bias)
-    rows = {"drive": 2 * len(poles), "hidden": tanhs, "hidden_bias": tanhs, "out": len(stage.out_bias)}
-    drive, hidden, hidden_bias, out = (np.array(getattr(stage, key)).reshape(n, -1) for key, n in rows.items())
-    return StageArrays(
-        np.stack([poles.real, poles.imag]), drive, hidden, hidden_bias.ravel(), out, np.array(stage.out_bias)
-    )
-
-
 def raw_inputs(signals: Sequence[str], smoothing_m_s: float, envelope: Envelope, inputs: F) -> F:
     """Return inputs (signals, ticks) clamped to the envelope: those of MOTION and CURRENT, in SI units."""
     x, v, i = (np.clip(row, *limits) for row, limits in zip(inputs, envelope.by_signal.values(), strict=True))

@@ -39,6 +39,8 @@ ENTRY_POINTS = (
     "recurrent_tick",
     "hydraulic_reset",
     "hydraulic_tick",
+    "structure_reset",
+    "structure_tick",
     "estimator_reset",
     "estimator_step",
     "estimator_skip_late",
