@@ -65,7 +65,7 @@ class FuzzyFit(training.Family):
 
     grid: tuple[PremiseGrid, ...]
     decay: float
-    kernel: ClassVar = normal_equations(fuzzy_force, fill_fuzzy_slopes)
+    kernel: ClassVar = staticmethod(normal_equations(fuzzy_force, fill_fuzzy_slopes))
 
     @property
     def size(self) -> int:

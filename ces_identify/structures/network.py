@@ -36,7 +36,7 @@ class NetworkFit(Family):
 
     units: int
     decay: float
-    kernel: ClassVar = normal_equations(sigmoid_force, fill_sigmoid_slopes)
+    kernel: ClassVar = staticmethod(normal_equations(sigmoid_force, fill_sigmoid_slopes))
 
     @property
     def size(self) -> int:
