@@ -1,45 +1,40 @@
-"""`ces export`: writes a model as C source for a microcontroller, an FMU for a simulation tool, or a ROS 2 package."""
+"""`ces export`: writes a model as a flat file for the C++ node, as C source for a microcontroller, or as an FMU."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, SIGNALS, OptionRule, never_with, only_with
-from ces_cli.terminal.outputs import print_document, require_outputs, without_text
-from ces_identify.export.export_c import export_c, identifier, require_exportable
+from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, OptionRule
+from ces_cli.terminal.outputs import is_ours, print_document, require_outputs, without_text
+from ces_identify.export.export_c import CORE, export_c, identifier, require_usable_names
 from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
-from ces_identify.export.ros_package import (
-    export_ros_package,
-    package_name,
-    require_package,
-    require_package_name,
-    write_package,
-)
+from ces_identify.export.flat_file import write_flat
 from ces_observer.errors import CesError
-from ces_observer.json_text import write_all_atomically, write_atomically
+from ces_observer.json_text import write_all_atomically
 from ces_observer.model import Model, load_model
 from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate, summarize
 
-FORMATS = {"c": "C99, with its header beside it", "fmu": "FMI 2.0 co-simulation"}
+FORMATS = {
+    "ces": "flat file of the C++ node",
+    "c": "C99, with its header beside it",
+    "fmu": "FMI 2.0 co-simulation",
+}
 
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
-    inputs = [options.model, options.signals]
-    if options.ros_package is not None:
-        require_outputs(
-            options.overwrite, folders={"--ros-package": options.ros_package}, inputs=inputs, names=["package.xml"]
-        )
-    else:
-        header = options.out.with_suffix(".h") if _kind(options) == "c" else None
-        require_outputs(options.overwrite, {"--out": options.out, "the header of --out": header}, inputs=inputs)
+    kind, out = _kind(options), options.out
+    also = {f"the file {name} of --out": out.with_name(name) for name in _names_beside(out) if kind == "c"}
+    shared = {option: path for option, path in also.items() if path.name in CORE and path.is_file() and is_ours(path)}
+    outputs = {"--out": out, **{option: path for option, path in also.items() if option not in shared}}
+    require_outputs(options.overwrite, outputs, inputs=[options.model])
     with without_text(options.json):
-        certificate = _export_package(options) if options.ros_package else _export_file(options)
+        certificate = _export(options, kind)
         if certificate.holds:
             summary = summarize(certificate.to_mapping())
             bound = "" if "|force|" in summary else f"; {certificate.force_claim}"
@@ -50,83 +45,73 @@ def main(argv: Sequence[str] | None = None) -> int:
             )
     if options.json:
         facts = {"proved_stable": certificate.holds, "bounds": certificate.bounds}
-        print_document("export", {"model": options.model, "written": options.ros_package or options.out, **facts})
+        print_document("export", {"model": options.model, "written": out, **facts})
     return 0
 
 
 def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
-    package = "new folder for an ament_cmake package; its name is the package's name"
     p = terminal.parser(
         "export",
-        "Write a model as one self-contained C99 file with its header, as an FMU for co-simulation (FMI 2.0) that "
-        "contains the same C code, compiled for this machine and as source for others, or as a ROS 2 package in C++ "
-        "around it. All are the observer's estimator with its reasons for withholding a force, and all give the "
-        "estimates of a model with a delay; the C needs only math.h and allocates no memory in a step. The FMU takes "
+        "Write a model as a flat file for the C++ node (package ces_observer_cpp), which loads it while it runs; as C99 "
+        "for a microcontroller: the numbers of the model with their header, and the core, which is the same for every "
+        "model; or as an FMU for co-simulation (FMI 2.0) that contains the same C code, compiled for this machine and as "
+        "source for others. All compute exactly what the observer does, with its reasons for withholding a force and with "
+        "the estimates of a model with a delay; the C needs only math.h and allocates no memory. The FMU takes "
         "position [m] and current [A] and returns force [N], speed [m/s], valid, clamped and reason. Every "
-        "communication point is a sample; any spacing works, best is the model's rate. The ROS 2 package has the "
-        "observer node as a component and as a program.",
-        "ces export model.json --out rear_damper.c\n  ces export model.json --format fmu --out rear_damper.fmu\n"
-        "  ces export model.json --ros-package ~/ros2_ws/src/rear_damper_observer --signals vehicle.yaml",
+        "communication point is a sample; any spacing works, best is the model's rate.",
+        "ces export model.json --out rear_damper.ces\n  ces export model.json --out rear_damper.c\n"
+        "  ces export model.json --format fmu --out rear_damper.fmu",
         MODEL,
         rules=(
-            only_with("signals", "ros_package", "applies to --ros-package only; remove it"),
-            never_with("format sources_only", "ros_package", "does not apply to --ros-package; remove it"),
             OptionRule(
                 "sources_only",
                 lambda options: (options.format or options.out.suffix.removeprefix(".")) == "fmu",
-                "applies to an FMU only; remove it for C",
+                "applies to an FMU only; remove it",
             ),
         ),
     )
-    terminal.add_options(
-        p.add_mutually_exclusive_group(required=True),
-        Option("out", None, "FILE.c (FILE.h beside it) or FILE.fmu", kind=Path, metavar="FILE"),
-        Option("ros_package", None, package, kind=Path, metavar="DIR"),
-    )
-    name = "prefix of every identifier (default: derived from FILE), or name of the package"
+    node = "the C++ node of the package ces_observer_cpp loads any model: write it with --out rear_damper.ces"
+    p.gone = {"--ros-package": f"is gone: {node}"}
+    form = ", ".join(f"FILE.{kind} ({what})" for kind, what in FORMATS.items())
     terminal.add_options(
         p,
+        Option("out", meaning=form, kind=Path, metavar="FILE"),
         Option("format", None, "default: from the suffix of FILE", choices=tuple(FORMATS)),
-        Option("name", None, name, metavar="NAME"),
+        Option("name", None, "name of the model, prefix of every identifier in C (default: from FILE)", metavar="NAME"),
         Option("sources_only", False, "write an FMU without a binary; needs no C compiler"),
         Option("allow_uncertified", False, "export a model whose stability cannot be proved (unsafe)"),
-        *(SIGNALS, JSON, OVERWRITE),
+        *(JSON, OVERWRITE),
     )
     return p
 
 
-def _export_file(options: argparse.Namespace) -> Certificate:
+def _names_beside(out: Path) -> tuple[str, ...]:
+    """Return the names of the files that are written beside FILE.c."""
+    return out.with_suffix(".h").name, *CORE
+
+
+def _export(options: argparse.Namespace, kind: str) -> Certificate:
+    """Write the file that the options name, and those beside it; return the certificate of the model."""
     model, out = load_model(options.model), options.out
-    kind = _kind(options)
     name = options.name or identifier(out.stem)
-    require_exportable(model, name, out.stem if kind == "c" else name)
+    require_usable_names(name, out.stem if kind == "c" else name)
     compiler = find_compiler() if kind == "fmu" and not options.sources_only else []
     certificate = _certificate(model, options)
-    if kind == "c":
-        source, header = export_c(model, name, out.stem, certificate)
-        write_all_atomically({out.with_suffix(".h"): header, out: source})
-        print(f"{out}, {out.with_suffix('.h').name}: {name}_step and {name}_tick, {model.size}")
-        return certificate
-    with terminal.err.status("compiling"):
-        content = export_fmu(model, name, certificate, compiler)
-    write_atomically(out, content)
-    what = binary_path(name) if compiler else "sources only; sources/BUILD.txt says how to compile them"
-    print(f"{out}: FMI 2.0 co-simulation {name}, {model.size}, {what}")
-    return certificate
-
-
-def _export_package(options: argparse.Namespace) -> Certificate:
-    model = load_model(options.model)
-    folder: Path = options.ros_package
-    package = options.name or package_name(folder.resolve().name)
-    signals = terminal.load_described_signals(options)
-    require_package_name(package)
-    require_package(folder, options.overwrite)
-    certificate = _certificate(model, options)
-    with terminal.err.status("writing the package and the sequence that its test replays"):
-        write_package(folder, export_ros_package(model, package, signals, certificate), options.overwrite)
-    print(f"{folder}: ROS 2 package {package}, component {package}::Observer, program observer, {model.size}")
+    files: Mapping[str, str | bytes]
+    if kind == "ces":
+        files = {out.name: write_flat(model, name, certificate)}
+        print(f"{out}: flat file {name}, {model.size}, {len(files[out.name]) / 1e3:.0f} kB")
+    elif kind == "c":
+        files = export_c(model, name, out.stem, certificate)
+        beside = ", ".join(_names_beside(out))
+        print(f"{out}, {beside}: {name}_step and {name}_tick, {model.size}")
+    else:
+        with terminal.err.status("compiling"):
+            files = {out.name: export_fmu(model, name, certificate, compiler)}
+        what = binary_path(name) if compiler else "sources only; sources/BUILD.txt says how to compile them"
+        print(f"{out}: FMI 2.0 co-simulation {name}, {model.size}, {what}")
+    write_all_atomically({out.with_name(file): content for file, content in files.items()})
     return certificate
 
 

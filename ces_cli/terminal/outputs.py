@@ -89,7 +89,8 @@ def require_outputs(
 HEAD_BYTES = 65_536
 MARKS = re.compile(  # in the first bytes of the files that our programs write
     rb"""(?x) \A\s*\{\s*"schema":\s*"ces-  |  <meta\ name="generator"\ content="ces_observer\   # JSON, pages
-    | Written\ by\ ces_observer\   |  proposed\ by\ `ces\   # C, packages; signals files
+    | Written\ by\ ces_observer\   |  \A/\*\ Printed\ from\ ces_observer/tick/  |  \ACES-FLAT  # C, FMUs; flat files
+    | proposed\ by\ `ces\   # signals files
     | \A(stamp_ns,time_s,|time_s,force_N\n|\|\ mode\ \|\ )  # tables of export-data, simulate and blind
     | \A\x89MCAP0\r\n.{9}\x04\0{3}ros2.\0{3}ces_observer\   |  \n\ {4}(ces_rig|written_by|imported_from):\  # bags
     """,

@@ -1,4 +1,4 @@
-"""Export of a model as an FMU: FMI 2.0 co-simulation around the exported C estimator, compiled and as source.
+"""Export of a model as an FMU: FMI 2.0 co-simulation around the exported C, compiled and as source.
 
 A checked `Model` goes in, the bytes of a zip come out: modelDescription.xml, sources/ (complete, with BUILD.txt), and
 binaries/ for the compiler's platform. The same model gives the same sources, GUID and zip layout. Source of the
@@ -22,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from ces_identify.export.export_c import REASONS, export_c, render
+from ces_identify.export.export_c import CODES, CORE, export_c, render
 from ces_observer import __version__
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Model
@@ -89,10 +89,9 @@ def sources(model: Model, name: str, certificate: Certificate) -> dict[str, str]
             f"the model needs the signal '{motion}', and an FMU has position and current only; "
             f"identify it with a signals file without '{motion}'"
         )
-    source, header = export_c(model, name, name, certificate)
     facts = _facts(model, name, certificate)
     wrapper, build = render("fmi2.c", facts), render("fmi2_build.txt", facts)
-    return {f"{name}.c": source, f"{name}.h": header, f"fmi2_{name}.c": wrapper, "BUILD.txt": build}
+    return {**export_c(model, name, name, certificate), f"fmi2_{name}.c": wrapper, "BUILD.txt": build}
 
 
 def find_compiler() -> list[str]:
@@ -129,7 +128,7 @@ def _facts(model: Model, name: str, certificate: Certificate) -> dict[str, objec
         "guid": "{" + str(uuid.UUID(bytes=hashlib.sha256(kind).digest()[:16])) + "}",
         "model": model,
         "promise": promise,
-        "reasons": REASONS,
+        "reasons": CODES,
         "variables": variables,
         "reals": sum(variable.kind.startswith("<Real") for variable in variables),
         "now": not model.sampling.delay_s,
@@ -140,7 +139,7 @@ def _facts(model: Model, name: str, certificate: Certificate) -> dict[str, objec
 
 
 def _arguments(name: str, out: str) -> list[str]:
-    return [*FLAGS, "-o", out, f"{name}.c", f"fmi2_{name}.c", "-lm"]
+    return [*FLAGS, "-o", out, f"{name}.c", CORE[0], f"fmi2_{name}.c", "-lm"]
 
 
 def _compile_library(compiler: Sequence[str], name: str, files: Mapping[str, bytes]) -> bytes:

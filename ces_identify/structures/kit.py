@@ -1,31 +1,27 @@
-"""The offline side of a model structure: how to fit it, run it in batch, set its size, show it and write it in C.
+"""The offline side of a model structure: how to fit it, run it in batch, set its size and show it.
 
 Identification, simulation, campaigns, the report and the command line know a structure only through its kit.
 """
 
 from __future__ import annotations
 
-import textwrap
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import pairwise
-from math import isfinite
 from typing import Any, Generic, TypeVar
 
 from ces_data.arrays import F, I, Mask
+from ces_identify.numerics.core import run_batch
 from ces_identify.physical.models import HydraulicModels
 from ces_identify.polynomial.candidates import CandidateRules
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series, SimulatedSeries
-from ces_observer.errors import ModelError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
 from ces_observer.structures.structure import Structure
 from ces_report.typesetting import ModelTable
 
 Size = bool | int | float | str
-ARGUMENTS = {"position": "position_m", "speed": "speed_m_s", "current": "current_A"}  # of a tick in C
 
 
 @dataclass(frozen=True)
@@ -73,13 +69,9 @@ Fitter = Callable[[Sequence[Series], Sampling, IdentifyOptions, Listener], Fitte
 S = TypeVar("S", bound=Structure)
 
 
-@dataclass(frozen=True)
-class CTick(Generic[S]):
-    """A tick in C: `template`.c.j2 and .h.j2 beside its module, the `facts` that fill them, a `noun` for comments."""
-
-    template: str
-    facts: Callable[[S, Model], Mapping[str, object]]
-    noun: str
+def run_core(body: Structure, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
+    """Return the batch run of a structure's functions of the tick, as `StructureKit.batch_run` describes it."""
+    return run_batch(body, model.operating_range, inputs, segments)
 
 
 @dataclass(frozen=True)
@@ -90,17 +82,16 @@ class StructureKit(Generic[S]):
     speed [m/s] and current [A], and segments; it returns `force` and `held` of a `FreeRun`. `table` shows the
     parameters; its runs are of the role named.
 
-    `c_tick` is None for a structure that cannot be exported, `models` for one without physics inside. A structure is
-    `quick` if a fit in seconds is worth a comparison.
+    `models` is None for a structure without physics inside. A structure is `quick` if a fit in seconds is worth a
+    comparison.
     """
 
     about: str
     body: type[S]
     sizes: tuple[Option, ...]
     fitter: Callable[[Mapping[str, Size]], Fitter]
-    batch_run: Callable[[S, Model, F, I], tuple[F, Mask]]
     table: Callable[[S, Model, Sequence[SimulatedSeries], str], ModelTable]
-    c_tick: CTick[S] | None = None
+    batch_run: Callable[[S, Model, F, I], tuple[F, Mask]] = run_core
     models: type[HydraulicModels] | None = None
     quick: bool = False
 
@@ -108,42 +99,3 @@ class StructureKit(Generic[S]):
     def option(self) -> str:
         """The structure's name for users."""
         return self.body.option
-
-
-@dataclass(frozen=True)
-class ConstantTable:
-    """Constants of type double in C: an array, or one of rows of `width` numbers."""
-
-    name: str
-    values: Sequence[float]
-    width: int = 0
-
-    @property
-    def definition(self) -> str:
-        """The C text that defines it. Raises ModelError if a number is not finite."""
-        shape = f"[{len(self.values) // self.width}][{self.width}]" if self.width else f"[{len(self.values)}]"
-        step = self.width or len(self.values)
-        rows = [self.values[k : k + step] for k in range(0, len(self.values), step)]
-        gap = "\0" if self.width else " "  # a row is not broken
-        texts = ["{" + f",{gap}".join(map(number, row)) + "}" for row in rows]
-        text = "{" + ", ".join(texts) + "}" if self.width else texts[0]
-        text = f"static const double {self.name}{shape} = {text};"
-        text = textwrap.fill(text, 118, subsequent_indent="    ", break_on_hyphens=False, break_long_words=False)
-        return text.replace("\0", " ")
-
-
-def number(value: float) -> str:
-    """Return a C literal of type double that reads back as exactly `value`. Raises ModelError if it is not finite."""
-    if not isfinite(value):
-        raise ModelError(f"the model holds {value!r}; expected finite numbers only")
-    return repr(float(value))
-
-
-def find_slopes(at: Sequence[float], values: Sequence[float]) -> list[float]:
-    """Return the slopes of a curve's pieces."""
-    return [(y1 - y0) / (x1 - x0) for (x0, x1), (y0, y1) in zip(pairwise(at), pairwise(values), strict=True)]
-
-
-def constructed_variable(name: str) -> str:
-    """Return the C variable of a constructed input."""
-    return f"made_{name}"

@@ -1,4 +1,4 @@
-"""What networks and neuro-fuzzy models share at the desk: the fit, and the lagged regressors of their C.
+"""What networks and neuro-fuzzy models share at the desk: the fit.
 
 Without given lags, short fits of small models choose among LAG_SETS, and whether the stroke belongs to the inputs.
 """
@@ -6,7 +6,7 @@ Without given lags, short fits of small models choose among LAG_SETS, and whethe
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from itertools import islice
@@ -19,11 +19,10 @@ from ces_data.arrays import F
 from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.search_limits import INTERRUPTED, Listener
 from ces_identify.prepare.series import Series
-from ces_identify.structures.kit import ARGUMENTS, Fitted, IdentifyOptions
+from ces_identify.structures.kit import Fitted, IdentifyOptions
 from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_training, train
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
-from ces_observer.structures.lagged_signals import Regressor
 
 REFIT_STEPS = 4  # trial steps of Levenberg-Marquardt
 LAG_WORK, LAG_SIZE = 0.03, 6  # of a fit that chooses lags: share of the work of a start, units or rules at most
@@ -90,19 +89,3 @@ def _refit(family: Family, params: F, sampling: Sampling, weights: F) -> Model |
     weighted = replace(family, training=replace(data, estimation=weights * (data.estimation + data.selection)))
     *_, (_, params) = ((0.0, params), *islice(descend(weighted.errors, params), REFIT_STEPS))
     return weighted.model(params, sampling)
-
-
-def lagged_facts(regressors: Iterable[Regressor], lags: Iterable[tuple[str, int]], model: Model) -> dict[str, object]:
-    """Return regressors, inputs and the rings of `lags` (signal, ticks back), sized to powers of two, 0 if unused."""
-    rings: dict[str, int] = {}
-    for signal, lag in lags:
-        rings[signal] = max(1 << lag.bit_length(), rings.get(signal, 0))
-    ranges = model.envelope.by_signal
-    return {
-        "regressors": tuple(regressors),
-        "rings": rings,
-        "inputs": [
-            {"name": name, "argument": argument, "range": ranges[name], "ring": rings.get(name, 0)}
-            for name, argument in ARGUMENTS.items()
-        ],
-    }

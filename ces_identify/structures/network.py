@@ -1,4 +1,4 @@
-"""Sigmoid networks at the desk: random starts and errors of a fit, sizes, batch run, report and tick in C."""
+"""Sigmoid networks at the desk: random starts and errors of a fit, sizes, batch run and report."""
 
 from __future__ import annotations
 
@@ -9,17 +9,17 @@ from typing import ClassVar
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F, I, Mask
+from ces_data.arrays import F
 from ces_identify.prepare.series import SimulatedSeries
-from ces_identify.structures.kit import ConstantTable, CTick, StructureKit
-from ces_identify.structures.lagged import LaggedShape, lagged_facts
-from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
-from ces_identify.trained.network_kernels import NetworkArrays
-from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_regressors, regressor_table
+from ces_identify.structures.kit import StructureKit
+from ces_identify.structures.lagged import LaggedShape
+from ces_identify.trained.lagged_kernels import RegressorTable, normal_equations
+from ces_identify.trained.network_kernels import fill_sigmoid_slopes
+from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_regressors
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.network import Network, SigmoidUnit
-from ces_observer.tick.sigmoid import MAX_SIGMOID_EXPONENT
+from ces_observer.tick.sigmoid import sigmoid_force
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
 FIRST_GAIN = 0.9  # gain of the past forces in a start
@@ -36,6 +36,7 @@ class NetworkFit(Family):
 
     units: int
     decay: float
+    kernel: ClassVar = staticmethod(normal_equations(sigmoid_force, fill_sigmoid_slopes))
 
     @property
     def size(self) -> int:
@@ -70,10 +71,6 @@ class NetworkFit(Family):
         error, matrix, gradient = self.normal_equations(table, params, max_error)
         matrix[np.diag_indices_from(matrix)] += self.decay
         return error + self.decay * float(params @ params), matrix, gradient - self.decay * params
-
-    def kernel_arrays(self, params: F) -> NetworkArrays:
-        """Return the arrays of the kernels."""
-        return NetworkArrays(self.training.scale_N, params, self.units)
 
     def gains(self, params: F) -> tuple[F, F]:
         """Return the bound of ces_observer.structures.network (1,), smoothed upward, and its gradient (1, params)."""
@@ -145,16 +142,6 @@ def read_lags(text: str) -> LagCounts | None:
     return lags
 
 
-def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
-    """Return the batch run of a sigmoid network, as `StructureKit.batch_run` describes it."""
-    table = regressor_table(network.regressors, model.envelope, inputs, segments)
-    units = [number for unit in network.units for number in (unit.weight, unit.bias, *unit.slopes)]
-    params = np.array([network.constant, *network.linear, *units])
-    arrays = NetworkArrays(network.scale_N, params, len(network.units))
-    force, held = lagged_free_run(table, segments, arrays, *model.force_envelope_N)
-    return np.asarray(force), np.asarray(held)
-
-
 def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
     """Return the regressors, with the force for a change of each."""
     about = (
@@ -174,27 +161,6 @@ def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries
     return parameter_table(about, tuple(map(Markup, heads)), tuple(rows), symbols)
 
 
-def tick_facts(network: Network, model: Model) -> dict[str, object]:
-    """Return the tables of a sigmoid network's tick."""
-    units = network.units
-    tables = [ConstantTable("LINEAR", network.linear)]
-    if units:
-        slopes = [slope for unit in units for slope in unit.slopes]
-        tables += [
-            ConstantTable("WEIGHTS", [unit.weight for unit in units]),
-            ConstantTable("BIASES", [unit.bias for unit in units]),
-            ConstantTable("SLOPES", slopes, len(network.regressors)),
-        ]
-    return {
-        **lagged_facts(network.regressors, [(r.signal, r.lag) for r in network.regressors], model),
-        "tables": tables,
-        "scale": network.scale_N,
-        "constant": network.constant,
-        "steepest": MAX_SIGMOID_EXPONENT,
-        "units": len(units),
-    }
-
-
 UNITS = Option("units", NetworkShape().units, "sigmoids of a sigmoid network, at most", 1, 60, metavar="N")
 NETWORK_LAGS = Option(
     "lags",
@@ -210,8 +176,6 @@ SIGMOID = StructureKit(
     body=Network,
     sizes=(UNITS, NETWORK_LAGS),
     fitter=lambda sizes: NetworkShape(units=int(sizes["units"]), lags=read_lags(str(sizes["lags"]))),
-    batch_run=run_network,
     table=network_table,
-    c_tick=CTick("network", tick_facts, "sigmoid network"),
     quick=True,
 )

@@ -1,8 +1,4 @@
-"""What the C of a structure with physics inside has in common with others, and its report.
-
-A model's curve becomes three tables of C: its nodes, its values and the slopes between them; physical.{c,h}.j2 and
-physical_tick.c.j2 hold the C.
-"""
+"""The report of a structure with physics inside: its quantities and curves."""
 
 from __future__ import annotations
 
@@ -15,10 +11,8 @@ from markupsafe import Markup
 
 from ces_identify.physical import quantities
 from ces_identify.prepare.series import SimulatedSeries
-from ces_identify.structures.kit import ARGUMENTS, ConstantTable, find_slopes
 from ces_observer.model import Model
 from ces_observer.structures.hydraulic import EDGES, Hydraulic
-from ces_observer.structures.physical import PLAYS, PhysicalStructure, widen
 from ces_report.typesetting import Chart, ChartCurve, ModelTable, TableColumn, four_figures, minus
 
 IN_95_PERCENT = 1.96  # standard errors of a normal distribution
@@ -41,41 +35,6 @@ SETTING = (
     "loop. Shaded: 95 % interval."
 )
 CURVE_SPEEDS = 61
-
-
-def physical_facts(body: PhysicalStructure, model: Model) -> dict[str, object]:
-    """Return values for physical.{c,h}.j2;"""
-    valve, side = body.valve, body.side
-    interval = 1.0 / model.sampling.rate_Hz
-    whole = int(valve.delay_ticks)
-    inputs, wide = model.envelope.by_signal, widen(model.envelope.by_signal, body.reach)
-    return {
-        "inputs": [
-            {"name": name, "argument": argument, "envelope": inputs[name], "reach": wide[name]}
-            for name, argument in ARGUMENTS.items()
-        ],
-        "reach": body.reach,
-        "interval_s": interval,
-        "per_s": 1.0 / interval,
-        "rise": interval / (valve.rise_s + interval),
-        "fall": interval / (valve.fall_s + interval),
-        "delay": whole,
-        "share": valve.delay_ticks - whole,
-        "ring": 1 << (whole + 1).bit_length() if valve.delay_ticks > 0.0 else 0,
-        "halves": [valve.hysteresis_A * play for play in PLAYS] if valve.hysteresis_A > 0.0 else [],
-        "side": side,
-        "frictions": [(one.stiffness_N_m * interval, one.yield_N, one.moved_N) for one in side.friction],
-        "curve_tables": [
-            *curve_tables("CURRENTS", "SETTINGS", valve.characteristic.at, valve.characteristic.values),
-            *curve_tables("POSITIONS", "GAS", side.position_m, side.gas_N),
-        ],
-    }
-
-
-def curve_tables(at_name: str, name: str, at: Sequence[float], values: Sequence[float]) -> list[ConstantTable]:
-    """Return the tables of a curve: AT_NAME, NAME and NAME_SLOPES."""
-    slopes = ConstantTable(f"{name}_SLOPES", find_slopes(at, values))
-    return [ConstantTable(at_name, at), ConstantTable(name, values), slopes]
 
 
 def physical_table(body: Hydraulic, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:

@@ -1,41 +1,32 @@
-"""Recurrent networks at the desk: fit, batch run, report and tick in C."""
+"""Recurrent networks at the desk: fit and report."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from functools import partial
-from itertools import accumulate
-from typing import Any
 
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F, I, Mask
+from ces_data.arrays import F
 from ces_identify.polynomial.search_limits import Listener, SearchResult, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import (
-    ARGUMENTS,
-    ConstantTable,
-    CTick,
     Fitted,
     IdentifyOptions,
     StructureKit,
 )
-from ces_identify.trained.recurrent_kernels import free_run
 from ces_identify.trained.recurrent_training import (
     RecurrentFamily,
-    body_arrays,
     build_family,
     descend,
-    scaled_inputs,
-    stage_arrays,
     train_member,
 )
 from ces_identify.trained.training import build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
-from ces_observer.structures.recurrent import Recurrent, Stage
+from ces_observer.structures.recurrent import Recurrent
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table
 
 MEMBERS = 3
@@ -97,14 +88,6 @@ def _refit(
     return make(found)
 
 
-def run_recurrent(body: Recurrent, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
-    """Return the batch run of a recurrent network, as `StructureKit.batch_run` describes it."""
-    motion, current = scaled_inputs(body.motion, body.current, body.smoothing_m_s, model.envelope, inputs)
-    force = body.scale_N * free_run(body_arrays(body, model.sampling.rate_Hz), motion, current, segments)
-    low, high = model.force_envelope_N
-    return np.clip(force, low, high), (force < low) | (force > high)
-
-
 def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
     """Return the decay times and frequencies of the filters, by network and stage."""
     about = (
@@ -128,58 +111,11 @@ def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSerie
     )
 
 
-def recurrent_facts(body: Recurrent, model: Model) -> dict[str, object]:
-    """Return tables and sizes of a tick in C."""
-    ranges = model.envelope.by_signal
-    stages: list[dict[str, Any]] = []
-    for n, member in enumerate(body.members, 1):
-        for name, stage in member.stages.items():
-            stages.append(_stage_facts(stage, f"NETWORK_{n}_{name.upper()}", model.sampling.rate_Hz))
-    shapes = list(dict.fromkeys(stage["shape"] for stage in stages))
-    places = accumulate((2 * stage["shape"][1] for stage in stages), initial=0)
-    for facts, place in zip(stages, places, strict=False):
-        facts.update(place=place, function=shapes.index(facts["shape"]))
-    count = len(body.members[0].stages)
-    used = {one.signal.partition("_")[0] for one in (*body.motion, *body.current)}
-    return {
-        "inputs": [
-            {"name": name, "argument": argument, "range": ranges[name], "used": name in used}
-            for name, argument in ARGUMENTS.items()
-        ],
-        "variables": [C_VALUES[one.signal] for one in (*body.motion, *body.current)],
-        "scaled": (*body.motion, *body.current),
-        "motions": len(body.motion),
-        "smoothing": body.smoothing_m_s,
-        "shapes": shapes,
-        "members": [stages[k : k + count] for k in range(0, len(stages), count)],
-        "states": next(places),
-        "scale": body.scale_N / len(body.members),
-        "between": max(len(member.first.out_bias) for member in body.members),
-        "factors": max(len(member.second.out_bias) for member in body.members) - 1,
-    }
-
-
-def _stage_facts(stage: Stage, name: str, rate_Hz: float) -> dict[str, Any]:
-    """Return tables and shape (inputs, filters, tanh, outputs) of a stage; matrices are listed by columns."""
-    arrays = stage_arrays(stage, rate_Hz)
-    tables = {key: getattr(arrays, key).T for key in ("poles", "drive", "hidden", "out")}
-    biases = {key: getattr(arrays, key) for key in ("hidden_bias", "out_bias")}
-    return {
-        "shape": (stage.inputs, len(stage.decay_s), len(stage.hidden_bias), len(stage.out_bias)),
-        "arguments": [f"{name}_{key.upper()}" for key in (*tables, *biases)],
-        "tables": [
-            ConstantTable(f"{name}_{key.upper()}", table.ravel().tolist()) for key, table in (tables | biases).items()
-        ],
-    }
-
-
 RECURRENT = StructureKit(
     about="recurrent network that forgets",
     body=Recurrent,
     sizes=(),
     fitter=lambda sizes: fit_recurrent,
-    batch_run=run_recurrent,
     table=recurrent_table,
-    c_tick=CTick("recurrent", recurrent_facts, "recurrent network"),
     quick=True,
 )

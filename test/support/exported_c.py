@@ -1,87 +1,13 @@
-"""Exported C beside the estimator in Python: compilation, runs of both, and rough samples for them."""
+"""Rough samples for the estimator, and models with a delay."""
 
-import ctypes
-import math
-import subprocess
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from hydraulic_models import ENVELOPE
-from numpy.typing import NDArray
+from tick_forms import Samples
 
-from ces_identify.export.export_c import REASONS, export_c
-from ces_observer.estimator import Estimator
-from ces_observer.proof.certificate import Contraction
-
-STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O1", "-Werror"]
-CODES = {reason: code for code, reason in enumerate(REASONS.values())}
-UNPROVED = Contraction(2.0, 1.0, 1, "", "")
 COUNT = 2000
 MS = 1_000_000
-HARNESS = """
-#include "model.h"
-#include <string.h>
-
-#ifdef MOTION
-#define STEP(i) model_step(&state, stamps[i], positions[i], currents[i], motions[i], &out[5 * i])
-#else
-#define STEP(i) ((void)motions, model_step(&state, stamps[i], positions[i], currents[i], &out[5 * i]))
-#endif
-#ifdef BAND
-#define WIDTH model_half_width(&state)
-#else
-#define WIDTH 0.0
-#endif
-#ifdef ONLY_LATE
-#define OWN state.delayed
-#else
-#define OWN state.now
-#endif
-
-/* Rows of force, position, speed, half-width and clamped; the first four of the late ones, whose number is returned. */
-int64_t steps(int64_t n, const int64_t *stamps, const double *positions, const double *currents, const double *motions,
-              double *out, int32_t *reasons, int64_t *late_stamps, double *late)
-{
-    model_state state;
-    int64_t known = 0;
-    (void)late_stamps;
-    (void)late;
-    memset(&state, 0x01, sizeof state); /* reset has to set everything */
-    model_reset(&state);
-    for (int64_t i = 0; i < n; i++) {
-        reasons[i] = (int32_t)STEP(i);
-        out[5 * i + 1] = state.position_m;
-        out[5 * i + 2] = state.speed_m_s;
-        out[5 * i + 3] = reasons[i] == MODEL_OK ? WIDTH : 0.0;
-        out[5 * i + 4] = OWN.past.clamped ? 1.0 : 0.0;
-#ifdef MODEL_DELAY_TICKS
-        for (uint32_t j = 0; j < state.late_count; j++) {
-            const model_estimate *one = &state.late[j];
-            const double row[4] = {one->force_N, one->position_m, one->speed_m_s, one->half_width_N};
-            late_stamps[known] = one->stamp_ns;
-            memcpy(&late[4 * known++], row, sizeof row);
-        }
-#endif
-    }
-    return known;
-}
-
-void ticks(int64_t n, const double *positions, const double *speeds, const double *currents, double *forces)
-{
-    model_past past;
-    memset(&past, 0x01, sizeof past);
-    model_past_reset(&past);
-    for (int64_t i = 0; i < n; i++) {
-        if (model_tick(&past, positions[i], speeds[i], currents[i], &forces[i]) != MODEL_OK) {
-            model_past_reset(&past);
-        }
-    }
-}
-"""
-
-
-# ---------------------------------------------------------------------------------------------------------- inputs
 
 
 def stroke(stamps):
@@ -225,9 +151,6 @@ def a_million_samples():
     return stamps, position, current
 
 
-# ------------------------------------------------------------------------------------------------------------ twins
-
-
 def with_delay(model, delay_s):
     """Return a model whose estimates come late."""
     return replace(model, sampling=replace(model.sampling, delay_s=delay_s))
@@ -238,24 +161,6 @@ def two_models(model, other, delay_s):
     return replace(model, delayed=with_delay(replace(other, sampling=model.sampling), delay_s))
 
 
-def compile_c(folder, model, certificate=UNPROVED):
-    """Return the loaded library of a model's C and the harness."""
-    source, header = export_c(model, "model", "model", certificate)
-    for name, text in (("model.c", source), ("model.h", header), ("harness.c", HARNESS)):
-        (folder / name).write_text(text, encoding="ascii")
-    now = not model.sampling.delay_s
-    facts = {"MOTION": model.sampling.motion, "BAND": model.band and now, "ONLY_LATE": not now}
-    defined = [f"-D{name}" for name, holds in facts.items() if holds]
-    run = ["cc", *STRICT, *defined, "-fPIC", "-shared", "-o", "model.so", "model.c", "harness.c", "-lm"]
-    done = subprocess.run(run, cwd=folder, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (0, "")
-    return ctypes.CDLL(str(folder / "model.so"))
-
-
-def pointers(*arrays):
-    return [ctypes.c_void_p(a.ctypes.data) for a in arrays]
-
-
 def motion_of(stamps, position):
     """Return a rough speed or acceleration: some are missing, as where none was recent enough."""
     motion = 40.0 * np.clip(np.nan_to_num(position), -1.0, 1.0) + 1e-9 * (stamps % 1_000_003)
@@ -263,80 +168,19 @@ def motion_of(stamps, position):
     return np.where(stamps % 97 == 0, np.nan, motion)
 
 
-class Steps(NamedTuple):
-    """Rows (n, 5) of force, position, speed, half-width and clamped; reasons (n,); late rows (m, 4) and stamps (m,)."""
-
-    rows: NDArray[np.float64]
-    reasons: NDArray[np.int32]
-    late_stamps: NDArray[np.int64]
-    late: NDArray[np.float64]
-
-
-def c_steps(library, stamps, position, current, motion=None):
-    """Return what the C gives; without a motion, a rough one."""
-    motion = motion_of(stamps, position) if motion is None else motion
-    kinds, n = (np.int64, float, float, float), len(stamps)
-    arrays = [np.ascontiguousarray(a, k) for a, k in zip((stamps, position, current, motion), kinds, strict=True)]
-    rows, late = np.full((n, 5), 1e9), np.full((n, 4), 1e9)
-    reasons, late_stamps = np.full(n, -1, np.int32), np.zeros(n, np.int64)
-    library.steps.restype = ctypes.c_int64
-    known = library.steps(ctypes.c_int64(n), *pointers(*arrays, rows, reasons, late_stamps, late))
-    return Steps(rows, reasons, late_stamps[:known], late[:known])
-
-
-def python_steps(model, stamps, position, current, motion=None):
-    """Return the same of the estimator."""
-    e, rows, reasons, late = Estimator(model), [], [], []
-    motion = motion_of(stamps, position) if motion is None else motion
-    for *sample, signal in zip(stamps.tolist(), position.tolist(), current.tolist(), motion.tolist(), strict=True):
-        force = e.step(*sample, signal if model.sampling.motion else 0.0)
-        width = e.half_width() if model.band and force is not None else 0.0
-        rows.append((math.nan if force is None else force, e.position, e.speed, width, e.clamped))
-        reasons.append(CODES[e.reason])
-        late += [(one.stamp_ns, one.force, one.position, one.speed, one.half_width) for one in e.late]
-    late_rows = np.array([row[1:] for row in late], float).reshape(-1, 4)
-    return Steps(np.array(rows, float), np.array(reasons), np.array([row[0] for row in late], np.int64), late_rows)
-
-
-def assert_same(found, expected, atol, what=""):
-    """Check that two results of steps are equal to 1e-9, forces also to `atol` [N]."""
-    np.testing.assert_array_equal(found.reasons, expected.reasons, what)
-    np.testing.assert_array_equal(found.late_stamps, expected.late_stamps, what)
-    np.testing.assert_array_equal(found.rows[:, 4], expected.rows[:, 4], what)
-    for rows, others in ((found.rows, expected.rows), (found.late, expected.late)):
-        np.testing.assert_allclose(rows[:, 0], others[:, 0], rtol=1e-9, atol=atol, err_msg=what)
-        np.testing.assert_allclose(rows[:, 1:3], others[:, 1:3], rtol=1e-9, atol=1e-14, err_msg=what)
-        np.testing.assert_allclose(rows[:, 3], others[:, 3], rtol=1e-9, err_msg=what)
-
-
-def c_ticks(library, position, speed, current):
-    """Return the forces (n,) of ticks, NaN where there is none; the past is then cleared."""
-    arrays = [np.ascontiguousarray(values, float) for values in (position, speed, current)]
-    forces = np.empty(len(arrays[0]))
-    library.ticks(ctypes.c_int64(len(forces)), *pointers(*arrays, forces))
-    return forces
-
-
-def python_ticks(model, position, speed, current):
-    run, forces = model.make_predictor(), []
-    for row in zip(position.tolist(), speed.tolist(), current.tolist(), strict=True):
-        forces.append(run.tick(*row))
-        if math.isinf(forces[-1]):
-            forces[-1] = math.nan
-            run.reset()
-    return np.array(forces)
-
-
-def undefined_and_defined(folder):
-    """Return the names that model.c needs, and kinds by name of those it has, of a model that `compile_c` put there."""
-    subprocess.run(["cc", *STRICT, "-c", "model.c"], cwd=folder, check=True)
-    listing = subprocess.run(["nm", "model.o"], cwd=folder, capture_output=True, text=True, check=True).stdout
-    kinds = {line.split()[-1]: line.split()[-2] for line in listing.splitlines()}
-    return {name for name, kind in kinds.items() if kind == "U"}, kinds
-
-
 def seeded(shape):
     return shape(np.random.default_rng(INPUTS.index(shape)))
+
+
+def as_samples(model, stamps, position, current):
+    """Return samples for a model: with a rough motion if it needs one."""
+    motion = motion_of(stamps, position) if model.sampling.motion else np.zeros(len(stamps))
+    return Samples(stamps.astype(np.int64), np.column_stack([position, current, motion]).astype(float))
+
+
+def rough_samples(model):
+    """Return all INPUTS in a row, each some seconds after the one before: 30,000 samples."""
+    return as_samples(model, *map(np.concatenate, zip(*map(seeded, INPUTS), strict=True)))
 
 
 def hostile(count, seed):

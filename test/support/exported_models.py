@@ -8,6 +8,7 @@ from constructed_models import TERMS as CONSTRUCTED
 from exported_c import two_models, with_delay
 from hydraulic_models import ENVELOPE, GROOVE, SAMPLING, hydraulic_model, make_hydraulic
 from physical_examples import make_valve
+from recurrent_models import make_recurrent, recurrent_model
 from samplings import make_sampling
 from trained_models import FUZZY, NETWORK, fuzzy_model, network_model
 
@@ -160,4 +161,7 @@ MODELS = {
     "hydraulic, smallest maps": lambda: hydraulic_model(
         make_hydraulic(PLAIN_VALVE, **dict.fromkeys(EDGES, SMALLEST), compression_growth_1_m=0.0, base_s=0.0)
     ),
+    "recurrent": recurrent_model,
+    "recurrent, one network without a current": lambda: recurrent_model(make_recurrent(3, 1, current=False)),
+    "a delay, recurrent": lambda: replace(with_delay(recurrent_model(), 0.004), band=BAND),
 }
