@@ -42,13 +42,14 @@ def fill_fuzzy_slopes(p: F, n: I, s: F, y: float, past_lags: I, past_spreads: F,
         row[at] = part
         for j in range(r):
             row[at + 1 + j] = part * s[phi + j]
-            if past_lags[j] > 0:
-                gains[j] += part * p[layer + j] / past_spreads[j]
+            gains[j] += part * p[layer + j]
         pull = part * s[n[FUZZY_OUTPUTS] + rule] - share * y  # of a rule on the force, through its memberships
         for q in range(premises):
             bells[3 * n[n[FUZZY_CHOICES] + rule * premises + q]] += pull
         at += 1 + r
         layer += 1 + r
+    for j in range(r):
+        gains[j] /= past_spreads[j]
     for m in range(n[FUZZY_BELLS]):
         shape = n[FUZZY_SHAPES] + 3 * m
         offset = s[phi + r + n[n[FUZZY_OWNERS] + m]] - p[shape]
