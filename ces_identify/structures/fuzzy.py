@@ -163,15 +163,15 @@ class FuzzyFit(training.Family):
     def body(self, params: F) -> Fuzzy:
         """Return the neuro-fuzzy rules with these parameters."""
         consequents, bells = self.parts(params)
-        fitted = [Bell(float(c), float(np.exp(w)), float(np.exp(s))) for c, w, s in bells]
+        fitted = [Bell(*row) for row in np.column_stack([bells[:, 0], np.exp(bells[:, 1:])]).tolist()]
         first = np.cumsum([0, *(g.memberships for g in self.grid)])
         premises = tuple(
             Premise(g.signal, g.lag, tuple(fitted[a : a + g.memberships]))
             for g, a in zip(self.grid, first, strict=False)
         )
         rules = tuple(
-            Rule(tuple((members - first[:-1]).tolist()), float(row[0]), tuple(row[1:].tolist()))
-            for members, row in zip(self.rules, consequents, strict=True)
+            Rule(tuple(members), row[0], tuple(row[1:]))
+            for members, row in zip((self.rules - first[:-1]).tolist(), consequents.tolist(), strict=True)
         )
         return Fuzzy(self.regressors, self.training.scale_N, premises, rules)
 

@@ -30,29 +30,33 @@ from ces_observer.tick.lagged import LAGGED_PHI
 @core_kernel
 def fill_fuzzy_slopes(p: F, n: I, s: F, y: float, past_lags: I, past_spreads: F, row: F, gains: F) -> None:
     """Fill `row` with the derivatives of a tick's force by the parameters, `gains` with those by the past forces."""
-    premises, phi, layer = n[FUZZY_PREMISES], n[LAGGED_PHI], n[FUZZY_LAYER]
-    r = len(gains) - premises
-    bells = row[n[FUZZY_RULES] * (1 + r) :]
+    scale, fired, premises, phi = p[FUZZY_SCALE], s[FUZZY_FIRED], n[FUZZY_PREMISES], n[LAGGED_PHI]
+    layer, choice, output, firing = n[FUZZY_LAYER], n[FUZZY_CHOICES], n[FUZZY_OUTPUTS], n[FUZZY_FIRINGS]
+    rules, r = n[FUZZY_RULES], len(gains) - premises
+    bells = row[rules * (1 + r) :]
     bells[:] = 0.0
     gains[:] = 0.0
     at = 0
-    for rule in range(n[FUZZY_RULES]):
-        share = s[n[FUZZY_FIRINGS] + rule] / s[FUZZY_FIRED]
-        part = p[FUZZY_SCALE] * share
+    for rule in range(rules):
+        share = s[firing + rule] / fired
+        part = scale * share
         row[at] = part
         for j in range(r):
             row[at + 1 + j] = part * s[phi + j]
-            if past_lags[j] > 0:
-                gains[j] += part * p[layer + j] / past_spreads[j]
-        pull = part * s[n[FUZZY_OUTPUTS] + rule] - share * y  # of a rule on the force, through its memberships
+            gains[j] += part * p[layer + j]
+        pull = part * s[output + rule] - share * y  # of a rule on the force, through its memberships
         for q in range(premises):
-            bells[3 * n[n[FUZZY_CHOICES] + rule * premises + q]] += pull
+            bells[3 * n[choice + q]] += pull
         at += 1 + r
         layer += 1 + r
+        choice += premises
+    for j in range(r):
+        gains[j] /= past_spreads[j]
+    shape, owner, membership = n[FUZZY_SHAPES], n[FUZZY_OWNERS], n[FUZZY_MEMBERSHIPS]
     for m in range(n[FUZZY_BELLS]):
-        shape = n[FUZZY_SHAPES] + 3 * m
-        offset = s[phi + r + n[n[FUZZY_OWNERS] + m]] - p[shape]
-        steep = bells[3 * m] * (1.0 - s[n[FUZZY_MEMBERSHIPS] + m]) * p[shape + 2]
+        offset = s[phi + r + n[owner + m]] - p[shape]
+        steep = bells[3 * m] * (1.0 - s[membership + m]) * p[shape + 2]
         bells[3 * m] = steep / offset if offset != 0.0 else 0.0
         bells[3 * m + 1] = steep
         bells[3 * m + 2] = -steep * log(abs(offset) / p[shape + 1]) if offset != 0.0 else 0.0
+        shape += 3
