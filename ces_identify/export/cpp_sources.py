@@ -16,13 +16,15 @@ from math import isfinite
 from pathlib import Path
 from typing import Any
 
+from ces_identify.export.c_expressions import SubsetError
 from ces_identify.export.c_printer import write_core
 from ces_observer import damper_observer, reasons
-from ces_observer.core import tick_digest
-from ces_observer.errors import ModelError
+from ces_observer.core import SEEDS, tick_digest
+from ces_observer.errors import CesError, ModelError
 from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, signal_options, type_name
 from ces_observer.options import Option
 from ces_observer.signals import DEFAULTS, LARGEST, MOTIONS
+from ces_observer.tick.selftest import rounding_sample
 
 TYPES = {"integer": "int", "integer_array": "int_array"}  # by ROS's name, where the library has another
 PYTHON_ONLY = ("force", "snapshot_after_s", "model_topic", "compare_force", "cost_warn_J", "cost_window_s")
@@ -48,6 +50,7 @@ namespace ces
 {{
 
 constexpr const char * CORE_DIGEST = "{digest}";
+constexpr double ROUNDED[] = {{{rounded}}};  // ces_rounding_sample(1) and so on
 constexpr double LARGEST = {largest!r};  // of a scale, offset or constant, either way
 constexpr const char * PYTHON_ONLY[] = {{{others}}};  // parameters
 
@@ -101,6 +104,7 @@ def reason_header() -> str:
     texts = [*reasons.REASONS, *(getattr(damper_observer, name) for name in NODE_REASONS)]
     return WORDS.format(
         digest=tick_digest(),
+        rounded=", ".join(rounding_sample(seed).hex() for seed in SEEDS),
         largest=LARGEST,
         others=", ".join(f'"{name}"' for name in PYTHON_ONLY),
         names=", ".join([*(names[text] for text in reasons.REASONS), *NODE_REASONS]),
@@ -137,5 +141,15 @@ def _declaration(option: Option) -> dict[str, Any]:
     return declared
 
 
+def main() -> int:
+    """Write all files into the folder named on the command line; returns the exit status."""
+    try:
+        write_sources(Path(sys.argv[1]))
+        return 0
+    except (CesError, SubsetError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 1
+
+
 if __name__ == "__main__":
-    write_sources(Path(sys.argv[1]))
+    sys.exit(main())

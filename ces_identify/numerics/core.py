@@ -66,7 +66,8 @@ def pointer(_: Any, array: Any) -> Any:
     return types.CPointer(array.dtype)(array), generate
 
 
-def _run(p: F, n: I, s: F, k: I, inputs: F, segments: I, force: F, held: Mask) -> None:
+def _run(numbers: F, counts: I, states: F, flags: I, inputs: F, segments: I, force: F, held: Mask) -> None:
+    p, n, s, k = pointer(numbers), pointer(counts), pointer(states), pointer(flags)
     for segment in range(len(segments)):
         structure_reset(p, n, s, k)
         for i in range(segments[segment, 0], segments[segment, 1]):

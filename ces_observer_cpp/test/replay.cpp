@@ -126,6 +126,7 @@ int main(int argc, char ** argv)
     if (!(file >> word >> wait_s >> max_age_s >> std::ws)) {throw ces::UserError("usage: replay MODEL SEQUENCE");}
     Replay replay(argv[1], wait_s, max_age_s);
     while (std::getline(file, line)) {replay.take(line);}
+    if (!ces::rounds_like_python()) {throw ces::UserError("the core rounds otherwise than Python");}
     std::printf("%llu allocations with finite samples\n", static_cast<unsigned long long>(allocations));
     return 0;
   } catch (const ces::UserError & error) {

@@ -210,7 +210,7 @@ SPOILT = {
     "sampling is longer than the file": lambda c: put(c, arrays_of(c)[0] - 32, (2**20).to_bytes(8, "little")),
     "sampling: number 3 is nan": lambda c: put(c, arrays_of(c)[0] + 24, np.float64(nan).tobytes()),
     "bytes too many": lambda c: seal(c[:-4] + bytes(12)),
-    "late is missing": lambda c: seal(c[:-80] + bytes(4)),
+    "late is missing": lambda c: seal(c[:-52] + bytes(4)),
 }
 
 

@@ -207,4 +207,13 @@ private:
 
 ModelPtr read_model(const std::string & path, bool allow_uncertified) {return FlatFile(path).read(allow_uncertified);}
 
+bool rounds_like_python()
+{
+  bool is_same = true;
+  for (std::size_t i = 0; i < std::size(ROUNDED); ++i) {
+    is_same = is_same && ces_rounding_sample(static_cast<std::int64_t>(i) + 1) == ROUNDED[i];
+  }
+  return is_same;
+}
+
 }  // namespace ces

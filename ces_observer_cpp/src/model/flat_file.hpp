@@ -49,4 +49,7 @@ using ModelPtr = std::shared_ptr<const Model>;
 // UserError for a file that cannot be used, or whose stability is not proved unless `allow_uncertified`.
 ModelPtr read_model(const std::string & path, bool allow_uncertified);
 
+// Whether the core rounds as Python does where this was built; else forces may differ in the last digits.
+bool rounds_like_python();
+
 }  // namespace ces

@@ -65,6 +65,7 @@ public:
     status.add("model", running_->path);
     status.add("model sha256", running_->digest);
     status.addf("delay_s", "%g", running_->delay_s);
+    status.add("tick", rounds_ ? "compiled core" : "compiled core, which rounds otherwise than Python's");
     status.add("last change of the model", state_);
     status.add("models refused", refused_);
   }
@@ -123,6 +124,7 @@ private:
   std::shared_ptr<bool> alive_ = std::make_shared<bool>();  // a request may be answered after the node was cleaned up
   rclcpp::Clock steady_{RCL_STEADY_TIME};
   std::optional<Request> accepted_;
+  bool rounds_ = rounds_like_python();
   std::uint64_t requests_ = 0, refused_ = 0;
   std::string state_ = "none";
 };
