@@ -149,12 +149,12 @@ class Expressions:
                 self.require(node, kind in ELEMENT, f"{name} is no array: Floats or Ints, given to the function")
                 return Term(f"{c_local(name)}[{at.text}]", ELEMENT[kind], PRIMARY, max(READS, at.effect))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                value = self.term(operand)
-                self.require(node, value.type in (FLOAT, INT), "only a float or an int has a sign")
-                return value._replace(text=f"-{value.within(UNARY)}", rank=UNARY)
+                term = self.term(operand)
+                self.require(node, term.type in (FLOAT, INT), "only a float or an int has a sign")
+                return term._replace(text=f"-{term.within(UNARY)}", rank=UNARY)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
-                value = self.condition(operand)
-                return Term(f"!{value.within(UNARY - 1)}", BOOL, UNARY, value.effect)
+                term = self.condition(operand)
+                return Term(f"!{term.within(UNARY - 1)}", BOOL, UNARY, term.effect)
             case ast.BinOp(left=left, op=operator, right=right):
                 return self.arithmetic(node, self.term(left), operator, self.term(right))
             case ast.Compare():

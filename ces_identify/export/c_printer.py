@@ -264,11 +264,6 @@ class Core:
         docstring = (ast.get_docstring(function.node) or "").partition("\n\n")[0]
         self.header += ["", *block_comment(docstring), *wrap(f"{function.prototype};", 0)]
 
-    @property
-    def texts(self) -> tuple[str, str]:
-        """The texts of ces_core.h and ces_core.c."""
-        return "\n".join(self.header) + "\n", "\n".join(self.source) + "\n"
-
 
 @cache
 def read_core() -> Core:
@@ -278,14 +273,24 @@ def read_core() -> Core:
     return Core(sources, tick.ENTRY_POINTS, "/".join(folder.parts[-2:]))
 
 
+def print_core(sources: Mapping[str, str], entry_points: Sequence[str], folder: str = "tick") -> tuple[str, str]:
+    """Return header and source of modules (name -> text, from the bottom up); raises SubsetError."""
+    core = Core(sources, entry_points, folder)
+    return _text(core.header), _text(core.source)
+
+
 def core_header() -> str:
     """Return the text of ces_core.h."""
-    return read_core().texts[0]
+    return _text(read_core().header)
 
 
 def core_source() -> str:
     """Return the text of ces_core.c."""
-    return read_core().texts[1]
+    return _text(read_core().source)
+
+
+def _text(lines: Sequence[str]) -> str:
+    return "\n".join(lines) + "\n"
 
 
 def write_core(folder: Path) -> None:

@@ -15,7 +15,7 @@ import pytest
 from compiled_core import WARNINGS
 from needs import skip_without
 
-from ces_identify.export.c_printer import Core, core_header, core_source, write_core
+from ces_identify.export.c_printer import core_header, core_source, print_core, write_core
 from ces_observer import tick
 
 SOURCES = [Path(tick.__path__[0]) / f"{name}.py" for name in tick.MODULES]
@@ -117,7 +117,7 @@ def test_the_order_of_operations_is_that_of_the_source(tmp_path: Path) -> None:
         for i, body in enumerate(bodies)
     )
     text = f'"""Functions."""\n\n{functions}\n'
-    header, source = Core({"made": text}, [f"f{i}" for i in range(len(bodies))], "made").texts
+    header, source = print_core({"made": text}, [f"f{i}" for i in range(len(bodies))])
     (tmp_path / "ces_core.h").write_text(header)
     (tmp_path / "ces_core.c").write_text(source)
     words = ["cc", "-std=c99", "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "ces_core.c", "-o", "made.so"]
@@ -168,7 +168,7 @@ def count(k: Ints, end: int) -> int:
 
 def test_loops_do_as_those_of_python(tmp_path: Path) -> None:
     skip_without("cc")
-    header, source = Core({"loops": LOOPS}, ["count"], "loops").texts
+    header, source = print_core({"loops": LOOPS}, ["count"])
     (tmp_path / "ces_core.h").write_text(header)
     (tmp_path / "ces_core.c").write_text(source)
     words = ["cc", "-std=c99", "-O2", *WARNINGS, "-shared", "-fPIC", "ces_core.c", "-o", "loops.so"]

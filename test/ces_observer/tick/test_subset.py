@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ces_identify.export.c_expressions import SubsetError
-from ces_identify.export.c_printer import Core, core_source
+from ces_identify.export.c_printer import core_source, print_core
 
 BEFORE = '''"""A module below."""
 
@@ -24,8 +24,7 @@ ARRAYS = "p: Floats, n: Ints, s: Floats, k: Ints"
 def source_of(text: str) -> str:
     """Return the C of a module with this text, all of whose functions are entry points."""
     names = [line.split()[1].partition("(")[0] for line in text.splitlines() if line.startswith("def ")]
-    core = Core({"below": BEFORE, "above": text}, names, "tick")
-    return core.texts[1]
+    return print_core({"below": BEFORE, "above": text}, names)[1]
 
 
 def source_of_body(body: str, result: str = "float") -> str:
