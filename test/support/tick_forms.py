@@ -131,7 +131,9 @@ def assert_equal_bits(found: Steps, expected: Steps, what: str) -> None:
         assert len(ours) == len(theirs), f"{what}: {name}"
         a, b = (np.where(x == x, x, np.nan).view(np.int64) if x.dtype == float else x for x in (ours, theirs))
         places = np.argwhere(a != b)
-        assert not len(places), f"{what}: {name}, first at {places[0]}: {ours[tuple(places[0])]!r} {theirs[tuple(places[0])]!r}"
+        assert not len(places), (
+            f"{what}: {name}, first at {places[0]}: {ours[tuple(places[0])]!r} {theirs[tuple(places[0])]!r}"
+        )
 
 
 def _outputs(count: int) -> tuple[NDArray, ...]:
@@ -236,3 +238,14 @@ def run_ticks(library: ctypes.CDLL, inputs: NDArray) -> NDArray:
     forces = np.empty(len(inputs))
     library.run_ticks(ctypes.c_int64(len(inputs)), *pointers(np.ascontiguousarray(inputs), forces))
     return forces
+
+
+def python_ticks(model: Model, inputs: NDArray) -> NDArray:
+    """Return the same of the free run in Python, with a reset after each force that is not finite."""
+    run, forces = model.make_predictor(), []
+    for row in inputs.tolist():
+        forces.append(run.tick(*row))
+        if not np.isfinite(forces[-1]):
+            forces[-1] = np.nan
+            run.reset()
+    return np.array(forces)
