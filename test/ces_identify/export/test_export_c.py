@@ -65,7 +65,7 @@ def test_it_compiles_strictly_and_needs_nothing_but_math_and_no_globals(tmp_path
 
 @pytest.mark.needs("cc")
 def test_two_models_of_different_structures_share_the_core(tmp_path) -> None:
-    files = {*write(tmp_path, MODELS["plain"](), "front"), *write(tmp_path, MODELS["hydraulic"](), "rear")}
+    files = {*write(tmp_path, MODELS["plain"](), "front"), *write(tmp_path, MODELS["network"](), "rear")}
     assert files == {"front.c", "rear.c", "ces_core.c"}
     (tmp_path / "main.c").write_text(
         '#include "front.h"\n#include "rear.h"\nint main(void)\n{\n    static front_state front;\n'
@@ -95,7 +95,7 @@ def test_a_model_file_gives_the_same_code(name) -> None:
     assert list(code) == ["m.c", "m.h", "ces_core.c", "ces_core.h"]
     assert export_c(parse_model(model.to_json(), "model.json"), "m", "m", UNPROVED) == code
     assert ("m_half_width" in code["m.h"]) == (model.band is not None)
-    assert ("late" in code["m.h"]) == (model.delayed is not None)
+    assert ("m_estimate" in code["m.h"]) == (model.delayed is not None)
 
 
 def test_the_reasons_are_the_estimators() -> None:
