@@ -1,4 +1,4 @@
-"""Ticks of networks, rules and recurrent networks: the same bits in CPython and Numba, and never beside their arrays."""
+"""Ticks of trained structures: the same bits in CPython and Numba, and never beside their arrays."""
 
 import math
 import random
@@ -6,8 +6,7 @@ import random
 import numpy as np
 import pytest
 from recurrent_models import make_recurrent, recurrent_model
-from test_network_bounds import random_fuzzy, random_network
-from trained_models import FUZZY, NETWORK, fuzzy_model, network_model
+from trained_models import FUZZY, NETWORK, fuzzy_model, network_model, random_fuzzy, random_network
 
 from ces_identify.structures import run_batch
 from ces_observer.tick.structure import check_structure
