@@ -64,8 +64,8 @@ class BuildCore(build_ext):
         ext.sources, ext.include_dirs = write_extension(folder), [str(folder)]
         try:
             super().build_extension(ext)
-        except (CCompilerError, DistutilsError) as error:
-            print(f"no compiled core: {error}; observers compute in Python, 20 to 100 times as slowly", file=sys.stderr)
+        except (CCompilerError, DistutilsError):
+            print("no compiled core, for want of a C compiler or Python.h: the tick runs in Python", file=sys.stderr)
 
 
 class InstallInOneFolder(install):

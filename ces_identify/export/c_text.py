@@ -50,11 +50,11 @@ class Comments:
 
 
 def block_comment(text: str, title: str = "") -> list[str]:
-    """Return a docstring as a comment of C."""
+    """Return a docstring as a comment of C; nothing for none."""
     lines = text.replace("*/", "* /").replace("/*", "/ *").splitlines()
     lines = [*([title, ""] if title else []), *lines]
-    if len(lines) == 1:
-        return [f"/* {lines[0]} */"]
+    if len(lines) < 2:
+        return [f"/* {line} */" for line in lines]
     return [f"/* {lines[0]}", *(f" * {line}".rstrip() for line in lines[1:]), " */"]
 
 

@@ -1,0 +1,155 @@
+"""What the C++ package `ces_observer_cpp` takes from the Python source when it is built, so that both say the same.
+
+    python3 -m ces_identify.export.cpp_sources FOLDER
+
+writes the core (`ces_core.c`, `ces_core.h`), the node's parameters for generate_parameter_library (`parameters.yaml`, in
+JSON, which is YAML, too), and reasons in words (`from_python.hpp`). It needs the standard library only.
+"""
+
+from __future__ import annotations
+
+import json
+import sys
+from collections.abc import Iterable
+from dataclasses import replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+from ces_identify.export.c_expressions import SubsetError
+from ces_identify.export.c_printer import write_core
+from ces_observer import damper_observer, reasons
+from ces_observer.core import SEEDS, tick_digest
+from ces_observer.errors import CesError, ModelError
+from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, signal_options, type_name
+from ces_observer.options import Option
+from ces_observer.signals import DEFAULTS, LARGEST, MOTIONS
+from ces_observer.tick.selftest import rounding_sample
+
+TYPES = {"integer": "int", "integer_array": "int_array"}  # by ROS's name, where the library has another
+PYTHON_ONLY = ("force", "snapshot_after_s", "model_topic", "compare_force", "cost_warn_J", "cost_window_s")
+MEANINGS = {
+    "model": "absolute path of the flat file from `ces export model.json --out NAME.ces`; a new path is checked and "
+    "loaded while running",
+    "snapshot_service": "service of a `ros2 bag record --snapshot-mode` that ~/snapshot calls; empty: none",
+    "executor": "what runs the callbacks of the program `observer`: 'events' (auto) is rclcpp's EventsExecutor, "
+    "'single' its SingleThreadedExecutor",
+    "name": "joint name in the estimate; empty: the one in position.field, else 'damper'",
+}  # of parameters that differ here from the Python node's
+CONSTANT = "current.constant"  # which may be not set, so that the node declares it by hand
+NOT_MEASURED = {"topic": "", "type": "", "field": ""}
+NUMBERS = {"scale": 1.0, "offset": 0.0, "delay": 0.0}
+NODE_REASONS = ("SILENT", "POSITION_NOT_FINITE", "NO_CURRENT", "NO_MOTION", "OFF_CLOCK")
+WORDS = """// Printed by ces_identify.export.cpp_sources from ces_observer: the words of /diagnostics, and limits.
+#pragma once
+
+#include <array>
+#include <cstddef>
+
+namespace ces
+{{
+
+constexpr const char * CORE_DIGEST = "{digest}";
+constexpr double ROUNDED[] = {{{rounded}}};  // ces_rounding_sample(1) and so on
+constexpr double LARGEST = {largest!r};  // of a scale, offset or constant, either way
+constexpr const char * PYTHON_ONLY[] = {{{others}}};  // parameters
+
+// Why a force is published or withheld; the first are those of the core, in its order.
+enum Reason : std::size_t {{{names}}};
+
+constexpr std::array<const char *, {count}> REASON_TEXTS{{
+  {texts}}};
+
+constexpr const char * text_of(Reason reason) {{return REASON_TEXTS[reason];}}
+
+}}  // namespace ces
+"""
+
+
+def write_sources(folder: Path) -> None:
+    """Write all files into a folder."""
+    write_core(folder)
+    (folder / "parameters.yaml").write_text(parameter_library("observer", list_parameters()), encoding="utf-8")
+    (folder / "from_python.hpp").write_text(reason_header(), encoding="utf-8")
+
+
+def list_parameters() -> list[Option]:
+    """Return the parameters of the Python node that the C++ node has, too, and those of its signals."""
+    common = [replace(one, meaning=MEANINGS.get(one.name, one.meaning)) for one in (*OF_THE_NODE, *OF_A_DAMPER, NAME)]
+    listed = [one for one in common if one.name not in PYTHON_ONLY]
+    for signal in ("position", "current", *MOTIONS):
+        listed += signal_options(signal, DEFAULTS.get(signal, NOT_MEASURED) | NUMBERS)
+    return [one for one in listed if one.name != CONSTANT]
+
+
+def parameter_library(name: str, options: Iterable[Option]) -> str:
+    """Return parameters.yaml for generate_parameter_library, which declares the `options` in the C++ namespace `name`.
+
+    Ranges are checked by the validators `ces::within` and `ces::one_of`, whose words are those of the Python node.
+    Raises ModelError for a text that cannot be printed.
+    """
+    tree: dict[str, Any] = {}
+    for option in options:
+        place = tree
+        *groups, last = option.name.split(".")
+        for group in groups:
+            place = place.setdefault(group, {})
+        place[last] = _declaration(option)
+    return json.dumps({name: tree}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def reason_header() -> str:
+    """Return from_python.hpp."""
+    names = {text: name for name, text in vars(reasons).items() if isinstance(text, str) and name.isupper()}
+    texts = [*reasons.REASONS, *(getattr(damper_observer, name) for name in NODE_REASONS)]
+    return WORDS.format(
+        digest=tick_digest(),
+        rounded=", ".join(rounding_sample(seed).hex() for seed in SEEDS),
+        largest=LARGEST,
+        others=", ".join(f'"{name}"' for name in PYTHON_ONLY),
+        names=", ".join([*(names[text] for text in reasons.REASONS), *NODE_REASONS]),
+        count=len(texts),
+        texts=",\n  ".join(f'"{_literal(text)}"' for text in texts),
+    )
+
+
+def _is_limited(option: Option) -> bool:
+    return option.kind in (int, float) and isfinite(option.high)
+
+
+def _literal(text: str) -> str:
+    """Return a text as it stands between quotes in C++. Raises ModelError for what cannot be printed."""
+    if not text.isprintable():
+        raise ModelError(f"{text!r}: expected printable characters")
+    return text.replace("\\", "\\\\").replace('"', '\\"')
+
+
+def _declaration(option: Option) -> dict[str, Any]:
+    """Return the declaration of one parameter; the library writes texts into C++ as they are."""
+    kind = type_name(option).lower()
+    declared: dict[str, Any] = {"type": TYPES.get(kind, kind)}
+    if option.default is not None:
+        default = option.default
+        declared["default_value"] = _literal(default) if isinstance(default, str) else default
+    declared |= {"description": option.described.replace('"', "'"), "read_only": not option.live}
+    if option.choices or _is_limited(option):
+        declared["additional_constraints"] = option.expected
+    if option.choices:
+        declared["validation"] = {"ces::one_of<>": [list(option.choices)]}
+    elif _is_limited(option) and not option.many:
+        declared["validation"] = {"ces::within<>": [option.kind(option.low), option.kind(option.high)]}
+    return declared
+
+
+def main() -> int:
+    """Write all files into the folder named on the command line; returns the exit status."""
+    try:
+        write_sources(Path(sys.argv[1]))
+        return 0
+    except (CesError, SubsetError, OSError) as error:
+        print(error, file=sys.stderr)
+        return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,310 @@
+"""The core of the C++ package: it repeats what the Python observer does, bit for bit, and refuses spoilt models."""
+
+import random
+import re
+import subprocess
+import zlib
+from dataclasses import replace
+from functools import cache
+from importlib import resources
+from math import inf, nan
+
+import numpy as np
+import pytest
+from bands import BAND
+from cpp_core import FLAGS, HOLDS, PACKAGE, UNPROVED, compile_replay, run, save_flat
+from damper_models import damper_with_past, plain_damper
+from exported_c import two_models
+from hydraulic_models import hydraulic_model, make_hydraulic
+from physical_examples import make_valve
+from replay_sequence import MS, START_NS, ReplaySequence, record_faults
+from trained_models import network_model
+
+from ces_identify.export.flat_file import HEAD, SIZES
+from ces_observer.health.streams import Arrivals, Losses
+from ces_observer.model import load_model
+
+pytestmark = [pytest.mark.slow, pytest.mark.needs("cc", "c++")]
+
+SAMPLE = resources.files("ces_observer").joinpath("../config/models/sample.json")
+
+
+def quick(model, **sampling):
+    """Return the model with a short warm-up and other settings."""
+    return replace(model, sampling=replace(model.sampling, warm_up_s=0.05, **sampling))
+
+
+MODELS = {
+    "polynomial": lambda: replace(quick(load_model(SAMPLE)), band=BAND),
+    "network, measured speed": lambda: quick(network_model(), motion="speed", motion_noise=0.01),
+    "hydraulic": lambda: quick(hydraulic_model(make_hydraulic(make_valve()))),
+    "a delay": lambda: replace(quick(load_model(SAMPLE), delay_s=0.003), band=BAND),
+    "two models": lambda: two_models(quick(load_model(SAMPLE)), replace(plain_damper(), band=BAND), 0.005),
+}
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory):
+    return compile_replay(tmp_path_factory.mktemp("core"))
+
+
+@pytest.fixture(scope="module")
+def flat(tmp_path_factory):
+    """Return a model of MODELS and the path of its flat file, by its name."""
+    folder = tmp_path_factory.mktemp("models")
+
+    def find(name):
+        model = MODELS[name]()
+        return model, save_flat(model, folder / f"{name.replace(' ', '_')}.ces")
+
+    return cache(find)
+
+
+def require_same(program, path, sequence, folder):
+    """Replay a sequence; each answer is that of Python, and nothing was allocated with finite samples."""
+    (folder / "sequence").write_text("\n".join([*sequence.events, ""]), encoding="ascii")
+    status, output = run([program, path, folder / "sequence"])
+    assert status == 0, output
+    *answers, allocations = output.splitlines()
+    for number, (answer, expected) in enumerate(zip(answers, sequence.answers, strict=True)):
+        assert answer == expected, number
+    assert allocations == "0 allocations with finite samples"
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_samples_with_faults_give_the_same_answers(program, flat, tmp_path, name) -> None:
+    model, path = flat(name)
+    sequence = record_faults(model)
+    require_same(program, path, sequence, tmp_path)
+    reasons = {line.split(" ", 5)[5] for line in sequence.answers if line.startswith("x ")}
+    assert {"ok", "warming up", "position is not finite", "position stamps are off the node's clock"} <= reasons
+    assert {"stamp repeats or runs backwards", "no usable current", "position is beyond the stroke"} <= reasons
+
+
+@pytest.mark.parametrize(("seed", "wait_s"), [(0, 0.0), (1, 0.005)])
+@pytest.mark.parametrize("name", MODELS)
+def test_any_samples_give_the_same_answers(program, flat, tmp_path, name, seed, wait_s) -> None:
+    model, path = flat(name)
+    sequence = fuzzed(model, wait_s, seed)
+    require_same(program, path, sequence, tmp_path)
+    text = "\n".join(sequence.answers)
+    assert len(re.findall("^x .* ok$", text, re.MULTILINE)) > 700
+    assert (len(re.findall("^l ", text, re.MULTILINE)) > 700) == bool(model.best.sampling.delay_s)
+
+
+def test_other_models_take_over_between_two_samples(program, flat, tmp_path) -> None:
+    """Each warms up beside the one before, on the same samples; no force is missing meanwhile."""
+    (first, path), chance = flat("polynomial"), random.Random(4)
+    sequence, position = ReplaySequence(first, 0.0, 0.0), 0.0
+    names = ["a delay", "hydraulic", "two models", "network, measured speed", "a delay"]
+    for k in range(3500):
+        if k % 500 == 499 and names:
+            sequence.load(*flat(names.pop(0)), START_NS + k * MS)
+        position = chance.gauss(0.97 * position, 2e-4)
+        sequence.damper.take_motion("speed", START_NS + k * MS, speed := chance.gauss(0.0, 0.3))
+        sequence.events.append(f"v {START_NS + k * MS} {speed!r} {START_NS + k * MS}")
+        if k == 2700:
+            sequence.reset(START_NS + k * MS)
+        if k == 1000:  # one that is warming up is replaced
+            sequence.load(*flat("polynomial"), START_NS + k * MS)
+            sequence.load(*flat("hydraulic"), START_NS + k * MS)
+        sequence.take_current(START_NS + k * MS, chance.uniform(0.3, 0.6), START_NS + k * MS)
+        sequence.take_position(START_NS + k * MS, position, START_NS + k * MS)
+    require_same(program, path, sequence, tmp_path)
+    ran = [line.split()[4] for line in sequence.answers if line.startswith("x ")]
+    assert len({*ran}) == 5
+    assert sum(one != other for one, other in zip(ran, ran[1:], strict=False)) == 5
+    late = [int(line.split()[1]) for line in sequence.answers if line.startswith("l ")]
+    assert len(late) == len({*late})
+
+
+def fuzzed(model, wait_s, seed):
+    """Return samples in any order, with any stamps and values that messages can carry, between calm parts."""
+    chance = random.Random(seed)
+    sequence = ReplaySequence(model, wait_s, chance.choice((0.0, 0.01, 0.5)))
+    stamp_ns, position = START_NS, 0.0
+    for k in range(4000):
+        calm = k % 1000 < 600
+        stamp_ns += MS if calm else chance.choice((MS, MS, MS, MS, 900_000, 1_100_000, 4 * MS, 60 * MS, -2 * MS, 0))
+        if chance.random() < (0.0 if calm else 0.005):
+            stamp_ns = chance.choice((0, -(10**9), START_NS, 2**31 * 10**9, START_NS + 2 * 10**9))
+        position = chance.gauss(0.97 * position, 2e-4)
+        if calm:
+            sequence.take_current(stamp_ns, chance.uniform(0.3, 0.6), stamp_ns)
+            sequence.take_motion(stamp_ns, chance.gauss(0.0, 0.3), stamp_ns)
+            sequence.take_position(stamp_ns, position, stamp_ns + MS)
+        else:
+            act(sequence, chance, stamp_ns, position, now_near(chance, stamp_ns))
+    return sequence
+
+
+def now_near(chance, stamp_ns):
+    """Return the node's time at a sample: near its stamp, far from it, or 0 as before simulated time begins."""
+    return 0 if chance.random() < 0.02 else stamp_ns + chance.choice((0, MS, -MS, 30 * MS, 10**9))
+
+
+def act(sequence, chance, stamp_ns, position, now_ns):
+    dice = chance.random()
+    wrong = chance.choice((nan, inf, -inf, 1e308, -1e308, 5.0, 0.0))
+    if dice < 0.7:
+        sequence.take_position(stamp_ns, position if chance.random() < 0.99 else wrong, now_ns)
+        sequence.take_motion(stamp_ns, chance.gauss(0.0, 0.3) if chance.random() < 0.99 else wrong, now_ns)
+    elif dice < 0.95:
+        current = chance.uniform(-0.2, 2.0) if chance.random() < 0.98 else wrong
+        sequence.take_current(stamp_ns + chance.choice((0, 0, 5 * MS, -5 * MS, -3 * 10**9)), current, now_ns)
+    elif dice < 0.99:
+        sequence.explain()
+    elif dice < 0.995:
+        sequence.watch(now_ns)
+    else:
+        chance.choice((sequence.reset, sequence.report_silence))(now_ns)
+
+
+def seal(content):
+    """Return a file's content with its checksum."""
+    return content[:-4] + zlib.crc32(content[:-4]).to_bytes(4, "little")
+
+
+def edit(content, old, new):
+    """Return the content with another text of the same length."""
+    assert content.count(old) == 1 and len(old) == len(new)
+    return seal(content.replace(old, new))
+
+
+def arrays_of(content):
+    """Return the places of p and n of the sampling, and how many numbers n has."""
+    start = HEAD.size + HEAD.unpack_from(content)[2]
+    start += -start % 8
+    numbers, counts, *_ = SIZES.unpack_from(content, start)
+    return start + SIZES.size, start + SIZES.size + 8 * numbers, counts
+
+
+def put(content, place, value):
+    """Return the content with other 8 bytes at a place."""
+    return seal(content[:place] + value + content[place + 8 :])
+
+
+def refusal(program, path, content):
+    """Return the line with which a file of this content is refused."""
+    path.write_bytes(content)
+    (path.parent / "sequence").write_text("settings 0 0\n")
+    status, output = run([program, path, path.parent / "sequence"])
+    assert (status, output.count("\n")) == (2, 1), output
+    assert output.startswith(f"{path}: ")
+    return output.removeprefix(f"{path}: ").strip()
+
+
+SPOILT = {
+    "no flat model file": lambda c: b"{}",
+    "is no flat model file": lambda c: b"CES-FLOT" + c[8:],
+    "cannot be read, or is empty": lambda c: b"",
+    "has more than 16 MiB": lambda c: c + bytes(1 << 24),
+    "has version 2 of the format; expected 1": lambda c: seal(c[:8] + b"\2" + c[9:]),
+    "its checksum is wrong": lambda c: c[:-9] + bytes([c[-9] ^ 1]) + c[-8:],
+    "its text is longer than the file": lambda c: seal(c[:12] + b"\xff\xff\xff\x7f" + c[16:]),
+    "has no 'core'": lambda c: edit(c, b"core=", b"cork="),
+    "was written for the core 0123": lambda c: edit(c, c[21:25], b"0123"),
+    "has no 'stroke_min_m'": lambda c: edit(c, b"stroke_min_m=", b"stroke_mid_m="),
+    "delay_s is 'x.0'; expected a number": lambda c: edit(c, b"\ndelay_s=0.0", b"\ndelay_s=x.0"),
+    "sampling has a size of -1": lambda c: put(c, arrays_of(c)[0] - 16, b"\xff" * 8),
+    "sampling is longer than the file": lambda c: put(c, arrays_of(c)[0] - 32, (2**20).to_bytes(8, "little")),
+    "sampling: number 3 is nan": lambda c: put(c, arrays_of(c)[0] + 24, np.float64(nan).tobytes()),
+    "bytes too many": lambda c: seal(c[:-4] + bytes(12)),
+    "late is missing": lambda c: seal(c[:-52] + bytes(4)),
+}
+
+
+@pytest.mark.parametrize("message", SPOILT)
+def test_a_spoilt_file_is_refused_with_one_line(program, flat, tmp_path, message) -> None:
+    content = flat("polynomial")[1].read_bytes()
+    assert message in refusal(program, tmp_path / "m.ces", SPOILT[message](content))
+
+
+def test_a_file_that_is_cut_off_or_flipped_anywhere_is_refused(program, flat, tmp_path) -> None:
+    content, chance = flat("two models")[1].read_bytes(), random.Random(1)
+    for place in [chance.randrange(len(content)) for _ in range(30)]:
+        refusal(program, tmp_path / "m.ces", content[:place])
+        refusal(program, tmp_path / "m.ces", content[:place] + bytes([content[place] ^ 64]) + content[place + 1 :])
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_no_whole_number_leads_out_of_the_arrays(program, flat, tmp_path, name) -> None:
+    """Whatever n holds, the file is refused, or its samples stay within the arrays (AddressSanitizer)."""
+    model, path = flat(name)
+    content, chance = path.read_bytes(), random.Random(2)
+    events = fuzzed(model, 0.0, 3).events[:400]
+    (tmp_path / "sequence").write_text("\n".join([*events, ""]))
+    refused = 0
+    _, start, count = arrays_of(content)
+    for _ in range(60):
+        value = chance.choice((-1, 0, 1, 2, 1000, 2**31, 2**62, -(2**63), 2**63 - 1, chance.randrange(200)))
+        place = start + 8 * chance.randrange((len(content) - 4 - start) // 8 if chance.random() < 0.5 else count)
+        (tmp_path / "m.ces").write_bytes(put(content, place, value.to_bytes(8, "little", signed=True)))
+        status, output = run([program, tmp_path / "m.ces", tmp_path / "sequence"])
+        assert status in (0, 2) and "Sanitizer" not in output and "runtime error" not in output, output
+        refused += status == 2
+    assert refused > 5
+
+
+ARRIVALS = """
+#include <iostream>
+#include "health/arrivals.hpp"
+int main()
+{
+  ces::Losses losses(1000);
+  ces::Arrivals arrivals;
+  arrivals.set_topic(true, losses);
+  char kind;
+  for (long long stamp, now; std::cin >> kind >> stamp >> now; ) {
+    if (kind == 'p') {arrivals.take(stamp, now);}
+    if (kind == 'j') {arrivals.restart_ages();}
+    if (kind != 'r') {continue;}
+    arrivals.roll(1.0);
+    const auto & f = arrivals.figures();
+    std::cout << f.total_samples << ' ' << f.total_dropped << ' ' << f.total_overflowed << ' ' << f.total_out_of_order
+              << ' ' << f.total_duplicates << ' ' << f.total_interruptions << ' ' << std::llround(f.mean_age_s * 1e9)
+              << ' ' << std::llround(f.max_age_s * 1e9) << ' ' << std::llround(f.jitter_s * 1e9) << std::endl;
+  }
+}
+"""
+YEAR_S = 365 * 86400
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_arrivals_are_counted_as_in_python(tmp_path, seed) -> None:
+    """Also after stamps far from the others, gaps, repeats and stalls: the losses come back to what is lost."""
+    words = ["c++", "-std=c++17", *FLAGS, f"-I{PACKAGE / 'src'}", "-x", "c++", "-", "-o", "arrivals"]
+    subprocess.run(words, input=ARRIVALS, text=True, cwd=tmp_path, check=True)
+    chance, python, lines, expected = random.Random(seed), Arrivals(losses=Losses(1000)), [], []
+    for second in range(20):
+        lost = 0
+        for k in range(1000):
+            now_ns = START_NS + (1000 * second + k) * MS + 300_000 + chance.randrange(50_000)
+            lost += chance.random() < 0.01
+            if lost and chance.random() < 0.5:
+                lost = 0
+                continue
+            stamp_ns = now_ns - now_ns % MS
+            if 3 <= second < 8 and chance.random() < 0.02:
+                seconds = chance.choice((50 * YEAR_S, -50 * YEAR_S, 3600, -3600, 30, 0.9, -0.9, 0.1, -0.002))
+                stamp_ns += round(seconds * 1e9)
+            lines.append(f"p {stamp_ns} {now_ns}")
+            python.take(stamp_ns, now_ns)
+        if second == 9:
+            lines.append("j 0 0")
+            python.restart_ages()
+        lines.append("r 0 0")
+        f = python.roll(1.0)
+        counts = [f.total_samples, f.total_dropped, f.total_overflowed, f.total_out_of_order, f.total_duplicates]
+        times = [round(seconds * 1e9) for seconds in (f.mean_age_s, f.max_age_s, f.jitter_s)]
+        expected.append([*counts, f.total_interruptions, *times])
+    done = subprocess.run(
+        ["./arrivals"], input="\n".join(lines), text=True, cwd=tmp_path, capture_output=True, check=True
+    )
+    found = [list(map(int, line.split())) for line in done.stdout.splitlines()]
+    assert [one[:6] for one in found] == [one[:6] for one in expected]
+    assert np.allclose(found, expected, rtol=1e-6, atol=2)
+    dropped = [one[1] for one in found]
+    assert dropped == sorted(dropped)
+    assert dropped[-1] - dropped[-2] < 50
+    assert found[-1][2] == 0
