@@ -90,8 +90,8 @@ class Estimator:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        parts = [array for p, n, s, k in lay_out_estimator(model) for array in (floats(p), ints(n), floats(s), ints(k))]
-        _, self._n, self._s, self._k, now_p, now_n, now_s, now_k, _, _, _, late_k = parts
+        own, now, late = (Arrays(floats(p), ints(n), floats(s), ints(k)) for p, n, s, k in lay_out_estimator(model))
+        _, self._n, self._s, self._k = own
         delay = model.best.sampling.delay_ticks
         self._has_now, self._has_late = not model.sampling.delay_ticks, delay > 0
         self._own = now.k if self._has_now else late.k
