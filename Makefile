@@ -19,6 +19,7 @@ PYTHON ?= python3
 RUN := env -u PYTHONPATH $(VENV)/bin
 OUT := out
 TABLES ?= thesis one-model
+CORE := $(wildcard ces_observer/tick/*.py ces_identify/export/c_*.py ces_identify/export/tick_module.c)
 
 .PHONY: demo test test-fast test-bare lint suite test-ros bench tables reference docs clean
 
@@ -65,15 +66,15 @@ docs: $(VENV)/.installed-docs
 	@echo "$(OUT)/site/index.html"
 
 clean:
-	rm -rf $(OUT) build dist *.egg-info .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(OUT) build dist *.egg-info ces_observer/_tick*.so .pytest_cache .mypy_cache .ruff_cache .hypothesis
 	@if [ -f $(VENV)/.made ]; then echo "rm -rf $(VENV)"; rm -rf $(VENV); fi
 
 # Without --no-compile, half of the time would go into modules that nobody imports.
-$(VENV)/.installed: setup.py pyproject.toml | $(VENV)/bin/python
+$(VENV)/.installed: setup.py pyproject.toml $(CORE) | $(VENV)/bin/python
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable .
 	@touch $@
 
-$(VENV)/.installed-dev: setup.py pyproject.toml | $(VENV)/bin/python
+$(VENV)/.installed-dev: setup.py pyproject.toml $(CORE) | $(VENV)/bin/python
 	$(RUN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
 	$(RUN)/ces schema --all ces_identify/schemas
 	@touch $@ $(VENV)/.installed

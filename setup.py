@@ -3,15 +3,19 @@
 import sys
 from pathlib import Path
 
-from setuptools import find_packages, setup
+from setuptools import Extension, find_packages, setup
+from setuptools.command.build_ext import build_ext
 from setuptools.command.build_py import build_py
+from setuptools.command.install import install
 
+from distutils.errors import CCompilerError, DistutilsError  # isort: skip
 from distutils.command.install_data import install_data  # isort: skip; setuptools brings distutils
 
 HERE = Path(__file__).resolve().parent
-sys.path.insert(0, str(HERE))  # both modules below need the standard library only
+sys.path.insert(0, str(HERE))  # the modules below need the standard library only
 
 from ces_cli.main import PROGRAMS  # noqa: E402
+from ces_identify.export.c_extension import C_FLAGS, write_extension  # noqa: E402
 from ces_observer import __version__  # noqa: E402
 
 NAME = "ces_observer"
@@ -52,6 +56,27 @@ class BuildWithSchemas(build_py):
             write_schemas(Path(self.build_lib) / "ces_identify" / "schemas")
 
 
+class BuildCore(build_ext):
+    """Builds the compiled core, from C that is printed from the tick now; without a C compiler there is none."""
+
+    def build_extension(self, ext):
+        folder = Path(self.build_temp)
+        ext.sources, ext.include_dirs = write_extension(folder), [str(folder)]
+        try:
+            super().build_extension(ext)
+        except (CCompilerError, DistutilsError):
+            print("no compiled core, for want of a C compiler or Python.h: the tick runs in Python", file=sys.stderr)
+
+
+class InstallInOneFolder(install):
+    """Installs beside what ROS looks for, also where lib64 is another folder: the compiled core may be absent."""
+
+    def finalize_options(self):
+        super().finalize_options()
+        if FOR_ROS:
+            self.install_lib = self.install_purelib
+
+
 class InstallWithSchemas(install_data):
     """Installs the schemas also where the first lines of config/*.yaml look for them."""
 
@@ -72,11 +97,18 @@ setup(
     license="Apache-2.0",
     python_requires=">=3.11",
     packages=find_packages(include=["ces_*"]),
-    cmdclass={"build_py": BuildWithSchemas, "install_data": InstallWithSchemas},
+    cmdclass={
+        "build_py": BuildWithSchemas,
+        "build_ext": BuildCore,
+        "install": InstallInOneFolder,
+        "install_data": InstallWithSchemas,
+    },
+    ext_modules=[Extension(f"{NAME}._tick", sources=[], extra_compile_args=["-O2", *C_FLAGS], optional=True)],
     package_data={
         "*": ["py.typed"],
         "ces_identify": [
             "**/*.yaml",
+            "**/*.c",
             "**/*.j2",
             "**/*.html",
             "**/*.css",

@@ -72,7 +72,7 @@ def bench_tick(model: Model) -> None:
     mean = median_seconds(through(model.make_predictor().tick, rows), 21) / len(rows)
     begin = median_seconds(model.make_predictor, 51)
     print(f"polynomial tick, {len(model.body.terms)} terms, position + speed + current in, force out")
-    print(f"  mean                    {1e6 * mean:8.2f} us   (its compilation, once at start: {1e3 * begin:.1f} ms)")
+    print(f"  mean                    {1e6 * mean:8.2f} us   (its tables, once at start: {1e3 * begin:.2f} ms)")
 
 
 def through(tick: Callable[..., object], rows: Sequence[tuple[float, ...]]) -> Callable[[], None]:

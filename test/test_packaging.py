@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import ast
+import os
+import shutil
 import subprocess
 import sys
+import sysconfig
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -78,7 +81,15 @@ def test_a_vehicle_gets_what_the_nodes_import_and_no_more() -> None:
     nodes = [node for tree in trees for node in ast.walk(tree) if isinstance(node, ast.ImportFrom | ast.Import)]
     names = {getattr(node, "module", None) or node.names[0].name for node in nodes}
     imported = {name.partition(".")[0] for name in names} - {"ces_observer", *sys.stdlib_module_names}
-    by_name = {"rosbag2_interfaces", "rosgraph_msgs", "lifecycle_msgs", "launch", "launch_ros", "ros2launch"}
+    by_name = {
+        "python3-dev",
+        "rosbag2_interfaces",
+        "rosgraph_msgs",
+        "lifecycle_msgs",
+        "launch",
+        "launch_ros",
+        "ros2launch",
+    }
     assert depends("1") == imported | by_name
     desk = depends("") - depends("1")
     assert all(any(library in key for key in desk) for library in (*DESK, "flask", "pytest"))
@@ -106,13 +117,44 @@ def test_a_build_makes_the_schemas_that_shared_files_name(tmp_path: Path) -> Non
     """In the package, and beside the parameter files in share/ces_observer, at the path that their first lines name."""
     words = ["--quiet", "build", "--build-base", tmp_path / "build", "install_data", "--install-dir", tmp_path / "root"]
     subprocess.run([sys.executable, "setup.py", *map(str, words)], cwd=ROOT, capture_output=True, check=True)
-    assert (tmp_path / "build" / "lib" / "ces_identify" / "schemas" / "signals.json").is_file()
+    assert list((tmp_path / "build").glob("lib*/ces_identify/schemas/signals.json"))
     shared = list((tmp_path / "root" / "share" / "ces_observer" / "config").rglob("*.yaml"))
     assert shared
     for file in shared:
         first = file.read_text(encoding="utf-8").partition("\n")[0]
         if "$schema=" in first:
             assert (file.parent / first.partition("$schema=")[2]).is_file(), file
+
+
+def build(folder: Path, **variables: str) -> tuple[str, list[Path]]:
+    """Return what `setup.py build_ext` says, and the compiled cores that it makes."""
+    places = ["--build-lib", str(folder / "lib"), "--build-temp", str(folder / "temp")]
+    words, settings = [sys.executable, "setup.py", "--quiet", "build_ext", *places], {**os.environ, **variables}
+    done = subprocess.run(words, cwd=ROOT, env=settings, capture_output=True, text=True, check=True)
+    return done.stderr, list(folder.glob("lib/ces_observer/_tick*"))
+
+
+@pytest.mark.needs("cc")
+def test_a_build_compiles_the_core_of_this_source(tmp_path: Path) -> None:
+    """Beside the source in the build folder, where it is found, and used."""
+    if not Path(sysconfig.get_path("include"), "Python.h").exists():
+        pytest.skip("Python.h is missing; install it: sudo apt install python3-dev")
+    _, libraries = build(tmp_path)
+    assert len(libraries) == 1
+    shutil.copytree(ROOT / "ces_observer", tmp_path / "ces_observer", ignore=shutil.ignore_patterns("_tick*"))
+    libraries[0].rename(tmp_path / "ces_observer" / libraries[0].name)
+    describe = "from ces_observer import core; print(core.description())"
+    clean = {key: value for key, value in os.environ.items() if key not in ("CES_PLAIN_TICK", "PYTHONPATH")}
+    words = [sys.executable, "-c", describe]
+    done = subprocess.run(words, cwd=tmp_path, env=clean, capture_output=True, text=True, check=True)
+    assert done.stdout == "compiled core\n"
+    assert not list(ROOT.rglob("ces_core.c"))
+
+
+def test_a_build_without_a_compiler_goes_on_without_the_core(tmp_path: Path) -> None:
+    said, libraries = build(tmp_path, CC="false")
+    assert not libraries
+    assert "no compiled core, for want of a C compiler or Python.h: the tick runs in Python" in said.splitlines()
 
 
 def test_the_extra_formats_holds_those_of_all_formats() -> None:

@@ -53,13 +53,14 @@ def make_parser() -> terminal.Parser:
     """Return the parser of the program's options."""
     p = terminal.parser(
         "export",
-        "Write a model as a flat file for the C++ node (package ces_observer_cpp), which loads it while it runs; as C99 "
-        "for a microcontroller: the numbers of the model with their header, and the core, which is the same for every "
-        "model; or as an FMU for co-simulation (FMI 2.0) that contains the same C code, compiled for this machine and as "
-        "source for others. All compute exactly what the observer does, with its reasons for withholding a force and with "
-        "the estimates of a model with a delay; the C needs only math.h and allocates no memory. The FMU takes "
-        "position [m] and current [A] and returns force [N], speed [m/s], valid, clamped and reason. Every "
-        "communication point is a sample; any spacing works, best is the model's rate.",
+        "Write a model as a flat file, which the C++ node of the package ces_observer_cpp loads while it runs; as "
+        "C99 for a microcontroller, the numbers of the model with their header and the core, which is the same for "
+        "every model; or as an FMU for co-simulation (FMI 2.0) that contains the same C code, compiled for this "
+        "machine and as source for others. All compute what the observer computes, with its reasons for "
+        "withholding a force, and with the estimates of a model with a delay; the C needs only math.h and "
+        "allocates no memory. The FMU takes position [m] and current [A] and returns force [N], speed [m/s], "
+        "valid, clamped and reason. Every communication point is a sample; any spacing works, best is the model's "
+        "rate.",
         "ces export model.json --out rear_damper.ces\n  ces export model.json --out rear_damper.c\n"
         "  ces export model.json --format fmu --out rear_damper.fmu",
         MODEL,

@@ -14,7 +14,6 @@ import numpy as np
 from ces_data.arrays import F
 from ces_identify.physical.layout import EDGE_NAMES
 from ces_identify.physical.models import free_run
-from ces_identify.physical.valve_kernels import RunData
 from ces_observer.structures.curves import FlowMap
 from ces_observer.structures.hydraulic import Hydraulic
 
@@ -35,8 +34,8 @@ class TwinRun:
 
     def force(self) -> F:
         """Return the force (m,) [N], not finite where a step has no solution."""
-        data = RunData(self.position, self.speed, self.current, np.array([[0, len(self.position)]]))
-        return free_run(self.body, self.step_s, data)
+        inputs = np.stack([self.position, self.speed, self.current])
+        return free_run(self.body, self.step_s, inputs, np.array([[0, len(self.position)]]))
 
     def with_body(self, **numbers: object) -> TwinRun:
         """Return the run with other numbers of the network."""

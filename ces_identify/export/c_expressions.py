@@ -1,4 +1,4 @@
-"""Expressions of the tick's subset of Python, checked and as C: their types, brackets and the order of their operations.
+"""Expressions of the tick's subset of Python, checked and as C: their types, brackets and order of operations.
 
 The order of operations is that of the source. C leaves open which operand of a sum, or which argument, comes first:
 where that would show, because one of them stores into an array that another one reads, the source is refused.
@@ -31,52 +31,10 @@ RELATIONS: Mapping[type[ast.cmpop], tuple[str, int]] = {
 }  # fmt: skip
 EXACT = ("sqrt", "floor", "copysign", "isfinite")  # the same number from every library and compiler
 MATH = dict.fromkeys(("sqrt", "exp", "log", "sin", "cos", "tanh", "floor", "isfinite"), 1) | {"pow": 2, "copysign": 2}
-RESERVED = frozenset(
-    [
-        "auto",
-        "break",
-        "case",
-        "char",
-        "const",
-        "continue",
-        "default",
-        "do",
-        "double",
-        "else",
-        "enum",
-        "extern",
-        "float",
-        "for",
-        "goto",
-        "if",
-        "inline",
-        "int",
-        "long",
-        "register",
-        "restrict",
-        "return",
-        "short",
-        "signed",
-        "sizeof",
-        "static",
-        "struct",
-        "switch",
-        "typedef",
-        "union",
-        "unsigned",
-        "void",
-        "volatile",
-        "while",
-        "bool",
-        "true",
-        "false",
-        "asm",
-        "typeof",
-        "fabs",
-        "llabs",
-        "floor",
-    ]
-)
+C_WORDS = """auto bool break case char const continue default do double else enum extern fabs false float floor for goto
+if inline int llabs long register restrict return short signed sizeof static struct switch true typedef typeof union
+unsigned void volatile while"""
+RESERVED = frozenset(C_WORDS.split())
 
 
 class SubsetError(Exception):
@@ -96,7 +54,7 @@ class Term(NamedTuple):
         return self.text if self.rank > rank else f"({self.text})"
 
 
-@dataclass
+@dataclass(eq=False)
 class Function:
     """A function of the tick; `stored` are the arrays that it stores into itself, `passed` those it passes on.
 
@@ -141,7 +99,7 @@ def c_local(name: str) -> str:
     return f"{name}_" if name in RESERVED else name
 
 
-@dataclass
+@dataclass(eq=False)
 class Module:
     """What a module of the tick can see: constants as terms, functions, and names of `math`."""
 
@@ -155,9 +113,15 @@ class Module:
         """All of them."""
         return self.math | self.terms.keys() | self.functions.keys()
 
-    def error(self, node: ast.AST, what: str) -> SubsetError:
-        """Return the error for a node of the module."""
-        return SubsetError(f"{self.file}:{getattr(node, 'lineno', 1)}: {what}")
+    def error(self, node: ast.AST, what: str = "") -> SubsetError:
+        """Return the error for a node."""
+        code = ast.unparse(node).partition("\n")[0]
+        return SubsetError(f"{self.file}:{getattr(node, 'lineno', 1)}: {what or f'`{code}` is not in the subset'}")
+
+    def require(self, node: ast.AST, fulfilled: bool, what: str) -> None:
+        """Raise SubsetError unless something is fulfilled."""
+        if not fulfilled:
+            raise self.error(node, what)
 
 
 class Expressions:
@@ -165,12 +129,9 @@ class Expressions:
 
     def __init__(self, module: Module, function: Function | None = None) -> None:
         self.module, self.function = module, function
+        self.require, self.error = module.require, module.error
         self.locals: dict[str, str] = dict(function.parameters) if function else {}
         self.assigned: set[str] | None = set(self.locals)  # surely, at this point; None where it is never reached
-
-    def error(self, node: ast.AST, what: str) -> SubsetError:
-        """Return the error for a node."""
-        return self.module.error(node, what)
 
     def term(self, node: ast.expr) -> Term:  # noqa: PLR0911  # one for each kind
         """Return an expression in C."""
@@ -184,17 +145,16 @@ class Expressions:
             case ast.Name(id=name):
                 return self._name(node, name)
             case ast.Subscript(value=ast.Name(id=name), slice=index):
-                at = self.of_type(index, INT)
-                return Term(
-                    f"{c_local(name)}[{at.text}]", ELEMENT[self.array(node, name)], PRIMARY, max(READS, at.effect)
-                )
+                kind, at = self.locals.get(name, NONE), self.of_type(index, INT)
+                self.require(node, kind in ELEMENT, f"{name} is no array: Floats or Ints, given to the function")
+                return Term(f"{c_local(name)}[{at.text}]", ELEMENT[kind], PRIMARY, max(READS, at.effect))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
-                value = self.term(operand)
-                self._require(node, value.type in (FLOAT, INT), "only a float or an int has a sign")
-                return value._replace(text=f"-{value.within(UNARY)}", rank=UNARY)
+                term = self.term(operand)
+                self.require(node, term.type in (FLOAT, INT), "only a float or an int has a sign")
+                return term._replace(text=f"-{term.within(UNARY)}", rank=UNARY)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
-                value = self.condition(operand)
-                return Term(f"!{value.within(UNARY - 1)}", BOOL, UNARY, value.effect)
+                term = self.condition(operand)
+                return Term(f"!{term.within(UNARY - 1)}", BOOL, UNARY, term.effect)
             case ast.BinOp(left=left, op=operator, right=right):
                 return self.arithmetic(node, self.term(left), operator, self.term(right))
             case ast.Compare():
@@ -211,45 +171,34 @@ class Expressions:
                 return Term(text, yes.type, CHOICE, max(condition.effect, yes.effect, no.effect))
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
                 return self._call(node, name, arguments)
-        raise self.error(node, f"`{ast.unparse(node)}` is not in the subset")
+        raise self.error(node)
 
     def of_type(self, node: ast.expr, kind: str) -> Term:
         """Return an expression of this type."""
         term = self.term(node)
-        self._require(
-            node, term.type == kind, f"`{ast.unparse(node)}` has type {WORDS[term.type]}; expected {WORDS[kind]}"
-        )
+        what = f"`{ast.unparse(node)}` has type {WORDS[term.type]}; expected {WORDS[kind]}"
+        self.require(node, term.type == kind, what)
         return term
 
     def condition(self, node: ast.expr) -> Term:
         """Return a condition."""
         return self.of_type(node, BOOL)
 
-    def array(self, node: ast.AST, name: str) -> str:
-        """Return the type of an array."""
-        kind = self.locals.get(name, NONE)
-        self._require(node, kind in ELEMENT, f"{name} is no array: Floats or Ints, given to the function")
-        return kind
-
     def same_type(self, node: ast.AST, left: Term, right: Term) -> None:
         """Refuse two types in one operation."""
         what = f"{WORDS[left.type]} and {WORDS[right.type]} are mixed; convert by float() or int()"
-        self._require(node, left.type == right.type, what)
+        self.require(node, left.type == right.type, what)
 
     def effect(self, node: ast.AST, *terms: Term) -> int:
         """Return what several terms do, of which C may compute any one first; refuse if that could show."""
         effects = sorted(term.effect for term in terms)
         what = "C leaves open whether an element is read or stored first; assign the result of the call to a local"
-        self._require(node, len(effects) < 2 or effects[-1] < STORES or effects[-2] == NOTHING, what)
+        self.require(node, len(effects) < 2 or effects[-1] < STORES or effects[-2] == NOTHING, what)
         return effects[-1] if effects else NOTHING
-
-    def _require(self, node: ast.AST, fulfilled: bool, what: str) -> None:
-        if not fulfilled:
-            raise self.error(node, what)
 
     def _name(self, node: ast.Name, name: str) -> Term:
         if name in self.locals:
-            self._require(node, self.assigned is None or name in self.assigned, f"{name} may have no value here")
+            self.require(node, self.assigned is None or name in self.assigned, f"{name} may have no value here")
             return Term(c_local(name), self.locals[name])
         if name in self.module.terms:
             return self.module.terms[name]
@@ -258,26 +207,25 @@ class Expressions:
     def arithmetic(self, node: ast.AST, left: Term, operator: ast.operator, right: Term) -> Term:
         """Return an operation on two terms."""
         sign, rank = SIGNS.get(type(operator), ("", 0))
-        self._require(node, rank > 0, f"the operator {type(operator).__name__} is not in the subset")
+        self.require(node, rank > 0, f"the operator {type(operator).__name__} is not in the subset")
         self.same_type(node, left, right)
         kinds = {ast.Div: (FLOAT,), ast.FloorDiv: (INT,), ast.Mod: (INT,)}.get(type(operator), (FLOAT, INT))
         what = f"the operator {type(operator).__name__} takes {' or '.join(WORDS[kind] for kind in kinds)} only"
-        self._require(node, left.type in kinds, what)
-        return Term(
-            f"{left.within(rank - 1)} {sign} {right.within(rank)}", left.type, rank, self.effect(node, left, right)
-        )
+        self.require(node, left.type in kinds, what)
+        text = f"{left.within(rank - 1)} {sign} {right.within(rank)}"
+        return Term(text, left.type, rank, self.effect(node, left, right))
 
     def _comparison(self, node: ast.Compare) -> Term:
         terms = [self.term(part) for part in (node.left, *node.comparators)]
         effect, texts = self.effect(node, *terms), []
-        middle = any(isinstance(part, ast.Call) for inner in node.comparators[:-1] for part in ast.walk(inner))
-        self._require(node, not middle, "a call in the middle of a chain would run twice in C; assign it to a local")
+        once = all(term.effect < STORES for term in terms[1:-1])
+        self.require(node, once, "a call in the middle of a chain would run twice in C; assign its result to a local")
         for left, operator, right in zip(terms, node.ops, terms[1:], strict=False):
             sign, rank = RELATIONS.get(type(operator), ("", 0))
-            self._require(node, rank > 0, f"the comparison {type(operator).__name__} is not in the subset")
+            self.require(node, rank > 0, f"the comparison {type(operator).__name__} is not in the subset")
             self.same_type(node, left, right)
             numbers = left.type in (FLOAT, INT) or (left.type == BOOL and rank == EQUAL)
-            self._require(node, numbers, f"a {WORDS[left.type]} is not compared")
+            self.require(node, numbers, f"a {WORDS[left.type]} is not compared")
             texts.append(f"{left.within(ORDER)} {sign} {right.within(ORDER)}")
         return Term(" && ".join(texts), BOOL, AND if len(texts) > 1 else rank, effect)
 
@@ -288,13 +236,9 @@ class Expressions:
         kinds, effect = [term.type for term in terms], self.effect(node, *terms)
         inner = ", ".join(term.text for term in terms)
         if name in self.module.math:
-            self._require(node, kinds == [FLOAT] * MATH[name], f"{name} takes {MATH[name]} float(s)")
-            self._require(
-                node,
-                name in EXACT or not any(map(self._is_fixed, arguments)),
-                f"{name} of a constant: compilers "
-                "compute it with another library; put the number itself, or pass it as a number of the model",
-            )
+            self.require(node, kinds == [FLOAT] * MATH[name], f"{name} takes {MATH[name]} float(s)")
+            what = f"{name} of a constant, which compilers compute otherwise than a library; write the number itself"
+            self.require(node, name in EXACT or not any(map(self._is_fixed, arguments)), what)
             if name == "floor":
                 return Term(f"({INT})floor({inner})", INT, UNARY, effect)
             return Term(f"{name}({inner})", BOOL if name == "isfinite" else FLOAT, PRIMARY, effect)
@@ -306,15 +250,15 @@ class Expressions:
             case ("float", ["int64_t"]) | ("int", ["double" | "bool"]):
                 kind = TYPES[name]
                 return Term(f"({kind}){terms[0].within(UNARY - 1)}", kind, UNARY, effect)
-        raise self.error(node, f"`{ast.unparse(node)}` is not in the subset")
+        raise self.error(node)
 
     def _call_function(self, node: ast.Call, function: Function, arguments: list[ast.expr]) -> Term:
-        self._require(node, self.function is not None, "a constant calls no function")
+        self.require(node, self.function is not None, "a constant calls no function")
         count = len(function.parameters)
-        self._require(node, len(arguments) == count, f"{function.name} takes {count} arguments")
+        self.require(node, len(arguments) == count, f"{function.name} takes {count} arguments")
         terms = []
         for argument, kind in zip(arguments, function.parameters.values(), strict=True):
-            self._require(node, kind not in ELEMENT or isinstance(argument, ast.Name), "an array is passed by its name")
+            self.require(node, kind not in ELEMENT or isinstance(argument, ast.Name), "an array is passed by its name")
             terms.append(self.of_type(argument, kind))
         stores = any(function.stores(parameter) for parameter in function.parameters)
         effect = max(self.effect(node, *terms), STORES if stores else READS)

@@ -12,9 +12,8 @@ from __future__ import annotations
 import ast
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +26,7 @@ from ces_identify.export.c_expressions import (
     PRIMARY,
     READ_ONLY,
     SMALL,
+    SUM,
     TYPES,
     Expressions,
     Function,
@@ -102,8 +102,7 @@ class Core:
     def _collect(self, name: str, tree: ast.Module) -> None:
         """Check a module's imports; note its constants, its functions, and what these call and store."""
         module = self.modules[name] = Module(f"{self.folder}/{name}.py")
-        if not ast.get_docstring(tree):
-            raise module.error(tree, "the module has no docstring")
+        module.require(tree, ast.get_docstring(tree) is not None, "the module has no docstring")
         for node in tree.body[1:]:
             match node:
                 case ast.ImportFrom(module=str() as source, names=names, level=0):
@@ -112,40 +111,33 @@ class Core:
                 case ast.Assign(targets=[ast.Name(id=constant)], value=value):
                     self._constant(module, node, constant, Expressions(module).term(value), self._value(value))
                 case ast.Assign(
-                    targets=[ast.Tuple(elts=targets)], value=ast.Call(func=ast.Name(id="range"), args=bounds)
+                    targets=[ast.Tuple(elts=names)], value=ast.Call(func=ast.Name(id="range"), args=bounds)
                 ):
-                    for bound in bounds:
-                        Expressions(module).of_type(bound, INT)
-                    places = self._value(node.value)
-                    if len(places) != len(targets):
-                        raise module.error(node, f"{len(targets)} names for a range of {len(places)}")
-                    for target, place in zip(targets, places, strict=True):
-                        self._constant(module, node, ast.unparse(target), Term("", INT), place)
+                    self._range(module, node, [ast.unparse(name) for name in names], bounds)
                 case ast.FunctionDef(decorator_list=[]):
                     self._function(module, node)
                 case _:
-                    raise module.error(node, f"`{ast.unparse(node).splitlines()[0]}` is not in the subset")
+                    raise module.error(node)
         for function in module.functions.values():
             if function.module is module:
                 self._scan(module, function)
 
     def _value(self, node: ast.expr) -> Any:
         """Return the value of a checked expression of constants."""
-        names = {
-            "__builtins__": {},
-            "range": range,
-            "float": float,
-            "int": int,
-            "abs": abs,
-            **vars(math),
-            **self.values,
-        }
-        return eval(compile(ast.Expression(node), self.folder, "eval"), names)
+        known = {"__builtins__": {}, "float": float, "int": int, "abs": abs, **vars(math), **self.values}
+        return eval(compile(ast.Expression(node), self.folder, "eval"), known)
+
+    def _range(self, module: Module, node: ast.AST, names: list[str], bounds: list[ast.expr]) -> None:
+        terms = [Expressions(module).of_type(bound, INT) for bound in bounds]
+        places = range(*(self._value(bound) for bound in bounds))
+        what = f"{len(names)} names for a range of {len(places)}"
+        module.require(node, len(terms) > 0 and len(places) == len(names) and abs(places.stop) < SMALL, what)
+        for name, place in zip(names, places, strict=True):
+            self._constant(module, node, name, Term("", INT), place)
 
     def _import(self, module: Module, node: ast.ImportFrom, source: str, alias: ast.alias) -> None:
         name, home = alias.name, self.modules.get(source.removeprefix(f"{TICK}."))
-        if alias.asname or name in module.names:
-            raise module.error(node, f"{name} is imported under another name, or twice")
+        module.require(node, not alias.asname and name not in module.names, f"{name} is imported twice, or renamed")
         if source == f"{TICK}.arrays" and name in ("Floats", "Ints"):
             return
         if source == "math" and name in NUMBERS:
@@ -157,37 +149,37 @@ class Core:
         elif home and home is not module and source.startswith(TICK) and name in home.functions:
             module.functions[name] = home.functions[name]
         else:
-            raise module.error(
-                node, f"{name} of {source} is not in the subset: names of math, and of modules before this one"
-            )
+            raise module.error(node, f"{name} of {source}: expected a name of math, or of a module before this one")
 
     def _constant(self, module: Module, node: ast.AST, name: str, term: Term, value: int | float) -> None:
-        if name in self.values or name in module.names or name.lstrip("_").upper() != name.lstrip("_"):
-            raise module.error(node, f"{name}: expected a name in capitals that is nowhere else in the tick")
-        if term.type not in (FLOAT, INT):
-            raise module.error(node, f"{name}: expected a number")
+        bare = name.lstrip("_")
+        self._check_new(module, node, name, self.values)
+        module.require(node, bare.upper() == bare, f"{name}: expected a name in capitals")
+        module.require(node, term.type in (FLOAT, INT), f"{name}: expected a number")
         self.values[name] = value
-        module.terms[name] = Term(f"CES_{name.lstrip('_')}", term.type)
+        module.terms[name] = Term(f"CES_{bare}", term.type)
+
+    def _check_new(self, module: Module, node: ast.AST, name: str, others: Iterable[str]) -> None:
+        """Refuse a name that is already in the tick, in whichever module."""
+        new = name not in module.names and all(name.lstrip("_") != other.lstrip("_") for other in others)
+        where = [other.file for other in self.modules.values() if name in other.names][:1]
+        module.require(node, new, f"{name}: expected a name that is nowhere else in the tick; see {', '.join(where)}")
 
     def _function(self, module: Module, node: ast.FunctionDef) -> None:
         arguments, name = node.args, node.name
         others = (arguments.vararg, arguments.kwarg, *arguments.kwonlyargs, *arguments.posonlyargs, *arguments.defaults)
-        if any(others):
-            raise module.error(node, f"{name}: expected plain arguments without default values")
-        if name in module.names or any(name.lstrip("_") == other.lstrip("_") for other in self.functions):
-            raise module.error(node, f"{name}: expected a name that is nowhere else in the tick")
-        kinds = {argument.arg: TYPES.get(ast.unparse(argument.annotation or argument)) for argument in arguments.args}
-        result = (
-            NONE
-            if ast.unparse(node.returns or node.args) == "None"
-            else TYPES.get(ast.unparse(node.returns or node.args))
-        )
-        parameters = {argument: kind for argument, kind in kinds.items() if kind}
-        if len(parameters) < len(kinds) or result is None or result in ELEMENT:
+        module.require(node, not any(others), f"{name}: expected plain arguments without default values")
+        self._check_new(module, node, name, self.functions)
+        kinds = {argument.arg: self._kind(argument.annotation) for argument in arguments.args}
+        parameters, result = {argument: kind for argument, kind in kinds.items() if kind}, self._kind(node.returns)
+        if len(parameters) < len(kinds) or NONE in parameters.values() or result is None or result in ELEMENT:
             raise module.error(
-                node, f"{name}: expected annotations Floats, Ints, float, int or bool; the result is a number or None"
+                node, f"{name}: expected arguments Floats, Ints, float, int or bool, and a number or None as result"
             )
         self.functions[name] = module.functions[name] = Function(name, node, module, parameters, result)
+
+    def _kind(self, annotation: ast.expr | None) -> str | None:
+        return {"None": NONE, **TYPES}.get(ast.unparse(annotation)) if annotation else None
 
     def _scan(self, module: Module, function: Function) -> None:
         """Note what a function calls, and the arrays that it stores into or passes on."""
@@ -205,15 +197,13 @@ class Core:
 
     def _check_calls(self, function: Function, callers: tuple[Function, ...]) -> None:
         """Refuse a function that calls itself, and one that has numbers of the model changed."""
-        if function in callers:
-            raise function.module.error(function.node, f"{function.name} calls itself")
+        function.module.require(function.node, function not in callers, f"{function.name} calls itself")
         for called in function.calls:
             self._check_calls(called, (*callers, function))
         for name, kind in function.parameters.items():
-            if kind in ELEMENT and name.rpartition("_")[2] in READ_ONLY and function.stores(name):
-                raise function.module.error(
-                    function.node, f"{name} holds numbers of the model, which are never changed"
-                )
+            changed = kind in ELEMENT and name.rpartition("_")[2] in READ_ONLY and function.stores(name)
+            what = f"{name} holds numbers of the model, which {function.name} or what it calls changes"
+            function.module.require(function.node, not changed, what)
 
     def _reach(self, function: Function) -> None:
         self.reached.add(function.name)
@@ -239,13 +229,8 @@ class Core:
             self.header[begun:begun] = ["", *block_comment((ast.get_docstring(tree) or "").partition("\n")[0])]
         if printed:
             ahead = [function for function in own if self._called_ahead(function, own)]
-            self.source += [
-                "",
-                "",
-                *lines,
-                *(line for function in ahead for line in wrap(f"static {function.prototype};", 0)),
-            ]
-            self.source += printed
+            declared = [line for function in ahead for line in wrap(f"static {function.prototype};", 0)]
+            self.source += ["", "", *lines, *declared, *printed]
 
     def _called_ahead(self, function: Function, own: list[Function]) -> bool:
         """Return whether a function without a declaration in the header is called above its definition."""
@@ -258,12 +243,14 @@ class Core:
         target, last = node.targets[0], node.end_lineno or 0
         if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Call):
             names = [module.terms[ast.unparse(name)].text for name in target.elts]
-            first, _, step, *_ = [Expressions(module).term(bound).text for bound in node.value.args] + [""] * 3
-            if step:
-                names[1:] = [f"{name} = {before} + {step}" for before, name in pairwise(names)]
-            if len(node.value.args) > 1:
-                names[0] += f" = {first}"
-            return wrap(f"enum {{ {', '.join(names)} }};{comments.beside(node.lineno, last)}", 0)
+            bounds = [Expressions(module).term(bound) for bound in node.value.args]
+            if len(bounds) > 2:  # each is the one before it, and the step
+                pairs = zip(names[1:], names, strict=False)
+                names[1:] = [f"{name} = {before} + {bounds[2].within(SUM)}" for name, before in pairs]
+            if len(bounds) > 1:
+                names[0] += f" = {bounds[0].text}"
+            listed = ", ".join(name.replace(" ", "\0") for name in names)
+            return wrap(f"enum {{ {listed} }};{comments.beside(node.lineno, last)}", 0)
         name = ast.unparse(target)
         value, term, c_name = self.values[name], Expressions(module).term(node.value), module.terms[name].text
         said = comments.beside(node.lineno, last)
@@ -278,12 +265,6 @@ class Core:
         self.header += ["", *block_comment(docstring), *wrap(f"{function.prototype};", 0)]
 
 
-def print_core(sources: Mapping[str, str], entry_points: Sequence[str], folder: str = "tick") -> tuple[str, str]:
-    """Return header and source of modules (name -> text, from the bottom up); raises SubsetError."""
-    core = Core(sources, entry_points, folder)
-    return "\n".join(core.header) + "\n", "\n".join(core.source) + "\n"
-
-
 @cache
 def read_core() -> Core:
     """Return the core of `ces_observer.tick`; raises SubsetError."""
@@ -292,14 +273,24 @@ def read_core() -> Core:
     return Core(sources, tick.ENTRY_POINTS, "/".join(folder.parts[-2:]))
 
 
+def print_core(sources: Mapping[str, str], entry_points: Sequence[str], folder: str = "tick") -> tuple[str, str]:
+    """Return header and source of modules (name -> text, from the bottom up); raises SubsetError."""
+    core = Core(sources, entry_points, folder)
+    return _text(core.header), _text(core.source)
+
+
 def core_header() -> str:
     """Return the text of ces_core.h."""
-    return "\n".join(read_core().header) + "\n"
+    return _text(read_core().header)
 
 
 def core_source() -> str:
     """Return the text of ces_core.c."""
-    return "\n".join(read_core().source) + "\n"
+    return _text(read_core().source)
+
+
+def _text(lines: Sequence[str]) -> str:
+    return "\n".join(lines) + "\n"
 
 
 def write_core(folder: Path) -> None:

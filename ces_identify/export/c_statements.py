@@ -62,7 +62,7 @@ class FunctionPrinter(Expressions):
     def text(self, linkage: str) -> list[str]:
         """Return the definition, with docstring and comments."""
         node = self.definition.node
-        docstring = ast.get_docstring(node)
+        docstring = ast.get_docstring(node) or ""
         body = node.body[1:] if docstring else node.body
         parts = [part for statement in body for part in ast.walk(statement)]
         used = {part.id for part in parts if isinstance(part, ast.Name)}
@@ -75,7 +75,7 @@ class FunctionPrinter(Expressions):
         for line, depth, names in reversed(self.waiting):
             self.lines[line:line] = [f"{INDENT * depth}{self.locals[name]} {c_local(name)};" for name in names]
         head = wrap(f"{linkage}{self.definition.prototype} {{", 0)
-        return [*(block_comment(docstring) if docstring else []), *head, *self.lines, "}"]
+        return [*block_comment(docstring), *head, *self.lines, "}"]
 
     def _find_homes(self, block: Block, path: Path, names: set[str]) -> None:
         """Note for each local the blocks around all that name it."""
@@ -93,8 +93,7 @@ class FunctionPrinter(Expressions):
         self.lines += wrap(text + self.comments.beside(first, last), depth)
 
     def _put_comments(self, depth: int, line: int, column: int = 0) -> None:
-        for comment in self.comments.before(line, column):
-            self.lines += wrap(comment, depth)
+        self.lines += [INDENT * depth + comment for comment in self.comments.before(line, column)]
 
     def _block(self, block: Block, path: Path, depth: int, end: int) -> None:
         """Print the statements of a block that lies above line `end` of the source."""
@@ -129,8 +128,8 @@ class FunctionPrinter(Expressions):
                 self._put(depth, f"{'' if term.type == NONE else '(void)'}{term.text};", node.lineno, last)
             case ast.Return(value=value):
                 term = self.term(value) if value else Term("", NONE)
-                if term.type != self.definition.result:
-                    raise self.error(node, f"the result is a {WORDS[term.type]}, not a {WORDS[self.definition.result]}")
+                what = f"the result has type {WORDS[term.type]}; expected {WORDS[self.definition.result]}"
+                self.require(node, term.type == self.definition.result, what)
                 self._put(depth, f"return {term.text};" if value else "return;", node.lineno, last)
                 self.assigned = None
             case ast.Break() | ast.Continue():
@@ -147,7 +146,7 @@ class FunctionPrinter(Expressions):
             case ast.For(target=ast.Name(id=name), iter=ast.Call(func=ast.Name(id="range"), args=bounds), orelse=[]):
                 self._for(node, name, bounds, path, depth, end)
             case _:
-                raise self.error(node, f"`{ast.unparse(node).splitlines()[0]}` is not in the subset")
+                raise self.error(node)
 
     def _assignment(self, node: ast.stmt, target: ast.expr, value: Term) -> str:
         if isinstance(target, ast.Subscript):
@@ -160,7 +159,7 @@ class FunctionPrinter(Expressions):
             self.declared.add(name)
             declaration = f"{value.type} "
         if self.locals.setdefault(name, value.type) != value.type:
-            raise self.error(node, f"{name} is a {WORDS[self.locals[name]]}, and a {WORDS[value.type]} here")
+            raise self.error(node, f"{name} has type {WORDS[self.locals[name]]}, and type {WORDS[value.type]} here")
         if self.assigned is not None:
             self.assigned.add(name)
         return f"{declaration}{c_local(name)} = {value.text};"
@@ -223,13 +222,13 @@ class FunctionPrinter(Expressions):
         self._check_name(node, name)
         home = self.homes.get(name)
         if name in self.definition.parameters or (home is not None and home == path[: len(home)]):
-            raise self.error(node, f"{name} is already the name of a local")
+            raise self.error(node, f"{name} counts a loop, and is named outside it, too")
         terms = [self.of_type(bound, INT) for bound in bounds]
         first, last = (Term("0", INT), *terms[:2])[-2:]
         limit = bounds[min(1, len(bounds) - 1)]
-        step = (
-            ast.literal_eval(bounds[2]) if len(bounds) > 2 and isinstance(bounds[2], ast.Constant | ast.UnaryOp) else 1
-        )
+        by = terms[2].text if len(terms) > 2 else "1"
+        self.require(node, 1 <= len(terms) <= 3 and by.lstrip("-").strip("0").isdigit(), "a range has a literal step")
+        step = int(by)
         changed = {part.id for part in ast.walk(node) if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store)}
         fixed = isinstance(limit, ast.Constant) or (isinstance(limit, ast.Name) and limit.id not in changed)
         i = c_local(name)
@@ -238,6 +237,5 @@ class FunctionPrinter(Expressions):
         move = f"{i}++" if step == 1 else f"{i} += {step}" if step > 0 else f"{i} -= {-step}"
         self.counters.append(name)
         self.locals[name] = INT
-        head = f"for ({start}; {stop}; {move}) {{"
-        self._loop(node, head, path, depth, end)
+        self._loop(node, f"for ({start}; {stop}; {move}) {{", path, depth, end)
         self.counters.pop()

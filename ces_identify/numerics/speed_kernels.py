@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ces_data.arrays import F, I
-from ces_identify.numerics.core import compiled, core_kernel
+from ces_identify.numerics.core import compiled, core_kernel, pointer
 from ces_observer.model import Sampling
 from ces_observer.sampling_layout import layout_of
 from ces_observer.tick import tracker
@@ -37,9 +37,9 @@ class Tracked(NamedTuple):
     """The result of `track` for n samples: m ticks (m, 2) of position [m] and speed [m/s] with their stamps (m,) [ns].
 
     For each sample: the number of ticks so far, its status (a code of `ces_observer.tick.tracker`), and its time after
-    the last tick [ticks]. `late` (m, 2) are the ticks as they are known after the sampling's delay, NaN where they never
-    are; without a delay, the ticks. `innovations` (n,) [m] are NaN where there is none. `likelihood` is the mean log
-    likelihood of the measured ticks.
+    the last tick [ticks]. `late` (m, 2) are the ticks as they are known after the sampling's delay, NaN where they
+    never are; without a delay, the ticks. `innovations` (n,) [m] are NaN where there is none. `likelihood` is the mean
+    log likelihood of the measured ticks.
     """
 
     ticks: F
@@ -61,8 +61,9 @@ def track(stamps_ns: I, positions: F, sampling: Sampling, motion: F | None = Non
 
 
 @core_kernel
-def _track(p: F, n: I, s: F, k: I, stamps: I, positions: F, motion: F, rate: float) -> Any:
+def _track(numbers: F, counts: I, states: F, flags: I, stamps: I, positions: F, motion: F, rate: float) -> Any:
     """Do the work of `track`, with new arrays of the tick."""
+    p, n, s, k = pointer(numbers), pointer(counts), pointer(states), pointer(flags)
     count, delay = len(stamps), n[DELAY]
     room = count + 2
     for i in range(1, count):

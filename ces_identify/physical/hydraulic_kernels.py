@@ -1,50 +1,78 @@
-"""Compiled free run of a hydraulic network, with derivatives of the force by all parameters.
+"""Compiled run of a hydraulic network, with derivatives of the force by all parameters.
 
-The equations are those of `ces_observer.structures.hydraulic`. A step solves U(P) + T L(P) - a w(P) = u(k-1) for the
-pressures P, with U the stored volumes, L the flows and a = (r, -1); so by the implicit function theorem, with A the
-derivative of the left side, dP = A^-1 (du(k-1) - d(U + T L - a w) by the parameters), and du = dU/dP dP + dU.
+The steps are those of `ces_observer.tick.hydraulic`, which solves U(P) + T L(P) - a w(P) = u(k-1) for the pressures P,
+with U the stored volumes, L the flows and a = (r, -1); so by the implicit function theorem, with A the derivative of
+the left side, dP = A^-1 (du(k-1) - d(U + T L - a w) by the parameters), and du = dU/dP dP + dU. Volumes and ways are
+here those of a tick [m].
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
-from ces_data.arrays import F
+from ces_data.arrays import F, I
+from ces_identify.numerics.core import compiled, core_kernel
 from ces_identify.physical import valve_kernels as valves
-from ces_identify.physical.network_step import (
-    BASE,
-    BYPASS,
-    COMPRESSION,
-    CREEP,
-    EXTERNAL,
-    FADE,
-    FRICTION,
-    GAS,
-    GROWTH,
-    LAGS,
-    LEAD,
-    MASS,
-    MOUNT,
-    MOVED,
+from ces_observer.structures.hydraulic import SPREAD
+from ces_observer.tick import hydraulic as tick
+from ces_observer.tick import valve as tick_valve
+from ces_observer.tick.edges import EDGE_DROPS, EDGE_FLOWS, EDGE_NODES, EDGE_PIECE, EDGE_ROW, EDGE_SHARE, LAST_ROW
+from ces_observer.tick.edges import OPENING as OPENINGS
+from ces_observer.tick.hydraulic import ACCELERATION, DRIVE, DRIVE_RATE, GAS_NODES, GAS_POSITIONS
+from ces_observer.tick.hydraulic import VISCOUS as DRAG
+from ces_observer.tick.mount import FRICTION as RUBBED
+from ces_observer.tick.mount import MOUNT_GIVE, PULL, SPRING_NUMBERS, SPRING_STATES, SPRINGS, WAY
+from ces_observer.tick.pressures import (
+    BYPASS_LOGARITHMS,
+    BYPASS_NODES,
+    BYPASS_POSITIONS,
+    COMPLIANCE_C,
+    COMPLIANCE_R,
+    FRICTION_GROWTH,
+    HEAT,
+    LAMINAR,
     NARROW,
-    OIL,
-    OILS,
-    PISTON,
-    RATIO,
-    REBOUND,
-    VISCOUS,
-    YIELD,
-    NetworkArrays,
-    add_limit,
-    look_up,
-    slide,
-    solve_step,
-    store,
+    OIL_C,
+    OIL_R,
+    OIL_SLOPES,
+    OIL_VALUES,
+    PRESSURE_C,
+    PRESSURE_R,
+    SPRING,
+    STILL_N,
+    STORED_C,
+    STORED_R,
+    THICKNESS,
+    WARMEST,
+    WARMING,
 )
-from ces_observer.structures.hydraulic import STILL_N, WARMEST, WARMING_S
+from ces_observer.tick.pressures import FADE as FADES
+from ces_observer.tick.pressures import RATIO as RATIOS
+from ces_observer.tick.valve import PLAY, PLAYS, SETTING, VALVE_DELAY, VALVE_NODES
 
+hydraulic_reset, hydraulic_tick = compiled(tick.hydraulic_reset), compiled(tick.hydraulic_tick)
+valve_start = compiled(tick_valve.valve_start)
+
+# places in `at` of the first column of each group of parameters; those of the valve come first
+LEAD, VISCOUS, MASS, GAS, RATIO, COMPRESSION, REBOUND, MOUNT, CREEP, FADE, OIL, PISTON, BASE, EXTERNAL = range(14)
+BYPASS, BYPASS_NARROW, STIFFNESS, YIELD, MOVED, GROWTH, LAGS = range(14, 21)
+OILS = 2  # absolute pressure of the reservoir [N], and air
 ROWS = 64  # of derivatives, before their products are added up
+SHARES = np.array([1.0 / SPREAD[0] ** 2, *(1.0 / (a * b) for a, b in pairwise(SPREAD)), 0.0])
+AT_REST = np.array([1.0 - 1.0 / t - s * (t - 1.0) for t, s in zip((SPREAD[0], *SPREAD), SHARES, strict=True)])
+
+
+class Score(NamedTuple):
+    """Measured force [N], weights of its error and numbers of its blocks (ticks,); every `stride`-th tick counts."""
+
+    measured: F
+    weights: F
+    blocks: I
+    stride: int
 
 
 @njit(cache=True)
@@ -70,167 +98,143 @@ def add_past(
         by_r[q] += -by_way[q] - hot_r * by_heat[q] - across - kept_2 * by_2[q]
 
 
-@njit(cache=True, nogil=True)
-def run_network(
-    a: NetworkArrays, data: valves.RunData, score: valves.Score, force: F, matrix: F, gradients: F
-) -> tuple[float, int, float]:
-    """Fill `force` (ticks,) [N]; return the weighted squared error, the Newton steps and the largest pressure [N].
+@njit(cache=True)
+def add_limit(by_rub: F, at: I, m: int, setting: float, sign: float, moved: float, by_setting: F) -> None:
+    """Add the derivatives of the limit of friction element `m`, times `sign`; `moved` is that by the setting."""
+    by_rub[at[YIELD] + m] += sign
+    by_rub[at[MOVED] + m] += sign * setting
+    for q in range(len(by_setting)):
+        by_rub[q] += moved * by_setting[q]
 
-    If `matrix` (parameters, parameters) has rows, also add up the Gauss-Newton matrix and, for each block, the gradient
-    of half the squared error, in `gradients` (blocks, parameters).
+
+@core_kernel
+def differentiate_oil(p: F, piece: int, pressure: float, oil: F, out: F) -> None:
+    """Fill `out` (4,) with phi at a pressure [N], its slope, and its derivatives by `oil`: reservoir [N] and air."""
+    out[0], out[1] = p[OIL_VALUES + piece] + p[OIL_SLOPES + piece] * pressure, p[OIL_SLOPES + piece]
+    out[2], out[3] = oil[1] * AT_REST[piece], oil[0] * AT_REST[piece] + SHARES[piece] * pressure
+
+
+@core_kernel
+def differentiate_edge(p: F, n: I, k: I, m: int, at: int, setting: float, drop: float, opening: float, out: F) -> int:
+    """Fill `out` (7,) for edge m at a drop [N] with its steady flow and slope, the share of its piece's right node,
+    flow and slope with the lag, the share of the row above, and the drop [N] that is gained with the setting.
+
+    `at` is the column of the edge's first node; returns that of the left node of its piece in the row below. The last
+    row is reached from below, so that there always is a row above one that the current moves.
     """
-    k, at, interval = a.k, a.places, a.interval_s
-    size, fitted, wide = len(k), matrix.shape[0] > 0, len(a.flows)
-    ratio, growth, oil = 1.0 + k[at[RATIO]], k[at[GROWTH]], k[at[OIL] : at[OIL] + OILS]
-    valve = 4 + len(a.currents) if fitted else 0
-    plays, by_setting = np.zeros((3, len(valves.HALVES))), np.zeros(valve)
+    nodes, last, j = n[EDGE_NODES + m], n[LAST_ROW + m], k[EDGE_PIECE + m]
+    row = max(min(k[EDGE_ROW + m], last - 1), 0)
+    blend = setting * last - row
+    first = row * nodes + j
+    below = n[EDGE_DROPS + m] + first
+    above = below + nodes if last > 0 else below
+    left = p[below] + blend * (p[above] - p[below])
+    rise = p[below + 1] + blend * (p[above + 1] - p[below + 1]) - left
+    flow = p[n[EDGE_FLOWS + m] + j]
+    slope, share, part = (p[n[EDGE_FLOWS + m] + j + 1] - flow) / rise, (drop - left) / rise, p[EDGE_SHARE + m]
+    size = abs(drop) + p[LAMINAR]
+    root, kept = np.sqrt(size), (1.0 - part) * opening
+    out[0], out[1], out[2] = flow + slope * (drop - left), slope, share
+    out[3] = part * out[0] + kept * drop / root
+    out[4] = part * slope + kept * (0.5 * abs(drop) + p[LAMINAR]) / (size * root)
+    out[5] = blend
+    out[6] = last * ((1.0 - share) * (p[above] - p[below]) + share * (p[above + 1] - p[below + 1]))
+    left_node: int = at + first
+    return left_node
+
+
+@njit(cache=True)
+def add_nodes(by: F, column: int, nodes: int, out: F, weight: float) -> None:
+    """Add the derivatives of a flow by the drops at the nodes of its piece, times `weight`; `out` of the edge."""
+    valves.add_share(by, column, out[2], weight * (1.0 - out[5]))
+    if nodes > 0:
+        valves.add_share(by, column + nodes, out[2], weight * out[5])
+
+
+@core_kernel
+def run_network(
+    p: F, n: I, s: F, k: I, at: I, oil: F, inputs: F, segments: I, score: Score, force: F, matrix: F, gradients: F
+) -> tuple[float, float]:
+    """Fill `force` (ticks,) [N] with the free run; return the weighted squared error and the largest pressure [N].
+
+    `inputs` (3, ticks) are position [m], speed [m/s] and current [A], in `segments` (s, 2); `at` are the columns of the
+    groups named above, `oil` the reservoir's pressure [N] and air. Adds up the Gauss-Newton matrix (parameters,
+    parameters) and, for each block, the gradient of half the squared error in `gradients` (blocks, parameters).
+    """
+    size, springs = matrix.shape[0], n[SPRINGS]
+    interval, ratio, growth, small = 1.0 / p[DRIVE_RATE], p[RATIOS], p[FRICTION_GROWTH], p[LAMINAR]
+    spring, mount, fade, warming = p[SPRING], interval * p[MOUNT_GIVE], p[FADES], p[WARMING]
+    forces, limits = n[SPRING_STATES], n[SPRING_STATES] + springs
+    valve, whole = valves.SETTINGS + n[VALVE_NODES], n[VALVE_DELAY]
+    plays, by_setting, valve_before = np.zeros((2, PLAYS)), np.zeros(valve), np.zeros(1 + PLAYS)
     by_c, by_r = np.zeros(size), np.zeros(size)
-    rows, used_rows = np.zeros((ROWS if fitted else 1, size)), 0
-    rub, limits, slips = np.zeros(a.friction), np.zeros(a.friction), np.zeros(a.friction, np.int64)
-    by_rub, by_pull, by_way = np.zeros((a.friction, size)), np.zeros(size), np.zeros(size)
-    by_heat, fade, warming = np.zeros(size), k[at[FADE]], interval / (WARMING_S + interval)
-    cells, start, values, pieces = np.zeros(5), np.zeros(2), np.zeros((3, 5)), np.zeros(5, np.int64)
-    openings, opened, shares, drops = np.zeros(4), np.zeros(3), np.ones(3), np.zeros(3)
-    by_opened, by_shares, past = np.zeros((3, size)), np.zeros(3), np.zeros(7)
+    rows, used_rows = np.zeros((ROWS, size)), 0
+    rub, slips = np.zeros(springs), np.zeros(springs, np.int64)
+    by_rub, by_pull, by_way, by_heat = np.zeros((springs, size)), np.zeros(size), np.zeros(size), np.zeros(size)
+    values, drops, columns, above = np.zeros((3, 7)), np.zeros(3), np.zeros(3, np.int64), np.zeros(3, np.int64)
+    opened, shares, by_shares, past = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(7)
+    by_opened, by_oil, stored = np.zeros((3, size)), np.zeros((2, OILS)), np.zeros((2, 2 + OILS))
     by_0, by_1, by_2 = by_opened[0], by_opened[1], by_opened[2]
-    over, by_drop, wanted, kept_open, before = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
     for m in range(3):
-        shares[m] = interval / (k[at[LAGS] + m] + interval)
-        by_shares[m] = -shares[m] / (k[at[LAGS] + m] + interval)
-    stored, rest, by_oil = np.zeros((2, 2 + OILS)), np.zeros(2 + OILS), np.zeros((2, OILS))
-    below, above, blends = np.zeros(3, np.int64), np.zeros(3, np.int64), np.zeros(3)
-    edges = np.array([at[PISTON], at[BASE], at[EXTERNAL]])
-    spring, mount = k[at[MOUNT]], k[at[MOUNT]] + interval * k[at[CREEP]]  # a tick's creep gives way like a spring
-    at_rest = store(oil, 0.0, stored, 0)
-    rest[:] = stored[0]
-    total, steps, most, bypasses = 0.0, 0, 0.0, len(a.bypassed) > 0
-    along_bypass, j, inside = 0.0, 0, False
-    for s in range(data.segments.shape[0]):
-        first, stop = data.segments[s]
+        shares[m] = p[EDGE_SHARE + m]
+        by_shares[m] = -shares[m] * shares[m] / interval
+        above[m] = n[EDGE_NODES + m] if n[LAST_ROW + m] > 0 else 0
+    over, by_drop, wanted, kept = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
+    total, most = 0.0, 0.0
+    for segment in range(segments.shape[0]):
+        first, stop = segments[segment]
         if stop <= first:
             continue
-        setting = valves.restart_valve(k, a.currents, data.current[first], plays, by_setting)
-        start[:] = 0.0
-        last_c, last_r = 0.0, 0.0
-        by_c[:] = 0.0
-        by_r[:] = 0.0
-        rub[:] = 0.0
-        by_rub[:] = 0.0
-        by_pull[:] = 0.0
-        by_heat[:] = 0.0
-        pull, heat = 0.0, 0.0
-        pieces[:3] = wide // 2
-        pieces[3:] = at_rest
-        opened[:] = 0.0
-        by_opened[:] = 0.0
-        stored[:] = rest
-        growth_c = np.exp(k[at[COMPRESSION] + 1] * data.position[first])
-        growth_r = np.exp(k[at[REBOUND] + 1] * data.position[first])
-        cells[0], cells[1] = k[at[COMPRESSION]] * growth_c, k[at[REBOUND]] * growth_r
-        u_c, u_r = cells[0] * rest[0], cells[1] * rest[0]
-        if fitted:
-            by_c[at[COMPRESSION]], by_r[at[REBOUND]] = growth_c * rest[0], growth_r * rest[0]
-            by_c[at[COMPRESSION] + 1], by_r[at[REBOUND] + 1] = data.position[first] * u_c, data.position[first] * u_r
-            for m in range(OILS):
-                by_c[at[OIL] + m], by_r[at[OIL] + m] = cells[0] * rest[2 + m], cells[1] * rest[2 + m]
-        for n in range(first, stop):
-            setting = valves.advance_valve(k, a.currents, data.current, first, n, interval, setting, plays, by_setting)
-            change = valves.acceleration(data.speed, first, n, interval, a.max_acceleration)
-            drive = data.speed[n] + k[at[LEAD]] * change
+        hydraulic_reset(p, n, s, k)
+        valve_start(p, n, s, k, inputs[2, first])
+        valves.restart_valve(p, n, inputs[2, first], plays, by_setting)
+        by_c[:], by_r[:], by_pull[:], by_heat[:], by_rub[:], by_opened[:] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        for i in range(first, stop):
+            x, pulled, heat_before, valve_before[0] = inputs[0, i], s[PULL], s[HEAT], s[SETTING]
+            for m in range(PLAYS):
+                valve_before[1 + m] = s[PLAY + m]
             for m in range(3):
-                top = a.rows[m] - 1
-                lower = max(min(int(setting * top), top - 1), 0)
-                blends[m] = setting * top - lower
-                below[m] = edges[m] + lower * wide
-                above[m] = below[m] + wide if top > 0 else below[m]
-            for m in range(3):
-                openings[m] = (1.0 - shares[m]) * opened[m]
-            if bypasses:
-                behind = data.position[n] - spring * pull
-                j = valves.find_piece(a.bypassed, behind)
-                along_bypass = (behind - a.bypassed[j]) / (a.bypassed[j + 1] - a.bypassed[j])
-                inside = 0.0 <= along_bypass <= 1.0
-                along_bypass = min(max(along_bypass, 0.0), 1.0)
-                openings[3] = k[at[BYPASS] + j] ** (1.0 - along_bypass) * k[at[BYPASS] + j + 1] ** along_bypass
-            x = data.position[n]
-            growth_c, growth_r = np.exp(k[at[COMPRESSION] + 1] * x), np.exp(k[at[REBOUND] + 1] * x)
-            cells[0], cells[1] = k[at[COMPRESSION]] * growth_c, k[at[REBOUND]] * growth_r
-            rubbed = 0.0
-            for m in range(a.friction):
-                limits[m] = k[at[YIELD] + m] + setting * k[at[MOVED] + m]
-                if abs(rub[m]) > limits[m]:
-                    sign = 1.0 if rub[m] > 0.0 else -1.0
-                    rub[m] = sign * limits[m]
-                    if fitted:
-                        by_rub[m] = 0.0
-                        add_limit(by_rub[m], at, m, setting, sign, sign * k[at[MOVED] + m], by_setting)
-                rubbed += rub[m]
-            cells[2], cells[3], cells[4] = u_c, u_r, interval * drive + spring * pull - mount * rubbed
-            warm = fade * heat
-            warmed_s = interval * np.exp(min(max(warm, -WARMEST), WARMEST))
-            p_c, p_r, way, held, used = solve_step(
-                a, warmed_s, cells, below, above, blends, shares, openings, start, pieces, values, drops, oil, stored,
-                rub, limits, slips,
-            )  # fmt: skip
-            if not (abs(p_c) <= a.most_N and abs(p_r) <= a.most_N):
-                p_c, p_r = min(max(p_c, -a.most_N), a.most_N), min(max(p_r, -a.most_N), a.most_N)
-                drops[0], drops[1], drops[2] = p_c - p_r, p_c, p_r
-                for m in range(3):
-                    pieces[m] = look_up(k, a.flows, below[m], above[m], blends[m], drops[m], pieces[m], values, m)
-                pieces[3], pieces[4] = store(oil, p_c, stored, 0), store(oil, p_r, stored, 1)
-                way, held, _ = slide(
-                    cells[4] - mount * (ratio * p_c - p_r), mount,
-                    k[at[FRICTION] : at[FRICTION] + a.friction], rub, limits, slips,
-                )  # fmt: skip
-            start[0], start[1] = 2.0 * p_c - last_c, 2.0 * p_r - last_r
-            last_c, last_r = p_c, p_r
-            steps += used
+                opened[m] = s[OPENINGS + m]
+            for m in range(springs):
+                rub[m] = s[forces + m]
+            force[i] = hydraulic_tick(p, n, s, k, x, inputs[1, i], inputs[2, i])
+            newer, older = inputs[2, max(first, i - whole)], inputs[2, max(first, i - whole - 1)]
+            valves.differentiate_valve(p, n, s, newer, older, valve_before, interval, plays, by_setting)
+            p_c, p_r, setting, drive, change = s[PRESSURE_C], s[PRESSURE_R], s[SETTING], s[DRIVE], s[ACCELERATION]
+            pull, rubbed, way, warmed_s = s[PULL], s[RUBBED], interval * s[WAY], interval / s[THICKNESS]
             most = max(most, abs(p_c), abs(p_r))
-            pulled_s = ratio * p_c - p_r
-            u_c, u_r = cells[0] * stored[0, 0], cells[1] * stored[1, 0]
-            pulled, rubbed = pull, 0.0
-            if fitted:
-                for q in range(size):
-                    by_way[q] = spring * by_pull[q]
-            for m in range(a.friction):
-                stiffness = k[at[FRICTION] + m]
-                if fitted and slips[m] == 0:
-                    by_rub[m, at[FRICTION] + m] += way
-                    add(by_way, -mount, by_rub[m])
-                elif fitted:
-                    sign = float(slips[m])
-                    by_rub[m] = 0.0
-                    add_limit(by_rub[m], at, m, setting, sign, sign * k[at[MOVED] + m], by_setting)
-                    add(by_way, -mount, by_rub[m])
-                rub[m] = rub[m] + stiffness * way if slips[m] == 0 else slips[m] * limits[m]
-                rubbed += rub[m]
-            pull = pulled_s + rubbed
-            power = pull * drive
-            heat += warming * (abs(power) - heat)
-            pressed = 1.0 + growth * max(p_r, 0.0)
-            i = valves.find_piece(a.positions, data.position[n])
-            along = (data.position[n] - a.positions[i]) / (a.positions[i + 1] - a.positions[i])
-            gas = k[at[GAS] + i] + along * (k[at[GAS] + i + 1] - k[at[GAS] + i])
-            force[n] = ratio * p_c - p_r + rubbed * pressed + gas + k[at[VISCOUS]] * drive + k[at[MASS]] * change
-            scored = score.weights[n] > 0.0 and n % score.stride == 0
-            if scored:
-                total += (score.weights[n] * (force[n] - score.measured[n])) ** 2
+            drops[0], drops[1], drops[2] = p_c - p_r, p_c, p_r
+            cell_c, cell_r = interval * s[STORED_C], interval * s[STORED_R]
+            growth_c, growth_r = s[STORED_C] / p[COMPLIANCE_C], s[STORED_R] / p[COMPLIANCE_R]
+            differentiate_oil(p, k[OIL_C], p_c, oil, stored[0])
+            differentiate_oil(p, k[OIL_R], p_r, oil, stored[1])
             for m in range(3):
-                over[m] = np.sqrt(abs(drops[m]) + a.small_N)
-                kept_open[m] = 1.0 - shares[m]
-                if abs(drops[m]) >= STILL_N:
-                    wanted[m] = values[m, 0] * over[m] / drops[m]
-                    by_drop[m] = values[m, 1] * over[m] / drops[m] - wanted[m] / drops[m]
-                    by_drop[m] += 0.5 * values[m, 0] / (over[m] * abs(drops[m]))
-                    over[m] /= drops[m]
+                columns[m] = differentiate_edge(p, n, k, m, at[PISTON + m], setting, drops[m], opened[m], values[m])
+            scored = score.weights[i] > 0.0 and i % score.stride == 0
+            if scored:
+                total += (score.weights[i] * (force[i] - score.measured[i])) ** 2
+
+            # what the step begins with, at pressures that stay: by_c and by_r become those of both balances
+            held = 0.0
+            for q in range(size):
+                by_way[q] = spring * by_pull[q]
+            for m in range(springs):
+                limit, moved = s[limits + m], p[n[SPRING_NUMBERS] + 2 * springs + m]
+                step = p[n[SPRING_NUMBERS] + m]
+                if abs(rub[m]) > limit:
+                    sign = 1.0 if rub[m] > 0.0 else -1.0
+                    rub[m] = sign * limit
+                    by_rub[m] = 0.0
+                    add_limit(by_rub[m], at, m, setting, sign, sign * moved, by_setting)
+                if abs(rub[m] + step * s[WAY]) > limit:
+                    slips[m] = 1 if rub[m] + step * s[WAY] > 0.0 else -1
+                    by_rub[m] = 0.0
+                    add_limit(by_rub[m], at, m, setting, float(slips[m]), slips[m] * moved, by_setting)
                 else:
-                    wanted[m], by_drop[m], over[m], kept_open[m] = opened[m], 0.0, 0.0, 1.0
-                by_drop[m] *= shares[m]
-                before[m] = opened[m]
-            if not fitted:
-                for m in range(3):
-                    opened[m] += shares[m] * (wanted[m] - opened[m])
-                continue
+                    slips[m] = 0
+                    held += step / interval
+                    by_rub[m, at[STIFFNESS] + m] += way
+                add(by_way, -mount, by_rub[m])
             by_way[at[RATIO]] -= mount * p_c
             by_way[at[MOUNT]] -= pull - pulled
             by_way[at[CREEP]] -= interval * pull
@@ -238,65 +242,63 @@ def run_network(
             past[:] = 0.0
             past[0] = 1.0 / (1.0 + mount * held)
             by_c[at[RATIO]] += way
-            if abs(warm) <= WARMEST:
-                before_heat = (heat - warming * abs(power)) / (1.0 - warming)
+            if n[BYPASS_NODES] > 0:
+                nodes, openings = n[BYPASS_POSITIONS], n[BYPASS_LOGARITHMS]
+                j, along = valves.find_share(p, nodes, n[BYPASS_NODES], x - spring * pulled)
+                inside, along = 0.0 <= along <= 1.0, min(max(along, 0.0), 1.0)
+                wider = p[openings + j + 1] - p[openings + j]
+                bypass = np.exp(p[openings + j] + along * wider)
+                narrow, root = np.sqrt(p[NARROW]), np.sqrt(p[NARROW] + 4.0 * abs(drops[0]))
+                passed = 2.0 * warmed_s * drops[0] / (root + narrow)
+                less = -0.5 * bypass * passed / (root * narrow)
+                wider *= bypass * passed / (p[nodes + j + 1] - p[nodes + j]) if inside else 0.0
+                values[0, 3] += bypass * passed / warmed_s
+                values[0, 4] += bypass / root
+                by_c[at[MOUNT]] += wider * pulled
+                by_r[at[MOUNT]] -= wider * pulled
+                past[3] = wider * spring
+                by_c[at[BYPASS_NARROW]] -= less
+                by_r[at[BYPASS_NARROW]] += less
+                for q in range(2):
+                    more = bypass * np.exp(-p[openings + j + q]) * (along if q else 1.0 - along) * passed
+                    by_c[at[BYPASS] + j + q] -= more
+                    by_r[at[BYPASS] + j + q] += more
+            if abs(fade * heat_before) <= WARMEST:
                 more_c, more_r = warmed_s * (values[0, 3] + values[1, 3]), warmed_s * (values[2, 3] - values[0, 3])
-                by_c[at[FADE]] -= more_c * before_heat
-                by_r[at[FADE]] -= more_r * before_heat
+                by_c[at[FADE]] -= more_c * heat_before
+                by_r[at[FADE]] -= more_r * heat_before
                 past[1], past[2] = more_c * fade, more_r * fade
             by_c[at[COMPRESSION]] -= growth_c * stored[0, 0]
             by_r[at[REBOUND]] -= growth_r * stored[1, 0]
-            by_c[at[COMPRESSION] + 1] -= x * cells[0] * stored[0, 0]
-            by_r[at[REBOUND] + 1] -= x * cells[1] * stored[1, 0]
+            by_c[at[COMPRESSION] + 1] -= x * cell_c * stored[0, 0]
+            by_r[at[REBOUND] + 1] -= x * cell_r * stored[1, 0]
             for m in range(OILS):
-                by_oil[0, m], by_oil[1, m] = cells[0] * stored[0, 2 + m], cells[1] * stored[1, 2 + m]
+                by_oil[0, m], by_oil[1, m] = cell_c * stored[0, 2 + m], cell_r * stored[1, 2 + m]
                 by_c[at[OIL] + m] -= by_oil[0, m]
                 by_r[at[OIL] + m] -= by_oil[1, m]
             for m in range(3):
-                eases, share, blend, p = warmed_s * shares[m] * values[m, 1], values[m, 2], blends[m], pieces[m]
-                root = np.sqrt(abs(drops[m]) + a.small_N)
-                rooted = drops[m] / root
+                eases = warmed_s * shares[m] * values[m, 1]
+                rooted = drops[m] / np.sqrt(abs(drops[m]) + small)
                 by_lag = warmed_s * by_shares[m] * (values[m, 0] - opened[m] * rooted)
                 past[4 + m] = warmed_s * (1.0 - shares[m]) * rooted
+                steeper = eases * values[m, 6]
                 if m < 2:
                     by_c[at[LAGS] + m] -= by_lag
+                    add_nodes(by_c, columns[m], above[m], values[m], eases)
                 if m != 1:
-                    by_r[at[LAGS] + m] -= -by_lag if m == 0 else by_lag
-                if m < 2:
-                    valves.add_share(by_c, below[m] + p, share, eases * (1.0 - blend))
-                    valves.add_share(by_c, above[m] + p, share, eases * blend)
-                if m != 1:
-                    sign = -eases if m == 0 else eases
-                    valves.add_share(by_r, below[m] + p, share, sign * (1.0 - blend))
-                    valves.add_share(by_r, above[m] + p, share, sign * blend)
-                if a.rows[m] > 1:
-                    steeper = (1.0 - share) * (k[above[m] + p] - k[below[m] + p])
-                    steeper += share * (k[above[m] + p + 1] - k[below[m] + p + 1])
-                    steeper *= eases * (a.rows[m] - 1)
+                    sign = -1.0 if m == 0 else 1.0
+                    by_r[at[LAGS] + m] -= sign * by_lag
+                    add_nodes(by_r, columns[m], above[m], values[m], sign * eases)
+                if above[m] > 0:
                     for q in range(valve):
                         if m < 2:
                             by_c[q] += steeper * by_setting[q]
                         if m != 1:
                             by_r[q] += (-steeper if m == 0 else steeper) * by_setting[q]
-            if bypasses:
-                drop = p_c - p_r
-                narrow = np.sqrt(k[at[NARROW]])
-                root = np.sqrt(k[at[NARROW]] + 4.0 * abs(drop))
-                passed = 2.0 * warmed_s * drop / (root + narrow)
-                less = -0.5 * openings[3] * passed / (root * narrow)
-                wider = openings[3] * np.log(k[at[BYPASS] + j + 1] / k[at[BYPASS] + j])
-                wider *= passed / (a.bypassed[j + 1] - a.bypassed[j]) if inside else 0.0
-                by_c[at[MOUNT]] += wider * pulled
-                by_r[at[MOUNT]] -= wider * pulled
-                past[3] = wider * spring
-                by_c[at[NARROW]] -= less
-                by_r[at[NARROW]] += less
-                for p in range(2):
-                    more = openings[3] / k[at[BYPASS] + j + p] * (along_bypass if p else 1.0 - along_bypass) * passed
-                    by_c[at[BYPASS] + j + p] -= more
-                    by_r[at[BYPASS] + j + p] += more
             add_past(by_c, by_r, by_way, by_heat, by_pull, by_0, by_1, by_2, ratio, past)
-            wide_c, wide_r = cells[0] * stored[0, 1], cells[1] * stored[1, 1]
+
+            # the pressures follow from the balances, and all else from them
+            wide_c, wide_r = cell_c * stored[0, 1], cell_r * stored[1, 1]
             own_c, own_r = wide_c + warmed_s * values[1, 4], wide_r + warmed_s * values[2, 4]
             joint = warmed_s * values[0, 4]
             eased = mount / (1.0 + mount * held)
@@ -304,66 +306,70 @@ def run_network(
             determinant = own_c * (own_r + joint + eased) + own_r * (joint + ratio * ratio * eased)
             determinant += joint * eased * (ratio - 1.0) ** 2
             i_cc, i_cr, i_rr = a_r / determinant, both / determinant, a_c / determinant
+            for m in range(3):
+                if abs(drops[m]) >= STILL_N:
+                    over[m] = np.sqrt(abs(drops[m]) + small)
+                    wanted[m] = values[m, 0] * over[m] / drops[m]
+                    by_drop[m] = values[m, 1] * over[m] / drops[m] - wanted[m] / drops[m]
+                    by_drop[m] = shares[m] * (by_drop[m] + 0.5 * values[m, 0] / (over[m] * abs(drops[m])))
+                    over[m], kept[m] = over[m] / drops[m], 1.0 - shares[m]
+                else:
+                    wanted[m], by_drop[m], over[m], kept[m] = opened[m], 0.0, 0.0, 1.0
             by_p_r = growth * rubbed if p_r > 0.0 else 0.0
             row = rows[used_rows]
-            for p in range(size):
-                d_c, d_r = i_cc * by_c[p] + i_cr * by_r[p], i_cr * by_c[p] + i_rr * by_r[p]
-                by_c[p], by_r[p] = wide_c * d_c, wide_r * d_r
-                by_pull[p] = ratio * d_c - d_r
-                row[p] = by_pull[p] + d_r * by_p_r
-                by_way[p] -= eased * by_pull[p]
-                by_0[p] = kept_open[0] * by_0[p] + by_drop[0] * (d_c - d_r)
-                by_1[p] = kept_open[1] * by_1[p] + by_drop[1] * d_c
-                by_2[p] = kept_open[2] * by_2[p] + by_drop[2] * d_r
+            for q in range(size):
+                d_c, d_r = i_cc * by_c[q] + i_cr * by_r[q], i_cr * by_c[q] + i_rr * by_r[q]
+                by_c[q], by_r[q] = wide_c * d_c, wide_r * d_r
+                by_pull[q] = ratio * d_c - d_r
+                row[q] = by_pull[q] + d_r * by_p_r
+                by_way[q] -= eased * by_pull[q]
+                by_0[q] = kept[0] * by_0[q] + by_drop[0] * (d_c - d_r)
+                by_1[q] = kept[1] * by_1[q] + by_drop[1] * d_c
+                by_2[q] = kept[2] * by_2[q] + by_drop[2] * d_r
             for m in range(3):
-                slope, share, blend, p = values[m, 1], values[m, 2], blends[m], pieces[m]
-                by_flow = shares[m] * over[m]
-                by_opened[m, at[LAGS] + m] += by_shares[m] * (wanted[m] - before[m])
-                valves.add_share(by_opened[m], below[m] + p, share, -by_flow * slope * (1.0 - blend))
-                valves.add_share(by_opened[m], above[m] + p, share, -by_flow * slope * blend)
-                if a.rows[m] > 1:
-                    steeper = (1.0 - share) * (k[above[m] + p] - k[below[m] + p])
-                    steeper += share * (k[above[m] + p + 1] - k[below[m] + p + 1])
-                    steeper *= by_flow * slope * (a.rows[m] - 1)
+                by_flow = shares[m] * over[m] * values[m, 1]
+                by_opened[m, at[LAGS] + m] += by_shares[m] * (wanted[m] - opened[m])
+                add_nodes(by_opened[m], columns[m], above[m], values[m], -by_flow)
+                if above[m] > 0:
                     for q in range(valve):
-                        by_opened[m, q] -= steeper * by_setting[q]
+                        by_opened[m, q] -= by_flow * values[m, 6] * by_setting[q]
             by_pull[at[RATIO]] += p_c
             row[at[RATIO]] += p_c
-            for m in range(a.friction):
+            pressed = 1.0 + growth * max(p_r, 0.0)
+            for m in range(springs):
                 if slips[m] == 0:
-                    add(by_rub[m], k[at[FRICTION] + m], by_way)
+                    add(by_rub[m], p[n[SPRING_NUMBERS] + m] / interval, by_way)
                 add(by_pull, 1.0, by_rub[m])
                 if scored:
                     add(row, pressed, by_rub[m])
-            warms = (warming if power > 0.0 else -warming) * drive
+            warms = warming if pull * drive > 0.0 else -warming
             for q in range(size):
-                by_heat[q] = (1.0 - warming) * by_heat[q] + warms * by_pull[q]
-            by_heat[at[LEAD]] += (warming if power > 0.0 else -warming) * pull * change
+                by_heat[q] = (1.0 - warming) * by_heat[q] + warms * drive * by_pull[q]
+            by_heat[at[LEAD]] += warms * pull * change
             by_c[at[COMPRESSION]] += growth_c * stored[0, 0]
             by_r[at[REBOUND]] += growth_r * stored[1, 0]
-            by_c[at[COMPRESSION] + 1] += x * cells[0] * stored[0, 0]
-            by_r[at[REBOUND] + 1] += x * cells[1] * stored[1, 0]
+            by_c[at[COMPRESSION] + 1] += x * cell_c * stored[0, 0]
+            by_r[at[REBOUND] + 1] += x * cell_r * stored[1, 0]
             for m in range(OILS):
                 by_c[at[OIL] + m] += by_oil[0, m]
                 by_r[at[OIL] + m] += by_oil[1, m]
-            for m in range(3):
-                opened[m] += shares[m] * (wanted[m] - opened[m])
             if scored:
                 row[at[GROWTH]] += rubbed * max(p_r, 0.0)
-                valves.add_share(row, at[GAS] + i, along, 1.0)
+                j, along = valves.find_share(p, n[GAS_POSITIONS], n[GAS_NODES], x)
+                valves.add_share(row, at[GAS] + j, along, 1.0)
                 row[at[VISCOUS]] += drive
                 row[at[MASS]] += change
-                row[at[LEAD]] += k[at[VISCOUS]] * change
-                weight, error = score.weights[n], force[n] - score.measured[n]
-                gradient = gradients[score.blocks[n]]
-                for p in range(size):
-                    row[p] *= weight
-                    gradient[p] += row[p] * weight * error
+                row[at[LEAD]] += p[DRAG] * change
+                weight, error = score.weights[i], force[i] - score.measured[i]
+                gradient = gradients[score.blocks[i]]
+                for q in range(size):
+                    row[q] *= weight
+                    gradient[q] += row[q] * weight * error
                 used_rows += 1
                 if used_rows == ROWS:
                     matrix += np.dot(rows.T, rows)
                     used_rows = 0
-    if fitted and used_rows > 0:
+    if used_rows > 0:
         rest = rows[:used_rows]
         matrix += np.dot(rest.T, rest)
-    return total, steps, most
+    return total, most

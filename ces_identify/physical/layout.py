@@ -1,4 +1,4 @@
-"""The parameters of a hydraulic network: one vector to fit, without bounds, and one for the kernels.
+"""The parameters of a hydraulic network: a vector to fit, without bounds, and the values that a model file holds.
 
 A fit changes `theta`: logarithms of what is positive, other numbers in units of their usual size. Each entry has a
 centre, its usual value in dampers, and a weight with which its squared distance from there counts, against a squared
@@ -68,7 +68,7 @@ LIMIT = 60.0  # of a logarithm
 
 @dataclass(frozen=True)
 class Group:
-    """Parameters that belong together: `centre`, `weight` (n,); in the kernels exp(theta), or `unit` theta."""
+    """Parameters that belong together: `centre`, `weight` (n,); the values are exp(theta), or `unit` theta."""
 
     name: str
     centre: F
@@ -76,7 +76,7 @@ class Group:
     unit: float | None = None
 
     def values(self, theta: F) -> F:
-        """Return the kernels' values of the group."""
+        """Return the values of the group."""
         if self.name == "setting":
             shares = np.exp(np.clip(theta, -LIMIT, LIMIT))
             return np.append(0.0, np.cumsum(shares) / shares.sum())
@@ -122,10 +122,11 @@ def signed_group(name: str, unit: float, centre: float = 0.0, count: int = 1, we
     return Group(name, np.full(count, centre), np.full(count, WEIGHT * weight), unit)
 
 
-def head_groups(scales: DataScales, kind: KindStart, held: bool) -> list[Group]:
-    """Return the groups before the edges, in the kernels' order; `held` says that the current was."""
+def make_groups(scales: DataScales, kind: KindStart, held: bool, bypass: Group) -> list[Group]:
+    """Return the groups, those of the valve first; `held` says that the current was."""
     size, speed, span = scales.force_N, scales.speed_m_s, float(np.ptp(scales.currents_A))
     path = HELD_WEIGHT if held else 1.0
+    least, moved, way = np.reshape(kind.friction, (-1, 3)).T
     return [
         positive_group("rise_s", VALVE_S, VALVE_WEIGHT * path),
         positive_group("fall_s", VALVE_S, VALVE_WEIGHT * path),
@@ -146,17 +147,8 @@ def head_groups(scales: DataScales, kind: KindStart, held: bool) -> list[Group]:
         signed_group("fade_1_W", 1.0 / (size * speed)),
         positive_group("reservoir", 0.07 * size),
         positive_group("air", 3.0),
-    ]
-
-
-def tail_groups(scales: DataScales, kind: KindStart, bypass: int) -> list[Group]:
-    """Return the groups after the edges, in the kernels' order."""
-    size, speed = scales.force_N, scales.speed_m_s
-    least, moved, way = np.reshape(kind.friction, (-1, 3)).T
-    opening = 0.1 * speed / np.sqrt(0.25 * size)  # a tenth of the fastest flow at a quarter of the force
-    return [
-        positive_group("bypass", np.full(bypass, opening)),
-        positive_group("narrow_N", np.full(min(bypass, 1), 0.03 * size)),
+        bypass,
+        positive_group("narrow_N", np.full(min(len(bypass.centre), 1), 0.03 * size)),
         positive_group("friction", size * (least + moved) / way),
         positive_group("friction_yield", size * least),
         positive_group("friction_moved", size * moved),
@@ -167,13 +159,9 @@ def tail_groups(scales: DataScales, kind: KindStart, bypass: int) -> list[Group]
 
 @dataclass(frozen=True)
 class Layout:
-    """Groups and edges in the order of the kernels' vector; theta holds the groups, then the edges.
+    """Groups and edges in the order of theta. Edges have nodes at `flows` [m/s], and rises in units of `force_N`."""
 
-    Edges have nodes at `flows` [m/s], and rises between them in units of `force_N`.
-    """
-
-    head: tuple[Group, ...]
-    tail: tuple[Group, ...]
+    groups: tuple[Group, ...]
     edges: tuple[LawEdge | NodeEdge, ...]
     flows: F
     force_N: float
@@ -186,11 +174,6 @@ class Layout:
             matrix[j, zero:j] = self.force_N
             matrix[j, j:zero] = -self.force_N
         return matrix
-
-    @cached_property
-    def groups(self) -> tuple[Group, ...]:
-        """All groups, in the order of theta."""
-        return self.head + self.tail
 
     @cached_property
     def centre(self) -> F:
@@ -215,35 +198,35 @@ class Layout:
         return parts[: len(self.groups)], parts[len(self.groups) :]
 
     def values(self, theta: F) -> dict[str, F]:
-        """Return the kernels' values by the names of groups and edges; those of an edge are nodes (rows, flows)."""
+        """Return the values by the names of groups and edges; those of an edge are nodes (rows, flows)."""
         own, edges = self.split(theta)
         found = {g.name: g.values(part) for g, part in zip(self.groups, own, strict=True)}
         for name, edge, part in zip(EDGE_NAMES, self.edges, edges, strict=True):
             found[name] = edge.rises(part) @ self.to_nodes.T
         return found
 
-    def k(self, theta: F) -> F:
-        """Return the kernels' vector."""
-        values = self.values(theta)
-        names = [*(g.name for g in self.head), *EDGE_NAMES, *(g.name for g in self.tail)]
-        return np.concatenate([values[name].ravel() for name in names])
-
     def derivatives(self, theta: F) -> F:
-        """Return the derivatives (k, theta) of the kernels' vector."""
+        """Return the derivatives (values, theta) of all values, in the order of the groups and edges."""
         own, edges = self.split(theta)
         blocks = [g.derivatives(part) for g, part in zip(self.groups, own, strict=True)]
         for edge, part in zip(self.edges, edges, strict=True):
             blocks.append(np.kron(np.eye(edge.rows), self.to_nodes) @ edge.derivatives(part))
-        whole, head = np.asarray(block_diag(*blocks)), sum(len(b) for b in blocks[: len(self.head)])
-        tail = head + sum(len(b) for b in blocks[len(self.head) : len(self.groups)])
-        return np.vstack([whole[:head], whole[tail:], whole[head:tail]])
+        return np.asarray(block_diag(*blocks))
 
-    def places(self, names: Sequence[str]) -> I:
-        """Return the index in k of the first parameter of each named group or edge."""
-        sizes = {g.name: len(g.values(g.centre)) for g in self.groups}
-        sizes |= {name: len(self.flows) * e.rows for name, e in zip(EDGE_NAMES, self.edges, strict=True)}
-        order = [*(g.name for g in self.head), *EDGE_NAMES, *(g.name for g in self.tail)]
-        first = dict(zip(order, np.cumsum([0, *(sizes[name] for name in order[:-1])]), strict=True))
+    @cached_property
+    def sizes(self) -> dict[str, int]:
+        """The number of values of each group and edge."""
+        edges = {name: len(self.flows) * e.rows for name, e in zip(EDGE_NAMES, self.edges, strict=True)}
+        return {**{g.name: len(g.values(g.centre)) for g in self.groups}, **edges}
+
+    @property
+    def size(self) -> int:
+        """The number of all values."""
+        return sum(self.sizes.values())
+
+    def columns(self, names: Sequence[str]) -> I:
+        """Return the index of the first value of each named group or edge among all values."""
+        first = dict(zip(self.sizes, np.cumsum([0, *self.sizes.values()]), strict=False))
         return np.array([first[name] for name in names], dtype=np.int64)
 
 
@@ -255,12 +238,14 @@ def first_layout(scales: DataScales, kind: str, rows: int, held: bool, bypassed:
     start = STARTS[kind]
     edges = (start.piston, start.base, start.external)
     laws = tuple(LawEdge(edge, rows if edge.moved else 1) for edge in edges)
-    head, tail = head_groups(scales, start, held), tail_groups(scales, start, len(bypassed))
+    bypass = Group("bypass", np.empty(0), np.empty(0))
     if len(bypassed):
-        span, opening = float(np.ptp(bypassed)), tail[0].centre[0]
+        span = float(np.ptp(bypassed))
+        opening = np.log(0.1 * scales.speed_m_s / np.sqrt(0.25 * scales.force_N))  # a tenth of the flow at 1/4 force
         law = np.array([opening + 1.0, 0.0, np.log(0.25 * span), np.log(0.05 * span)])
-        tail[0] = Bump("bypass", law, np.full(4, 0.1 * WEIGHT), 0.25 * span, bypassed)
-    return Layout(tuple(head), tuple(tail), laws, scales.speed_m_s * NODES, scales.force_N)
+        bypass = Bump("bypass", law, np.full(4, 0.1 * WEIGHT), 0.25 * span, bypassed)
+    groups = make_groups(scales, start, held, bypass)
+    return Layout(tuple(groups), laws, scales.speed_m_s * NODES, scales.force_N)
 
 
 def as_floats(values: F) -> tuple[float, ...]:

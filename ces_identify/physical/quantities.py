@@ -19,9 +19,9 @@ import numpy as np
 
 from ces_data.arrays import F, I
 from ces_identify.physical.models import HydraulicModels, free_run
-from ces_identify.physical.valve_kernels import RunData
-from ces_observer.structures.hydraulic import WARMEST, Hydraulic
+from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.structure import Range
+from ces_observer.tick.pressures import WARMEST
 
 BLOCK_S = 0.25
 MIN_BLOCKS = 1.0  # for each parameter that the data determine
@@ -127,8 +127,8 @@ def steady_force_map(body: Hydraulic, interval_s: float, position_m: Range, spee
     speed = np.tile(np.concatenate(strokes), len(currents))
     position = np.tile(np.concatenate([middle + interval_s * np.cumsum(one) for one in strokes]), len(currents))
     current = np.repeat(currents, 2 * there.sum())
-    data = RunData(position, speed, current, np.column_stack([ends - np.tile(2 * there, len(currents)), ends]))
-    force = free_run(body, interval_s, data)
+    segments = np.column_stack([ends - np.tile(2 * there, len(currents)), ends])
+    force = free_run(body, interval_s, np.stack([position, speed, current]), segments)
     return np.reshape(force[ends - 1], (len(currents), len(speeds))) - body.side.gas(middle)
 
 

@@ -1,45 +1,36 @@
-"""Compiled drive and valve path of `ces_observer.structures.physical`, each with its derivatives by the parameters."""
+"""Compiled derivatives of the setting of `ces_observer.tick.valve` by the parameters of the valve."""
 
 from __future__ import annotations
-
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
 from ces_data.arrays import F, I
+from ces_identify.numerics.core import core_kernel
 from ces_observer.structures.physical import PLAYS
+from ces_observer.tick.valve import (
+    PLAY,
+    PLAY_HALF,
+    VALVE_CURRENTS,
+    VALVE_FALL,
+    VALVE_NODES,
+    VALVE_PART,
+    VALVE_RISE,
+    VALVE_SETTINGS,
+)
 
 HALVES = np.array(PLAYS)
-RISE, FALL, HYSTERESIS, DELAY = 0, 1, 2, 3  # places of the valve's single numbers, before its characteristic
-SETTING = 4  # place of the first node of the characteristic
-
-
-class RunData(NamedTuple):
-    """Inputs (ticks,) of a run, limited as the estimator limits them, and its segments (s, 2)."""
-
-    position: F
-    speed: F
-    current: F
-    segments: I
-
-
-class Score(NamedTuple):
-    """Measured force [N], weights of its error and numbers of its blocks (ticks,); every `stride`-th tick counts."""
-
-    measured: F
-    weights: F
-    blocks: I
-    stride: int
+RISE, FALL, HYSTERESIS, DELAY = 0, 1, 2, 3  # places of the valve's single parameters, before its characteristic
+SETTINGS = 4  # place of the first node of the characteristic
 
 
 @njit(cache=True)
-def find_piece(nodes: F, x: float) -> int:
-    """Return the index of the piece between `nodes` that holds `x`."""
+def find_share(p: F, at: int, nodes: int, x: float) -> tuple[int, float]:
+    """Return the piece between the nodes of a table of p that holds `x`, and the share of its right node, there."""
     j = 0
-    while j < len(nodes) - 2 and x > nodes[j + 1]:
+    while j < nodes - 2 and x > p[at + j + 1]:
         j += 1
-    return j
+    return j, (x - p[at + j]) / (p[at + j + 1] - p[at + j])
 
 
 @njit(cache=True)
@@ -49,69 +40,46 @@ def add_share(row: F, place: int, share: float, weight: float) -> None:
     row[place + 1] += weight * share
 
 
-@njit(cache=True)
-def restart_valve(k: F, nodes: F, current: float, plays: F, by: F) -> float:
-    """Return the setting at a constant current; `plays` (3, plays) and `by` (valve parameters,) are its memory."""
-    plays[0] = current
-    plays[1:] = 0.0
+@core_kernel
+def restart_valve(p: F, n: I, current: float, plays: F, by: F) -> None:
+    """Begin at a constant current: `plays` (2, plays) and `by` (valve parameters,) are the derivatives' memory."""
+    plays[:] = 0.0
     by[:] = 0.0
-    j = find_piece(nodes, current)
-    share = (current - nodes[j]) / (nodes[j + 1] - nodes[j])
-    if share < 0.0 or share > 1.0:
-        share = min(max(share, 0.0), 1.0)
-    if len(by) > 0:
-        add_share(by, SETTING + j, share, 1.0)
-    return float(k[SETTING + j] + share * (k[SETTING + j + 1] - k[SETTING + j]))
+    j, share = find_share(p, n[VALVE_CURRENTS], n[VALVE_NODES], current)
+    add_share(by, SETTINGS + j, min(max(share, 0.0), 1.0), 1.0)
 
 
-@njit(cache=True)
-def advance_valve(
-    k: F, nodes: F, current: F, first: int, n: int, interval: float, setting: float, plays: F, by: F
-) -> float:
-    """Return the setting after tick `n` of a segment that begins at `first`; `k` are the parameters.
+@core_kernel
+def differentiate_valve(
+    p: F, n: I, s: F, newer: float, older: float, before: F, interval: float, plays: F, by: F
+) -> None:
+    """Bring `by`, the derivatives of the setting, past a tick; `before` (1 + plays,) are setting and plays before it.
 
-    `plays` are the positions of the plays and their derivatives by half width and delay; `by` the setting's, empty if
-    not wanted.
+    `newer` and `older` are the currents between which the delay lies. `plays` are the derivatives of the plays by half
+    width and delay.
     """
-    whole = int(k[DELAY])
-    part = k[DELAY] - whole
-    newer, older = current[max(first, n - whole)], current[max(first, n - whole - 1)]
-    delayed, by_delay = newer + part * (older - newer), older - newer
-    if k[HYSTERESIS] > 0.0:
-        remanent, by_width, by_delayed = 0.0, 0.0, 0.0
+    delayed = newer + p[VALVE_PART] * (older - newer)
+    remanent, by_width, by_delay = delayed, 0.0, older - newer
+    if p[PLAY_HALF] > 0.0:
+        remanent, by_delayed = 0.0, 0.0
         for m in range(len(HALVES)):
-            half = k[HYSTERESIS] * HALVES[m]
-            if plays[0, m] < delayed - half:
-                plays[0, m], plays[1, m], plays[2, m] = delayed - half, -HALVES[m], by_delay
-            elif plays[0, m] > delayed + half:
-                plays[0, m], plays[1, m], plays[2, m] = delayed + half, HALVES[m], by_delay
-            remanent += plays[0, m]
-            by_width += plays[1, m]
-            by_delayed += plays[2, m]
+            moved = s[PLAY + m] - before[1 + m]
+            if moved != 0.0:
+                plays[0, m], plays[1, m] = -HALVES[m] if moved > 0.0 else HALVES[m], older - newer
+            remanent += s[PLAY + m]
+            by_width += plays[0, m]
+            by_delayed += plays[1, m]
         remanent, by_width, by_delay = remanent / len(HALVES), by_width / len(HALVES), by_delayed / len(HALVES)
-    else:
-        remanent, by_width = delayed, 0.0
-    j = find_piece(nodes, remanent)
-    share = (remanent - nodes[j]) / (nodes[j + 1] - nodes[j])
-    slope = (k[SETTING + j + 1] - k[SETTING + j]) / (nodes[j + 1] - nodes[j])
-    if share < 0.0 or share > 1.0:
-        share, slope = min(max(share, 0.0), 1.0), 0.0
-    target = k[SETTING + j] + share * (k[SETTING + j + 1] - k[SETTING + j])
-    lag = RISE if target > setting else FALL
-    gain = interval / (k[lag] + interval)
-    if len(by) == 0:
-        return float(setting + gain * (target - setting))
+    nodes, settings = n[VALVE_CURRENTS], n[VALVE_SETTINGS]
+    j, share = find_share(p, nodes, n[VALVE_NODES], remanent)
+    rise = p[settings + j + 1] - p[settings + j]
+    slope = rise / (p[nodes + j + 1] - p[nodes + j]) if 0.0 <= share <= 1.0 else 0.0
+    share = min(max(share, 0.0), 1.0)
+    change = p[settings + j] + share * rise - before[0]
+    lag, gain = (RISE, p[VALVE_RISE]) if change > 0.0 else (FALL, p[VALVE_FALL])
     for m in range(len(by)):
         by[m] *= 1.0 - gain
-    add_share(by, SETTING + j, share, gain)
+    add_share(by, SETTINGS + j, share, gain)
     by[HYSTERESIS] += gain * slope * by_width
     by[DELAY] += gain * slope * by_delay
-    by[lag] -= gain / (k[lag] + interval) * (target - setting)
-    return float(setting + gain * (target - setting))
-
-
-@njit(cache=True)
-def acceleration(speed: F, first: int, n: int, interval: float, limit: float) -> float:
-    """Return the limited acceleration [m/s^2] at tick `n` of a segment that begins at `first`."""
-    change = (speed[n] - speed[n - 1]) / interval if n > first else 0.0
-    return min(max(change, -limit), limit)
+    by[lag] -= gain * gain / interval * change

@@ -14,18 +14,11 @@ import numpy as np
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Channel, Recording
 from ces_data.samples import mask_lost, measured_at
-from ces_identify.numerics.speed_kernels import (
-    STATUS_BEYOND,
-    STATUS_ORDER,
-    STATUS_OUTLIER,
-    STATUS_RESTART,
-    Tracked,
-    track,
-)
+from ces_identify.numerics.speed_kernels import Tracked, track
 from ces_observer.errors import RecordingError
 from ces_observer.model import Sampling
 from ces_observer.structures.structure import Range
-from ces_observer.tracker import MAX_MOTION
+from ces_observer.tick.tracker import BEYOND_STROKE, MAX_MOTION, OUT_OF_ORDER, OUTLIER, RESTARTED
 
 STRETCH_S = 60.0  # of a long series of which only a part is used
 
@@ -179,7 +172,7 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
     current = np.repeat(samples.current, np.diff(total, prepend=0))
     time_s, dropped = (stamps_ns - samples.stamps_ns[0]) * 1e-9, samples.dropped
     del samples
-    starts = total[status == STATUS_RESTART] - 1
+    starts = total[status == RESTARTED] - 1
     if not len(starts):
         low, high = sampling.stroke_m
         raise RecordingError(
@@ -197,9 +190,9 @@ def prepare(recording: Recording, sampling: Sampling, has_spikes: bool = True) -
         )
     since_start = np.arange(len(position)) - np.repeat(segments[:, 0], np.diff(segments)[:, 0])
     dropped = dropped | {
-        "out of order": int((status == STATUS_ORDER).sum()),
-        "outlier": int((status == STATUS_OUTLIER).sum()),
-        "beyond the stroke": int((status == STATUS_BEYOND).sum()),
+        "out of order": int((status == OUT_OF_ORDER).sum()),
+        "outlier": int((status == OUTLIER).sum()),
+        "beyond the stroke": int((status == BEYOND_STROKE).sum()),
     }
     return Series(
         name=recording.name,

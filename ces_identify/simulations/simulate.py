@@ -8,11 +8,11 @@ import numpy as np
 
 from ces_data.arrays import F, I, Mask
 from ces_data.recording import Recording
-from ces_identify.numerics.speed_kernels import STATUS_OK, STATUS_RESTART
 from ces_identify.prepare.series import FreeRun, Series, prepare, select_samples, track_samples
 from ces_identify.structures import run_batch
 from ces_observer.model import Model
 from ces_observer.structures.structure import Range
+from ces_observer.tick.tracker import OK, RESTARTED
 
 
 def simulate_series(model: Model, series: Series) -> FreeRun:
@@ -65,7 +65,7 @@ def sample_run(model: Model, recording: Recording) -> SampleRun:
     newest = tracked.total - 1
     slope = force[newest] - force[np.maximum(newest - 1, 0)]
     at_samples = np.clip(force[newest] + slope * tracked.ahead, *model.force_envelope_N)
-    taken = (tracked.status == STATUS_OK) | (tracked.status == STATUS_RESTART)
+    taken = (tracked.status == OK) | (tracked.status == RESTARTED)
     taken &= np.isfinite(tracked.late[newest, 1])
     starts = series.segments[:, 0]
     since = newest - starts[np.searchsorted(starts, newest, side="right") - 1]

@@ -1,4 +1,4 @@
-"""Neuro-fuzzy models at the desk: starts by hybrid learning, errors of a fit, sizes, batch run, report.
+"""Neuro-fuzzy models at the desk: starts by hybrid learning, errors of a fit, sizes, report.
 
 A start follows Jang (1993): memberships on a grid; then, in turn, consequents by least squares with measured past
 forces and a descent of the premises on the same one-step error. The free-run fit that follows moves all parameters.
@@ -15,18 +15,20 @@ from typing import ClassVar
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F, I, Mask
+from ces_data.arrays import F, I
 from ces_identify.numerics.levenberg import Evaluate, damped_step
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
 from ces_identify.trained import training
-from ces_identify.trained.fuzzy_kernels import FuzzyArrays, grade, share
-from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
+from ces_identify.trained.fuzzy_kernels import fill_fuzzy_slopes
+from ces_identify.trained.lagged_kernels import RegressorTable, normal_equations
 from ces_observer.errors import CesError
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
+from ces_observer.structures.lagged_signals import Regressor
+from ces_observer.tick.fuzzy import fuzzy_force
 from ces_report.typesetting import (
     UNITS,
     ModelTable,
@@ -63,6 +65,7 @@ class FuzzyFit(training.Family):
 
     grid: tuple[PremiseGrid, ...]
     decay: float
+    kernel: ClassVar = staticmethod(normal_equations(fuzzy_force, fill_fuzzy_slopes))
 
     @property
     def size(self) -> int:
@@ -70,21 +73,15 @@ class FuzzyFit(training.Family):
         return len(self.rules)
 
     @cached_property
-    def owner(self) -> I:
-        """The premise of each membership."""
-        return np.repeat(np.arange(len(self.grid)), [g.memberships for g in self.grid])
-
-    @cached_property
     def rules(self) -> I:
         """The membership that each rule uses of each premise: all combinations."""
         first = np.cumsum([0, *(g.memberships for g in self.grid)])
         return np.array(list(product(*(range(a, b) for a, b in pairwise(first)))), np.int64)
 
-    @cached_property
-    def premises(self) -> F:
-        """The premises (ticks, premises) over the training ticks, in SI units."""
-        t = self.training
-        return training.unscaled_inputs([(g.signal, g.lag) for g in self.grid], t.envelope, t.inputs, t.segments)
+    @property
+    def columns(self) -> tuple[Regressor, ...]:
+        """The regressors, then the premises in SI units."""
+        return (*self.regressors, *(Regressor(g.signal, g.lag, 0.0, 1.0) for g in self.grid))
 
     def parts(self, params: F) -> tuple[F, F]:
         """Return consequents (rules, 1 + R) and bells (memberships, 3)."""
@@ -120,13 +117,11 @@ class FuzzyFit(training.Family):
 
     def grow(self, smaller: FuzzyFit, params: F, random: np.random.Generator) -> F:
         """Return rules on the whole grid, each with the blend of the smaller model's consequents at its centre."""
-        consequents, bells = smaller.parts(params)
-        grades, logs, shares = np.empty(len(bells)), np.empty(len(bells)), np.empty(len(consequents))
+        consequents, body = smaller.parts(params)[0], smaller.body(params)
         blended = []
         for members in self.rules:
-            grade(self.grid_bells[members, 0], bells, smaller.owner, grades, logs)
-            share(grades, smaller.rules, shares)
-            blended.append(shares @ consequents)
+            firings = np.array(body.firings([[x] for x in self.grid_bells[members, 0].tolist()]))
+            blended.append(firings @ consequents / firings.sum())
         return np.concatenate([np.ravel(blended), self.grid_bells.ravel()])
 
     def _one_step_ahead(self) -> Evaluate:
@@ -156,10 +151,6 @@ class FuzzyFit(training.Family):
         matrix[np.diag_indices_from(matrix)] += cost
         return error + float(cost @ offsets**2), matrix, gradient - cost * offsets
 
-    def kernel_arrays(self, params: F) -> FuzzyArrays:
-        """Return the arrays of the kernels."""
-        return FuzzyArrays(self.training.scale_N, self.premises, self.owner, self.rules, *self.parts(params))
-
     def gains(self, params: F) -> tuple[F, F]:
         """Return each rule's gain of the past forces (rules,) and its gradient (rules, parameters)."""
         consequents, _ = self.parts(params)
@@ -172,15 +163,15 @@ class FuzzyFit(training.Family):
     def body(self, params: F) -> Fuzzy:
         """Return the neuro-fuzzy rules with these parameters."""
         consequents, bells = self.parts(params)
-        fitted = [Bell(float(c), float(np.exp(w)), float(np.exp(s))) for c, w, s in bells]
+        fitted = [Bell(*row) for row in np.column_stack([bells[:, 0], np.exp(bells[:, 1:])]).tolist()]
         first = np.cumsum([0, *(g.memberships for g in self.grid)])
         premises = tuple(
             Premise(g.signal, g.lag, tuple(fitted[a : a + g.memberships]))
             for g, a in zip(self.grid, first, strict=False)
         )
         rules = tuple(
-            Rule(tuple((members - first[:-1]).tolist()), float(row[0]), tuple(row[1:].tolist()))
-            for members, row in zip(self.rules, consequents, strict=True)
+            Rule(tuple(members), row[0], tuple(row[1:]))
+            for members, row in zip((self.rules - first[:-1]).tolist(), consequents.tolist(), strict=True)
         )
         return Fuzzy(self.regressors, self.training.scale_N, premises, rules)
 
@@ -263,25 +254,6 @@ def choose_shape(rules: str, memberships: str) -> FuzzyShape:
     return FuzzyShape(*static, current_delay_s=0.0, lags=CURRENT_AND_SPEED)
 
 
-def run_fuzzy(fuzzy: Fuzzy, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
-    """Return the batch run of neuro-fuzzy rules, as `StructureKit.batch_run` describes it."""
-    table = training.regressor_table(fuzzy.regressors, model.envelope, inputs, segments)
-    premises = training.unscaled_inputs([(p.signal, p.lag) for p in fuzzy.premises], model.envelope, inputs, segments)
-    counts = [len(p.memberships) for p in fuzzy.premises]
-    bells = [(b.centre, np.log(b.width), np.log(b.slope)) for p in fuzzy.premises for b in p.memberships]
-    first = np.cumsum([0, *counts[:-1]])
-    arrays = FuzzyArrays(
-        fuzzy.scale_N,
-        premises,
-        np.repeat(np.arange(len(counts)), counts),
-        np.array([rule.memberships for rule in fuzzy.rules], np.int64) + first,
-        np.array([(rule.constant, *rule.linear) for rule in fuzzy.rules]),
-        np.array(bells),
-    )
-    force, held = lagged_free_run(table, segments, arrays, *model.force_envelope_N)
-    return np.asarray(force), np.asarray(held)
-
-
 def fuzzy_table(fuzzy: Fuzzy, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
     """Return the rules: where each applies, and the force for a change of each regressor."""
     about = (
@@ -325,6 +297,5 @@ ANFIS = StructureKit(
     body=Fuzzy,
     sizes=(RULES, MEMBERSHIPS),
     fitter=lambda sizes: choose_shape(str(sizes["rules"]), str(sizes["memberships"])),
-    batch_run=run_fuzzy,
     table=fuzzy_table,
 )

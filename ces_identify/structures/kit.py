@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import Any, Generic, TypeVar
 
 from ces_data.arrays import F, I, Mask
+from ces_identify.numerics.core import run_batch
 from ces_identify.physical.models import HydraulicModels
 from ces_identify.polynomial.candidates import CandidateRules
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult
@@ -68,6 +69,11 @@ Fitter = Callable[[Sequence[Series], Sampling, IdentifyOptions, Listener], Fitte
 S = TypeVar("S", bound=Structure)
 
 
+def run_core(body: Structure, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
+    """Return the batch run of a structure's functions of the tick, as `StructureKit.batch_run` describes it."""
+    return run_batch(body, model.operating_range, inputs, segments)
+
+
 @dataclass(frozen=True)
 class StructureKit(Generic[S]):
     """One structure, offline: `about` is a short description, `body` its class in a model.
@@ -84,8 +90,8 @@ class StructureKit(Generic[S]):
     body: type[S]
     sizes: tuple[Option, ...]
     fitter: Callable[[Mapping[str, Size]], Fitter]
-    batch_run: Callable[[S, Model, F, I], tuple[F, Mask]]
     table: Callable[[S, Model, Sequence[SimulatedSeries], str], ModelTable]
+    batch_run: Callable[[S, Model, F, I], tuple[F, Mask]] = run_core
     models: type[HydraulicModels] | None = None
     quick: bool = False
 

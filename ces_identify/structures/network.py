@@ -9,16 +9,17 @@ from typing import ClassVar
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F, I, Mask
+from ces_data.arrays import F
 from ces_identify.prepare.series import SimulatedSeries
 from ces_identify.structures.kit import StructureKit
 from ces_identify.structures.lagged import LaggedShape
-from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run
-from ces_identify.trained.network_kernels import NetworkArrays
-from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_regressors, regressor_table
+from ces_identify.trained.lagged_kernels import RegressorTable, normal_equations
+from ces_identify.trained.network_kernels import fill_sigmoid_slopes
+from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_regressors
 from ces_observer.model import Model
 from ces_observer.options import Option
 from ces_observer.structures.network import Network, SigmoidUnit
+from ces_observer.tick.sigmoid import sigmoid_force
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
 FIRST_GAIN = 0.9  # gain of the past forces in a start
@@ -35,6 +36,7 @@ class NetworkFit(Family):
 
     units: int
     decay: float
+    kernel: ClassVar = staticmethod(normal_equations(sigmoid_force, fill_sigmoid_slopes))
 
     @property
     def size(self) -> int:
@@ -69,10 +71,6 @@ class NetworkFit(Family):
         error, matrix, gradient = self.normal_equations(table, params, max_error)
         matrix[np.diag_indices_from(matrix)] += self.decay
         return error + self.decay * float(params @ params), matrix, gradient - self.decay * params
-
-    def kernel_arrays(self, params: F) -> NetworkArrays:
-        """Return the arrays of the kernels."""
-        return NetworkArrays(self.training.scale_N, params, self.units)
 
     def gains(self, params: F) -> tuple[F, F]:
         """Return the bound of ces_observer.structures.network (1,), smoothed upward, and its gradient (1, params)."""
@@ -144,16 +142,6 @@ def read_lags(text: str) -> LagCounts | None:
     return lags
 
 
-def run_network(network: Network, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
-    """Return the batch run of a sigmoid network, as `StructureKit.batch_run` describes it."""
-    table = regressor_table(network.regressors, model.envelope, inputs, segments)
-    units = [number for unit in network.units for number in (unit.weight, unit.bias, *unit.slopes)]
-    params = np.array([network.constant, *network.linear, *units])
-    arrays = NetworkArrays(network.scale_N, params, len(network.units))
-    force, held = lagged_free_run(table, segments, arrays, *model.force_envelope_N)
-    return np.asarray(force), np.asarray(held)
-
-
 def network_table(network: Network, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
     """Return the regressors, with the force for a change of each."""
     about = (
@@ -188,7 +176,6 @@ SIGMOID = StructureKit(
     body=Network,
     sizes=(UNITS, NETWORK_LAGS),
     fitter=lambda sizes: NetworkShape(units=int(sizes["units"]), lags=read_lags(str(sizes["lags"]))),
-    batch_run=run_network,
     table=network_table,
     quick=True,
 )

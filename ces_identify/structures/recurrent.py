@@ -1,4 +1,4 @@
-"""Recurrent networks at the desk: fit, batch run and report."""
+"""Recurrent networks at the desk: fit and report."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 from markupsafe import Markup
 
-from ces_data.arrays import F, I, Mask
+from ces_data.arrays import F
 from ces_identify.polynomial.search_limits import Listener, SearchResult, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import (
@@ -17,13 +17,10 @@ from ces_identify.structures.kit import (
     IdentifyOptions,
     StructureKit,
 )
-from ces_identify.trained.recurrent_kernels import free_run
 from ces_identify.trained.recurrent_training import (
     RecurrentFamily,
-    body_arrays,
     build_family,
     descend,
-    scaled_inputs,
     train_member,
 )
 from ces_identify.trained.training import build_training
@@ -91,14 +88,6 @@ def _refit(
     return make(found)
 
 
-def run_recurrent(body: Recurrent, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
-    """Return the batch run of a recurrent network, as `StructureKit.batch_run` describes it."""
-    motion, current = scaled_inputs(body.motion, body.current, body.smoothing_m_s, model.envelope, inputs)
-    force = body.scale_N * free_run(body_arrays(body, model.sampling.rate_Hz), motion, current, segments)
-    low, high = model.force_envelope_N
-    return np.clip(force, low, high), (force < low) | (force > high)
-
-
 def recurrent_table(body: Recurrent, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
     """Return the decay times and frequencies of the filters, by network and stage."""
     about = (
@@ -127,7 +116,6 @@ RECURRENT = StructureKit(
     body=Recurrent,
     sizes=(),
     fitter=lambda sizes: fit_recurrent,
-    batch_run=run_recurrent,
     table=recurrent_table,
     quick=True,
 )

@@ -1,20 +1,18 @@
-"""Kernels of recurrent networks: their run, the way back for derivatives, and the free run of a batch.
+"""Kernels of recurrent networks in training: the run of many windows, and the way back for derivatives.
 
-Arrays have the shape (signals, ticks, lanes); lanes are windows that run side by side. Only the filters are a loop over
-ticks; all else is products of matrices. Slow reference: `ces_observer.structures.recurrent.RecurrentRun`.
+Arrays have the shape (signals, ticks, lanes); lanes are windows that run side by side, from states of zero. Only the
+filters are a loop over ticks; all else is products of matrices over ticks and lanes, several times as fast as
+`ces_observer.tick.recurrent`, which takes tick by tick.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 
-from ces_data.arrays import F, I
-
-BLOCK = 4096  # ticks at a time of a free run
+from ces_data.arrays import F
 
 
 @njit(cache=True, nogil=True, fastmath={"contract"})
@@ -143,21 +141,6 @@ def new_states(member: MemberArrays, lanes: int) -> list[F]:
     return [np.zeros((*stage.poles.shape, lanes)) for stage in member if stage is not None]
 
 
-def steady_states(member: MemberArrays, motion: F, current: F) -> list[F]:
-    """Return the states that constant inputs (n, 1) lead to."""
-    first, second, by_current = member
-    states = [_steady(first, motion)]
-    between, _ = run_stage(first, motion[:, None], states[0].copy())
-    states.append(_steady(second, np.tanh(between[:, 0])))
-    return states if by_current is None else [*states, _steady(by_current, current)]
-
-
-def _steady(stage: StageArrays, inputs: F) -> F:
-    real, imag = np.split(stage.drive @ inputs, 2)
-    states = (real + 1j * imag) / (1.0 - (stage.poles[0] + 1j * stage.poles[1]))[:, None]
-    return np.stack([states.real, states.imag])
-
-
 def run_member(member: MemberArrays, motion: F, current: F, states: list[F]) -> tuple[F, list[Tape]]:
     """Return the scaled force (ticks, lanes) for inputs (n, ticks, lanes), and the traces."""
     between, first = run_stage(member.first, motion, states[0])
@@ -181,16 +164,3 @@ def run_member_back(member: MemberArrays, traces: list[Tape], back: F) -> Member
     by_between *= 1.0 - second.inputs**2
     _, by_first = run_stage_back(member.first, first, by_between)
     return MemberArrays(by_first, by_second, by_current)
-
-
-def free_run(members: Sequence[MemberArrays], motion: F, current: F, segments: I) -> F:
-    """Return the mean scaled force (ticks,) for inputs (n, ticks); each segment begins at rest in its first inputs."""
-    force = np.zeros(motion.shape[1])
-    for member in members:
-        for start, stop in segments:
-            states = steady_states(member, motion[:, start : start + 1], current[:, start : start + 1])
-            for k in range(start, stop, BLOCK):
-                part = slice(k, min(k + BLOCK, stop))
-                run, _ = run_member(member, motion[:, part, None], current[:, part, None], states)
-                force[part] += run[:, 0]
-    return force / len(members)

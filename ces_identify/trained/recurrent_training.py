@@ -10,15 +10,16 @@ import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from math import inf
 
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.numerics.core import run_batch
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end
 from ces_identify.trained.recurrent_kernels import (
     MemberArrays,
     StageArrays,
-    free_run,
     new_states,
     run_member,
     run_member_back,
@@ -27,6 +28,7 @@ from ces_identify.trained.training import Training
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope
 from ces_observer.structures.recurrent import CURRENT, MOTION, POSITION, SPEED, Member, Recurrent, ScaledInput, Stage
+from ces_observer.structures.structure import OperatingRange
 
 FASTEST_S, SLOWEST_S = 1.5e-3, 0.1  # decay times of the filters
 FILTERS, TANHS, BETWEEN = 8, 12, 8  # of a stage of the motion, and outputs of the first one
@@ -186,7 +188,8 @@ class RecurrentFamily:
         for filters, drive, *rest in self.split(params):
             found = Filters.of(filters, 1.0 / self.rate_Hz)
             stages.append(StageArrays(found.poles, np.tile(found.gain, 2)[:, None] * drive, *rest))
-        return _member(stages)
+        first, second, *current = stages
+        return MemberArrays(first, second, current[0] if current else None)
 
     def gradient(self, params: F, by: MemberArrays) -> F:
         """Return the derivatives by the parameters, from those by the arrays."""
@@ -202,8 +205,9 @@ class RecurrentFamily:
 
     def force(self, members: Sequence[F]) -> F:
         """Return the free run (ticks,) [N] of the mean of members."""
-        arrays = [self.arrays(params) for params in members]
-        return self.training.scale_N * free_run(arrays, *self.rows, self.training.segments)
+        t = self.training
+        within = OperatingRange(self.rate_Hz, t.envelope.by_signal, (-inf, inf))
+        return run_batch(self.body(members), within, t.inputs, t.segments)[0]
 
     def body(self, members: Sequence[F]) -> Recurrent:
         """Return the structure with these members."""
@@ -220,26 +224,6 @@ class RecurrentFamily:
             *rest,
         )
         return Stage(*(tuple(row.ravel().tolist()) for row in rows))
-
-
-def _member(stages: Sequence[StageArrays]) -> MemberArrays:
-    first, second, *current = stages
-    return MemberArrays(first, second, current[0] if current else None)
-
-
-def body_arrays(body: Recurrent, rate_Hz: float) -> list[MemberArrays]:
-    """Return the arrays of a structure's members at a rate."""
-    return [_member([stage_arrays(stage, rate_Hz) for stage in member.stages.values()]) for member in body.members]
-
-
-def stage_arrays(stage: Stage, rate_Hz: float) -> StageArrays:
-    """Return the arrays of a stage at a rate."""
-    poles, tanhs = np.array(stage.poles(rate_Hz)), len(stage.hidden_bias)
-    rows = {"drive": 2 * len(poles), "hidden": tanhs, "hidden_bias": tanhs, "out": len(stage.out_bias)}
-    drive, hidden, hidden_bias, out = (np.array(getattr(stage, key)).reshape(n, -1) for key, n in rows.items())
-    return StageArrays(
-        np.stack([poles.real, poles.imag]), drive, hidden, hidden_bias.ravel(), out, np.array(stage.out_bias)
-    )
 
 
 def raw_inputs(signals: Sequence[str], smoothing_m_s: float, envelope: Envelope, inputs: F) -> F:

@@ -11,14 +11,15 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Any, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from ces_data.arrays import F, I
+from ces_identify.numerics.core import run_batch
 from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.problem import assemble_problem
 from ces_identify.polynomial.search_limits import (
@@ -32,11 +33,11 @@ from ces_identify.polynomial.search_limits import (
 )
 from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series
-from ces_identify.trained.lagged_kernels import RegressorTable, lagged_free_run, lagged_normal_equations
-from ces_observer.errors import CesError
+from ces_identify.trained.lagged_kernels import RegressorTable
+from ces_observer.errors import CesError, ModelError
 from ces_observer.model import Envelope, Model, Sampling
 from ces_observer.structures.lagged_signals import RINGS, Regressor
-from ces_observer.structures.structure import Range, Structure
+from ces_observer.structures.structure import OperatingRange, Range, Structure
 from ces_observer.structures.terms import Term
 
 SIGNALS = ("position", "speed", "current")
@@ -172,12 +173,6 @@ def regressor_table(regressors: Sequence[Regressor], envelope: Envelope, inputs:
     return RegressorTable(values, past_lags, np.array([r.mean for r in past]), np.array([r.spread for r in past]))
 
 
-def unscaled_inputs(lags: Iterable[tuple[str, int]], envelope: Envelope, inputs: F, segments: I) -> F:
-    """Return inputs (ticks, n) at lags [ticks] in SI units; `lags` holds names and lags."""
-    raw = [Regressor(signal, lag, 0.0, 1.0) for signal, lag in lags]
-    return regressor_table(raw, envelope, inputs, segments).values
-
-
 def delay_values(values: F, lag: int, segments: I) -> F:
     """Return `values` (ticks,) `lag` ticks ago, within each segment."""
     index = np.arange(len(values)) - lag
@@ -192,6 +187,7 @@ class Family(ABC):
 
     training: Training
     regressors: tuple[Regressor, ...]
+    kernel: ClassVar[Any]  # normal equations, as `ces_identify.trained.lagged_kernels.normal_equations` returns them
 
     @property
     @abstractmethod
@@ -227,15 +223,21 @@ class Family(ABC):
     def body(self, params: F) -> Structure:
         """Return the structure with these parameters."""
 
-    @abstractmethod
-    def kernel_arrays(self, params: F) -> Any:
-        """Return the parameters as the NamedTuple that the kernels take."""
+    @property
+    def columns(self) -> tuple[Regressor, ...]:
+        """The columns of the table, in the order of `ces_observer.tick.lagged`."""
+        return self.regressors
 
     @cached_property
     def table(self) -> RegressorTable:
-        """The regressors over the training ticks."""
+        """The columns over the training ticks."""
         t = self.training
-        return regressor_table(self.regressors, t.envelope, t.inputs, t.segments)
+        return regressor_table(self.columns, t.envelope, t.inputs, t.segments)
+
+    @property
+    def within(self) -> OperatingRange:
+        """The ranges of the training data; lags are in ticks, so that a rate does not matter."""
+        return OperatingRange(1.0, self.training.envelope.by_signal, self.training.force_envelope)
 
     @cached_property
     def past(self) -> I:
@@ -247,17 +249,21 @@ class Family(ABC):
         return self.errors_on(self.table, params, max_error)
 
     def normal_equations(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the errors without regularisation."""
+        """Return the errors without regularisation; infinite for parameters that are no model."""
         t = self.training
-        error, matrix, gradient = lagged_normal_equations(
-            table, t.segments, self.kernel_arrays(params), *t.loose, t.measured, t.estimation, max_error
+        try:
+            p, n, s, _ = self.body(params).lay_out(self.within).arrays()
+        except ModelError:
+            return np.inf, np.empty((0, 0)), np.empty(0)
+        arrays = np.array(p), np.array(n, np.int64), np.array(s)
+        error, matrix, gradient = self.kernel(
+            *arrays, table, t.segments, len(params), *t.loose, t.measured, t.estimation, max_error
         )
         return error, matrix, gradient
 
     def force(self, params: F) -> F:
         """Return the free run (ticks,) [N], NaN where it would leave the force envelope."""
-        t = self.training
-        force, held = lagged_free_run(self.table, t.segments, self.kernel_arrays(params), *t.force_envelope)
+        force, held = run_batch(self.body(params), self.within, self.training.inputs, self.training.segments)
         return np.where(held, np.nan, force)
 
     def model(self, params: F, sampling: Sampling) -> Model:

@@ -147,7 +147,7 @@ KEYS: Mapping[str, Sequence[str]] = {  # of the tasks, at most 20 in all
                "episodes of withholding", "last episode", "unexpected errors"),
     "frequency": ("position: rate [Hz]", "current: rate [Hz]", "dropped", "forces estimated"),
     "time stamps": ("age of the last position on arrival [s]", *LATENCIES, "jumps of time"),
-    "model": ("model sha256", "last change of the model", "running cost J [%]", "threshold of J [%]"),
+    "model": ("model sha256", "last change of the model", "computed by", "running cost J [%]"),
 }  # fmt: skip
 AHEAD_S = 0.05  # of stamps before the node's clock, that simulated time may give
 REFUSED = "refused"  # begins the state of a change of the model

@@ -28,6 +28,7 @@ from pathlib import Path
 from time import monotonic
 from typing import BinaryIO
 
+from ces_observer import core
 from ces_observer.control.inverse_map import ModelInverse
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import MAX_BYTES, Model, parse_model
@@ -70,8 +71,9 @@ def describe_model(model: Model) -> str:
 
 
 def model_facts(model: Model) -> dict[str, str]:
-    """Return the key-value pairs that name a model in diagnostics and on `~/model_status`."""
-    return {"model sha256": model.digest(), "delay_s": f"{model.best.sampling.delay_s:g}"}
+    """Return the key-value pairs that name a model and what computes it, in diagnostics and on `~/model_status`."""
+    delay = f"{model.best.sampling.delay_s:g}"
+    return {"model sha256": model.digest(), "delay_s": delay, "computed by": core.description()}
 
 
 @dataclass(frozen=True)

@@ -123,6 +123,12 @@ class Fuzzy(Structure):
         """The size, in words."""
         return f"{len(self.rules)} rules on {len(self.regressors)} regressors"
 
+    def firings(self, values: Sequence[Sequence[float]]) -> list[float]:
+        """Return each rule's firing, each membership being the smallest at any of its premise's `values`."""
+        parts = zip(self.premises, values, strict=True)
+        smallest = [[min(map(bell.at, at)) for bell in premise.memberships] for premise, at in parts]
+        return [prod(smallest[i][m] for i, m in enumerate(rule.memberships)) for rule in self.rules]
+
     @classmethod
     def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
         """Check the rules of a model file over its ranges of inputs; raises ModelError."""
@@ -179,8 +185,7 @@ class Fuzzy(Structure):
 
 def min_firing(fuzzy: Fuzzy, inputs: Ranges) -> float:
     """Return a lower bound on the firing of all rules together; a bell is smallest at an end of its range."""
-    ends = [[min(b.at(x) for x in inputs[p.signal]) for b in p.memberships] for p in fuzzy.premises]
-    return max(prod(ends[p][m] for p, m in enumerate(rule.memberships)) for rule in fuzzy.rules)
+    return max(fuzzy.firings([inputs[premise.signal] for premise in fuzzy.premises]))
 
 
 def _parse_premise(node: JsonObject) -> Premise:

@@ -1,8 +1,9 @@
 """A damper as a hydraulic network: its numbers, the proof of its force, and the arrays of its tick.
 
-`ces_observer.tick.hydraulic` has the equations. A twin tube has its valve in the piston, and a base valve with a refill
-check; a uniflow damper has checks in piston and base, and its valve outside; a monotube has its valve in the piston,
-and gas in C_c; a magneto-rheological damper has springs that yield instead of a valve.
+`ces_observer.tick.hydraulic` and `ces_observer.tick.pressures` have the equations. A twin tube has its valve in the
+piston, and a base valve with a refill check; a uniflow damper has checks in piston and base, and its valve outside; a
+monotube has its valve in the piston, and gas in C_c; a magneto-rheological damper has springs that yield instead of a
+valve.
 
 What is proved, for any parameters that a model file can hold and for any inputs:
 
@@ -36,10 +37,11 @@ from ces_observer.structures.physical import (
     yield_at_mid_stroke,
 )
 from ces_observer.structures.structure import OperatingRange, Ranges
-from ces_observer.tick import edges, mount
+from ces_observer.tick import edges, mount, pressures
 from ces_observer.tick import hydraulic as tick
-from ces_observer.tick.hydraulic import ROUNDING, WARMING_S, hydraulic_reset, hydraulic_tick
+from ces_observer.tick.hydraulic import hydraulic_reset, hydraulic_tick
 from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
+from ces_observer.tick.pressures import ROUNDING, WARMING_S
 
 SPREAD = (0.05, 0.2, 0.5, 1.0, 1.7, 3.0, 6.0, 12.0)  # absolute pressures over the reservoir's, between pieces of phi
 KINDS = ("uniflow", "twin tube", "monotube", "magneto-rheological")
@@ -183,33 +185,33 @@ class Hydraulic(PhysicalStructure):
         if self.bypass is not None:
             layout.set_counts(
                 {
-                    tick.BYPASS_NODES: len(self.bypass.position_m),
-                    tick.BYPASS_POSITIONS: layout.table(self.bypass.position_m),
-                    tick.BYPASS_LOGARITHMS: layout.table(self.bypass.logarithms),
+                    pressures.BYPASS_NODES: len(self.bypass.position_m),
+                    pressures.BYPASS_POSITIONS: layout.table(self.bypass.position_m),
+                    pressures.BYPASS_LOGARITHMS: layout.table(self.bypass.logarithms),
                 }
             )
         lags = (self.piston_s, self.base_s, self.external_s)
         layout.set_numbers({edges.EDGE_SHARE + n: 1.0 / (1.0 + rate * lag) for n, lag in enumerate(lags)})
         layout.set_numbers(
             {
-                tick.RATIO: 1.0 + self.area_ratio,
-                tick.COMPLIANCE_C: rate * self.compression_m_N,
-                tick.COMPLIANCE_R: rate * self.rebound_m_N,
-                tick.GROWTH_C: self.compression_growth_1_m,
-                tick.GROWTH_R: self.rebound_growth_1_m,
-                tick.SPRING: self.mount_m_N,
-                tick.FADE: self.fade_1_W,
-                tick.WARMING: 1.0 / (1.0 + rate * WARMING_S),
-                tick.LAMINAR: self.laminar_N,
-                tick.NARROW: self.bypass_laminar_N,
-                tick.MAX_PRESSURE: self.most_N,
-                tick.FRICTION_GROWTH: self.friction_growth_1_N,
-                tick.OIL_ENDS: -float_info.max,
+                pressures.RATIO: 1.0 + self.area_ratio,
+                pressures.COMPLIANCE_C: rate * self.compression_m_N,
+                pressures.COMPLIANCE_R: rate * self.rebound_m_N,
+                pressures.GROWTH_C: self.compression_growth_1_m,
+                pressures.GROWTH_R: self.rebound_growth_1_m,
+                pressures.SPRING: self.mount_m_N,
+                pressures.FADE: self.fade_1_W,
+                pressures.WARMING: 1.0 / (1.0 + rate * WARMING_S),
+                pressures.LAMINAR: self.laminar_N,
+                pressures.NARROW: self.bypass_laminar_N,
+                pressures.MAX_PRESSURE: self.most_N,
+                pressures.FRICTION_GROWTH: self.friction_growth_1_N,
+                pressures.OIL_ENDS: -float_info.max,
             }
         )
         for n, (end, value, slope) in enumerate(oil_pieces(self.reservoir_N, self.air)):
-            places = {tick.OIL_ENDS + n + 1: min(end, float_info.max)}
-            layout.set_numbers({**places, tick.OIL_VALUES + n: value, tick.OIL_SLOPES + n: slope})
+            layout.set_numbers({pressures.OIL_ENDS + n + 1: min(end, float_info.max)})
+            layout.set_numbers({pressures.OIL_VALUES + n: value, pressures.OIL_SLOPES + n: slope})
 
     def _fill_mount(self, layout: Layout, rate_Hz: float) -> None:
         springs = self.side.friction

@@ -14,6 +14,7 @@ MODULES = (
     "valve",
     "mount",
     "edges",
+    "pressures",
     "hydraulic",
     "constructed",
     "polynomial",

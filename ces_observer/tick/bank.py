@@ -30,33 +30,15 @@ TICK_S, STAY, LEAVE, P_TRACKER = range(4)
 # where tables begin: the spans in n; in p the gains by span, shift and mode, the companion forms by mode, and the
 # smoothing by mode and measurement; in s the modes, the ring, how many numbers both have, and a copy of them
 (
-    DELAY,
-    MODES,
-    SPANS,
-    MEASURES_MOTION,
-    SPAN_TABLE,
-    GAINS,
-    COMPANIONS,
-    SMOOTHING,
-    MODE_STATES,
-    RING,
-    BANK_STATES,
-    SAVED,
-    N_TRACKER,
-) = range(13)
+    DELAY, MODES, SPANS, MEASURES_MOTION, SPAN_TABLE, GAINS, COMPANIONS, SMOOTHING, MODE_STATES, RING, BANK_STATES,
+    SAVED, N_TRACKER,
+) = range(13)  # fmt: skip
 
 # s: position [m] and speed [m/s] at the newest tick, as predicted for the next one, and `delay` ticks ago as they are
 # known now; the sum of the weights; a copy of all these
 (
-    BANK_POSITION,
-    BANK_SPEED,
-    NEXT_POSITION,
-    NEXT_SPEED,
-    LATE_POSITION,
-    LATE_SPEED,
-    TOTAL,
-    SAVED_POSITION,
-) = range(8)
+    BANK_POSITION, BANK_SPEED, NEXT_POSITION, NEXT_SPEED, LATE_POSITION, LATE_SPEED, TOTAL, SAVED_POSITION,
+) = range(8)  # fmt: skip
 S_TRACKER = 2 * SAVED_POSITION
 
 # k: ticks since the restart, and a copy
@@ -71,41 +53,15 @@ A1, A2, A3, A4, B0, B1, B2, B3, COMPANION_WIDTH = range(9)
 # a mode's row of gains in p: the weights of v, z1, z2, z3 in the position; the gains of the outputs and the next states
 # on its innovation; the sharpness and the height of the likelihood
 (
-    SEEN_V,
-    SEEN_Z1,
-    SEEN_Z2,
-    SEEN_Z3,
-    GAIN_POSITION,
-    GAIN_SPEED,
-    GAIN_X,
-    GAIN_V,
-    GAIN_Z1,
-    GAIN_Z2,
-    GAIN_Z3,
-    SHARPNESS,
-    HEIGHT,
-    GAINS_WIDTH,
-) = range(14)
+    SEEN_V, SEEN_Z1, SEEN_Z2, SEEN_Z3, GAIN_POSITION, GAIN_SPEED, GAIN_X, GAIN_V, GAIN_Z1, GAIN_Z2, GAIN_Z3,
+    SHARPNESS, HEIGHT, GAINS_WIDTH,
+) = range(14)  # fmt: skip
 
 # what follows in a row if a motion is measured, too: the same for the motion and its innovation
 (
-    FELT_V,
-    FELT_Z1,
-    FELT_Z2,
-    FELT_Z3,
-    FELT_POSITION,
-    FELT_SPEED,
-    FELT_X,
-    FELT_GAIN_V,
-    FELT_GAIN_Z1,
-    FELT_GAIN_Z2,
-    FELT_GAIN_Z3,
-    GAIN_OFFSET,
-    FELT_OFFSET,
-    SHARPNESS_BOTH,
-    SHARPNESS_MOTION,
-    BOTH_WIDTH,
-) = range(GAINS_WIDTH, GAINS_WIDTH + 16)
+    FELT_V, FELT_Z1, FELT_Z2, FELT_Z3, FELT_POSITION, FELT_SPEED, FELT_X, FELT_GAIN_V, FELT_GAIN_Z1, FELT_GAIN_Z2,
+    FELT_GAIN_Z3, GAIN_OFFSET, FELT_OFFSET, SHARPNESS_BOTH, SHARPNESS_MOTION, BOTH_WIDTH,
+) = range(GAINS_WIDTH, GAINS_WIDTH + 16)  # fmt: skip
 
 BINS = 8  # of a tick, to which the gains know the time of a sample
 EARLIEST = 12  # [bins] before its tick that the mean of several samples may lie
@@ -169,24 +125,22 @@ def restart_lost_modes(p: Floats, n: Ints, s: Floats) -> None:
 
 def bank_save(n: Ints, s: Floats, k: Ints) -> None:
     """Keep the present state, for `bank_restore`."""
-    for i in range(SAVED_POSITION):
-        s[SAVED_POSITION + i] = s[i]
-    begin = n[MODE_STATES]
-    copy = n[SAVED]
-    for i in range(n[BANK_STATES]):
-        s[copy + i] = s[begin + i]
+    copy_numbers(s, 0, SAVED_POSITION, SAVED_POSITION)
+    copy_numbers(s, n[MODE_STATES], n[SAVED], n[BANK_STATES])
     k[SAVED_TICKS] = k[BANK_TICKS]
 
 
 def bank_restore(n: Ints, s: Floats, k: Ints) -> None:
     """Return to the saved state."""
-    for i in range(SAVED_POSITION):
-        s[i] = s[SAVED_POSITION + i]
-    begin = n[MODE_STATES]
-    copy = n[SAVED]
-    for i in range(n[BANK_STATES]):
-        s[begin + i] = s[copy + i]
+    copy_numbers(s, SAVED_POSITION, 0, SAVED_POSITION)
+    copy_numbers(s, n[SAVED], n[MODE_STATES], n[BANK_STATES])
     k[BANK_TICKS] = k[SAVED_TICKS]
+
+
+def copy_numbers(s: Floats, source: int, target: int, count: int) -> None:
+    """Copy `count` numbers from one place of the state to another."""
+    for i in range(count):
+        s[target + i] = s[source + i]
 
 
 def bank_coast(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
@@ -264,12 +218,13 @@ def take_position(p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: 
     form = n[COMPANIONS]
     here = n[MODE_STATES]
     for i in range(n[MODES]):
-        x = s[here]
+        x = s[here + MODE_X]
         speed = s[here + MODE_V]
         z1 = s[here + MODE_Z1]
         z2 = s[here + MODE_Z2]
         z3 = s[here + MODE_Z3]
-        e = position - x - (p[at] + shift) * speed - p[at + SEEN_Z1] * z1 - p[at + SEEN_Z2] * z2 - p[at + SEEN_Z3] * z3
+        e = position - x - (p[at + SEEN_V] + shift) * speed
+        e = e - p[at + SEEN_Z1] * z1 - p[at + SEEN_Z2] * z2 - p[at + SEEN_Z3] * z3
         u = 1.0 + p[at + SHARPNESS] * e * e
         square = u * u
         weight = (leave + stay * s[here + MODE_WEIGHT]) * p[at + HEIGHT] / (square * square * u)
@@ -278,11 +233,9 @@ def take_position(p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: 
         mean_v += weight * (speed + p[at + GAIN_SPEED] * e)
         if delay > 0:
             keep_tick(n, s, k, i, speed, e, 0.0)
-        x = (
-            x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3 + p[at + GAIN_X] * e
-        )
-        v = p[form] * speed + z1 + p[at + GAIN_V] * e
-        s[here] = x
+        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3 + p[at + GAIN_X] * e
+        v = p[form + A1] * speed + z1 + p[at + GAIN_V] * e
+        s[here + MODE_X] = x
         s[here + MODE_V] = v
         s[here + MODE_Z1] = p[form + A2] * speed + z2 + p[at + GAIN_Z1] * e
         s[here + MODE_Z2] = p[form + A3] * speed + z3 + p[at + GAIN_Z2] * e
@@ -301,9 +254,7 @@ def take_position(p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: 
         restart_lost_modes(p, n, s)
 
 
-def take_both(
-    p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: float, shift: float, motion: float
-) -> None:
+def take_both(p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: float, shift: float, motion: float) -> None:
     """Do as `take_position` with a second measurement, whose innovation is f: u = 1 + (e, f)' sharpness (e, f)."""
     stay = p[STAY] / s[TOTAL]
     total = 0.0
@@ -337,7 +288,7 @@ def take_both(
         if n[DELAY] > 0:
             keep_tick(n, s, k, i, speed, e, f)
         x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3
-        x = x + (p[at + GAIN_X] * e + p[at + FELT_X] * f)
+        x += p[at + GAIN_X] * e + p[at + FELT_X] * f
         v = p[form + A1] * speed + z1 + (p[at + GAIN_V] * e + p[at + FELT_GAIN_V] * f)
         s[here + MODE_X] = x
         s[here + MODE_V] = v
@@ -359,9 +310,7 @@ def take_both(
         restart_lost_modes(p, n, s)
 
 
-def note_mean(
-    n: Ints, s: Floats, k: Ints, total: float, x: float, v: float, next_x: float, next_v: float
-) -> None:
+def note_mean(n: Ints, s: Floats, k: Ints, total: float, x: float, v: float, next_x: float, next_v: float) -> None:
     """Set the mean of the modes from sums over them, times their weights."""
     if not total > 0.0:
         total = 1.0  # never, but for numbers that no design gives
@@ -426,9 +375,9 @@ def check_bank(p: Floats, n: Ints, numbers: int, counts: int, named: int, states
     """
     modes = n[MODES]
     spans = n[SPANS]
-    length = n[DELAY] + 1
-    if not (1 <= modes <= MAX_MODES and 1 <= spans <= MAX_SPANS and 1 <= length <= MAX_DELAY_TICKS):
+    if not (1 <= modes <= MAX_MODES and 1 <= spans <= MAX_SPANS and 0 <= n[DELAY] <= MAX_DELAY_TICKS):
         return False
+    length = n[DELAY] + 1
     both = n[MEASURES_MOTION] != 0
     rows = spans * SHIFT_COUNT * modes
     width = BOTH_WIDTH if both else GAINS_WIDTH

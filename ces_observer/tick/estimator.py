@@ -8,12 +8,11 @@ without a delay (`now`) and one with (`late`); both share the tracker. p, n, s a
 from math import isfinite, nan
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, TICK_S
+from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TICK_S
 from ces_observer.tick.model import WAIT
 from ces_observer.tick.run import check_run, run_advance, run_force, run_half_width, run_restart
 from ces_observer.tick.tracker import (
     AHEAD,
-    DELAY,
     K_ESTIMATOR,
     LATE_AT,
     LATE_KNOWN,
@@ -53,10 +52,10 @@ FORCE, S_ESTIMATOR_END = range(S_ESTIMATOR, S_ESTIMATOR + 2)
     K_ESTIMATOR_END,
 ) = range(K_ESTIMATOR, K_ESTIMATOR + 7)
 
-MAX_STAMP = 4611686018427387904  # [ns] 2^62: the difference of two stamps is a number of 64 bits
-RING_WIDTH = (
-    2  # of a tick in the ring: its current [A] and its sample's place [ticks]; its stamp [ns], and if it has one
-)
+MAX_STAMP = 4611686018427387903  # [ns] 2^62 - 1: the difference of two stamps is a number of 64 bits
+MAX_COUNT = 1099511627776  # 2^40, of a whole number of a model: 10 s in ns are less
+# of a tick in the ring: its current [A] and its sample's place [ticks]; its stamp [ns], and whether it has one
+RING_WIDTH = 2
 LATE_WIDTH = 4  # of a late estimate: position [m], speed [m/s], force [N], half-width [N] of its band
 
 
@@ -230,12 +229,22 @@ def check_estimator(p: Floats, n: Ints, numbers: int, counts: int, states: int, 
     return fits and K_ESTIMATOR_END <= n[LATE_STAMPS] <= flags - length
 
 
+def check_counts(n: Ints, counts: int) -> bool:
+    """Return whether all whole numbers of a model are so small that sums of them cannot overflow."""
+    for i in range(counts):
+        if not -MAX_COUNT <= n[i] <= MAX_COUNT:
+            return False
+    return counts > 0
+
+
 def check_models(
     p: Floats, n: Ints, numbers: int, counts: int, states: int, flags: int,
     now_p: Floats, now_n: Ints, now_numbers: int, now_counts: int, now_states: int, now_flags: int,
     late_p: Floats, late_n: Ints, late_numbers: int, late_counts: int, late_states: int, late_flags: int,
 ) -> bool:  # fmt: skip
     """Return whether `estimator_step` stays within all arrays of these sizes, whatever its samples are."""
+    if not (check_counts(n, counts) and check_counts(now_n, now_counts) and check_counts(late_n, late_counts)):
+        return False
     if not check_estimator(p, n, numbers, counts, states, flags):
         return False
     if n[HAS_NOW] != 0 and not check_run(now_p, now_n, now_numbers, now_counts, now_states, now_flags):

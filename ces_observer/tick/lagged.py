@@ -61,19 +61,18 @@ def lagged_inputs(p: Floats, n: Ints, s: Floats, k: Ints, position: float, speed
     if newest == depth:
         newest = 0
     k[LAGGED_NEWEST] = newest
-    first = newest
-    last = newest
-    if k[STARTED] == 0:
-        k[STARTED] = 1
-        first = 0
-        last = depth - 1
     positions = n[LAGGED_RINGS]
     speeds = positions + depth
     currents = speeds + depth
-    for i in range(first, last + 1):
-        s[positions + i] = position
-        s[speeds + i] = speed
-        s[currents + i] = current
+    s[positions + newest] = position
+    s[speeds + newest] = speed
+    s[currents + newest] = current
+    if k[STARTED] == 0:
+        k[STARTED] = 1
+        for i in range(depth):
+            s[positions + i] = position
+            s[speeds + i] = speed
+            s[currents + i] = current
     phi = n[LAGGED_PHI]
     source = n[LAGGED_SOURCES]
     scale = n[LAGGED_SCALES]

@@ -48,18 +48,9 @@ from ces_observer.tick.bank import (
 # p: the rate [ticks/ns]; how far a position may be from its prediction [m]; the stroke [m]; the largest change of speed
 # [m/s]; the interval after which samples were lost [s]; how long the bank settles, and the model after it [s and ticks]
 (
-    TICKS_PER_NS,
-    OUTLIER_M,
-    STROKE_LOW,
-    STROKE_HIGH,
-    LARGEST_CHANGE,
-    OVERDUE_S,
-    SETTLING_S,
-    SETTLING_TICKS,
-    DOUBT_S,
-    DOUBT_TICKS,
-    P_ESTIMATOR,
-) = range(P_TRACKER, P_TRACKER + 11)
+    TICKS_PER_NS, OUTLIER_M, STROKE_LOW, STROKE_HIGH, LARGEST_CHANGE, OVERDUE_S, SETTLING_S, SETTLING_TICKS, DOUBT_S,
+    DOUBT_TICKS, P_ESTIMATOR,
+) = range(P_TRACKER, P_TRACKER + 11)  # fmt: skip
 
 # n: the longest gap [ns] that is bridged, whether the measured motion is the speed, and where the late ticks begin in s
 # (position, speed) and k (whether they are known)
@@ -67,52 +58,23 @@ MAX_GAP_NS, MEASURES_SPEED, LATE_AT, LATE_KNOWN, N_ESTIMATOR = range(N_TRACKER, 
 
 # s: how far a sample lay from its prediction [m], if it had one; position [m] and speed [m/s] at the last accepted
 # sample, and its time after the last tick [ticks]; if it completed several ticks, the tick before them; the time of the
-# last accepted sample since the restart, and when the bank and the model have settled [ticks]; of samples rejected since
-# then, the last interval and the time lost [s]; of samples that wait for the next tick, the sums and the newest motion
+# last accepted sample since the restart, and when bank and model have settled [ticks]; of samples rejected since then,
+# the last interval and the time lost [s]; of samples that wait for the next tick, the sums and the newest motion
 (
-    INNOVATION,
-    TRACK_POSITION,
-    TRACK_SPEED,
-    AHEAD,
-    OLD_POSITION,
-    OLD_SPEED,
-    TAU,
-    SETTLED_TAU,
-    DOUBTED_TAU,
-    LAST_INTERVAL,
-    LOST_S,
-    SUM_POSITION,
-    SUM_SHIFT,
-    WAITING_MOTION,
-    S_ESTIMATOR,
-) = range(S_TRACKER, S_TRACKER + 15)
+    INNOVATION, TRACK_POSITION, TRACK_SPEED, AHEAD, OLD_POSITION, OLD_SPEED, TAU, SETTLED_TAU, DOUBTED_TAU,
+    LAST_INTERVAL, LOST_S, SUM_POSITION, SUM_SHIFT, WAITING_MOTION, S_ESTIMATOR,
+) = range(S_TRACKER, S_TRACKER + 15)  # fmt: skip
 
 # k: ticks and late ticks that the last sample has brought; whether there was a sample, the stamps [ns] of the restart
 # and of the last accepted one, the last tick, samples rejected since, and samples that wait for the next tick
 (
-    TICKS,
-    LATE_TICKS,
-    TRACKING,
-    ORIGIN,
-    LAST_STAMP,
-    LAST_TICK,
-    REJECTED,
-    WAITING,
-    K_ESTIMATOR,
-) = range(K_TRACKER, K_TRACKER + 9)
+    TICKS, LATE_TICKS, TRACKING, ORIGIN, LAST_STAMP, LAST_TICK, REJECTED, WAITING, K_ESTIMATOR,
+) = range(K_TRACKER, K_TRACKER + 9)  # fmt: skip
 
 # outcomes, in the order of `ces_observer.reasons.REASONS`; some are those of the estimator
 (
-    OK,
-    WARMING_UP,
-    NOT_FINITE,
-    OUT_OF_ORDER,
-    OUTLIER,
-    UNBOUNDED,
-    BEYOND_STROKE,
-    RESTARTED,
-    UNSETTLED,
-) = range(9)
+    OK, WARMING_UP, NOT_FINITE, OUT_OF_ORDER, OUTLIER, UNBOUNDED, BEYOND_STROKE, RESTARTED, UNSETTLED,
+) = range(9)  # fmt: skip
 
 PATIENCE = 10  # outliers in a row after which the jump is accepted
 MAX_MOTION = 1e6  # [m/s or m/s2]: a larger one is no measurement, and its likelihood would vanish
@@ -280,7 +242,7 @@ def check_tracker(p: Floats, n: Ints, numbers: int, counts: int, states: int, fl
     """Return whether tracker and bank stay within arrays p, n, s and k of these sizes, whatever the samples are."""
     if numbers < P_ESTIMATOR or counts < N_ESTIMATOR or states < S_ESTIMATOR or flags < K_ESTIMATOR:
         return False
-    if not (0.0 < p[TICKS_PER_NS] <= MAX_RATE and p[SETTLING_S] > 0.0 and 0 < n[MAX_GAP_NS]):
+    if not (0.0 < p[TICKS_PER_NS] <= MAX_RATE and p[SETTLING_S] > 0.0 and n[MAX_GAP_NS] > 0):
         return False
     ticks = float(n[MAX_GAP_NS]) * p[TICKS_PER_NS]
     if ticks > float(MAX_LOST_TICKS) or not check_bank(p, n, numbers, counts, S_ESTIMATOR, states):

@@ -10,16 +10,18 @@ from constructed_models import constructed_damper
 from damper_models import delayed_damper, plain_damper
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
+from trackers import Tracker
 from trained_models import fuzzy_model, network_model
 
 from ces_observer.current_hold import CurrentHold
 from ces_observer.damper_observer import DamperObserver
 from ces_observer.estimator import Estimator
 from ces_observer.model import Model, Sampling
-from ces_observer.tracker import BEYOND_STROKE, NOT_FINITE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, UNSETTLED, Tracker
+from ces_observer.reasons import BEYOND_STROKE, NOT_FINITE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, UNSETTLED
+from ces_observer.tick.tracker import check_tracker
 
 MS = 1_000_000
-LATEST_NS = 2**62  # beyond what a ROS stamp can hold
+LATEST_NS = 2**61  # beyond what a ROS stamp can hold
 OUTCOMES = (OK, UNSETTLED, RESTARTED, OUT_OF_ORDER, OUTLIER, BEYOND_STROKE, NOT_FINITE)
 QUICK = settings(max_examples=100, deadline=None, derandomize=True)
 
@@ -65,7 +67,7 @@ def stamped(steps: list[tuple[int, float, float]]) -> list[tuple[int, float, flo
     """Return the samples with stamps [ns] instead of steps."""
     stamp, found = 10**18, []
     for step_ns, position, current in steps:
-        stamp += step_ns
+        stamp = min(max(stamp + step_ns, -LATEST_NS), LATEST_NS)
         found.append((stamp, position, current))
     return found
 
@@ -183,8 +185,9 @@ def samplings(draw: st.DrawFn) -> Sampling:
 )
 def test_a_tracker_makes_finite_ticks(sampling: Sampling, steps: list[tuple[int, float]]) -> None:
     tracker, stamp = Tracker(sampling), 0
+    assert check_tracker(*tracker.arrays[:2], *map(len, tracker.arrays))
     for step_ns, position in steps:
-        stamp += step_ns
+        stamp = min(max(stamp + step_ns, -LATEST_NS), LATEST_NS)
         assert tracker.advance(stamp, position, position) in OUTCOMES
         assert all(isfinite(x) and isfinite(v) for x, v in tracker.ticks + [t for t in tracker.late_ticks if t])
         assert len(tracker.late_ticks) in (0, len(tracker.ticks))

@@ -95,6 +95,10 @@ def test_the_last_smoothing_gain_holds_all_later_ones_discounted():
     np.testing.assert_allclose(smoothing_gains(motion, [POSITION], filtered, 3, fade)[3], sums, rtol=1e-8)
 
 
+def test_products_round_at_each_term_in_every_version_of_python():
+    assert kalman.product([[1e16, 1.0, -1e16]], [[1.0], [1.0], [1.0]]) == [[0.0]]
+
+
 def test_elimination_finds_pivots():
     a = [[0.0, 2.0, 1.0], [1.0, -1.0, 0.0], [3.0, 0.0, 1e-9]]
     np.testing.assert_allclose(kalman.solve(a, kalman.identity(3)), np.linalg.inv(a), rtol=1e-12, atol=1e-12)

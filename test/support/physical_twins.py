@@ -11,8 +11,10 @@ from scipy.optimize import brentq
 
 from ces_observer.model import Model
 from ces_observer.structures.curves import interpolate
-from ces_observer.structures.hydraulic import EDGES, SPREAD, STILL_N, WARMEST, WARMING_S, Hydraulic
-from ces_observer.structures.physical import INPUTS, widen
+from ces_observer.structures.hydraulic import EDGES, SPREAD, Hydraulic
+from ces_observer.structures.physical import widen
+from ces_observer.structures.structure import INPUTS
+from ces_observer.tick.pressures import STILL_N, WARMEST, WARMING_S
 
 Inputs = Sequence[tuple[float, float, float]]
 

@@ -129,9 +129,10 @@ def assert_equal_bits(found: Steps, expected: Steps, what: str) -> None:
     """Check that all numbers are the same bit for bit; one NaN is like another."""
     for name, ours, theirs in zip(Steps._fields, found, expected, strict=True):
         assert len(ours) == len(theirs), f"{what}: {name}"
-        a, b = (np.where(x == x, x, np.nan).view(np.int64) if x.dtype == float else x for x in (ours, theirs))
-        places = np.argwhere(a != b)
-        assert not len(places), f"{what}: {name}, first at {places[0]}: {ours[tuple(places[0])]!r} {theirs[tuple(places[0])]!r}"
+        one, other = ((x if x.dtype != float else np.where(np.isnan(x), np.nan, x)).ravel() for x in (ours, theirs))
+        places = np.flatnonzero(one.view(np.int64) != other.view(np.int64))
+        first = f"{places[0]}: {one[places[0]]!r}, {other[places[0]]!r}" if len(places) else ""
+        assert not first, f"{what}: {name} at {first}"
 
 
 def _outputs(count: int) -> tuple[NDArray, ...]:
@@ -236,3 +237,14 @@ def run_ticks(library: ctypes.CDLL, inputs: NDArray) -> NDArray:
     forces = np.empty(len(inputs))
     library.run_ticks(ctypes.c_int64(len(inputs)), *pointers(np.ascontiguousarray(inputs), forces))
     return forces
+
+
+def python_ticks(model: Model, inputs: NDArray) -> NDArray:
+    """Return the same of the free run in Python, with a reset after each force that is not finite."""
+    run, forces = model.make_predictor(), []
+    for row in inputs.tolist():
+        forces.append(run.tick(*row))
+        if not np.isfinite(forces[-1]):
+            forces[-1] = np.nan
+            run.reset()
+    return np.array(forces)

@@ -1,4 +1,4 @@
-"""Samples through the estimator, in the subset of the tick: CPython and Numba run this loop, and C is printed from it."""
+"""Samples through the estimator, in the subset of the tick: CPython and Numba run this loop; C is printed from it."""
 
 from math import nan
 

@@ -12,7 +12,7 @@ from ces_data.arrays import F
 from ces_gap.effects.effect import FLUID, Effect, EffectParameter, magnitude
 from ces_gap.effects.network import TwinRun
 from ces_gap.trace import Trace, TraceInputs
-from ces_observer.structures.hydraulic import WARMING_S
+from ces_observer.tick.pressures import WARMING_S
 
 PER_HEAT = magnitude("fade_per_J", 0.0, 1e-3, (5e-6, 4e-5), "share of the force lost per joule")
 COOLING = EffectParameter(

@@ -1,4 +1,4 @@
-"""The exported C is the estimator's twin: compiled without a warning, the same forces and reasons on rough input."""
+"""What a user of the exported C sees: files, names, comments, and C99 that any compiler takes without a warning."""
 
 import ctypes
 import math
@@ -6,182 +6,101 @@ import random
 import struct
 import subprocess
 from dataclasses import replace
-from functools import cache
-from pathlib import Path
 
 import numpy as np
 import pytest
-from exported_c import (
-    CODES,
-    INPUTS,
-    UNPROVED,
-    a_million_samples,
-    assert_same,
-    c_steps,
-    c_ticks,
-    compile_c,
-    half_ticks,
-    hostile,
-    python_steps,
-    python_ticks,
-    seeded,
-    stroke,
-    two_models,
-    undefined_and_defined,
-)
-from exported_models import LAGS, MODELS, PLAIN, POWERS, make
+from exported_c import INPUTS, as_samples, seeded, stroke
+from exported_models import MODELS, PLAIN, make
+from tick_forms import STRICT, UNPROVED, compile_export, run_export
 
-from ces_identify.export.export_c import AT_FILE_SCOPE, LONGEST_NAME, NAME_ENDING, export_c, identifier
-from ces_identify.structures.kit import number
+from ces_identify.export.export_c import CODES, LONGEST_NAME, NAME_ENDING, _table, export_c, identifier
 from ces_observer.errors import ModelError
-from ces_observer.estimator import UNBOUNDED
 from ces_observer.model import Model, parse_model
-from ces_observer.structures.hydraulic import Hydraulic
+from ces_observer.reasons import REASONS
 from ces_observer.structures.polynomial import Polynomial
+from ces_observer.tick.tracker import RESTARTED
 
-ALL_INPUTS = {"plain", "measured acceleration", "overflowing", "network", "hydraulic", "a delay", "two models"}
-
-
-def inputs_of(name):
-    """Return all inputs for a few models, the worst and three drawn ones for the others."""
-    return INPUTS if name in ALL_INPUTS else [INPUTS[-1], half_ticks, *random.Random(name).sample(INPUTS[:-1], 3)]
+NAMES = ["plain, with a band", "two models, measured acceleration", "hydraulic", "rules", "recurrent"]
 
 
-def tolerance(model):
-    """Return what forces may differ by [N]: the steps of a physical model are solved to a share of its largest."""
-    return 1e-9 * (model.force_envelope_N[1] if isinstance(model.body, Hydraulic) else 1.0)
+def write(folder, model, name="model"):
+    """Write a model's files; return the names of those in C."""
+    files = export_c(model, name, name, UNPROVED)
+    for path, text in files.items():
+        (folder / path).write_text(text, encoding="ascii")
+    return [path for path in files if path.endswith(".c")]
 
 
-# ------------------------------------------------------------------------------------------------------------ twins
-
-
-@pytest.fixture(scope="module")
-def library(tmp_path_factory):
-    """Return a model of MODELS and its compiled library, by its name."""
-
-    def find(name):
-        model = MODELS[name]()
-        return model, compile_c(tmp_path_factory.mktemp("model"), model)
-
-    return cache(find)
+def cc(folder, *words, compiler="cc"):
+    done = subprocess.run([compiler, *words], cwd=folder, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
 
 
 @pytest.mark.slow
-@pytest.mark.needs("cc")
-@pytest.mark.parametrize("name", MODELS)
-def test_forces_and_reasons_are_the_estimators(library, name) -> None:
-    model, compiled = library(name)
-    for shape in inputs_of(name):
-        samples = seeded(shape)
-        found, expected = c_steps(compiled, *samples), python_steps(model, *samples)
-        assert_same(found, expected, tolerance(model), shape.__name__)
-        if model.sampling.delay_s:
-            assert np.isnan(found.rows[:, 0]).all()
-        else:
-            np.testing.assert_array_equal(np.isnan(found.rows[:, 0]), found.reasons != CODES["ok"], shape.__name__)
-
-
-@pytest.mark.slow
-@pytest.mark.needs("cc")
-def test_the_inputs_above_reach_every_reason(library) -> None:
-    reached = {
-        name: {reason for shape in INPUTS for reason in c_steps(library(name)[1], *seeded(shape)).reasons.tolist()}
-        for name in ("plain", "overflowing", "a delay", "a delay, overflowing")
-    }
-    unbounded = {CODES[UNBOUNDED]}
-    assert reached["overflowing"] == reached["a delay, overflowing"] == set(CODES.values())
-    assert reached["plain"] == reached["a delay"] == set(CODES.values()) - unbounded
-
-
-@pytest.mark.needs("cc")
-def test_estimates_come_late_by_their_delay_with_the_stamps_of_their_samples(library) -> None:
-    stamps, position, current = seeded(INPUTS[0])
-    found = c_steps(library("a delay")[1], stamps, position, current)
-    first = len(stamps) - len(found.late) - 5  # the last ones are never known
-    np.testing.assert_array_equal(found.late_stamps, stamps[first:-5])
-    true = np.gradient(stroke(stamps), 1e-3)[first:-5]
-    at_once = c_steps(library("plain")[1], stamps, position, current).rows[first:-5, 2]
-    assert np.std(found.late[:, 2] - true) < 0.5 * np.std(at_once - true)
-
-
-@pytest.mark.needs("cc")
-def test_the_twins_are_compared_on_forces_and_on_an_unbounded_run(library) -> None:
-    moving = c_steps(library("rules")[1], *seeded(INPUTS[0])).rows[:, 0]
-    assert np.nanmax(np.abs(moving)) > 20.0
-    unstable = c_steps(library("unstable rules")[1], *seeded(INPUTS[0])).rows[:, 0]
-    assert np.nanmax(np.abs(unstable)) == 9e3  # held at the end of its envelope
-
-
-@pytest.mark.slow
-@pytest.mark.needs("cc")
-def test_a_million_hostile_samples_give_the_same_with_and_without_a_delay(tmp_path_factory) -> None:
-    both = two_models(make(*PLAIN), make(*LAGS), 0.003)
-    samples = a_million_samples()
-    expected = python_steps(both, *samples)
-    assert set(expected.reasons.tolist()) == set(CODES.values()) - {CODES[UNBOUNDED]}
-    assert len(expected.late) > 300_000
-    together, now, late = (
-        c_steps(compile_c(tmp_path_factory.mktemp("model"), model), *samples)
-        for model in (both, replace(both, delayed=None), both.delayed)
+@pytest.mark.needs("cc", "c++", "nm")
+@pytest.mark.parametrize("name", NAMES)
+def test_it_compiles_strictly_and_needs_nothing_but_math_and_no_globals(tmp_path, name) -> None:
+    files = write(tmp_path, MODELS[name]())
+    cc(tmp_path, *STRICT, "-Os", "-c", *files)
+    (tmp_path / "user.cpp").write_text(
+        '#include "model.h"\nint use(model_state &s) { model_reset(&s); return MODEL_OK; }\n'
     )
-    assert_same(together, expected, 1e-9)
-    assert_same(now._replace(late=expected.late, late_stamps=expected.late_stamps), expected, 1e-9)
-    assert_same(late._replace(rows=expected.rows, reasons=expected.reasons), expected, 1e-9)
+    cc(tmp_path, "-std=c++17", "-Wall", "-Wextra", "-Wpedantic", "-Werror", "-c", "user.cpp", compiler="c++")
+    kinds = {}
+    for file in ("model.o", "ces_core.o"):
+        listing = subprocess.run(["nm", file], cwd=tmp_path, capture_output=True, text=True, check=True).stdout
+        kinds[file] = {line.split()[-1]: line.split()[-2] for line in listing.splitlines()}
+    undefined = {n for n, kind in (*kinds["model.o"].items(), *kinds["ces_core.o"].items()) if kind == "U"}
+    public = {n for n, kind in kinds["model.o"].items() if kind == "T"}
+    math_names = {"cos", "exp", "floor", "fmax", "fmin", "log", "pow", "sin", "sqrt", "tanh"}
+    assert {n for n in undefined if not n.startswith("ces_")} <= math_names | {
+        "memcpy",
+        "memset",
+        "_GLOBAL_OFFSET_TABLE_",
+    }
+    assert not {n for of in kinds.values() for n, kind in of.items() if kind in "bBdDC"}
+    assert public - {"model_half_width"} == {"model_reset", "model_step", "model_tick", "model_past_reset"}
+    assert all(n.startswith("ces_") for n, kind in kinds["ces_core.o"].items() if kind == "T")
 
 
-@pytest.mark.slow
 @pytest.mark.needs("cc")
-@pytest.mark.parametrize("name", MODELS)
-def test_a_tick_is_the_structures(library, name) -> None:
-    model, compiled = library(name)
-    dice = np.random.default_rng(7)
-    calm = [dice.normal(0, spread, 1000) + mean for mean, spread in ((0, 0.01), (0, 0.8), (0.5, 0.3))]
-    calm[1][::50] = 0.0
-    if not isinstance(model.body, Hydraulic):
-        calm[1][25::50] = np.nan
-    for inputs in (calm, hostile(1000, 1)):
-        forces, expected = c_ticks(compiled, *inputs), python_ticks(model, *inputs)
-        assert np.isfinite(expected).any()
-        np.testing.assert_allclose(forces, expected, rtol=1e-9, atol=tolerance(model))
+def test_two_models_of_different_structures_share_the_core(tmp_path) -> None:
+    files = {*write(tmp_path, MODELS["plain"](), "front"), *write(tmp_path, MODELS["network"](), "rear")}
+    assert files == {"front.c", "rear.c", "ces_core.c"}
+    (tmp_path / "main.c").write_text(
+        '#include "front.h"\n#include "rear.h"\nint main(void)\n{\n    static front_state front;\n'
+        "    static rear_state rear;\n    double force_N;\n    front_reset(&front);\n    rear_reset(&rear);\n"
+        "    return (int)front_step(&front, 0, 0.0, 0.5, &force_N) + (int)rear_step(&rear, 0, 0.0, 0.5, &force_N);\n}\n"
+    )
+    cc(tmp_path, *STRICT, "-o", "run", "main.c", *files, "-lm")
+    assert subprocess.run([tmp_path / "run"], check=False).returncode == 2 * CODES["WARMING_UP"][0]
 
 
-# ------------------------------------------------------------------------------------------------------- the text
-
-
-@pytest.mark.slow
-@pytest.mark.needs("cc", "nm")
-@pytest.mark.parametrize("name", ["powers", "network", "rules", "hydraulic", "two hydraulic models"])
-def test_it_needs_nothing_but_math_and_has_no_globals(library, name) -> None:
-    needed, kinds = undefined_and_defined(Path(library(name)[1]._name).parent)
-    assert needed <= {"cos", "exp", "floor", "fmax", "fmin", "pow", "sqrt"}
-    assert not {n for n, kind in kinds.items() if kind in "bBdDC"}
-    assert {n for n, kind in kinds.items() if kind == "T"} == {
-        "model_reset", "model_step", "model_tick", "model_past_reset"
-    }  # fmt: skip
-
-
-@pytest.mark.parametrize("name", ["two models, measured acceleration", "two hydraulic models", "rules", "a delay"])
-def test_no_name_in_the_file_can_be_a_public_one(name) -> None:
-    code = "".join(export_c(MODELS[name](), "model", "model", UNPROVED))
-    names = {one for found in AT_FILE_SCOPE.findall(code) for one in found if one}
-    public = {one.removeprefix("model_").removeprefix("MODEL_") for one in names if one.lower().startswith("model_")}
-    assert {"step", "reset", "state", "run", "bank", "past_reset"} <= public
-    own = {one for one in names if not one.lower().startswith("model_")}
-    assert not [one for one in own if one.endswith(tuple(f"_{ending}" for ending in public))]
-
-
-def test_without_a_delay_there_is_nothing_for_one() -> None:
-    code = "".join(export_c(make(*PLAIN), "model", "model", UNPROVED)).lower()
-    assert not any(word in code for word in ("delay", "late_", "smoothing", "model_waiting"))
+@pytest.mark.needs("cc")
+def test_estimates_come_late_by_their_delay_with_the_stamps_of_their_samples(tmp_path) -> None:
+    stamps, position, current = seeded(INPUTS[0])
+    found = run_export(
+        compile_export(tmp_path, model := MODELS["a delay"]()), as_samples(model, stamps, position, current)
+    )
+    first = len(stamps) - len(found.later) - 5  # the last ones are never known
+    np.testing.assert_array_equal(found.later_stamps, stamps[first:-5])
+    assert np.isnan(found.rows[:, 0]).all()
+    np.testing.assert_allclose(found.later[:, 1], np.gradient(stroke(stamps), 1e-3)[first:-5], atol=0.05)
 
 
 @pytest.mark.parametrize("name", ["plain, with a band", "two models", "rules", "hydraulic"])
 def test_a_model_file_gives_the_same_code(name) -> None:
     model = MODELS[name]()
-    again = parse_model(model.to_json(), "model.json")
     code = export_c(model, "m", "m", UNPROVED)
-    assert export_c(again, "m", "m", UNPROVED) == code
-    assert ("half_width" in "".join(code)) == any(one.band for one in model.each)
+    assert list(code) == ["m.c", "m.h", "ces_core.c", "ces_core.h"]
+    assert export_c(parse_model(model.to_json(), "model.json"), "m", "m", UNPROVED) == code
+    assert ("m_half_width" in code["m.h"]) == (model.band is not None)
+    assert ("m_estimate" in code["m.h"]) == (model.delayed is not None)
+
+
+def test_the_reasons_are_the_estimators() -> None:
+    assert [code for code, _ in CODES.values()] == list(range(RESTARTED))
+    assert [text for _, text in CODES.values()] == list(REASONS[:RESTARTED])
 
 
 @pytest.mark.needs("cc")
@@ -190,9 +109,8 @@ def test_numbers_read_back_exactly(tmp_path):
     values = [5e-324, 1.7976931348623157e308, -0.0, 0.1, 1e22, 1e23, 1.0, -7.0]
     values += [struct.unpack("d", dice.randbytes(8))[0] for _ in range(2000)]
     values = [v for v in values if math.isfinite(v)]
-    text = f"const double values[] = {{{', '.join(map(number, values))}}};\n"
-    (tmp_path / "values.c").write_text(text)
-    subprocess.run(["cc", "-std=c99", "-fPIC", "-shared", "-o", "v.so", "values.c"], cwd=tmp_path, check=True)
+    (tmp_path / "values.c").write_text(_table("const double values", values))
+    cc(tmp_path, "-std=c99", "-fPIC", "-shared", "-o", "v.so", "values.c")
     read = (ctypes.c_double * len(values)).in_dll(ctypes.CDLL(str(tmp_path / "v.so")), "values")
     assert bytes(read) == struct.pack(f"{len(values)}d", *values)
 
@@ -207,28 +125,30 @@ def test_no_text_of_the_file_reaches_the_code():
         certificate={"claim": hostile, "gain": hostile, hostile: 1},
         provenance={"tool": hostile, hostile: [hostile]},
     )
-    for text in export_c(model, "model", "model", model.certify()):
-        assert "hostile" not in text
-        assert model.digest() in text
+    code = export_c(model, "model", "model", model.certify())
+    assert "hostile" not in "".join(code.values())
+    assert all(model.digest() in code[name] for name in ("model.c", "model.h"))
 
 
-def test_the_certificate_is_told():
-    model = make(*PLAIN)
+@pytest.mark.parametrize("name", ["plain", "hydraulic", "recurrent"])
+def test_the_header_states_the_proof_and_what_becomes_of_inputs(name):
+    model = replace(MODELS[name](), force_envelope_N=(-1e5, 1e5))
     proof = model.certify()
     assert proof.holds
-    header = export_c(model, "model", "model", proof)[1]
-    assert f"at most {proof.gain} < 1" in header
-    assert f"never exceeds {proof.force_N} N" in header
+    header = export_c(model, "model", "model", proof)["model.h"]
+    words = " ".join(header.replace("\n *", " ").split())
+    assert "Stability: proved at export." in words
+    assert proof.claim in words
+    assert all(f"{key} {value!r}" in words for key, value in proof.bounds.items())
+    assert f"They are {model.body.outside}." in words
     assert "NOT PROVED" not in header
-    assert "NOT PROVED" in export_c(model, "model", "model", UNPROVED)[1]
+    assert "NOT PROVED" in export_c(model, "model", "model", UNPROVED)["model.h"]
 
 
-def test_each_power_is_computed_once_and_roots_are_shared():
-    source = export_c(make(*POWERS, *PLAIN), "model", "model", UNPROVED)[0]
-    assert source.count("sqrt(speed_abs)") == 1
-    assert source.count("pow(speed_abs, 0.3)") == 1
-    assert "pow(speed_abs, 2" not in source
-    assert "speed_abs_p2_5 = speed_abs * speed_abs * speed_abs_p0_5;" in source
+def test_a_number_that_is_not_finite_is_refused():
+    model = replace(make(*PLAIN), sampling=replace(make(*PLAIN).sampling, outlier_m=math.inf))
+    with pytest.raises(ModelError, match="finite"):
+        export_c(model, "model", "model", UNPROVED)
 
 
 @pytest.mark.parametrize(
@@ -254,16 +174,12 @@ def test_identifiers_are_made_from_any_text(text, expected):
         ("2x", "model", "name '2x': not usable in C; choose one such as 'model_2x'"),
         ("x; int y", "model", "choose one such as 'x_int_y'"),
         ("a" * 21, "model", f"choose one such as '{'a' * 20}'"),
+        ("ces", "model", "is the core's"),
         ("model", 'a"b', "file name"),
         ("model", "math", "standard header"),
+        ("model", "ces_core", "file name"),
     ],
 )
 def test_names_that_c_cannot_bear_are_refused(name, stem, message):
     with pytest.raises(ModelError, match=message):
         export_c(make(*PLAIN), name, stem, UNPROVED)
-
-
-def test_numbers_that_are_not_finite_are_refused() -> None:
-    for value in (math.inf, -math.inf, math.nan):
-        with pytest.raises(ModelError, match="finite"):
-            number(value)

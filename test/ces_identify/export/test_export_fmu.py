@@ -1,4 +1,4 @@
-"""The exported FMU is the estimator's twin at every communication point, and keeps to FMI 2.0."""
+"""The exported FMU gives what the estimator gives at every communication point, and keeps to FMI 2.0."""
 
 import subprocess
 import zipfile
@@ -10,18 +10,17 @@ from exported_c import with_delay
 from fmus import UNPROVED, damper
 from hydraulic_models import hydraulic_model, make_hydraulic
 from physical_examples import make_valve
+from tick_forms import STRICT
 
-from ces_identify.export.export_c import REASONS
 from ces_identify.export.export_fmu import export_fmu, find_compiler, list_variables, sources
 from ces_identify.simulations.fmu import open_fmu
 from ces_observer.errors import CesError
 from ces_observer.estimator import Estimator
+from ces_observer.reasons import REASONS
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("cc")]
 
-STRICT = ["-std=c99", "-Wall", "-Wextra", "-Wconversion", "-pedantic", "-O1", "-Werror"]
 POSITION, CURRENT, FORCE, SPEED, VALID, CLAMPED, REASON = range(7)  # of a model without a delay
-CODES = {reason: code for code, reason in enumerate(REASONS.values())}
 
 
 @pytest.fixture(scope="module", params=["polynomial", "hydraulic"])
@@ -97,24 +96,25 @@ def estimated(model, time, position, current):
     e, rows = Estimator(model), []
     for t, x, i in zip(np.rint(time * 1e9).astype(int).tolist(), position.tolist(), current.tolist(), strict=True):
         force = e.step(t, x, i)
-        rows.append([force or 0.0, e.speed, force is not None, e.clamped, CODES[e.reason]])
+        rows.append([force or 0.0, e.speed, force is not None, e.clamped, REASONS.index(e.reason)])
     return np.array(rows, float)
 
 
-def same(rows, expected):
+def same(rows, expected, rtol=0.0):
     assert expected[:, 3].any()
     assert expected[:, 2].any()
     assert not expected[:, 2].all()
     np.testing.assert_array_equal(rows[:, 2:], expected[:, 2:])
     for column in (0, 1):
         largest = np.abs(expected[:, column]).max()
-        np.testing.assert_allclose(rows[:, column], expected[:, column], rtol=0.0, atol=1e-9 * largest)
+        np.testing.assert_allclose(rows[:, column], expected[:, column], rtol=0.0, atol=rtol * largest)
 
 
 @pytest.mark.parametrize("how", [{}, {"jitter_s": 0.9e-3}, {"step_s": 4.1e-3}, {"step_s": 0.3e-3}], ids=str)
 def test_with_derivatives_the_force_is_that_of_the_steps_end(slave, model, how):
     samples = stroke(**how)
-    same(run(slave, *samples, sloped=True), estimated(model, *samples)[1:])
+    rows = run(slave, *samples, sloped=True)
+    same(rows, estimated(model, *samples)[1:], rtol=1e-12)  # extrapolated inputs are rounded
 
 
 def test_a_wrong_derivative_is_forgotten_after_its_step(slave, model):
@@ -133,7 +133,7 @@ def test_it_withholds_after_a_long_step_and_for_inputs_that_are_not_finite(slave
     rows = run(slave, time, position, current, sloped=False)
     same(rows, estimated(model, time, position, current)[:-1])
     assert np.isfinite(rows[:, 0]).all()
-    assert rows[900, 4] == rows[950, 4] == CODES["position or current is not finite"]
+    assert rows[900, 4] == rows[950, 4] == REASONS.index("position or current is not finite")
 
 
 @pytest.mark.parametrize("alone", [False, True])
@@ -161,7 +161,7 @@ def test_a_delayed_force_comes_out_as_soon_as_it_is_known(tmp_path, alone):
         known = estimator.late[-1] if estimator.late else known
         is_valid = known is not None and stamp_ns - known.stamp_ns <= 53_000_000
         expected.append([known.force if is_valid else 0.0, 0.003, is_valid])
-    np.testing.assert_allclose(rows, expected, rtol=1e-9, atol=1e-9)
+    np.testing.assert_array_equal(rows, expected)
     assert 1000 < sum(row[2] for row in expected) < 1300
     made.terminate()
     made.freeInstance()
@@ -233,15 +233,16 @@ def test_the_description_is_valid_and_a_simulator_runs_it(fmu, model):
         str(fmu[0]), start_time=0.0, stop_time=1.4, input=driven, output_interval=1e-3, output=["force", "valid"]
     )
     expected = estimated(model, time, position, current)
-    largest = np.abs(expected[:, 0]).max()
-    np.testing.assert_allclose(ran["force"][1:1400], expected[:1399, 0], rtol=0.0, atol=1e-9 * largest)
+    np.testing.assert_allclose(
+        ran["force"][1:1400], expected[:1399, 0], rtol=0.0, atol=1e-9 * abs(expected[:, 0]).max()
+    )
 
 
 def test_the_sources_compile_without_a_warning_and_as_a_part_of_another_program(tmp_path, model):
     for name, text in sources(model, "rear_left", UNPROVED).items():
         (tmp_path / name).write_text(text, encoding="ascii")
-    both = ["rear_left.c", "fmi2_rear_left.c"]
-    subprocess.run(["cc", *STRICT, "-fPIC", "-shared", "-o", "it.so", *both, "-lm"], cwd=tmp_path, check=True)
+    files = ["rear_left.c", "ces_core.c", "fmi2_rear_left.c"]
+    subprocess.run(["cc", *STRICT, "-fPIC", "-shared", "-o", "it.so", *files, "-lm"], cwd=tmp_path, check=True)
     prefixed = ["cc", *STRICT, "-DFMI2_FUNCTION_PREFIX=rear_left_", "-c", "fmi2_rear_left.c"]
     subprocess.run(prefixed, cwd=tmp_path, check=True)
     assert b"rear_left_fmi2DoStep" in (tmp_path / "fmi2_rear_left.o").read_bytes()

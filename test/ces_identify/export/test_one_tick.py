@@ -9,6 +9,7 @@ from tick_forms import (
     assert_equal_bits,
     compile_core,
     compile_export,
+    python_ticks,
     run_core,
     run_export,
     run_fmu,
@@ -53,7 +54,7 @@ def test_all_models_give_the_same_in_every_form(core, tmp_path, name) -> None:
     np.testing.assert_array_equal(np.isnan(force), (expected.reasons != OK) | bool(model.sampling.delay_s))
     inputs = np.column_stack(hostile(3000, 1))
     forces = run_ticks(exported, inputs)
-    np.testing.assert_array_equal(forces.view(np.int64), _python_ticks(model, inputs).view(np.int64))
+    np.testing.assert_array_equal(forces.view(np.int64), python_ticks(model, inputs).view(np.int64))
 
 
 @pytest.mark.parametrize("name", LONG)
@@ -85,14 +86,3 @@ def _compare_fmu(folder, model, core, samples) -> None:
         valid = found["valid_delayed" if "force" in found else "valid"] != 0
         assert np.isin(found["force_delayed"][valid], expected.later[:, 2]).all()
         assert valid.mean() > 0.2
-
-
-def _python_ticks(model, inputs):
-    """Return the forces of a free run, with a reset after each that is not finite."""
-    run, forces = model.make_predictor(), []
-    for row in inputs.tolist():
-        forces.append(run.tick(*row))
-        if not np.isfinite(forces[-1]):
-            forces[-1] = np.nan
-            run.reset()
-    return np.array(forces)

@@ -5,10 +5,11 @@ import pytest
 from scipy.signal import butter, sosfiltfilt
 
 from ces_data.recording import Channel, Recording
-from ces_identify.numerics.speed_kernels import STATUS_OK, track
+from ces_identify.numerics.speed_kernels import track
 from ces_identify.prepare.sampling import choose_sampling, require_delay
 from ces_observer.errors import RecordingError
 from ces_observer.model import FREQUENCIES_HZ
+from ces_observer.tick.tracker import OK
 
 
 def stroke(seed, rate, seconds, low_pass=12.0, amplitude=0.012):
@@ -96,7 +97,7 @@ def test_a_start_in_motion_succeeds_even_without_noise(rate, low_pass):
     fastest = int(np.argmax(abs(v[: len(v) // 2])))
     sampling = choose_sampling([recording(x, rate)])
     tracked = track(recording(x, rate).channel("position").stamps_ns[fastest:], x[fastest:], sampling)
-    assert (tracked.status[round(0.5 * rate) :] == STATUS_OK).all()
+    assert (tracked.status[round(0.5 * rate) :] == OK).all()
 
 
 def test_positions_are_believed_within_a_stroke_and_a_margin():

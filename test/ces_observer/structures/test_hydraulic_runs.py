@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from copy import deepcopy
 from dataclasses import replace
 from itertools import product
 from random import Random
@@ -16,10 +15,25 @@ from physical_twins import hydraulic_forces, settings
 from samplings import make_sampling
 
 from ces_observer.structures.curves import Bypass, IncreasingCurve
-from ces_observer.structures.hydraulic import EDGES, WARMING_S
-from ces_observer.structures.mount import MountRun
-from ces_observer.structures.physical import LONG_TICK, FrictionElement, ValvePath, ValveRun
+from ces_observer.structures.hydraulic import EDGES
+from ces_observer.structures.physical import LONG_TICK, FrictionElement, ValvePath
 from ces_observer.structures.structure import OperatingRange
+from ces_observer.tick.edges import EDGE_DROPS, EDGE_FLOWS, EDGE_SHARE
+from ces_observer.tick.hydraulic import GAS_POSITIONS, check_hydraulic
+from ces_observer.tick.model import N_STRUCTURE
+from ces_observer.tick.mount import MOUNT_HELD, WAY_SHARE, WAY_SHIFT, begin_mount, find_piece_of_way
+from ces_observer.tick.pressures import (
+    BYPASS_LOGARITHMS,
+    BYPASS_NODES,
+    BYPASS_POSITIONS,
+    LAMINAR,
+    NARROW,
+    PRESSURE_C,
+    PRESSURE_R,
+    RATIO,
+    WARMING_S,
+)
+from ces_observer.tick.valve import SETTING, VALVE_CURRENTS, VALVE_RISE
 
 VALVE = ValvePath(IncreasingCurve((0.1, 0.4, 0.9), (0.0, 0.3, 1.0)), 0.3, 0.02, 8e-3, 5e-3)
 USUAL = make_hydraulic(VALVE)
@@ -37,6 +51,26 @@ def swing(count=60):
     """Yield a lively course within the envelope."""
     for k in range(count):
         yield 0.015 * math.sin(0.2 * k), 0.6 * math.cos(0.23 * k) ** 3, 0.5 + 0.3 * math.sin(0.3 * k)
+
+
+def pressures(run):
+    return run.s[PRESSURE_C], run.s[PRESSURE_R]
+
+
+def pressures_after(run, position, speed, current):
+    run.tick(position, speed, current)
+    return pressures(run)
+
+
+def valve_run(path, interval=INTERVAL):
+    """Return the setting of a valve as a function of the next current."""
+    run = replace(LINEAR, valve=path).make_predictor(replace(LONG_TICK, rate_Hz=1.0 / interval))
+
+    def tick(current):
+        run.tick(0.0, 0.0, current)
+        return run.s[SETTING]
+
+    return tick
 
 
 def agree(model, inputs):
@@ -66,7 +100,7 @@ def test_steady_pressures_are_those_of_the_flows(current, drop):
     run = model.make_predictor()
     force = [run.tick(0.0, 1.0, current) for _ in range(300)][-1]
     way = 1.0 - 2e-6 * force  # behind a mount that creeps
-    assert run.pressures == pytest.approx((way * 1000.0 * (0.4 - external), way * drop * external), rel=1e-9)
+    assert pressures(run) == pytest.approx((way * 1000.0 * (0.4 - external), way * drop * external), rel=1e-9)
     assert force == pytest.approx(way * (1400.0 * (0.4 - external) - drop * external), rel=1e-9)
     assert model.body.steady_force(model.operating_range, 1.0, current) == pytest.approx(force, rel=1e-6)
 
@@ -84,14 +118,14 @@ def test_the_first_step_is_that_of_compliances_and_slopes(yields, held, rubbed):
         [-1.4 * mount - across, 1e-7 / INTERVAL + mount + across + external],
     ]
     expected = np.linalg.solve(matrix, [1.4 * drive, -drive])
-    assert run.advance(0.0, 0.5, 0.0) == pytest.approx(tuple(expected), rel=1e-12)
+    assert pressures_after(run, 0.0, 0.5, 0.0) == pytest.approx(tuple(expected), rel=1e-12)
 
 
 def test_a_void_must_be_refilled():
     """All valves are closed: what the rod drew out of the oil at next to no pressure, it presses back."""
     run = hydraulic_model(replace(CLOSED, reservoir_N=100.0, air=5.0, most_N=1e6)).make_predictor()
-    drawn = [run.advance(0.0, -0.5, 0.0)[0] for _ in range(20)]
-    pressed = [run.advance(0.0, 0.5, 0.0)[0] for _ in range(20)]
+    drawn = [pressures_after(run, 0.0, -0.5, 0.0)[0] for _ in range(20)]
+    pressed = [pressures_after(run, 0.0, 0.5, 0.0)[0] for _ in range(20)]
     assert -95.0 > drawn[3] > drawn[-1] > -130.0
     assert pressed[9] < -95.0 and pressed[-1] == pytest.approx(0.0, abs=5.0)
 
@@ -99,8 +133,8 @@ def test_a_void_must_be_refilled():
 def test_a_chamber_that_is_shorter_is_stiffer():
     """All valves are closed: the same volume has the higher pressure the smaller the compliance."""
     run = hydraulic_model(replace(CLOSED, compression_growth_1_m=-50.0)).make_predictor()
-    first = run.advance(0.0, 0.1, 0.0)
-    after = run.advance(0.01, 0.0, 0.0)
+    first = pressures_after(run, 0.0, 0.1, 0.0)
+    after = pressures_after(run, 0.01, 0.0, 0.0)
     assert after == pytest.approx((math.exp(0.5) * first[0], first[1]), rel=1e-4)
 
 
@@ -110,7 +144,7 @@ def test_a_valve_that_closes_late_passes_oil_back():
     forces = [[run.tick(0.0, v, 0.5) for v in (1.0,) * 200 + (-1.0,) * 200] for run in (quick, late)]
     assert forces[0][199] == pytest.approx(forces[1][199], rel=1e-3)
     assert forces[0][-1] == pytest.approx(forces[1][-1], rel=1e-3)
-    assert quick.pressures == pytest.approx(late.pressures, rel=1e-3)
+    assert pressures(quick) == pytest.approx(pressures(late), rel=1e-3)
     assert max(abs(a - b) for a, b in zip(*forces, strict=True)) > 20.0
 
 
@@ -152,13 +186,14 @@ def test_a_force_moves_a_mount_that_creeps():
 
 def test_springs_behind_a_mount_yield_whatever_their_numbers():
     springs = [FrictionElement(*one) for one in product((1e-9, 1e5, 1e12), (0.0, 20.0, 1e9))]
-    for give, left, *some in product((0.0, 1e-4, 1e3), (-1e9, -0.3, 0.0, 1e-12, 1e6), springs, springs):
-        run = MountRun(some, give, 0.0, INTERVAL)
-        run.begin(0.0, 0.0)
-        shift, share, _, _ = run.find(left)
-        way = share * (left + shift)
+    for give, left, *some in product((0.0, 1e-7, 1.0), (-1e9, -0.3, 0.0, 1e-12, 1e6), springs, springs):
+        body = replace(LINEAR, mount_m_N=give, creep_m_Ns=0.0, side=replace(NO_SIDE, friction=tuple(some)))
+        p, n, s, k = body.lay_out(replace(LONG_TICK, rate_Hz=1.0 / INTERVAL)).arrays()
+        begin_mount(p, n, s, 0.0, 0.0)
+        find_piece_of_way(p, n, s, k, left)
+        way = s[WAY_SHARE] * (left + s[WAY_SHIFT])
         rubbed = sum(min(max(INTERVAL * one.stiffness_N_m * way, -one.yield_N), one.yield_N) for one in some)
-        assert way + give * rubbed == pytest.approx(left, rel=1e-9)
+        assert way + give / INTERVAL * rubbed == pytest.approx(left, rel=1e-9)
 
 
 def test_friction_grows_with_the_rebound_pressure_alone():
@@ -167,14 +202,14 @@ def test_friction_grows_with_the_rebound_pressure_alone():
     plain = hydraulic_model(replace(LINEAR, creep_m_Ns=0.0)).make_predictor()
     for speed, sign in ((-1.0, -1.0), (1.0, 1.0)):
         with_it, without = ([run.tick(0.0, speed, 0.9) for _ in range(300)][-1] for run in (rubbing, plain))
-        grown = 1.0 + 1e-3 * max(plain.pressures[1], 0.0)
+        grown = 1.0 + 1e-3 * max(pressures(plain)[1], 0.0)
         assert with_it - without == pytest.approx(sign * 20.0 * grown)
 
 
 def test_pressures_are_held_and_forget_what_was_beyond():
     run = hydraulic_model(replace(LINEAR, most_N=50.0)).make_predictor()
     held = [run.tick(0.0, 2.0, 0.5) for _ in range(100)]
-    assert run.pressures == (50.0, -50.0) or max(map(abs, run.pressures)) == 50.0
+    assert pressures(run) == (50.0, -50.0) or max(map(abs, pressures(run))) == 50.0
     assert max(held) <= 1.4 * 50.0 + 50.0
     again = hydraulic_model(replace(LINEAR, most_N=50.0)).make_predictor()
     for _ in range(50):
@@ -188,11 +223,12 @@ def test_a_step_has_one_solution_wherever_the_search_begins(seed):
     model = hydraulic_model(random_hydraulic(random))
     run = model.make_predictor()
     for one in hostile_inputs(model, random, 100):
-        other = deepcopy(run)
+        other = model.make_predictor()
+        other.s[:], other.k[:] = run.s, run.k
         size = 10.0 ** random.uniform(0.0, 5.0)
-        other.pressures = random.uniform(-size, size), random.uniform(-size, size)
+        other.s[PRESSURE_C], other.s[PRESSURE_R] = random.uniform(-size, size), random.uniform(-size, size)
         force = run.tick(*one)
-        assert other.tick(*one) == pytest.approx(force, rel=1e-7, abs=1e-7 * max(map(abs, run.pressures)))
+        assert other.tick(*one) == pytest.approx(force, rel=1e-7, abs=1e-7 * max(map(abs, pressures(run))))
 
 
 def test_a_reset_brings_the_run_back_to_new():
@@ -231,30 +267,30 @@ def test_a_force_outside_its_envelope_is_held():
 
 
 def test_a_step_of_current_is_delayed_by_ticks_and_parts_of_them():
-    run = ValveRun(replace(PLAIN_VALVE, delay_ticks=2.25), 1e-3)
-    assert [run.tick(current) for current in (0.2, 1.0, 1.0, 1.0, 1.0, 1.0)] == pytest.approx(
+    tick = valve_run(replace(PLAIN_VALVE, delay_ticks=2.25))
+    assert [tick(current) for current in (0.2, 1.0, 1.0, 1.0, 1.0, 1.0)] == pytest.approx(
         [0.2, 0.2, 0.2, 0.8, 1.0, 1.0]
     )
 
 
 def test_a_rising_setting_lags_otherwise_than_a_falling_one():
-    run = ValveRun(replace(PLAIN_VALVE, rise_s=3e-3, fall_s=1e-3), 1e-3)
-    assert [run.tick(current) for current in (0.0, 1.0, 1.0)] == pytest.approx([0.0, 0.25, 0.4375])
-    assert [run.tick(0.0) for _ in range(2)] == pytest.approx([0.4375 / 2.0, 0.4375 / 4.0])
+    tick = valve_run(replace(PLAIN_VALVE, rise_s=3e-3, fall_s=1e-3))
+    assert [tick(current) for current in (0.0, 1.0, 1.0)] == pytest.approx([0.0, 0.25, 0.4375])
+    assert [tick(0.0) for _ in range(2)] == pytest.approx([0.4375 / 2.0, 0.4375 / 4.0])
 
 
 def test_remanence_is_the_mean_of_three_plays():
     """Half widths 0.1, 0.3 and 0.5: at 1 they are pulled to 0.9, 0.7 and 0.5; at 0.6 only the first is pushed back."""
-    run = ValveRun(replace(PLAIN_VALVE, hysteresis_A=0.3), 1e-3)
-    assert [run.tick(current) for current in (0.0, 1.0)] == pytest.approx([0.0, 0.7])
-    assert run.tick(0.6) == pytest.approx((0.7 + 0.7 + 0.5) / 3.0)
-    assert run.tick(0.0) == pytest.approx((0.1 + 0.3 + 0.5) / 3.0)
+    tick = valve_run(replace(PLAIN_VALVE, hysteresis_A=0.3))
+    assert [tick(current) for current in (0.0, 1.0)] == pytest.approx([0.0, 0.7])
+    assert tick(0.6) == pytest.approx((0.7 + 0.7 + 0.5) / 3.0)
+    assert tick(0.0) == pytest.approx((0.1 + 0.3 + 0.5) / 3.0)
 
 
-def test_a_characteristic_goes_on_straight_and_stays_within_0_and_1():
-    path = replace(PLAIN_VALVE, characteristic=IncreasingCurve((0.2, 0.5, 0.8), (0.1, 0.2, 0.8)))
-    for current, setting in ((-5.0, 0.0), (0.05, 0.05), (0.35, 0.15), (0.85, 0.9), (1.5, 1.0)):
-        assert ValveRun(path, 1e-3).tick(current) == pytest.approx(setting)
+def test_a_characteristic_is_constant_beyond_its_ends():
+    path = replace(PLAIN_VALVE, characteristic=IncreasingCurve((0.2, 0.5, 0.8), (0.0, 0.2, 1.0)))
+    for current, setting in ((-5.0, 0.0), (0.2, 0.0), (0.35, 0.1), (0.65, 0.6), (0.8, 1.0), (1.5, 1.0)):
+        assert valve_run(path)(current) == pytest.approx(setting)
         assert path.steady(current) == pytest.approx(setting)
 
 
@@ -263,5 +299,39 @@ def test_the_valve_follows_its_reference_on_hostile_currents():
         random = Random(seed)
         model = hydraulic_model(random_hydraulic(random))
         currents = [min(max(one[2], -1.0), 2.0) for one in hostile_inputs(model, random, 200)]
-        run = ValveRun(model.body.valve, 1e-3)
-        assert [run.tick(c) for c in currents] == pytest.approx(settings(model.body.valve, currents, 1e-3), abs=1e-12)
+        tick = valve_run(model.body.valve)
+        assert [tick(c) for c in currents] == pytest.approx(settings(model.body.valve, currents, 1e-3), abs=1e-12)
+
+
+def checked(p, n, s, k):
+    return check_hydraulic(p, n, len(p), len(n), len(s), len(k))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_arrays_of_a_model_are_accepted_and_places_outside_them_refused(seed):
+    model = hydraulic_model(random_hydraulic(Random(seed)))
+    p, n, s, k = model.body.lay_out(model.operating_range).arrays()
+    assert checked(p, n, s, k)
+    sizes = np.array([len(p), len(n), len(s), len(k)])
+    for shorter in np.eye(4, dtype=int):
+        assert not check_hydraulic(p, n, *(sizes - shorter))
+    for place in range(N_STRUCTURE, len(n)):
+        for wrong in (-1, 2**62):
+            changed = [*n[:place], wrong, *n[place + 1 :]]
+            unused = place in (BYPASS_POSITIONS, BYPASS_LOGARITHMS) and not n[BYPASS_NODES]
+            assert checked(p, changed, s, k) == unused, place
+
+
+@pytest.mark.parametrize("place", [LAMINAR, NARROW, RATIO, MOUNT_HELD, VALVE_RISE, EDGE_SHARE])
+def test_numbers_by_which_the_tick_divides_are_above_zero(place):
+    model = hydraulic_model(USUAL)
+    p, n, s, k = model.body.lay_out(model.operating_range).arrays()
+    assert not checked([*p[:place], 0.0, *p[place + 1 :]], n, s, k)
+
+
+@pytest.mark.parametrize("table", [EDGE_FLOWS, EDGE_DROPS, VALVE_CURRENTS, GAS_POSITIONS])
+def test_nodes_that_do_not_rise_are_refused(table):
+    model = hydraulic_model(USUAL)
+    p, n, s, k = model.body.lay_out(model.operating_range).arrays()
+    p[n[table] + 1] = p[n[table]]
+    assert not checked(p, n, s, k)

@@ -10,7 +10,7 @@ from recurrent_models import ENVELOPE, make_recurrent, recurrent_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import load_model, parse_model
-from ces_observer.structures.recurrent import Member, Recurrent, ScaledInput, Stage, _dot
+from ces_observer.structures.recurrent import Member, Recurrent, ScaledInput, Stage
 
 WIDE = (-1e9, 1e9)
 
@@ -90,12 +90,6 @@ def test_a_tick_without_a_number_has_no_force_and_reset_heals_it():
     run.reset()
     rows = drawn(20, 2)
     assert [run.tick(*row) for row in rows] == [new.tick(*row) for row in rows]
-
-
-def test_products_without_the_new_function_of_python_are_the_same():
-    dice = random.Random(3)
-    one, two = ([dice.gauss(0.0, 1.0) for _ in range(30)] for _ in range(2))
-    assert _dot(one, two) == pytest.approx(float(np.dot(one, two)), rel=1e-12)
 
 
 @pytest.mark.parametrize("current", [True, False])

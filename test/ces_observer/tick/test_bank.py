@@ -10,8 +10,7 @@ from math import cos, pi, sin
 import numpy as np
 import pytest
 from samplings import make_sampling
-
-from ces_observer.speed_bank import SpeedBank
+from trackers import Bank
 
 NOISE_M = 1e-5
 TICK_S = 1e-3
@@ -24,15 +23,14 @@ def stroke_of(*frequencies_Hz: float, rate_Hz: float = 1000.0, **changes: object
     return replace(sampling, frequencies_Hz=frequencies_Hz or sampling.frequencies_Hz).stroke
 
 
-def matrix_of(step, bank: SpeedBank) -> np.ndarray:
+def matrix_of(step, bank: Bank) -> np.ndarray:
     """Return what `step` does to the state of a bank of one mode."""
-    size = len(bank.state[0]) - 1
     columns = []
-    for column in TINY * np.eye(size):
+    for column in TINY * np.eye(bank.size):
         bank.reset(0.0)
-        bank.state, bank.total = ((*column.tolist(), 1.0),), 1.0
+        bank.set_mode(column.tolist())
         step()
-        columns.append(np.array(bank.state[0][:size]) / TINY)
+        columns.append(np.array(bank.modes[0]) / TINY)
     return np.array(columns).T
 
 
@@ -44,8 +42,8 @@ MOTIONS += [{"motion": "acceleration", "motion_noise": noise} for noise in (0.01
 @pytest.mark.parametrize("noise_m", [1e-9, NOISE_M, 1e-3])
 @pytest.mark.parametrize(("rate_Hz", "hertz"), [(1000.0, 3.0), (1000.0, 48.0), (200.0, 12.0), (1000.0, 125.0)])
 def test_a_mode_is_stable_at_every_shift_and_after_every_number_of_lost_ticks(rate_Hz, hertz, noise_m, changes) -> None:
-    bank = SpeedBank(stroke_of(hertz, rate_Hz=rate_Hz, noise_m=noise_m, **changes))
-    coast, free = matrix_of(bank.coast, bank), np.eye(len(bank.state[0]) - 1)
+    bank = Bank(stroke_of(hertz, rate_Hz=rate_Hz, noise_m=noise_m, **changes))
+    coast, free = matrix_of(bank.coast, bank), np.eye(bank.size)
     for span in range(1, 65):
         shifts = SHIFTS if span == 1 else SHIFTS[SHIFTS >= -0.5] if span < 9 else (-0.5, 0.01, 0.499)
         for shift in shifts:
@@ -80,7 +78,7 @@ def hostile_patterns(count: int) -> list[list[tuple[int, float]]]:
     return list(islice(filter(forward, drawn), count))
 
 
-def decay(bank: SpeedBank, pattern: list[tuple[int, float]], steps: int) -> tuple[float, float]:
+def decay(bank: Bank, pattern: list[tuple[int, float]], steps: int) -> tuple[float, float]:
     """Return the largest late error of position and speed after a start 1 mm and 0.3 m/s off."""
     bank.reset(1e-3, 0.3)
     late = []
@@ -89,7 +87,7 @@ def decay(bank: SpeedBank, pattern: list[tuple[int, float]], steps: int) -> tupl
         for _ in range(span - 1):
             bank.coast()
         bank.update(span, 0.0, shift)
-        assert max(abs(x) for mode in bank.state for x in mode) < 1e6, "a mode that is driven away comes back"
+        assert max(abs(x) for mode in bank.modes for x in mode) < 1e6, "a mode that is driven away comes back"
         if k > 0.8 * steps:
             late.append((abs(bank.position), abs(bank.speed)))
     return tuple(np.max(late, axis=0))
@@ -98,7 +96,7 @@ def decay(bank: SpeedBank, pattern: list[tuple[int, float]], steps: int) -> tupl
 @pytest.mark.parametrize("pattern", HOSTILE, ids=str)
 def test_the_mean_stays_near_though_intervals_drive_modes_away(pattern) -> None:
     for noise_m in (1e-9, NOISE_M):
-        position, speed = decay(SpeedBank(stroke_of(noise_m=noise_m)), pattern, 1500)
+        position, speed = decay(Bank(stroke_of(noise_m=noise_m)), pattern, 1500)
         assert position < 5e-7 and speed < 5e-4
 
 
@@ -106,7 +104,7 @@ def test_the_mean_stays_near_though_intervals_drive_modes_away(pattern) -> None:
 @pytest.mark.parametrize("changes", MOTIONS, ids=str)
 @pytest.mark.parametrize("noise_m", [1e-9, NOISE_M])
 def test_every_disturbance_decays_below_the_noise_whatever_the_intervals(noise_m, changes) -> None:
-    bank = SpeedBank(stroke_of(noise_m=noise_m, **changes))
+    bank = Bank(stroke_of(noise_m=noise_m, **changes))
     for pattern in HOSTILE + hostile_patterns(80):
         position, speed = decay(bank, pattern, 600)
         assert position < 1e-6 and speed < 1e-3, pattern
@@ -122,7 +120,7 @@ def sine(hertz: float, speed_m_s: float = 0.3):
 
 def rms_error(hertz: float, frequencies=(), shift=lambda k: 0.0, span=1, delay=0, measured=None, **changes) -> float:
     """Return the RMS error of the speed [m/s] on a sine with noise, after a second."""
-    bank, dice = SpeedBank(stroke_of(*frequencies, **changes), delay), random.Random(1)
+    bank, dice = Bank(stroke_of(*frequencies, **changes), delay), random.Random(1)
     position, speed = sine(hertz)
     bank.reset(0.0, speed(0.0))
     errors = []
@@ -145,8 +143,8 @@ def test_the_bank_is_as_good_as_its_best_mode_alone(hertz) -> None:
 
 
 def test_position_and_speed_lie_between_those_of_the_modes() -> None:
-    dice, together = random.Random(2), SpeedBank(stroke_of(noise_m=1e-4))
-    alone = [SpeedBank(stroke_of(one, noise_m=1e-4)) for one in make_sampling().frequencies_Hz]
+    dice, together = random.Random(2), Bank(stroke_of(noise_m=1e-4))
+    alone = [Bank(stroke_of(one, noise_m=1e-4)) for one in make_sampling().frequencies_Hz]
     x = 0.0
     for _ in range(2000):
         span, x, shift = dice.choice([1, 1, 1, 2, 5]), x + dice.gauss(0.0, 1e-4), dice.uniform(-0.5, 0.5)
@@ -154,21 +152,20 @@ def test_position_and_speed_lie_between_those_of_the_modes() -> None:
             for _ in range(span - 1):
                 bank.coast()
             bank.update(span, x, shift)
-        for name in ("position", "speed", "next_position", "next_speed"):
-            values = [getattr(bank, name) for bank in alone]
-            assert min(values) - 1e-9 <= getattr(together, name) <= max(values) + 1e-9
+        for value, *values in zip(together.mean, *(bank.mean for bank in alone), strict=True):
+            assert min(values) - 1e-9 <= value <= max(values) + 1e-9
 
 
 @pytest.mark.parametrize("speed", [0.01, -0.2, 1.0])
 def test_a_constant_speed_is_found_whatever_the_shifts(speed) -> None:
-    bank, dice = SpeedBank(stroke_of()), random.Random(4)
+    bank, dice = Bank(stroke_of()), random.Random(4)
     bank.reset(0.0)
     for k in range(1, 2000):
         shift = dice.uniform(-0.5, 0.5)
         bank.update(1, speed * TICK_S * (k + shift), shift)
     assert bank.speed == pytest.approx(speed, rel=2e-3)
     assert bank.position == pytest.approx(speed * TICK_S * 1999, abs=NOISE_M)
-    assert bank.next_position == pytest.approx(speed * TICK_S * 2000, abs=NOISE_M)
+    assert bank.mean[2] == pytest.approx(speed * TICK_S * 2000, abs=NOISE_M)
 
 
 @pytest.mark.parametrize("hertz", [3.0, 14.0])
@@ -191,7 +188,7 @@ def test_a_later_speed_is_better(hertz) -> None:
 
 def test_weights_follow_the_stroke_and_recover_from_a_wild_sample() -> None:
     """Slow, fast, slow: the noise of the slow parts is the same, and a spike matters for a fifth of a second."""
-    bank, dice, slow, fast = SpeedBank(stroke_of()), random.Random(6), sine(1.0, 0.05), sine(25.0, 1.0)
+    bank, dice, slow, fast = Bank(stroke_of()), random.Random(6), sine(1.0, 0.05), sine(25.0, 1.0)
     bank.reset(0.0, slow[1](0.0))
     parts: dict[int, list[float]] = {0: [], 1: [], 2: [], 3: []}
     for k in range(1, 8000):
@@ -227,19 +224,20 @@ def test_a_measured_speed_or_acceleration_reduces_the_error() -> None:
 
 @pytest.mark.parametrize("changes", [MOTIONS[0], MOTIONS[-1]], ids=str)
 def test_a_restored_bank_goes_on_as_if_nothing_had_come_between(changes) -> None:
-    bank, dice = SpeedBank(stroke_of(**changes), 3), random.Random(7)
+    bank, dice = Bank(stroke_of(**changes), 3), random.Random(7)
 
     def feed(count: int) -> list[tuple[float, ...]]:
         rows = []
         for _ in range(count):
             bank.update(1, dice.gauss(0.0, 1e-3), 0.1, dice.gauss(0.0, 1.0))
             bank.coast()
-            rows.append((bank.position, bank.speed, bank.next_position, bank.next_speed, bank.late))
+            rows.append((*bank.mean, bank.late))
         return rows
 
     feed(50)
-    saved, state = bank.save(), dice.getstate()
+    bank.save()
+    state = dice.getstate()
     expected = feed(20)
-    bank.restore(saved)
+    bank.restore()
     dice.setstate(state)
     assert feed(20) == expected

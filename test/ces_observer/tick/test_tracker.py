@@ -5,9 +5,11 @@ import math
 import numpy as np
 import pytest
 from samplings import make_sampling
+from trackers import Tracker
 
-from ces_observer import tracker
-from ces_observer.tracker import BEYOND_STROKE, NOT_FINITE, OK, OUT_OF_ORDER, OUTLIER, PATIENCE, RESTARTED, Tracker
+from ces_observer.reasons import BEYOND_STROKE, NOT_FINITE, OK, OUT_OF_ORDER, OUTLIER, RESTARTED, UNSETTLED
+from ces_observer.tick import bank, tracker
+from ces_observer.tick.tracker import PATIENCE, check_tracker
 
 SAMPLING = make_sampling(stroke_m=(-0.1, 0.3))
 MS = 1_000_000
@@ -63,7 +65,7 @@ def test_a_stream_at_another_rate_gives_ticks_at_the_models_rate(rate, noise_m):
     rows = fed([k * 1e3 / rate for k in range(int(4 * rate))], sampling=sampling)
     assert sum(len(ticks) for _, ticks, _ in rows) == pytest.approx(4000, abs=15)
     assert speed_error(rows) < (0.02 if rate > 300.0 else 0.06)
-    assert {outcome for outcome, *_ in rows[1:]} <= {OK, tracker.UNSETTLED}
+    assert {outcome for outcome, *_ in rows[1:]} <= {OK, UNSETTLED}
 
 
 def test_irregular_stamps_and_coarse_positions_give_a_true_speed():
@@ -170,3 +172,43 @@ def test_a_rejected_sample_yields_no_late_ticks():
     assert t.late_ticks == t.ticks == []
     assert t.advance(53 * MS + 1, 0.0) == OK
     assert len(t.late_ticks) == len(t.ticks) == 4
+
+
+# ----------------------------------------------------------------------------------------------------- loaded numbers
+
+
+def fits(arrays, short=(0, 0, 0, 0)):
+    return check_tracker(*arrays[:2], *(len(array) - less for array, less in zip(arrays, short, strict=True)))
+
+
+MOTIONS = [{}, {"motion": "speed", "motion_noise": 0.01}, {"motion": "acceleration", "motion_noise": 0.1}]
+
+
+@pytest.mark.parametrize("delay_s", [0.0, 3e-3])
+@pytest.mark.parametrize("changes", MOTIONS, ids=str)
+def test_arrays_of_a_sampling_are_accepted_and_shorter_ones_refused(changes, delay_s):
+    arrays = Tracker(make_sampling(delay_s=delay_s, **changes)).arrays
+    assert fits(arrays)
+    for short in ([1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]):
+        assert not fits(arrays, short)
+
+
+SIZES = [bank.DELAY, bank.MODES, bank.SPANS, bank.SPAN_TABLE, bank.GAINS, bank.COMPANIONS, bank.SMOOTHING]
+SIZES += [bank.MODE_STATES, bank.RING, bank.BANK_STATES, bank.SAVED]
+SIZES += [tracker.MAX_GAP_NS, tracker.LATE_AT, tracker.LATE_KNOWN]
+
+
+@pytest.mark.parametrize("place", SIZES)
+@pytest.mark.parametrize("wrong", [-1, 10**6, 2**62, -(2**62)])
+def test_sizes_and_places_that_would_leave_the_arrays_are_refused(place, wrong):
+    arrays = Tracker(make_sampling(delay_s=3e-3)).arrays
+    arrays[1][place] = wrong * (10**6 if place == tracker.MAX_GAP_NS and wrong == 10**6 else 1)
+    assert not fits(arrays)
+
+
+@pytest.mark.parametrize("place", [bank.TICK_S, tracker.TICKS_PER_NS, tracker.SETTLING_S])
+def test_numbers_that_guard_a_division_or_an_index_are_positive(place):
+    for wrong in (0.0, -1e-3, math.nan):
+        arrays = Tracker(SAMPLING).arrays
+        arrays[0][place] = wrong
+        assert not fits(arrays)

@@ -7,17 +7,19 @@ from math import ceil, pi, sin
 from pathlib import Path
 
 import pytest
+from trackers import Tracker
 
-from ces_observer import tracker
+from ces_observer.bank_design import response_s
 from ces_observer.estimator import Estimator
 from ces_observer.model import load_model
-from ces_observer.speed_bank import SpeedBank
-from ces_observer.tracker import OK, OUTLIER, PATIENCE, RESTARTED, UNSETTLED, Tracker
+from ces_observer.reasons import OK, OUTLIER, RESTARTED, UNSETTLED
+from ces_observer.sampling_layout import MAX_CHANGE, OVERDUE, SETTLING
+from ces_observer.tick.tracker import PATIENCE
 
 MS = 1_000_000
 PHASES = 24
 PEAK_M_S = 1.5  # the fastest that the sample model was identified on
-FILED = load_model(Path(__file__).parents[2] / "config" / "models" / "sample.json")
+FILED = load_model(Path(__file__).parents[3] / "config" / "models" / "sample.json")
 MODEL = replace(FILED, sampling=replace(FILED.sampling, max_gap_s=0.1, stroke_m=(-1.0, 1.0)))
 
 
@@ -82,9 +84,9 @@ def gone_on(lost: int, departed_m: float, after: int = 5) -> list[str]:
 def reach_m(lost: int) -> float:
     """Return what a change of speed explains after a row of lost samples at 1 kHz, settling time included [m]."""
     s = MODEL.sampling
-    overdue, ramp = (lost + 1 - tracker.OVERDUE) * 1e-3, tracker.SETTLING * SpeedBank(s.stroke).response_s
+    overdue, ramp = (lost + 1 - OVERDUE) * 1e-3, SETTLING * response_s(s.stroke)
     changed = overdue - ramp / 2.0 if overdue > ramp else overdue**2 / (2.0 * ramp)
-    return s.outlier_m + tracker.MAX_CHANGE * s.speed_m_s * changed
+    return s.outlier_m + MAX_CHANGE * s.speed_m_s * changed
 
 
 @pytest.mark.parametrize(("lost", "sign"), [(1, 1.0), (5, -1.0), (20, 1.0), (60, -1.0)])
