@@ -90,13 +90,13 @@ class Estimator:
 
     def __init__(self, model: Model) -> None:
         self.model = model
-        parts = [array for p, n, s, k in lay_out_estimator(model) for array in (floats(p), ints(n), floats(s), ints(k))]
-        _, self._n, self._s, self._k, now_p, now_n, now_s, now_k, _, _, _, late_k = parts
+        own, now, late = (Arrays(floats(p), ints(n), floats(s), ints(k)) for p, n, s, k in lay_out_estimator(model))
+        _, self._n, self._s, self._k = own
         delay = model.best.sampling.delay_ticks
         self._has_now, self._has_late = not model.sampling.delay_ticks, delay > 0
-        self._own = now_k if self._has_now else late_k
-        self._half_width = bind(run_half_width, now_p, now_n, now_s)
-        self._step, self._reset = bind(estimator_step, *parts), bind(estimator_reset, *parts)
+        self._own = now.k if self._has_now else late.k
+        self._half_width = bind(run_half_width, now.p, now.n, now.s)
+        self._step, self._reset = (bind(one, *own, *now, *late) for one in (estimator_step, estimator_reset))
         self._skip_late = bind(estimator_skip_late, self._n, self._s, self._k)
         self.delay_ns = round(delay / model.sampling.rate_Hz * 1e9)
         self.reset()
@@ -144,8 +144,9 @@ class Estimator:
 
     def _late_estimate(self, i: int) -> LateEstimate:
         at = self._n[LATE_VALUES] + LATE_WIDTH * i
-        *values, width = self._s[at : at + LATE_WIDTH]
-        return LateEstimate(self._k[self._n[LATE_STAMPS] + i], *values, width if isfinite(width) else None)
+        position, speed, force, width = self._s[at : at + LATE_WIDTH]
+        stamp_ns = self._k[self._n[LATE_STAMPS] + i]
+        return LateEstimate(stamp_ns, position, speed, force, width if isfinite(width) else None)
 
     @property
     def is_warm(self) -> bool:

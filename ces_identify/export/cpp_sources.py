@@ -2,8 +2,8 @@
 
     python3 -m ces_identify.export.cpp_sources FOLDER
 
-writes the core (`ces_core.c`, `ces_core.h`), the node's parameters for generate_parameter_library (`parameters.yaml`, in
-JSON, which is YAML, too), and reasons in words (`from_python.hpp`). It needs the standard library only.
+writes the core (`ces_core.c`, `ces_core.h`), the node's parameters for generate_parameter_library (`parameters.yaml`)
+and reasons in words (`from_python.hpp`). It needs the standard library only.
 """
 
 from __future__ import annotations
@@ -95,7 +95,7 @@ def parameter_library(name: str, options: Iterable[Option]) -> str:
         for group in groups:
             place = place.setdefault(group, {})
         place[last] = _declaration(option)
-    return json.dumps({name: tree}, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return _as_yaml({name: tree})
 
 
 def reason_header() -> str:
@@ -111,6 +111,16 @@ def reason_header() -> str:
         count=len(texts),
         texts=",\n  ".join(f'"{_literal(text)}"' for text in texts),
     )
+
+
+def _as_yaml(value: Any, indent: str = "\n") -> str:
+    """Return a value in YAML 1.1, in which a float has a point, unlike JSON's 1e+30."""
+    if isinstance(value, dict):
+        return "".join(f"{indent}{json.dumps(key)}: {_as_yaml(one, indent + '  ')}" for key, one in value.items())
+    if isinstance(value, list):
+        return f"[{', '.join(map(_as_yaml, value))}]"
+    text = json.dumps(value, ensure_ascii=False, allow_nan=False)
+    return text.replace("e", ".0e") if isinstance(value, float) and "." not in text else text
 
 
 def _is_limited(option: Option) -> bool:

@@ -53,7 +53,7 @@ def core_kernel(function: Function) -> Function:
     return kernel
 
 
-@intrinsic  # type: ignore[untyped-decorator]
+@intrinsic
 def pointer(_: Any, array: Any) -> Any:
     """Return the address of an array's elements, for kernels: functions of the tick are a fifth faster with it.
 

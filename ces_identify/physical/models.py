@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ces_data.arrays import F, I, Mask
+from ces_data.arrays import F, I
 from ces_identify.numerics.core import batch_run, run_batch
 from ces_identify.physical.hydraulic_kernels import Score, run_network
 from ces_identify.physical.laws import NodeEdge
@@ -25,7 +25,6 @@ from ces_identify.physical.layout import (
     positive_group,
 )
 from ces_identify.trained.training import Training
-from ces_observer.model import Model
 from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
 from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.physical import LONG_TICK, FrictionElement, SideForces, ValvePath
@@ -204,8 +203,3 @@ def unlimited(interval_s: float) -> OperatingRange:
 def free_run(body: Hydraulic, interval_s: float, inputs: F, segments: I) -> F:
     """Return the force (ticks,) [N] of a structure, NaN from a step without a solution to the end of its segment."""
     return run_batch(body, unlimited(interval_s), inputs, segments)[0]
-
-
-def run_model(body: Hydraulic, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
-    """Return the batch run of a network, as `StructureKit.batch_run` describes it."""
-    return run_batch(body, model.operating_range, inputs, np.asarray(segments, np.int64))

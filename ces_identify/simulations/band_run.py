@@ -24,7 +24,7 @@ NOWHERE = tuple((0.0,) * length for length in range(len(STATE), 0, -1))  # the w
 
 def band_half_width(band: Band, series: Series, force: F) -> F:
     """Return the half-width [N] of `band` around the free run `force` (ticks,) of `series`, NaN where that is NaN."""
-    return run_bands([band], series, force)[0][0]
+    return np.asarray(run_bands([band], series, force)[0][0])
 
 
 def band_state(band: Band, series: Series) -> F:
@@ -41,7 +41,7 @@ def parts_and_growth(band: Band, known: Band, series: Series, force: F) -> tuple
 
 
 def run_bands(bands: Sequence[Band], series: Series, force: F) -> tuple[F, F]:
-    """Return half-widths (bands, ticks) [N] around a free run `force` (ticks,) of `series`, and the state (5, ticks)."""
+    """Return half-widths (bands, ticks) [N] around a free run `force` (ticks,) [N], and the state (5, ticks)."""
     layouts = [flat.Layout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE) for _ in bands]
     for band, layout in zip(bands, layouts, strict=True):
         band.fill(layout, series.rate_Hz)

@@ -13,7 +13,7 @@ from ces_data.arrays import F
 from ces_identify.physical import quantities
 from ces_identify.physical.laws import STARTS
 from ces_identify.physical.layout import read_scales
-from ces_identify.physical.models import HydraulicModels, run_model
+from ces_identify.physical.models import HydraulicModels
 from ces_identify.physical.physical_search import SHORT_WORK, PhysicalFit, PhysicalSearch
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.prepare.series import Series
@@ -155,8 +155,7 @@ KIT: StructureKit[Hydraulic] = StructureKit(
     Hydraulic,
     (KIND, CURVES_OPTION),
     _fitter,
-    run_model,
     physical_table,
-    HydraulicModels,
+    models=HydraulicModels,
     quick=True,
 )

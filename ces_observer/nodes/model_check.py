@@ -28,8 +28,8 @@ from pathlib import Path
 from time import monotonic
 from typing import BinaryIO
 
-from ces_observer.control.inverse_map import ModelInverse
 from ces_observer import core
+from ces_observer.control.inverse_map import ModelInverse
 from ces_observer.errors import CesError, ModelError
 from ces_observer.model import MAX_BYTES, Model, parse_model
 

@@ -210,8 +210,8 @@ class Hydraulic(PhysicalStructure):
             }
         )
         for n, (end, value, slope) in enumerate(oil_pieces(self.reservoir_N, self.air)):
-            places = {pressures.OIL_ENDS + n + 1: min(end, float_info.max)}
-            layout.set_numbers({**places, pressures.OIL_VALUES + n: value, pressures.OIL_SLOPES + n: slope})
+            layout.set_numbers({pressures.OIL_ENDS + n + 1: min(end, float_info.max)})
+            layout.set_numbers({pressures.OIL_VALUES + n: value, pressures.OIL_SLOPES + n: slope})
 
     def _fill_mount(self, layout: Layout, rate_Hz: float) -> None:
         springs = self.side.friction

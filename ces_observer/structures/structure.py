@@ -14,6 +14,7 @@ from sys import float_info
 from typing import Any, ClassVar, Protocol, Self
 
 from ces_observer.core import bind, floats, ints
+from ces_observer.errors import ModelError
 from ces_observer.flat import Arrays, Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Certificate
@@ -150,8 +151,11 @@ class Structure(ABC):
         """Check the `keys` of a model file over its ranges of inputs; raises ModelError."""
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
-        """Write the structure's numbers into a layout, for the functions `runs`; raises ModelError."""
-        raise NotImplementedError
+        """Write the structure's numbers into a layout, for the functions `runs`; raises ModelError.
+
+        Without it, a structure that overrides `make_predictor` runs at the desk, but in no estimator.
+        """
+        raise ModelError(f"structure '{self.name}' has no tick in ces_observer/tick; see docs/extending.md")
 
     def lay_out(self, within: OperatingRange) -> Layout:
         """Return the layout of its arrays: what every model has, and what `fill` writes; raises ModelError."""

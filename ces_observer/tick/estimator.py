@@ -8,12 +8,11 @@ without a delay (`now`) and one with (`late`); both share the tracker. p, n, s a
 from math import isfinite, nan
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, TICK_S
+from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TICK_S
 from ces_observer.tick.model import WAIT
 from ces_observer.tick.run import check_run, run_advance, run_force, run_half_width, run_restart
 from ces_observer.tick.tracker import (
     AHEAD,
-    DELAY,
     K_ESTIMATOR,
     LATE_AT,
     LATE_KNOWN,
@@ -53,7 +52,7 @@ FORCE, S_ESTIMATOR_END = range(S_ESTIMATOR, S_ESTIMATOR + 2)
     K_ESTIMATOR_END,
 ) = range(K_ESTIMATOR, K_ESTIMATOR + 7)
 
-MAX_STAMP = 4611686018427387904  # [ns] 2^62: the difference of two stamps is a number of 64 bits
+MAX_STAMP = 4611686018427387903  # [ns] 2^62 - 1: the difference of two stamps is a number of 64 bits
 MAX_COUNT = 1099511627776  # 2^40, of a whole number of a model: 10 s in ns are less
 # of a tick in the ring: its current [A] and its sample's place [ticks]; its stamp [ns], and whether it has one
 RING_WIDTH = 2

@@ -12,8 +12,8 @@ from math import inf, nan
 import numpy as np
 import pytest
 from bands import BAND
-from cpp_core import FLAGS, HOLDS, PACKAGE, UNPROVED, compile_replay, run, save_flat
-from damper_models import damper_with_past, plain_damper
+from cpp_core import FLAGS, PACKAGE, compile_replay, run, save_flat
+from damper_models import plain_damper
 from exported_c import two_models
 from hydraulic_models import hydraulic_model, make_hydraulic
 from physical_examples import make_valve

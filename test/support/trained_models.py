@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from random import Random
+
 from samplings import make_sampling
 
 from ces_observer.model import Envelope, Model
@@ -10,6 +12,7 @@ from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.network import Network, SigmoidUnit
 
 SAMPLING = make_sampling()
+WIDE = (-1e9, 1e9)
 ENVELOPE = Envelope((-0.1, 0.1), (-1.0, 1.0), (0.0, 1.0))
 REGRESSORS = (
     Regressor("force", 1, 0.0, 500.0),
@@ -41,9 +44,32 @@ FUZZY = Fuzzy(
 )
 
 
-def network_model(network: Network = NETWORK) -> Model:
-    return Model(SAMPLING, network, ENVELOPE, (-9e3, 9e3))
+def network_model(network: Network = NETWORK, force_N: tuple[float, float] = (-9e3, 9e3)) -> Model:
+    return Model(SAMPLING, network, ENVELOPE, force_N)
 
 
-def fuzzy_model(fuzzy: Fuzzy = FUZZY) -> Model:
-    return Model(SAMPLING, fuzzy, ENVELOPE, (-9e3, 9e3))
+def fuzzy_model(fuzzy: Fuzzy = FUZZY, force_N: tuple[float, float] = (-9e3, 9e3)) -> Model:
+    return Model(SAMPLING, fuzzy, ENVELOPE, force_N)
+
+
+def random_network(chance: Random) -> Model:
+    """A network that is proved stable, with a force that is not held."""
+    units = tuple(
+        SigmoidUnit(chance.uniform(-1, 1), chance.uniform(-1, 1), tuple(chance.uniform(-0.6, 0.6) for _ in REGRESSORS))
+        for _ in range(4)
+    )
+    linear = (chance.uniform(-0.3, 0.5), chance.uniform(-0.1, 0.1), *(chance.uniform(-1, 1) for _ in range(3)))
+    return network_model(Network(REGRESSORS, 500.0, chance.uniform(-1, 1), linear, units), WIDE)
+
+
+def random_fuzzy(chance: Random) -> Model:
+    """Rules that are proved stable, with a force that is not held."""
+    rules = tuple(
+        Rule(
+            rule.memberships,
+            chance.uniform(-1, 1),
+            (chance.uniform(-0.7, 0.7), chance.uniform(-0.2, 0.2), *(chance.uniform(-1, 1) for _ in range(3))),
+        )
+        for rule in FUZZY.rules
+    )
+    return fuzzy_model(Fuzzy(REGRESSORS, 500.0, FUZZY.premises, rules), WIDE)

@@ -248,8 +248,8 @@ private:
         using Message = decltype(message);
         topic->subscription = node_.create_subscription<Message>(
           signal.topic, qos, [this, weak = std::weak_ptr(topic)](
-            const Message & message, const rclcpp::MessageInfo & info) {
-            if (const auto open = weak.lock()) {take(*open, &message, info.get_rmw_message_info());}
+            const Message & heard, const rclcpp::MessageInfo & info) {
+            if (const auto open = weak.lock()) {take(*open, &heard, info.get_rmw_message_info());}
           },
           options, std::make_shared<ReusedMessage<Message>>());
       };

@@ -112,7 +112,7 @@ private:
       status.add("model sha256", request.model->digest);
       status.addf("delay_s", "%g", request.model->delay_s);
     }
-    status_->publish(status);
+    status_->publish(static_cast<const Status &>(status));
   }
 
   Node & node_;

@@ -3,6 +3,8 @@
 // The position samples drive it. Estimates are published while the node is active; inactive, it stays warm.
 #pragma once
 
+#include <lifecycle_msgs/msg/state.hpp>
+
 #include "core/damper.hpp"
 #include "health/health.hpp"
 #include "node/inputs.hpp"

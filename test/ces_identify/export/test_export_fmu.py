@@ -233,7 +233,9 @@ def test_the_description_is_valid_and_a_simulator_runs_it(fmu, model):
         str(fmu[0]), start_time=0.0, stop_time=1.4, input=driven, output_interval=1e-3, output=["force", "valid"]
     )
     expected = estimated(model, time, position, current)
-    np.testing.assert_allclose(ran["force"][1:1400], expected[:1399, 0], rtol=0.0, atol=1e-9 * abs(expected[:, 0]).max())
+    np.testing.assert_allclose(
+        ran["force"][1:1400], expected[:1399, 0], rtol=0.0, atol=1e-9 * abs(expected[:, 0]).max()
+    )
 
 
 def test_the_sources_compile_without_a_warning_and_as_a_part_of_another_program(tmp_path, model):

@@ -79,7 +79,11 @@ def program(tmp_path_factory):
         (folder / name).write_text(text)
     flags = [*STRICT, "-O1", "-g", f"-fsanitize={SANITIZERS}", "-fno-sanitize-recover=all"]
     done = subprocess.run(
-        ["cc", *flags, "-o", "run", "main.c", "ces_core.c", "-lm"], cwd=folder, capture_output=True, text=True, check=False
+        ["cc", *flags, "-o", "run", "main.c", "ces_core.c", "-lm"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if "sanitize" in done.stderr or "asan" in done.stderr:
         pytest.skip("the compiler has no sanitizers; install libasan and libubsan of its version")

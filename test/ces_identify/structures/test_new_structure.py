@@ -15,8 +15,9 @@ from ces_cli.identify.program import make_parser, select_identify_function
 from ces_cli.identify.validate import print_proof
 from ces_identify import structures as offline
 from ces_identify.polynomial.search_limits import SearchResult
+from ces_identify.prepare.series import prepare
 from ces_identify.report.page import write_report
-from ces_identify.simulations.simulate import sample_force
+from ces_identify.simulations.simulate import sample_force, simulate_series
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
 from ces_observer import structures as on_vehicle
 from ces_observer.control.inverse_map import steady_force
@@ -151,15 +152,15 @@ def test_it_goes_through_a_model_file(tmp_path):
         parse_model(json.dumps({**raw, "terms": []}), "m.json")
 
 
-def test_the_estimator_gives_what_the_batch_gives():
+def test_it_runs_at_the_desk_and_without_a_tick_in_no_estimator():
     recording = planted(model(), 1)
-    position, estimator = recording.channel("position"), Estimator(model())
-    current = recording.channel("current").values
-    rows = zip(position.stamps_ns.tolist(), position.values.tolist(), current.tolist(), strict=True)
-    forces = [estimator.step(*row) for row in rows]
-    got = np.array([np.nan if force is None else force for force in forces])
-    np.testing.assert_allclose(got, sample_force(model(), recording), rtol=1e-9, atol=1e-9)
-    assert np.isfinite(got).mean() > 0.9
+    series, run = prepare(recording, SAMPLING), model().make_predictor()
+    rows = np.stack([series.position, series.speed, series.current], axis=1)
+    expected = [run.tick(*row) for row in rows.tolist()]
+    np.testing.assert_allclose(simulate_series(model(), series).force, expected, rtol=1e-12)
+    assert np.isfinite(sample_force(model(), recording)).mean() > 0.9
+    with pytest.raises(ModelError, match="structure 'dashpot' has no tick"):
+        Estimator(model())
 
 
 def test_its_own_proof_decides(capsys):

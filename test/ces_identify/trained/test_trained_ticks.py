@@ -1,4 +1,4 @@
-"""Ticks of networks, rules and recurrent networks: the same bits in CPython and Numba, and never beside their arrays."""
+"""Ticks of trained structures: the same bits in CPython and Numba, and never beside their arrays."""
 
 import math
 import random
@@ -6,10 +6,10 @@ import random
 import numpy as np
 import pytest
 from recurrent_models import make_recurrent, recurrent_model
-from test_network_bounds import random_fuzzy, random_network
-from trained_models import FUZZY, NETWORK, fuzzy_model, network_model
+from trained_models import FUZZY, NETWORK, fuzzy_model, network_model, random_fuzzy, random_network
 
 from ces_identify.structures import run_batch
+from ces_observer.tick.model import HELD
 from ces_observer.tick.structure import check_structure
 
 MODELS = {
@@ -37,18 +37,19 @@ def hostile_inputs(model, ticks=2000):
 @pytest.mark.parametrize("make", MODELS.values(), ids=MODELS)
 def test_the_desk_computes_the_vehicles_bits(make):
     model = make()
-    inputs, run = hostile_inputs(model), model.make_predictor()
+    inputs, arrays = hostile_inputs(model), model.body.lay_out(model.operating_range).arrays()
+    reset, tick = model.body.runs  # the source, whatever is compiled
     starts = np.arange(0, inputs.shape[1], SEGMENT)
     force, held = run_batch(model, inputs, np.stack([starts, starts + SEGMENT], axis=1))
     expected = np.full(len(force), math.nan)
     for start in starts:
-        run.reset()
+        reset(*arrays)
         for k in range(start, start + SEGMENT):
-            y = run.tick(*inputs[:, k].tolist())
+            y = tick(*arrays, *inputs[:, k].tolist())
             if not math.isfinite(y):
                 break
             expected[k] = y
-            assert held[k] == run.held
+            assert held[k] == (arrays.k[HELD] != 0)
     assert 0.4 < np.isfinite(expected).mean() < 1.0
     assert force.tobytes() == expected.tobytes()
 

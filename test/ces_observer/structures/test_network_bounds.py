@@ -4,7 +4,16 @@ import random
 from dataclasses import replace
 
 import pytest
-from trained_models import ENVELOPE, FUZZY, NETWORK, REGRESSORS, fuzzy_model, network_model
+from trained_models import (
+    ENVELOPE,
+    FUZZY,
+    NETWORK,
+    REGRESSORS,
+    fuzzy_model,
+    network_model,
+    random_fuzzy,
+    random_network,
+)
 
 from ces_observer.errors import ModelError
 from ces_observer.model import parse_model
@@ -12,31 +21,6 @@ from ces_observer.structures.fuzzy import Fuzzy, Premise, Rule
 from ces_observer.structures.network import Network, SigmoidUnit
 
 BOUNDS = ENVELOPE.by_signal
-
-
-def unbounded(model):
-    return replace(model, force_envelope_N=(-1e9, 1e9))
-
-
-def random_network(chance):
-    units = tuple(
-        SigmoidUnit(chance.uniform(-1, 1), chance.uniform(-1, 1), tuple(chance.uniform(-0.6, 0.6) for _ in REGRESSORS))
-        for _ in range(4)
-    )
-    linear = (chance.uniform(-0.3, 0.5), chance.uniform(-0.1, 0.1), *(chance.uniform(-1, 1) for _ in range(3)))
-    return unbounded(network_model(Network(REGRESSORS, 500.0, chance.uniform(-1, 1), linear, units)))
-
-
-def random_fuzzy(chance):
-    rules = tuple(
-        Rule(
-            rule.memberships,
-            chance.uniform(-1, 1),
-            (chance.uniform(-0.7, 0.7), chance.uniform(-0.2, 0.2), *(chance.uniform(-1, 1) for _ in range(3))),
-        )
-        for rule in FUZZY.rules
-    )
-    return unbounded(fuzzy_model(Fuzzy(REGRESSORS, 500.0, FUZZY.premises, rules)))
 
 
 def test_gain_of_a_network_is_exact_where_it_is_known():
