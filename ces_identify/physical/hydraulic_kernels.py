@@ -52,7 +52,7 @@ from ces_observer.tick.pressures import (
 )
 from ces_observer.tick.pressures import FADE as FADES
 from ces_observer.tick.pressures import RATIO as RATIOS
-from ces_observer.tick.valve import PLAY, PLAYS, SETTING, VALVE_DELAY
+from ces_observer.tick.valve import PLAY, PLAYS, SETTING, VALVE_DELAY, VALVE_NODES
 
 hydraulic_reset, hydraulic_tick = compiled(tick.hydraulic_reset), compiled(tick.hydraulic_tick)
 valve_start = compiled(tick_valve.valve_start)
@@ -139,7 +139,7 @@ def differentiate_edge(p: F, n: I, k: I, m: int, at: int, setting: float, drop: 
     out[4] = part * slope + kept * (0.5 * abs(drop) + p[LAMINAR]) / (size * root)
     out[5] = blend
     out[6] = last * ((1.0 - share) * (p[above] - p[below]) + share * (p[above + 1] - p[below + 1]))
-    return at + first
+    return int(at + first)
 
 
 @njit(cache=True)
@@ -164,7 +164,7 @@ def run_network(
     interval, ratio, growth, small = 1.0 / p[DRIVE_RATE], p[RATIOS], p[FRICTION_GROWTH], p[LAMINAR]
     spring, mount, fade, warming = p[SPRING], interval * p[MOUNT_GIVE], p[FADES], p[WARMING]
     forces, limits = n[SPRING_STATES], n[SPRING_STATES] + springs
-    valve, whole = valves.SETTINGS + n[valves.VALVE_NODES], n[VALVE_DELAY]
+    valve, whole = valves.SETTINGS + n[VALVE_NODES], n[VALVE_DELAY]
     plays, by_setting, valve_before = np.zeros((2, PLAYS)), np.zeros(valve), np.zeros(1 + PLAYS)
     by_c, by_r = np.zeros(size), np.zeros(size)
     rows, used_rows = np.zeros((ROWS, size)), 0
