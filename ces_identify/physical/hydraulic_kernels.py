@@ -139,8 +139,7 @@ def differentiate_edge(p: F, n: I, k: I, m: int, at: int, setting: float, drop: 
     out[4] = part * slope + kept * (0.5 * abs(drop) + p[LAMINAR]) / (size * root)
     out[5] = blend
     out[6] = last * ((1.0 - share) * (p[above] - p[below]) + share * (p[above + 1] - p[below + 1]))
-    left_node: int = at + first
-    return left_node
+    return int(at + first)
 
 
 @njit(cache=True)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from math import exp, log
+from math import log
 from typing import Any, Self
 
 from ces_observer.errors import ModelError
@@ -29,10 +29,6 @@ class IncreasingCurve:
 
     at: tuple[float, ...]
     values: tuple[float, ...]
-
-    def __call__(self, x: float) -> float:
-        """Return the value at `x`; beyond the ends the last pieces go on straight."""
-        return interpolate(self.at, self.values, x)
 
     def to_json(self, at: str, values: str) -> dict[str, Any]:
         """Return the nodes under these keys."""
@@ -78,13 +74,6 @@ class FlowMap:
     at: tuple[float, ...]
     rows: tuple[tuple[float, ...], ...]
 
-    def blend(self, setting: float) -> tuple[float, ...]:
-        """Return the curve's values at a setting from 0 to 1."""
-        place = setting * (len(self.rows) - 1)
-        row = max(min(int(place), len(self.rows) - 2), 0)
-        following = self.rows[min(row + 1, len(self.rows) - 1)]
-        return tuple(a + (place - row) * (b - a) for a, b in zip(self.rows[row], following, strict=True))
-
     def to_json(self, at: str) -> dict[str, Any]:
         """Return the contents of the model file; `at` names the abscissa."""
         return {at: list(self.at), "force_N": [list(row) for row in self.rows]}
@@ -109,11 +98,6 @@ class Bypass:
 
     position_m: tuple[float, ...]
     values: tuple[float, ...]
-
-    def __call__(self, position_m: float) -> float:
-        """Return the opening at a position [m]."""
-        inside = min(max(position_m, self.position_m[0]), self.position_m[-1])
-        return exp(interpolate(self.position_m, self.logarithms, inside))
 
     @cached_property
     def logarithms(self) -> tuple[float, ...]:

@@ -18,7 +18,7 @@ What is proved, for any parameters that a model file can hold and for any inputs
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import chain, pairwise
 from math import inf
 from sys import float_info
 from typing import Any, ClassVar, Self
@@ -172,16 +172,39 @@ class Hydraulic(PhysicalStructure):
         layout.state(tick.S_HYDRAULIC_END - S_STRUCTURE)
         layout.memory(tick.K_HYDRAULIC_END - K_STRUCTURE)
         wide = [end for ends in widen(within.inputs, self.reach).values() for end in ends]
-        held = [min(max(end, -float_info.max), float_info.max) for end in wide]
-        layout.set_numbers({tick.WIDE_POSITION_LOW + n: end for n, end in enumerate(held)})
+        layout.set_numbers({tick.WIDE_POSITION_LOW + n: _as_number(end) for n, end in enumerate(wide)})
         self.valve.fill(layout, 1.0 / rate)
         self.side.fill(layout, 1.0 / rate)
         self._fill_mount(layout, rate)
-        for n, flow in enumerate((self.piston, self.base, self.external)):
-            counts = {edges.EDGE_NODES: len(flow.at), edges.LAST_ROW: len(flow.rows) - 1}
-            tables = {edges.EDGE_FLOWS: flow.at, edges.EDGE_DROPS: [drop for row in flow.rows for drop in row]}
-            places = {place: layout.table(values) for place, values in tables.items()}
-            layout.set_counts({place + n: count for place, count in (counts | places).items()})
+        self._fill_edges(layout, rate)
+        self._fill_chambers(layout, rate)
+
+    def _fill_chambers(self, layout: Layout, rate_Hz: float) -> None:
+        layout.set_numbers(
+            {
+                pressures.RATIO: 1.0 + self.area_ratio,
+                pressures.COMPLIANCE_C: rate_Hz * self.compression_m_N,
+                pressures.COMPLIANCE_R: rate_Hz * self.rebound_m_N,
+                pressures.GROWTH_C: self.compression_growth_1_m,
+                pressures.GROWTH_R: self.rebound_growth_1_m,
+                pressures.SPRING: self.mount_m_N,
+                pressures.FADE: self.fade_1_W,
+                pressures.WARMING: 1.0 / (1.0 + rate_Hz * WARMING_S),
+                pressures.LAMINAR: self.laminar_N,
+                pressures.NARROW: self.bypass_laminar_N,
+                pressures.MAX_PRESSURE: self.most_N,
+                pressures.FRICTION_GROWTH: self.friction_growth_1_N,
+                pressures.OIL_ENDS: _as_number(-inf),
+            }
+        )
+        for n, (end, value, slope) in enumerate(oil_pieces(self.reservoir_N, self.air)):
+            layout.set_numbers(
+                {
+                    pressures.OIL_ENDS + n + 1: _as_number(end),
+                    pressures.OIL_VALUES + n: value,
+                    pressures.OIL_SLOPES + n: slope,
+                }
+            )
         if self.bypass is not None:
             layout.set_counts(
                 {
@@ -190,28 +213,19 @@ class Hydraulic(PhysicalStructure):
                     pressures.BYPASS_LOGARITHMS: layout.table(self.bypass.logarithms),
                 }
             )
+
+    def _fill_edges(self, layout: Layout, rate_Hz: float) -> None:
         lags = (self.piston_s, self.base_s, self.external_s)
-        layout.set_numbers({edges.EDGE_SHARE + n: 1.0 / (1.0 + rate * lag) for n, lag in enumerate(lags)})
-        layout.set_numbers(
-            {
-                pressures.RATIO: 1.0 + self.area_ratio,
-                pressures.COMPLIANCE_C: rate * self.compression_m_N,
-                pressures.COMPLIANCE_R: rate * self.rebound_m_N,
-                pressures.GROWTH_C: self.compression_growth_1_m,
-                pressures.GROWTH_R: self.rebound_growth_1_m,
-                pressures.SPRING: self.mount_m_N,
-                pressures.FADE: self.fade_1_W,
-                pressures.WARMING: 1.0 / (1.0 + rate * WARMING_S),
-                pressures.LAMINAR: self.laminar_N,
-                pressures.NARROW: self.bypass_laminar_N,
-                pressures.MAX_PRESSURE: self.most_N,
-                pressures.FRICTION_GROWTH: self.friction_growth_1_N,
-                pressures.OIL_ENDS: -float_info.max,
-            }
-        )
-        for n, (end, value, slope) in enumerate(oil_pieces(self.reservoir_N, self.air)):
-            layout.set_numbers({pressures.OIL_ENDS + n + 1: min(end, float_info.max)})
-            layout.set_numbers({pressures.OIL_VALUES + n: value, pressures.OIL_SLOPES + n: slope})
+        for n, (flow, lag) in enumerate(zip((self.piston, self.base, self.external), lags, strict=True)):
+            layout.set_numbers({edges.EDGE_SHARE + n: 1.0 / (1.0 + rate_Hz * lag)})
+            layout.set_counts(
+                {
+                    edges.EDGE_NODES + n: len(flow.at),
+                    edges.LAST_ROW + n: len(flow.rows) - 1,
+                    edges.EDGE_FLOWS + n: layout.table(flow.at),
+                    edges.EDGE_DROPS + n: layout.table(chain(*flow.rows)),
+                }
+            )
 
     def _fill_mount(self, layout: Layout, rate_Hz: float) -> None:
         springs = self.side.friction
@@ -252,6 +266,11 @@ class Hydraulic(PhysicalStructure):
         oil = (2.0 + self.area_ratio) * self.most_N
         friction = self.side.friction_N * (1.0 + self.friction_growth_1_N * self.most_N)
         return (oil + friction + self.side.bound_N(inputs)) * (1.0 + ROUNDING)
+
+
+def _as_number(end: float) -> float:
+    """Return the end of a range, the largest number instead of infinity."""
+    return min(max(end, -float_info.max), float_info.max)
 
 
 def _parse_edge(node: JsonObject) -> FlowMap:

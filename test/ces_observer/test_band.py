@@ -154,7 +154,7 @@ def test_a_restart_makes_the_half_width_forget_the_past():
 
 
 def test_positions_beyond_all_numbers_give_a_wide_band_and_no_error():
-    endless = make_model(band=BAND, sampling=make_sampling(stroke_m=(-math.inf, math.inf)))
+    endless = make_model(band=BAND, sampling=make_sampling(stroke_m=(-1e307, 1e307)))
     near, far = Estimator(endless), Estimator(endless)
     for k in range(600):
         near.step(k * MS, 0.001, 0.5)

@@ -5,8 +5,8 @@ import pytest
 from damper_models import delayed_damper
 from model_examples import make_model
 
-from ces_observer import estimator as module
 from ces_observer.estimator import Estimator
+from ces_observer.reasons import NOT_FINITE
 from ces_observer.structures.terms import Factor, Term
 
 MS = 1_000_000
@@ -47,7 +47,7 @@ def test_force_is_the_sum_of_the_terms():
 def test_a_bad_current_withholds_and_the_next_good_one_resumes(bad):
     e = ready()
     assert e.step(600 * MS, stroke(600), bad) is None
-    assert e.reason == module.NOT_FINITE
+    assert e.reason == NOT_FINITE
     assert math.isfinite(e.step(601 * MS, stroke(601), 0.5))
 
 

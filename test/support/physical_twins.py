@@ -10,7 +10,7 @@ from math import exp, sqrt
 from scipy.optimize import brentq
 
 from ces_observer.model import Model
-from ces_observer.structures.curves import interpolate
+from ces_observer.structures.curves import Bypass, FlowMap, interpolate
 from ces_observer.structures.hydraulic import EDGES, SPREAD, Hydraulic
 from ces_observer.structures.physical import widen
 from ces_observer.structures.structure import INPUTS
@@ -69,6 +69,20 @@ def drives(side, positions: Sequence[float], speeds: Sequence[float], interval: 
     return result
 
 
+def blend(flow: FlowMap, setting: float) -> list[float]:
+    """Return the drops [N] of an edge at a setting from 0 to 1."""
+    place = setting * (len(flow.rows) - 1)
+    row = max(min(int(place), len(flow.rows) - 2), 0)
+    following = flow.rows[min(row + 1, len(flow.rows) - 1)]
+    return [a + (place - row) * (b - a) for a, b in zip(flow.rows[row], following, strict=True)]
+
+
+def bypass_opening(bypass: Bypass, position: float) -> float:
+    """Return the opening of a bypass at a position [m]."""
+    inside = clip(position, bypass.position_m[0], bypass.position_m[-1])
+    return exp(interpolate(bypass.position_m, bypass.logarithms, inside))
+
+
 def phi(body: Hydraulic, p: float) -> float:
     """Return the volume that oil with air yields at a pressure [N], straight between nodes."""
     at = [body.reservoir_N * (time - 1.0) for time in SPREAD]
@@ -97,13 +111,13 @@ def pressures(
     heat, pull, rubbing, give = 0.0, 0.0, [0.0] * len(body.side.friction), body.mount_m_N + interval * body.creep_m_Ns
     shares = [interval / (lag + interval) for lag in (body.piston_s, body.base_s, body.external_s)]
     for x, drive, setting in zip(positions, driven, valve, strict=True):
-        curves = [getattr(body, edge).blend(setting) for edge in EDGES]
+        curves = [blend(getattr(body, edge), setting) for edge in EDGES]
         limits = [one.yield_N + setting * one.moved_N for one in body.side.friction]
         springs = [(clip(z, -y, y), one, y) for z, one, y in zip(rubbing, body.side.friction, limits, strict=True)]
         ends = {0.0, *((end - z) / one.stiffness_N_m for z, one, y in springs for end in (-y, y))}
         ways = sorted({*ends, min(ends) - 1.0, max(ends) + 1.0})
         bypass, warm = (
-            body.bypass(x - body.mount_m_N * pull) if body.bypass else 0.0,
+            bypass_opening(body.bypass, x - body.mount_m_N * pull) if body.bypass else 0.0,
             exp(clip(body.fade_1_W * heat, -WARMEST, WARMEST)),
         )
 

@@ -223,6 +223,8 @@ def run_fmu(folder: Path, model: Model, samples: Samples) -> dict[str, NDArray]:
     """Run the sources of a model's FMU; return its outputs by name, after each step but the last."""
     files = sources(model, "model", UNPROVED)
     names = [variable.name for variable in list_variables(model)]
+    folder /= "fmu"
+    folder.mkdir()
     included = files.pop("fmi2_model.c")
     (folder / "fmi2_model.c").write_text(included)
     library = compile_library(folder, {**files, "master.c": MASTER})

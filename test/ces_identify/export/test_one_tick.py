@@ -71,8 +71,9 @@ def test_a_million_hostile_samples_give_the_same_in_compiled_forms(core, tmp_pat
 
 def _compare_fmu(folder, model, core, samples) -> None:
     """Compare an FMU's outputs with the core's, on the samples in the order of their stamps, which FMI asks for."""
-    stamps, first = np.unique(samples.stamps - samples.stamps.min(), return_index=True)
-    kept = stamps < 10**13  # [ns]: seconds as doubles give the same stamps
+    stamps, first = np.unique(samples.stamps - samples.stamps[0], return_index=True)
+    kept = (stamps >= 0) & (stamps < 10**13)  # [ns]: seconds as doubles give the same stamps
+    assert kept.sum() > 900_000
     ordered = Samples(stamps[kept], np.ascontiguousarray(samples.inputs[first[kept]]))
     expected, found = run_core(core, model, ordered), run_fmu(folder, model, ordered)
     ok = (expected.reasons == OK)[:-1]

@@ -41,7 +41,8 @@ def test_the_keys_of_the_tasks_are_at_most_twenty_and_are_among_all_values() -> 
         health.position.take(k * MS, k * MS)
     health.roll(0.1, 0)
     assert tasks_of(health)["frequency"].message == "position 1000.0 Hz, current 1000.0 Hz"
-    node = NodeFacts(values=(("last change of the model", "none"), ("unexpected errors", "0"), ("model sha256", "ab")))
+    named = ("last change of the model", "unexpected errors", "model sha256", "computed by")
+    node = NodeFacts(values=tuple((name, "none") for name in named))
     report = health.report("", node)
     shown = [pair for _, status in report.tasks for pair in status.values]
     assert [name for name, _ in report.tasks] == ["health", "frequency", "time stamps", "model"]
