@@ -21,7 +21,7 @@ def compile_replay(folder: Path) -> Path:
     """Compile the program in a folder; return its path."""
     write_sources(folder)
     program, core = folder / "replay", folder / "ces_core.o"
-    sources = [PACKAGE / "test" / "replay.cpp", PACKAGE / "src" / "model" / "flat_file.cpp", core]
+    sources = [Path(__file__).resolve().parents[1] / "ces_observer_cpp" / "replay.cpp", PACKAGE / "src" / "model" / "flat_file.cpp", core]
     includes = [f"-I{PACKAGE / 'src'}", f"-I{folder}"]
     subprocess.run(["cc", "-std=c99", *FLAGS, "-c", folder / "ces_core.c", "-o", core], check=True)
     subprocess.run(["c++", "-std=c++17", *FLAGS, *includes, *sources, "-o", program], check=True)
