@@ -2,8 +2,9 @@
 
     python3 -m ces_identify.export.cpp_sources FOLDER
 
-writes the core (`ces_core.c`, `ces_core.h`), the counts of arrivals (`ces_arrivals.c`, `ces_arrivals.h`), the node's parameters for generate_parameter_library (`parameters.yaml`)
-and reasons in words (`from_python.hpp`). It needs the standard library only.
+writes the core (`ces_core.c`, `ces_core.h`), the counts of arrivals (`ces_arrivals.c`, `ces_arrivals.h`), the node's
+parameters for generate_parameter_library (`parameters.yaml`) and reasons in words (`from_python.hpp`). It needs the
+standard library only.
 """
 
 from __future__ import annotations
@@ -74,7 +75,7 @@ def write_sources(folder: Path) -> None:
     text = Path(arrivals.__file__).read_text(encoding="utf-8")
     printed = print_core({"arrivals": text}, ARRIVALS, "ces_observer/health")
     for suffix, lines in zip(("h", "c"), printed, strict=True):
-        named = lines.replace("CES_CORE_H", "CES_ARRIVALS_H").replace("ces_core.h", "ces_arrivals.h")
+        named = lines.replace("CES_", "CES_ARRIVALS_").replace("ces_core.h", "ces_arrivals.h")
         (folder / f"ces_arrivals.{suffix}").write_text(named, encoding="utf-8")
     (folder / "parameters.yaml").write_text(parameter_library("observer", list_parameters()), encoding="utf-8")
     (folder / "from_python.hpp").write_text(reason_header(), encoding="utf-8")

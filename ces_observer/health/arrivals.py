@@ -1,8 +1,8 @@
 """How the messages of a topic arrive: their period, ages and jitter; what is missing, repeated or out of line.
 
-It is in the subset of docs/tick.md, and printed to C++ by `ces_identify.export.cpp_sources`. s and k hold the counts of a
-signal, losses_k those of its topic. Stamps and times are in ns, the period in ns between stamps. The period is learnt
-from the stamps and followed. An interval from 0.5 to 1.5 periods is usual and takes a few additions. A late message,
+It is in the subset of docs/tick.md, and `ces_identify.export.cpp_sources` prints it for the C++ node. s and k hold the
+counts of a signal, losses_k those of its topic. Stamps, times and the period are in ns. The period is learnt from the
+stamps and followed. An interval from 0.5 to 1.5 periods is usual and takes a few additions. A late message,
 stamped before the newest, cancels one that is missing. A stamp further back, or sent after it arrived as the others are
 stamped, is out of line: it does not count, unless the next one confirms it.
 """
@@ -15,7 +15,7 @@ from ces_observer.tick.arrays import Floats, Ints
 # numbers; those of them that the node's own queue dropped; the last number, and how often it did not rise
 QUEUE_DEPTH, NUMBERED, LOST, OVERFLOWED, WAS_NUMBERED, LAST_NUMBER, SWITCHES, K_LOSSES_END = range(8)
 
-# s: the period, 0 if it is unknown; sums of the usual intervals' deviations from it and of their squares, and of ages; of
+# s: the period, 0 if it is unknown; sums of the usual intervals' deviations from it, of their squares, and of ages; of
 # the last window: mean deviation, jitter, mean age
 ARRIVAL_PERIOD, DEVIATIONS, SQUARES, AGES, MEAN_DEVIATION, JITTER, MEAN_AGE, S_ARRIVALS_END = range(8)
 

@@ -1,8 +1,8 @@
 """Start the observer: ros2 launch ces_observer_cpp observer.launch.py model:=/path/model.ces.
 
-Without `container:=/CONTAINER` it runs as a program of its own. With it, it runs in that component container, where it exchanges
-messages with the other components of the process without DDS: with a leading / in one that runs, else in a new one. An
-argument that is empty leaves the parameter file's value.
+Without `container:=NAME` it runs as a program of its own. With it, it runs in that component container, where it
+exchanges messages with the other components of the process without DDS: with a leading / in one that runs, else in a
+new one. An argument that is empty leaves the parameter file's value.
 """
 
 from ament_index_python.packages import get_package_share_path

@@ -1,9 +1,9 @@
 // Feeds a sequence of samples to the observer as the node does, and prints each result.
 //
 // Usage: replay MODEL SEQUENCE. With finite samples nothing may be allocated; the last line says how often it was.
-// The lines of a sequence:
+// The lines of a sequence, with the node's time:
 //   settings WAIT_S MAX_AGE_S
-//   c STAMP CURRENT NOW, v STAMP SPEED NOW, a STAMP ACCELERATION NOW, p STAMP POSITION NOW    a sample, and the node's time
+//   c STAMP CURRENT NOW, v STAMP SPEED NOW, a STAMP ACCELERATION NOW, p STAMP POSITION NOW    a sample
 //   w 0 0 NOW, r 0 0 NOW, s 0 0 NOW, d 0 0 NOW    watch, time jump, silence, print the reason with its details
 //   n 0 0 NOW MODEL                               another model
 // The lines of a result:

@@ -144,7 +144,9 @@ def test_a_constant_current_needs_no_interface(
     program: Path, package: CppPackage, banded_path: Path, flat_path: Path, tmp_path: Path
 ) -> None:
     clean = make_script()[1]
-    status, output, log = run(program, package, tmp_path, [clean[:400], clean[400:]], PARAMETERS % (flat_path, "constant: 0.7"))
+    status, output, log = run(
+        program, package, tmp_path, [clean[:400], clean[400:]], PARAMETERS % (flat_path, "constant: 0.7")
+    )
     assert status == 0, log
     rows = require_forces_of_python(output, banded_path, ConstantCurrent(0.7))
     assert np.isfinite(rows["force"]).sum() > 400

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from math import isfinite
 from pathlib import Path
 
@@ -31,9 +31,7 @@ def damper(past: float = 0.9) -> Model:
 
 
 @pytest.fixture(scope="module")
-def driven(
-    module_vehicle: Vehicle, package: CppPackage, tmp_path_factory: pytest.TempPathFactory
-) -> Iterator[Vehicle]:
+def driven(module_vehicle: Vehicle, package: CppPackage, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Vehicle]:
     """Yield a vehicle that drives through all tests of this module, and see at their end that no sample is missing."""
     vehicle = module_vehicle
     path = save_flat(damper(), tmp_path_factory.mktemp("models") / "first.ces")

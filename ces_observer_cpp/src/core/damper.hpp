@@ -129,7 +129,8 @@ public:
       case Reason::SILENT:
         return errors_[POSITION];
       case Reason::NO_CURRENT:
-        return errors_[CURRENT].empty() ? current_.explain(stamp_, model().max_current_age_s, "current") : errors_[CURRENT];
+        return errors_[CURRENT].empty() ? current_.explain(stamp_, model().max_current_age_s, "current") :
+               errors_[CURRENT];
       case Reason::NO_MOTION:
         return errors_[MOTION].empty() ? motion().explain(stamp_, model().max_gap_s, MOTIONS[model().motion]) :
                errors_[MOTION];
@@ -169,8 +170,8 @@ private:
 
   std::optional<double> run(Estimator & estimator) const {
     const auto & model = *estimator.model();
-    return estimator.step(
-      stamp_, position_m_, current_.at(stamp_, model.max_current_age_s), motions_[model.motion]->at(stamp_, model.max_gap_s));
+    const double current = current_.at(stamp_, model.max_current_age_s);
+    return estimator.step(stamp_, position_m_, current, motions_[model.motion]->at(stamp_, model.max_gap_s));
   }
 
   void note_value(Input input, const char * name, double value) {

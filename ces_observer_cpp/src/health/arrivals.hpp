@@ -13,7 +13,7 @@ namespace ces {
 class Losses {
 public:
   // The topic's queue holds `depth` messages.
-  explicit Losses(std::size_t depth) {k_[CES_QUEUE_DEPTH] = static_cast<std::int64_t>(depth);}
+  explicit Losses(std::size_t depth) {k_[CES_ARRIVALS_QUEUE_DEPTH] = static_cast<std::int64_t>(depth);}
 
   // Take the number of the next message, if it has one.
   void take_number(std::optional<std::uint64_t> number) {
@@ -22,12 +22,12 @@ public:
 
   // Messages that did not reach the callback; nothing if they have no numbers.
   std::optional<std::int64_t> lost() const {
-    return k_[CES_NUMBERED] ? std::optional<std::int64_t>(k_[CES_LOST]) : std::nullopt;
+    return k_[CES_ARRIVALS_NUMBERED] ? std::optional<std::int64_t>(k_[CES_ARRIVALS_LOST]) : std::nullopt;
   }
 
 private:
   friend class Arrivals;
-  std::array<std::int64_t, CES_K_LOSSES_END> k_{};
+  std::array<std::int64_t, CES_ARRIVALS_K_LOSSES_END> k_{};
 };
 
 // One window of a topic. Counts named `total_` are since the start, the others in the window. `dropped` is
@@ -66,23 +66,23 @@ public:
     ces_arrivals_roll(s_.data(), k_.data());
     ArrivalFigures next;
     next.has_dropped = figures_.has_dropped;
-    next.total_samples = k_[CES_USUAL] + k_[CES_RARE];
+    next.total_samples = k_[CES_ARRIVALS_USUAL] + k_[CES_ARRIVALS_RARE];
     next.samples = next.total_samples - figures_.total_samples;
     next.rate_Hz = elapsed_s > 0.0 ? static_cast<double>(next.samples) / elapsed_s : 0.0;
-    next.mean_age_s = s_[CES_MEAN_AGE] * 1e-9;
-    next.max_age_s = to_s(k_[CES_WINDOW_MAX_AGE]);
-    next.jitter_s = s_[CES_JITTER] * 1e-9;
+    next.mean_age_s = s_[CES_ARRIVALS_MEAN_AGE] * 1e-9;
+    next.max_age_s = to_s(k_[CES_ARRIVALS_WINDOW_MAX_AGE]);
+    next.jitter_s = s_[CES_ARRIVALS_JITTER] * 1e-9;
     if (next.has_dropped) {
-      next.total_dropped = k_[CES_DROPPED];
+      next.total_dropped = k_[CES_ARRIVALS_DROPPED];
       next.dropped = next.total_dropped - figures_.total_dropped;
-      next.total_duplicates = k_[CES_DUPLICATES];
+      next.total_duplicates = k_[CES_ARRIVALS_DUPLICATES];
     }
     next.total_lost = losses_->lost();
     if (next.total_lost) {next.lost = *next.total_lost - figures_.total_lost.value_or(0);}
-    next.total_overflowed = losses_->k_[CES_OVERFLOWED];
+    next.total_overflowed = losses_->k_[CES_ARRIVALS_OVERFLOWED];
     next.overflowed = next.total_overflowed - figures_.total_overflowed;
-    next.total_out_of_order = k_[CES_LATE];
-    next.total_interruptions = k_[CES_INTERRUPTIONS];
+    next.total_out_of_order = k_[CES_ARRIVALS_LATE];
+    next.total_interruptions = k_[CES_ARRIVALS_INTERRUPTIONS];
     next.interruptions = next.total_interruptions - figures_.total_interruptions;
     next.repeats = next.total_out_of_order + next.total_duplicates - figures_.total_out_of_order -
       figures_.total_duplicates;
@@ -95,8 +95,8 @@ public:
   const ArrivalFigures & figures() const {return figures_;}
 
 private:
-  std::array<double, CES_S_ARRIVALS_END> s_{};
-  std::array<std::int64_t, CES_K_ARRIVALS_END> k_{};
+  std::array<double, CES_ARRIVALS_S_ARRIVALS_END> s_{};
+  std::array<std::int64_t, CES_ARRIVALS_K_ARRIVALS_END> k_{};
   Losses none_{0};  // of an input without a topic
   Losses * losses_ = &none_;
   ArrivalFigures figures_{};

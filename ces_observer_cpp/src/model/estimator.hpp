@@ -32,7 +32,7 @@ public:
 
   void reset() {call(ces_estimator_reset);}
 
-  // The force [N] at `stamp`, or nothing with `reason` set. Without a force at once, the reason is OK after the warm-up.
+  // The force [N] at `stamp`, or nothing with `reason` set; a model with a delay alone has none, and the reason is OK.
   std::optional<double> step(Nanoseconds stamp, double position_m, double current_A, double motion) {
     const bool is_ok = call(ces_estimator_step, stamp, position_m, current_A, motion) == CES_OK;
     return is_ok && model_->has_now ? std::optional<double>(sampling_.s[CES_FORCE]) : std::nullopt;
@@ -66,7 +66,8 @@ public:
 
   // The half-width [N] of the band around the force of the last step; not finite without a band.
   double half_width() const {
-    return model_->has_now ? ces_run_half_width(model_->now.p.data(), model_->now.n.data(), now_.s.data()) : NOT_A_NUMBER;
+    const auto & now = model_->now;
+    return model_->has_now ? ces_run_half_width(now.p.data(), now.n.data(), now_.s.data()) : NOT_A_NUMBER;
   }
 
 private:

@@ -1,7 +1,7 @@
 // The node's time and subscriptions: one for each topic and type, with any number of signals.
 //
-// The types of the default signals arrive as messages, within a process without a copy. Any other installed type arrives
-// as bytes and is deserialised into one message that is kept.
+// The types of the default signals arrive as messages, within a process without a copy. Any other installed type
+// arrives as bytes and is deserialised into one message that is kept.
 #pragma once
 
 #include <memory>

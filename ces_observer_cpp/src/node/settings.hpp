@@ -53,8 +53,8 @@ inline void warn_of_unknown(Node & node) {
   RCLCPP_WARN(node.get_logger(), "parameters unknown and ignored: %s", join(unknown, ", ").c_str());
 }
 
-// The path in the parameter `model`; ~ is the home. Raises UserError unless it is absolute: the node's working folder is
-// not that of who sets the parameter.
+// The path in the parameter `model`; ~ is the home. Raises UserError unless it is absolute: the node's working folder
+// is not that of who sets the parameter.
 inline std::string find_model_path(const std::string & text) {
   const char * home = std::getenv("HOME");
   const auto path = home && text.compare(0, 2, "~/") == 0 ? home + text.substr(1) : text;
