@@ -266,11 +266,11 @@ class Core:
 
 
 @cache
-def read_core() -> Core:
-    """Return the core of `ces_observer.tick`; raises SubsetError."""
+def read_core(entry_points: tuple[str, ...] = tick.ENTRY_POINTS) -> Core:
+    """Return the core of `ces_observer.tick` with what the entry points need; raises SubsetError."""
     folder = Path(tick.__path__[0])
     sources = {name: (folder / f"{name}.py").read_text(encoding="utf-8") for name in tick.MODULES}
-    return Core(sources, tick.ENTRY_POINTS, "/".join(folder.parts[-2:]))
+    return Core(sources, entry_points, "/".join(folder.parts[-2:]))
 
 
 def print_core(sources: Mapping[str, str], entry_points: Sequence[str], folder: str = "tick") -> tuple[str, str]:
@@ -279,14 +279,10 @@ def print_core(sources: Mapping[str, str], entry_points: Sequence[str], folder: 
     return _text(core.header), _text(core.source)
 
 
-def core_header() -> str:
-    """Return the text of ces_core.h."""
-    return _text(read_core().header)
-
-
-def core_source() -> str:
-    """Return the text of ces_core.c."""
-    return _text(read_core().source)
+def core_texts(entry_points: tuple[str, ...] = tick.ENTRY_POINTS) -> dict[str, str]:
+    """Return the texts of ces_core.c and ces_core.h."""
+    core = read_core(entry_points)
+    return {"ces_core.c": _text(core.source), "ces_core.h": _text(core.header)}
 
 
 def _text(lines: Sequence[str]) -> str:
@@ -296,8 +292,8 @@ def _text(lines: Sequence[str]) -> str:
 def write_core(folder: Path) -> None:
     """Write both files into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "ces_core.h").write_text(core_header(), encoding="utf-8")
-    (folder / "ces_core.c").write_text(core_source(), encoding="utf-8")
+    for name, text in core_texts().items():
+        (folder / name).write_text(text, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import pytest
 from compiled_core import WARNINGS
 from needs import skip_without
 
-from ces_identify.export.c_printer import core_header, core_source, print_core, write_core
+from ces_identify.export.c_printer import core_texts, print_core, write_core
 from ces_observer import tick
 
 SOURCES = [Path(tick.__path__[0]) / f"{name}.py" for name in tick.MODULES]
@@ -73,7 +73,7 @@ def words_of(text: str) -> str:
 
 
 def test_comments_and_docstrings_are_printed() -> None:
-    text = words_of(core_header() + core_source())
+    text = words_of("".join(core_texts().values()))
     for path in SOURCES:
         source = path.read_text(encoding="utf-8")
         said = [ast.get_docstring(ast.parse(source)) or "", *re.findall(r"# (.*)", source)]
@@ -88,7 +88,7 @@ def test_the_printer_needs_the_standard_library_only(tmp_path: Path) -> None:
              f"from ces_identify.export.c_extension import write_extension; from pathlib import Path; "
              f"write_extension(Path({str(tmp_path)!r}))"]  # fmt: skip
     subprocess.run(words, check=True)
-    assert (tmp_path / "ces_core.c").read_text() == core_source()
+    assert (tmp_path / "ces_core.c").read_text() == core_texts()["ces_core.c"]
 
 
 OPERATORS = ("+", "-", "*", "/")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ces_identify.export.c_expressions import SubsetError
-from ces_identify.export.c_printer import core_source, print_core
+from ces_identify.export.c_printer import core_texts, print_core
 
 BEFORE = '''"""A module below."""
 
@@ -33,7 +33,7 @@ def source_of_body(body: str, result: str = "float") -> str:
 
 
 def test_the_tick_is_in_the_subset() -> None:
-    assert "double ces_structure_tick(" in core_source()
+    assert "double ces_structure_tick(" in core_texts()["ces_core.c"]
 
 
 BODIES = {
