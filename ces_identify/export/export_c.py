@@ -15,7 +15,7 @@ from math import ceil
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-from ces_identify.export.c_printer import core_header, core_source
+from ces_identify.export.c_printer import read_core
 from ces_identify.export.flat_file import require_within
 from ces_observer import __version__
 from ces_observer.errors import ModelError
@@ -48,7 +48,7 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
     require_within(arrays, name)
     facts = _facts(model, name, file_stem, certificate, arrays)
     texts = {f"{file_stem}.{kind}": render(f"model.{kind}", facts) for kind in "ch"}
-    return {**texts, **dict(zip(CORE, (core_source(), core_header()), strict=True))}
+    return {**texts, **dict(zip(CORE, (read_core().source, read_core().header), strict=True))}
 
 
 def require_usable_names(name: str, file_stem: str) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ces_identify.export.c_expressions import SubsetError
-from ces_identify.export.c_printer import core_source, print_core
+from ces_identify.export.c_printer import Core, read_core
 
 BEFORE = '''"""A module below."""
 
@@ -24,7 +24,7 @@ ARRAYS = "p: Floats, n: Ints, s: Floats, k: Ints"
 def source_of(text: str) -> str:
     """Return the C of a module with this text, all of whose functions are entry points."""
     names = [line.split()[1].partition("(")[0] for line in text.splitlines() if line.startswith("def ")]
-    return print_core({"below": BEFORE, "above": text}, names)[1]
+    return Core({"below": BEFORE, "above": text}, names).source
 
 
 def source_of_body(body: str, result: str = "float") -> str:
@@ -33,7 +33,7 @@ def source_of_body(body: str, result: str = "float") -> str:
 
 
 def test_the_tick_is_in_the_subset() -> None:
-    assert "double ces_structure_tick(" in core_source()
+    assert "double ces_structure_tick(" in read_core().source
 
 
 BODIES = {
