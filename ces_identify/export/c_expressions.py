@@ -77,20 +77,14 @@ class Module:
         if not fulfilled:
             raise self.error(node, what)
 
-    def add_function(self, node: ast.FunctionDef) -> Function:
-        """Note a function, whose definition is printed later, and return it."""
+    def make_function(self, node: ast.FunctionDef) -> Function:
+        """Return a function of this module, whose definition is printed later; raises SubsetError."""
         kinds = {item.arg: TYPES.get(ast.unparse(item.annotation or item), NONE) for item in node.args.args}
         result = TYPES.get(ast.unparse(node.returns), "") if node.returns else ""
         is_typed = NONE not in kinds.values() and result in (*NUMBERS, NONE)
         expected = "arguments Floats, Ints, float, int or bool, and a number or None as result"
         self.require(node, is_typed, f"{node.name}: expected {expected}")
-        self.names[node.name] = function = Function(node, self, kinds, result)
-        return function
-
-    @property
-    def functions(self) -> list[Function]:
-        """Its own functions, in their order."""
-        return [item for item in self.names.values() if isinstance(item, Function) and item.module is self]
+        return Function(node, self, kinds, result)
 
 
 @dataclass(eq=False)
@@ -212,7 +206,9 @@ class Expressions:
         sign, rank, kinds = OPERATORS.get(type(operator), ("", 0, ()))
         self.require(node, rank > 0, f"the operator {name} is not in the subset")
         self.same_type(node, left, right)
-        self.require(node, left.type in kinds, f"the operator {name} takes {' or '.join(map(WORDS.get, kinds))} only")
+        self.require(
+            node, left.type in kinds, f"the operator {name} takes {' or '.join(WORDS[kind] for kind in kinds)} only"
+        )
         effect = self.effect(node, left, right)
         if rank <= ORDER:
             return Term(f"{left.within(ORDER)} {sign} {right.within(ORDER)}", BOOL, rank, effect)
@@ -242,8 +238,8 @@ class Expressions:
             self.require(node, kinds == expected, f"{name} takes {', '.join(WORDS[kind] for kind in expected)}")
             effect = max(effect, STORES if called.stored else READS)
             return Term(f"{called.c_name}({inner})", called.result, PRIMARY, effect)
-        if (name, *kinds) not in CALLS:
-            raise self.error(node)
+        given = f"{name}({', '.join(WORDS[kind] for kind in kinds)})"
+        self.require(node, (name, *kinds) in CALLS, f"{given} is not in the subset")
         what = f"{name} of a constant, which compilers compute otherwise than a library; write the number itself"
         self.require(node, effect > FIXED or name not in INEXACT, what)
         function, kind = CALLS[name, *kinds]

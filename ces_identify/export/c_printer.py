@@ -57,9 +57,10 @@ class Core:
         tree, comments, constants = ast.parse(source), Comments(source), []
         module = Module(f"{self.folder}/{name}.py", ast.get_docstring(tree) or "")
         module.require(tree, bool(module.docstring), "the module has no docstring")
-        for node in (node for node in tree.body if isinstance(node, ast.FunctionDef)):
-            function = self.functions[node.name] = module.add_function(node)
-            self._require_new(module, node, node.name, function.c_name)
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef):
+                function = self.functions[node.name] = module.make_function(node)
+                self._define(module, node, node.name, function.c_name, function)
         for node in tree.body[1:]:
             match node:
                 case ast.ImportFrom(module=str() as home):
@@ -77,11 +78,12 @@ class Core:
         self.modules[name] = module
         return module, constants
 
-    def _require_new(self, module: Module, node: ast.AST, name: str, c_name: str) -> None:
-        """Refuse a name of a constant or function that is already in the tick, in whichever module."""
+    def _define(self, module: Module, node: ast.AST, name: str, c_name: str, item: Term | Function) -> None:
+        """Note a constant or function; refuse a name that is already in the tick, in whichever module."""
         what = f"{name}: expected a name that is nowhere else in the tick; see {self.defined.get(c_name)}"
         module.require(node, c_name not in self.defined, what)
         self.defined[c_name] = module.file
+        module.names[name] = item
 
     def _import(self, module: Module, node: ast.ImportFrom, source: str) -> None:
         home = self.modules.get(source.removeprefix(f"{TICK}."))
@@ -99,38 +101,34 @@ class Core:
         match node:
             case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Call(func=ast.Name(id="range"), args=bounds)):
                 terms = [expressions.of_type(bound, INT) for bound in bounds]
-                places = [self._note_constant(module, node, ast.unparse(name), INT) for name in names]
+                places = [f"CES_{ast.unparse(name).lstrip('_')}" for name in names]
+                for name, place in zip(names, places, strict=True):
+                    self._define(module, node, ast.unparse(name), place, Term(place, INT))
                 first = f"{places[0]} = {terms[0].text}" if len(terms) > 1 else places[0]
                 step = f" + {terms[2].within(SUM)}" if len(terms) > 2 else ""
                 later = [f"{place} = {before}{step}" if step else place for before, place in pairwise(places)]
                 return f"enum {{ {', '.join([first, *later])} }};"
             case ast.Assign(targets=[ast.Name(id=name)], value=value):
-                term = expressions.term(value)
-                place = self._note_constant(module, node, name, term.type)
+                term, place = expressions.term(value), f"CES_{name.lstrip('_')}"
+                self._define(module, node, name, place, Term(place, term.type))
                 is_small = term.type == INT and "INT64_C" not in term.text
-                return (
-                    f"enum {{ {place} = {term.text} }};" if is_small else f"#define {place} {term.within(PRIMARY - 1)}"
-                )
+                written = f"enum {{ {place} = {term.text} }};" if is_small else ""
+                return written or f"#define {place} {term.within(PRIMARY - 1)}"
         raise module.error(node)
-
-    def _note_constant(self, module: Module, node: ast.Assign, name: str, kind: str) -> str:
-        """Note a constant and return its name in C."""
-        c_name = f"CES_{name.lstrip('_')}"
-        self._require_new(module, node, name, c_name)
-        module.names[name] = Term(c_name, kind)
-        return c_name
 
     def _definitions(self, module: Module) -> list[str]:
         """Return the functions of a module, after declarations of those called before they are defined."""
-        declared, called = [], set()
-        for function in module.functions:
-            changed = [name for name in function.stored if name.rpartition("_")[2] in READ_ONLY]
-            what = f"{function.node.name}, or what it calls, changes {changed}, which holds numbers of the model"
-            module.require(function.node, not changed, what)
+        functions = [function for function in self.functions.values() if function.module is module]
+        declared: list[str] = []
+        called: set[Function] = set()
+        for function in functions:
+            for name in function.stored:
+                what = f"{name} holds numbers of the model, which {function.node.name} or what it calls changes"
+                module.require(function.node, name.rpartition("_")[2] not in READ_ONLY, what)
             if function in called and function.node.name not in self.entry_points:
                 declared += wrap(f"static {function.prototype};")
             called |= {other for other, _ in function.calls}
-        return [*declared, *(line for function in module.functions for line in ("", *function.lines))]
+        return [*declared, *(line for function in functions for line in ("", *function.lines))]
 
 
 @cache

@@ -125,11 +125,10 @@ class FunctionPrinter(Expressions):
         match node.orelse:
             case [ast.If() as other]:
                 self._if(other, "} else if")
-            case []:
-                self._put("}")
-            case other_block:
-                self._put("} else {")
-                self._block(other_block)
+            case others:
+                if others:
+                    self._put("} else {")
+                    self._block(others)
                 self._put("}")
         self.assigned &= after
 
