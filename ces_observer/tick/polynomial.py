@@ -61,8 +61,8 @@ UNITY, POSITION_VALUE, SPEED_VALUE, CURRENT_VALUE, S_POLYNOMIAL = range(S_STRUCT
 MAX_EXPONENT = 8.0
 
 
-def power_of(value: float, power: float, signed: bool) -> float:
-    """Return |s|^power, or sign(s) |s|^power if `signed`."""
+def power_of(value: float, power: float, is_signed: bool) -> float:
+    """Return |s|^power, or sign(s) |s|^power if `is_signed`."""
     size = abs(value)
     if power == 1.0:
         result = size
@@ -76,7 +76,7 @@ def power_of(value: float, power: float, signed: bool) -> float:
         result = 1.0
     else:
         result = pow(size, power)
-    return copysign(result, value) if signed else result
+    return copysign(result, value) if is_signed else result
 
 
 def polynomial_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:

@@ -19,7 +19,7 @@ import numpy as np
 import tick_loop
 from numpy.typing import NDArray
 
-from ces_identify.export.c_printer import print_core
+from ces_identify.export.c_printer import Core
 from ces_identify.export.export_c import export_c
 from ces_identify.export.export_fmu import list_variables, sources
 from ces_identify.numerics.core import compiled
@@ -192,7 +192,8 @@ def core_texts() -> tuple[str, str]:
     """Return header and source of the core with the loop in it."""
     folder = Path(tick.__path__[0])
     texts = {name: (folder / f"{name}.py").read_text() for name in tick.MODULES}
-    return print_core({**texts, "tick_loop": inspect.getsource(tick_loop)}, ["run_samples", "check_models"])
+    core = Core({**texts, "tick_loop": inspect.getsource(tick_loop)}, [*tick.ENTRY_POINTS, "run_samples"])
+    return core.header, core.source
 
 
 def compile_library(folder: Path, files: dict[str, str], *words: str) -> ctypes.CDLL:
