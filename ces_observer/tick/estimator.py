@@ -12,27 +12,10 @@ from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TICK_S
 from ces_observer.tick.model import WAIT
 from ces_observer.tick.run import check_run, run_advance, run_force, run_half_width, run_restart
 from ces_observer.tick.tracker import (
-    AHEAD,
-    K_ESTIMATOR,
-    LATE_AT,
-    LATE_KNOWN,
-    LATE_TICKS,
-    N_ESTIMATOR,
-    NOT_FINITE,
-    OK,
-    OLD_POSITION,
-    OLD_SPEED,
-    OUT_OF_ORDER,
-    RESTARTED,
-    S_ESTIMATOR,
-    TICKS,
-    UNBOUNDED,
-    UNSETTLED,
-    WARMING_UP,
-    check_tracker,
-    tracker_advance,
+    AHEAD, K_ESTIMATOR, LATE_AT, LATE_KNOWN, LATE_TICKS, N_ESTIMATOR, NOT_FINITE, OK, OLD_POSITION, OLD_SPEED,
+    OUT_OF_ORDER, RESTARTED, S_ESTIMATOR, TICKS, UNBOUNDED, UNSETTLED, WARMING_UP, check_tracker, tracker_advance,
     tracker_reset,
-)
+)  # fmt: skip
 
 # n: whether there is a model without a delay; where the ring begins in s and k, and where the late estimates do
 HAS_NOW, RING_VALUES, RING_STAMPS, LATE_VALUES, LATE_STAMPS, N_ESTIMATOR_END = range(N_ESTIMATOR, N_ESTIMATOR + 6)
@@ -43,14 +26,8 @@ FORCE, S_ESTIMATOR_END = range(S_ESTIMATOR, S_ESTIMATOR + 2)
 # k: the last reason, what a warm-up is for, the reason of the late model, the next place in the ring, how many ticks it
 # holds, and how many late estimates the last sample has brought
 (
-    REASON,
-    CAUSE,
-    LATE_REASON,
-    RING_NEXT,
-    RING_COUNT,
-    LATE_COUNT,
-    K_ESTIMATOR_END,
-) = range(K_ESTIMATOR, K_ESTIMATOR + 7)
+    REASON, CAUSE, LATE_REASON, RING_NEXT, RING_COUNT, LATE_COUNT, K_ESTIMATOR_END,
+) = range(K_ESTIMATOR, K_ESTIMATOR + 7)  # fmt: skip
 
 MAX_STAMP = 4611686018427387903  # [ns] 2^62 - 1: the difference of two stamps is a number of 64 bits
 MAX_COUNT = 1099511627776  # 2^40, of a whole number of a model: 10 s in ns are less

@@ -9,14 +9,8 @@ from math import inf, pow
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.lagged import (
-    LAGGED_COUNT,
-    LAGGED_PHI,
-    N_LAGGED,
-    check_lagged,
-    lagged_force,
-    lagged_inputs,
-    lagged_reset,
-)
+    LAGGED_COUNT, LAGGED_PHI, N_LAGGED, check_lagged, lagged_force, lagged_inputs, lagged_reset,
+)  # fmt: skip
 from ces_observer.tick.layers import apply_layer
 from ces_observer.tick.model import P_STRUCTURE, S_STRUCTURE, lies_within
 
@@ -27,18 +21,9 @@ FUZZY_SCALE, P_FUZZY = range(P_STRUCTURE, P_STRUCTURE + 2)
 # exponent) and the layer of the rules; in n the premise of each bell and the bells of each rule; in s the memberships,
 # the outputs of the rules and their firings
 (
-    FUZZY_PREMISES,
-    FUZZY_BELLS,
-    FUZZY_RULES,
-    FUZZY_SHAPES,
-    FUZZY_LAYER,
-    FUZZY_OWNERS,
-    FUZZY_CHOICES,
-    FUZZY_MEMBERSHIPS,
-    FUZZY_OUTPUTS,
-    FUZZY_FIRINGS,
-    N_FUZZY,
-) = range(N_LAGGED, N_LAGGED + 11)
+    FUZZY_PREMISES, FUZZY_BELLS, FUZZY_RULES, FUZZY_SHAPES, FUZZY_LAYER, FUZZY_OWNERS, FUZZY_CHOICES, FUZZY_MEMBERSHIPS,
+    FUZZY_OUTPUTS, FUZZY_FIRINGS, N_FUZZY,
+) = range(N_LAGGED, N_LAGGED + 11)  # fmt: skip
 
 # s: the firings of all rules together
 FUZZY_FIRED, S_FUZZY = range(S_STRUCTURE, S_STRUCTURE + 2)

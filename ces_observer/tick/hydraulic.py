@@ -16,35 +16,16 @@ from ces_observer.tick.edges import EDGES, check_edge
 from ces_observer.tick.model import CLAMPED, HELD, STARTED, clamp, hold_force, is_clamped
 from ces_observer.tick.mount import FRICTION, check_mount
 from ces_observer.tick.pressures import (
-    FRICTION_GROWTH,
-    K_PRESSURES_END,
-    N_PRESSURES_END,
-    P_PRESSURES_END,
-    PRESSURE_C,
-    PRESSURE_R,
-    RATIO,
-    S_PRESSURES_END,
-    advance_pressures,
-    check_pressures,
-    pressures_reset,
-)
+    FRICTION_GROWTH, K_PRESSURES_END, N_PRESSURES_END, P_PRESSURES_END, PRESSURE_C, PRESSURE_R, RATIO, S_PRESSURES_END,
+    advance_pressures, check_pressures, pressures_reset,
+)  # fmt: skip
 from ces_observer.tick.valve import check_valve, valve_tick
 
 # p: the widest inputs that are not clamped [m, m/s, A]; drive and side forces [s, m/s^2, 1/s, Ns/m, kg]
 (
-    WIDE_POSITION_LOW,
-    WIDE_POSITION_HIGH,
-    WIDE_SPEED_LOW,
-    WIDE_SPEED_HIGH,
-    WIDE_CURRENT_LOW,
-    WIDE_CURRENT_HIGH,
-    DRIVE_LEAD,
-    MAX_ACCELERATION,
-    DRIVE_RATE,
-    VISCOUS,
-    MASS,
-    P_HYDRAULIC_END,
-) = range(P_PRESSURES_END, P_PRESSURES_END + 12)
+    WIDE_POSITION_LOW, WIDE_POSITION_HIGH, WIDE_SPEED_LOW, WIDE_SPEED_HIGH, WIDE_CURRENT_LOW, WIDE_CURRENT_HIGH,
+    DRIVE_LEAD, MAX_ACCELERATION, DRIVE_RATE, VISCOUS, MASS, P_HYDRAULIC_END,
+) = range(P_PRESSURES_END, P_PRESSURES_END + 12)  # fmt: skip
 
 # n: nodes of the gas force, and its tables in p: positions [m] and forces [N]
 GAS_NODES, GAS_POSITIONS, GAS_FORCES, N_HYDRAULIC_END = range(N_PRESSURES_END, N_PRESSURES_END + 4)

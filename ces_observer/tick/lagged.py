@@ -6,34 +6,15 @@ the first tick, forces are zero and inputs equal the first ones.
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.model import (
-    CLAMPED,
-    CURRENT_HIGH,
-    CURRENT_LOW,
-    HELD,
-    K_STRUCTURE,
-    N_STRUCTURE,
-    POSITION_HIGH,
-    POSITION_LOW,
-    SPEED_HIGH,
-    SPEED_LOW,
-    STARTED,
-    clamp,
-    hold_force,
-    is_clamped,
-    lies_within,
-)
+    CLAMPED, CURRENT_HIGH, CURRENT_LOW, HELD, K_STRUCTURE, N_STRUCTURE, POSITION_HIGH, POSITION_LOW, SPEED_HIGH,
+    SPEED_LOW, STARTED, clamp, hold_force, is_clamped, lies_within,
+)  # fmt: skip
 
 # n: ticks that are kept; the regressors, and where they begin in s; where these begin: in s four rings of the past
 # (position, speed, current, force), in n pairs (ring in s, lag), in p pairs (mean, spread), one for each regressor
 (
-    LAGGED_DEPTH,
-    LAGGED_COUNT,
-    LAGGED_PHI,
-    LAGGED_RINGS,
-    LAGGED_SOURCES,
-    LAGGED_SCALES,
-    N_LAGGED,
-) = range(N_STRUCTURE, N_STRUCTURE + 7)
+    LAGGED_DEPTH, LAGGED_COUNT, LAGGED_PHI, LAGGED_RINGS, LAGGED_SOURCES, LAGGED_SCALES, N_LAGGED,
+) = range(N_STRUCTURE, N_STRUCTURE + 7)  # fmt: skip
 
 # k: the place of the newest tick in the rings
 LAGGED_NEWEST, K_LAGGED = range(K_STRUCTURE, K_STRUCTURE + 2)

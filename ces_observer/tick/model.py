@@ -11,17 +11,8 @@ from ces_observer.tick.arrays import Floats, Ints
 
 # p: ranges [m, m/s, A, N], the rate [Hz], and the numbers of the band
 (
-    POSITION_LOW,
-    POSITION_HIGH,
-    SPEED_LOW,
-    SPEED_HIGH,
-    CURRENT_LOW,
-    CURRENT_HIGH,
-    FORCE_LOW,
-    FORCE_HIGH,
-    RATE,
-    P_BAND,
-) = range(10)
+    POSITION_LOW, POSITION_HIGH, SPEED_LOW, SPEED_HIGH, CURRENT_LOW, CURRENT_HIGH, FORCE_LOW, FORCE_HIGH, RATE, P_BAND,
+) = range(10)  # fmt: skip
 P_STRUCTURE = 48
 
 # n: which structure, ticks of warm-up, whether there is a band

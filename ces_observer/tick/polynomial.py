@@ -10,48 +10,21 @@ from math import copysign, pow, sqrt
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.constructed import (
-    CONSTRUCTED_STATES,
-    MAX_SIGNAL,
-    check_constructed,
-    constructed_update,
-    table_fits,
-)
+    CONSTRUCTED_STATES, MAX_SIGNAL, check_constructed, constructed_update, table_fits,
+)  # fmt: skip
 from ces_observer.tick.model import (
-    CLAMPED,
-    CURRENT_HIGH,
-    CURRENT_LOW,
-    HELD,
-    K_STRUCTURE,
-    N_STRUCTURE,
-    P_STRUCTURE,
-    POSITION_HIGH,
-    POSITION_LOW,
-    S_STRUCTURE,
-    SPEED_HIGH,
-    SPEED_LOW,
-    STARTED,
-    clamp,
-    hold_force,
-    is_clamped,
-)
+    CLAMPED, CURRENT_HIGH, CURRENT_LOW, HELD, K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, POSITION_HIGH, POSITION_LOW,
+    S_STRUCTURE, SPEED_HIGH, SPEED_LOW, STARTED, clamp, hold_force, is_clamped,
+)  # fmt: skip
 
-# n: where each table is, and how many rows it has
+# n: where tables begin in n, and how many rows they have: constructed inputs; powers (source in s, whether signed; their
+# exponents are in p); lags (source in s; begin and end in s of a ring of as many ticks as the lag); output lags (number
+# of terms; begin and end of the ring of past forces); two factors of each term, as places in s. Its coefficient is in
+# p. Products that later rows use come first, then the terms of b, then those of each a_j
 (
-    CONSTRUCTED_TABLE,
-    CONSTRUCTED_COUNT,
-    POWER_TABLE,  # source in s, whether signed
-    POWER_COUNT,
-    POWER_EXPONENTS,  # in p
-    LAG_TABLE,  # source in s; begin and end in s of a ring of as many ticks as the lag
-    LAG_COUNT,
-    OUTPUT_LAG_TABLE,  # number of terms; begin and end of the ring of past forces
-    OUTPUT_LAG_COUNT,
-    TERM_FACTORS,  # two places in s
-    TERM_COEFFICIENTS,  # in p
-    PRODUCT_COUNT,  # products that later rows use come first,
-    INPUT_TERM_COUNT,  # then the terms of b, then those of each a_j
-    N_POLYNOMIAL,
-) = range(N_STRUCTURE, N_STRUCTURE + 14)
+    CONSTRUCTED_TABLE, CONSTRUCTED_COUNT, POWER_TABLE, POWER_COUNT, POWER_EXPONENTS, LAG_TABLE, LAG_COUNT,
+    OUTPUT_LAG_TABLE, OUTPUT_LAG_COUNT, TERM_FACTORS, TERM_COEFFICIENTS, PRODUCT_COUNT, INPUT_TERM_COUNT, N_POLYNOMIAL,
+) = range(N_STRUCTURE, N_STRUCTURE + 14)  # fmt: skip
 
 # s
 UNITY, POSITION_VALUE, SPEED_VALUE, CURRENT_VALUE, S_POLYNOMIAL = range(S_STRUCTURE, S_STRUCTURE + 5)

@@ -31,39 +31,13 @@ from math import exp, sqrt
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.curves import interpolate, is_rising, is_table
 from ces_observer.tick.edges import (
-    BASE,
-    EDGE_NODES,
-    EDGE_PIECE,
-    EDGE_SHARE,
-    EDGES,
-    EXTERNAL,
-    K_EDGES_END,
-    LAST_ROW,
-    LINE_FLOW,
-    LINE_HIGH,
-    LINE_LOW,
-    LINE_SLOPE,
-    N_EDGES_END,
-    OPENING,
-    P_EDGES_END,
-    PISTON,
-    S_EDGES_END,
-    find_line,
-    set_row,
-)
+    BASE, EDGE_NODES, EDGE_PIECE, EDGE_SHARE, EDGES, EXTERNAL, K_EDGES_END, LAST_ROW, LINE_FLOW, LINE_HIGH, LINE_LOW,
+    LINE_SLOPE, N_EDGES_END, OPENING, P_EDGES_END, PISTON, S_EDGES_END, find_line, set_row,
+)  # fmt: skip
 from ces_observer.tick.model import clamp
 from ces_observer.tick.mount import (
-    MOUNT_GIVE,
-    PULL,
-    WAY_HIGH,
-    WAY_LOW,
-    WAY_SHARE,
-    WAY_SHIFT,
-    begin_mount,
-    end_mount,
-    find_piece_of_way,
-    mount_reset,
-)
+    MOUNT_GIVE, PULL, WAY_HIGH, WAY_LOW, WAY_SHARE, WAY_SHIFT, begin_mount, end_mount, find_piece_of_way, mount_reset,
+)  # fmt: skip
 
 WARMING_S = 100.0  # in which a damper takes up its heat
 WARMEST = 2.0  # growth of its flows, as a logarithm
@@ -81,20 +55,9 @@ OIL_PIECES = 9
 # p: r; C by tick [m/s/N] and their growths [1/m]; M [m/N]; fade [1/W] and its share of a tick; e, n and the pressure at
 # which both are held [N]; the growth of friction [1/N]; the ends of the pieces of phi [N]
 (
-    RATIO,
-    COMPLIANCE_C,
-    COMPLIANCE_R,
-    GROWTH_C,
-    GROWTH_R,
-    SPRING,
-    FADE,
-    WARMING,
-    LAMINAR,
-    NARROW,
-    MAX_PRESSURE,
-    FRICTION_GROWTH,
-    OIL_ENDS,
-) = range(P_EDGES_END, P_EDGES_END + 13)
+    RATIO, COMPLIANCE_C, COMPLIANCE_R, GROWTH_C, GROWTH_R, SPRING, FADE, WARMING, LAMINAR, NARROW, MAX_PRESSURE,
+    FRICTION_GROWTH, OIL_ENDS,
+) = range(P_EDGES_END, P_EDGES_END + 13)  # fmt: skip
 # values at 0 N [N] and slopes of the pieces
 OIL_VALUES = OIL_ENDS + OIL_PIECES + 1
 OIL_SLOPES = OIL_VALUES + OIL_PIECES
@@ -106,17 +69,8 @@ BYPASS_NODES, BYPASS_POSITIONS, BYPASS_LOGARITHMS, N_PRESSURES_END = range(N_EDG
 # s: pressures [N]; volumes, and compliances at this stroke, by tick; heat [W] and 1 / h; the setting at which the edges
 # are blended
 (
-    PRESSURE_C,
-    PRESSURE_R,
-    VOLUME_C,
-    VOLUME_R,
-    STORED_C,
-    STORED_R,
-    HEAT,
-    THICKNESS,
-    BLENDED_AT,
-    S_PRESSURES_END,
-) = range(S_EDGES_END, S_EDGES_END + 10)
+    PRESSURE_C, PRESSURE_R, VOLUME_C, VOLUME_R, STORED_C, STORED_R, HEAT, THICKNESS, BLENDED_AT, S_PRESSURES_END,
+) = range(S_EDGES_END, S_EDGES_END + 10)  # fmt: skip
 
 # k: pieces of the oil in both chambers
 OIL_C, OIL_R, K_PRESSURES_END = range(K_EDGES_END, K_EDGES_END + 3)

@@ -17,23 +17,9 @@ from math import sqrt, tanh
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.layers import apply_layer
 from ces_observer.tick.model import (
-    CLAMPED,
-    CURRENT_HIGH,
-    CURRENT_LOW,
-    HELD,
-    N_STRUCTURE,
-    P_STRUCTURE,
-    POSITION_HIGH,
-    POSITION_LOW,
-    S_STRUCTURE,
-    SPEED_HIGH,
-    SPEED_LOW,
-    STARTED,
-    clamp,
-    hold_force,
-    is_clamped,
-    lies_within,
-)
+    CLAMPED, CURRENT_HIGH, CURRENT_LOW, HELD, N_STRUCTURE, P_STRUCTURE, POSITION_HIGH, POSITION_LOW, S_STRUCTURE,
+    SPEED_HIGH, SPEED_LOW, STARTED, clamp, hold_force, is_clamped, lies_within,
+)  # fmt: skip
 
 # p: force for an output of 1 [N], and e [m/s]
 RECURRENT_SCALE, RECURRENT_SMOOTHING, P_RECURRENT = range(P_STRUCTURE, P_STRUCTURE + 3)
@@ -41,33 +27,16 @@ RECURRENT_SCALE, RECURRENT_SMOOTHING, P_RECURRENT = range(P_STRUCTURE, P_STRUCTU
 # n: members and the stages of each, 2 or 3; inputs; where these begin: in n the stages and the signal of each input; in
 # p pairs (mean, spread) of the inputs; in s the inputs and what drives the filters of a stage
 (
-    RECURRENT_MEMBERS,
-    RECURRENT_STAGES,
-    RECURRENT_INPUTS,
-    RECURRENT_TABLE,
-    RECURRENT_SIGNALS,
-    RECURRENT_SCALES,
-    RECURRENT_SCALED,
-    RECURRENT_DRIVEN,
-    N_RECURRENT,
-) = range(N_STRUCTURE, N_STRUCTURE + 9)
+    RECURRENT_MEMBERS, RECURRENT_STAGES, RECURRENT_INPUTS, RECURRENT_TABLE, RECURRENT_SIGNALS, RECURRENT_SCALES,
+    RECURRENT_SCALED, RECURRENT_DRIVEN, N_RECURRENT,
+) = range(N_STRUCTURE, N_STRUCTURE + 9)  # fmt: skip
 
 # n, from a stage on: its sizes; where its inputs and outputs are in s; where these begin: in p its poles (real and
 # imaginary parts of pole and 1 / (1 - pole)) and layers, in s tanh and z
 (
-    STAGE_INPUTS,
-    STAGE_FILTERS,
-    STAGE_TANHS,
-    STAGE_OUTPUTS,
-    STAGE_SOURCE,
-    STAGE_RESULTS,
-    STAGE_POLES,
-    STAGE_DRIVE,
-    STAGE_HIDDEN,
-    STAGE_OUT,
-    STAGE_JOINED,
-    N_STAGE,
-) = range(12)
+    STAGE_INPUTS, STAGE_FILTERS, STAGE_TANHS, STAGE_OUTPUTS, STAGE_SOURCE, STAGE_RESULTS, STAGE_POLES, STAGE_DRIVE,
+    STAGE_HIDDEN, STAGE_OUT, STAGE_JOINED, N_STAGE,
+) = range(12)  # fmt: skip
 
 # s: the signals
 SIGNAL_SPEED, SIGNAL_ROOT, SIGNAL_SIZE, SIGNAL_POSITION, SIGNAL_CURRENT, S_RECURRENT = range(

@@ -24,26 +24,9 @@ from math import floor, isfinite
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.bank import (
-    BANK_POSITION,
-    BANK_SPEED,
-    BANK_TICKS,
-    DELAY,
-    K_TRACKER,
-    LATE_POSITION,
-    LATE_SPEED,
-    N_TRACKER,
-    NEXT_POSITION,
-    NEXT_SPEED,
-    P_TRACKER,
-    S_TRACKER,
-    TICK_S,
-    bank_coast,
-    bank_reset,
-    bank_restore,
-    bank_save,
-    bank_update,
-    check_bank,
-)
+    BANK_POSITION, BANK_SPEED, BANK_TICKS, DELAY, K_TRACKER, LATE_POSITION, LATE_SPEED, N_TRACKER, NEXT_POSITION,
+    NEXT_SPEED, P_TRACKER, S_TRACKER, TICK_S, bank_coast, bank_reset, bank_restore, bank_save, bank_update, check_bank,
+)  # fmt: skip
 
 # p: the rate [ticks/ns]; how far a position may be from its prediction [m]; the stroke [m]; the largest change of speed
 # [m/s]; the interval after which samples were lost [s]; how long the bank settles, and the model after it [s and ticks]
