@@ -9,7 +9,7 @@ from math import isfinite, nan
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TICK_S
-from ces_observer.tick.model import WAIT
+from ces_observer.tick.model import WAIT, are_indices, lies_within
 from ces_observer.tick.run import check_run, run_advance, run_force, run_half_width, run_restart
 from ces_observer.tick.tracker import (
     AHEAD, K_ESTIMATOR, LATE_AT, LATE_KNOWN, LATE_TICKS, N_ESTIMATOR, NOT_FINITE, OK, OLD_POSITION, OLD_SPEED,
@@ -200,18 +200,10 @@ def check_estimator(p: Floats, n: Ints, numbers: int, counts: int, states: int, 
         return False
     length = n[DELAY] + 1
     fits = n[HAS_NOW] != 0 or n[DELAY] > 0
-    fits = fits and S_ESTIMATOR_END <= n[RING_VALUES] <= states - RING_WIDTH * length
-    fits = fits and K_ESTIMATOR_END <= n[RING_STAMPS] <= flags - RING_WIDTH * length
-    fits = fits and S_ESTIMATOR_END <= n[LATE_VALUES] <= states - LATE_WIDTH * length
-    return fits and K_ESTIMATOR_END <= n[LATE_STAMPS] <= flags - length
-
-
-def check_counts(n: Ints, counts: int) -> bool:
-    """Return whether all whole numbers of a model are so small that sums of them cannot overflow."""
-    for i in range(counts):
-        if not -MAX_COUNT <= n[i] <= MAX_COUNT:
-            return False
-    return counts > 0
+    fits = fits and lies_within(n[RING_VALUES], RING_WIDTH * length, S_ESTIMATOR_END, states)
+    fits = fits and lies_within(n[RING_STAMPS], RING_WIDTH * length, K_ESTIMATOR_END, flags)
+    fits = fits and lies_within(n[LATE_VALUES], LATE_WIDTH * length, S_ESTIMATOR_END, states)
+    return fits and lies_within(n[LATE_STAMPS], length, K_ESTIMATOR_END, flags)
 
 
 def check_models(
@@ -220,9 +212,10 @@ def check_models(
     late_p: Floats, late_n: Ints, late_numbers: int, late_counts: int, late_states: int, late_flags: int,
 ) -> bool:  # fmt: skip
     """Return whether `estimator_step` stays within all arrays of these sizes, whatever its samples are."""
-    if not (check_counts(n, counts) and check_counts(now_n, now_counts) and check_counts(late_n, late_counts)):
-        return False
-    if not check_estimator(p, n, numbers, counts, states, flags):
+    small = counts > 0 and are_indices(n, 0, counts, 1, -MAX_COUNT, MAX_COUNT)  # so that no sum of them overflows
+    small = small and now_counts > 0 and are_indices(now_n, 0, now_counts, 1, -MAX_COUNT, MAX_COUNT)
+    small = small and late_counts > 0 and are_indices(late_n, 0, late_counts, 1, -MAX_COUNT, MAX_COUNT)
+    if not (small and check_estimator(p, n, numbers, counts, states, flags)):
         return False
     if n[HAS_NOW] != 0 and not check_run(now_p, now_n, now_numbers, now_counts, now_states, now_flags):
         return False

@@ -29,12 +29,12 @@ function, whose slopes the balances are, would rise again are halved.
 from math import exp, sqrt
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.curves import interpolate, is_rising, is_table
+from ces_observer.tick.curves import interpolate, is_curve
 from ces_observer.tick.edges import (
     BASE, EDGE_NODES, EDGE_PIECE, EDGE_SHARE, EDGES, EXTERNAL, K_EDGES_END, LAST_ROW, LINE_FLOW, LINE_HIGH, LINE_LOW,
     LINE_SLOPE, N_EDGES_END, OPENING, P_EDGES_END, PISTON, S_EDGES_END, find_line, set_row,
 )  # fmt: skip
-from ces_observer.tick.model import clamp
+from ces_observer.tick.model import LARGEST, SMALLEST, are_between, clamp
 from ces_observer.tick.mount import (
     MOUNT_GIVE, PULL, WAY_HIGH, WAY_LOW, WAY_SHARE, WAY_SHIFT, begin_mount, end_mount, find_piece_of_way, mount_reset,
 )  # fmt: skip
@@ -307,24 +307,12 @@ def check_pressures(p: Floats, n: Ints, numbers: int, first: int) -> bool:
     """Return whether the bypass lies behind the named places of p, which end at `first`, and numbers can be used."""
     nodes = n[BYPASS_NODES]
     logarithms = n[BYPASS_LOGARITHMS]
-    if nodes != 0:
-        if not (
-            is_table(n[BYPASS_POSITIONS], nodes, first, numbers)
-            and is_table(logarithms, nodes, first, numbers)
-            and is_rising(p, n[BYPASS_POSITIONS], nodes)
-        ):
-            return False
-        for j in range(nodes):
-            if not abs(p[logarithms + j]) <= MAX_LOGARITHM:
-                return False
-    for j in range(OIL_PIECES):
-        if not (p[OIL_ENDS + j] < p[OIL_ENDS + j + 1] and p[OIL_SLOPES + j] > 0.0):
-            return False
-    return (
-        p[RATIO] >= 1.0
-        and p[COMPLIANCE_C] > 0.0
-        and p[COMPLIANCE_R] > 0.0
-        and p[LAMINAR] > 0.0
-        and p[NARROW] > 0.0
-        and p[MAX_PRESSURE] > 0.0
+    fits = nodes == 0 or (
+        is_curve(p, n[BYPASS_POSITIONS], logarithms, nodes, first, numbers)
+        and are_between(p, logarithms, nodes, 1, -MAX_LOGARITHM, MAX_LOGARITHM)
     )
+    for j in range(OIL_PIECES):
+        fits = fits and p[OIL_ENDS + j] < p[OIL_ENDS + j + 1]
+    fits = fits and are_between(p, OIL_SLOPES, OIL_PIECES, 1, SMALLEST, LARGEST) and p[RATIO] >= 1.0
+    fits = fits and p[COMPLIANCE_C] > 0.0 and p[COMPLIANCE_R] > 0.0
+    return fits and p[LAMINAR] > 0.0 and p[NARROW] > 0.0 and p[MAX_PRESSURE] > 0.0
