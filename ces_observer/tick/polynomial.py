@@ -16,8 +16,8 @@ from ces_observer.tick.model import (
     lies_within,
 )  # fmt: skip
 
-# n: where tables begin in n, and how many rows they have: constructed inputs; powers (source in s, whether signed; their
-# exponents are in p); lags (source in s; begin and end in s of a ring of as many ticks as the lag); output lags (number
+# n: where tables begin in n, and how many rows they have: constructed inputs; powers (source in s, whether signed,
+# exponents in p); lags (source in s; begin and end in s of a ring of as many ticks as the lag); output lags (number
 # of terms; begin and end of the ring of past forces); two factors of each term, as places in s. Its coefficient is in
 # p. Products that later rows use come first, then the terms of b, then those of each a_j
 (
