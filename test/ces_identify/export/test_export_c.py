@@ -3,6 +3,7 @@
 import ctypes
 import math
 import random
+import re
 import struct
 import subprocess
 from dataclasses import replace
@@ -74,6 +75,15 @@ def test_two_models_of_different_structures_share_the_core(tmp_path) -> None:
     )
     cc(tmp_path, *STRICT, "-o", "run", "main.c", *files, "-lm")
     assert subprocess.run([tmp_path / "run"], check=False).returncode == 2 * CODES["WARMING_UP"][0]
+
+
+@pytest.mark.needs("cc")
+def test_a_core_of_another_version_is_refused_by_the_compiler(tmp_path) -> None:
+    write(tmp_path, MODELS["plain"]())
+    header = tmp_path / "ces_core.h"
+    header.write_text(re.sub("(?<=CES_CORE_DIGEST 0x)....", "1234", header.read_text()))
+    done = subprocess.run(["cc", "-c", "model.c"], cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert "another version of ces_observer than this file: export all models again" in done.stderr
 
 
 @pytest.mark.needs("cc")
