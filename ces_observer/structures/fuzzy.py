@@ -1,8 +1,7 @@
-"""A neuro-fuzzy model (ANFIS; Jang 1993): its parameters and proof of stability.
+"""A neuro-fuzzy model (ANFIS): its parameters and proof of stability; `ces_observer.tick.fuzzy` has its equation.
 
-force = scale_N * sum over rules of share * (constant + linear . phi), with phi the scaled regressors. A rule's share is
-the product of its memberships over the sum of all rules' products. Memberships depend on inputs, never on past forces,
-so the model is a blend of affine recursions whose shares depend only on the damper's motion and current.
+A rule's share is its firing over that of all rules. Memberships depend on inputs, never on past forces, so the model is
+a blend of affine recursions whose shares depend only on the damper's motion and current.
 
 The shares are never negative and sum to one, so sum_j |sum_r share_r a_rj| <= max_r sum_j |a_rj|. If every rule's sum
 is below one, the blend is a contraction for any inputs, and from a past of zeros |y| <= max |b| / (1 - max sum) at all

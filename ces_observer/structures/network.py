@@ -1,7 +1,4 @@
-"""A sigmoid network NARX (thesis eq. 3.4, with a linear part): its parameters and proof of stability.
-
-force = scale_N * (constant + linear . phi + sum over units of weight * s(slopes . phi + bias)), s(x) = 1 / (1 + e^-x),
-with phi the scaled regressors (past forces, currents, speeds, positions).
+"""A sigmoid network NARX: its parameters and proof of stability; `ces_observer.tick.sigmoid` has its equation.
 
 The slope s' of a sigmoid lies in (0, 1/4]. Between two pasts the mean value theorem gives the output's change as
 sum_j g_j (change of y(k - j)) with g_j in the interval of linear_j + sum_i weight_i slope_ij s'_i, for any inputs. So

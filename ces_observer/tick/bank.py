@@ -192,20 +192,21 @@ def bank_update(
     column = int(BINS_A_TICK * shift + FIRST_SHIFT)
     beside = (shift - float(column - EARLIEST) / BINS_A_TICK) * p[TICK_S]  # [s] beside the middle of the bin
     row = (span * SHIFT_COUNT + column) * n[MODES]
-    if n[MEASURES_MOTION] != 0:
-        take_both(p, n, s, k, n[GAINS] + row * BOTH_WIDTH, position, beside, motion)
-    else:
-        take_position(p, n, s, k, n[GAINS] + row * GAINS_WIDTH, position, beside)
+    gains = n[GAINS] + row * (BOTH_WIDTH if n[MEASURES_MOTION] != 0 else GAINS_WIDTH)
+    take_measurement(p, n, s, k, gains, position, beside, motion)
     if n[DELAY] > 0:
         look_back(p, n, s, k)
 
 
-def take_position(p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: float, shift: float) -> None:
-    """Advance all modes by a tick with a position [m], `shift` [s] beside the middle of its bin.
+def take_measurement(
+    p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: float, shift: float, motion: float
+) -> None:
+    """Advance all modes by a tick with a position [m], `shift` [s] beside the middle of its bin, and the motion if any.
 
-    The weights are those of the last tick, moved a little towards equal ones, times the likelihood of the innovation e:
-    height / (1 + sharpness e^2)^5.
+    The weights are those of the last tick, moved a little towards equal ones, times the likelihood of the innovations e
+    and f: height / u^5, u = 1 + (e, f)' sharpness (e, f).
     """
+    both = n[MEASURES_MOTION] != 0
     delay = n[DELAY]
     stay = p[STAY] / s[TOTAL]
     leave = p[LEAVE]
@@ -226,84 +227,51 @@ def take_position(p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: 
         z3 = s[here + MODE_Z3]
         e = position - x - (p[at + SEEN_V] + shift) * speed
         e = e - p[at + SEEN_Z1] * z1 - p[at + SEEN_Z2] * z2 - p[at + SEEN_Z3] * z3
-        u = 1.0 + p[at + SHARPNESS] * e * e
+        f = 0.0
+        square = p[at + SHARPNESS] * e * e
+        out_x = p[at + GAIN_POSITION] * e
+        out_v = p[at + GAIN_SPEED] * e
+        to_x = p[at + GAIN_X] * e
+        to_v = p[at + GAIN_V] * e
+        to_z1 = p[at + GAIN_Z1] * e
+        to_z2 = p[at + GAIN_Z2] * e
+        to_z3 = p[at + GAIN_Z3] * e
+        if both:
+            felt = p[at + FELT_V] * speed + p[at + FELT_Z1] * z1 + p[at + FELT_Z2] * z2 + p[at + FELT_Z3] * z3
+            f = motion - (felt + s[here + MODE_OFFSET])
+            square = square + p[at + SHARPNESS_BOTH] * e * f + p[at + SHARPNESS_MOTION] * f * f
+            if square < -0.5:
+                square = 0.0  # never, but for numbers that no design gives
+            out_x += p[at + FELT_POSITION] * f
+            out_v += p[at + FELT_SPEED] * f
+            to_x += p[at + FELT_X] * f
+            to_v += p[at + FELT_GAIN_V] * f
+            to_z1 += p[at + FELT_GAIN_Z1] * f
+            to_z2 += p[at + FELT_GAIN_Z2] * f
+            to_z3 += p[at + FELT_GAIN_Z3] * f
+            s[here + MODE_OFFSET] += p[at + GAIN_OFFSET] * e + p[at + FELT_OFFSET] * f
+        u = 1.0 + square
         square = u * u
         weight = (leave + stay * s[here + MODE_WEIGHT]) * p[at + HEIGHT] / (square * square * u)
         total += weight
-        mean_x += weight * (x + p[at + GAIN_POSITION] * e)
-        mean_v += weight * (speed + p[at + GAIN_SPEED] * e)
+        mean_x += weight * (x + out_x)
+        mean_v += weight * (speed + out_v)
         if delay > 0:
-            keep_tick(n, s, k, i, speed, e, 0.0)
-        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3 + p[at + GAIN_X] * e
-        v = p[form + A1] * speed + z1 + p[at + GAIN_V] * e
-        s[here + MODE_X] = x
-        s[here + MODE_V] = v
-        s[here + MODE_Z1] = p[form + A2] * speed + z2 + p[at + GAIN_Z1] * e
-        s[here + MODE_Z2] = p[form + A3] * speed + z3 + p[at + GAIN_Z2] * e
-        s[here + MODE_Z3] = p[form + A4] * speed + p[at + GAIN_Z3] * e
-        s[here + MODE_WEIGHT] = weight
-        next_x += weight * x
-        next_v += weight * v
-        if u > LOST:
-            s[here + MODE_LOST] = 1.0
-            lost = True
-        at += GAINS_WIDTH
-        form += COMPANION_WIDTH
-        here += MODE_WIDTH
-    note_mean(n, s, k, total, mean_x, mean_v, next_x, next_v)
-    if lost:
-        restart_lost_modes(p, n, s)
-
-
-def take_both(p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: float, shift: float, motion: float) -> None:
-    """Do as `take_position` with a second measurement, whose innovation is f: u = 1 + (e, f)' sharpness (e, f)."""
-    stay = p[STAY] / s[TOTAL]
-    total = 0.0
-    mean_x = 0.0
-    mean_v = 0.0
-    next_x = 0.0
-    next_v = 0.0
-    lost = False
-    at = gains
-    form = n[COMPANIONS]
-    here = n[MODE_STATES]
-    for i in range(n[MODES]):
-        x = s[here + MODE_X]
-        speed = s[here + MODE_V]
-        z1 = s[here + MODE_Z1]
-        z2 = s[here + MODE_Z2]
-        z3 = s[here + MODE_Z3]
-        offset = s[here + MODE_OFFSET]
-        e = position - x - (p[at + SEEN_V] + shift) * speed
-        e = e - p[at + SEEN_Z1] * z1 - p[at + SEEN_Z2] * z2 - p[at + SEEN_Z3] * z3
-        felt = p[at + FELT_V] * speed + p[at + FELT_Z1] * z1 + p[at + FELT_Z2] * z2 + p[at + FELT_Z3] * z3
-        f = motion - (felt + offset)
-        u = 1.0 + (p[at + SHARPNESS] * e * e + p[at + SHARPNESS_BOTH] * e * f + p[at + SHARPNESS_MOTION] * f * f)
-        if u < 0.5:
-            u = 1.0  # never, but for numbers that no design gives
-        square = u * u
-        weight = (p[LEAVE] + stay * s[here + MODE_WEIGHT]) * p[at + HEIGHT] / (square * square * u)
-        total += weight
-        mean_x += weight * (x + (p[at + GAIN_POSITION] * e + p[at + FELT_POSITION] * f))
-        mean_v += weight * (speed + (p[at + GAIN_SPEED] * e + p[at + FELT_SPEED] * f))
-        if n[DELAY] > 0:
             keep_tick(n, s, k, i, speed, e, f)
-        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3
-        x += p[at + GAIN_X] * e + p[at + FELT_X] * f
-        v = p[form + A1] * speed + z1 + (p[at + GAIN_V] * e + p[at + FELT_GAIN_V] * f)
+        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3 + to_x
+        v = p[form + A1] * speed + z1 + to_v
         s[here + MODE_X] = x
         s[here + MODE_V] = v
-        s[here + MODE_Z1] = p[form + A2] * speed + z2 + (p[at + GAIN_Z1] * e + p[at + FELT_GAIN_Z1] * f)
-        s[here + MODE_Z2] = p[form + A3] * speed + z3 + (p[at + GAIN_Z2] * e + p[at + FELT_GAIN_Z2] * f)
-        s[here + MODE_Z3] = p[form + A4] * speed + (p[at + GAIN_Z3] * e + p[at + FELT_GAIN_Z3] * f)
-        s[here + MODE_OFFSET] = offset + (p[at + GAIN_OFFSET] * e + p[at + FELT_OFFSET] * f)
+        s[here + MODE_Z1] = p[form + A2] * speed + z2 + to_z1
+        s[here + MODE_Z2] = p[form + A3] * speed + z3 + to_z2
+        s[here + MODE_Z3] = p[form + A4] * speed + to_z3
         s[here + MODE_WEIGHT] = weight
         next_x += weight * x
         next_v += weight * v
         if u > LOST:
             s[here + MODE_LOST] = 1.0
             lost = True
-        at += BOTH_WIDTH
+        at += BOTH_WIDTH if both else GAINS_WIDTH
         form += COMPANION_WIDTH
         here += MODE_WIDTH
     note_mean(n, s, k, total, mean_x, mean_v, next_x, next_v)
