@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from math import prod
-from typing import ClassVar, Self
+from typing import Self
 
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
@@ -33,7 +33,7 @@ from ces_observer.structures.lagged_signals import (
 )
 from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure
 from ces_observer.tick import fuzzy as tick
-from ces_observer.tick.lagged import K_LAGGED
+from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.structure import FUZZY
 
 INPUTS = ("speed", "current", "position")
@@ -82,12 +82,8 @@ class Rule:
 class Fuzzy(Structure):
     """A neuro-fuzzy model; each rule's `linear` has one coefficient for each regressor."""
 
-    name: ClassVar[str] = "anfis"
-    keys: ClassVar[tuple[str, ...]] = ("fuzzy",)
-    option: ClassVar[str] = "anfis"
-    rank: ClassVar[int] = 2
-    number: ClassVar[int] = FUZZY
-    runs: ClassVar = (tick.fuzzy_reset, tick.fuzzy_tick)
+    name, keys, option, rank = "anfis", ("fuzzy",), "anfis", 2
+    number, runs = FUZZY, (lagged_reset, tick.fuzzy_tick)
 
     regressors: tuple[Regressor, ...]
     scale_N: float

@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import chain
 from math import exp
-from typing import ClassVar, Self
+from typing import Self
 
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
@@ -28,7 +28,7 @@ from ces_observer.structures.lagged_signals import (
 )
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.tick import sigmoid as tick
-from ces_observer.tick.lagged import K_LAGGED
+from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.model import S_STRUCTURE
 from ces_observer.tick.structure import SIGMOID
 
@@ -55,12 +55,8 @@ class SigmoidUnit:
 class Network(Structure):
     """A sigmoid network; `linear` and each unit's slopes have one coefficient for each regressor."""
 
-    name: ClassVar[str] = "sigmoid_narx"
-    keys: ClassVar[tuple[str, ...]] = ("network",)
-    option: ClassVar[str] = "sigmoid"
-    rank: ClassVar[int] = 1
-    number: ClassVar[int] = SIGMOID
-    runs: ClassVar = (tick.sigmoid_reset, tick.sigmoid_tick)
+    name, keys, option, rank = "sigmoid_narx", ("network",), "sigmoid", 1
+    number, runs = SIGMOID, (lagged_reset, tick.sigmoid_tick)
 
     regressors: tuple[Regressor, ...]
     scale_N: float
