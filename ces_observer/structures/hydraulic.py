@@ -27,16 +27,8 @@ from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import ENERGY_CLAIM, EnergyCertificate
+from ces_observer.structures import physical
 from ces_observer.structures.curves import MAX_VALUE, Bypass, FlowMap, parse_bypass
-from ces_observer.structures.physical import (
-    LONG_TICK,
-    MAX_REACH,
-    FrictionElement,
-    SideForces,
-    ValvePath,
-    widen,
-    yield_at_mid_stroke,
-)
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.tick import edges, mount, pressures
 from ces_observer.tick import hydraulic as tick
@@ -93,7 +85,7 @@ class Hydraulic(Structure):
     extrapolates, unproved = True, "its force is not proved to be bounded for every input"
 
     kind: str
-    valve: ValvePath
+    valve: physical.ValvePath
     area_ratio: float
     compression_m_N: float
     rebound_m_N: float
@@ -115,7 +107,7 @@ class Hydraulic(Structure):
     base_s: float
     external_s: float
     friction_growth_1_N: float
-    side: SideForces
+    side: physical.SideForces
     reach: float
 
     @property
@@ -162,19 +154,19 @@ class Hydraulic(Structure):
             raise ModelError(f"{node.where}: the edges have different flow_m_s; expected the same for all")
         return cls(
             kind=str(node.value["kind"]),
-            valve=ValvePath.from_json(node.at("valve")),
+            valve=physical.ValvePath.from_json(node.at("valve")),
             **numbers,
             **edges,
             bypass=parse_bypass(node.at("bypass")),
-            side=SideForces.from_json(node.at("side")),
-            reach=node.number("reach", 1.0, MAX_REACH),
+            side=physical.SideForces.from_json(node.at("side")),
+            reach=node.number("reach", 1.0, physical.MAX_REACH),
         )
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write its numbers into a layout."""
         rate = within.rate_Hz
         layout.reserve(tick.P_HYDRAULIC_END, tick.N_HYDRAULIC_END, tick.S_HYDRAULIC_END, tick.K_HYDRAULIC_END)
-        wide = [end for ends in widen(within.inputs, self.reach).values() for end in ends]
+        wide = [end for ends in physical.widen(within.inputs, self.reach).values() for end in ends]
         layout.put(tick.WIDE_POSITION_LOW, map(_as_number, wide))
         self.valve.fill(layout, 1.0 / rate)
         self.side.fill(layout, 1.0 / rate)
@@ -232,15 +224,15 @@ class Hydraulic(Structure):
     def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
         """Return the force [N] at mid-stroke of full strokes at constant speed and current, here in one long tick."""
         low, high = within.inputs["position"]
-        run = self.at_full_strokes(0.5 * (high - low), self.valve.steady(current_A)).make_predictor(LONG_TICK)
+        run = self.at_full_strokes(0.5 * (high - low), self.valve.steady(current_A)).make_predictor(physical.LONG_TICK)
         return run.tick(0.5 * (low + high), speed_m_s, current_A)
 
     def at_full_strokes(self, half_m: float, setting: float) -> Self:
         """Return the model with the yield forces that its friction has in the middle of strokes to +-`half_m` [m]."""
         elements = (
-            FrictionElement(
+            physical.FrictionElement(
                 one.stiffness_N_m,
-                yield_at_mid_stroke(one.stiffness_N_m, one.yield_N + setting * one.moved_N, half_m),
+                physical.yield_at_mid_stroke(one.stiffness_N_m, one.yield_N + setting * one.moved_N, half_m),
             )
             for one in self.side.friction
         )
@@ -249,7 +241,7 @@ class Hydraulic(Structure):
     def certify(self, within: OperatingRange) -> EnergyCertificate:
         """Return the proved bounds on |force| [N]; the force is held within its range, too."""
         most = max(map(abs, within.force_N))
-        ranges = within.inputs, widen(within.inputs, self.reach)
+        ranges = within.inputs, physical.widen(within.inputs, self.reach)
         envelope, any_input = (min(self.bound_force(inputs), most) for inputs in ranges)
         return EnergyCertificate(envelope, any_input, ENERGY_CLAIM, METHOD)
 
