@@ -164,7 +164,7 @@ def run_extension(core: Any, model: Model, samples: Samples) -> Steps:
     calls = {}
     for name, which in (("estimator_reset", range(12)), ("estimator_step", range(12)), ("run_half_width", (4, 5, 6))):
         bound = core.bind(name, *(arrays[i] for i in which))
-        calls[name] = lambda *arguments, bound=bound, count=len(which): bound(*arguments[count:])
+        calls[name] = lambda *words, bound=bound, which=which: bound(*words[len(which) :])
     loop = FunctionType(tick_loop.run_samples.__code__, {**vars(tick_loop), **calls})
     return _run_lists(loop, arrays, samples)
 
