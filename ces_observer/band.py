@@ -20,18 +20,7 @@ from typing import Any
 
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
-from ces_observer.tick.band import (
-    BAND_FADE,
-    BAND_GAIN,
-    BAND_LIMIT,
-    BAND_LOW_A,
-    BAND_MEAN,
-    BAND_PER_A,
-    BAND_SHARE,
-    BAND_SPEED,
-    BAND_WHITENING,
-    LOW_CURRENT_WEIGHT,
-)
+from ces_observer.tick import band as tick
 from ces_observer.tick.model import HAS_BAND
 
 STATE = ("position", "speed", "current", "change of speed", "change of current")
@@ -65,21 +54,17 @@ class Band:
     def fill(self, layout: Layout, rate_Hz: float) -> None:
         """Write its numbers into the layout of a model, for `ces_observer.tick.band`."""
         low, high = self.current_A
-        layout.set_counts({HAS_BAND: 1})
-        layout.set_numbers(
-            {
-                BAND_GAIN: 1.0 - exp(-1.0 / (self.change_s * rate_Hz)),
-                BAND_FADE: exp(-1.0 / (self.reversal_s * rate_Hz)),
-                BAND_LOW_A: low,
-                BAND_PER_A: 1.0 / (high - low) if high > low else 0.0,
-                BAND_SPEED: self.speed_m_s,
-                **dict(enumerate(self.parts, LOW_CURRENT_WEIGHT)),
-                **dict(enumerate(self.mean, BAND_MEAN)),
-                **dict(enumerate(chain.from_iterable(self.whitening), BAND_WHITENING)),
-                BAND_LIMIT: self.max_distance * self.max_distance,
-                BAND_SHARE: self.constant_share,
-            }
-        )
+        layout.n[HAS_BAND] = 1
+        layout.p[tick.BAND_GAIN] = 1.0 - exp(-1.0 / (self.change_s * rate_Hz))
+        layout.p[tick.BAND_FADE] = exp(-1.0 / (self.reversal_s * rate_Hz))
+        layout.p[tick.BAND_LOW_A] = low
+        layout.p[tick.BAND_PER_A] = 1.0 / (high - low) if high > low else 0.0
+        layout.p[tick.BAND_SPEED] = self.speed_m_s
+        layout.put(tick.LOW_CURRENT_WEIGHT, self.parts)
+        layout.put(tick.BAND_MEAN, self.mean)
+        layout.put(tick.BAND_WHITENING, chain.from_iterable(self.whitening))
+        layout.p[tick.BAND_LIMIT] = self.max_distance * self.max_distance
+        layout.p[tick.BAND_SHARE] = self.constant_share
 
     def to_json(self) -> dict[str, Any]:
         """Return the contents of the key `band` of a model file."""

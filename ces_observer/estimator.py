@@ -18,25 +18,8 @@ from ces_observer.flat import Arrays, Layout
 from ces_observer.model import Model
 from ces_observer.reasons import REASONS
 from ces_observer.sampling_layout import fill_tracker
-from ces_observer.tick.estimator import (
-    CAUSE,
-    FORCE,
-    HAS_NOW,
-    K_ESTIMATOR_END,
-    LATE_COUNT,
-    LATE_STAMPS,
-    LATE_VALUES,
-    LATE_WIDTH,
-    N_ESTIMATOR_END,
-    REASON,
-    RING_STAMPS,
-    RING_VALUES,
-    RING_WIDTH,
-    S_ESTIMATOR_END,
-    estimator_reset,
-    estimator_skip_late,
-    estimator_step,
-)
+from ces_observer.tick import estimator as tick
+from ces_observer.tick.estimator import CAUSE, FORCE, LATE_COUNT, LATE_STAMPS, LATE_VALUES, LATE_WIDTH, REASON
 from ces_observer.tick.model import CLAMPED, HELD
 from ces_observer.tick.run import run_half_width
 from ces_observer.tick.tracker import P_ESTIMATOR, TRACK_POSITION, TRACK_SPEED
@@ -64,17 +47,13 @@ def lay_out_estimator(model: Model) -> EstimatorArrays:
     """Return the arrays of a model file's estimator; raises ModelError for numbers that cannot be used."""
     sampling = model.best.sampling
     length = sampling.delay_ticks + 1
-    layout = Layout(P_ESTIMATOR, N_ESTIMATOR_END, S_ESTIMATOR_END, K_ESTIMATOR_END)
+    layout = Layout(P_ESTIMATOR, tick.N_ESTIMATOR_END, tick.S_ESTIMATOR_END, tick.K_ESTIMATOR_END)
     fill_tracker(layout, sampling)
-    layout.set_counts(
-        {
-            HAS_NOW: model.sampling.delay_ticks == 0,
-            RING_VALUES: layout.state(RING_WIDTH * length),
-            RING_STAMPS: layout.memory(RING_WIDTH * length),
-            LATE_VALUES: layout.state(LATE_WIDTH * length),
-            LATE_STAMPS: layout.memory(length),
-        }
-    )
+    layout.n[tick.HAS_NOW] = model.sampling.delay_ticks == 0
+    layout.n[tick.RING_VALUES] = layout.state(tick.RING_WIDTH * length)
+    layout.n[tick.RING_STAMPS] = layout.memory(tick.RING_WIDTH * length)
+    layout.n[LATE_VALUES] = layout.state(LATE_WIDTH * length)
+    layout.n[LATE_STAMPS] = layout.memory(length)
     absent = Layout(1, 1, 1, 1).arrays()
     now = absent if model.sampling.delay_ticks else model.lay_out().arrays()
     late = model.best.lay_out().arrays() if sampling.delay_ticks else absent
@@ -96,8 +75,8 @@ class Estimator:
         self._has_now, self._has_late = not model.sampling.delay_ticks, delay > 0
         self._own = now.k if self._has_now else late.k
         self._half_width = bind(run_half_width, now.p, now.n, now.s)
-        self._step, self._reset = (bind(one, *own, *now, *late) for one in (estimator_step, estimator_reset))
-        self._skip_late = bind(estimator_skip_late, self._n, self._s, self._k)
+        self._step, self._reset = (bind(one, *own, *now, *late) for one in (tick.estimator_step, tick.estimator_reset))
+        self._skip_late = bind(tick.estimator_skip_late, self._n, self._s, self._k)
         self.delay_ns = round(delay / model.sampling.rate_Hz * 1e9)
         self.reset()
 

@@ -6,7 +6,7 @@ names of places are declared once, in `tick/`; nobody writes a number for a plac
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from math import isfinite
 from typing import NamedTuple
 
@@ -23,11 +23,13 @@ class Arrays(NamedTuple):
 
 
 class Layout:
-    """Collects the numbers of a model; `numbers`, `counts`, `states` and `flags` are the sizes of its named parts."""
+    """Collects the numbers of a model: p, n, and the sizes of s and k.
+
+    `numbers`, `counts`, `states` and `flags` are the sizes of the named parts, at whose places p and n are assigned.
+    """
 
     def __init__(self, numbers: int, counts: int, states: int, flags: int) -> None:
-        self.p = [0.0] * numbers
-        self.n = [0] * counts
+        self.p, self.n = [0.0] * numbers, [0] * counts
         self.states, self.flags = states, flags
 
     def reserve(self, numbers: int, counts: int, states: int, flags: int) -> None:
@@ -36,15 +38,10 @@ class Layout:
         self.n.extend([0] * (counts - len(self.n)))
         self.states, self.flags = max(states, self.states), max(flags, self.flags)
 
-    def set_numbers(self, values: Mapping[int, float]) -> None:
-        """Set numbers by the names of their places."""
-        for place, value in values.items():
-            self.p[place] = float(value)
-
-    def set_counts(self, values: Mapping[int, int]) -> None:
-        """Set whole numbers by the names of their places."""
-        for place, value in values.items():
-            self.n[place] = int(value)
+    def put(self, place: int, values: Iterable[float]) -> None:
+        """Set numbers one after the other from a named place of p on."""
+        for i, value in enumerate(values):
+            self.p[place + i] = value
 
     def table(self, values: Iterable[float]) -> int:
         """Append numbers to p; return the place of the first."""
@@ -70,7 +67,8 @@ class Layout:
 
     def arrays(self) -> Arrays:
         """Return p, n and a new state of zeros. Raises ModelError if a number is not finite."""
-        for value in self.p:
+        numbers, counts = list(map(float, self.p)), list(map(int, self.n))
+        for value in numbers:
             if not isfinite(value):
                 raise ModelError(f"the model holds {value!r}; expected finite numbers only: identify the model again")
-        return Arrays(self.p, self.n, [0.0] * self.states, [0] * self.flags)
+        return Arrays(numbers, counts, [0.0] * self.states, [0] * self.flags)

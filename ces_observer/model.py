@@ -152,7 +152,7 @@ class Model:
     def lay_out(self) -> Layout:
         """Return the layout of a run of it: structure, warm-up and band; raises ModelError."""
         layout = self.body.lay_out(self.operating_range)
-        layout.set_counts({WARM_UP: round(self.sampling.warm_up_s * self.sampling.rate_Hz)})
+        layout.n[WARM_UP] = round(self.sampling.warm_up_s * self.sampling.rate_Hz)
         if self.band is not None:
             self.band.fill(layout, self.sampling.rate_Hz)
         return layout

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import lru_cache
+from itertools import chain
 
 from ces_observer.bank_design import SHIFTS, SPEED, BankMode, BankSettings, Gains, design_bank, response_s, spans_of
 from ces_observer.flat import Layout
@@ -30,30 +31,22 @@ def fill_tracker(layout: Layout, sampling: Sampling) -> None:
     settling_s = SETTLING * response_s(sampling.stroke)
     settling_ticks = settling_s * sampling.rate_Hz
     low, high = sampling.stroke_m
-    layout.set_numbers(
-        {
-            tracker.TICKS_PER_NS: sampling.rate_Hz * 1e-9,
-            tracker.OUTLIER_M: sampling.outlier_m,
-            tracker.STROKE_LOW: low,
-            tracker.STROKE_HIGH: high,
-            tracker.LARGEST_CHANGE: MAX_CHANGE * sampling.speed_m_s,
-            tracker.OVERDUE_S: OVERDUE / sampling.rate_Hz,
-            tracker.SETTLING_S: settling_s,
-            tracker.SETTLING_TICKS: settling_ticks,
-            tracker.DOUBT_S: DOUBT * settling_s,
-            tracker.DOUBT_TICKS: DOUBT * settling_ticks,
-        }
-    )
+    layout.p[tracker.TICKS_PER_NS] = sampling.rate_Hz * 1e-9
+    layout.p[tracker.OUTLIER_M] = sampling.outlier_m
+    layout.p[tracker.STROKE_LOW] = low
+    layout.p[tracker.STROKE_HIGH] = high
+    layout.p[tracker.LARGEST_CHANGE] = MAX_CHANGE * sampling.speed_m_s
+    layout.p[tracker.OVERDUE_S] = OVERDUE / sampling.rate_Hz
+    layout.p[tracker.SETTLING_S] = settling_s
+    layout.p[tracker.SETTLING_TICKS] = settling_ticks
+    layout.p[tracker.DOUBT_S] = DOUBT * settling_s
+    layout.p[tracker.DOUBT_TICKS] = DOUBT * settling_ticks
     max_gap_ns = round(sampling.max_gap_s * 1e9)
     room = int(max_gap_ns * layout.p[tracker.TICKS_PER_NS]) + 2 if sampling.delay_ticks else 0
-    layout.set_counts(
-        {
-            tracker.MAX_GAP_NS: max_gap_ns,
-            tracker.MEASURES_SPEED: sampling.motion == SPEED,
-            tracker.LATE_AT: layout.state(2 * room),
-            tracker.LATE_KNOWN: layout.memory(room),
-        }
-    )
+    layout.n[tracker.MAX_GAP_NS] = max_gap_ns
+    layout.n[tracker.MEASURES_SPEED] = sampling.motion == SPEED
+    layout.n[tracker.LATE_AT] = layout.state(2 * room)
+    layout.n[tracker.LATE_KNOWN] = layout.memory(room)
 
 
 def fill_bank(layout: Layout, stroke: BankSettings, delay: int) -> None:
@@ -65,30 +58,27 @@ def fill_bank(layout: Layout, stroke: BankSettings, delay: int) -> None:
     ring = (delay + 1) * (1 + len(modes) * (1 + 2 * measurements)) if delay else 0
     size = len(modes) * bank.MODE_WIDTH + ring
     states = layout.state(size)
-    layout.set_numbers({bank.TICK_S: tick_s, bank.STAY: stay, bank.LEAVE: (1.0 - stay) / len(modes)})
-    layout.set_counts(
-        {
-            bank.DELAY: delay,
-            bank.MODES: len(modes),
-            bank.SPANS: len(spans),
-            bank.MEASURES_MOTION: measurements > 1,
-            bank.SPAN_TABLE: layout.indices(spans),
-            bank.SEEN: layout.table(x for at in range(len(SHIFTS)) for mode in modes for x in _seen(mode, at, stroke)),
-            bank.GAINS: layout.table(_gains(stroke, delay)),
-            bank.LIKELIHOODS: layout.table(
-                x
-                for span in range(len(spans))
-                for mode in modes
-                for x in (mode.gains[span][0].height, *mode.gains[span][0].sharpness)
-            ),
-            bank.COMPANIONS: layout.table(x for mode in modes for x in (*mode.speed, *mode.position)),
-            bank.SMOOTHING: layout.table(x for mode in modes for row in zip(*mode.smoothing, strict=True) for x in row),
-            bank.MODE_STATES: states,
-            bank.RING: states + len(modes) * bank.MODE_WIDTH,
-            bank.BANK_STATES: size,
-            bank.SAVED: layout.state(size),
-        }
+    layout.p[bank.TICK_S] = tick_s
+    layout.p[bank.STAY] = stay
+    layout.p[bank.LEAVE] = (1.0 - stay) / len(modes)
+    layout.n[bank.DELAY] = delay
+    layout.n[bank.MODES] = len(modes)
+    layout.n[bank.SPANS] = len(spans)
+    layout.n[bank.MEASURES_MOTION] = measurements > 1
+    layout.n[bank.SPAN_TABLE] = layout.indices(spans)
+    layout.n[bank.SEEN] = layout.table(
+        x for at in range(len(SHIFTS)) for mode in modes for x in _seen(mode, at, stroke)
     )
+    layout.n[bank.GAINS] = layout.table(_gains(stroke, delay))
+    first = (mode.gains[span][0] for span in range(len(spans)) for mode in modes)
+    layout.n[bank.LIKELIHOODS] = layout.table(x for gains in first for x in (gains.height, *gains.sharpness))
+    layout.n[bank.COMPANIONS] = layout.table(x for mode in modes for x in (*mode.speed, *mode.position))
+    smoothing = (row for mode in modes for row in zip(*mode.smoothing, strict=True))
+    layout.n[bank.SMOOTHING] = layout.table(chain.from_iterable(smoothing))
+    layout.n[bank.MODE_STATES] = states
+    layout.n[bank.RING] = states + len(modes) * bank.MODE_WIDTH
+    layout.n[bank.BANK_STATES] = size
+    layout.n[bank.SAVED] = layout.state(size)
 
 
 def _seen(mode: BankMode, at: int, stroke: BankSettings) -> tuple[float, ...]:

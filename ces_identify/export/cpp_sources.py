@@ -2,8 +2,9 @@
 
     python3 -m ces_identify.export.cpp_sources FOLDER
 
-writes the core (`ces_core.c`, `ces_core.h`), the node's parameters for generate_parameter_library (`parameters.yaml`)
-and reasons in words (`from_python.hpp`). It needs the standard library only.
+writes the core (`ces_core.c`, `ces_core.h`), the counts of arrivals (`ces_arrivals.c`, `ces_arrivals.h`), the node's
+parameters for generate_parameter_library (`parameters.yaml`) and reasons in words (`from_python.hpp`). It needs the
+standard library only.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.export.c_expressions import SubsetError
-from ces_identify.export.c_printer import write_core
+from ces_identify.export.c_printer import print_core, write_core
 from ces_observer import damper_observer, reasons
 from ces_observer.core import SEEDS, tick_digest
 from ces_observer.errors import CesError, ModelError
+from ces_observer.health import arrivals
 from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, signal_options, type_name
 from ces_observer.options import Option
 from ces_observer.signals import DEFAULTS, LARGEST, MOTIONS
@@ -39,6 +41,7 @@ MEANINGS = {
 CONSTANT = "current.constant"  # which may be not set, so that the node declares it by hand
 NOT_MEASURED = {"topic": "", "type": "", "field": ""}
 NUMBERS = {"scale": 1.0, "offset": 0.0, "delay": 0.0}
+ARRIVALS = ("losses_take_number", "arrivals_reset", "arrivals_take", "arrivals_roll", "arrivals_restart_ages")
 NODE_REASONS = ("SILENT", "POSITION_NOT_FINITE", "NO_CURRENT", "NO_MOTION", "OFF_CLOCK")
 WORDS = """// Printed by ces_identify.export.cpp_sources from ces_observer: the words of /diagnostics, and limits.
 #pragma once
@@ -69,6 +72,11 @@ constexpr const char * text_of(Reason reason) {{return REASON_TEXTS[reason];}}
 def write_sources(folder: Path) -> None:
     """Write all files into a folder."""
     write_core(folder)
+    text = Path(arrivals.__file__).read_text(encoding="utf-8")
+    printed = print_core({"arrivals": text}, ARRIVALS, "ces_observer/health")
+    for suffix, lines in zip(("h", "c"), printed, strict=True):
+        named = lines.replace("CES_", "CES_ARRIVALS_").replace("ces_core.h", "ces_arrivals.h")
+        (folder / f"ces_arrivals.{suffix}").write_text(named, encoding="utf-8")
     (folder / "parameters.yaml").write_text(parameter_library("observer", list_parameters()), encoding="utf-8")
     (folder / "from_python.hpp").write_text(reason_header(), encoding="utf-8")
 

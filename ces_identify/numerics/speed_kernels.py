@@ -15,20 +15,9 @@ from ces_observer.sampling_layout import layout_of
 from ces_observer.tick import tracker
 from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TOTAL
 from ces_observer.tick.tracker import (
-    AHEAD,
-    INNOVATION,
-    LAST_TICK,
-    LATE_AT,
-    LATE_KNOWN,
-    MAX_GAP_NS,
-    OK,
-    OLD_POSITION,
-    OLD_SPEED,
-    ORIGIN,
-    PATIENCE,
-    TICKS,
+    AHEAD, INNOVATION, LAST_TICK, LATE_AT, LATE_KNOWN, MAX_GAP_NS, OK, OLD_POSITION, OLD_SPEED, ORIGIN, PATIENCE, TICKS,
     UNSETTLED,
-)
+)  # fmt: skip
 
 tracker_advance = compiled(tracker.tracker_advance)
 

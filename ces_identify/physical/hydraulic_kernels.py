@@ -27,29 +27,10 @@ from ces_observer.tick.hydraulic import VISCOUS as DRAG
 from ces_observer.tick.mount import FRICTION as RUBBED
 from ces_observer.tick.mount import MOUNT_GIVE, PULL, SPRING_NUMBERS, SPRING_STATES, SPRINGS, WAY
 from ces_observer.tick.pressures import (
-    BYPASS_LOGARITHMS,
-    BYPASS_NODES,
-    BYPASS_POSITIONS,
-    COMPLIANCE_C,
-    COMPLIANCE_R,
-    FRICTION_GROWTH,
-    HEAT,
-    LAMINAR,
-    NARROW,
-    OIL_C,
-    OIL_R,
-    OIL_SLOPES,
-    OIL_VALUES,
-    PRESSURE_C,
-    PRESSURE_R,
-    SPRING,
-    STILL_N,
-    STORED_C,
-    STORED_R,
-    THICKNESS,
-    WARMEST,
-    WARMING,
-)
+    BYPASS_LOGARITHMS, BYPASS_NODES, BYPASS_POSITIONS, COMPLIANCE_C, COMPLIANCE_R, FRICTION_GROWTH, HEAT, LAMINAR,
+    NARROW, OIL_C, OIL_R, OIL_SLOPES, OIL_VALUES, PRESSURE_C, PRESSURE_R, SPRING, STILL_N, STORED_C, STORED_R,
+    THICKNESS, WARMEST, WARMING,
+)  # fmt: skip
 from ces_observer.tick.pressures import FADE as FADES
 from ces_observer.tick.pressures import RATIO as RATIOS
 from ces_observer.tick.valve import PLAY, PLAYS, SETTING, VALVE_DELAY, VALVE_NODES

@@ -9,15 +9,8 @@ from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
 from ces_observer.structures.physical import PLAYS
 from ces_observer.tick.valve import (
-    PLAY,
-    PLAY_HALF,
-    VALVE_CURRENTS,
-    VALVE_FALL,
-    VALVE_NODES,
-    VALVE_PART,
-    VALVE_RISE,
-    VALVE_SETTINGS,
-)
+    PLAY, PLAY_HALF, VALVE_CURRENTS, VALVE_FALL, VALVE_NODES, VALVE_PART, VALVE_RISE, VALVE_SETTINGS,
+)  # fmt: skip
 
 HALVES = np.array(PLAYS)
 RISE, FALL, HYSTERESIS, DELAY = 0, 1, 2, 3  # places of the valve's single parameters, before its characteristic

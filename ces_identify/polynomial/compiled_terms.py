@@ -13,12 +13,7 @@ from ces_identify.numerics.core import compiled, core_kernel
 from ces_identify.numerics.kernels import TermArrays
 from ces_observer.flat import Layout
 from ces_observer.model import Envelope, Model
-from ces_observer.structures.constructed_inputs import (
-    BASE,
-    ConstructedInput,
-    TriangularMembership,
-    lay_out_constructed,
-)
+from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, TriangularMembership, lay_out_constructed
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Factor, Term, collect_constructed

@@ -17,21 +17,13 @@ from ces_identify.physical.models import HydraulicModels
 from ces_identify.physical.physical_search import SHORT_WORK, PhysicalFit, PhysicalSearch
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.prepare.series import Series
-from ces_identify.structures.kit import (
-    Fitted,
-    Fitter,
-    IdentifyOptions,
-    Size,
-    StructureKit,
-)
+from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size, StructureKit
 from ces_identify.structures.physical import physical_table
 from ces_identify.trained.training import Training, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
-from ces_observer.structures.hydraulic import (
-    Hydraulic,
-)
+from ces_observer.structures.hydraulic import Hydraulic
 
 METHOD = "Levenberg-Marquardt on the free-run error, exact derivatives; kind, pull and bypass by the selection data"
 AUTO = "auto"

@@ -12,17 +12,8 @@ from markupsafe import Markup
 from ces_data.arrays import F
 from ces_identify.polynomial.search_limits import Listener, SearchResult, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
-from ces_identify.structures.kit import (
-    Fitted,
-    IdentifyOptions,
-    StructureKit,
-)
-from ces_identify.trained.recurrent_training import (
-    RecurrentFamily,
-    build_family,
-    descend,
-    train_member,
-)
+from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
+from ces_identify.trained.recurrent_training import RecurrentFamily, build_family, descend, train_member
 from ces_identify.trained.training import build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling

@@ -11,19 +11,9 @@ from math import log
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
 from ces_observer.tick.fuzzy import (
-    FUZZY_BELLS,
-    FUZZY_CHOICES,
-    FUZZY_FIRED,
-    FUZZY_FIRINGS,
-    FUZZY_LAYER,
-    FUZZY_MEMBERSHIPS,
-    FUZZY_OUTPUTS,
-    FUZZY_OWNERS,
-    FUZZY_PREMISES,
-    FUZZY_RULES,
-    FUZZY_SCALE,
-    FUZZY_SHAPES,
-)
+    FUZZY_BELLS, FUZZY_CHOICES, FUZZY_FIRED, FUZZY_FIRINGS, FUZZY_LAYER, FUZZY_MEMBERSHIPS, FUZZY_OUTPUTS, FUZZY_OWNERS,
+    FUZZY_PREMISES, FUZZY_RULES, FUZZY_SCALE, FUZZY_SHAPES,
+)  # fmt: skip
 from ces_observer.tick.lagged import LAGGED_PHI
 
 

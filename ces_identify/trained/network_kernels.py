@@ -8,13 +8,7 @@ from __future__ import annotations
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
 from ces_observer.tick.lagged import LAGGED_PHI
-from ces_observer.tick.sigmoid import (
-    SIGMOID_LAYER,
-    SIGMOID_OUTPUTS,
-    SIGMOID_SCALE,
-    SIGMOID_UNITS,
-    SIGMOID_WEIGHTS,
-)
+from ces_observer.tick.sigmoid import SIGMOID_LAYER, SIGMOID_OUTPUTS, SIGMOID_SCALE, SIGMOID_UNITS, SIGMOID_WEIGHTS
 
 
 @core_kernel

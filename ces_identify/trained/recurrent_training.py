@@ -17,13 +17,7 @@ import numpy as np
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import run_batch
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end
-from ces_identify.trained.recurrent_kernels import (
-    MemberArrays,
-    StageArrays,
-    new_states,
-    run_member,
-    run_member_back,
-)
+from ces_identify.trained.recurrent_kernels import MemberArrays, StageArrays, new_states, run_member, run_member_back
 from ces_identify.trained.training import Training
 from ces_observer.errors import CesError
 from ces_observer.model import Envelope

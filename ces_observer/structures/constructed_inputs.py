@@ -23,16 +23,7 @@ from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, down, up
 from ces_observer.structures.structure import Range, Ranges
-from ces_observer.tick.constructed import (
-    CONSTRUCTED_NUMBERS,
-    CONSTRUCTED_STATES,
-    KIND_FREQUENCY,
-    KIND_HAT,
-    KIND_LAG,
-    KIND_PLAY,
-    KIND_STOP,
-    membership,
-)
+from ces_observer.tick import constructed as tick
 
 BASE = ("position", "speed", "current")
 
@@ -166,7 +157,7 @@ class TriangularMembership(_Definition):
 
     def at(self, value: float) -> float:
         """Return the membership of `value`, from 0 to 1."""
-        return membership(value, *self.ends)
+        return tick.membership(value, *self.ends)
 
     def base_range(self, ranges: Ranges) -> Range:
         """Return the range of the signal `of`."""
@@ -210,9 +201,6 @@ def make_memberships(
     )
 
 
-CODES = {"stop": KIND_STOP, "play": KIND_PLAY, "lag": KIND_LAG, "frequency": KIND_FREQUENCY, "hat": KIND_HAT}
-
-
 def lay_out_constructed(
     layout: Layout, constructed: Sequence[ConstructedInput], rate_Hz: float, position: int
 ) -> tuple[int, dict[str, int]]:
@@ -222,12 +210,12 @@ def lay_out_constructed(
     place of the table in n, and the place in s of every signal.
     """
     places = {name: position + i for i, name in enumerate((*BASE, *(one.name for one in constructed)))}
-    layout.state(len(constructed) * (1 + CONSTRUCTED_STATES))
+    layout.state(len(constructed) * (1 + tick.CONSTRUCTED_STATES))
     rows = list[int]()
     for one in constructed:
         numbers = one.numbers(rate_Hz)
-        padding = (0.0,) * (CONSTRUCTED_NUMBERS - len(numbers))
-        rows += [CODES[one.kind], places[one.signals[0]], layout.table((*numbers, *padding))]
+        padding = (0.0,) * (tick.CONSTRUCTED_NUMBERS - len(numbers))
+        rows += [KINDS.index(one.kind), places[one.signals[0]], layout.table((*numbers, *padding))]
     return layout.indices(rows), places
 
 
@@ -240,7 +228,7 @@ SETTINGS = {
     "frequency": ("time_constant_s", "range_Hz", "floor_m"),
     "hat": ("of", "low", "peak", "high"),
 }
-KINDS = tuple(SETTINGS)
+KINDS = tuple(SETTINGS)  # in the order of their numbers in the tick
 MAX_CONSTRUCTED = 64
 MAX_WIDTH = 1e6  # [m, m/s, A]
 MIN_WIDTH = 1e-9  # so that no slope overflows

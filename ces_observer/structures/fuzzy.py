@@ -33,25 +33,7 @@ from ces_observer.structures.lagged_signals import (
     scale_from,
 )
 from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure
-from ces_observer.tick.fuzzy import (
-    FUZZY_BELLS,
-    FUZZY_CHOICES,
-    FUZZY_FIRINGS,
-    FUZZY_LAYER,
-    FUZZY_MEMBERSHIPS,
-    FUZZY_OUTPUTS,
-    FUZZY_OWNERS,
-    FUZZY_PREMISES,
-    FUZZY_RULES,
-    FUZZY_SCALE,
-    FUZZY_SHAPES,
-    MAX_FUZZY_EXPONENT,
-    N_FUZZY,
-    P_FUZZY,
-    S_FUZZY,
-    fuzzy_reset,
-    fuzzy_tick,
-)
+from ces_observer.tick import fuzzy as tick
 from ces_observer.tick.lagged import K_LAGGED
 from ces_observer.tick.structure import FUZZY
 
@@ -59,7 +41,7 @@ INPUTS = ("speed", "current", "position")
 MAX_RULES = 200
 MAX_PREMISES = 6
 MAX_MEMBERSHIPS = 200
-STEEPEST = 0.5 * MAX_FUZZY_EXPONENT
+STEEPEST = 0.5 * tick.MAX_FUZZY_EXPONENT
 MIN_WIDTH = 1e-6  # [m, m/s, A]; with STEEPEST and MAX_NUMBER, so that no power overflows
 MIN_FIRING = 1e-200  # so that the shares do not underflow
 CLAIM = "sum_j |a_j| <= gain < 1 in every rule, so in every blend; |b| <= drive_N for every input in the input envelope"
@@ -106,7 +88,7 @@ class Fuzzy(Structure):
     option: ClassVar[str] = "anfis"
     rank: ClassVar[int] = 2
     number: ClassVar[int] = FUZZY
-    runs: ClassVar = (fuzzy_reset, fuzzy_tick)
+    runs: ClassVar = (tick.fuzzy_reset, tick.fuzzy_tick)
 
     regressors: tuple[Regressor, ...]
     scale_N: float
@@ -146,28 +128,24 @@ class Fuzzy(Structure):
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the rules into a layout, for `ces_observer.tick.fuzzy`; the bells of all premises are in one row."""
-        layout.reserve(P_FUZZY, N_FUZZY, S_FUZZY, K_LAGGED)
+        layout.reserve(tick.P_FUZZY, tick.N_FUZZY, tick.S_FUZZY, K_LAGGED)
         premises = [Regressor(p.signal, p.lag, 0.0, 1.0) for p in self.premises]
         fill_lagged(layout, (*self.regressors, *premises), self.max_lag)
         bells = [(i, bell) for i, premise in enumerate(self.premises) for bell in premise.memberships]
         first = list(accumulate((len(p.memberships) for p in self.premises), initial=0))
         choices = [at + chosen for rule in self.rules for at, chosen in zip(first, rule.memberships, strict=False)]
         shapes = [number for _, bell in bells for number in (bell.centre, bell.width, 2.0 * bell.slope)]
-        layout.set_numbers({FUZZY_SCALE: self.scale_N})
-        layout.set_counts(
-            {
-                FUZZY_PREMISES: len(premises),
-                FUZZY_BELLS: len(bells),
-                FUZZY_RULES: len(self.rules),
-                FUZZY_SHAPES: layout.table(shapes),
-                FUZZY_LAYER: layout.table(number for r in self.rules for number in (*r.linear, r.constant)),
-                FUZZY_OWNERS: layout.indices(owner for owner, _ in bells),
-                FUZZY_CHOICES: layout.indices(choices),
-                FUZZY_MEMBERSHIPS: layout.state(len(bells)),
-                FUZZY_OUTPUTS: layout.state(len(self.rules)),
-                FUZZY_FIRINGS: layout.state(len(self.rules)),
-            }
-        )
+        layout.p[tick.FUZZY_SCALE] = self.scale_N
+        layout.n[tick.FUZZY_PREMISES] = len(premises)
+        layout.n[tick.FUZZY_BELLS] = len(bells)
+        layout.n[tick.FUZZY_RULES] = len(self.rules)
+        layout.n[tick.FUZZY_SHAPES] = layout.table(shapes)
+        layout.n[tick.FUZZY_LAYER] = layout.table(number for r in self.rules for number in (*r.linear, r.constant))
+        layout.n[tick.FUZZY_OWNERS] = layout.indices(owner for owner, _ in bells)
+        layout.n[tick.FUZZY_CHOICES] = layout.indices(choices)
+        layout.n[tick.FUZZY_MEMBERSHIPS] = layout.state(len(bells))
+        layout.n[tick.FUZZY_OUTPUTS] = layout.state(len(self.rules))
+        layout.n[tick.FUZZY_FIRINGS] = layout.state(len(self.rules))
 
     def certify(self, within: OperatingRange) -> Contraction:
         """Return proved bounds on the sum of the past forces' |gains|, and on |force| [N] at a past of zeros."""

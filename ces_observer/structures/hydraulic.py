@@ -172,7 +172,7 @@ class Hydraulic(PhysicalStructure):
         layout.state(tick.S_HYDRAULIC_END - S_STRUCTURE)
         layout.memory(tick.K_HYDRAULIC_END - K_STRUCTURE)
         wide = [end for ends in widen(within.inputs, self.reach).values() for end in ends]
-        layout.set_numbers({tick.WIDE_POSITION_LOW + n: _as_number(end) for n, end in enumerate(wide)})
+        layout.put(tick.WIDE_POSITION_LOW, map(_as_number, wide))
         self.valve.fill(layout, 1.0 / rate)
         self.side.fill(layout, 1.0 / rate)
         self._fill_mount(layout, rate)
@@ -180,52 +180,36 @@ class Hydraulic(PhysicalStructure):
         self._fill_chambers(layout, rate)
 
     def _fill_chambers(self, layout: Layout, rate_Hz: float) -> None:
-        layout.set_numbers(
-            {
-                pressures.RATIO: 1.0 + self.area_ratio,
-                pressures.COMPLIANCE_C: rate_Hz * self.compression_m_N,
-                pressures.COMPLIANCE_R: rate_Hz * self.rebound_m_N,
-                pressures.GROWTH_C: self.compression_growth_1_m,
-                pressures.GROWTH_R: self.rebound_growth_1_m,
-                pressures.SPRING: self.mount_m_N,
-                pressures.FADE: self.fade_1_W,
-                pressures.WARMING: 1.0 / (1.0 + rate_Hz * WARMING_S),
-                pressures.LAMINAR: self.laminar_N,
-                pressures.NARROW: self.bypass_laminar_N,
-                pressures.MAX_PRESSURE: self.most_N,
-                pressures.FRICTION_GROWTH: self.friction_growth_1_N,
-                pressures.OIL_ENDS: _as_number(-inf),
-            }
-        )
+        layout.p[pressures.RATIO] = 1.0 + self.area_ratio
+        layout.p[pressures.COMPLIANCE_C] = rate_Hz * self.compression_m_N
+        layout.p[pressures.COMPLIANCE_R] = rate_Hz * self.rebound_m_N
+        layout.p[pressures.GROWTH_C] = self.compression_growth_1_m
+        layout.p[pressures.GROWTH_R] = self.rebound_growth_1_m
+        layout.p[pressures.SPRING] = self.mount_m_N
+        layout.p[pressures.FADE] = self.fade_1_W
+        layout.p[pressures.WARMING] = 1.0 / (1.0 + rate_Hz * WARMING_S)
+        layout.p[pressures.LAMINAR] = self.laminar_N
+        layout.p[pressures.NARROW] = self.bypass_laminar_N
+        layout.p[pressures.MAX_PRESSURE] = self.most_N
+        layout.p[pressures.FRICTION_GROWTH] = self.friction_growth_1_N
+        layout.p[pressures.OIL_ENDS] = _as_number(-inf)
         for n, (end, value, slope) in enumerate(oil_pieces(self.reservoir_N, self.air)):
-            layout.set_numbers(
-                {
-                    pressures.OIL_ENDS + n + 1: _as_number(end),
-                    pressures.OIL_VALUES + n: value,
-                    pressures.OIL_SLOPES + n: slope,
-                }
-            )
+            layout.p[pressures.OIL_ENDS + n + 1] = _as_number(end)
+            layout.p[pressures.OIL_VALUES + n] = value
+            layout.p[pressures.OIL_SLOPES + n] = slope
         if self.bypass is not None:
-            layout.set_counts(
-                {
-                    pressures.BYPASS_NODES: len(self.bypass.position_m),
-                    pressures.BYPASS_POSITIONS: layout.table(self.bypass.position_m),
-                    pressures.BYPASS_LOGARITHMS: layout.table(self.bypass.logarithms),
-                }
-            )
+            layout.n[pressures.BYPASS_NODES] = len(self.bypass.position_m)
+            layout.n[pressures.BYPASS_POSITIONS] = layout.table(self.bypass.position_m)
+            layout.n[pressures.BYPASS_LOGARITHMS] = layout.table(self.bypass.logarithms)
 
     def _fill_edges(self, layout: Layout, rate_Hz: float) -> None:
         lags = (self.piston_s, self.base_s, self.external_s)
         for n, (flow, lag) in enumerate(zip((self.piston, self.base, self.external), lags, strict=True)):
-            layout.set_numbers({edges.EDGE_SHARE + n: 1.0 / (1.0 + rate_Hz * lag)})
-            layout.set_counts(
-                {
-                    edges.EDGE_NODES + n: len(flow.at),
-                    edges.LAST_ROW + n: len(flow.rows) - 1,
-                    edges.EDGE_FLOWS + n: layout.table(flow.at),
-                    edges.EDGE_DROPS + n: layout.table(chain(*flow.rows)),
-                }
-            )
+            layout.p[edges.EDGE_SHARE + n] = 1.0 / (1.0 + rate_Hz * lag)
+            layout.n[edges.EDGE_NODES + n] = len(flow.at)
+            layout.n[edges.LAST_ROW + n] = len(flow.rows) - 1
+            layout.n[edges.EDGE_FLOWS + n] = layout.table(flow.at)
+            layout.n[edges.EDGE_DROPS + n] = layout.table(chain(*flow.rows))
 
     def _fill_mount(self, layout: Layout, rate_Hz: float) -> None:
         springs = self.side.friction
@@ -234,21 +218,13 @@ class Hydraulic(PhysicalStructure):
         give, held = rate_Hz * self.mount_m_N + self.creep_m_Ns, 0.0
         for step in steps:
             held += step
-        layout.set_numbers(
-            {
-                mount.MOUNT_SPRING: rate_Hz * self.mount_m_N,
-                mount.MOUNT_GIVE: give,
-                mount.MOUNT_HELD: 1.0 / (1.0 + give * held),
-            }
-        )
-        layout.set_counts(
-            {
-                mount.SPRINGS: len(springs),
-                mount.SPRING_NUMBERS: layout.table([*steps, *yields, *moved]),
-                mount.SPRING_STATES: layout.state(4 * len(springs)),
-                mount.SPRING_ORDER: layout.memory(len(springs)),
-            }
-        )
+        layout.p[mount.MOUNT_SPRING] = rate_Hz * self.mount_m_N
+        layout.p[mount.MOUNT_GIVE] = give
+        layout.p[mount.MOUNT_HELD] = 1.0 / (1.0 + give * held)
+        layout.n[mount.SPRINGS] = len(springs)
+        layout.n[mount.SPRING_NUMBERS] = layout.table([*steps, *yields, *moved])
+        layout.n[mount.SPRING_STATES] = layout.state(4 * len(springs))
+        layout.n[mount.SPRING_ORDER] = layout.memory(len(springs))
 
     def at_full_strokes(self, half_m: float, setting: float) -> Self:
         """Return the model with the yield forces that its friction has in the middle of strokes to +-`half_m` [m]."""

@@ -10,14 +10,7 @@ from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.intervals import Interval, add, down, product, up
 from ces_observer.structures.structure import MAX_LAG, Ranges
-from ces_observer.tick.lagged import (
-    LAGGED_COUNT,
-    LAGGED_DEPTH,
-    LAGGED_PHI,
-    LAGGED_RINGS,
-    LAGGED_SCALES,
-    LAGGED_SOURCES,
-)
+from ces_observer.tick import lagged as tick
 
 SIGNALS = ("force", "speed", "current", "position")
 RINGS = ("position", "speed", "current", "force")
@@ -89,13 +82,9 @@ def fill_lagged(layout: Layout, regressors: Sequence[Regressor], max_lag: int) -
     depth = max_lag + 1
     rings = layout.state(len(RINGS) * depth)
     sources = [number for r in regressors for number in (rings + RINGS.index(r.signal) * depth, r.lag)]
-    layout.set_counts(
-        {
-            LAGGED_DEPTH: depth,
-            LAGGED_COUNT: len(regressors),
-            LAGGED_PHI: layout.state(len(regressors)),
-            LAGGED_RINGS: rings,
-            LAGGED_SOURCES: layout.indices(sources),
-            LAGGED_SCALES: layout.table(number for r in regressors for number in (r.mean, r.spread)),
-        }
-    )
+    layout.n[tick.LAGGED_DEPTH] = depth
+    layout.n[tick.LAGGED_COUNT] = len(regressors)
+    layout.n[tick.LAGGED_PHI] = layout.state(len(regressors))
+    layout.n[tick.LAGGED_RINGS] = rings
+    layout.n[tick.LAGGED_SOURCES] = layout.indices(sources)
+    layout.n[tick.LAGGED_SCALES] = layout.table(number for r in regressors for number in (r.mean, r.spread))

@@ -30,20 +30,9 @@ from ces_observer.structures.lagged_signals import (
     scale_from,
 )
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.tick import sigmoid as tick
 from ces_observer.tick.lagged import K_LAGGED
 from ces_observer.tick.model import S_STRUCTURE
-from ces_observer.tick.sigmoid import (
-    MAX_SIGMOID_EXPONENT,
-    N_SIGMOID,
-    P_SIGMOID,
-    SIGMOID_LAYER,
-    SIGMOID_OUTPUTS,
-    SIGMOID_SCALE,
-    SIGMOID_UNITS,
-    SIGMOID_WEIGHTS,
-    sigmoid_reset,
-    sigmoid_tick,
-)
 from ces_observer.tick.structure import SIGMOID
 
 MAX_UNITS = 200
@@ -74,7 +63,7 @@ class Network(Structure):
     option: ClassVar[str] = "sigmoid"
     rank: ClassVar[int] = 1
     number: ClassVar[int] = SIGMOID
-    runs: ClassVar = (sigmoid_reset, sigmoid_tick)
+    runs: ClassVar = (tick.sigmoid_reset, tick.sigmoid_tick)
 
     regressors: tuple[Regressor, ...]
     scale_N: float
@@ -108,18 +97,14 @@ class Network(Structure):
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.sigmoid`."""
-        layout.reserve(P_SIGMOID, N_SIGMOID, S_STRUCTURE, K_LAGGED)
+        layout.reserve(tick.P_SIGMOID, tick.N_SIGMOID, S_STRUCTURE, K_LAGGED)
         fill_lagged(layout, self.regressors, self.max_lag)
         rows = [(*self.linear, self.constant), *((*unit.slopes, unit.bias) for unit in self.units)]
-        layout.set_numbers({SIGMOID_SCALE: self.scale_N})
-        layout.set_counts(
-            {
-                SIGMOID_UNITS: len(self.units),
-                SIGMOID_LAYER: layout.table(chain.from_iterable(rows)),
-                SIGMOID_WEIGHTS: layout.table(unit.weight for unit in self.units),
-                SIGMOID_OUTPUTS: layout.state(len(rows)),
-            }
-        )
+        layout.p[tick.SIGMOID_SCALE] = self.scale_N
+        layout.n[tick.SIGMOID_UNITS] = len(self.units)
+        layout.n[tick.SIGMOID_LAYER] = layout.table(chain.from_iterable(rows))
+        layout.n[tick.SIGMOID_WEIGHTS] = layout.table(unit.weight for unit in self.units)
+        layout.n[tick.SIGMOID_OUTPUTS] = layout.state(len(rows))
 
     def certify(self, within: OperatingRange) -> Contraction:
         """Return proved bounds on the sum of the past forces' |gains|, and on |force| [N] at a past of zeros."""
@@ -156,4 +141,4 @@ def _parse_unit(node: JsonObject, regressors: int) -> SigmoidUnit:
 
 def sigmoid(x: float) -> float:
     """Return 1 / (1 + e^-x)."""
-    return 1.0 / (1.0 + exp(min(-x, MAX_SIGMOID_EXPONENT)))
+    return 1.0 / (1.0 + exp(min(-x, tick.MAX_SIGMOID_EXPONENT)))

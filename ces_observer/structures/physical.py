@@ -80,23 +80,15 @@ class ValvePath:
     def fill(self, layout: Layout, interval_s: float) -> None:
         """Write its numbers for `ces_observer.tick.valve`, at ticks of `interval_s`."""
         whole = int(self.delay_ticks)
-        layout.set_numbers(
-            {
-                valve.VALVE_PART: self.delay_ticks - whole,
-                valve.VALVE_RISE: interval_s / (self.rise_s + interval_s),
-                valve.VALVE_FALL: interval_s / (self.fall_s + interval_s),
-                **{valve.PLAY_HALF + n: self.hysteresis_A * play for n, play in enumerate(PLAYS)},
-            }
-        )
-        layout.set_counts(
-            {
-                valve.VALVE_DELAY: whole,
-                valve.VALVE_NODES: len(self.characteristic.at),
-                valve.VALVE_CURRENTS: layout.table(self.characteristic.at),
-                valve.VALVE_SETTINGS: layout.table(self.characteristic.values),
-                valve.VALVE_RING: layout.state(whole + 2),
-            }
-        )
+        layout.p[valve.VALVE_PART] = self.delay_ticks - whole
+        layout.p[valve.VALVE_RISE] = interval_s / (self.rise_s + interval_s)
+        layout.p[valve.VALVE_FALL] = interval_s / (self.fall_s + interval_s)
+        layout.put(valve.PLAY_HALF, (self.hysteresis_A * play for play in PLAYS))
+        layout.n[valve.VALVE_DELAY] = whole
+        layout.n[valve.VALVE_NODES] = len(self.characteristic.at)
+        layout.n[valve.VALVE_CURRENTS] = layout.table(self.characteristic.at)
+        layout.n[valve.VALVE_SETTINGS] = layout.table(self.characteristic.values)
+        layout.n[valve.VALVE_RING] = layout.state(whole + 2)
 
     @classmethod
     def from_json(cls, node: JsonObject) -> Self:
@@ -174,22 +166,14 @@ class SideForces:
 
     def fill(self, layout: Layout, interval_s: float) -> None:
         """Write its numbers for `ces_observer.tick.hydraulic`, without friction, at ticks of `interval_s`."""
-        layout.set_numbers(
-            {
-                tick.DRIVE_LEAD: self.lead_s,
-                tick.MAX_ACCELERATION: self.max_acceleration_m_s2,
-                tick.DRIVE_RATE: 1.0 / interval_s,
-                tick.VISCOUS: self.viscous_Ns_m,
-                tick.MASS: self.mass_kg,
-            }
-        )
-        layout.set_counts(
-            {
-                tick.GAS_NODES: len(self.position_m),
-                tick.GAS_POSITIONS: layout.table(self.position_m),
-                tick.GAS_FORCES: layout.table(self.gas_N),
-            }
-        )
+        layout.p[tick.DRIVE_LEAD] = self.lead_s
+        layout.p[tick.MAX_ACCELERATION] = self.max_acceleration_m_s2
+        layout.p[tick.DRIVE_RATE] = 1.0 / interval_s
+        layout.p[tick.VISCOUS] = self.viscous_Ns_m
+        layout.p[tick.MASS] = self.mass_kg
+        layout.n[tick.GAS_NODES] = len(self.position_m)
+        layout.n[tick.GAS_POSITIONS] = layout.table(self.position_m)
+        layout.n[tick.GAS_FORCES] = layout.table(self.gas_N)
 
     @classmethod
     def from_json(cls, node: JsonObject) -> Self:

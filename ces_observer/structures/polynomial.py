@@ -21,34 +21,10 @@ from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import bound_maximum, down
-from ces_observer.structures.constructed_inputs import (
-    BASE,
-    ConstructedInput,
-    lay_out_constructed,
-)
+from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, lay_out_constructed
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.structures.terms import Factor, Term, collect_constructed, term_to_json, terms_from
-from ces_observer.tick.polynomial import (
-    CONSTRUCTED_COUNT,
-    CONSTRUCTED_TABLE,
-    INPUT_TERM_COUNT,
-    LAG_COUNT,
-    LAG_TABLE,
-    N_POLYNOMIAL,
-    OUTPUT_LAG_COUNT,
-    OUTPUT_LAG_TABLE,
-    POSITION_VALUE,
-    POWER_COUNT,
-    POWER_EXPONENTS,
-    POWER_TABLE,
-    PRODUCT_COUNT,
-    S_POLYNOMIAL,
-    TERM_COEFFICIENTS,
-    TERM_FACTORS,
-    UNITY,
-    polynomial_reset,
-    polynomial_tick,
-)
+from ces_observer.tick import polynomial as tick
 from ces_observer.tick.structure import POLYNOMIAL
 
 Row = tuple[float, int, int]  # coefficient, and places of two factors
@@ -66,7 +42,7 @@ class Polynomial(Structure):
     option: ClassVar[str] = "polynomial"
     rank: ClassVar[int] = 0
     number: ClassVar[int] = POLYNOMIAL
-    runs = polynomial_reset, polynomial_tick
+    runs = tick.polynomial_reset, tick.polynomial_tick
 
     terms: tuple[Term, ...]
 
@@ -99,11 +75,12 @@ class Polynomial(Structure):
         """Write the tables of the tick; raises ModelError for a number that is not finite or an unknown signal."""
         for term in self.terms:
             _require_finite(term)
-        layout.indices([0] * (N_POLYNOMIAL - len(layout.n)))
-        layout.state(S_POLYNOMIAL - layout.states)
+        layout.indices([0] * (tick.N_POLYNOMIAL - len(layout.n)))
+        layout.state(tick.S_POLYNOMIAL - layout.states)
         constructed = self.constructed
-        table, signals = lay_out_constructed(layout, constructed, within.rate_Hz, POSITION_VALUE)
-        layout.set_counts({CONSTRUCTED_TABLE: table, CONSTRUCTED_COUNT: len(constructed)})
+        table, signals = lay_out_constructed(layout, constructed, within.rate_Hz, tick.POSITION_VALUE)
+        layout.n[tick.CONSTRUCTED_TABLE] = table
+        layout.n[tick.CONSTRUCTED_COUNT] = len(constructed)
         factors = dict.fromkeys(f for term in self.terms for f in term.inputs)
         _lay_out_terms(layout, self.terms, _lay_out_powers(layout, factors, signals, within.inputs))
 
@@ -140,13 +117,9 @@ def _lay_out_powers(
         if f.power != 1.0 or not (f.signed or f.signal_range(ranges)[0] >= 0.0):  # else it is the signal itself
             powers[f] = signals[f.signal], f.power, f.signed
     places = {power: layout.state(1) for power in sorted(set(powers.values()))}
-    layout.set_counts(
-        {
-            POWER_TABLE: layout.indices(n for source, _, signed in places for n in (source, signed)),
-            POWER_COUNT: len(places),
-            POWER_EXPONENTS: layout.table(power for _, power, _ in places),
-        }
-    )
+    layout.n[tick.POWER_TABLE] = layout.indices(n for source, _, signed in places for n in (source, signed))
+    layout.n[tick.POWER_COUNT] = len(places)
+    layout.n[tick.POWER_EXPONENTS] = layout.table(power for _, power, _ in places)
     return {f: places[powers[f]] if f in powers else signals[f.signal] for f in factors}
 
 
@@ -162,18 +135,15 @@ def _lay_out_terms(layout: Layout, terms: Sequence[Term], values: Mapping[Factor
         products += more
         rows.append(last)
     inputs = groups.pop(0)
-    layout.set_counts(
-        {
-            LAG_TABLE: layout.indices(n for place, lag in lagged for n in (place, *_ring(layout, lag))),
-            LAG_COUNT: len(lagged),
-            OUTPUT_LAG_TABLE: layout.indices(n for lag in groups for n in (len(groups[lag]), *_ring(layout, lag))),
-            OUTPUT_LAG_COUNT: len(groups),
-            TERM_COEFFICIENTS: layout.table(row[0] for row in products + rows),
-            TERM_FACTORS: layout.indices(place for row in products + rows for place in row[1:]),
-            PRODUCT_COUNT: len(products),
-            INPUT_TERM_COUNT: len(inputs),
-        }
-    )
+    layout.n[tick.LAG_TABLE] = layout.indices(n for place, lag in lagged for n in (place, *_ring(layout, lag)))
+    layout.n[tick.LAG_COUNT] = len(lagged)
+    rows_of_lags = ((len(group), *_ring(layout, lag)) for lag, group in groups.items())
+    layout.n[tick.OUTPUT_LAG_TABLE] = layout.indices(chain.from_iterable(rows_of_lags))
+    layout.n[tick.OUTPUT_LAG_COUNT] = len(groups)
+    layout.n[tick.TERM_COEFFICIENTS] = layout.table(row[0] for row in products + rows)
+    layout.n[tick.TERM_FACTORS] = layout.indices(place for row in products + rows for place in row[1:])
+    layout.n[tick.PRODUCT_COUNT] = len(products)
+    layout.n[tick.INPUT_TERM_COUNT] = len(inputs)
     layout.memory(len(lagged) + len(groups))
 
 
@@ -186,7 +156,7 @@ def _rows(coefficient: float, factors: Sequence[int], product: int) -> list[Row]
     while len(factors) > 2:
         rows.append((coefficient, factors[0], factors[1]))
         coefficient, factors = 1.0, [product + len(rows) - 1, *factors[2:]]
-    one, two = [*factors, UNITY, UNITY][:2]
+    one, two = [*factors, tick.UNITY, tick.UNITY][:2]
     return [*rows, (coefficient, one, two)]
 
 

@@ -25,52 +25,13 @@ from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures.lagged_signals import MAX_NUMBER, MIN_SPREAD, parse_number, scale_from
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.tick import recurrent as tick
 from ces_observer.tick.model import K_STRUCTURE
-from ces_observer.tick.recurrent import (
-    N_RECURRENT,
-    N_STAGE,
-    P_RECURRENT,
-    RECURRENT_DRIVEN,
-    RECURRENT_INPUTS,
-    RECURRENT_MEMBERS,
-    RECURRENT_SCALE,
-    RECURRENT_SCALED,
-    RECURRENT_SCALES,
-    RECURRENT_SIGNALS,
-    RECURRENT_SMOOTHING,
-    RECURRENT_STAGES,
-    RECURRENT_TABLE,
-    S_RECURRENT,
-    SIGNAL_CURRENT,
-    SIGNAL_POSITION,
-    SIGNAL_ROOT,
-    SIGNAL_SIZE,
-    SIGNAL_SPEED,
-    STAGE_DRIVE,
-    STAGE_FILTERS,
-    STAGE_HIDDEN,
-    STAGE_INPUTS,
-    STAGE_JOINED,
-    STAGE_OUT,
-    STAGE_OUTPUTS,
-    STAGE_POLES,
-    STAGE_RESULTS,
-    STAGE_SOURCE,
-    STAGE_TANHS,
-    recurrent_reset,
-    recurrent_tick,
-)
 from ces_observer.tick.structure import RECURRENT
 
 SPEED, ROOT, SIZE, POSITION, CURRENT = "speed", "speed_root", "speed_size", "position", "current"
 MOTION = (SPEED, ROOT, SIZE, POSITION)
-SIGNALS = {  # places in s
-    SPEED: SIGNAL_SPEED,
-    ROOT: SIGNAL_ROOT,
-    SIZE: SIGNAL_SIZE,
-    POSITION: SIGNAL_POSITION,
-    CURRENT: SIGNAL_CURRENT,
-}
+PLACES = {name: tick.SIGNAL_SPEED + i for i, name in enumerate((*MOTION, CURRENT))}  # in s
 MAX_MEMBERS, MAX_WIDTH = 8, 64
 DECAY_S = (1e-4, 1.0)  # a filter's decay time
 MAX_FREQUENCY_HZ = 1e5
@@ -145,19 +106,19 @@ class Stage:
             (self.out, len(self.hidden_bias) + width, self.out_bias),
         ]
         counts = {
-            STAGE_INPUTS: self.inputs,
-            STAGE_FILTERS: len(poles),
-            STAGE_TANHS: len(self.hidden_bias),
-            STAGE_OUTPUTS: len(self.out_bias),
-            STAGE_SOURCE: source,
-            STAGE_RESULTS: results,
-            STAGE_POLES: layout.table(x for pair in poles for one in pair for x in (one.real, one.imag)),
-            STAGE_JOINED: layout.state(len(self.hidden_bias) + width),
+            tick.STAGE_INPUTS: self.inputs,
+            tick.STAGE_FILTERS: len(poles),
+            tick.STAGE_TANHS: len(self.hidden_bias),
+            tick.STAGE_OUTPUTS: len(self.out_bias),
+            tick.STAGE_SOURCE: source,
+            tick.STAGE_RESULTS: results,
+            tick.STAGE_POLES: layout.table(x for pair in poles for one in pair for x in (one.real, one.imag)),
+            tick.STAGE_JOINED: layout.state(len(self.hidden_bias) + width),
         }
-        for place, (matrix, columns, biases) in zip((STAGE_DRIVE, STAGE_HIDDEN, STAGE_OUT), layers, strict=True):
+        for place, (matrix, columns, biases) in zip(range(tick.STAGE_DRIVE, tick.STAGE_JOINED), layers, strict=True):
             rows = zip(cut(matrix, columns), biases, strict=True)
             counts[place] = layout.table(number for row, bias in rows for number in (*row, bias))
-        return [counts[place] for place in range(N_STAGE)]
+        return [counts[place] for place in range(tick.N_STAGE)]
 
     def bound(self, inputs: Sequence[float], rate_Hz: float) -> list[float]:
         """Return bounds on the size of the outputs for inputs of bounded sizes."""
@@ -281,7 +242,7 @@ class Recurrent(Structure):
     option: ClassVar[str] = "recurrent"
     rank: ClassVar[int] = 3
     number: ClassVar[int] = RECURRENT
-    runs: ClassVar = (recurrent_reset, recurrent_tick)
+    runs: ClassVar = (tick.recurrent_reset, tick.recurrent_tick)
     unproved: ClassVar[str] = "its force is not proved to be bounded"
 
     scale_N: float
@@ -336,23 +297,20 @@ class Recurrent(Structure):
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.recurrent`."""
-        layout.reserve(P_RECURRENT, N_RECURRENT, S_RECURRENT, K_STRUCTURE)
+        layout.reserve(tick.P_RECURRENT, tick.N_RECURRENT, tick.S_RECURRENT, K_STRUCTURE)
         inputs = (*self.motion, *self.current)
-        layout.set_numbers({RECURRENT_SCALE: self.scale_N / len(self.members), RECURRENT_SMOOTHING: self.smoothing_m_s})
+        layout.p[tick.RECURRENT_SCALE] = self.scale_N / len(self.members)
+        layout.p[tick.RECURRENT_SMOOTHING] = self.smoothing_m_s
         scaled = layout.state(len(inputs))
         stages = [number for member in self.members for number in member.fill(layout, within.rate_Hz, scaled)]
-        layout.set_counts(
-            {
-                RECURRENT_MEMBERS: len(self.members),
-                RECURRENT_STAGES: len(self.members[0].stages),
-                RECURRENT_INPUTS: len(inputs),
-                RECURRENT_TABLE: layout.indices(stages),
-                RECURRENT_SIGNALS: layout.indices(SIGNALS[one.signal] for one in inputs),
-                RECURRENT_SCALES: layout.table(number for one in inputs for number in (one.mean, one.spread)),
-                RECURRENT_SCALED: scaled,
-                RECURRENT_DRIVEN: layout.state(2 * max(len(stage.decay_s) for stage in self.all_stages)),
-            }
-        )
+        layout.n[tick.RECURRENT_MEMBERS] = len(self.members)
+        layout.n[tick.RECURRENT_STAGES] = len(self.members[0].stages)
+        layout.n[tick.RECURRENT_INPUTS] = len(inputs)
+        layout.n[tick.RECURRENT_TABLE] = layout.indices(stages)
+        layout.n[tick.RECURRENT_SIGNALS] = layout.indices(PLACES[one.signal] for one in inputs)
+        layout.n[tick.RECURRENT_SCALES] = layout.table(number for one in inputs for number in (one.mean, one.spread))
+        layout.n[tick.RECURRENT_SCALED] = scaled
+        layout.n[tick.RECURRENT_DRIVEN] = layout.state(2 * max(len(stage.decay_s) for stage in self.all_stages))
 
     def certify(self, within: OperatingRange) -> FadingCertificate:
         """Return the proved bound on |force| [N] and the slowest decay."""

@@ -18,24 +18,7 @@ from ces_observer.errors import ModelError
 from ces_observer.flat import Arrays, Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Certificate
-from ces_observer.tick.model import (
-    CLAMPED,
-    CURRENT_HIGH,
-    CURRENT_LOW,
-    FORCE_HIGH,
-    FORCE_LOW,
-    HELD,
-    K_STRUCTURE,
-    KIND,
-    N_STRUCTURE,
-    P_STRUCTURE,
-    POSITION_HIGH,
-    POSITION_LOW,
-    RATE,
-    S_STRUCTURE,
-    SPEED_HIGH,
-    SPEED_LOW,
-)
+from ces_observer.tick import model
 
 MAX_LAG = 1000  # ticks, of any signal
 INPUTS = ("position", "speed", "current")
@@ -96,12 +79,12 @@ class CoreRun:
     @property
     def clamped(self) -> bool:
         """True if the last inputs lay outside their ranges."""
-        return self.k[CLAMPED] != 0
+        return self.k[model.CLAMPED] != 0
 
     @property
     def held(self) -> bool:
         """True if the last force lay outside its range and was held at its end."""
-        return self.k[HELD] != 0
+        return self.k[model.HELD] != 0
 
 
 class Structure(ABC):
@@ -159,12 +142,12 @@ class Structure(ABC):
 
     def lay_out(self, within: OperatingRange) -> Layout:
         """Return the layout of its arrays: what every model has, and what `fill` writes; raises ModelError."""
-        layout = Layout(P_STRUCTURE, N_STRUCTURE, S_STRUCTURE, K_STRUCTURE)
-        places = (POSITION_LOW, POSITION_HIGH, SPEED_LOW, SPEED_HIGH, CURRENT_LOW, CURRENT_HIGH, FORCE_LOW, FORCE_HIGH)
+        layout = Layout(model.P_STRUCTURE, model.N_STRUCTURE, model.S_STRUCTURE, model.K_STRUCTURE)
         ranges = (*(within.inputs[name] for name in INPUTS), within.force_N)
         ends = [min(max(end, -float_info.max), float_info.max) for ends in ranges for end in ends]
-        layout.set_numbers({**dict(zip(places, ends, strict=True)), RATE: within.rate_Hz})
-        layout.set_counts({KIND: self.number})
+        layout.put(model.POSITION_LOW, ends)
+        layout.p[model.RATE] = within.rate_Hz
+        layout.n[model.KIND] = self.number
         self.fill(layout, within)
         return layout
 

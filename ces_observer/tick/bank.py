@@ -22,6 +22,7 @@ state. `ces_observer.sampling_layout` fills p and n.
 """
 
 from ces_observer.tick.arrays import Floats, Ints
+from ces_observer.tick.model import LARGEST, are_between, lies_within
 
 # p: the time of a tick [s]; the shares of its weight that a mode keeps and that it gets from all of them
 TICK_S, STAY, LEAVE, P_TRACKER = range(4)
@@ -405,24 +406,19 @@ def check_bank(p: Floats, n: Ints, numbers: int, counts: int, named: int, states
     if not (1 <= modes <= MAX_MODES and 1 <= spans <= MAX_SPANS and 0 <= n[DELAY] <= MAX_DELAY_TICKS):
         return False
     length = n[DELAY] + 1
-    both = n[MEASURES_MOTION] != 0
+    measurements = 2 if n[MEASURES_MOTION] != 0 else 1
     rows = (SHIFT_COUNT + (spans - 1) * LATE_SHIFTS) * modes
-    width = BOTH_LIKELIHOOD_WIDTH if both else LIKELIHOOD_WIDTH
+    gains = BOTH_WIDTH if measurements == 2 else GAINS_WIDTH
+    seen = BOTH_SEEN_WIDTH if measurements == 2 else SEEN_WIDTH
+    likelihood = BOTH_LIKELIHOOD_WIDTH if measurements == 2 else LIKELIHOOD_WIDTH
     size = modes * MODE_WIDTH
     if n[DELAY] > 0:
-        size += length * (1 + modes * (5 if both else 3))
-    fits = n[BANK_STATES] == size and named <= n[MODE_STATES] <= states - size
-    fits = fits and named <= n[SAVED] <= states - size
-    fits = fits and n[RING] == n[MODE_STATES] + modes * MODE_WIDTH
-    fits = fits and 0 <= n[SPAN_TABLE] <= counts - spans
-    fits = fits and 0 <= n[GAINS] <= numbers - rows * (BOTH_WIDTH if both else GAINS_WIDTH)
-    fits = fits and 0 <= n[SEEN] <= numbers - SHIFT_COUNT * modes * (BOTH_SEEN_WIDTH if both else SEEN_WIDTH)
-    fits = fits and 0 <= n[LIKELIHOODS] <= numbers - spans * modes * width
-    fits = fits and 0 <= n[COMPANIONS] <= numbers - modes * COMPANION_WIDTH
-    fits = fits and 0 <= n[SMOOTHING] <= numbers - modes * length * (2 if both else 1)
-    if not (fits and p[TICK_S] > 0.0):
-        return False
-    for i in range(spans * modes):
-        if not p[n[LIKELIHOODS] + i * width + SHARPNESS] >= 0.0:
-            return False
-    return True
+        size += length * (1 + modes * (1 + 2 * measurements))
+    fits = n[BANK_STATES] == size and n[RING] == n[MODE_STATES] + modes * MODE_WIDTH and p[TICK_S] > 0.0
+    fits = fits and lies_within(n[MODE_STATES], size, named, states) and lies_within(n[SAVED], size, named, states)
+    fits = fits and lies_within(n[SPAN_TABLE], spans, 0, counts) and lies_within(n[GAINS], rows * gains, 0, numbers)
+    fits = fits and lies_within(n[SEEN], SHIFT_COUNT * modes * seen, 0, numbers)
+    fits = fits and lies_within(n[LIKELIHOODS], spans * modes * likelihood, 0, numbers)
+    fits = fits and lies_within(n[COMPANIONS], modes * COMPANION_WIDTH, 0, numbers)
+    fits = fits and lies_within(n[SMOOTHING], modes * length * measurements, 0, numbers)
+    return fits and are_between(p, n[LIKELIHOODS] + SHARPNESS, spans * modes, likelihood, 0.0, LARGEST)

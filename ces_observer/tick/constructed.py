@@ -12,6 +12,7 @@ follows those from which it is computed. In s stand position, speed and current,
 from math import pi, sqrt
 
 from ces_observer.tick.arrays import Floats, Ints
+from ces_observer.tick.model import lies_within
 
 KIND_STOP, KIND_PLAY, KIND_LAG, KIND_FREQUENCY, KIND_HAT = range(5)
 CONSTRUCTED_ROW = 3
@@ -115,11 +116,6 @@ def constructed_update(p: Floats, n: Ints, s: Floats, rows: int, count: int, val
         state += CONSTRUCTED_STATES
 
 
-def table_fits(place: int, rows: int, width: int, size: int) -> bool:
-    """Return whether a table of `rows` of `width` elements at `place` stays within an array."""
-    return 0 <= place <= size and 0 <= rows <= (size - place) // width
-
-
 def check_numbers(p: Floats, kind: int, at: int) -> bool:
     """Return whether the numbers of an input at p[at], ... allow its arithmetic."""
     if kind == KIND_HAT:
@@ -135,15 +131,14 @@ def check_constructed(
     p: Floats, n: Ints, numbers: int, counts: int, states: int, rows: int, count: int, values: int
 ) -> bool:
     """Return whether a table of inputs stays within p, n and s, and each is computed from a signal or one before it."""
-    if not table_fits(rows, count, CONSTRUCTED_ROW, counts):
-        return False
-    if not table_fits(values + 3, count, 1 + CONSTRUCTED_STATES, states):
+    fits = lies_within(rows, CONSTRUCTED_ROW * count, 0, counts)
+    if not (fits and lies_within(values + 3, count * (1 + CONSTRUCTED_STATES), 0, states)):
         return False
     row = rows
     for place in range(values + 3, values + 3 + count):
-        if not (KIND_STOP <= n[row] <= KIND_HAT and values <= n[row + 1] < place):
-            return False
-        if not table_fits(n[row + 2], 1, CONSTRUCTED_NUMBERS, numbers) or not check_numbers(p, n[row], n[row + 2]):
+        fits = KIND_STOP <= n[row] <= KIND_HAT and values <= n[row + 1] < place
+        fits = fits and lies_within(n[row + 2], CONSTRUCTED_NUMBERS, 0, numbers)
+        if not (fits and check_numbers(p, n[row], n[row + 2])):
             return False
         row += CONSTRUCTED_ROW
     return True

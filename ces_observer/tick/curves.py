@@ -4,6 +4,7 @@ Beyond both ends the outer pieces go on straight.
 """
 
 from ces_observer.tick.arrays import Floats
+from ces_observer.tick.model import lies_within
 
 MIN_RISE = 1e-12  # between nodes, relative to the largest: less is lost in the rounding of a blend of two curves
 
@@ -27,9 +28,13 @@ def find_on_line(p: Floats, at: int, values: int, nodes: int, x: float) -> float
     return value + (p[values + j + 1] - value) / (p[at + j + 1] - node) * (x - node)
 
 
-def is_table(place: int, length: int, first: int, size: int) -> bool:
-    """Return whether a table of this length lies behind the named places, which end at `first`, in an array."""
-    return first <= place <= size and 0 <= length <= size - place
+def is_curve(p: Floats, at: int, values: int, nodes: int, first: int, numbers: int) -> bool:
+    """Return whether both tables of a curve lie behind the named places of p, which end at `first`, and nodes rise."""
+    return (
+        lies_within(at, nodes, first, numbers)
+        and lies_within(values, nodes, first, numbers)
+        and is_rising(p, at, nodes)
+    )
 
 
 def is_rising(p: Floats, at: int, nodes: int) -> bool:

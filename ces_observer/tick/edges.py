@@ -5,7 +5,8 @@ blended between two of them. The line of a piece is b times its flow, b = T / (l
 """
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.curves import is_rising, is_table
+from ces_observer.tick.curves import is_curve, is_rising
+from ces_observer.tick.model import lies_within
 from ces_observer.tick.mount import K_MOUNT_END, N_MOUNT_END, P_MOUNT_END, S_MOUNT_END
 
 PISTON, BASE, EXTERNAL, EDGES = range(4)
@@ -83,14 +84,10 @@ def check_edge(p: Floats, n: Ints, numbers: int, first: int, edge: int) -> bool:
     nodes = n[EDGE_NODES + edge]
     rows = n[LAST_ROW + edge] + 1
     drops = n[EDGE_DROPS + edge]
-    if not (
-        2 <= nodes <= numbers
-        and 1 <= rows <= numbers // nodes
-        and is_table(n[EDGE_FLOWS + edge], nodes, first, numbers)
-        and is_table(drops, rows * nodes, first, numbers)
-        and is_rising(p, n[EDGE_FLOWS + edge], nodes)
-        and 0.0 < p[EDGE_SHARE + edge] <= 1.0
-    ):
+    if not (2 <= nodes <= numbers and 1 <= rows <= numbers and 0.0 < p[EDGE_SHARE + edge] <= 1.0):
+        return False
+    fits = is_curve(p, n[EDGE_FLOWS + edge], drops, nodes, first, numbers)
+    if not (fits and lies_within(drops, rows * nodes, first, numbers)):
         return False
     for row in range(rows):
         if not is_rising(p, drops + row * nodes, nodes):

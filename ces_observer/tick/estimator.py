@@ -9,30 +9,13 @@ from math import isfinite, nan
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.bank import BANK_POSITION, BANK_SPEED, DELAY, TICK_S
-from ces_observer.tick.model import WAIT
+from ces_observer.tick.model import WAIT, are_indices, lies_within
 from ces_observer.tick.run import check_run, run_advance, run_force, run_half_width, run_restart
 from ces_observer.tick.tracker import (
-    AHEAD,
-    K_ESTIMATOR,
-    LATE_AT,
-    LATE_KNOWN,
-    LATE_TICKS,
-    N_ESTIMATOR,
-    NOT_FINITE,
-    OK,
-    OLD_POSITION,
-    OLD_SPEED,
-    OUT_OF_ORDER,
-    RESTARTED,
-    S_ESTIMATOR,
-    TICKS,
-    UNBOUNDED,
-    UNSETTLED,
-    WARMING_UP,
-    check_tracker,
-    tracker_advance,
+    AHEAD, K_ESTIMATOR, LATE_AT, LATE_KNOWN, LATE_TICKS, N_ESTIMATOR, NOT_FINITE, OK, OLD_POSITION, OLD_SPEED,
+    OUT_OF_ORDER, RESTARTED, S_ESTIMATOR, TICKS, UNBOUNDED, UNSETTLED, WARMING_UP, check_tracker, tracker_advance,
     tracker_reset,
-)
+)  # fmt: skip
 
 # n: whether there is a model without a delay; where the ring begins in s and k, and where the late estimates do
 HAS_NOW, RING_VALUES, RING_STAMPS, LATE_VALUES, LATE_STAMPS, N_ESTIMATOR_END = range(N_ESTIMATOR, N_ESTIMATOR + 6)
@@ -43,14 +26,8 @@ FORCE, S_ESTIMATOR_END = range(S_ESTIMATOR, S_ESTIMATOR + 2)
 # k: the last reason, what a warm-up is for, the reason of the late model, the next place in the ring, how many ticks it
 # holds, and how many late estimates the last sample has brought
 (
-    REASON,
-    CAUSE,
-    LATE_REASON,
-    RING_NEXT,
-    RING_COUNT,
-    LATE_COUNT,
-    K_ESTIMATOR_END,
-) = range(K_ESTIMATOR, K_ESTIMATOR + 7)
+    REASON, CAUSE, LATE_REASON, RING_NEXT, RING_COUNT, LATE_COUNT, K_ESTIMATOR_END,
+) = range(K_ESTIMATOR, K_ESTIMATOR + 7)  # fmt: skip
 
 MAX_STAMP = 4611686018427387903  # [ns] 2^62 - 1: the difference of two stamps is a number of 64 bits
 MAX_COUNT = 1099511627776  # 2^40, of a whole number of a model: 10 s in ns are less
@@ -223,18 +200,10 @@ def check_estimator(p: Floats, n: Ints, numbers: int, counts: int, states: int, 
         return False
     length = n[DELAY] + 1
     fits = n[HAS_NOW] != 0 or n[DELAY] > 0
-    fits = fits and S_ESTIMATOR_END <= n[RING_VALUES] <= states - RING_WIDTH * length
-    fits = fits and K_ESTIMATOR_END <= n[RING_STAMPS] <= flags - RING_WIDTH * length
-    fits = fits and S_ESTIMATOR_END <= n[LATE_VALUES] <= states - LATE_WIDTH * length
-    return fits and K_ESTIMATOR_END <= n[LATE_STAMPS] <= flags - length
-
-
-def check_counts(n: Ints, counts: int) -> bool:
-    """Return whether all whole numbers of a model are so small that sums of them cannot overflow."""
-    for i in range(counts):
-        if not -MAX_COUNT <= n[i] <= MAX_COUNT:
-            return False
-    return counts > 0
+    fits = fits and lies_within(n[RING_VALUES], RING_WIDTH * length, S_ESTIMATOR_END, states)
+    fits = fits and lies_within(n[RING_STAMPS], RING_WIDTH * length, K_ESTIMATOR_END, flags)
+    fits = fits and lies_within(n[LATE_VALUES], LATE_WIDTH * length, S_ESTIMATOR_END, states)
+    return fits and lies_within(n[LATE_STAMPS], length, K_ESTIMATOR_END, flags)
 
 
 def check_models(
@@ -243,9 +212,10 @@ def check_models(
     late_p: Floats, late_n: Ints, late_numbers: int, late_counts: int, late_states: int, late_flags: int,
 ) -> bool:  # fmt: skip
     """Return whether `estimator_step` stays within all arrays of these sizes, whatever its samples are."""
-    if not (check_counts(n, counts) and check_counts(now_n, now_counts) and check_counts(late_n, late_counts)):
-        return False
-    if not check_estimator(p, n, numbers, counts, states, flags):
+    small = counts > 0 and are_indices(n, 0, counts, 1, -MAX_COUNT, MAX_COUNT)  # so that no sum of them overflows
+    small = small and now_counts > 0 and are_indices(now_n, 0, now_counts, 1, -MAX_COUNT, MAX_COUNT)
+    small = small and late_counts > 0 and are_indices(late_n, 0, late_counts, 1, -MAX_COUNT, MAX_COUNT)
+    if not (small and check_estimator(p, n, numbers, counts, states, flags)):
         return False
     if n[HAS_NOW] != 0 and not check_run(now_p, now_n, now_numbers, now_counts, now_states, now_flags):
         return False

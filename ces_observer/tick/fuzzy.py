@@ -9,16 +9,10 @@ from math import inf, pow
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.lagged import (
-    LAGGED_COUNT,
-    LAGGED_PHI,
-    N_LAGGED,
-    check_lagged,
-    lagged_force,
-    lagged_inputs,
-    lagged_reset,
-)
+    LAGGED_COUNT, LAGGED_PHI, N_LAGGED, check_lagged, lagged_force, lagged_inputs, lagged_reset,
+)  # fmt: skip
 from ces_observer.tick.layers import apply_layer
-from ces_observer.tick.model import P_STRUCTURE, S_STRUCTURE, lies_within
+from ces_observer.tick.model import LARGEST, P_STRUCTURE, SMALLEST, S_STRUCTURE, are_between, are_indices, lies_within
 
 # p: force for an output of 1 [N]
 FUZZY_SCALE, P_FUZZY = range(P_STRUCTURE, P_STRUCTURE + 2)
@@ -27,18 +21,9 @@ FUZZY_SCALE, P_FUZZY = range(P_STRUCTURE, P_STRUCTURE + 2)
 # exponent) and the layer of the rules; in n the premise of each bell and the bells of each rule; in s the memberships,
 # the outputs of the rules and their firings
 (
-    FUZZY_PREMISES,
-    FUZZY_BELLS,
-    FUZZY_RULES,
-    FUZZY_SHAPES,
-    FUZZY_LAYER,
-    FUZZY_OWNERS,
-    FUZZY_CHOICES,
-    FUZZY_MEMBERSHIPS,
-    FUZZY_OUTPUTS,
-    FUZZY_FIRINGS,
-    N_FUZZY,
-) = range(N_LAGGED, N_LAGGED + 11)
+    FUZZY_PREMISES, FUZZY_BELLS, FUZZY_RULES, FUZZY_SHAPES, FUZZY_LAYER, FUZZY_OWNERS, FUZZY_CHOICES, FUZZY_MEMBERSHIPS,
+    FUZZY_OUTPUTS, FUZZY_FIRINGS, N_FUZZY,
+) = range(N_LAGGED, N_LAGGED + 11)  # fmt: skip
 
 # s: the firings of all rules together
 FUZZY_FIRED, S_FUZZY = range(S_STRUCTURE, S_STRUCTURE + 2)
@@ -103,28 +88,18 @@ def check_fuzzy(p: Floats, n: Ints, numbers: int, counts: int, states: int, flag
     """Return whether the tick stays within arrays p, n, s and k of these sizes."""
     if counts < N_FUZZY or numbers < P_FUZZY or states < S_FUZZY:
         return False
-    if not check_lagged(p, n, numbers, counts, states, flags):
-        return False
     premises = n[FUZZY_PREMISES]
     bells = n[FUZZY_BELLS]
     rules = n[FUZZY_RULES]
-    if not (1 <= premises < n[LAGGED_COUNT] and 1 <= bells <= states and 1 <= rules <= states):
-        return False
-    layer = rules * (n[LAGGED_COUNT] - premises + 1)
-    owners = n[FUZZY_OWNERS]
-    choices = n[FUZZY_CHOICES]
     shapes = n[FUZZY_SHAPES]
-    fits = lies_within(n[FUZZY_MEMBERSHIPS], bells, states) and lies_within(n[FUZZY_OUTPUTS], rules, states)
-    fits = fits and lies_within(n[FUZZY_FIRINGS], rules, states) and lies_within(n[FUZZY_LAYER], layer, numbers)
-    fits = fits and lies_within(shapes, 3 * bells, numbers) and lies_within(owners, bells, counts)
-    if not (fits and lies_within(choices, rules * premises, counts)):
+    if not (check_lagged(p, n, numbers, counts, states, flags) and 1 <= premises < n[LAGGED_COUNT]):
         return False
-    for i in range(bells):
-        if not (0 <= n[owners + i] < premises and p[shapes + 3 * i + 1] > 0.0):
-            return False
-        if not 0.0 < p[shapes + 3 * i + 2] <= MAX_FUZZY_EXPONENT:
-            return False
-    for i in range(rules * premises):
-        if not 0 <= n[choices + i] < bells:
-            return False
-    return True
+    fits = 1 <= rules <= states and lies_within(n[FUZZY_MEMBERSHIPS], bells, 0, states)
+    fits = fits and lies_within(n[FUZZY_OUTPUTS], rules, 0, states) and lies_within(n[FUZZY_FIRINGS], rules, 0, states)
+    fits = fits and lies_within(n[FUZZY_LAYER], rules * (n[LAGGED_COUNT] - premises + 1), 0, numbers)
+    fits = fits and lies_within(shapes, 3 * bells, 0, numbers) and lies_within(n[FUZZY_OWNERS], bells, 0, counts)
+    fits = fits and lies_within(n[FUZZY_CHOICES], rules * premises, 0, counts)
+    fits = fits and are_indices(n, n[FUZZY_OWNERS], bells, 1, 0, premises)
+    fits = fits and are_indices(n, n[FUZZY_CHOICES], rules * premises, 1, 0, bells)
+    fits = fits and are_between(p, shapes + 1, bells, 3, SMALLEST, LARGEST)
+    return fits and are_between(p, shapes + 2, bells, 3, SMALLEST, MAX_FUZZY_EXPONENT)

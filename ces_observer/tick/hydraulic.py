@@ -11,40 +11,21 @@ friction elements z_j, which the pressure p_r presses. Inputs beyond the reach o
 from math import nan
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.curves import find_on_line, is_rising, is_table
+from ces_observer.tick.curves import find_on_line, is_curve
 from ces_observer.tick.edges import EDGES, check_edge
 from ces_observer.tick.model import CLAMPED, HELD, STARTED, clamp, hold_force, is_clamped
 from ces_observer.tick.mount import FRICTION, check_mount
 from ces_observer.tick.pressures import (
-    FRICTION_GROWTH,
-    K_PRESSURES_END,
-    N_PRESSURES_END,
-    P_PRESSURES_END,
-    PRESSURE_C,
-    PRESSURE_R,
-    RATIO,
-    S_PRESSURES_END,
-    advance_pressures,
-    check_pressures,
-    pressures_reset,
-)
+    FRICTION_GROWTH, K_PRESSURES_END, N_PRESSURES_END, P_PRESSURES_END, PRESSURE_C, PRESSURE_R, RATIO, S_PRESSURES_END,
+    advance_pressures, check_pressures, pressures_reset,
+)  # fmt: skip
 from ces_observer.tick.valve import check_valve, valve_tick
 
 # p: the widest inputs that are not clamped [m, m/s, A]; drive and side forces [s, m/s^2, 1/s, Ns/m, kg]
 (
-    WIDE_POSITION_LOW,
-    WIDE_POSITION_HIGH,
-    WIDE_SPEED_LOW,
-    WIDE_SPEED_HIGH,
-    WIDE_CURRENT_LOW,
-    WIDE_CURRENT_HIGH,
-    DRIVE_LEAD,
-    MAX_ACCELERATION,
-    DRIVE_RATE,
-    VISCOUS,
-    MASS,
-    P_HYDRAULIC_END,
-) = range(P_PRESSURES_END, P_PRESSURES_END + 12)
+    WIDE_POSITION_LOW, WIDE_POSITION_HIGH, WIDE_SPEED_LOW, WIDE_SPEED_HIGH, WIDE_CURRENT_LOW, WIDE_CURRENT_HIGH,
+    DRIVE_LEAD, MAX_ACCELERATION, DRIVE_RATE, VISCOUS, MASS, P_HYDRAULIC_END,
+) = range(P_PRESSURES_END, P_PRESSURES_END + 12)  # fmt: skip
 
 # n: nodes of the gas force, and its tables in p: positions [m] and forces [N]
 GAS_NODES, GAS_POSITIONS, GAS_FORCES, N_HYDRAULIC_END = range(N_PRESSURES_END, N_PRESSURES_END + 4)
@@ -96,15 +77,13 @@ def check_hydraulic(p: Floats, n: Ints, numbers: int, counts: int, states: int, 
     """Return whether the tick stays within arrays p, n, s and k of these sizes, and its numbers can be used."""
     if numbers < P_HYDRAULIC_END or counts < N_HYDRAULIC_END or states < S_HYDRAULIC_END or flags < K_HYDRAULIC_END:
         return False
+    fits = is_curve(p, n[GAS_POSITIONS], n[GAS_FORCES], n[GAS_NODES], P_HYDRAULIC_END, numbers)
     for edge in range(EDGES):
-        if not check_edge(p, n, numbers, P_HYDRAULIC_END, edge):
-            return False
+        fits = fits and check_edge(p, n, numbers, P_HYDRAULIC_END, edge)
     return (
-        check_valve(p, n, numbers, states, P_HYDRAULIC_END, S_HYDRAULIC_END)
+        fits
+        and check_valve(p, n, numbers, states, P_HYDRAULIC_END, S_HYDRAULIC_END)
         and check_mount(p, n, numbers, states, flags, P_HYDRAULIC_END, S_HYDRAULIC_END, K_HYDRAULIC_END)
         and check_pressures(p, n, numbers, P_HYDRAULIC_END)
-        and is_table(n[GAS_POSITIONS], n[GAS_NODES], P_HYDRAULIC_END, numbers)
-        and is_table(n[GAS_FORCES], n[GAS_NODES], P_HYDRAULIC_END, numbers)
-        and is_rising(p, n[GAS_POSITIONS], n[GAS_NODES])
         and p[MAX_ACCELERATION] >= 0.0
     )

@@ -6,34 +6,15 @@ the first tick, forces are zero and inputs equal the first ones.
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.model import (
-    CLAMPED,
-    CURRENT_HIGH,
-    CURRENT_LOW,
-    HELD,
-    K_STRUCTURE,
-    N_STRUCTURE,
-    POSITION_HIGH,
-    POSITION_LOW,
-    SPEED_HIGH,
-    SPEED_LOW,
-    STARTED,
-    clamp,
-    hold_force,
-    is_clamped,
-    lies_within,
-)
+    CLAMPED, CURRENT_HIGH, CURRENT_LOW, HELD, K_STRUCTURE, LARGEST, N_STRUCTURE, POSITION_HIGH, POSITION_LOW, SMALLEST,
+    SPEED_HIGH, SPEED_LOW, STARTED, are_between, are_indices, clamp, hold_force, is_clamped, lies_within,
+)  # fmt: skip
 
 # n: ticks that are kept; the regressors, and where they begin in s; where these begin: in s four rings of the past
 # (position, speed, current, force), in n pairs (ring in s, lag), in p pairs (mean, spread), one for each regressor
 (
-    LAGGED_DEPTH,
-    LAGGED_COUNT,
-    LAGGED_PHI,
-    LAGGED_RINGS,
-    LAGGED_SOURCES,
-    LAGGED_SCALES,
-    N_LAGGED,
-) = range(N_STRUCTURE, N_STRUCTURE + 7)
+    LAGGED_DEPTH, LAGGED_COUNT, LAGGED_PHI, LAGGED_RINGS, LAGGED_SOURCES, LAGGED_SCALES, N_LAGGED,
+) = range(N_STRUCTURE, N_STRUCTURE + 7)  # fmt: skip
 
 # k: the place of the newest tick in the rings
 LAGGED_NEWEST, K_LAGGED = range(K_STRUCTURE, K_STRUCTURE + 2)
@@ -98,18 +79,10 @@ def check_lagged(p: Floats, n: Ints, numbers: int, counts: int, states: int, fla
         return False
     depth = n[LAGGED_DEPTH]
     count = n[LAGGED_COUNT]
-    rings = n[LAGGED_RINGS]
-    if not (1 <= depth <= states and 1 <= count <= counts and lies_within(rings, 4 * depth, states)):
-        return False
     source = n[LAGGED_SOURCES]
     scale = n[LAGGED_SCALES]
-    if not (lies_within(n[LAGGED_PHI], count, states) and lies_within(source, 2 * count, counts)):
-        return False
-    if not lies_within(scale, 2 * count, numbers):
-        return False
-    for j in range(count):
-        if not (lies_within(n[source + 2 * j], depth, states) and 0 <= n[source + 2 * j + 1] < depth):
-            return False
-        if not p[scale + 2 * j + 1] > 0.0:
-            return False
-    return True
+    fits = 1 <= depth <= states and 1 <= count <= counts and lies_within(n[LAGGED_RINGS], 4 * depth, 0, states)
+    fits = fits and lies_within(n[LAGGED_PHI], count, 0, states) and lies_within(source, 2 * count, 0, counts)
+    fits = fits and are_indices(n, source, count, 2, 0, states - depth + 1)
+    fits = fits and are_indices(n, source + 1, count, 2, 0, depth) and lies_within(scale, 2 * count, 0, numbers)
+    return fits and are_between(p, scale + 1, count, 2, SMALLEST, LARGEST)

@@ -11,17 +11,8 @@ from ces_observer.tick.arrays import Floats, Ints
 
 # p: ranges [m, m/s, A, N], the rate [Hz], and the numbers of the band
 (
-    POSITION_LOW,
-    POSITION_HIGH,
-    SPEED_LOW,
-    SPEED_HIGH,
-    CURRENT_LOW,
-    CURRENT_HIGH,
-    FORCE_LOW,
-    FORCE_HIGH,
-    RATE,
-    P_BAND,
-) = range(10)
+    POSITION_LOW, POSITION_HIGH, SPEED_LOW, SPEED_HIGH, CURRENT_LOW, CURRENT_HIGH, FORCE_LOW, FORCE_HIGH, RATE, P_BAND,
+) = range(10)  # fmt: skip
 P_STRUCTURE = 48
 
 # n: which structure, ticks of warm-up, whether there is a band
@@ -67,6 +58,26 @@ def clamp(value: float, low: float, high: float) -> float:
     return low if value < low else high if value > high else value
 
 
-def lies_within(first: int, count: int, size: int) -> bool:
-    """Return whether `count` places from `first` on lie within an array of `size`; no sum overflows."""
-    return 0 <= count <= size and 0 <= first <= size - count
+SMALLEST = 2.2250738585072014e-308  # above 0
+LARGEST = 1.7976931348623157e308
+
+
+def lies_within(place: int, count: int, first: int, size: int) -> bool:
+    """Return whether a table of `count` lies behind the named places, which end at `first`, in an array of `size`."""
+    return first <= place <= size and 0 <= count <= size - place
+
+
+def are_indices(n: Ints, at: int, count: int, step: int, low: int, end: int) -> bool:
+    """Return whether `count` whole numbers, `step` places apart from n[at] on, are at least `low` and below `end`."""
+    for i in range(count):
+        if not low <= n[at + i * step] < end:
+            return False
+    return True
+
+
+def are_between(p: Floats, at: int, count: int, step: int, low: float, high: float) -> bool:
+    """Return whether `count` numbers, `step` places apart from p[at] on, are from `low` to `high`."""
+    for i in range(count):
+        if not low <= p[at + i * step] <= high:
+            return False
+    return True

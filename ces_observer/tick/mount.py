@@ -10,8 +10,7 @@ springs kept their forces, w = share (left + shift) on pieces, since w only grow
 from math import inf
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.curves import is_table
-from ces_observer.tick.model import clamp
+from ces_observer.tick.model import LARGEST, SMALLEST, are_between, clamp, lies_within
 from ces_observer.tick.valve import K_VALVE_END, N_VALVE_END, P_VALVE_END, S_VALVE_END
 
 # p: by tick, what the mount gives [m/s/N], with its creep; the share of w while no spring yields
@@ -121,14 +120,9 @@ def check_mount(
     """Return whether its tables lie behind the named places of p, s and k, and its numbers can be used."""
     count = n[SPRINGS]
     at = n[SPRING_NUMBERS]
-    if not (
-        0 <= count <= numbers
-        and is_table(at, 3 * count, first_number, numbers)
-        and is_table(n[SPRING_STATES], 4 * count, first_state, states)
-        and is_table(n[SPRING_ORDER], count, first_flag, flags)
-    ):
-        return False
-    for m in range(count):
-        if not (p[at + m] > 0.0 and p[at + count + m] >= 0.0 and p[at + 2 * count + m] >= 0.0):
-            return False
-    return p[MOUNT_SPRING] >= 0.0 and p[MOUNT_GIVE] >= 0.0 and 0.0 < p[MOUNT_HELD] <= 1.0
+    fits = lies_within(at, 3 * count, first_number, numbers)
+    fits = fits and lies_within(n[SPRING_STATES], 4 * count, first_state, states)
+    fits = fits and lies_within(n[SPRING_ORDER], count, first_flag, flags)
+    fits = fits and are_between(p, at, count, 1, SMALLEST, LARGEST)
+    fits = fits and are_between(p, at + count, 2 * count, 1, 0.0, LARGEST)
+    return fits and p[MOUNT_SPRING] >= 0.0 and p[MOUNT_GIVE] >= 0.0 and 0.0 < p[MOUNT_HELD] <= 1.0

@@ -9,49 +9,21 @@ term of more factors uses products. The terms of b come first, then those of eac
 from math import copysign, pow, sqrt
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.constructed import (
-    CONSTRUCTED_STATES,
-    MAX_SIGNAL,
-    check_constructed,
-    constructed_update,
-    table_fits,
-)
+from ces_observer.tick.constructed import CONSTRUCTED_STATES, MAX_SIGNAL, check_constructed, constructed_update
 from ces_observer.tick.model import (
-    CLAMPED,
-    CURRENT_HIGH,
-    CURRENT_LOW,
-    HELD,
-    K_STRUCTURE,
-    N_STRUCTURE,
-    P_STRUCTURE,
-    POSITION_HIGH,
-    POSITION_LOW,
-    S_STRUCTURE,
-    SPEED_HIGH,
-    SPEED_LOW,
-    STARTED,
-    clamp,
-    hold_force,
-    is_clamped,
-)
+    CLAMPED, CURRENT_HIGH, CURRENT_LOW, HELD, K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, POSITION_HIGH, POSITION_LOW,
+    S_STRUCTURE, SPEED_HIGH, SPEED_LOW, STARTED, are_between, are_indices, clamp, hold_force, is_clamped,
+    lies_within,
+)  # fmt: skip
 
-# n: where each table is, and how many rows it has
+# n: where tables begin in n, and how many rows they have: constructed inputs; powers (source in s, whether signed,
+# exponents in p); lags (source in s; begin and end in s of a ring of as many ticks as the lag); output lags (number
+# of terms; begin and end of the ring of past forces); two factors of each term, as places in s. Its coefficient is in
+# p. Products that later rows use come first, then the terms of b, then those of each a_j
 (
-    CONSTRUCTED_TABLE,
-    CONSTRUCTED_COUNT,
-    POWER_TABLE,  # source in s, whether signed
-    POWER_COUNT,
-    POWER_EXPONENTS,  # in p
-    LAG_TABLE,  # source in s; begin and end in s of a ring of as many ticks as the lag
-    LAG_COUNT,
-    OUTPUT_LAG_TABLE,  # number of terms; begin and end of the ring of past forces
-    OUTPUT_LAG_COUNT,
-    TERM_FACTORS,  # two places in s
-    TERM_COEFFICIENTS,  # in p
-    PRODUCT_COUNT,  # products that later rows use come first,
-    INPUT_TERM_COUNT,  # then the terms of b, then those of each a_j
-    N_POLYNOMIAL,
-) = range(N_STRUCTURE, N_STRUCTURE + 14)
+    CONSTRUCTED_TABLE, CONSTRUCTED_COUNT, POWER_TABLE, POWER_COUNT, POWER_EXPONENTS, LAG_TABLE, LAG_COUNT,
+    OUTPUT_LAG_TABLE, OUTPUT_LAG_COUNT, TERM_FACTORS, TERM_COEFFICIENTS, PRODUCT_COUNT, INPUT_TERM_COUNT, N_POLYNOMIAL,
+) = range(N_STRUCTURE, N_STRUCTURE + 14)  # fmt: skip
 
 # s
 UNITY, POSITION_VALUE, SPEED_VALUE, CURRENT_VALUE, S_POLYNOMIAL = range(S_STRUCTURE, S_STRUCTURE + 5)
@@ -61,8 +33,8 @@ UNITY, POSITION_VALUE, SPEED_VALUE, CURRENT_VALUE, S_POLYNOMIAL = range(S_STRUCT
 MAX_EXPONENT = 8.0
 
 
-def power_of(value: float, power: float, signed: bool) -> float:
-    """Return |s|^power, or sign(s) |s|^power if `signed`."""
+def power_of(value: float, power: float, is_signed: bool) -> float:
+    """Return |s|^power, or sign(s) |s|^power if `is_signed`."""
     size = abs(value)
     if power == 1.0:
         result = size
@@ -76,7 +48,7 @@ def power_of(value: float, power: float, signed: bool) -> float:
         result = 1.0
     else:
         result = pow(size, power)
-    return copysign(result, value) if signed else result
+    return copysign(result, value) if is_signed else result
 
 
 def polynomial_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
@@ -193,21 +165,15 @@ def check_powers(p: Floats, n: Ints, numbers: int, counts: int, signals_end: int
     """Return whether all powers are of signals, which end at s[signals_end], and cannot overflow."""
     rows = n[POWER_COUNT]
     exponents = n[POWER_EXPONENTS]
-    if not table_fits(n[POWER_TABLE], rows, 2, counts) or not table_fits(exponents, rows, 1, numbers):
-        return False
-    for i in range(rows):
-        source = n[n[POWER_TABLE] + 2 * i]
-        if not (UNITY <= source < signals_end and 0.0 <= p[exponents + i] <= MAX_EXPONENT):
-            return False
-    small = True
-    for limit in range(POSITION_LOW, CURRENT_HIGH + 1):
-        small = small and abs(p[limit]) <= MAX_SIGNAL
-    return small
+    fits = lies_within(n[POWER_TABLE], 2 * rows, 0, counts) and lies_within(exponents, rows, 0, numbers)
+    fits = fits and are_indices(n, n[POWER_TABLE], rows, 2, UNITY, signals_end)
+    fits = fits and are_between(p, exponents, rows, 1, 0.0, MAX_EXPONENT)
+    return fits and are_between(p, POSITION_LOW, CURRENT_HIGH + 1 - POSITION_LOW, 1, -MAX_SIGNAL, MAX_SIGNAL)
 
 
 def rings_end(n: Ints, counts: int, states: int, table: int, begin: int) -> int:
     """Return where the rings of a table end in s, one behind the other from s[begin] on; -1 if they do not fit."""
-    if not table_fits(n[table], n[table + 1], 3, counts):
+    if not lies_within(n[table], 3 * n[table + 1], 0, counts):
         return -1
     end = begin
     for row in range(n[table + 1]):
@@ -223,30 +189,25 @@ def check_lags(n: Ints, counts: int, states: int, flags: int, powers_end: int) -
     lags = n[LAG_COUNT]
     if not (0 <= lags <= flags - K_STRUCTURE and 0 <= n[OUTPUT_LAG_COUNT] <= flags - K_STRUCTURE - lags):
         return False
-    begin = powers_end + lags + n[PRODUCT_COUNT]
-    end = rings_end(n, counts, states, LAG_TABLE, begin)
-    if not 0 <= end <= states or rings_end(n, counts, states, OUTPUT_LAG_TABLE, end) < 0:
-        return False
-    known = True
-    for i in range(lags):
-        known = known and UNITY <= n[n[LAG_TABLE] + 3 * i] < powers_end
-    return known
+    end = rings_end(n, counts, states, LAG_TABLE, powers_end + lags + n[PRODUCT_COUNT])
+    fits = 0 <= end <= states and rings_end(n, counts, states, OUTPUT_LAG_TABLE, end) >= 0
+    return fits and are_indices(n, n[LAG_TABLE], lags, 3, UNITY, powers_end)
 
 
 def check_terms(n: Ints, numbers: int, counts: int, products: int) -> bool:
     """Return whether all factors are values computed before; those of the products begin at s[products]."""
-    terms = n[PRODUCT_COUNT] + n[INPUT_TERM_COUNT]
-    for i in range(n[OUTPUT_LAG_COUNT]):
-        count = n[n[OUTPUT_LAG_TABLE] + 3 * i]
-        if not 0 <= count <= counts:
-            return False
-        terms += count
-    if not table_fits(n[TERM_FACTORS], terms, 2, counts) or not table_fits(n[TERM_COEFFICIENTS], terms, 1, numbers):
+    count = n[PRODUCT_COUNT]
+    terms = count + n[INPUT_TERM_COUNT]
+    if not are_indices(n, n[OUTPUT_LAG_TABLE], n[OUTPUT_LAG_COUNT], 3, 0, counts):
         return False
-    for i in range(terms):
-        end = products + (i if i < n[PRODUCT_COUNT] else n[PRODUCT_COUNT])
-        factors = n[TERM_FACTORS] + 2 * i
-        if not (UNITY <= n[factors] < end and UNITY <= n[factors + 1] < end):
+    for i in range(n[OUTPUT_LAG_COUNT]):
+        terms += n[n[OUTPUT_LAG_TABLE] + 3 * i]
+    factors = n[TERM_FACTORS]
+    fits = lies_within(factors, 2 * terms, 0, counts) and lies_within(n[TERM_COEFFICIENTS], terms, 0, numbers)
+    if not (fits and are_indices(n, factors + 2 * count, 2 * (terms - count), 1, UNITY, products + count)):
+        return False
+    for i in range(count):
+        if not are_indices(n, factors + 2 * i, 2, 1, UNITY, products + i):
             return False
     return True
 
@@ -256,13 +217,12 @@ def check_polynomial(p: Floats, n: Ints, numbers: int, counts: int, states: int,
     if counts < N_POLYNOMIAL or numbers < P_STRUCTURE:
         return False
     rows = n[CONSTRUCTED_COUNT]
-    if not check_constructed(p, n, numbers, counts, states, n[CONSTRUCTED_TABLE], rows, POSITION_VALUE):
-        return False
-    if not (0 <= n[PRODUCT_COUNT] <= counts and 0 <= n[INPUT_TERM_COUNT] <= counts):
-        return False
-    if not check_powers(p, n, numbers, counts, S_POLYNOMIAL + rows):
+    fits = 0 <= n[PRODUCT_COUNT] <= counts and 0 <= n[INPUT_TERM_COUNT] <= counts
+    if not (fits and check_constructed(p, n, numbers, counts, states, n[CONSTRUCTED_TABLE], rows, POSITION_VALUE)):
         return False
     powers_end = S_POLYNOMIAL + rows * (1 + CONSTRUCTED_STATES) + n[POWER_COUNT]
-    if not check_lags(n, counts, states, flags, powers_end):
-        return False
-    return check_terms(n, numbers, counts, powers_end + n[LAG_COUNT])
+    return (
+        check_powers(p, n, numbers, counts, S_POLYNOMIAL + rows)
+        and check_lags(n, counts, states, flags, powers_end)
+        and check_terms(n, numbers, counts, powers_end + n[LAG_COUNT])
+    )

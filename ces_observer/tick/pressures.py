@@ -29,41 +29,15 @@ function, whose slopes the balances are, would rise again are halved.
 from math import exp, sqrt
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.curves import interpolate, is_rising, is_table
+from ces_observer.tick.curves import interpolate, is_curve
 from ces_observer.tick.edges import (
-    BASE,
-    EDGE_NODES,
-    EDGE_PIECE,
-    EDGE_SHARE,
-    EDGES,
-    EXTERNAL,
-    K_EDGES_END,
-    LAST_ROW,
-    LINE_FLOW,
-    LINE_HIGH,
-    LINE_LOW,
-    LINE_SLOPE,
-    N_EDGES_END,
-    OPENING,
-    P_EDGES_END,
-    PISTON,
-    S_EDGES_END,
-    find_line,
-    set_row,
-)
-from ces_observer.tick.model import clamp
+    BASE, EDGE_NODES, EDGE_PIECE, EDGE_SHARE, EDGES, EXTERNAL, K_EDGES_END, LAST_ROW, LINE_FLOW, LINE_HIGH, LINE_LOW,
+    LINE_SLOPE, N_EDGES_END, OPENING, P_EDGES_END, PISTON, S_EDGES_END, find_line, set_row,
+)  # fmt: skip
+from ces_observer.tick.model import LARGEST, SMALLEST, are_between, clamp
 from ces_observer.tick.mount import (
-    MOUNT_GIVE,
-    PULL,
-    WAY_HIGH,
-    WAY_LOW,
-    WAY_SHARE,
-    WAY_SHIFT,
-    begin_mount,
-    end_mount,
-    find_piece_of_way,
-    mount_reset,
-)
+    MOUNT_GIVE, PULL, WAY_HIGH, WAY_LOW, WAY_SHARE, WAY_SHIFT, begin_mount, end_mount, find_piece_of_way, mount_reset,
+)  # fmt: skip
 
 WARMING_S = 100.0  # in which a damper takes up its heat
 WARMEST = 2.0  # growth of its flows, as a logarithm
@@ -81,20 +55,9 @@ OIL_PIECES = 9
 # p: r; C by tick [m/s/N] and their growths [1/m]; M [m/N]; fade [1/W] and its share of a tick; e, n and the pressure at
 # which both are held [N]; the growth of friction [1/N]; the ends of the pieces of phi [N]
 (
-    RATIO,
-    COMPLIANCE_C,
-    COMPLIANCE_R,
-    GROWTH_C,
-    GROWTH_R,
-    SPRING,
-    FADE,
-    WARMING,
-    LAMINAR,
-    NARROW,
-    MAX_PRESSURE,
-    FRICTION_GROWTH,
-    OIL_ENDS,
-) = range(P_EDGES_END, P_EDGES_END + 13)
+    RATIO, COMPLIANCE_C, COMPLIANCE_R, GROWTH_C, GROWTH_R, SPRING, FADE, WARMING, LAMINAR, NARROW, MAX_PRESSURE,
+    FRICTION_GROWTH, OIL_ENDS,
+) = range(P_EDGES_END, P_EDGES_END + 13)  # fmt: skip
 # values at 0 N [N] and slopes of the pieces
 OIL_VALUES = OIL_ENDS + OIL_PIECES + 1
 OIL_SLOPES = OIL_VALUES + OIL_PIECES
@@ -106,17 +69,8 @@ BYPASS_NODES, BYPASS_POSITIONS, BYPASS_LOGARITHMS, N_PRESSURES_END = range(N_EDG
 # s: pressures [N]; volumes, and compliances at this stroke, by tick; heat [W] and 1 / h; the setting at which the edges
 # are blended
 (
-    PRESSURE_C,
-    PRESSURE_R,
-    VOLUME_C,
-    VOLUME_R,
-    STORED_C,
-    STORED_R,
-    HEAT,
-    THICKNESS,
-    BLENDED_AT,
-    S_PRESSURES_END,
-) = range(S_EDGES_END, S_EDGES_END + 10)
+    PRESSURE_C, PRESSURE_R, VOLUME_C, VOLUME_R, STORED_C, STORED_R, HEAT, THICKNESS, BLENDED_AT, S_PRESSURES_END,
+) = range(S_EDGES_END, S_EDGES_END + 10)  # fmt: skip
 
 # k: pieces of the oil in both chambers
 OIL_C, OIL_R, K_PRESSURES_END = range(K_EDGES_END, K_EDGES_END + 3)
@@ -353,24 +307,12 @@ def check_pressures(p: Floats, n: Ints, numbers: int, first: int) -> bool:
     """Return whether the bypass lies behind the named places of p, which end at `first`, and numbers can be used."""
     nodes = n[BYPASS_NODES]
     logarithms = n[BYPASS_LOGARITHMS]
-    if nodes != 0:
-        if not (
-            is_table(n[BYPASS_POSITIONS], nodes, first, numbers)
-            and is_table(logarithms, nodes, first, numbers)
-            and is_rising(p, n[BYPASS_POSITIONS], nodes)
-        ):
-            return False
-        for j in range(nodes):
-            if not abs(p[logarithms + j]) <= MAX_LOGARITHM:
-                return False
-    for j in range(OIL_PIECES):
-        if not (p[OIL_ENDS + j] < p[OIL_ENDS + j + 1] and p[OIL_SLOPES + j] > 0.0):
-            return False
-    return (
-        p[RATIO] >= 1.0
-        and p[COMPLIANCE_C] > 0.0
-        and p[COMPLIANCE_R] > 0.0
-        and p[LAMINAR] > 0.0
-        and p[NARROW] > 0.0
-        and p[MAX_PRESSURE] > 0.0
+    fits = nodes == 0 or (
+        is_curve(p, n[BYPASS_POSITIONS], logarithms, nodes, first, numbers)
+        and are_between(p, logarithms, nodes, 1, -MAX_LOGARITHM, MAX_LOGARITHM)
     )
+    for j in range(OIL_PIECES):
+        fits = fits and p[OIL_ENDS + j] < p[OIL_ENDS + j + 1]
+    fits = fits and are_between(p, OIL_SLOPES, OIL_PIECES, 1, SMALLEST, LARGEST) and p[RATIO] >= 1.0
+    fits = fits and p[COMPLIANCE_C] > 0.0 and p[COMPLIANCE_R] > 0.0
+    return fits and p[LAMINAR] > 0.0 and p[NARROW] > 0.0 and p[MAX_PRESSURE] > 0.0

@@ -17,23 +17,9 @@ from math import sqrt, tanh
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.layers import apply_layer
 from ces_observer.tick.model import (
-    CLAMPED,
-    CURRENT_HIGH,
-    CURRENT_LOW,
-    HELD,
-    N_STRUCTURE,
-    P_STRUCTURE,
-    POSITION_HIGH,
-    POSITION_LOW,
-    S_STRUCTURE,
-    SPEED_HIGH,
-    SPEED_LOW,
-    STARTED,
-    clamp,
-    hold_force,
-    is_clamped,
-    lies_within,
-)
+    CLAMPED, CURRENT_HIGH, CURRENT_LOW, HELD, LARGEST, N_STRUCTURE, POSITION_HIGH, POSITION_LOW, P_STRUCTURE, SMALLEST,
+    SPEED_HIGH, SPEED_LOW, STARTED, S_STRUCTURE, are_between, are_indices, clamp, hold_force, is_clamped, lies_within,
+)  # fmt: skip
 
 # p: force for an output of 1 [N], and e [m/s]
 RECURRENT_SCALE, RECURRENT_SMOOTHING, P_RECURRENT = range(P_STRUCTURE, P_STRUCTURE + 3)
@@ -41,33 +27,16 @@ RECURRENT_SCALE, RECURRENT_SMOOTHING, P_RECURRENT = range(P_STRUCTURE, P_STRUCTU
 # n: members and the stages of each, 2 or 3; inputs; where these begin: in n the stages and the signal of each input; in
 # p pairs (mean, spread) of the inputs; in s the inputs and what drives the filters of a stage
 (
-    RECURRENT_MEMBERS,
-    RECURRENT_STAGES,
-    RECURRENT_INPUTS,
-    RECURRENT_TABLE,
-    RECURRENT_SIGNALS,
-    RECURRENT_SCALES,
-    RECURRENT_SCALED,
-    RECURRENT_DRIVEN,
-    N_RECURRENT,
-) = range(N_STRUCTURE, N_STRUCTURE + 9)
+    RECURRENT_MEMBERS, RECURRENT_STAGES, RECURRENT_INPUTS, RECURRENT_TABLE, RECURRENT_SIGNALS, RECURRENT_SCALES,
+    RECURRENT_SCALED, RECURRENT_DRIVEN, N_RECURRENT,
+) = range(N_STRUCTURE, N_STRUCTURE + 9)  # fmt: skip
 
 # n, from a stage on: its sizes; where its inputs and outputs are in s; where these begin: in p its poles (real and
 # imaginary parts of pole and 1 / (1 - pole)) and layers, in s tanh and z
 (
-    STAGE_INPUTS,
-    STAGE_FILTERS,
-    STAGE_TANHS,
-    STAGE_OUTPUTS,
-    STAGE_SOURCE,
-    STAGE_RESULTS,
-    STAGE_POLES,
-    STAGE_DRIVE,
-    STAGE_HIDDEN,
-    STAGE_OUT,
-    STAGE_JOINED,
-    N_STAGE,
-) = range(12)
+    STAGE_INPUTS, STAGE_FILTERS, STAGE_TANHS, STAGE_OUTPUTS, STAGE_SOURCE, STAGE_RESULTS, STAGE_POLES, STAGE_DRIVE,
+    STAGE_HIDDEN, STAGE_OUT, STAGE_JOINED, N_STAGE,
+) = range(12)  # fmt: skip
 
 # s: the signals
 SIGNAL_SPEED, SIGNAL_ROOT, SIGNAL_SIZE, SIGNAL_POSITION, SIGNAL_CURRENT, S_RECURRENT = range(
@@ -173,14 +142,14 @@ def check_stage(n: Ints, stage: int, numbers: int, states: int) -> bool:
     if not (1 <= inputs <= states and 1 <= filters <= states and 0 <= tanhs <= states and 1 <= outputs <= states):
         return False
     width = 2 * filters + inputs
-    fits = lies_within(n[stage + STAGE_JOINED], tanhs + width, states)
-    fits = fits and lies_within(n[stage + STAGE_SOURCE], inputs, states)
-    fits = fits and lies_within(n[stage + STAGE_RESULTS], outputs, states)
-    fits = fits and lies_within(n[RECURRENT_DRIVEN], 2 * filters, states)
-    fits = fits and lies_within(n[stage + STAGE_POLES], 4 * filters, numbers)
-    fits = fits and lies_within(n[stage + STAGE_DRIVE], 2 * filters * (inputs + 1), numbers)
-    fits = fits and lies_within(n[stage + STAGE_HIDDEN], tanhs * (width + 1), numbers)
-    return fits and lies_within(n[stage + STAGE_OUT], outputs * (tanhs + width + 1), numbers)
+    fits = lies_within(n[stage + STAGE_JOINED], tanhs + width, 0, states)
+    fits = fits and lies_within(n[stage + STAGE_SOURCE], inputs, 0, states)
+    fits = fits and lies_within(n[stage + STAGE_RESULTS], outputs, 0, states)
+    fits = fits and lies_within(n[RECURRENT_DRIVEN], 2 * filters, 0, states)
+    fits = fits and lies_within(n[stage + STAGE_POLES], 4 * filters, 0, numbers)
+    fits = fits and lies_within(n[stage + STAGE_DRIVE], 2 * filters * (inputs + 1), 0, numbers)
+    fits = fits and lies_within(n[stage + STAGE_HIDDEN], tanhs * (width + 1), 0, numbers)
+    return fits and lies_within(n[stage + STAGE_OUT], outputs * (tanhs + width + 1), 0, numbers)
 
 
 def check_recurrent(p: Floats, n: Ints, numbers: int, counts: int, states: int, flags: int) -> bool:
@@ -189,19 +158,17 @@ def check_recurrent(p: Floats, n: Ints, numbers: int, counts: int, states: int, 
         return False
     inputs = n[RECURRENT_INPUTS]
     stages = n[RECURRENT_STAGES]
+    members = n[RECURRENT_MEMBERS]
     table = n[RECURRENT_TABLE]
-    scales = n[RECURRENT_SCALES]
-    signals = n[RECURRENT_SIGNALS]
-    if not (p[RECURRENT_SMOOTHING] > 0.0 and 1 <= inputs <= counts and 1 <= n[RECURRENT_MEMBERS] <= counts):
+    fits = p[RECURRENT_SMOOTHING] > 0.0 and 1 <= members <= counts and 2 <= stages <= 3
+    fits = fits and lies_within(table, members * stages * N_STAGE, 0, counts)
+    fits = fits and lies_within(n[RECURRENT_SCALES], 2 * inputs, 0, numbers)
+    fits = fits and lies_within(n[RECURRENT_SIGNALS], inputs, 0, counts)
+    fits = fits and lies_within(n[RECURRENT_SCALED], inputs, 0, states)
+    fits = fits and are_indices(n, n[RECURRENT_SIGNALS], inputs, 1, SIGNAL_SPEED, SIGNAL_CURRENT + 1)
+    if not (fits and are_between(p, n[RECURRENT_SCALES] + 1, inputs, 2, SMALLEST, LARGEST)):
         return False
-    fits = 2 <= stages <= 3 and lies_within(table, n[RECURRENT_MEMBERS] * stages * N_STAGE, counts)
-    fits = fits and lies_within(scales, 2 * inputs, numbers) and lies_within(signals, inputs, counts)
-    if not (fits and lies_within(n[RECURRENT_SCALED], inputs, states)):
-        return False
-    for i in range(inputs):
-        if not (SIGNAL_SPEED <= n[signals + i] <= SIGNAL_CURRENT and p[scales + 2 * i + 1] > 0.0):
-            return False
-    for i in range(n[RECURRENT_MEMBERS] * stages):
+    for i in range(members * stages):
         stage = table + i * N_STAGE
         if not check_stage(n, stage, numbers, states):
             return False

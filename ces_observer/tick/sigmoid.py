@@ -7,14 +7,8 @@ from math import exp
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.lagged import (
-    LAGGED_COUNT,
-    LAGGED_PHI,
-    N_LAGGED,
-    check_lagged,
-    lagged_force,
-    lagged_inputs,
-    lagged_reset,
-)
+    LAGGED_COUNT, LAGGED_PHI, N_LAGGED, check_lagged, lagged_force, lagged_inputs, lagged_reset,
+)  # fmt: skip
 from ces_observer.tick.layers import apply_layer
 from ces_observer.tick.model import P_STRUCTURE, lies_within
 
@@ -62,7 +56,6 @@ def check_sigmoid(p: Floats, n: Ints, numbers: int, counts: int, states: int, fl
     if counts < N_SIGMOID or numbers < P_SIGMOID or not check_lagged(p, n, numbers, counts, states, flags):
         return False
     units = n[SIGMOID_UNITS]
-    if not (0 <= units < states and lies_within(n[SIGMOID_OUTPUTS], 1 + units, states)):
-        return False
-    layer = (1 + units) * (n[LAGGED_COUNT] + 1)
-    return lies_within(n[SIGMOID_WEIGHTS], units, numbers) and lies_within(n[SIGMOID_LAYER], layer, numbers)
+    fits = 0 <= units < states and lies_within(n[SIGMOID_OUTPUTS], 1 + units, 0, states)
+    fits = fits and lies_within(n[SIGMOID_LAYER], (1 + units) * (n[LAGGED_COUNT] + 1), 0, numbers)
+    return fits and lies_within(n[SIGMOID_WEIGHTS], units, 0, numbers)

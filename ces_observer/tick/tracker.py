@@ -24,26 +24,10 @@ from math import floor, isfinite
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.bank import (
-    BANK_POSITION,
-    BANK_SPEED,
-    BANK_TICKS,
-    DELAY,
-    K_TRACKER,
-    LATE_POSITION,
-    LATE_SPEED,
-    N_TRACKER,
-    NEXT_POSITION,
-    NEXT_SPEED,
-    P_TRACKER,
-    S_TRACKER,
-    TICK_S,
-    bank_coast,
-    bank_reset,
-    bank_restore,
-    bank_save,
-    bank_update,
-    check_bank,
-)
+    BANK_POSITION, BANK_SPEED, BANK_TICKS, DELAY, K_TRACKER, LATE_POSITION, LATE_SPEED, N_TRACKER, NEXT_POSITION,
+    NEXT_SPEED, P_TRACKER, S_TRACKER, TICK_S, bank_coast, bank_reset, bank_restore, bank_save, bank_update, check_bank,
+)  # fmt: skip
+from ces_observer.tick.model import lies_within
 
 # p: the rate [ticks/ns]; how far a position may be from its prediction [m]; the stroke [m]; the largest change of speed
 # [m/s]; the interval after which samples were lost [s]; how long the bank settles, and the model after it [s and ticks]
@@ -248,4 +232,5 @@ def check_tracker(p: Floats, n: Ints, numbers: int, counts: int, states: int, fl
     if ticks > float(MAX_LOST_TICKS) or not check_bank(p, n, numbers, counts, S_ESTIMATOR, states):
         return False
     room = int(ticks) + 2 if n[DELAY] > 0 else 0
-    return S_ESTIMATOR <= n[LATE_AT] <= states - 2 * room and K_ESTIMATOR <= n[LATE_KNOWN] <= flags - room
+    fits = lies_within(n[LATE_AT], 2 * room, S_ESTIMATOR, states)
+    return fits and lies_within(n[LATE_KNOWN], room, K_ESTIMATOR, flags)

@@ -9,8 +9,8 @@ Every stage is driven by the current alone and none amplifies a difference, so t
 """
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.curves import find_on_line, interpolate, is_rising, is_table
-from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE, STARTED, clamp
+from ces_observer.tick.curves import find_on_line, interpolate, is_curve, is_rising
+from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE, STARTED, clamp, lies_within
 
 PLAYS = 3
 MAX_DELAY = 1000  # ticks
@@ -77,18 +77,8 @@ def valve_tick(p: Floats, n: Ints, s: Floats, k: Ints, current: float) -> float:
 def check_valve(p: Floats, n: Ints, numbers: int, states: int, first_number: int, first_state: int) -> bool:
     """Return whether its tables lie behind the named places of p and s, and its numbers can be used."""
     nodes = n[VALVE_NODES]
-    currents = n[VALVE_CURRENTS]
     settings = n[VALVE_SETTINGS]
-    return (
-        0 <= n[VALVE_DELAY] <= MAX_DELAY
-        and is_table(n[VALVE_RING], n[VALVE_DELAY] + 2, first_state, states)
-        and is_table(currents, nodes, first_number, numbers)
-        and is_table(settings, nodes, first_number, numbers)
-        and is_rising(p, currents, nodes)
-        and is_rising(p, settings, nodes)
-        and p[settings] == 0.0
-        and p[settings + nodes - 1] == 1.0
-        and 0.0 <= p[VALVE_PART] < 1.0
-        and 0.0 < p[VALVE_RISE] <= 1.0
-        and 0.0 < p[VALVE_FALL] <= 1.0
-    )
+    fits = is_curve(p, n[VALVE_CURRENTS], settings, nodes, first_number, numbers) and is_rising(p, settings, nodes)
+    fits = fits and p[settings] == 0.0 and p[settings + nodes - 1] == 1.0 and 0.0 <= p[VALVE_PART] < 1.0
+    fits = fits and 0.0 < p[VALVE_RISE] <= 1.0 and 0.0 < p[VALVE_FALL] <= 1.0 and 0 <= n[VALVE_DELAY] <= MAX_DELAY
+    return fits and lies_within(n[VALVE_RING], n[VALVE_DELAY] + 2, first_state, states)

@@ -19,7 +19,7 @@ import numpy as np
 import tick_loop
 from numpy.typing import NDArray
 
-from ces_identify.export.c_printer import print_core
+from ces_identify.export.c_printer import Core
 from ces_identify.export.export_c import export_c
 from ces_identify.export.export_fmu import list_variables, sources
 from ces_identify.numerics.core import compiled
@@ -163,8 +163,8 @@ def run_extension(core: Any, model: Model, samples: Samples) -> Steps:
     arrays = [array("q" if part.dtype == np.int64 else "d", part.tobytes()) for part in arrays_of(model)]
     calls = {}
     for name, which in (("estimator_reset", range(12)), ("estimator_step", range(12)), ("run_half_width", (4, 5, 6))):
-        bound = core.bind(name, *(arrays[i] for i in which))
-        calls[name] = lambda *words, bound=bound, which=which: bound(*words[len(which) :])
+        bound, skipped = core.bind(name, *(arrays[i] for i in which)), len(which)
+        calls[name] = lambda *arguments, bound=bound, skipped=skipped: bound(*arguments[skipped:])
     loop = FunctionType(tick_loop.run_samples.__code__, {**vars(tick_loop), **calls})
     return _run_lists(loop, arrays, samples)
 
@@ -192,7 +192,8 @@ def core_texts() -> tuple[str, str]:
     """Return header and source of the core with the loop in it."""
     folder = Path(tick.__path__[0])
     texts = {name: (folder / f"{name}.py").read_text() for name in tick.MODULES}
-    return print_core({**texts, "tick_loop": inspect.getsource(tick_loop)}, ["run_samples", "check_models"])
+    core = Core({**texts, "tick_loop": inspect.getsource(tick_loop)}, [*tick.ENTRY_POINTS, "run_samples"])
+    return core.header, core.source
 
 
 def compile_library(folder: Path, files: dict[str, str], *words: str) -> ctypes.CDLL:
