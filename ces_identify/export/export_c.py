@@ -15,7 +15,7 @@ from math import ceil
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-from ces_identify.export.c_printer import core_texts
+from ces_identify.export.c_printer import read_core
 from ces_identify.export.flat_file import require_within
 from ces_observer import __version__
 from ces_observer.core import tick_digest
@@ -55,9 +55,9 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
 
 def _core() -> dict[str, str]:
     """Return the texts of the core with what a model's C calls; its header says which version it is."""
-    texts = core_texts(USED)
-    guard = "#define CES_CORE_H\n"
-    return {**texts, CORE[1]: texts[CORE[1]].replace(guard, f"{guard}#define CES_CORE_DIGEST {_digest()}\n")}
+    core, guard = read_core(USED), "#define CES_CORE_H\n"
+    header = core.header.replace(guard, f"{guard}#define CES_CORE_DIGEST {_digest()}\n")
+    return dict(zip(CORE, (core.source, header), strict=True))
 
 
 def _digest() -> str:
