@@ -163,8 +163,8 @@ def run_extension(core: Any, model: Model, samples: Samples) -> Steps:
     arrays = [array("q" if part.dtype == np.int64 else "d", part.tobytes()) for part in arrays_of(model)]
     calls = {}
     for name, which in (("estimator_reset", range(12)), ("estimator_step", range(12)), ("run_half_width", (4, 5, 6))):
-        bound = core.bind(name, *(arrays[i] for i in which))
-        calls[name] = lambda *arguments, bound=bound, count=len(which): bound(*arguments[count:])
+        bound, skipped = core.bind(name, *(arrays[i] for i in which)), len(which)
+        calls[name] = lambda *arguments, bound=bound, skipped=skipped: bound(*arguments[skipped:])
     loop = FunctionType(tick_loop.run_samples.__code__, {**vars(tick_loop), **calls})
     return _run_lists(loop, arrays, samples)
 
