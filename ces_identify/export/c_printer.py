@@ -20,6 +20,7 @@ from ces_identify.export.c_expressions import CALLS, INT, OF_MATH, PRIMARY, SUM,
 from ces_identify.export.c_statements import FunctionPrinter
 from ces_identify.export.c_text import Comments, block_comment, wrap
 from ces_observer import tick
+from ces_observer.core import tick_digest
 
 TICK = "ces_observer.tick"
 READ_ONLY = ("p", "n")  # the last part of the names of arrays that hold numbers of a model
@@ -50,7 +51,9 @@ class Core:
 
     def _fill(self, file: str, lines: list[str]) -> str:
         text = (TEMPLATES / f"{file}.j2").read_text(encoding="utf-8")
-        return text.replace("{{ folder }}", self.folder).replace("{{ printed }}", "\n".join(lines))
+        for name, value in {"folder": self.folder, "digest": tick_digest(), "printed": "\n".join(lines)}.items():
+            text = text.replace(f"{{{{ {name} }}}}", value)
+        return text
 
     def _read_module(self, name: str, source: str) -> list[str]:
         """Note a module with the C of its functions; return the lines of C that declare its constants."""
