@@ -5,7 +5,7 @@ from __future__ import annotations
 from functools import lru_cache
 from itertools import chain
 
-from ces_observer.bank_design import SHIFTS, SPEED, BankMode, BankSettings, design_bank, response_s, spans_of
+from ces_observer.bank_design import SHIFTS, SPEED, BankMode, BankSettings, Gains, design_bank, response_s, spans_of
 from ces_observer.flat import Layout
 from ces_observer.kalman import ORDER
 from ces_observer.model import Sampling
@@ -66,7 +66,12 @@ def fill_bank(layout: Layout, stroke: BankSettings, delay: int) -> None:
     layout.n[bank.SPANS] = len(spans)
     layout.n[bank.MEASURES_MOTION] = measurements > 1
     layout.n[bank.SPAN_TABLE] = layout.indices(spans)
+    layout.n[bank.SEEN] = layout.table(
+        x for at in range(len(SHIFTS)) for mode in modes for x in _seen(mode, at, stroke)
+    )
     layout.n[bank.GAINS] = layout.table(_gains(stroke, delay))
+    first = (mode.gains[span][0] for span in range(len(spans)) for mode in modes)
+    layout.n[bank.LIKELIHOODS] = layout.table(x for gains in first for x in (gains.height, *gains.sharpness))
     layout.n[bank.COMPANIONS] = layout.table(x for mode in modes for x in (*mode.speed, *mode.position))
     smoothing = (row for mode in modes for row in zip(*mode.smoothing, strict=True))
     layout.n[bank.SMOOTHING] = layout.table(chain.from_iterable(smoothing))
@@ -76,25 +81,24 @@ def fill_bank(layout: Layout, stroke: BankSettings, delay: int) -> None:
     layout.n[bank.SAVED] = layout.state(size)
 
 
+def _seen(mode: BankMode, at: int, stroke: BankSettings) -> tuple[float, ...]:
+    return (*mode.measured[at], *mode.motion[at]) if stroke.motion else mode.measured[at]
+
+
 @lru_cache(maxsize=32)
 def _gains(stroke: BankSettings, delay: int) -> tuple[float, ...]:
-    """Return the gains of all modes, by span and by shift."""
+    """Return the gains of all modes by span and shift; after lost ticks a sample lies within half a tick."""
     modes = design_bank(stroke, delay)
-    return tuple(
-        x
-        for span in range(len(spans_of(stroke)))
-        for at in range(len(SHIFTS))
-        for mode in modes
-        for x in _row(mode, span, at)
-    )
+    spans = [
+        (span, at) for span in range(len(spans_of(stroke))) for at in range(bank.LATE_SHIFT * (span > 0), len(SHIFTS))
+    ]
+    return tuple(x for span, at in spans for mode in modes for x in _row(mode.gains[span][at]))
 
 
-def _row(mode: BankMode, span: int, at: int) -> tuple[float, ...]:
+def _row(gains: Gains) -> tuple[float, ...]:
     """Return a mode's row of gains, in the order that `ces_observer.tick.bank` names."""
-    gains = mode.gains[span][at]
     position, *motion = zip(gains.position, gains.speed, *gains.states[:ORDER], strict=True)
-    row = (*mode.measured[at], *position, gains.sharpness[0], gains.height)
     if not motion:
-        return row
+        return position
     offset = gains.states[ORDER] if len(gains.states) > ORDER else (0.0, 0.0)
-    return (*row, *mode.motion[at], *motion[0], *offset, *gains.sharpness[1:])
+    return (*position, *motion[0], *offset)

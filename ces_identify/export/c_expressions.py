@@ -7,34 +7,36 @@ where that would show, because one of them stores into an array that another one
 from __future__ import annotations
 
 import ast
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import NamedTuple
 
 FLOAT, INT, BOOL, NONE, FLOATS, INTS = "double", "int64_t", "bool", "void", "double *", "int64_t *"
-TYPES = {"float": FLOAT, "int": INT, "bool": BOOL, "Floats": FLOATS, "Ints": INTS}
+TYPES = {"float": FLOAT, "int": INT, "bool": BOOL, "None": NONE, "Floats": FLOATS, "Ints": INTS}
+WORDS = {kind: word for word, kind in TYPES.items()}
 ELEMENT = {FLOATS: FLOAT, INTS: INT}
-WORDS = {FLOAT: "float", INT: "int", BOOL: "bool", NONE: "None", FLOATS: "Floats", INTS: "Ints"}
-READ_ONLY = ("p", "n")  # the last part of the names of arrays that hold numbers of a model
+NUMBERS = (FLOAT, INT, BOOL)
 SMALL = 1 << 15  # products of two such numbers fit into C's int
 
 PRIMARY, UNARY, PRODUCT, SUM, ORDER, EQUAL, AND, OR, CHOICE = range(9, 0, -1)  # how tightly an operator binds
-NOTHING, READS, STORES = range(3)  # what an expression does to elements of arrays
+FIXED, VARIES, READS, STORES = range(4)  # what an expression depends on, or does to elements of arrays
 
-SIGNS: Mapping[type[ast.operator], tuple[str, int]] = {
-    ast.Add: ("+", SUM), ast.Sub: ("-", SUM), ast.Mult: ("*", PRODUCT), ast.Div: ("/", PRODUCT),
-    ast.FloorDiv: ("/", PRODUCT), ast.Mod: ("%", PRODUCT),
+OPERATORS: Mapping[type[ast.AST], tuple[str, int, tuple[str, ...]]] = {
+    ast.Add: ("+", SUM, (FLOAT, INT)), ast.Sub: ("-", SUM, (FLOAT, INT)), ast.Mult: ("*", PRODUCT, (FLOAT, INT)),
+    ast.Div: ("/", PRODUCT, (FLOAT,)), ast.FloorDiv: ("/", PRODUCT, (INT,)), ast.Mod: ("%", PRODUCT, (INT,)),
+    ast.Lt: ("<", ORDER, (FLOAT, INT)), ast.LtE: ("<=", ORDER, (FLOAT, INT)), ast.Gt: (">", ORDER, (FLOAT, INT)),
+    ast.GtE: (">=", ORDER, (FLOAT, INT)), ast.Eq: ("==", EQUAL, NUMBERS), ast.NotEq: ("!=", EQUAL, NUMBERS),
 }  # fmt: skip
-RELATIONS: Mapping[type[ast.cmpop], tuple[str, int]] = {
-    ast.Lt: ("<", ORDER), ast.LtE: ("<=", ORDER), ast.Gt: (">", ORDER), ast.GtE: (">=", ORDER),
-    ast.Eq: ("==", EQUAL), ast.NotEq: ("!=", EQUAL),
+CALLS: Mapping[tuple[str, ...], tuple[str, str]] = {
+    ("float", INT): ("(double)", FLOAT), ("int", FLOAT): ("(int64_t)", INT), ("int", BOOL): ("(int64_t)", INT),
+    ("abs", FLOAT): ("fabs", FLOAT), ("abs", INT): ("(int64_t)llabs", INT),
+    ("floor", FLOAT): ("(int64_t)floor", INT), ("isfinite", FLOAT): ("isfinite", BOOL),
+    **{(name, FLOAT): (name, FLOAT) for name in ("sqrt", "exp", "log", "sin", "cos", "tanh")},
+    **{(name, FLOAT, FLOAT): (name, FLOAT) for name in ("pow", "copysign")},
 }  # fmt: skip
-EXACT = ("sqrt", "floor", "copysign", "isfinite")  # the same number from every library and compiler
-MATH = dict.fromkeys(("sqrt", "exp", "log", "sin", "cos", "tanh", "floor", "isfinite"), 1) | {"pow": 2, "copysign": 2}
-C_WORDS = """auto bool break case char const continue default do double else enum extern fabs false float floor for goto
-if inline int llabs long register restrict return short signed sizeof static struct switch true typedef typeof union
-unsigned void volatile while"""
-RESERVED = frozenset(C_WORDS.split())
+INEXACT = ("exp", "log", "sin", "cos", "tanh", "pow")  # which libraries and compilers round differently
 
 
 class SubsetError(Exception):
@@ -47,71 +49,23 @@ class Term(NamedTuple):
     text: str
     type: str
     rank: int = PRIMARY
-    effect: int = NOTHING
+    effect: int = FIXED
 
     def within(self, rank: int) -> str:
         """Return the text as an operand of an operator of this rank, in brackets where C needs them."""
         return self.text if self.rank > rank else f"({self.text})"
 
 
-@dataclass(eq=False)
-class Function:
-    """A function of the tick; `stored` are the arrays that it stores into itself, `passed` those it passes on.
-
-    An item of `passed` is its own array, the function that is called, and the place among the arguments.
-    """
-
-    name: str
-    node: ast.FunctionDef
-    module: Module
-    parameters: dict[str, str]
-    result: str
-    stored: set[str] = field(default_factory=set)
-    passed: list[tuple[str, Function, int]] = field(default_factory=list)
-    calls: list[Function] = field(default_factory=list)
-
-    @property
-    def c_name(self) -> str:
-        """Its name in C."""
-        return f"ces_{self.name.lstrip('_')}"
-
-    def stores(self, parameter: str) -> bool:
-        """Return whether it or what it calls stores into an array."""
-        return parameter in self.stored or any(
-            function.stores(list(function.parameters)[place])
-            for own, function, place in self.passed
-            if own == parameter and place < len(function.parameters)
-        )
-
-    @property
-    def prototype(self) -> str:
-        """Its declaration in C, without the linkage."""
-        written = [
-            f"const {kind}{c_local(name)}" if kind in ELEMENT and not self.stores(name) else
-            f"{kind}{'' if kind in ELEMENT else ' '}{c_local(name)}"
-            for name, kind in self.parameters.items()
-        ]  # fmt: skip
-        return f"{self.result} {self.c_name}({', '.join(written) or 'void'})"
-
-
-def c_local(name: str) -> str:
-    """Return the name of a local in C."""
-    return f"{name}_" if name in RESERVED else name
+OF_MATH = {"inf": Term("INFINITY", FLOAT), "nan": Term("NAN", FLOAT), "pi": Term(repr(math.pi), FLOAT)}
 
 
 @dataclass(eq=False)
 class Module:
-    """What a module of the tick can see: constants as terms, functions, and names of `math`."""
+    """A module of the tick: its own and imported names, which are constants as terms, or functions."""
 
     file: str
-    terms: dict[str, Term] = field(default_factory=dict)
-    functions: dict[str, Function] = field(default_factory=dict)
-    math: set[str] = field(default_factory=set)
-
-    @property
-    def names(self) -> set[str]:
-        """All of them."""
-        return self.math | self.terms.keys() | self.functions.keys()
+    docstring: str
+    names: dict[str, Term | Function] = field(default_factory=dict)
 
     def error(self, node: ast.AST, what: str = "") -> SubsetError:
         """Return the error for a node."""
@@ -123,15 +77,68 @@ class Module:
         if not fulfilled:
             raise self.error(node, what)
 
+    def make_function(self, node: ast.FunctionDef) -> Function:
+        """Return a function of this module, whose definition is printed later; raises SubsetError."""
+        kinds = {item.arg: TYPES.get(ast.unparse(item.annotation or item), NONE) for item in node.args.args}
+        result = TYPES.get(ast.unparse(node.returns), "") if node.returns else ""
+        is_typed = NONE not in kinds.values() and result in (*NUMBERS, NONE)
+        expected = "arguments Floats, Ints, float, int or bool, and a number or None as result"
+        self.require(node, is_typed, f"{node.name}: expected {expected}")
+        return Function(node, self, kinds, result)
+
+
+@dataclass(eq=False)
+class Function:
+    """A function of the tick; `lines` are its definition in C, once it is printed."""
+
+    node: ast.FunctionDef
+    module: Module
+    parameters: Mapping[str, str]
+    result: str
+    lines: list[str] = field(default_factory=list)
+    _is_entered: bool = False
+
+    @property
+    def c_name(self) -> str:
+        """Its name in C."""
+        return f"ces_{self.node.name.lstrip('_')}"
+
+    @cached_property
+    def calls(self) -> list[tuple[Function, list[str]]]:
+        """The functions of the tick that it calls, each with the texts of its arguments."""
+        nodes = [(part, ast.unparse(part.func)) for part in ast.walk(self.node) if isinstance(part, ast.Call)]
+        called = [(self.module.names.get(name), list(map(ast.unparse, part.args))) for part, name in nodes]
+        return [(item, arguments) for item, arguments in called if isinstance(item, Function)]
+
+    @cached_property
+    def stored(self) -> set[str]:
+        """The arrays that it, or what it calls, stores into. Raises SubsetError for a function that calls itself."""
+        self.module.require(self.node, not self._is_entered, f"{self.node.name} calls itself")
+        self._is_entered = True
+        elements = [part for part in ast.walk(self.node) if isinstance(part, ast.Subscript)]
+        own = {ast.unparse(part.value) for part in elements if isinstance(part.ctx, ast.Store)}
+        for called, arguments in self.calls:
+            pairs = zip(arguments, called.parameters, strict=False)
+            own |= {argument for argument, parameter in pairs if parameter in called.stored}
+        return own
+
+    @property
+    def prototype(self) -> str:
+        """Its declaration in C, without the linkage."""
+        written = []
+        for name, kind in self.parameters.items():
+            constant = "const " if kind in ELEMENT and name not in self.stored else ""
+            written.append(f"{constant}{kind}{'' if kind in ELEMENT else ' '}{name}")
+        return f"{self.result} {self.c_name}({', '.join(written) or 'void'})"
+
 
 class Expressions:
     """Prints the expressions of one function, or those of a module's constants."""
 
-    def __init__(self, module: Module, function: Function | None = None) -> None:
-        self.module, self.function = module, function
-        self.require, self.error = module.require, module.error
-        self.locals: dict[str, str] = dict(function.parameters) if function else {}
-        self.assigned: set[str] | None = set(self.locals)  # surely, at this point; None where it is never reached
+    def __init__(self, module: Module, parameters: Mapping[str, str]) -> None:
+        self.module, self.require, self.error = module, module.require, module.error
+        self.locals = dict(parameters)
+        self.assigned = frozenset(parameters)  # names that surely have a value at this point
 
     def term(self, node: ast.expr) -> Term:  # noqa: PLR0911  # one for each kind
         """Return an expression in C."""
@@ -147,30 +154,30 @@ class Expressions:
             case ast.Subscript(value=ast.Name(id=name), slice=index):
                 kind, at = self.locals.get(name, NONE), self.of_type(index, INT)
                 self.require(node, kind in ELEMENT, f"{name} is no array: Floats or Ints, given to the function")
-                return Term(f"{c_local(name)}[{at.text}]", ELEMENT[kind], PRIMARY, max(READS, at.effect))
+                return Term(f"{name}[{at.text}]", ELEMENT[kind], PRIMARY, max(READS, at.effect))
             case ast.UnaryOp(op=ast.USub(), operand=operand):
                 term = self.term(operand)
                 self.require(node, term.type in (FLOAT, INT), "only a float or an int has a sign")
                 return term._replace(text=f"-{term.within(UNARY)}", rank=UNARY)
             case ast.UnaryOp(op=ast.Not(), operand=operand):
-                term = self.condition(operand)
+                term = self.of_type(operand, BOOL)
                 return Term(f"!{term.within(UNARY - 1)}", BOOL, UNARY, term.effect)
             case ast.BinOp(left=left, op=operator, right=right):
-                return self.arithmetic(node, self.term(left), operator, self.term(right))
-            case ast.Compare():
-                return self._comparison(node)
+                return self.operation(node, self.term(left), operator, self.term(right))
+            case ast.Compare(left=left, ops=operators, comparators=others):
+                return self._comparison(node, [self.term(part) for part in (left, *others)], operators)
             case ast.BoolOp(op=operator, values=values):
-                terms = [self.condition(value) for value in values]
+                terms = [self.of_type(value, BOOL) for value in values]
                 sign, rank = ("&&", AND) if isinstance(operator, ast.And) else ("||", OR)
                 text = f" {sign} ".join(term.within(AND) for term in terms)
                 return Term(text, BOOL, rank, max(term.effect for term in terms))
             case ast.IfExp(test=test, body=body, orelse=orelse):
-                condition, yes, no = self.condition(test), self.term(body), self.term(orelse)
+                condition, yes, no = self.of_type(test, BOOL), self.term(body), self.term(orelse)
                 self.same_type(node, yes, no)
                 text = f"{condition.within(CHOICE)} ? {yes.within(CHOICE)} : {no.within(CHOICE - 1)}"
                 return Term(text, yes.type, CHOICE, max(condition.effect, yes.effect, no.effect))
             case ast.Call(func=ast.Name(id=name), args=arguments, keywords=[]):
-                return self._call(node, name, arguments)
+                return self._call(node, name, [self.term(argument) for argument in arguments])
         raise self.error(node)
 
     def of_type(self, node: ast.expr, kind: str) -> Term:
@@ -180,93 +187,62 @@ class Expressions:
         self.require(node, term.type == kind, what)
         return term
 
-    def condition(self, node: ast.expr) -> Term:
-        """Return a condition."""
-        return self.of_type(node, BOOL)
-
     def same_type(self, node: ast.AST, left: Term, right: Term) -> None:
-        """Refuse two types in one operation."""
+        """Refuse what is no number, and two types in one operation."""
         what = f"{WORDS[left.type]} and {WORDS[right.type]} are mixed; convert by float() or int()"
         self.require(node, left.type == right.type, what)
+        self.require(node, left.type in NUMBERS, f"{WORDS[left.type]}: expected a number")
 
     def effect(self, node: ast.AST, *terms: Term) -> int:
         """Return what several terms do, of which C may compute any one first; refuse if that could show."""
-        effects = sorted(term.effect for term in terms)
+        *_, second, largest = sorted((FIXED, FIXED, *(term.effect for term in terms)))
         what = "C leaves open whether an element is read or stored first; assign the result of the call to a local"
-        self.require(node, len(effects) < 2 or effects[-1] < STORES or effects[-2] == NOTHING, what)
-        return effects[-1] if effects else NOTHING
+        self.require(node, largest < STORES or second < READS, what)
+        return largest
+
+    def operation(self, node: ast.AST, left: Term, operator: ast.AST, right: Term) -> Term:
+        """Return an operation on two terms, or their comparison."""
+        name = type(operator).__name__
+        sign, rank, kinds = OPERATORS.get(type(operator), ("", 0, ()))
+        self.require(node, rank > 0, f"the operator {name} is not in the subset")
+        self.same_type(node, left, right)
+        self.require(
+            node, left.type in kinds, f"the operator {name} takes {' or '.join(WORDS[kind] for kind in kinds)} only"
+        )
+        effect = self.effect(node, left, right)
+        if rank <= ORDER:
+            return Term(f"{left.within(ORDER)} {sign} {right.within(ORDER)}", BOOL, rank, effect)
+        return Term(f"{left.within(rank - 1)} {sign} {right.within(rank)}", left.type, rank, effect)
 
     def _name(self, node: ast.Name, name: str) -> Term:
         if name in self.locals:
-            self.require(node, self.assigned is None or name in self.assigned, f"{name} may have no value here")
-            return Term(c_local(name), self.locals[name])
-        if name in self.module.terms:
-            return self.module.terms[name]
+            self.require(node, name in self.assigned, f"{name} may have no value here")
+            return Term(name, self.locals[name], PRIMARY, VARIES)
+        constant = self.module.names.get(name)
+        if isinstance(constant, Term):
+            return constant
         raise self.error(node, f"{name} is no local with a value, constant or imported name here")
 
-    def arithmetic(self, node: ast.AST, left: Term, operator: ast.operator, right: Term) -> Term:
-        """Return an operation on two terms."""
-        sign, rank = SIGNS.get(type(operator), ("", 0))
-        self.require(node, rank > 0, f"the operator {type(operator).__name__} is not in the subset")
-        self.same_type(node, left, right)
-        kinds = {ast.Div: (FLOAT,), ast.FloorDiv: (INT,), ast.Mod: (INT,)}.get(type(operator), (FLOAT, INT))
-        what = f"the operator {type(operator).__name__} takes {' or '.join(WORDS[kind] for kind in kinds)} only"
-        self.require(node, left.type in kinds, what)
-        text = f"{left.within(rank - 1)} {sign} {right.within(rank)}"
-        return Term(text, left.type, rank, self.effect(node, left, right))
-
-    def _comparison(self, node: ast.Compare) -> Term:
-        terms = [self.term(part) for part in (node.left, *node.comparators)]
-        effect, texts = self.effect(node, *terms), []
-        once = all(term.effect < STORES for term in terms[1:-1])
+    def _comparison(self, node: ast.Compare, terms: list[Term], operators: list[ast.cmpop]) -> Term:
+        effect, once = self.effect(node, *terms), all(term.effect < STORES for term in terms[1:-1])
         self.require(node, once, "a call in the middle of a chain would run twice in C; assign its result to a local")
-        for left, operator, right in zip(terms, node.ops, terms[1:], strict=False):
-            sign, rank = RELATIONS.get(type(operator), ("", 0))
-            self.require(node, rank > 0, f"the comparison {type(operator).__name__} is not in the subset")
-            self.same_type(node, left, right)
-            numbers = left.type in (FLOAT, INT) or (left.type == BOOL and rank == EQUAL)
-            self.require(node, numbers, f"a {WORDS[left.type]} is not compared")
-            texts.append(f"{left.within(ORDER)} {sign} {right.within(ORDER)}")
-        return Term(" && ".join(texts), BOOL, AND if len(texts) > 1 else rank, effect)
+        parts = [self.operation(node, *part) for part in zip(terms, operators, terms[1:], strict=False)]
+        text = " && ".join(part.text for part in parts)
+        return Term(text, BOOL, AND if len(parts) > 1 else parts[0].rank, effect)
 
-    def _call(self, node: ast.Call, name: str, arguments: list[ast.expr]) -> Term:
-        if name in self.module.functions and name not in self.locals:
-            return self._call_function(node, self.module.functions[name], arguments)
-        terms = [self.term(argument) for argument in arguments]
-        kinds, effect = [term.type for term in terms], self.effect(node, *terms)
-        inner = ", ".join(term.text for term in terms)
-        if name in self.module.math:
-            self.require(node, kinds == [FLOAT] * MATH[name], f"{name} takes {MATH[name]} float(s)")
-            what = f"{name} of a constant, which compilers compute otherwise than a library; write the number itself"
-            self.require(node, name in EXACT or not any(map(self._is_fixed, arguments)), what)
-            if name == "floor":
-                return Term(f"({INT})floor({inner})", INT, UNARY, effect)
-            return Term(f"{name}({inner})", BOOL if name == "isfinite" else FLOAT, PRIMARY, effect)
-        match name, kinds:
-            case "abs", ["double"]:
-                return Term(f"fabs({inner})", FLOAT, PRIMARY, effect)
-            case "abs", ["int64_t"]:
-                return Term(f"({INT})llabs({inner})", INT, UNARY, effect)
-            case ("float", ["int64_t"]) | ("int", ["double" | "bool"]):
-                kind = TYPES[name]
-                return Term(f"({kind}){terms[0].within(UNARY - 1)}", kind, UNARY, effect)
-        raise self.error(node)
-
-    def _call_function(self, node: ast.Call, function: Function, arguments: list[ast.expr]) -> Term:
-        self.require(node, self.function is not None, "a constant calls no function")
-        count = len(function.parameters)
-        self.require(node, len(arguments) == count, f"{function.name} takes {count} arguments")
-        terms = []
-        for argument, kind in zip(arguments, function.parameters.values(), strict=True):
-            self.require(node, kind not in ELEMENT or isinstance(argument, ast.Name), "an array is passed by its name")
-            terms.append(self.of_type(argument, kind))
-        stores = any(function.stores(parameter) for parameter in function.parameters)
-        effect = max(self.effect(node, *terms), STORES if stores else READS)
-        return Term(f"{function.c_name}({', '.join(term.text for term in terms)})", function.result, PRIMARY, effect)
-
-    def _is_fixed(self, node: ast.expr) -> bool:
-        """Return whether an expression holds constants only."""
-        return not any(
-            isinstance(part, ast.Subscript | ast.Call) or (isinstance(part, ast.Name) and part.id in self.locals)
-            for part in ast.walk(node)
-        )
+    def _call(self, node: ast.Call, name: str, terms: list[Term]) -> Term:
+        effect, kinds = self.effect(node, *terms), [term.type for term in terms]
+        inner, called = ", ".join(term.text for term in terms), self.module.names.get(name)
+        if isinstance(called, Function):
+            expected = list(called.parameters.values())
+            self.require(node, kinds == expected, f"{name} takes {', '.join(WORDS[kind] for kind in expected)}")
+            effect = max(effect, STORES if called.stored else READS)
+            return Term(f"{called.c_name}({inner})", called.result, PRIMARY, effect)
+        given = f"{name}({', '.join(WORDS[kind] for kind in kinds)})"
+        self.require(node, (name, *kinds) in CALLS, f"{given} is not in the subset")
+        what = f"{name} of a constant, which compilers compute otherwise than a library; write the number itself"
+        self.require(node, effect > FIXED or name not in INEXACT, what)
+        function, kind = CALLS[name, *kinds]
+        if function.endswith(")"):
+            return Term(function + terms[0].within(UNARY - 1), kind, UNARY, effect)
+        return Term(f"{function}({inner})", kind, UNARY if function.startswith("(") else PRIMARY, effect)

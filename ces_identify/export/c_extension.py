@@ -42,7 +42,7 @@ def print_calls(core: Core, digest: str) -> str:
         kinds = [kind in ELEMENT for kind in function.parameters.values()]
         if kinds == sorted(kinds, reverse=True):
             wrappers += _wrapper(function, sum(kinds))
-            entries += ENTRY.format(kinds=_array_kinds(function), name=function.name)
+            entries += ENTRY.format(kinds=_array_kinds(function), name=function.node.name)
     table = f"static Entry ENTRIES[] = {{\n{entries}    {{NULL, {{NULL, NULL, 0, NULL}}}},\n}};\n"
     return f'#define TICK_DIGEST "{digest}"\n\n{wrappers}{table}'
 
@@ -53,14 +53,14 @@ def _wrapper(function: Function, arrays: int) -> str:
     arguments = [*(f"arrays[{i}].buf" for i in range(arrays)), *(f"x{i}" for i in range(len(kinds)))]
     result = GIVE[function.result].format(f"{function.c_name}({', '.join(arguments)})")
     unused = [f"    (void){name};" for name, used in (("arrays", arrays), ("given", kinds)) if not used]
-    return CALL.format(name=function.name, count=len(kinds), numbers="\n".join(unused + numbers), result=result)
+    return CALL.format(name=function.node.name, count=len(kinds), numbers="\n".join(unused + numbers), result=result)
 
 
 def _array_kinds(function: Function) -> str:
     letters = {
         name: "d" if ELEMENT[kind] == FLOAT else "q" for name, kind in function.parameters.items() if kind in ELEMENT
     }
-    return "".join(letter.upper() if function.stores(name) else letter for name, letter in letters.items())
+    return "".join(letter.upper() if name in function.stored else letter for name, letter in letters.items())
 
 
 def write_extension(folder: Path) -> list[str]:

@@ -10,294 +10,145 @@ linkage. Needs the standard library only, as setup.py and CMake run it before an
 from __future__ import annotations
 
 import ast
-import math
 import sys
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
 
-from ces_identify.export.c_expressions import (
-    ELEMENT,
-    FLOAT,
-    INT,
-    MATH,
-    NONE,
-    PRIMARY,
-    READ_ONLY,
-    SMALL,
-    SUM,
-    TYPES,
-    Expressions,
-    Function,
-    Module,
-    Term,
-)
+from ces_identify.export.c_expressions import CALLS, INT, OF_MATH, PRIMARY, SUM, Expressions, Function, Module, Term
 from ces_identify.export.c_statements import FunctionPrinter
 from ces_identify.export.c_text import Comments, block_comment, wrap
 from ces_observer import tick
+from ces_observer.core import tick_digest
 
-NUMBERS = {"inf": "INFINITY", "nan": "NAN", "pi": repr(math.pi)}
 TICK = "ces_observer.tick"
-MADE = "Printed from {}/ by ces_identify.export.c_printer; do not edit."
-HEAD = """#ifndef CES_CORE_H
-#define CES_CORE_H
-
-#include <math.h>
-#include <stdbool.h>
-#include <stdint.h>
-
-#ifdef __cplusplus
-extern "C" {
-#endif
-"""
-FOOT = """
-#ifdef __cplusplus
-}
-#endif
-
-#endif"""
-START = """#include "ces_core.h"
-
-#include <float.h>
-#include <stdlib.h>
-
-#ifdef __FAST_MATH__
-#error "compile without -ffast-math: the order of all operations matters"
-#endif
-#if DBL_MANT_DIG != 53
-#error "double is not a number of 64 bits (IEEE 754)"
-#endif
-#if defined(FLT_EVAL_METHOD) && FLT_EVAL_METHOD != 0
-#error "intermediate results are not rounded to double: on x86, compile with -msse2 -mfpmath=sse"
-#endif
-#if defined(__clang__) || !defined(__GNUC__)
-#pragma STDC FP_CONTRACT OFF
-#endif /* GCC: -ffp-contract=off, which -std=c99 implies */"""
+READ_ONLY = ("p", "n")  # the last part of the names of arrays that hold numbers of a model
+TEMPLATES = Path(__file__).with_name("templates")
 
 
 class Core:
-    """The printed core: `header` and `source` are the lines of its two files, `functions` what they are made from."""
+    """The printed core: the texts of its `header` and its `source`, and the `functions` they are made from.
 
-    def __init__(self, sources: Mapping[str, str], entry_points: Sequence[str], folder: str) -> None:
+    Takes the texts of modules by name, from the bottom up, and their folder as errors name it.
+    """
+
+    def __init__(self, sources: Mapping[str, str], entry_points: Sequence[str], folder: str = "tick") -> None:
         self.folder, self.entry_points = folder, entry_points
         self.modules: dict[str, Module] = {}
         self.functions: dict[str, Function] = {}
-        self.values: dict[str, int | float] = {}
-        for name, source in sources.items():
-            self._collect(name, ast.parse(source))
-        for function in self.functions.values():
-            self._check_calls(function, ())
-        self.reached: set[str] = set()
-        for name in entry_points:
-            self._reach(self.functions[name])
-        made = block_comment(MADE.format(folder))
-        self.header, self.source = [*made, *HEAD.splitlines()], [*made, *START.splitlines()]
-        for name, source in sources.items():
-            self._print(self.modules[name], ast.parse(source), Comments(source))
-        for name in entry_points:
-            self._declare(self.functions[name])
-        self.header += FOOT.splitlines()
+        self.defined: dict[str, str] = {}  # names in C, and the files that define them
+        header = [line for name, text in sources.items() for line in self._read_module(name, text)]
+        entries = [self.functions[name] for name in entry_points]
+        self.used = [*entries]
+        for function in self.used:  # which grows by what these call
+            self.used += {called: None for called, _ in function.calls if called not in self.used}
+        source = [line for module in self.modules.values() for line in self._definitions(module)]
+        for function in entries:
+            docstring = (ast.get_docstring(function.node) or "").partition("\n\n")[0]
+            header += ["", *block_comment(docstring), *wrap(f"{function.prototype};")]
+        self.header, self.source = self._fill("ces_core.h", header), self._fill("ces_core.c", source)
 
-    def _collect(self, name: str, tree: ast.Module) -> None:
-        """Check a module's imports; note its constants, its functions, and what these call and store."""
-        module = self.modules[name] = Module(f"{self.folder}/{name}.py")
-        module.require(tree, ast.get_docstring(tree) is not None, "the module has no docstring")
+    def _fill(self, file: str, lines: list[str]) -> str:
+        text = (TEMPLATES / f"{file}.j2").read_text(encoding="utf-8")
+        for name, value in {"folder": self.folder, "digest": tick_digest(), "printed": "\n".join(lines)}.items():
+            text = text.replace(f"{{{{ {name} }}}}", value)
+        return text
+
+    def _read_module(self, name: str, source: str) -> list[str]:
+        """Note a module with the C of its functions; return the lines of C that declare its constants."""
+        tree, comments, constants = ast.parse(source), Comments(source), []
+        module = Module(f"{self.folder}/{name}.py", ast.get_docstring(tree) or "")
+        module.require(tree, bool(module.docstring), "the module has no docstring")
+        for node in tree.body:
+            if isinstance(node, ast.FunctionDef):
+                function = self.functions[node.name] = module.make_function(node)
+                self._define(module, node, node.name, function.c_name, function)
         for node in tree.body[1:]:
             match node:
-                case ast.ImportFrom(module=str() as source, names=names, level=0):
-                    for alias in names:
-                        self._import(module, node, source, alias)
-                case ast.Assign(targets=[ast.Name(id=constant)], value=value):
-                    self._constant(module, node, constant, Expressions(module).term(value), self._value(value))
-                case ast.Assign(
-                    targets=[ast.Tuple(elts=names)], value=ast.Call(func=ast.Name(id="range"), args=bounds)
-                ):
-                    self._range(module, node, [ast.unparse(name) for name in names], bounds)
+                case ast.ImportFrom(module=str() as home):
+                    self._import(module, node, home)
+                case ast.Assign():
+                    constants += comments.above(node.lineno)
+                    text = self._constant(module, node)
+                    constants += wrap(text, 0, " ".join(comments.take(node.end_lineno or 0)))
                 case ast.FunctionDef(decorator_list=[]):
-                    self._function(module, node)
+                    above, function = comments.above(node.lineno), self.functions[node.name]
+                    linkage = "" if node.name in self.entry_points else "static "
+                    function.lines = [*above, *FunctionPrinter(function, comments).text(linkage)]
                 case _:
                     raise module.error(node)
-        for function in module.functions.values():
-            if function.module is module:
-                self._scan(module, function)
+        self.modules[name] = module
+        return ["", *block_comment(module.docstring.partition("\n")[0]), *constants] if constants else []
 
-    def _value(self, node: ast.expr) -> Any:
-        """Return the value of a checked expression of constants."""
-        known = {"__builtins__": {}, "float": float, "int": int, "abs": abs, **vars(math), **self.values}
-        return eval(compile(ast.Expression(node), self.folder, "eval"), known)
+    def _define(self, module: Module, node: ast.AST, name: str, c_name: str, item: Term | Function) -> None:
+        """Note a constant or function; refuse a name that is already in the tick, in whichever module."""
+        what = f"{name}: expected a name that is nowhere else in the tick; see {self.defined.get(c_name)}"
+        module.require(node, c_name not in self.defined, what)
+        self.defined[c_name] = module.file
+        module.names[name] = item
 
-    def _range(self, module: Module, node: ast.AST, names: list[str], bounds: list[ast.expr]) -> None:
-        terms = [Expressions(module).of_type(bound, INT) for bound in bounds]
-        places = range(*(self._value(bound) for bound in bounds))
-        what = f"{len(names)} names for a range of {len(places)}"
-        module.require(node, len(terms) > 0 and len(places) == len(names) and abs(places.stop) < SMALL, what)
-        for name, place in zip(names, places, strict=True):
-            self._constant(module, node, name, Term("", INT), place)
+    def _import(self, module: Module, node: ast.ImportFrom, source: str) -> None:
+        home = self.modules.get(source.removeprefix(f"{TICK}."))
+        known: Mapping[str, Term | Function] = OF_MATH if source == "math" else home.names if home else {}
+        others = {"math": {name for name, *_ in CALLS}, f"{TICK}.arrays": {"Floats", "Ints"}}.get(source, set())
+        for name, renamed in ((alias.name, alias.asname) for alias in node.names):
+            what = f"{name} of {source}: expected a name of math, or of a module before this one, not renamed"
+            module.require(node, not renamed and (name in known or name in others), what)
+            if name in known:
+                module.names[name] = known[name]
 
-    def _import(self, module: Module, node: ast.ImportFrom, source: str, alias: ast.alias) -> None:
-        name, home = alias.name, self.modules.get(source.removeprefix(f"{TICK}."))
-        module.require(node, not alias.asname and name not in module.names, f"{name} is imported twice, or renamed")
-        if source == f"{TICK}.arrays" and name in ("Floats", "Ints"):
-            return
-        if source == "math" and name in NUMBERS:
-            module.terms[name] = Term(NUMBERS[name], FLOAT)
-        elif source == "math" and name in MATH:
-            module.math.add(name)
-        elif home and home is not module and source.startswith(TICK) and name in home.terms and name in self.values:
-            module.terms[name] = home.terms[name]
-        elif home and home is not module and source.startswith(TICK) and name in home.functions:
-            module.functions[name] = home.functions[name]
-        else:
-            raise module.error(node, f"{name} of {source}: expected a name of math, or of a module before this one")
+    def _constant(self, module: Module, node: ast.Assign) -> str:
+        """Note a constant, or the places that a range counts; return its declaration."""
+        expressions = Expressions(module, {})
+        match node:
+            case ast.Assign(targets=[ast.Tuple(elts=names)], value=ast.Call(func=ast.Name(id="range"), args=bounds)):
+                terms = [expressions.of_type(bound, INT) for bound in bounds]
+                places = [f"CES_{ast.unparse(name).lstrip('_')}" for name in names]
+                for name, place in zip(names, places, strict=True):
+                    self._define(module, node, ast.unparse(name), place, Term(place, INT))
+                first = f"{places[0]} = {terms[0].text}" if len(terms) > 1 else places[0]
+                step = f" + {terms[2].within(SUM)}" if len(terms) > 2 else ""
+                later = [f"{place} = {before}{step}" if step else place for before, place in pairwise(places)]
+                return f"enum {{ {', '.join([first, *later])} }};"
+            case ast.Assign(targets=[ast.Name(id=name)], value=value):
+                term, place = expressions.term(value), f"CES_{name.lstrip('_')}"
+                self._define(module, node, name, place, Term(place, term.type))
+                is_small = term.type == INT and "INT64_C" not in term.text
+                written = f"enum {{ {place} = {term.text} }};" if is_small else ""
+                return written or f"#define {place} {term.within(PRIMARY - 1)}"
+        raise module.error(node)
 
-    def _constant(self, module: Module, node: ast.AST, name: str, term: Term, value: int | float) -> None:
-        bare = name.lstrip("_")
-        self._check_new(module, node, name, self.values)
-        module.require(node, bare.upper() == bare, f"{name}: expected a name in capitals")
-        module.require(node, term.type in (FLOAT, INT), f"{name}: expected a number")
-        self.values[name] = value
-        module.terms[name] = Term(f"CES_{bare}", term.type)
-
-    def _check_new(self, module: Module, node: ast.AST, name: str, others: Iterable[str]) -> None:
-        """Refuse a name that is already in the tick, in whichever module."""
-        new = name not in module.names and all(name.lstrip("_") != other.lstrip("_") for other in others)
-        where = [other.file for other in self.modules.values() if name in other.names][:1]
-        module.require(node, new, f"{name}: expected a name that is nowhere else in the tick; see {', '.join(where)}")
-
-    def _function(self, module: Module, node: ast.FunctionDef) -> None:
-        arguments, name = node.args, node.name
-        others = (arguments.vararg, arguments.kwarg, *arguments.kwonlyargs, *arguments.posonlyargs, *arguments.defaults)
-        module.require(node, not any(others), f"{name}: expected plain arguments without default values")
-        self._check_new(module, node, name, self.functions)
-        kinds = {argument.arg: self._kind(argument.annotation) for argument in arguments.args}
-        parameters, result = {argument: kind for argument, kind in kinds.items() if kind}, self._kind(node.returns)
-        if len(parameters) < len(kinds) or NONE in parameters.values() or result is None or result in ELEMENT:
-            raise module.error(
-                node, f"{name}: expected arguments Floats, Ints, float, int or bool, and a number or None as result"
-            )
-        self.functions[name] = module.functions[name] = Function(name, node, module, parameters, result)
-
-    def _kind(self, annotation: ast.expr | None) -> str | None:
-        return {"None": NONE, **TYPES}.get(ast.unparse(annotation)) if annotation else None
-
-    def _scan(self, module: Module, function: Function) -> None:
-        """Note what a function calls, and the arrays that it stores into or passes on."""
-        for part in ast.walk(function.node):
-            match part:
-                case ast.Assign(targets=[ast.Subscript(value=ast.Name(id=array))]):
-                    function.stored.add(array)
-                case ast.AugAssign(target=ast.Subscript(value=ast.Name(id=array))):
-                    function.stored.add(array)
-                case ast.Call(func=ast.Name(id=name), args=arguments) if name in module.functions:
-                    called = module.functions[name]
-                    function.calls.append(called)
-                    names = [(place, item.id) for place, item in enumerate(arguments) if isinstance(item, ast.Name)]
-                    function.passed += [(array, called, place) for place, array in names]
-
-    def _check_calls(self, function: Function, callers: tuple[Function, ...]) -> None:
-        """Refuse a function that calls itself, and one that has numbers of the model changed."""
-        function.module.require(function.node, function not in callers, f"{function.name} calls itself")
-        for called in function.calls:
-            self._check_calls(called, (*callers, function))
-        for name, kind in function.parameters.items():
-            changed = kind in ELEMENT and name.rpartition("_")[2] in READ_ONLY and function.stores(name)
-            what = f"{name} holds numbers of the model, which {function.name} or what it calls changes"
-            function.module.require(function.node, not changed, what)
-
-    def _reach(self, function: Function) -> None:
-        self.reached.add(function.name)
-        for called in function.calls:
-            if called.name not in self.reached:
-                self._reach(called)
-
-    def _print(self, module: Module, tree: ast.Module, comments: Comments) -> None:
-        own = [function for function in module.functions.values() if function.module is module]
-        lines = block_comment(ast.get_docstring(tree) or "", module.file)
-        begun = len(self.header)
-        printed = []
-        for node in tree.body[1:]:
-            before = comments.before(node.lineno)
-            if isinstance(node, ast.Assign):
-                self.header += [*before, *self._places(module, node, comments)]
-            elif isinstance(node, ast.FunctionDef):
-                function = module.functions[node.name]
-                linkage = "" if node.name in self.entry_points else "static "
-                text = [*before, *FunctionPrinter(module, function, comments).text(linkage)]
-                printed += ["", *text] if node.name in self.reached else []
-        if len(self.header) > begun:
-            self.header[begun:begun] = ["", *block_comment((ast.get_docstring(tree) or "").partition("\n")[0])]
-        if printed:
-            ahead = [function for function in own if self._called_ahead(function, own)]
-            declared = [line for function in ahead for line in wrap(f"static {function.prototype};", 0)]
-            self.source += ["", "", *lines, *declared, *printed]
-
-    def _called_ahead(self, function: Function, own: list[Function]) -> bool:
-        """Return whether a function without a declaration in the header is called above its definition."""
-        above = own[: own.index(function)]
-        hidden = function.name in self.reached and function.name not in self.entry_points
-        return hidden and any(function in other.calls for other in above if other.name in self.reached)
-
-    def _places(self, module: Module, node: ast.Assign, comments: Comments) -> list[str]:
-        """Return the declaration of a constant, or of the places that a range counts."""
-        target, last = node.targets[0], node.end_lineno or 0
-        if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Call):
-            names = [module.terms[ast.unparse(name)].text for name in target.elts]
-            bounds = [Expressions(module).term(bound) for bound in node.value.args]
-            if len(bounds) > 2:  # each is the one before it, and the step
-                pairs = zip(names[1:], names, strict=False)
-                names[1:] = [f"{name} = {before} + {bounds[2].within(SUM)}" for name, before in pairs]
-            if len(bounds) > 1:
-                names[0] += f" = {bounds[0].text}"
-            listed = ", ".join(name.replace(" ", "\0") for name in names)
-            return wrap(f"enum {{ {listed} }};{comments.beside(node.lineno, last)}", 0)
-        name = ast.unparse(target)
-        value, term, c_name = self.values[name], Expressions(module).term(node.value), module.terms[name].text
-        said = comments.beside(node.lineno, last)
-        if term.type == INT and abs(value) < SMALL:
-            return wrap(f"enum {{ {c_name} = {term.text} }};{said}", 0)
-        text = f"INT64_C({value})" if term.type == INT else term.text
-        return [f"#define {c_name} {text if text.isidentifier() or term.rank == PRIMARY else f'({text})'}{said}"]
-
-    def _declare(self, function: Function) -> None:
-        """Declare an entry point in the header, with the beginning of its docstring."""
-        docstring = (ast.get_docstring(function.node) or "").partition("\n\n")[0]
-        self.header += ["", *block_comment(docstring), *wrap(f"{function.prototype};", 0)]
+    def _definitions(self, module: Module) -> list[str]:
+        """Return the functions of a module that are used, after declarations of those called above their definition."""
+        functions = [function for function in self.functions.values() if function.module is module]
+        functions = [function for function in functions if function in self.used]
+        declared: list[str] = []
+        called: set[Function] = set()
+        for function in functions:
+            for name in function.stored:
+                what = f"{name} holds numbers of the model, which {function.node.name} or what it calls changes"
+                module.require(function.node, name.rpartition("_")[2] not in READ_ONLY, what)
+            if function in called and function.node.name not in self.entry_points:
+                declared += wrap(f"static {function.prototype};")
+            called |= {other for other, _ in function.calls}
+        head = ["", "", *block_comment(module.docstring, module.file), *declared] if functions else []
+        return [*head, *(line for function in functions for line in ("", *function.lines))]
 
 
 @cache
-def read_core() -> Core:
-    """Return the core of `ces_observer.tick`; raises SubsetError."""
+def read_core(entry_points: tuple[str, ...] = tick.ENTRY_POINTS) -> Core:
+    """Return the core of `ces_observer.tick` with what the entry points need; raises SubsetError."""
     folder = Path(tick.__path__[0])
     sources = {name: (folder / f"{name}.py").read_text(encoding="utf-8") for name in tick.MODULES}
-    return Core(sources, tick.ENTRY_POINTS, "/".join(folder.parts[-2:]))
-
-
-def print_core(sources: Mapping[str, str], entry_points: Sequence[str], folder: str = "tick") -> tuple[str, str]:
-    """Return header and source of modules (name -> text, from the bottom up); raises SubsetError."""
-    core = Core(sources, entry_points, folder)
-    return _text(core.header), _text(core.source)
-
-
-def core_header() -> str:
-    """Return the text of ces_core.h."""
-    return _text(read_core().header)
-
-
-def core_source() -> str:
-    """Return the text of ces_core.c."""
-    return _text(read_core().source)
-
-
-def _text(lines: Sequence[str]) -> str:
-    return "\n".join(lines) + "\n"
+    return Core(sources, entry_points, "/".join(folder.parts[-2:]))
 
 
 def write_core(folder: Path) -> None:
-    """Write both files into a folder."""
+    """Write both files of the core of `ces_observer.tick` into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    (folder / "ces_core.h").write_text(core_header(), encoding="utf-8")
-    (folder / "ces_core.c").write_text(core_source(), encoding="utf-8")
+    (folder / "ces_core.h").write_text(read_core().header, encoding="utf-8")
+    (folder / "ces_core.c").write_text(read_core().source, encoding="utf-8")
 
 
 if __name__ == "__main__":

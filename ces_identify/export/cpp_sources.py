@@ -2,8 +2,9 @@
 
     python3 -m ces_identify.export.cpp_sources FOLDER
 
-writes the core (`ces_core.c`, `ces_core.h`), the node's parameters for generate_parameter_library (`parameters.yaml`)
-and reasons in words (`from_python.hpp`). It needs the standard library only.
+writes the core (`ces_core.c`, `ces_core.h`), the counts of arrivals (`ces_arrivals.c`, `ces_arrivals.h`), the node's
+parameters for generate_parameter_library (`parameters.yaml`) and reasons in words (`from_python.hpp`). It needs the
+standard library only.
 """
 
 from __future__ import annotations
@@ -17,10 +18,11 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.export.c_expressions import SubsetError
-from ces_identify.export.c_printer import write_core
+from ces_identify.export.c_printer import core_header, core_source, print_core
 from ces_observer import damper_observer, reasons
 from ces_observer.core import SEEDS, tick_digest
 from ces_observer.errors import CesError, ModelError
+from ces_observer.health import arrivals
 from ces_observer.nodes.parameter_table import NAME, OF_A_DAMPER, OF_THE_NODE, signal_options, type_name
 from ces_observer.options import Option
 from ces_observer.signals import DEFAULTS, LARGEST, MOTIONS
@@ -39,6 +41,7 @@ MEANINGS = {
 CONSTANT = "current.constant"  # which may be not set, so that the node declares it by hand
 NOT_MEASURED = {"topic": "", "type": "", "field": ""}
 NUMBERS = {"scale": 1.0, "offset": 0.0, "delay": 0.0}
+ARRIVALS = ("losses_take_number", "arrivals_reset", "arrivals_take", "arrivals_roll", "arrivals_restart_ages")
 NODE_REASONS = ("SILENT", "POSITION_NOT_FINITE", "NO_CURRENT", "NO_MOTION", "OFF_CLOCK")
 WORDS = """// Printed by ces_identify.export.cpp_sources from ces_observer: the words of /diagnostics, and limits.
 #pragma once
@@ -67,10 +70,27 @@ constexpr const char * text_of(Reason reason) {{return REASON_TEXTS[reason];}}
 
 
 def write_sources(folder: Path) -> None:
-    """Write all files into a folder."""
-    write_core(folder)
-    (folder / "parameters.yaml").write_text(parameter_library("observer", list_parameters()), encoding="utf-8")
-    (folder / "from_python.hpp").write_text(reason_header(), encoding="utf-8")
+    """Write all files into a folder, those that are the same not again, or they would be compiled again."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in print_sources().items():
+        path = folder / name
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def print_sources() -> dict[str, str]:
+    """Return the text of each file by its name."""
+    counts = Path(arrivals.__file__).read_text(encoding="utf-8")
+    printed = print_core({"arrivals": counts}, ARRIVALS, "ces_observer/health")
+    header, source = (text.replace("CES_", "CES_ARRIVALS_").replace("ces_core.h", "ces_arrivals.h") for text in printed)
+    return {
+        "ces_core.h": core_header(),
+        "ces_core.c": core_source(),
+        "ces_arrivals.h": header,
+        "ces_arrivals.c": source,
+        "parameters.yaml": parameter_library("observer", list_parameters()),
+        "from_python.hpp": reason_header(),
+    }
 
 
 def list_parameters() -> list[Option]:

@@ -15,9 +15,10 @@ from math import ceil
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-from ces_identify.export.c_printer import core_header, core_source
+from ces_identify.export.c_printer import read_core
 from ces_identify.export.flat_file import require_within
 from ces_observer import __version__
+from ces_observer.core import tick_digest
 from ces_observer.errors import ModelError
 from ces_observer.estimator import EstimatorArrays, lay_out_estimator
 from ces_observer.model import Model
@@ -30,6 +31,7 @@ CODES: Mapping[str, tuple[int, str]] = {
     for name in ("OK", "WARMING_UP", "NOT_FINITE", "OUT_OF_ORDER", "OUTLIER", "UNBOUNDED", "BEYOND_STROKE")
 }
 CORE = ("ces_core.c", "ces_core.h")
+USED = ("structure_reset", "structure_tick", "estimator_reset", "estimator_step", "run_half_width")  # of the core
 LONGEST_NAME = 31  # significant characters of an external identifier in C99
 NAME_ENDING = "_past_reset"  # the longest that is added to a name
 STANDARD_HEADERS = ("float", "math", "stdbool", "stddef", "stdint", "ces_core")
@@ -48,7 +50,8 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
     require_within(arrays, name)
     facts = _facts(model, name, file_stem, certificate, arrays)
     texts = {f"{file_stem}.{kind}": render(f"model.{kind}", facts) for kind in "ch"}
-    return {**texts, **dict(zip(CORE, (core_source(), core_header()), strict=True))}
+    core = read_core(USED)
+    return {**texts, **dict(zip(CORE, (core.source, core.header), strict=True))}
 
 
 def require_usable_names(name: str, file_stem: str) -> None:
@@ -91,6 +94,7 @@ def _facts(
         "stem": file_stem,
         "version": __version__,
         "digest": model.digest(),
+        "core_digest": tick_digest(),
         "model": model,
         "proof": _proof(model, certificate),
         "noun": model.body.name.replace("_", " "),

@@ -28,12 +28,13 @@ from ces_observer.tick.model import LARGEST, are_between, lies_within
 TICK_S, STAY, LEAVE, P_TRACKER = range(4)
 
 # n: the delay [ticks], how many modes and spans [ticks] there are, whether a motion is measured beside the position;
-# where tables begin: the spans in n; in p the gains by span, shift and mode, the companion forms by mode, and the
-# smoothing by mode and measurement; in s the modes, the ring, how many numbers both have, and a copy of them
+# where tables begin: the spans in n; in p what measurements see by shift and mode, the gains by span, shift and mode,
+# the likelihood by span and mode, the companion forms by mode, and the smoothing by mode and measurement; in s the
+# modes, the ring, how many numbers both have, and a copy of them
 (
-    DELAY, MODES, SPANS, MEASURES_MOTION, SPAN_TABLE, GAINS, COMPANIONS, SMOOTHING, MODE_STATES, RING, BANK_STATES,
-    SAVED, N_TRACKER,
-) = range(13)  # fmt: skip
+    DELAY, MODES, SPANS, MEASURES_MOTION, SPAN_TABLE, SEEN, GAINS, LIKELIHOODS, COMPANIONS, SMOOTHING,
+    MODE_STATES, RING, BANK_STATES, SAVED, N_TRACKER,
+) = range(15)  # fmt: skip
 
 # s: position [m] and speed [m/s] at the newest tick, as predicted for the next one, and `delay` ticks ago as they are
 # known now; the sum of the weights; a copy of all these
@@ -51,22 +52,26 @@ MODE_X, MODE_V, MODE_Z1, MODE_Z2, MODE_Z3, MODE_OFFSET, MODE_WEIGHT, MODE_LOST, 
 # a mode's companion form in p
 A1, A2, A3, A4, B0, B1, B2, B3, COMPANION_WIDTH = range(9)
 
-# a mode's row of gains in p: the weights of v, z1, z2, z3 in the position; the gains of the outputs and the next states
-# on its innovation; the sharpness and the height of the likelihood
-(
-    SEEN_V, SEEN_Z1, SEEN_Z2, SEEN_Z3, GAIN_POSITION, GAIN_SPEED, GAIN_X, GAIN_V, GAIN_Z1, GAIN_Z2, GAIN_Z3,
-    SHARPNESS, HEIGHT, GAINS_WIDTH,
-) = range(14)  # fmt: skip
+# what a mode's measurements see, in p: weights of v, z1, z2, z3 in the position, and in the motion if it is measured
+SEEN_V, SEEN_Z1, SEEN_Z2, SEEN_Z3, SEEN_WIDTH = range(5)
+FELT_V, FELT_Z1, FELT_Z2, FELT_Z3, BOTH_SEEN_WIDTH = range(SEEN_WIDTH, SEEN_WIDTH + 5)
 
-# what follows in a row if a motion is measured, too: the same for the motion and its innovation
+# a mode's gains in p: of the outputs and the next states on its innovation, and on that of the motion if it is measured
+GAIN_POSITION, GAIN_SPEED, GAIN_X, GAIN_V, GAIN_Z1, GAIN_Z2, GAIN_Z3, GAINS_WIDTH = range(8)
 (
-    FELT_V, FELT_Z1, FELT_Z2, FELT_Z3, FELT_POSITION, FELT_SPEED, FELT_X, FELT_GAIN_V, FELT_GAIN_Z1, FELT_GAIN_Z2,
-    FELT_GAIN_Z3, GAIN_OFFSET, FELT_OFFSET, SHARPNESS_BOTH, SHARPNESS_MOTION, BOTH_WIDTH,
-) = range(GAINS_WIDTH, GAINS_WIDTH + 16)  # fmt: skip
+    FELT_POSITION, FELT_SPEED, FELT_X, FELT_GAIN_V, FELT_GAIN_Z1, FELT_GAIN_Z2, FELT_GAIN_Z3, GAIN_OFFSET, FELT_OFFSET,
+    BOTH_WIDTH,
+) = range(GAINS_WIDTH, GAINS_WIDTH + 10)  # fmt: skip
+
+# a mode's likelihood in p: its height and sharpness, and two more parts of that if a motion is measured
+HEIGHT, SHARPNESS, LIKELIHOOD_WIDTH = range(3)
+SHARPNESS_BOTH, SHARPNESS_MOTION, BOTH_LIKELIHOOD_WIDTH = range(LIKELIHOOD_WIDTH, LIKELIHOOD_WIDTH + 3)
 
 BINS = 8  # of a tick, to which the gains know the time of a sample
 EARLIEST = 12  # [bins] before its tick that the mean of several samples may lie
 SHIFT_COUNT = EARLIEST + BINS // 2 + 1  # from EARLIEST before the tick to half a tick after it
+LATE_SHIFT = EARLIEST - BINS // 2  # the first of a tick that comes after others without a sample
+LATE_SHIFTS = SHIFT_COUNT - LATE_SHIFT
 BINS_A_TICK = 8.0  # BINS
 FIRST_SHIFT = 12.5  # EARLIEST, and half a bin: a bin lies around its middle
 LOST = 1e4  # 1 + e' sharpness e of an innovation that is 300 times its spread
@@ -191,22 +196,32 @@ def bank_update(
             span += 1
     column = int(BINS_A_TICK * shift + FIRST_SHIFT)
     beside = (shift - float(column - EARLIEST) / BINS_A_TICK) * p[TICK_S]  # [s] beside the middle of the bin
-    row = (span * SHIFT_COUNT + column) * n[MODES]
-    gains = n[GAINS] + row * (BOTH_WIDTH if n[MEASURES_MOTION] != 0 else GAINS_WIDTH)
-    take_measurement(p, n, s, k, gains, position, beside, motion)
+    row = column * n[MODES]
+    seen = row
+    likelihood = span * n[MODES]
+    if span > 0:
+        row = (SHIFT_COUNT + (span - 1) * LATE_SHIFTS + (column - LATE_SHIFT if column > LATE_SHIFT else 0)) * n[MODES]
+    if n[MEASURES_MOTION] != 0:
+        seen = n[SEEN] + seen * BOTH_SEEN_WIDTH
+        likelihood = n[LIKELIHOODS] + likelihood * BOTH_LIKELIHOOD_WIDTH
+        take_both(p, n, s, k, seen, n[GAINS] + row * BOTH_WIDTH, likelihood, position, beside, motion)
+    else:
+        seen = n[SEEN] + seen * SEEN_WIDTH
+        likelihood = n[LIKELIHOODS] + likelihood * LIKELIHOOD_WIDTH
+        take_position(p, n, s, k, seen, n[GAINS] + row * GAINS_WIDTH, likelihood, position, beside)
     if n[DELAY] > 0:
         look_back(p, n, s, k)
 
 
-def take_measurement(
-    p: Floats, n: Ints, s: Floats, k: Ints, gains: int, position: float, shift: float, motion: float
+def take_position(
+    p: Floats, n: Ints, s: Floats, k: Ints, seen: int, gains: int, likelihood: int, position: float, shift: float
 ) -> None:
-    """Advance all modes by a tick with a position [m], `shift` [s] beside the middle of its bin, and the motion if any.
+    """Advance all modes by a tick with a position [m], `shift` [s] beside the middle of its bin.
 
-    The weights are those of the last tick, moved a little towards equal ones, times the likelihood of the innovations e
-    and f: height / u^5, u = 1 + (e, f)' sharpness (e, f).
+    `seen`, `gains` and `likelihood` are the places of the first mode's in p.
+    The weights are those of the last tick, moved a little towards equal ones, times the likelihood of the innovation e:
+    height / (1 + sharpness e^2)^5.
     """
-    both = n[MEASURES_MOTION] != 0
     delay = n[DELAY]
     stay = p[STAY] / s[TOTAL]
     leave = p[LEAVE]
@@ -216,7 +231,9 @@ def take_measurement(
     next_x = 0.0
     next_v = 0.0
     lost = False
+    see = seen
     at = gains
+    like = likelihood
     form = n[COMPANIONS]
     here = n[MODE_STATES]
     for i in range(n[MODES]):
@@ -225,53 +242,95 @@ def take_measurement(
         z1 = s[here + MODE_Z1]
         z2 = s[here + MODE_Z2]
         z3 = s[here + MODE_Z3]
-        e = position - x - (p[at + SEEN_V] + shift) * speed
-        e = e - p[at + SEEN_Z1] * z1 - p[at + SEEN_Z2] * z2 - p[at + SEEN_Z3] * z3
-        f = 0.0
-        square = p[at + SHARPNESS] * e * e
-        out_x = p[at + GAIN_POSITION] * e
-        out_v = p[at + GAIN_SPEED] * e
-        to_x = p[at + GAIN_X] * e
-        to_v = p[at + GAIN_V] * e
-        to_z1 = p[at + GAIN_Z1] * e
-        to_z2 = p[at + GAIN_Z2] * e
-        to_z3 = p[at + GAIN_Z3] * e
-        if both:
-            felt = p[at + FELT_V] * speed + p[at + FELT_Z1] * z1 + p[at + FELT_Z2] * z2 + p[at + FELT_Z3] * z3
-            f = motion - (felt + s[here + MODE_OFFSET])
-            square = square + p[at + SHARPNESS_BOTH] * e * f + p[at + SHARPNESS_MOTION] * f * f
-            if square < -0.5:
-                square = 0.0  # never, but for numbers that no design gives
-            out_x += p[at + FELT_POSITION] * f
-            out_v += p[at + FELT_SPEED] * f
-            to_x += p[at + FELT_X] * f
-            to_v += p[at + FELT_GAIN_V] * f
-            to_z1 += p[at + FELT_GAIN_Z1] * f
-            to_z2 += p[at + FELT_GAIN_Z2] * f
-            to_z3 += p[at + FELT_GAIN_Z3] * f
-            s[here + MODE_OFFSET] += p[at + GAIN_OFFSET] * e + p[at + FELT_OFFSET] * f
-        u = 1.0 + square
+        e = position - x - (p[see + SEEN_V] + shift) * speed
+        e = e - p[see + SEEN_Z1] * z1 - p[see + SEEN_Z2] * z2 - p[see + SEEN_Z3] * z3
+        u = 1.0 + p[like + SHARPNESS] * e * e
         square = u * u
-        weight = (leave + stay * s[here + MODE_WEIGHT]) * p[at + HEIGHT] / (square * square * u)
+        weight = (leave + stay * s[here + MODE_WEIGHT]) * p[like + HEIGHT] / (square * square * u)
         total += weight
-        mean_x += weight * (x + out_x)
-        mean_v += weight * (speed + out_v)
+        mean_x += weight * (x + p[at + GAIN_POSITION] * e)
+        mean_v += weight * (speed + p[at + GAIN_SPEED] * e)
         if delay > 0:
-            keep_tick(n, s, k, i, speed, e, f)
-        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3 + to_x
-        v = p[form + A1] * speed + z1 + to_v
+            keep_tick(n, s, k, i, speed, e, 0.0)
+        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3 + p[at + GAIN_X] * e
+        v = p[form + A1] * speed + z1 + p[at + GAIN_V] * e
         s[here + MODE_X] = x
         s[here + MODE_V] = v
-        s[here + MODE_Z1] = p[form + A2] * speed + z2 + to_z1
-        s[here + MODE_Z2] = p[form + A3] * speed + z3 + to_z2
-        s[here + MODE_Z3] = p[form + A4] * speed + to_z3
+        s[here + MODE_Z1] = p[form + A2] * speed + z2 + p[at + GAIN_Z1] * e
+        s[here + MODE_Z2] = p[form + A3] * speed + z3 + p[at + GAIN_Z2] * e
+        s[here + MODE_Z3] = p[form + A4] * speed + p[at + GAIN_Z3] * e
         s[here + MODE_WEIGHT] = weight
         next_x += weight * x
         next_v += weight * v
         if u > LOST:
             s[here + MODE_LOST] = 1.0
             lost = True
-        at += BOTH_WIDTH if both else GAINS_WIDTH
+        see += SEEN_WIDTH
+        at += GAINS_WIDTH
+        like += LIKELIHOOD_WIDTH
+        form += COMPANION_WIDTH
+        here += MODE_WIDTH
+    note_mean(n, s, k, total, mean_x, mean_v, next_x, next_v)
+    if lost:
+        restart_lost_modes(p, n, s)
+
+
+def take_both(
+    p: Floats, n: Ints, s: Floats, k: Ints, seen: int, gains: int, likelihood: int, position: float, shift: float,
+    motion: float,
+) -> None:  # fmt: skip
+    """Do as `take_position` with a second measurement, whose innovation is f: u = 1 + (e, f)' sharpness (e, f)."""
+    stay = p[STAY] / s[TOTAL]
+    total = 0.0
+    mean_x = 0.0
+    mean_v = 0.0
+    next_x = 0.0
+    next_v = 0.0
+    lost = False
+    see = seen
+    at = gains
+    like = likelihood
+    form = n[COMPANIONS]
+    here = n[MODE_STATES]
+    for i in range(n[MODES]):
+        x = s[here + MODE_X]
+        speed = s[here + MODE_V]
+        z1 = s[here + MODE_Z1]
+        z2 = s[here + MODE_Z2]
+        z3 = s[here + MODE_Z3]
+        offset = s[here + MODE_OFFSET]
+        e = position - x - (p[see + SEEN_V] + shift) * speed
+        e = e - p[see + SEEN_Z1] * z1 - p[see + SEEN_Z2] * z2 - p[see + SEEN_Z3] * z3
+        felt = p[see + FELT_V] * speed + p[see + FELT_Z1] * z1 + p[see + FELT_Z2] * z2 + p[see + FELT_Z3] * z3
+        f = motion - (felt + offset)
+        u = 1.0 + (p[like + SHARPNESS] * e * e + p[like + SHARPNESS_BOTH] * e * f + p[like + SHARPNESS_MOTION] * f * f)
+        if u < 0.5:
+            u = 1.0  # never, but for numbers that no design gives
+        square = u * u
+        weight = (p[LEAVE] + stay * s[here + MODE_WEIGHT]) * p[like + HEIGHT] / (square * square * u)
+        total += weight
+        mean_x += weight * (x + (p[at + GAIN_POSITION] * e + p[at + FELT_POSITION] * f))
+        mean_v += weight * (speed + (p[at + GAIN_SPEED] * e + p[at + FELT_SPEED] * f))
+        if n[DELAY] > 0:
+            keep_tick(n, s, k, i, speed, e, f)
+        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3
+        x += p[at + GAIN_X] * e + p[at + FELT_X] * f
+        v = p[form + A1] * speed + z1 + (p[at + GAIN_V] * e + p[at + FELT_GAIN_V] * f)
+        s[here + MODE_X] = x
+        s[here + MODE_V] = v
+        s[here + MODE_Z1] = p[form + A2] * speed + z2 + (p[at + GAIN_Z1] * e + p[at + FELT_GAIN_Z1] * f)
+        s[here + MODE_Z2] = p[form + A3] * speed + z3 + (p[at + GAIN_Z2] * e + p[at + FELT_GAIN_Z2] * f)
+        s[here + MODE_Z3] = p[form + A4] * speed + (p[at + GAIN_Z3] * e + p[at + FELT_GAIN_Z3] * f)
+        s[here + MODE_OFFSET] = offset + (p[at + GAIN_OFFSET] * e + p[at + FELT_OFFSET] * f)
+        s[here + MODE_WEIGHT] = weight
+        next_x += weight * x
+        next_v += weight * v
+        if u > LOST:
+            s[here + MODE_LOST] = 1.0
+            lost = True
+        see += BOTH_SEEN_WIDTH
+        at += BOTH_WIDTH
+        like += BOTH_LIKELIHOOD_WIDTH
         form += COMPANION_WIDTH
         here += MODE_WIDTH
     note_mean(n, s, k, total, mean_x, mean_v, next_x, next_v)
@@ -348,14 +407,18 @@ def check_bank(p: Floats, n: Ints, numbers: int, counts: int, named: int, states
         return False
     length = n[DELAY] + 1
     measurements = 2 if n[MEASURES_MOTION] != 0 else 1
-    rows = spans * SHIFT_COUNT * modes
-    width = BOTH_WIDTH if measurements == 2 else GAINS_WIDTH
+    rows = (SHIFT_COUNT + (spans - 1) * LATE_SHIFTS) * modes
+    gains = BOTH_WIDTH if measurements == 2 else GAINS_WIDTH
+    seen = BOTH_SEEN_WIDTH if measurements == 2 else SEEN_WIDTH
+    likelihood = BOTH_LIKELIHOOD_WIDTH if measurements == 2 else LIKELIHOOD_WIDTH
     size = modes * MODE_WIDTH
     if n[DELAY] > 0:
         size += length * (1 + modes * (1 + 2 * measurements))
     fits = n[BANK_STATES] == size and n[RING] == n[MODE_STATES] + modes * MODE_WIDTH and p[TICK_S] > 0.0
     fits = fits and lies_within(n[MODE_STATES], size, named, states) and lies_within(n[SAVED], size, named, states)
-    fits = fits and lies_within(n[SPAN_TABLE], spans, 0, counts) and lies_within(n[GAINS], rows * width, 0, numbers)
+    fits = fits and lies_within(n[SPAN_TABLE], spans, 0, counts) and lies_within(n[GAINS], rows * gains, 0, numbers)
+    fits = fits and lies_within(n[SEEN], SHIFT_COUNT * modes * seen, 0, numbers)
+    fits = fits and lies_within(n[LIKELIHOODS], spans * modes * likelihood, 0, numbers)
     fits = fits and lies_within(n[COMPANIONS], modes * COMPANION_WIDTH, 0, numbers)
     fits = fits and lies_within(n[SMOOTHING], modes * length * measurements, 0, numbers)
-    return fits and are_between(p, n[GAINS] + SHARPNESS, rows, width, 0.0, LARGEST)
+    return fits and are_between(p, n[LIKELIHOODS] + SHARPNESS, spans * modes, likelihood, 0.0, LARGEST)

@@ -16,8 +16,8 @@ from ces_observer.tick.model import (
     lies_within,
 )  # fmt: skip
 
-# n: where tables begin in n, and how many rows they have: constructed inputs; powers (source in s, whether signed; their
-# exponents are in p); lags (source in s; begin and end in s of a ring of as many ticks as the lag); output lags (number
+# n: where tables begin in n, and how many rows they have: constructed inputs; powers (source in s, whether signed,
+# exponents in p); lags (source in s; begin and end in s of a ring of as many ticks as the lag); output lags (number
 # of terms; begin and end of the ring of past forces); two factors of each term, as places in s. Its coefficient is in
 # p. Products that later rows use come first, then the terms of b, then those of each a_j
 (
@@ -33,8 +33,8 @@ UNITY, POSITION_VALUE, SPEED_VALUE, CURRENT_VALUE, S_POLYNOMIAL = range(S_STRUCT
 MAX_EXPONENT = 8.0
 
 
-def power_of(value: float, power: float, signed: bool) -> float:
-    """Return |s|^power, or sign(s) |s|^power if `signed`."""
+def power_of(value: float, power: float, is_signed: bool) -> float:
+    """Return |s|^power, or sign(s) |s|^power if `is_signed`."""
     size = abs(value)
     if power == 1.0:
         result = size
@@ -48,7 +48,7 @@ def power_of(value: float, power: float, signed: bool) -> float:
         result = 1.0
     else:
         result = pow(size, power)
-    return copysign(result, value) if signed else result
+    return copysign(result, value) if is_signed else result
 
 
 def polynomial_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:

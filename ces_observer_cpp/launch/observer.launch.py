@@ -1,8 +1,8 @@
 """Start the observer: ros2 launch ces_observer_cpp observer.launch.py model:=/path/model.ces.
 
-Without `container:=/CONTAINER` it runs as a program of its own. With it, it runs in that component container, where it exchanges
-messages with the other components of the process without DDS: with a leading / in one that runs, else in a new one. An
-argument that is empty leaves the parameter file's value.
+Without `container:=NAME` it runs as a program of its own. With it, it runs in that component container, where it
+exchanges messages with the other components of the process without DDS: with a leading / in one that runs, else in a
+new one. An argument that is empty leaves the parameter file's value.
 """
 
 from ament_index_python.packages import get_package_share_path
@@ -49,7 +49,7 @@ def observer(context: LaunchContext) -> list[Node | LoadComposableNodes]:
     if not container:
         return [Node(executable="observer", output="screen", ros_arguments=logging, **common)]
     within = [{"use_intra_process_comms": True}]
-    nodes = [ComposableNode(plugin=f"{PACKAGE}::Observer", extra_arguments=within, **common)]
+    nodes = [ComposableNode(plugin="ces::ObserverNode", extra_arguments=within, **common)]
     if container.startswith("/"):
         return [LoadComposableNodes(target_container=container, composable_node_descriptions=nodes)]
     kind = {"package": "rclcpp_components", "executable": "component_container", "name": container}

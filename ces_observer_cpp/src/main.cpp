@@ -1,7 +1,6 @@
 // The program `observer`: the node with an executor of its own.
 
-namespace ces
-{
+namespace ces {
 int run_observer(int argc, char ** argv);
 }
 

@@ -112,11 +112,11 @@ replay model.json b.csv --out x | convert it: ces import b.csv --out BAG
 replay model.json one --out full | full: is a folder but not a bag
 replay model.json one --out full --overwrite | full: is a folder but not a bag
 replay model.json one --out one --overwrite | one: is an input, too
-export model.json --out m.cpp | m.cpp: expected a name that ends in .c (C99, with its header
+export model.json --out m.cpp | m.cpp: expected a name that ends in .ces (flat file of the C++ node) or .c (C99
+export model.json --ros-package damper | --ros-package is gone: the C++ node of the package ces_observer_cpp loads
 export model.json --out m.c --format fmu | m.c: expected a name that ends in .fmu (FMI 2.0 co-simulation)
 export model.json --out m --format c | m: expected a name that ends in .c
 export model.json --out m.c --sources-only | --sources-only applies to an FMU only
-export model.json --out m.c --signals front.yaml | --signals applies to --ros-package only
 export model.json --out missing/m.fmu --sources-only | missing/m.fmu: the folder
 export model.json --out missing/m.c | missing does not exist; make it first
 export model.json --out math.c | not a standard header
@@ -125,13 +125,6 @@ export model.json --out m.fmu --name '2; x' | name '2; x': not usable in C
 export model.json --out taken.c | taken.c: not written by ces
 export model.json --out head.c | head.h: not written by ces
 export none.json --out m.c | no such model file
-export model.json --ros-package full | full: exists; choose another name for --ros-package, or replace it
-export model.json --ros-package full --overwrite | full: is not a ROS 2 package, so it is not replaced
-export model.json --ros-package taken/damper | taken is not a folder; expected a folder to write into
-export model.json --ros-package damper --name 'Damper 1' | package 'Damper 1': expected lower-case letters
-export model.json --ros-package class | package 'class': expected lower-case letters, digits and _
-export model.json --ros-package damper --format c | --format does not apply to --ros-package
-export model.json --ros-package damper --signals still.yaml | signal 'position' is constant
 compare model.json one | one model given (model.json); taken as recordings: one
 compare one | no model given; taken as recordings: one
 compare model.json law:force one --report page.pdf | a report is an HTML page

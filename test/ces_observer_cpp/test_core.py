@@ -2,17 +2,17 @@
 
 import random
 import re
-import subprocess
 import zlib
 from dataclasses import replace
 from functools import cache
 from importlib import resources
+from itertools import pairwise
 from math import inf, nan
 
 import numpy as np
 import pytest
 from bands import BAND
-from cpp_core import FLAGS, PACKAGE, compile_replay, run, save_flat
+from cpp_core import compile_replay, run, save_flat
 from damper_models import plain_damper
 from exported_c import two_models
 from hydraulic_models import hydraulic_model, make_hydraulic
@@ -21,7 +21,6 @@ from replay_sequence import MS, START_NS, ReplaySequence, record_faults
 from trained_models import network_model
 
 from ces_identify.export.flat_file import HEAD, SIZES
-from ces_observer.health.streams import Arrivals, Losses
 from ces_observer.model import load_model
 
 pytestmark = [pytest.mark.slow, pytest.mark.needs("cc", "c++")]
@@ -113,7 +112,7 @@ def test_other_models_take_over_between_two_samples(program, flat, tmp_path) -> 
     require_same(program, path, sequence, tmp_path)
     ran = [line.split()[4] for line in sequence.answers if line.startswith("x ")]
     assert len({*ran}) == 5
-    assert sum(one != other for one, other in zip(ran, ran[1:], strict=False)) == 5
+    assert sum(one != other for one, other in pairwise(ran)) == 5
     late = [int(line.split()[1]) for line in sequence.answers if line.startswith("l ")]
     assert len(late) == len({*late})
 
@@ -197,7 +196,7 @@ def refusal(program, path, content):
 SPOILT = {
     "no flat model file": lambda c: b"{}",
     "is no flat model file": lambda c: b"CES-FLOT" + c[8:],
-    "cannot be read, or is empty": lambda c: b"",
+    "is no flat model file; copy it again": lambda c: b"",
     "has more than 16 MiB": lambda c: c + bytes(1 << 24),
     "has version 2 of the format; expected 1": lambda c: seal(c[:8] + b"\2" + c[9:]),
     "its checksum is wrong": lambda c: c[:-9] + bytes([c[-9] ^ 1]) + c[-8:],
@@ -244,67 +243,3 @@ def test_no_whole_number_leads_out_of_the_arrays(program, flat, tmp_path, name) 
         assert status in (0, 2) and "Sanitizer" not in output and "runtime error" not in output, output
         refused += status == 2
     assert refused > 5
-
-
-ARRIVALS = """
-#include <iostream>
-#include "health/arrivals.hpp"
-int main()
-{
-  ces::Losses losses(1000);
-  ces::Arrivals arrivals;
-  arrivals.set_topic(true, losses);
-  char kind;
-  for (long long stamp, now; std::cin >> kind >> stamp >> now; ) {
-    if (kind == 'p') {arrivals.take(stamp, now);}
-    if (kind == 'j') {arrivals.restart_ages();}
-    if (kind != 'r') {continue;}
-    arrivals.roll(1.0);
-    const auto & f = arrivals.figures();
-    std::cout << f.total_samples << ' ' << f.total_dropped << ' ' << f.total_overflowed << ' ' << f.total_out_of_order
-              << ' ' << f.total_duplicates << ' ' << f.total_interruptions << ' ' << std::llround(f.mean_age_s * 1e9)
-              << ' ' << std::llround(f.max_age_s * 1e9) << ' ' << std::llround(f.jitter_s * 1e9) << std::endl;
-  }
-}
-"""
-YEAR_S = 365 * 86400
-
-
-@pytest.mark.parametrize("seed", range(4))
-def test_arrivals_are_counted_as_in_python(tmp_path, seed) -> None:
-    """Also after stamps far from the others, gaps, repeats and stalls: the losses come back to what is lost."""
-    words = ["c++", "-std=c++17", *FLAGS, f"-I{PACKAGE / 'src'}", "-x", "c++", "-", "-o", "arrivals"]
-    subprocess.run(words, input=ARRIVALS, text=True, cwd=tmp_path, check=True)
-    chance, python, lines, expected = random.Random(seed), Arrivals(losses=Losses(1000)), [], []
-    for second in range(20):
-        lost = 0
-        for k in range(1000):
-            now_ns = START_NS + (1000 * second + k) * MS + 300_000 + chance.randrange(50_000)
-            lost += chance.random() < 0.01
-            if lost and chance.random() < 0.5:
-                lost = 0
-                continue
-            stamp_ns = now_ns - now_ns % MS
-            if 3 <= second < 8 and chance.random() < 0.02:
-                seconds = chance.choice((50 * YEAR_S, -50 * YEAR_S, 3600, -3600, 30, 0.9, -0.9, 0.1, -0.002))
-                stamp_ns += round(seconds * 1e9)
-            lines.append(f"p {stamp_ns} {now_ns}")
-            python.take(stamp_ns, now_ns)
-        if second == 9:
-            lines.append("j 0 0")
-            python.restart_ages()
-        lines.append("r 0 0")
-        f = python.roll(1.0)
-        counts = [f.total_samples, f.total_dropped, f.total_overflowed, f.total_out_of_order, f.total_duplicates]
-        times = [round(seconds * 1e9) for seconds in (f.mean_age_s, f.max_age_s, f.jitter_s)]
-        expected.append([*counts, f.total_interruptions, *times])
-    done = subprocess.run(
-        ["./arrivals"], input="\n".join(lines), text=True, cwd=tmp_path, capture_output=True, check=True
-    )
-    found = [list(map(int, line.split())) for line in done.stdout.splitlines()]
-    assert [one[:6] for one in found] == [one[:6] for one in expected]
-    assert np.allclose(found, expected, rtol=1e-6, atol=2)
-    dropped = [one[1] for one in found]
-    assert dropped == sorted(dropped)
-    assert dropped[-1] - dropped[-2] < 50
-    assert found[-1][2] == 0

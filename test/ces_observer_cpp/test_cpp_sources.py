@@ -1,4 +1,4 @@
-"""What the C++ package is built from: parameters as in the table, reasons as in Python; the standard library suffices."""
+"""What the C++ package is built from: parameters as in the table, reasons as in Python."""
 
 from __future__ import annotations
 
@@ -91,9 +91,18 @@ def test_reasons_have_the_codes_of_the_tick_and_the_words_of_python() -> None:
             assert text == REASONS[getattr(tracker, name)]
 
 
+RUN = """
+import runpy
+import sys
+sys.path.insert(0, {root!r})
+sys.argv[1:] = [{folder!r}]
+runpy.run_module("ces_identify.export.cpp_sources", run_name="__main__")
+"""
+
+
 def test_the_standard_library_suffices(tmp_path: Path) -> None:
-    words = [sys.executable, "-I", "-S", "-c", f"import sys; sys.path.insert(0, {str(ROOT)!r}); import runpy; "
-             f"sys.argv[1:] = [{str(tmp_path)!r}]; runpy.run_module('ces_identify.export.cpp_sources', run_name='__main__')"]  # fmt: skip
-    subprocess.run(words, check=True)
+    program = RUN.format(root=str(ROOT), folder=str(tmp_path))
+    subprocess.run([sys.executable, "-I", "-S", "-c", program], check=True)
     written = {path.name for path in tmp_path.iterdir()}
-    assert written == {"ces_core.c", "ces_core.h", "parameters.yaml", "from_python.hpp"}
+    printed = {f"ces_{name}.{suffix}" for name in ("core", "arrivals") for suffix in "ch"}
+    assert written == {*printed, "parameters.yaml", "from_python.hpp"}

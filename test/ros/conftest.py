@@ -73,7 +73,7 @@ def model_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def banded_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Write the model of the C++ package: with a delay and bands."""
+    """Write a model with a delay and bands."""
     from bands import BAND
     from damper_models import delayed_damper
 
@@ -84,11 +84,21 @@ def banded_path(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def package(tmp_path_factory: pytest.TempPathFactory, banded_path: Path) -> CppPackage:
+def flat_path(banded_path: Path) -> Path:
+    """Write the same model as a flat file."""
+    from cpp_core import save_flat
+
+    from ces_observer.model import load_model
+
+    return save_flat(load_model(banded_path), banded_path.with_suffix(".ces"))
+
+
+@pytest.fixture(scope="session")
+def package(tmp_path_factory: pytest.TempPathFactory) -> CppPackage:
     """Build the C++ package once for all tests."""
     from cpp_package import CppPackage
 
-    return CppPackage(tmp_path_factory.mktemp("workspace"), banded_path)
+    return CppPackage(tmp_path_factory.mktemp("workspace"))
 
 
 @pytest.fixture

@@ -57,7 +57,7 @@ CONTROLLERS = """controller_manager:
 damper_force:
   ros__parameters: {%s}
 """
-PARAMETERS = f"joint: damper, position: {{scale: {SCALE}}}, current: {{%s}}"
+PARAMETERS = f"model: %s, joint: damper, position: {{scale: {SCALE}}}, current: {{%s}}"
 
 
 @pytest.fixture(scope="module")
@@ -106,7 +106,7 @@ def require_forces_of_python(output: str, model: Path, current: CurrentHold) -> 
     rows = np.loadtxt(io.StringIO(output), dtype=COLUMNS)
     for part in (0, 1):
         seen = rows[rows["part"] == part]
-        np.testing.assert_allclose(seen["force"], replay(model, seen, current), rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(seen["force"], replay(model, seen, current), rtol=0.0, atol=0.0)
     assert np.nanmax(np.abs(rows["force"])) > 100.0
     return rows
 
@@ -124,10 +124,10 @@ def replay(model: Path, rows: np.ndarray, current: CurrentHold) -> np.ndarray:
 
 
 def test_the_next_controller_gets_the_forces_of_python(
-    program: Path, package: CppPackage, banded_path: Path, tmp_path: Path
+    program: Path, package: CppPackage, banded_path: Path, flat_path: Path, tmp_path: Path
 ) -> None:
     script = make_script()
-    status, output, log = run(program, package, tmp_path, script, PARAMETERS % f"scale: {SCALE}")
+    status, output, log = run(program, package, tmp_path, script, PARAMETERS % (flat_path, f"scale: {SCALE}"))
     assert status == 0, log
     rows = require_forces_of_python(output, banded_path, CurrentHold(0.2))
     for fault in ((501, 503), (601, 602), (1103, 1300), (1903, 2000)):  # no position, outlier, stalled, no current;
@@ -141,10 +141,12 @@ def test_the_next_controller_gets_the_forces_of_python(
 
 
 def test_a_constant_current_needs_no_interface(
-    program: Path, package: CppPackage, banded_path: Path, tmp_path: Path
+    program: Path, package: CppPackage, banded_path: Path, flat_path: Path, tmp_path: Path
 ) -> None:
     clean = make_script()[1]
-    status, output, log = run(program, package, tmp_path, [clean[:400], clean[400:]], PARAMETERS % "constant: 0.7")
+    status, output, log = run(
+        program, package, tmp_path, [clean[:400], clean[400:]], PARAMETERS % (flat_path, "constant: 0.7")
+    )
     assert status == 0, log
     rows = require_forces_of_python(output, banded_path, ConstantCurrent(0.7))
     assert np.isfinite(rows["force"]).sum() > 400
@@ -153,16 +155,17 @@ def test_a_constant_current_needs_no_interface(
 @pytest.mark.parametrize(
     ("settings", "message"),
     [
-        ("max_still_s: 0.5", "Parameter 'joint' cannot be empty"),
+        ("model: /m.ces, max_still_s: 0.5", "Parameter 'joint' cannot be empty"),
+        (PARAMETERS % ("/no/m.ces", ""), "/no/m.ces: no such model file"),
         (
-            PARAMETERS % "scale: 0.0",
+            PARAMETERS % ("%s", "scale: 0.0"),
             "scale and offset of damper/current: expected finite numbers, a scale other than 0",
         ),
     ],
 )
 def test_wrong_parameters_are_refused(
-    program: Path, package: CppPackage, tmp_path: Path, settings: str, message: str
+    program: Path, package: CppPackage, flat_path: Path, tmp_path: Path, settings: str, message: str
 ) -> None:
-    status, _, log = run(program, package, tmp_path, make_script(), settings)
+    status, _, log = run(program, package, tmp_path, make_script(), settings.replace("%s", str(flat_path)))
     assert status == 1
     assert log.count(message) == 1

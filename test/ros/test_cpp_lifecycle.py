@@ -41,12 +41,13 @@ int rcl_clock_get_now(int * clock, long * now)
 
 
 @pytest.fixture
-def start_cpp(namespace: str, package: CppPackage) -> Iterator[Callable[..., NodeProcess]]:
+def start_cpp(namespace: str, package: CppPackage, flat_path: Path) -> Iterator[Callable[..., NodeProcess]]:
     """Yield a function that starts the C++ observer, with further variables in its environment."""
     started: list[NodeProcess] = []
 
     def start(variables: dict[str, str] | None = None, **parameters: object) -> NodeProcess:
-        started.append(package.start(namespace, "observer", {"current.constant": 0.5, **parameters}, variables))
+        given = {"model": flat_path, "current.constant": 0.5, **parameters}
+        started.append(package.start(namespace, "observer", given, variables))
         return started[-1]
 
     yield start

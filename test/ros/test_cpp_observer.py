@@ -107,16 +107,16 @@ class Pair:
 
 @pytest.fixture
 def start_pair(
-    vehicle: Vehicle, namespace: str, package: CppPackage, banded_path: Path
+    vehicle: Vehicle, namespace: str, package: CppPackage, banded_path: Path, flat_path: Path
 ) -> Iterator[Callable[..., Pair]]:
-    """Yield a function that starts both nodes with the same parameters."""
+    """Yield a function that starts both nodes with the same model and parameters."""
     started: list[NodeProcess] = []
 
     def start(**parameters: object) -> Pair:
         pair = Pair(vehicle)
         given = {**lossless_topics(namespace, INPUTS, OUTPUTS), **parameters}
         started.append(NodeProcess.from_source(namespace, {"model": banded_path, **given}))
-        started.append(package.start(namespace, NODES[1], given))
+        started.append(package.start(namespace, NODES[1], {"model": flat_path, **given}))
         pair.meet()
         return pair
 
@@ -182,7 +182,7 @@ def assert_equal_messages(ones: list[JointState], others: list[JointState]) -> N
     for one, other in zip(ones, others, strict=True):
         assert (one.name, one.header.frame_id) == (other.name, other.header.frame_id)
         for field in ("position", "velocity", "effort"):
-            assert list(getattr(other, field)) == pytest.approx(list(getattr(one, field)), rel=1e-9, abs=1e-9)
+            assert list(getattr(other, field)) == list(getattr(one, field))
 
 
 def withheld(values: dict[str, str]) -> dict[str, str]:
@@ -203,7 +203,7 @@ def test_words_and_keys_of_the_diagnostics_are_the_same(start_pair: Callable[...
     for text, options in situations:
         pair.drive_until(text, **options)
     python, cpp = (
-        {key for key in pair.values(name) if not key.startswith(("withheld: ", "recorded", "model"))} for name in NODES
+        {key for key in pair.values(name) if not key.startswith(("withheld: ", "recorded"))} for name in NODES
     )
     assert cpp ^ python <= {"snapshot"}
 
@@ -228,9 +228,8 @@ def test_jumps_of_simulated_time_restart_both(start_pair: Callable[..., Pair]) -
         assert any(20 * S < stamp < 21 * S for stamp in found), name
 
 
-def test_the_package_builds_without_a_warning_and_passes_its_own_test(package: CppPackage) -> None:
-    assert "warning" not in package.log
-    assert "100% tests passed" in package.replay()
+def test_the_package_builds_without_a_warning(package: CppPackage) -> None:
+    assert "warning:" not in package.log
 
 
 def test_malformed_messages_do_not_end_it(start_pair: Callable[..., Pair]) -> None:
@@ -267,21 +266,26 @@ def test_two_signals_may_share_a_message(start_pair: Callable[..., Pair]) -> Non
         ({"position.type": "no_msgs/msg/Such"}, "message type 'no_msgs/msg/Such' is not installed"),
         ({"position.topic": "not a topic"}, "'not a topic' is not a topic name"),
         ({"current.scale": 0.0}, "scale is 0"),
+        ({"model": '""'}, "parameter 'model' is not set; expected the absolute path of a flat model file"),
+        ({"model": "m.ces"}, "parameter 'model' is 'm.ces'; expected the absolute path"),
+        ({"model": "/no/m.ces"}, "/no/m.ces: no such model file"),
         ({"current.constant": 1}, wrong_type("current.constant", "double", "integer")),
     ],
 )
 def test_a_wrong_parameter_ends_the_program_with_one_line(
-    package: CppPackage, namespace: str, parameters: dict[str, Any], message: str
+    package: CppPackage, namespace: str, flat_path: Path, parameters: dict[str, Any], message: str
 ) -> None:
-    status, output = package.start(namespace, NODES[1], parameters).ended()
+    status, output = package.start(namespace, NODES[1], {"model": flat_path, **parameters}).ended()
     fatal = [line for line in output.splitlines() if "[FATAL]" in line]
     assert status == 2, output
     assert len(fatal) == 1
     assert message in fatal[0]
 
 
-def test_live_parameters_are_checked_and_applied(vehicle: Vehicle, namespace: str, package: CppPackage) -> None:
-    node = package.start(namespace, "observer", {"current.constant": 0.5})
+def test_live_parameters_are_checked_and_applied(
+    vehicle: Vehicle, namespace: str, package: CppPackage, flat_path: Path
+) -> None:
+    node = package.start(namespace, "observer", {"model": flat_path, "current.constant": 0.5})
     try:
         vehicle.meets_node()
         require_answers(vehicle, "observer")
@@ -291,11 +295,11 @@ def test_live_parameters_are_checked_and_applied(vehicle: Vehicle, namespace: st
         node.kill()
 
 
-def test_it_runs_in_a_container(vehicle: Vehicle, namespace: str, package: CppPackage) -> None:
+def test_it_runs_in_a_container(vehicle: Vehicle, namespace: str, package: CppPackage, flat_path: Path) -> None:
     words = ["ros2", "run", "rclcpp_components", "component_container", "--ros-args", "-r", f"__ns:={namespace}"]
     container = NodeProcess(words, package.environment)
     try:
-        launch = ["ros2", "launch", PACKAGE, "observer.launch.py", f"namespace:={namespace}"]
+        launch = ["ros2", "launch", PACKAGE, "observer.launch.py", f"namespace:={namespace}", f"model:={flat_path}"]
         launched = subprocess.Popen(
             [*launch, f"container:={namespace}/ComponentManager"], env=package.environment, start_new_session=True
         )

@@ -11,7 +11,9 @@ from ces_identify.export.flat_file import write_flat
 from ces_observer.model import Model
 from ces_observer.proof.certificate import Contraction
 
-PACKAGE = Path(__file__).resolve().parents[2] / "ces_observer_cpp"
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "ces_observer_cpp"
+REPLAY = ROOT / "test" / "ces_observer_cpp" / "replay.cpp"
 WARNINGS = ["-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Werror"]
 FLAGS = [*WARNINGS, "-ffp-contract=off", "-O1", "-fsanitize=address,undefined", "-fno-sanitize-recover=undefined"]
 HOLDS, UNPROVED = Contraction(0.5, 1.0, 1, "", ""), Contraction(2.0, 1.0, 1, "", "")
@@ -21,7 +23,7 @@ def compile_replay(folder: Path) -> Path:
     """Compile the program in a folder; return its path."""
     write_sources(folder)
     program, core = folder / "replay", folder / "ces_core.o"
-    sources = [PACKAGE / "test" / "replay.cpp", PACKAGE / "src" / "model" / "flat_file.cpp", core]
+    sources = [REPLAY, PACKAGE / "src" / "model" / "flat_file.cpp", core]
     includes = [f"-I{PACKAGE / 'src'}", f"-I{folder}"]
     subprocess.run(["cc", "-std=c99", *FLAGS, "-c", folder / "ces_core.c", "-o", core], check=True)
     subprocess.run(["c++", "-std=c++17", *FLAGS, *includes, *sources, "-o", program], check=True)

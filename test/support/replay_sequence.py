@@ -1,7 +1,7 @@
 """Sequences of samples, and what the observer in Python makes of them, for the program `replay` in C++.
 
-`ReplaySequence` feeds a `DamperObserver` as the node does, and records each event as a line for `replay`, and each answer
-as `replay` prints it.
+`ReplaySequence` feeds a `DamperObserver` as the node does. It records each event as a line for `replay`, and each
+answer as `replay` prints it.
 """
 
 from __future__ import annotations

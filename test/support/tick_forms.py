@@ -1,4 +1,4 @@
-"""The forms in which the estimator runs: the source in CPython and in Numba, the printed core, exported C, an FMU.
+"""The forms of the estimator: source in CPython and in Numba, compiled extension, printed core, exported C, FMU.
 
 Each takes a model and samples (stamps, positions, currents, motions) and gives `Steps`, which equal bit for bit.
 """
@@ -8,15 +8,18 @@ from __future__ import annotations
 import ctypes
 import inspect
 import subprocess
+from array import array
+from collections.abc import Callable, Sequence
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from types import FunctionType
+from typing import Any, NamedTuple
 
 import numpy as np
 import tick_loop
 from numpy.typing import NDArray
 
-from ces_identify.export.c_printer import print_core
+from ces_identify.export.c_printer import Core
 from ces_identify.export.export_c import export_c
 from ces_identify.export.export_fmu import list_variables, sources
 from ces_identify.numerics.core import compiled
@@ -152,10 +155,25 @@ def arrays_of(model: Model) -> list[NDArray]:
 
 def run_source(model: Model, samples: Samples) -> Steps:
     """Run the source in CPython."""
-    count, lists = len(samples.stamps), [array.tolist() for array in arrays_of(model)]
+    return _run_lists(tick_loop.run_samples, [part.tolist() for part in arrays_of(model)], samples)
+
+
+def run_extension(core: Any, model: Model, samples: Samples) -> Steps:
+    """Run the same loop around functions of a compiled extension of CPython."""
+    arrays = [array("q" if part.dtype == np.int64 else "d", part.tobytes()) for part in arrays_of(model)]
+    calls = {}
+    for name, which in (("estimator_reset", range(12)), ("estimator_step", range(12)), ("run_half_width", (4, 5, 6))):
+        bound, skipped = core.bind(name, *(arrays[i] for i in which)), len(which)
+        calls[name] = lambda *arguments, bound=bound, skipped=skipped: bound(*arguments[skipped:])
+    loop = FunctionType(tick_loop.run_samples.__code__, {**vars(tick_loop), **calls})
+    return _run_lists(loop, arrays, samples)
+
+
+def _run_lists(loop: Callable[..., int], arrays: Sequence[Any], samples: Samples) -> Steps:
+    count = len(samples.stamps)
     shapes = [output.shape for output in _outputs(count)]
     outputs = [output.ravel().tolist() for output in _outputs(count)]
-    known = tick_loop.run_samples(*lists, count, samples.stamps.tolist(), samples.inputs.ravel().tolist(), *outputs)
+    known = loop(*arrays, count, samples.stamps.tolist(), samples.inputs.ravel().tolist(), *outputs)
     return _steps(tuple(np.array(out).reshape(shape) for out, shape in zip(outputs, shapes, strict=True)), known)
 
 
@@ -174,7 +192,8 @@ def core_texts() -> tuple[str, str]:
     """Return header and source of the core with the loop in it."""
     folder = Path(tick.__path__[0])
     texts = {name: (folder / f"{name}.py").read_text() for name in tick.MODULES}
-    return print_core({**texts, "tick_loop": inspect.getsource(tick_loop)}, ["run_samples", "check_models"])
+    core = Core({**texts, "tick_loop": inspect.getsource(tick_loop)}, ["run_samples", "check_models"])
+    return core.header, core.source
 
 
 def compile_library(folder: Path, files: dict[str, str], *words: str) -> ctypes.CDLL:
@@ -223,6 +242,8 @@ def run_fmu(folder: Path, model: Model, samples: Samples) -> dict[str, NDArray]:
     """Run the sources of a model's FMU; return its outputs by name, after each step but the last."""
     files = sources(model, "model", UNPROVED)
     names = [variable.name for variable in list_variables(model)]
+    folder /= "fmu"
+    folder.mkdir()
     included = files.pop("fmi2_model.c")
     (folder / "fmi2_model.c").write_text(included)
     library = compile_library(folder, {**files, "master.c": MASTER})

@@ -18,19 +18,16 @@
 #include "core/damper.hpp"
 #include "ces_observer_cpp/damper_force_controller_parameters.hpp"
 
-namespace ces_observer_cpp
-{
+namespace ces_observer_cpp {
 
 using controller_interface::CallbackReturn;
 using controller_interface::InterfaceConfiguration;
 using controller_interface::interface_configuration_type;
 using controller_interface::return_type;
 
-class DamperForceController : public controller_interface::ChainableControllerInterface
-{
+class DamperForceController : public controller_interface::ChainableControllerInterface {
 public:
-  CallbackReturn on_init() override
-  {
+  CallbackReturn on_init() override {
     try {
       parameters_ = std::make_shared<damper_force_controller::ParamListener>(get_node());
     } catch (const std::exception & error) {
@@ -39,8 +36,7 @@ public:
     return CallbackReturn::SUCCESS;
   }
 
-  CallbackReturn on_configure(const rclcpp_lifecycle::State &) override
-  {
+  CallbackReturn on_configure(const rclcpp_lifecycle::State &) override {
     const auto given = parameters_->get_params();
     ces::ModelPtr model;
     try {
@@ -77,13 +73,11 @@ public:
     return CallbackReturn::SUCCESS;
   }
 
-  InterfaceConfiguration command_interface_configuration() const override
-  {
+  InterfaceConfiguration command_interface_configuration() const override {
     return {interface_configuration_type::NONE, {}};
   }
 
-  InterfaceConfiguration state_interface_configuration() const override
-  {
+  InterfaceConfiguration state_interface_configuration() const override {
     InterfaceConfiguration claimed{interface_configuration_type::INDIVIDUAL, {}};
     for (const auto & input : inputs_) {
       if (!input.name.empty()) {claimed.names.push_back(input.name);}
@@ -91,33 +85,28 @@ public:
     return claimed;
   }
 
-  std::vector<hardware_interface::StateInterface::SharedPtr> on_export_state_interfaces_list() override
-  {
+  std::vector<hardware_interface::StateInterface::SharedPtr> on_export_state_interfaces_list() override {
     force_ = std::make_shared<hardware_interface::StateInterface>(get_node()->get_name(), force_name_);
     return {force_};
   }
 
-  CallbackReturn on_activate(const rclcpp_lifecycle::State &) override
-  {
+  CallbackReturn on_activate(const rclcpp_lifecycle::State &) override {
     damper_->reset();
     position_m_ = ces::NOT_A_NUMBER;
     write(ces::NOT_A_NUMBER);
     return CallbackReturn::SUCCESS;
   }
 
-  CallbackReturn on_deactivate(const rclcpp_lifecycle::State &) override
-  {
+  CallbackReturn on_deactivate(const rclcpp_lifecycle::State &) override {
     write(ces::NOT_A_NUMBER);
     return CallbackReturn::SUCCESS;
   }
 
-  return_type update_reference_from_subscribers(const rclcpp::Time &, const rclcpp::Duration &) override
-  {
+  return_type update_reference_from_subscribers(const rclcpp::Time &, const rclcpp::Duration &) override {
     return return_type::OK;
   }
 
-  return_type update_and_write_commands(const rclcpp::Time & time, const rclcpp::Duration &) override
-  {
+  return_type update_and_write_commands(const rclcpp::Time & time, const rclcpp::Duration &) override {
     const auto stamp = time.nanoseconds();
     std::array<double, 3> values{};
     for (std::size_t i = 0, claimed = 0; i < inputs_.size(); ++i) {
@@ -144,21 +133,18 @@ public:
   }
 
 private:
-  struct Input
-  {
+  struct Input {
     std::string name;  // of the state interface; empty: none
     double scale = 1.0, offset = 0.0;
   };
 
-  CallbackReturn refuse(const std::string & error) const
-  {
+  CallbackReturn refuse(const std::string & error) const {
     RCLCPP_ERROR(get_node()->get_logger(), "%s", error.c_str());
     return CallbackReturn::ERROR;
   }
 
   // Whether the position has been the same for so long that it tells nothing about the force.
-  bool is_still(ces::Nanoseconds stamp, double position_m)
-  {
+  bool is_still(ces::Nanoseconds stamp, double position_m) {
     if (position_m != position_m_ || stamp < since_) {
       position_m_ = position_m;
       since_ = stamp;
@@ -167,13 +153,11 @@ private:
   }
 
   // A reader may hold the interface for a moment; the old force must not stay.
-  void write(double force_N)
-  {
+  void write(double force_N) {
     for (int i = 0; i < 100 && !force_->set_value(force_N); ++i) {std::this_thread::yield();}
   }
 
-  void report()
-  {
+  void report() {
     const bool is_active = get_lifecycle_id() == lifecycle_msgs::msg::State::PRIMARY_STATE_ACTIVE;
     const std::string reason = is_active ? reason_.load(std::memory_order_relaxed) : "";
     if (reason == told_) {return;}

@@ -5,11 +5,9 @@
 
 #include "core/samples.hpp"
 
-namespace ces
-{
+namespace ces {
 
-inline Nanoseconds read_clock(clockid_t clock)
-{
+inline Nanoseconds read_clock(clockid_t clock) {
   timespec time{};
   clock_gettime(clock, &time);
   return time.tv_sec * SECOND + time.tv_nsec;
@@ -22,12 +20,10 @@ inline Nanoseconds read_clock(clockid_t clock)
 // comes from the publisher's clock, which may differ from the node's, so the least delay of the recent messages is
 // taken as the difference of the clocks with the delay of transport. A message's stamp is its time of sending plus
 // this least delay.
-class ArrivalClock
-{
+class ArrivalClock {
 public:
   // The stamp of a message sent at `sent` and read at `now`; 0 or less: sending unknown.
-  Nanoseconds stamp(Nanoseconds sent, Nanoseconds now)
-  {
+  Nanoseconds stamp(Nanoseconds sent, Nanoseconds now) {
     if (sent <= 0) {return now;}
     const auto delay = now - sent;
     if (is_empty_ || delay - least_ > MAX_DELAY) {

@@ -11,12 +11,10 @@
 #include "core/samples.hpp"
 #include "model/estimator.hpp"
 
-namespace ces
-{
+namespace ces {
 
 // Counts since the start.
-struct Tally
-{
+struct Tally {
   std::uint64_t samples = 0, estimates = 0;
   std::uint64_t late = 0;  // forces of earlier samples, that a model with a delay gives
   std::uint64_t clamped = 0;  // forces from inputs outside the envelope
@@ -29,30 +27,26 @@ struct Tally
 
 enum Input : std::size_t {POSITION, CURRENT, MOTION};
 
-class Damper
-{
+class Damper {
 public:
   using Motions = std::array<std::optional<SignalHold>, 3>;  // by Motion, of those that are measured
 
   // Raises UserError if the model needs a motion that is not measured.
   Damper(ModelPtr model, SignalHold current, Motions motions)
-  : current_(std::move(current)), motions_(std::move(motions))
-  {
+  : current_(std::move(current)), motions_(std::move(motions)) {
     motions_[NO_MOTION_SIGNAL].emplace(0.0);
     estimator_ = make_estimator(std::move(model));
   }
 
   // Let a model take over as soon as it has warmed up beside the running one, instead of any other that is warming up.
   // Raises UserError as above.
-  void load(ModelPtr model)
-  {
+  void load(ModelPtr model) {
     next_ = make_estimator(std::move(model));
     retired_.reset();
   }
 
   // Raise UserError if a model needs a motion that is not measured.
-  void require_motion(const Model & model) const
-  {
+  void require_motion(const Model & model) const {
     if (motions_[model.motion]) {return;}
     const std::string motion = MOTIONS[model.motion];
     throw UserError(
@@ -65,8 +59,7 @@ public:
   void set_max_age(double max_age_s) {max_age_ = to_ns(max_age_s);}
 
   // Forget all samples and currents, as after a time jump; keep counts and models.
-  void reset()
-  {
+  void reset() {
     current_.reset();
     for (auto & motion : motions_) {if (motion) {motion->reset();}}
     estimator_->reset();
@@ -76,21 +69,18 @@ public:
     if (reason_ != Reason::SILENT) {reason_ = Reason::WARMING_UP;}
   }
 
-  void take_current(Nanoseconds stamp, double current_A)
-  {
+  void take_current(Nanoseconds stamp, double current_A) {
     note_value(CURRENT, "current", current_A);
     current_.add(stamp, current_A);
   }
 
-  void take_motion(Motion motion, Nanoseconds stamp, double value)
-  {
+  void take_motion(Motion motion, Nanoseconds stamp, double value) {
     note_value(MOTION, MOTIONS[motion], value);
     motions_[motion]->add(stamp, value);
   }
 
   // The force [N] at `stamp`, or nothing with `reason` set; `now` is the node's clock. It also sets `late`.
-  std::optional<double> step(Nanoseconds stamp, double position_m, Nanoseconds now)
-  {
+  std::optional<double> step(Nanoseconds stamp, double position_m, Nanoseconds now) {
     ++tally_.samples;
     stamp_ = stamp;
     position_m_ = position_m;
@@ -126,8 +116,7 @@ public:
   double half_width() const {return estimator_->half_width();}
 
   // Count a message without its field; `error` explains missing samples.
-  void count_unreadable(Input input, const std::string & error)
-  {
+  void count_unreadable(Input input, const std::string & error) {
     ++tally_.unreadable;
     errors_[input] = error;
   }
@@ -135,13 +124,13 @@ public:
   void report_silence() {reason_ = Reason::SILENT;}
 
   // Details of the reason, empty if there are none.
-  std::string explain() const
-  {
+  std::string explain() const {
     switch (reason_) {
       case Reason::SILENT:
         return errors_[POSITION];
       case Reason::NO_CURRENT:
-        return errors_[CURRENT].empty() ? current_.explain(stamp_, model().max_current_age_s, "current") : errors_[CURRENT];
+        return errors_[CURRENT].empty() ? current_.explain(stamp_, model().max_current_age_s, "current") :
+               errors_[CURRENT];
       case Reason::NO_MOTION:
         return errors_[MOTION].empty() ? motion().explain(stamp_, model().max_gap_s, MOTIONS[model().motion]) :
                errors_[MOTION];
@@ -173,29 +162,25 @@ public:
   bool measures_motion() const {return motions_[SPEED] || motions_[ACCELERATION];}
 
 private:
-  std::unique_ptr<Estimator> make_estimator(ModelPtr model)
-  {
+  std::unique_ptr<Estimator> make_estimator(ModelPtr model) {
     require_motion(*model);
     late_.reserve(model->delay_ticks + 1);
     return std::make_unique<Estimator>(std::move(model));
   }
 
-  std::optional<double> run(Estimator & estimator) const
-  {
+  std::optional<double> run(Estimator & estimator) const {
     const auto & model = *estimator.model();
-    return estimator.step(
-      stamp_, position_m_, current_.at(stamp_, model.max_current_age_s), motions_[model.motion]->at(stamp_, model.max_gap_s));
+    const double current = current_.at(stamp_, model.max_current_age_s);
+    return estimator.step(stamp_, position_m_, current, motions_[model.motion]->at(stamp_, model.max_gap_s));
   }
 
-  void note_value(Input input, const char * name, double value)
-  {
+  void note_value(Input input, const char * name, double value) {
     errors_[input].clear();
     if (std::isfinite(value)) {return;}
     errors_[input] = std::string("the ") + name + " is " + (std::isnan(value) ? "nan" : format_number("%g", value));
   }
 
-  void take_late(Nanoseconds now)
-  {
+  void take_late(Nanoseconds now) {
     late_.clear();
     estimator_->visit_late(
       [this, now](const Estimate & one) {
@@ -207,8 +192,7 @@ private:
   }
 
   // The first of these rules that applies.
-  Reason find_reason(std::optional<double> force) const
-  {
+  Reason find_reason(std::optional<double> force) const {
     if (!std::isfinite(position_m_)) {return Reason::POSITION_NOT_FINITE;}
     if (max_age_ != 0 && std::llabs(age_) > max_age_) {return Reason::OFF_CLOCK;}
     if (!std::isfinite(current_.at(stamp_, model().max_current_age_s))) {return Reason::NO_CURRENT;}
@@ -218,8 +202,7 @@ private:
     return is_finite ? Reason::OK : Reason::UNBOUNDED;
   }
 
-  std::string describe_clock_difference() const
-  {
+  std::string describe_clock_difference() const {
     return format_number("%.3g", to_s(std::llabs(age_))) + " s " + (age_ > 0 ? "behind" : "ahead of") +
            " it, max_age_s allows " + format_number("%g", to_s(max_age_)) +
            " s; for a replay or a simulation set use_sim_time: true and let it publish /clock, or set max_age_s: 0.0";
@@ -239,8 +222,7 @@ private:
 
 // Samples on their way to the estimator. A position that waits for a current stamped no earlier gives a force that
 // depends on the stamps alone, not on which of the two queues was read first.
-class Intake
-{
+class Intake {
 public:
   // Called after each position, in the order of their arrival, with its stamp, its frame and its force if it has one.
   using OnEstimate = std::function<void(Nanoseconds, const std::string &, std::optional<double>)>;
@@ -249,8 +231,7 @@ public:
   : damper_(damper), on_estimate_(std::move(on_estimate)) {}
 
   // Hold positions back for at most `wait_s` by the node's clock until their current is known; a constant always is.
-  void set_wait(double wait_s)
-  {
+  void set_wait(double wait_s) {
     const bool measured = !damper_.current().is_constant() || damper_.measures_motion();
     wait_ = measured ? to_ns(wait_s) : 0;
     if (wait_ > 0 && ring_.empty()) {
@@ -259,20 +240,17 @@ public:
     }
   }
 
-  void take_current(Nanoseconds stamp, double current_A, Nanoseconds now)
-  {
+  void take_current(Nanoseconds stamp, double current_A, Nanoseconds now) {
     damper_.take_current(stamp, current_A);
     release(now);
   }
 
-  void take_motion(Motion motion, Nanoseconds stamp, double value, Nanoseconds now)
-  {
+  void take_motion(Motion motion, Nanoseconds stamp, double value, Nanoseconds now) {
     damper_.take_motion(motion, stamp, value);
     release(now);
   }
 
-  void take_position(Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now)
-  {
+  void take_position(Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now) {
     if (wait_ == 0 && count_ == 0) {
       estimate(stamp, position_m, frame, now);
       return;
@@ -287,8 +265,7 @@ public:
 
   // Estimate from the positions whose wait is over. A clock that was set back ends it, too. A position that arrived
   // before simulated time began, at 0, waits from now.
-  void release(Nanoseconds now)
-  {
+  void release(Nanoseconds now) {
     while (count_ > 0) {
       auto & first = ring_[first_];
       if (first.arrival == 0) {first.arrival = now;}
@@ -299,22 +276,19 @@ public:
   }
 
   // Restart after a time jump; positions held back belong to the time before it.
-  void reset(Nanoseconds now)
-  {
+  void reset(Nanoseconds now) {
     while (count_ > 0) {estimate_first(now);}
     damper_.reset();
   }
 
   // Begin anew after a failure, which may have left the estimator half changed.
-  void restart()
-  {
+  void restart() {
     count_ = 0;
     damper_.reset();
   }
 
 private:
-  struct Position
-  {
+  struct Position {
     Nanoseconds stamp = 0;
     double metres = 0.0;
     std::string frame;
@@ -325,24 +299,21 @@ private:
   static constexpr std::size_t FRAME_LENGTH = 64;
 
   // Whether all measured signals that the model needs are known up to `stamp`.
-  bool is_known(Nanoseconds stamp) const
-  {
+  bool is_known(Nanoseconds stamp) const {
     const auto reaches = [stamp](const SignalHold & signal) {
         return signal.is_constant() || (signal.newest() && *signal.newest() >= stamp);
       };
     return reaches(damper_.current()) && reaches(damper_.motion());
   }
 
-  void estimate_first(Nanoseconds now)
-  {
+  void estimate_first(Nanoseconds now) {
     const auto & first = ring_[first_];
     first_ = (first_ + 1) % ring_.size();
     --count_;
     estimate(first.stamp, first.metres, first.frame, now);
   }
 
-  void estimate(Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now)
-  {
+  void estimate(Nanoseconds stamp, double position_m, const std::string & frame, Nanoseconds now) {
     on_estimate_(stamp, frame, damper_.step(stamp, position_m, now));
   }
 

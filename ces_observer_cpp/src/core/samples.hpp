@@ -13,8 +13,7 @@
 #include <utility>
 #include <vector>
 
-namespace ces
-{
+namespace ces {
 
 using Nanoseconds = std::int64_t;
 
@@ -26,8 +25,7 @@ inline Nanoseconds to_ns(double seconds) {return static_cast<Nanoseconds>(std::n
 inline double to_s(Nanoseconds time) {return static_cast<double>(time) * 1e-9;}
 
 // The text of a format for one number, such as "%.3g".
-inline std::string format_number(const char * format, double value)
-{
+inline std::string format_number(const char * format, double value) {
   char text[400];  // "%.1f" of the largest double has 311 characters
   std::snprintf(text, sizeof text, format, value);
   return text;
@@ -35,8 +33,7 @@ inline std::string format_number(const char * format, double value)
 
 // The texts with `separator` between them.
 template<typename Texts>
-std::string join(const Texts & texts, const std::string & separator)
-{
+std::string join(const Texts & texts, const std::string & separator) {
   std::string joined;
   for (const auto & text : texts) {joined += (joined.empty() ? "" : separator) + text;}
   return joined;
@@ -46,29 +43,25 @@ std::string join(const Texts & texts, const std::string & separator)
 //
 // A history is kept because the signals come in separate queues, so that a current may arrive before a position
 // that was measured earlier. After construction nothing is allocated.
-class SignalHold
-{
+class SignalHold {
 public:
   // A measured signal, or a known value that does not age.
   explicit SignalHold(std::optional<double> constant = std::nullopt)
-  : constant_(constant)
-  {
+  : constant_(constant) {
     if (!constant) {samples_.reserve(2 * HISTORY + 1);}
   }
 
   bool is_constant() const {return constant_.has_value();}
 
   // The latest stamp of a known value.
-  std::optional<Nanoseconds> newest() const
-  {
+  std::optional<Nanoseconds> newest() const {
     return samples_.empty() ? std::nullopt : std::optional<Nanoseconds>(samples_.back().first);
   }
 
   void reset() {samples_.clear();}
 
   // Add a value; one that is not finite is ignored, as is any if the signal is constant.
-  void add(Nanoseconds stamp, double value)
-  {
+  void add(Nanoseconds stamp, double value) {
     if (constant_ || !std::isfinite(value)) {return;}
     if (!samples_.empty() && stamp < samples_.back().first - JUMP) {reset();}
     samples_.insert(find_later(stamp), {stamp, value});
@@ -76,8 +69,7 @@ public:
   }
 
   // The value that holds at `stamp` and is not older than `max_age_s`, or NaN.
-  double at(Nanoseconds stamp, double max_age_s) const
-  {
+  double at(Nanoseconds stamp, double max_age_s) const {
     if (constant_) {return *constant_;}
     const auto later = find_later(stamp);
     if (later == samples_.begin() || stamp - std::prev(later)->first > to_ns(max_age_s)) {return NOT_A_NUMBER;}
@@ -85,8 +77,7 @@ public:
   }
 
   // Why `at` is NaN at `stamp` for the signal `name`; empty if no value was received at all.
-  std::string explain(Nanoseconds stamp, double max_age_s, const std::string & name) const
-  {
+  std::string explain(Nanoseconds stamp, double max_age_s, const std::string & name) const {
     if (samples_.empty()) {return "";}
     const auto later = find_later(stamp);
     if (later == samples_.begin()) {
@@ -105,8 +96,7 @@ private:
   static constexpr Nanoseconds JUMP = SECOND;  // a value stamped this much before the newest shows a clock set back
 
   // The first value stamped later; mostly there is none.
-  Samples::const_iterator find_later(Nanoseconds stamp) const
-  {
+  Samples::const_iterator find_later(Nanoseconds stamp) const {
     if (samples_.empty() || samples_.back().first <= stamp) {return samples_.end();}
     return std::upper_bound(
       samples_.begin(), samples_.end(), stamp, [](Nanoseconds at, const auto & sample) {return at < sample.first;});

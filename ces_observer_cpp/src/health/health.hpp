@@ -7,14 +7,12 @@
 #include "health/arrivals.hpp"
 #include "health/process.hpp"
 
-namespace ces
-{
+namespace ces {
 
 using diagnostic_msgs::msg::DiagnosticStatus;
 
 // A task of /diagnostics: each remark makes it a warning.
-struct Task
-{
+struct Task {
   std::uint8_t level;
   std::string words;
   std::vector<std::string> remarks = {};
@@ -22,8 +20,7 @@ struct Task
   void add(bool is_due, const std::string & remark) {if (is_due) {remarks.push_back(remark);}}
 
   // Write level and message.
-  void summarise(Status & status) const
-  {
+  void summarise(Status & status) const {
     status.summary(
       std::max(level, remarks.empty() ? DiagnosticStatus::OK : DiagnosticStatus::WARN),
       words + (remarks.empty() ? "" : "; " + join(remarks, "; ")));
@@ -31,14 +28,12 @@ struct Task
 };
 
 // The log's lines on the reason: one as it changes; while it flickers none, and one when it is quiet.
-class ReasonLog
-{
+class ReasonLog {
 public:
   // The line to log at `now` of the steady clock, empty for none; `changes` of the reason and samples `withheld` are
   // counted since the start.
   std::string find_line(
-    Nanoseconds now, const std::string & reason, std::string message, std::int64_t changes, std::int64_t withheld)
-  {
+    Nanoseconds now, const std::string & reason, std::string message, std::int64_t changes, std::int64_t withheld) {
     const bool is_quiet = now - changed_ >= SECOND;
     if (reason != reason_ || changes != changes_) {
       reason_ = reason;
@@ -63,12 +58,10 @@ private:
 };
 
 // Episodes of withholding: from a withheld force to the next published one, with reasons and counts.
-class Episodes
-{
+class Episodes {
 public:
   // Add a reason for withholding; `withheld_before` counts the samples withheld before this one.
-  void add_withheld(Reason reason, Nanoseconds now, std::uint64_t withheld_before)
-  {
+  void add_withheld(Reason reason, Nanoseconds now, std::uint64_t withheld_before) {
     if (reasons_.empty()) {
       start_ = now;
       withheld_ = withheld_before;
@@ -79,8 +72,7 @@ public:
 
   // End the episode, if there is one; `withheld` counts the samples withheld so far.
   // One that began at 0, before the first /clock of simulated time, is taken to begin now.
-  void end_episode(Nanoseconds now, std::uint64_t withheld)
-  {
+  void end_episode(Nanoseconds now, std::uint64_t withheld) {
     if (reasons_.empty()) {return;}
     if (start_ == 0) {start_ = now;}
     const auto length_s = to_s(std::max(Nanoseconds(0), now - start_));
@@ -107,15 +99,13 @@ private:
 };
 
 // Rests: how long the position has had exactly the same value, because the vehicle rests or the sensor is stuck.
-class Stillness
-{
+class Stillness {
 public:
   // Rests of at least this long [s] by the positions' stamps count; with 0 there are none.
   void set_warn(double warn_s) {warn_ = to_ns(warn_s);}
 
   // Add a position sample [m]; NaN ends a rest.
-  void take(Nanoseconds stamp, double position_m)
-  {
+  void take(Nanoseconds stamp, double position_m) {
     if (position_m != position_m_ || stamp < since_) {
       position_m_ = position_m;
       since_ = stamp;
@@ -139,15 +129,13 @@ private:
 };
 
 // The newest latencies of a window, and their percentiles; memory does not grow.
-class Latencies
-{
+class Latencies {
 public:
   // Count a latency; a negative one, from different clocks, counts as zero.
   void take(Nanoseconds latency) {latencies_[count_++ % CAPACITY] = std::max(Nanoseconds(0), latency);}
 
   // Close the window: the values are now those of its latencies.
-  void roll()
-  {
+  void roll() {
     const auto size = std::min(std::exchange(count_, 0), CAPACITY);
     std::sort(latencies_.begin(), latencies_.begin() + static_cast<std::ptrdiff_t>(size));
     for (std::size_t k = 0; k < PERCENTS.size(); ++k) {
@@ -156,8 +144,7 @@ public:
     }
   }
 
-  void add_values(Status & status) const
-  {
+  void add_values(Status & status) const {
     for (std::size_t k = 0; k < PERCENTS.size(); ++k) {
       const auto name = PERCENTS[k] == 100 ? "max" : "p" + std::to_string(PERCENTS[k]);
       status.add("latency from stamp to publish, " + name + " [ms]", texts_[k]);
@@ -174,8 +161,7 @@ private:
 };
 
 // Rates, shares and latencies are of the last window that `roll` closed. Times are those of the node's clock.
-class Health
-{
+class Health {
 public:
   explicit Health(const Damper & damper)
   : damper_(damper) {}
@@ -186,8 +172,7 @@ public:
   Latencies latency;
 
   // Record a change of the damper's reason; an episode includes its first withheld sample.
-  void note_change(Nanoseconds now)
-  {
+  void note_change(Nanoseconds now) {
     ++changes_;
     const auto withheld = damper_.tally().withheld_samples();
     const auto reason = damper_.reason();
@@ -199,8 +184,7 @@ public:
   }
 
   // Close a window of `elapsed_s` seconds.
-  void roll(double elapsed_s)
-  {
+  void roll(double elapsed_s) {
     const auto & now = damper_.tally();
     const auto samples = static_cast<double>(now.samples - before_.samples);
     const auto estimates = static_cast<double>(now.estimates - before_.estimates);
@@ -219,8 +203,7 @@ public:
   }
 
   // A jump of the node's time.
-  void note_jump(const std::string & what)
-  {
+  void note_jump(const std::string & what) {
     ++jumps_;
     jump_ = what;
     position.restart_ages();
@@ -232,8 +215,7 @@ public:
   std::int64_t withheld() const {return static_cast<std::int64_t>(damper_.tally().withheld_samples());}
 
   // The task `health`; `detail` is added to the reason. One message reports each ended episode.
-  Task make_health_task(const std::string & detail)
-  {
+  Task make_health_task(const std::string & detail) {
     const auto reason = damper_.reason();
     const bool ok = reason == Reason::OK, is_error = std::count(std::begin(ERRORS), std::end(ERRORS), reason);
     Task task{DiagnosticStatus::OK, "estimating"};
@@ -260,8 +242,7 @@ public:
   }
 
   // The task `frequency`; `mismatch` is what else is published on the topics.
-  Task make_frequency_task(const std::string & mismatch) const
-  {
+  Task make_frequency_task(const std::string & mismatch) const {
     const auto & figures = position.figures();
     Task task{DiagnosticStatus::OK, format_number("position %.1f Hz", figures.rate_Hz)};
     if (!is_rolled_ || !figures.samples) {
@@ -279,8 +260,7 @@ public:
   }
 
   // The task `time stamps`.
-  Task make_stamps_task() const
-  {
+  Task make_stamps_task() const {
     const auto & figures = position.figures();
     Task task{DiagnosticStatus::OK, !is_rolled_ ? "not measured yet" :
       !figures.samples ? "no position in the last second" :
@@ -295,8 +275,7 @@ public:
   }
 
   // Write all key-value pairs.
-  void add_values(Status & status) const
-  {
+  void add_values(Status & status) const {
     const auto & tally = damper_.tally();
     status.add("reason", text_of(damper_.reason()));
     status.addf("rate [Hz]", "%.1f", rate_Hz_);
@@ -335,8 +314,7 @@ private:
     Reason::BEYOND_STROKE};
 
   // What became of the samples that are missing in a window, as the end of a sentence.
-  static std::string describe_missing(const ArrivalFigures & figures)
-  {
+  static std::string describe_missing(const ArrivalFigures & figures) {
     if (figures.overflowed) {
       return ", " + std::to_string(figures.overflowed) +
              " of them dropped by this node's queue: set input_depth higher";
@@ -345,8 +323,7 @@ private:
     return *figures.lost ? ", " + std::to_string(*figures.lost) + " of them lost on the way" : ": the source paused";
   }
 
-  static void add_arrivals(Status & status, const std::string & name, const ArrivalFigures & figures)
-  {
+  static void add_arrivals(Status & status, const std::string & name, const ArrivalFigures & figures) {
     if (!figures.total_samples) {return;}
     status.addf(name + "rate [Hz]", "%.1f", figures.rate_Hz);
     status.addf(name + "age, mean [ms]", "%.3f", 1e3 * figures.mean_age_s);

@@ -11,26 +11,22 @@
 
 #include "core/clocks.hpp"
 
-namespace ces
-{
+namespace ces {
 
 using Status = diagnostic_updater::DiagnosticStatusWrapper;
 
 // Processor load between two calls of `roll`, as shares of one core: of the process and of the calling thread, which is
 // to run the executor.
-class LoadMeter
-{
+class LoadMeter {
 public:
   LoadMeter() {roll();}
 
-  void roll()
-  {
+  void roll() {
     before_ = now_;
     for (std::size_t k = 0; k < CLOCKS.size(); ++k) {now_[k] = static_cast<double>(read_clock(CLOCKS[k]));}
   }
 
-  void add_values(Status & status) const
-  {
+  void add_values(Status & status) const {
     for (const auto & [k, name] : {std::pair(1, "process"), std::pair(2, "executor")}) {
       const auto share = (now_[k] - before_[k]) / std::max(1.0, now_[0] - before_[0]);
       status.addf(std::string(name) + " load [% of a core]", "%.1f", 100.0 * share);
@@ -44,12 +40,10 @@ private:
 };
 
 // A full receive buffer loses messages before DDS sees them. With shared memory instead of UDP nothing is counted.
-class KernelDrops
-{
+class KernelDrops {
 public:
   // Count; the first call finds the sockets of DDS.
-  void roll()
-  {
+  void roll() {
     if (!sockets_) {
       sockets_ = find_sockets();
       drops_ = start_ = count();
@@ -59,8 +53,7 @@ public:
   }
 
   // A remark on datagrams that were dropped before the last `roll`, empty if there were none.
-  std::string find_remark() const
-  {
+  std::string find_remark() const {
     if (new_ == 0) {return "";}
     return "the kernel dropped " + std::to_string(new_) +
            " datagrams in the last second: set net.core.rmem_max higher";
@@ -73,8 +66,7 @@ private:
   static constexpr std::size_t INODE = 9, DROPS = 12;  // columns
 
   // The inodes of the process' sockets, as the kernel's tables name them.
-  static std::set<std::string> find_sockets()
-  {
+  static std::set<std::string> find_sockets() {
     const std::string socket = "socket:[";
     std::set<std::string> inodes;
     std::error_code error;
@@ -86,8 +78,7 @@ private:
     return inodes;
   }
 
-  std::uint64_t count() const
-  {
+  std::uint64_t count() const {
     std::uint64_t drops = 0;
     for (const auto * table : {"/proc/self/net/udp", "/proc/self/net/udp6"}) {
       std::ifstream file(table);

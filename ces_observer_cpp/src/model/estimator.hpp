@@ -7,22 +7,18 @@
 #include "model/flat_file.hpp"
 
 
-namespace ces
-{
+namespace ces {
 
 // The estimate at a sample [m, m/s, N]; `half_width` [N] is not finite without a band.
-struct Estimate
-{
+struct Estimate {
   Nanoseconds stamp;
   double position, speed, force, half_width;
 };
 
-class Estimator
-{
+class Estimator {
   // Call a function of the core with all arrays before its other arguments.
   template<typename Function, typename... Values>
-  auto call(Function function, Values... values)
-  {
+  auto call(Function function, Values... values) {
     const auto & m = *model_;
     return function(
       m.sampling.p.data(), m.sampling.n.data(), sampling_.s.data(), sampling_.k.data(), m.now.p.data(), m.now.n.data(),
@@ -36,17 +32,15 @@ public:
 
   void reset() {call(ces_estimator_reset);}
 
-  // The force [N] at `stamp`, or nothing with `reason` set. Without a force at once, the reason is OK after the warm-up.
-  std::optional<double> step(Nanoseconds stamp, double position_m, double current_A, double motion)
-  {
+  // The force [N] at `stamp`, or nothing with `reason` set; a model with a delay alone has none, and the reason is OK.
+  std::optional<double> step(Nanoseconds stamp, double position_m, double current_A, double motion) {
     const bool is_ok = call(ces_estimator_step, stamp, position_m, current_A, motion) == CES_OK;
     return is_ok && model_->has_now ? std::optional<double>(sampling_.s[CES_FORCE]) : std::nullopt;
   }
 
   // Call `visit` with each estimate of an earlier sample that the last step has brought.
   template<typename Visit>
-  void visit_late(const Visit & visit) const
-  {
+  void visit_late(const Visit & visit) const {
     const auto * values = &sampling_.s[index(model_->sampling.n[CES_LATE_VALUES])];
     const auto * stamps = &sampling_.k[index(model_->sampling.n[CES_LATE_STAMPS])];
     for (std::int64_t i = 0; i < late_count(); ++i, values += CES_LATE_WIDTH) {
@@ -55,8 +49,7 @@ public:
   }
 
   // Give no late estimates up to this stamp: another estimator has given them.
-  void skip_late(Nanoseconds until)
-  {
+  void skip_late(Nanoseconds until) {
     ces_estimator_skip_late(model_->sampling.n.data(), sampling_.s.data(), sampling_.k.data(), until);
   }
 
@@ -72,14 +65,13 @@ public:
   bool is_held() const {return own().k[CES_HELD] != 0;}
 
   // The half-width [N] of the band around the force of the last step; not finite without a band.
-  double half_width() const
-  {
-    return model_->has_now ? ces_run_half_width(model_->now.p.data(), model_->now.n.data(), now_.s.data()) : NOT_A_NUMBER;
+  double half_width() const {
+    const auto & now = model_->now;
+    return model_->has_now ? ces_run_half_width(now.p.data(), now.n.data(), now_.s.data()) : NOT_A_NUMBER;
   }
 
 private:
-  struct State
-  {
+  struct State {
     explicit State(const Arrays & arrays)
     : s(arrays.states), k(arrays.flags) {}
     std::vector<double> s;

@@ -9,23 +9,22 @@
 #include <fstream>
 #include <map>
 #include <sstream>
+#include <tuple>
 
 #include "ces_core.h"
 #include "from_python.hpp"
 
-namespace ces
-{
-namespace
-{
+namespace ces {
+namespace {
 
 static_assert(__BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__ && sizeof(double) == 8);
 
-constexpr std::size_t MAX_BYTES = 16 << 20, HEAD_BYTES = 16, CRC_BYTES = 4;
+constexpr std::streamoff MAX_BYTES = 16 << 20;
+constexpr std::size_t HEAD_BYTES = 16, CRC_BYTES = 4;
 constexpr std::uint32_t VERSION = 1;
 constexpr const char * AGAIN = "; copy it again, or write it with `ces export model.json --out NAME.ces`";
 
-std::uint32_t crc32(const std::string & bytes, std::size_t count)
-{
+std::uint32_t crc32(const std::string & bytes, std::size_t count) {
   std::array<std::uint32_t, 256> table{};
   for (std::uint32_t i = 0; i < table.size(); ++i) {
     table[i] = i;
@@ -36,73 +35,60 @@ std::uint32_t crc32(const std::string & bytes, std::size_t count)
   return ~crc;
 }
 
-class FlatFile
-{
+class FlatFile {
 public:
   explicit FlatFile(const std::string & path)
-  : path_(path)
-  {
-    std::ifstream file(path, std::ios::binary);
-    bytes_.resize(MAX_BYTES + 1);
-    file.read(bytes_.data(), static_cast<std::streamsize>(bytes_.size()));
-    if (file.bad() || file.gcount() == 0) {
-      refuse(errno == ENOENT ? "no such model file" : "cannot be read, or is empty" + std::string(AGAIN));
-    }
-    bytes_.resize(static_cast<std::size_t>(file.gcount()));
+  : path_(path) {
+    std::ifstream file(path, std::ios::binary | std::ios::ate);
+    if (!file) {refuse(errno == ENOENT ? "no such model file" : "cannot be read; check its permissions", "");}
+    const auto size = static_cast<std::streamoff>(file.tellg());
+    if (size > MAX_BYTES) {refuse("has more than 16 MiB, or is a folder; expected a model file", "");}
+    bytes_.resize(static_cast<std::size_t>(std::max(size, std::streamoff(0))));
+    file.seekg(0).read(bytes_.data(), static_cast<std::streamsize>(bytes_.size()));
   }
 
-  ModelPtr read(bool allow_uncertified)
-  {
+  ModelPtr read(bool allow_uncertified) {
     open();
     auto model = std::make_shared<Model>();
     model->path = path_;
-    if (const auto core = text("core"); core != CORE_DIGEST) {
-      refuse(
-        "was written for the core " + core.substr(0, 12) + ", this node has " + std::string(CORE_DIGEST).substr(0, 12) +
-        "; write it with `ces export` of the ces_observer that this package was built from, or build the package again");
-    }
     read_text(*model);
-    const char * const names[] = {"sampling", "now", "late"};
-    Arrays * const parts[] = {&model->sampling, &model->now, &model->late};
-    for (std::size_t i = 0; i < std::size(parts); ++i) {read_arrays(*parts[i], names[i]);}
-    if (at_ != end_) {refuse("has " + std::to_string(end_ - at_) + " bytes too many" + AGAIN);}
+    read_arrays(model->sampling, "sampling");
+    read_arrays(model->now, "now");
+    read_arrays(model->late, "late");
+    if (at_ != end_) {refuse("has " + std::to_string(end_ - at_) + " bytes too many");}
     check(*model);
     if (!model->is_proved && !allow_uncertified) {
-      refuse(
-        "its stability is not proved; identify it again with a certificate, or set allow_uncertified: true to run it "
-        "without");
+      refuse("its stability is not proved",
+        "; identify it again with a certificate, or set allow_uncertified: true to run it without");
     }
     return model;
   }
 
 private:
-  using Texts = std::map<std::string, std::string>;
-
-  [[noreturn]] void refuse(const std::string & what) const {throw UserError(path_ + ": " + what);}
+  [[noreturn]] void refuse(const std::string & what, const std::string & remedy = AGAIN) const {
+    throw UserError(path_ + ": " + what + remedy);
+  }
 
   // Check the frame around the numbers, and find the texts.
-  void open()
-  {
+  void open() {
+    if (bytes_.size() < HEAD_BYTES + CRC_BYTES || bytes_.compare(0, 8, "CES-FLAT")) {refuse("is no flat model file");}
     end_ = bytes_.size() - CRC_BYTES;
-    if (bytes_.size() < HEAD_BYTES + CRC_BYTES || bytes_.compare(0, 8, "CES-FLAT")) {
-      refuse("is no flat model file; write one with `ces export model.json --out NAME.ces`");
-    }
-    if (bytes_.size() > MAX_BYTES) {refuse("has more than 16 MiB; expected a model of at most that size");}
     if (const auto version = load<std::uint32_t>(8); version != VERSION) {
-      refuse("has version " + std::to_string(version) + " of the format; expected " + std::to_string(VERSION) + AGAIN);
+      refuse("has version " + std::to_string(version) + " of the format; expected " + std::to_string(VERSION));
     }
-    if (load<std::uint32_t>(end_) != crc32(bytes_, end_)) {refuse("its checksum is wrong, it is damaged or cut off" + std::string(AGAIN));}
+    if (load<std::uint32_t>(end_) != crc32(bytes_, end_)) {refuse("its checksum is wrong, it is damaged or cut off");}
     const std::size_t length = load<std::uint32_t>(12);
-    if (length > end_ - HEAD_BYTES) {refuse("its text is longer than the file" + std::string(AGAIN));}
+    if (length > end_ - HEAD_BYTES) {refuse("its text is longer than the file");}
     std::istringstream lines(bytes_.substr(HEAD_BYTES, length));
-    for (std::string line; std::getline(lines, line); ) {
-      if (const auto middle = line.find('='); middle != line.npos) {texts_[line.substr(0, middle)] = line.substr(middle + 1);}
-    }
+    for (std::string key, value; std::getline(lines, key, '=') && std::getline(lines, value); ) {texts_[key] = value;}
     at_ = (HEAD_BYTES + length + 7) / 8 * 8;
   }
 
-  void read_text(Model & model) const
-  {
+  void read_text(Model & model) const {
+    if (const auto & core = text("core"); core != CORE_DIGEST) {
+      refuse("was written for the core " + core.substr(0, 16) + ", this node has " + CORE_DIGEST,
+        "; write it with `ces export` of the ces_observer that this was built from, or build this package again");
+    }
     model.digest = text("model");
     model.size = text("size");
     model.outside = text("outside");
@@ -114,92 +100,77 @@ private:
     model.delay_s = number("delay_s");
     model.max_gap_s = number("max_gap_s");
     model.max_current_age_s = number("max_current_age_s");
-    const auto motion = std::find(std::begin(MOTIONS), std::end(MOTIONS), text("motion"));
-    if (motion == std::end(MOTIONS)) {refuse("its motion is '" + text("motion") + "'; expected speed, acceleration or none");}
+    const auto * motion = std::find(std::begin(MOTIONS), std::end(MOTIONS), text("motion"));
+    if (motion == std::end(MOTIONS)) {refuse("motion is '" + text("motion") + "', which is not known");}
     model.motion = static_cast<Motion>(motion - std::begin(MOTIONS));
   }
 
-  const std::string & text(const char * key) const
-  {
+  const std::string & text(const std::string & key) const {
     const auto found = texts_.find(key);
-    if (found == texts_.end()) {refuse(std::string("has no '") + key + "'" + AGAIN);}
+    if (found == texts_.end()) {refuse("has no '" + key + "'");}
     return found->second;
   }
 
-  double number(const char * key) const
-  {
+  double number(const std::string & key) const {
     const auto & value = text(key);
     char * rest = nullptr;
     const double number = std::strtod(value.c_str(), &rest);
-    if (value.empty() || *rest || !std::isfinite(number)) {refuse(std::string(key) + " is '" + value + "'; expected a number");}
+    if (value.empty() || *rest || !std::isfinite(number)) {refuse(key + " is '" + value + "'; expected a number");}
     return number;
   }
 
   template<typename T>
-  T load(std::size_t at) const
-  {
+  T load(std::size_t at) const {
     T value;
     std::memcpy(&value, bytes_.data() + at, sizeof value);
     return value;
   }
 
   template<typename T>
-  std::vector<T> load_many(std::size_t count)
-  {
+  std::vector<T> load_many(std::size_t count) {
     std::vector<T> values(count);
     if (count) {std::memcpy(values.data(), bytes_.data() + at_, count * sizeof(T));}
     at_ += count * sizeof(T);
     return values;
   }
 
-  void read_arrays(Arrays & arrays, const char * name)
-  {
-    std::array<std::int64_t, 4> sizes{};
-    if (at_ > end_ || end_ - at_ < sizeof sizes) {refuse(std::string(name) + " is missing" + AGAIN);}
-    std::memcpy(sizes.data(), bytes_.data() + at_, sizeof sizes);
-    at_ += sizeof sizes;
+  void read_arrays(Arrays & arrays, const std::string & name) {
+    if (at_ > end_ || end_ - at_ < 32) {refuse(name + " is missing");}
+    const auto sizes = load_many<std::int64_t>(4);
     for (const auto size : sizes) {
-      const auto most = static_cast<std::int64_t>(MAX_BYTES / 8);
-      if (size < 0 || size > most) {
-        refuse(std::string(name) + " has a size of " + std::to_string(size) + "; expected 0 to " + std::to_string(most));
-      }
+      if (size < 0 || size > MAX_BYTES / 8) {refuse(name + " has a size of " + std::to_string(size));}
     }
     const auto numbers = static_cast<std::size_t>(sizes[0]), counts = static_cast<std::size_t>(sizes[1]);
-    if (numbers + counts > (end_ - at_) / 8) {refuse(std::string(name) + " is longer than the file" + AGAIN);}
+    if (numbers + counts > (end_ - at_) / 8) {refuse(name + " is longer than the file");}
     arrays.p = load_many<double>(numbers);
     arrays.n = load_many<std::int64_t>(counts);
     arrays.states = static_cast<std::size_t>(sizes[2]);
     arrays.flags = static_cast<std::size_t>(sizes[3]);
-    const auto is_bad = [](double value) {return !std::isfinite(value);};
-    if (const auto bad = std::find_if(arrays.p.begin(), arrays.p.end(), is_bad); bad != arrays.p.end()) {
-      refuse(
-        std::string(name) + ": number " + std::to_string(bad - arrays.p.begin()) + " is " + format_number("%g", *bad) +
+    for (std::size_t i = 0; i < numbers; ++i) {
+      if (std::isfinite(arrays.p[i])) {continue;}
+      refuse(name + ": number " + std::to_string(i) + " is " + format_number("%g", arrays.p[i]),
         "; expected finite numbers: identify the model again");
     }
   }
 
   // Let the core check sizes and indices, and find what depends on them.
-  void check(Model & model) const
-  {
+  void check(Model & model) const {
+    const auto & [a, b, c] = std::tie(model.sampling, model.now, model.late);
     const auto size = [](std::size_t count) {return static_cast<std::int64_t>(count);};
-    const auto call = [&](const auto & a, const auto & b, const auto & c) {
-        return ces_check_models(
-          a.p.data(), a.n.data(), size(a.p.size()), size(a.n.size()), size(a.states), size(a.flags),
-          b.p.data(), b.n.data(), size(b.p.size()), size(b.n.size()), size(b.states), size(b.flags),
-          c.p.data(), c.n.data(), size(c.p.size()), size(c.n.size()), size(c.states), size(c.flags));
-      };
-    if (!call(model.sampling, model.now, model.late)) {
-      refuse("its sizes and indices do not fit together" + std::string(AGAIN));
-    }
-    model.has_now = model.sampling.n[CES_HAS_NOW] != 0;
-    model.delay_ticks = static_cast<std::size_t>(model.sampling.n[CES_DELAY]);
-    const auto & own = model.has_now ? model.now : model.late;
-    model.delay = static_cast<Nanoseconds>(std::nearbyint(static_cast<double>(model.delay_ticks) / own.p[CES_RATE] * 1e9));
+    const bool fits = ces_check_models(
+      a.p.data(), a.n.data(), size(a.p.size()), size(a.n.size()), size(a.states), size(a.flags),
+      b.p.data(), b.n.data(), size(b.p.size()), size(b.n.size()), size(b.states), size(b.flags),
+      c.p.data(), c.n.data(), size(c.p.size()), size(c.n.size()), size(c.states), size(c.flags));
+    if (!fits) {refuse("its sizes and indices do not fit together");}
+    model.has_now = a.n[CES_HAS_NOW] != 0;
+    model.delay_ticks = static_cast<std::size_t>(a.n[CES_DELAY]);
+    const auto & own = model.has_now ? b : c;
+    model.delay = to_ns(static_cast<double>(model.delay_ticks) / own.p[CES_RATE]);
     model.warm_up_s = static_cast<double>(own.n[CES_WARM_UP]) / own.p[CES_RATE];
   }
 
   std::string path_, bytes_;
-  Texts texts_;
+  std::map<std::string, std::string> texts_;
   std::size_t at_ = 0, end_ = 0;
 };
 
@@ -207,8 +178,7 @@ private:
 
 ModelPtr read_model(const std::string & path, bool allow_uncertified) {return FlatFile(path).read(allow_uncertified);}
 
-bool rounds_like_python()
-{
+bool rounds_like_python() {
   bool is_same = true;
   for (std::size_t i = 0; i < std::size(ROUNDED); ++i) {
     is_same = is_same && ces_rounding_sample(static_cast<std::int64_t>(i) + 1) == ROUNDED[i];

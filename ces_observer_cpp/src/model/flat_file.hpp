@@ -8,12 +8,10 @@
 
 #include "core/samples.hpp"
 
-namespace ces
-{
+namespace ces {
 
 // A mistake of the user, in one line: what is wrong, where, what was expected and what to do.
-class UserError : public std::runtime_error
-{
+class UserError : public std::runtime_error {
   using std::runtime_error::runtime_error;
 };
 
@@ -23,15 +21,13 @@ enum Motion : std::size_t {NO_MOTION_SIGNAL, SPEED, ACCELERATION};
 constexpr const char * MOTIONS[] = {"", "speed", "acceleration"};
 
 // What the core reads of a part of the model, p and n, and the sizes of what it writes, s and k.
-struct Arrays
-{
+struct Arrays {
   std::vector<double> p;
   std::vector<std::int64_t> n;
   std::size_t states = 0, flags = 0;
 };
 
-struct Model
-{
+struct Model {
   std::string path, digest, size, outside, claim;  // outside: what becomes of inputs outside the envelope
   bool extrapolates = false, is_proved = false;
   bool has_now = true;  // a force at once; else with the delay only

@@ -10,20 +10,17 @@
 
 #include "node/settings.hpp"
 
-namespace ces
-{
+namespace ces {
 
 namespace types = rosidl_typesupport_introspection_cpp;
 using types::MessageMember;
 using types::MessageMembers;
 
-inline const MessageMembers & members_of(const MessageMember & member)
-{
+inline const MessageMembers & members_of(const MessageMember & member) {
   return *static_cast<const MessageMembers *>(member.members_->data);
 }
 
-inline const MessageMember * find_member(const MessageMembers & type, const std::string & name)
-{
+inline const MessageMember * find_member(const MessageMembers & type, const std::string & name) {
   const auto * end = type.members_ + type.member_count_;
   const auto * found =
     std::find_if(type.members_, end, [&name](const MessageMember & member) {return name == member.name_;});
@@ -31,8 +28,7 @@ inline const MessageMember * find_member(const MessageMembers & type, const std:
 }
 
 // The place of the header in messages of this type; nothing if they are not stamped.
-inline std::optional<std::size_t> find_header(const MessageMembers & type)
-{
+inline std::optional<std::size_t> find_header(const MessageMembers & type) {
   const auto * header = find_member(type, "header");
   if (header == nullptr || header->is_array_ || header->type_id_ != types::ROS_TYPE_MESSAGE) {return std::nullopt;}
   const auto & kind = members_of(*header);
@@ -41,14 +37,12 @@ inline std::optional<std::size_t> find_header(const MessageMembers & type)
   return is_header ? std::optional<std::size_t>(header->offset_) : std::nullopt;
 }
 
-class FieldReader
-{
+class FieldReader {
 public:
   // Raises UserError if messages of this type have no number at the signal's field.
   FieldReader(const SignalSettings & signal, const MessageMembers & type)
   : text_(signal.field), where_("signal '" + signal.name + "': field '" + signal.field + "' of " + signal.type),
-    scale_(signal.scale), offset_(signal.offset)
-  {
+    scale_(signal.scale), offset_(signal.offset) {
     const auto * record = &type;
     std::istringstream parts(signal.field + ".");
     for (std::string part; std::getline(parts, part, '.'); ) {
@@ -64,8 +58,7 @@ public:
 
   // The value [SI] in a message; nothing with `error` set if it lacks the joint or element. It allocates in that
   // case only.
-  std::optional<double> read(const void * message, std::string & error) const
-  {
+  std::optional<double> read(const void * message, std::string & error) const {
     const void * at = message;
     for (const auto & step : steps_) {
       const void * parent = at;
@@ -92,21 +85,18 @@ public:
 
 private:
   // A field, and the element of it if it is an array: by index, or by the position of `joint` in one of `names`.
-  struct Step
-  {
+  struct Step {
     const MessageMember * member = nullptr;
     std::size_t index = 0;
     std::string joint;
     std::vector<const MessageMember *> names;
   };
 
-  static const void * at_offset(const void * base, std::size_t offset)
-  {
+  static const void * at_offset(const void * base, std::size_t offset) {
     return static_cast<const char *>(base) + offset;
   }
 
-  Step find_step(const std::string & part, const MessageMembers & type) const
-  {
+  Step find_step(const std::string & part, const MessageMembers & type) const {
     static const std::regex FORM(" *([A-Za-z][A-Za-z0-9_]*)(\\[ *([^\\]]*?) *\\])? *");
     std::smatch found;
     if (!std::regex_match(part, found, FORM)) {
@@ -140,8 +130,7 @@ private:
     return step;
   }
 
-  std::optional<std::size_t> find_index(const Step & step, const void * parent, std::string & error) const
-  {
+  std::optional<std::size_t> find_index(const Step & step, const void * parent, std::string & error) const {
     if (step.joint.empty()) {return step.index;}
     for (const auto * names : step.names) {
       const void * field = at_offset(parent, names->offset_);
@@ -165,8 +154,7 @@ private:
   using Load = double (*)(const void *);
 
   template<typename T>
-  static double load(const void * number)
-  {
+  static double load(const void * number) {
     T value;
     std::memcpy(&value, number, sizeof value);
     return static_cast<double>(value);

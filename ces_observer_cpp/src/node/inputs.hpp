@@ -1,7 +1,7 @@
 // The node's time and subscriptions: one for each topic and type, with any number of signals.
 //
-// The types of the default signals arrive as messages, within a process without a copy. Any other installed type arrives
-// as bytes and is deserialised into one message that is kept.
+// The types of the default signals arrive as messages, within a process without a copy. Any other installed type
+// arrives as bytes and is deserialised into one message that is kept.
 #pragma once
 
 #include <memory>
@@ -16,20 +16,17 @@
 #include "health/arrivals.hpp"
 #include "node/field_reader.hpp"
 
-namespace ces
-{
+namespace ces {
 
 using OnText = std::function<void(const std::string &)>;
 
 // The node's time in nanoseconds, and callbacks on jumps of simulated time or the wall clock.
-class NodeClock
-{
+class NodeClock {
 public:
   // `on_jump` is called with a line of text after each time jump. Simulated time is 0 until its first /clock
   // message, which is no jump: samples may arrive before it.
   NodeClock(Node & node, OnText on_jump)
-  : clock_(node.get_clock()), on_jump_(std::move(on_jump))
-  {
+  : clock_(node.get_clock()), on_jump_(std::move(on_jump)) {
     rcl_jump_threshold_t threshold;
     threshold.on_clock_change = true;
     threshold.min_forward.nanoseconds = FORWARD;
@@ -43,8 +40,7 @@ public:
   bool is_simulated() const {return clock_->ros_time_is_active();}
 
   // Check now and then whether the wall clock was set: rcl reports only jumps of simulated time.
-  void watch()
-  {
+  void watch() {
     const auto before = ahead_, jump = (ahead_ = measure_ahead()) - before;
     if (std::llabs(jump) >= MIN_JUMP && !is_simulated()) {
       on_jump_("the wall clock was set by " + format_number("%+.3f", to_s(jump)) + " s");
@@ -58,8 +54,7 @@ private:
 
   static Nanoseconds measure_ahead() {return read_clock(CLOCK_REALTIME) - read_clock(CLOCK_MONOTONIC);}
 
-  void report(const rcl_time_jump_t & jump)
-  {
+  void report(const rcl_time_jump_t & jump) {
     if (jump.clock_change == RCL_ROS_TIME_ACTIVATED) {
       on_jump_("simulated time was switched on");
     } else if (jump.clock_change == RCL_ROS_TIME_DEACTIVATED) {
@@ -77,11 +72,9 @@ private:
 
 // Receives messages of a compiled type into one that is used again, so that its strings and arrays are allocated once.
 template<typename Message>
-class ReusedMessage : public rclcpp::message_memory_strategy::MessageMemoryStrategy<Message>
-{
+class ReusedMessage : public rclcpp::message_memory_strategy::MessageMemoryStrategy<Message> {
 public:
-  std::shared_ptr<Message> borrow_message() override
-  {
+  std::shared_ptr<Message> borrow_message() override {
     if (message_.use_count() != 1) {message_ = std::make_shared<Message>();}
     return message_;
   }
@@ -91,8 +84,7 @@ private:
 };
 
 // The memory of a message of a type that is known at run time only.
-inline std::shared_ptr<void> make_message(const MessageMembers & type)
-{
+inline std::shared_ptr<void> make_message(const MessageMembers & type) {
   constexpr std::align_val_t ALIGNMENT{alignof(std::max_align_t)};
   void * memory = ::operator new(type.size_of_, ALIGNMENT);
   type.init_function(memory, rosidl_runtime_cpp::MessageInitialization::ALL);
@@ -103,15 +95,13 @@ inline std::shared_ptr<void> make_message(const MessageMembers & type)
 }
 
 // The types of what is published on a topic.
-inline std::set<std::string> find_types(const Node & node, const std::string & topic)
-{
+inline std::set<std::string> find_types(const Node & node, const std::string & topic) {
   std::set<std::string> types;
   for (const auto & publisher : node.get_publishers_info_by_topic(topic)) {types.insert(publisher.topic_type());}
   return types;
 }
 
-class Inputs
-{
+class Inputs {
 public:
   // Stamp, value [SI], frame id, the node's time on arrival.
   using Deliver = std::function<void(Nanoseconds, double, const std::string &, Nanoseconds)>;
@@ -121,14 +111,12 @@ public:
   : node_(node), clock_(clock), depth_(depth), on_failure_(std::move(on_failure)) {}
 
   // Forget the delays of messages, as after a time jump.
-  void reset()
-  {
+  void reset() {
     for (const auto & topic : topics_) {topic->arrivals = ArrivalClock();}
   }
 
   // A sentence on publishers whose type is not that of their topic's signal, empty without any.
-  std::string find_mismatch() const
-  {
+  std::string find_mismatch() const {
     std::vector<std::string> found;
     for (const auto & topic : topics_) {
       if (node_.count_publishers(topic->name) <= topic->subscription->get_publisher_count()) {continue;}
@@ -147,8 +135,7 @@ public:
   // `arrivals`. A sample without a stamp is stamped with its arrival (ArrivalClock); the delay is taken off the
   // stamps. Signals in one message are delivered in the order of their subscriptions. Raises UserError if topic, type
   // or field is wrong.
-  void subscribe(const SignalSettings & signal, Deliver deliver, OnText on_unreadable, Arrivals * arrivals)
-  {
+  void subscribe(const SignalSettings & signal, Deliver deliver, OnText on_unreadable, Arrivals * arrivals) {
     const auto topic = find_topic(signal);
     topic->readers.push_back(
       {FieldReader(signal, *topic->members), to_ns(signal.delay_s), std::move(deliver), std::move(on_unreadable)});
@@ -162,8 +149,7 @@ public:
   }
 
 private:
-  struct Reader
-  {
+  struct Reader {
     FieldReader field;
     Nanoseconds delay;
     Deliver deliver;
@@ -171,8 +157,7 @@ private:
   };
 
   // One topic with the readers of its signals.
-  struct Topic
-  {
+  struct Topic {
     std::string name, type, signal;  // the last: one of those in it
     Losses losses;
     std::shared_ptr<rcpputils::SharedLibrary> introspection = nullptr;
@@ -185,8 +170,7 @@ private:
   };
 
   // Read a message; the callback of a subscription.
-  void take(Topic & topic, const void * message, const rmw_message_info_t & info)
-  {
+  void take(Topic & topic, const void * message, const rmw_message_info_t & info) {
     try {
       const auto now = clock_.now();
       const auto number = info.publication_sequence_number;
@@ -211,8 +195,7 @@ private:
     }
   }
 
-  std::shared_ptr<Topic> find_topic(const SignalSettings & signal)
-  {
+  std::shared_ptr<Topic> find_topic(const SignalSettings & signal) {
     const auto where = "signal '" + signal.name + "': ";
     auto topic = std::make_shared<Topic>(Topic{"", signal.type, signal.name, Losses(depth_)});
     try {
@@ -239,8 +222,7 @@ private:
   }
 
   // The executor may hold a message that is read after the topics are closed: its callback then does nothing.
-  void create_subscription(const SignalSettings & signal, const std::shared_ptr<Topic> & topic)
-  {
+  void create_subscription(const SignalSettings & signal, const std::shared_ptr<Topic> & topic) {
     const auto qos = rclcpp::QoS(depth_).best_effort();
     rclcpp::SubscriptionOptions options;
     options.qos_overriding_options = rclcpp::QosOverridingOptions::with_default_policies();

@@ -12,35 +12,30 @@
 #include "core/damper.hpp"
 #include "node/settings.hpp"
 
-namespace ces
-{
+namespace ces {
 
 // The model in the file that the parameter `model` names. Raises UserError.
-inline ModelPtr load_model(const Node & node, const std::string & text)
-{
+inline ModelPtr load_model(const Node & node, const std::string & text) {
   return read_model(find_model_path(text), node.get_parameter("allow_uncertified").as_bool());
 }
 
 inline ModelPtr load_model(const Node & node) {return load_model(node, node.get_parameter("model").as_string());}
 
-class ModelChanges
-{
+class ModelChanges {
 public:
   // `on_load` is called when another model warms up or has taken over.
   ModelChanges(Node & node, Damper & damper, std::function<void()> on_load)
   : node_(node), damper_(damper), on_load_(std::move(on_load)), running_(damper.running()),
-    status_(rclcpp::create_publisher<Status>(node, "~/model_status", rclcpp::QoS(1).transient_local()))
-  {
+    status_(rclcpp::create_publisher<Status>(node, "~/model_status", rclcpp::QoS(1).transient_local())) {
     service_ = node.create_service<Trigger>(
       "~/reload_model", [this, alive = std::weak_ptr(alive_)](
         const std::shared_ptr<Trigger::Request>, std::shared_ptr<Trigger::Response> response) {
         if (!alive.expired()) {reload(*response);}
-      });
+      }, rclcpp::ServicesQoS().keep_last(MAX_REQUESTS));
   }
 
   // Let a model take over when it has warmed up. Raises UserError if the damper cannot run it.
-  void adopt(const ModelPtr & model)
-  {
+  void adopt(const ModelPtr & model) {
     watch();
     damper_.load(model);
     if (accepted_) {report(*accepted_, "overtaken", "by " + model->path);}
@@ -51,8 +46,7 @@ public:
   }
 
   // Report a model that has taken over since the last call.
-  void watch()
-  {
+  void watch() {
     if (damper_.running() == running_) {return;}
     running_ = damper_.running();
     report(*accepted_, "has taken over", "");
@@ -60,12 +54,11 @@ public:
     on_load_();
   }
 
-  void add_values(diagnostic_updater::DiagnosticStatusWrapper & status) const
-  {
+  void add_values(diagnostic_updater::DiagnosticStatusWrapper & status) const {
     status.add("model", running_->path);
     status.add("model sha256", running_->digest);
     status.addf("delay_s", "%g", running_->delay_s);
-    status.add("tick", rounds_ ? "compiled core" : "compiled core, which rounds otherwise than Python's");
+    status.add("computed by", rounds_ ? "compiled core" : "compiled core, which rounds otherwise than Python's");
     status.add("last change of the model", state_);
     status.add("models refused", refused_);
   }
@@ -74,15 +67,15 @@ private:
   using Status = diagnostic_msgs::msg::DiagnosticStatus;
   using Trigger = std_srvs::srv::Trigger;
 
-  struct Request
-  {
+  static constexpr std::size_t MAX_REQUESTS = 1000;  // that wait for their answer
+
+  struct Request {
     std::uint64_t number;
     ModelPtr model;  // null: it could not be read
   };
 
   // Read the file in the parameter again.
-  void reload(Trigger::Response & response)
-  {
+  void reload(Trigger::Response & response) {
     try {
       adopt(load_model(node_));
       response.success = true;
@@ -97,8 +90,7 @@ private:
   }
 
   // Keep the state of a request for diagnostics, and latch it.
-  void report(const Request & request, const std::string & state, const std::string & detail)
-  {
+  void report(const Request & request, const std::string & state, const std::string & detail) {
     const auto path = request.model ? request.model->path : node_.get_parameter("model").as_string();
     state_ = request.model ? path + ": " + state + (detail.empty() ? "" : "; " + detail) :
       "refused, the old model runs on: " + detail;

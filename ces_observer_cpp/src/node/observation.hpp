@@ -11,17 +11,14 @@
 #include "node/model_changes.hpp"
 #include "node/snapshot.hpp"
 
-namespace ces
-{
+namespace ces {
 
 // Publishes a joint's estimates on `topic`, and the bounds of their bands on `topic`_band; reliable unless overridden.
 // Each message is filled again and again, so that nothing is allocated here. With intra-process communication rclcpp
 // hands each subscriber in the process a copy of its own.
-class EstimateOutput
-{
+class EstimateOutput {
 public:
-  EstimateOutput(Node & node, const std::string & joint, const std::string & topic)
-  {
+  EstimateOutput(Node & node, const std::string & joint, const std::string & topic) {
     rclcpp::PublisherOptions options;
     options.qos_overriding_options = rclcpp::QosOverridingOptions::with_default_policies();
     publisher_ = node.create_publisher<JointState>(topic, rclcpp::QoS(DEPTH), options);
@@ -32,15 +29,13 @@ public:
     band_.effort = {0.0, 0.0};
   }
 
-  void activate()
-  {
+  void activate() {
     publisher_->on_activate();
     band_publisher_->on_activate();
   }
 
   // Publish an estimate, with its band if the half-width is finite; returns whether the node is active.
-  bool publish(const Estimate & estimate, const std::string & frame)
-  {
+  bool publish(const Estimate & estimate, const std::string & frame) {
     if (!publisher_->is_activated()) {return false;}
     const auto seconds = estimate.stamp / SECOND - (estimate.stamp % SECOND < 0);
     message_.header.stamp.sec = static_cast<std::int32_t>(seconds);
@@ -68,8 +63,7 @@ private:
   rclcpp_lifecycle::LifecyclePublisher<JointState>::SharedPtr publisher_, band_publisher_;
 };
 
-class Observation
-{
+class Observation {
 public:
   // `on_change` is called when the damper may have another reason, `on_failure` with an unexpected error of a sample.
   // Raises UserError for a wrong parameter.
@@ -85,30 +79,26 @@ public:
     now_(node, joint, "~/estimate"),
     inputs_(
       node, clock, static_cast<std::size_t>(node.get_parameter("input_depth").as_int()),
-      [this](const std::string & what) {fail(what);})
-  {
+      [this](const std::string & what) {fail(what);}) {
     offer_late();
     subscribe();
   }
 
-  void set_live(double max_age_s, double wait_for_current_s, double still_warn_s)
-  {
+  void set_live(double max_age_s, double wait_for_current_s, double still_warn_s) {
     damper.set_max_age(max_age_s);
     intake_.set_wait(wait_for_current_s);
     health.stillness.set_warn(still_warn_s);
   }
 
   // Restart after a time jump.
-  void reset(const std::string & what)
-  {
+  void reset(const std::string & what) {
     health.note_jump(what);
     inputs_.reset();
     intake_.reset(clock_.now());
   }
 
   // Do what is due `elapsed` after the last call.
-  void watch(Nanoseconds elapsed)
-  {
+  void watch(Nanoseconds elapsed) {
     intake_.release(clock_.now());
     snapshot.watch();
     changes.watch();
@@ -121,8 +111,7 @@ public:
   }
 
   // For how long each sample has failed at `now` of the steady clock.
-  Nanoseconds failing(Nanoseconds now)
-  {
+  Nanoseconds failing(Nanoseconds now) {
     if (failures_ == watched_failures_) {failing_since_ = 0;}
     watched_failures_ = failures_;
     return failing_since_ == 0 ? 0 : now - failing_since_;
@@ -131,8 +120,7 @@ public:
   std::string find_mismatch() const {return inputs_.find_mismatch();}
 
   // Details of the damper's reason, including the state of a silent topic.
-  std::string find_detail() const
-  {
+  std::string find_detail() const {
     const auto detail = damper.explain();
     if (!detail.empty()) {return detail;}
     switch (damper.reason()) {
@@ -161,16 +149,14 @@ public:
   ModelChanges changes;
 
 private:
-  Damper::Motions make_holds() const
-  {
+  Damper::Motions make_holds() const {
     Damper::Motions holds;
     for (const auto motion : {SPEED, ACCELERATION}) {if (motions_[motion]) {holds[motion].emplace();}}
     return holds;
   }
 
   // Offer the topics of the delayed estimates while a model with a delay runs or is about to.
-  void offer_late()
-  {
+  void offer_late() {
     const auto * next = damper.next_model();
     if (!damper.model().delay_ticks && !(next && next->delay_ticks)) {
       late_.reset();
@@ -181,8 +167,7 @@ private:
   }
 
   // Subscribe, to the position last: what else its message carries holds for it.
-  void subscribe()
-  {
+  void subscribe() {
     const auto count_unreadable = [this](Input input) {
         return [this, input](const std::string & error) {damper.count_unreadable(input, error);};
       };
@@ -207,22 +192,21 @@ private:
     inputs_.subscribe(position_, take, count_unreadable(POSITION), &health.position);
   }
 
-  void on_estimate(Nanoseconds stamp, const std::string & frame, std::optional<double> force_N)
-  {
+  void on_estimate(Nanoseconds stamp, const std::string & frame, std::optional<double> force_N) {
     if (force_N) {
       const Estimate now{stamp, damper.position(), damper.speed(), *force_N, damper.half_width()};
       if (now_.publish(now, frame)) {health.latency.take(clock_.now() - stamp);}
     }
     for (const auto & one : damper.late()) {
-      if (late_ && late_->publish(one, frame) && !damper.model().has_now) {health.latency.take(clock_.now() - one.stamp);}
+      const bool is_published = late_ && late_->publish(one, frame);
+      if (is_published && !damper.model().has_now) {health.latency.take(clock_.now() - one.stamp);}
     }
     failing_since_ = 0;
     on_change_();
   }
 
   // Begin anew after a failure in a sample's way, which may have left the estimator half changed.
-  void fail(const std::string & what) noexcept
-  {
+  void fail(const std::string & what) noexcept {
     ++failures_;
     if (failing_since_ == 0) {failing_since_ = read_clock(CLOCK_MONOTONIC);}
     on_failure_(what);
@@ -234,8 +218,7 @@ private:
     }
   }
 
-  std::string describe_topic(const SignalSettings & signal) const
-  {
+  std::string describe_topic(const SignalSettings & signal) const {
     const auto topic = node_.get_node_topics_interface()->resolve_topic_name(signal.topic);
     const auto types = find_types(node_, topic);
     if (types.empty()) {return "nothing publishes " + topic;}

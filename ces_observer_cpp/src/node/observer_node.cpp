@@ -2,11 +2,10 @@
 
 #include <lifecycle_msgs/msg/state.hpp>
 #include <rclcpp/experimental/executors/events_executor/events_executor.hpp>
+#include <rclcpp_components/register_node_macro.hpp>
 
-namespace ces
-{
-namespace
-{
+namespace ces {
+namespace {
 
 using States = lifecycle_msgs::msg::State;
 
@@ -29,8 +28,7 @@ const std::array<std::vector<std::string>, TASKS.size()> KEYS{{
   {"model sha256", "last change of the model"}}};
 
 // The node's parameters, as their table declares them. Raises UserError with the reason alone.
-std::unique_ptr<observer::ParamListener> declare_all(Node & node)
-{
+std::unique_ptr<observer::ParamListener> declare_all(Node & node) {
   try {
     auto listener = std::make_unique<observer::ParamListener>(&node);
     declare_constant(node);
@@ -55,8 +53,7 @@ ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
   services_(*this),
   clock_(*this, [this](const std::string & what) {on_time_jump(what);}),
   updater_(this, NEVER_S),  // its timer stands still with simulated time: `watch` updates it
-  details_(rclcpp::create_publisher<diagnostic_msgs::msg::DiagnosticArray>(*this, "~/details", rclcpp::QoS(1)))
-{
+  details_(rclcpp::create_publisher<diagnostic_msgs::msg::DiagnosticArray>(*this, "~/details", rclcpp::QoS(1))) {
   warn_of_unknown(*this);
   updater_.setHardwareID(joint_);
   for (std::size_t k = 0; k < TASKS.size(); ++k) {
@@ -77,8 +74,7 @@ ObserverNode::ObserverNode(const rclcpp::NodeOptions & options)
   if (parameters_->get_params().autostart) {start();}
 }
 
-ObserverNode::Transition ObserverNode::on_configure(const State &)
-{
+ObserverNode::Transition ObserverNode::on_configure(const State &) {
   try {
     made_ = std::make_unique<Observation>(
       *this, clock_, joint_, [this] {report_change();}, [this](const std::string & what) {on_error(what);});
@@ -96,14 +92,12 @@ ObserverNode::Transition ObserverNode::on_configure(const State &)
   return Transition::SUCCESS;
 }
 
-ObserverNode::Transition ObserverNode::on_deactivate(const State & state)
-{
+ObserverNode::Transition ObserverNode::on_deactivate(const State & state) {
   const auto done = Node::on_deactivate(state);
   return has_fallen_ ? Transition::ERROR : done;
 }
 
-ObserverNode::Transition ObserverNode::on_cleanup(const State &)
-{
+ObserverNode::Transition ObserverNode::on_cleanup(const State &) {
   has_fallen_ = false;
   made_.reset();
   mismatch_.clear();
@@ -112,8 +106,7 @@ ObserverNode::Transition ObserverNode::on_cleanup(const State &)
 }
 
 // Configure and activate the node; raises UserError if it cannot.
-void ObserverNode::start()
-{
+void ObserverNode::start() {
   mistake_ = "the node cannot be started";
   is_starting_ = true;
   configure();
@@ -123,8 +116,7 @@ void ObserverNode::start()
 }
 
 // Go through the error state to `unconfigured`; a node that starts itself does so again, after RETRY.
-void ObserverNode::fall()
-{
+void ObserverNode::fall() {
   RCLCPP_ERROR(
     get_logger(), "%s: each sample has failed for 5 s; the node lets go of everything and is unconfigured",
     joint_.c_str());
@@ -134,8 +126,7 @@ void ObserverNode::fall()
 }
 
 // Restart after a time jump.
-void ObserverNode::on_time_jump(const std::string & what)
-{
+void ObserverNode::on_time_jump(const std::string & what) {
   guard([this, &what] {  // rcl calls this in the middle of setting its clock
       RCLCPP_WARN_THROTTLE(get_logger(), steady_, 1000, "%s: the estimates restart", what.c_str());
       if (!made_) {return;}
@@ -145,8 +136,7 @@ void ObserverNode::on_time_jump(const std::string & what)
 }
 
 // Count an unexpected error for the next diagnostics; no message may end the node.
-void ObserverNode::on_error(const std::string & what) noexcept
-{
+void ObserverNode::on_error(const std::string & what) noexcept {
   ++failures_;
   try {
     failure_ = what;
@@ -155,14 +145,12 @@ void ObserverNode::on_error(const std::string & what) noexcept
   }
 }
 
-void ObserverNode::apply(const observer::Params & parameters)
-{
+void ObserverNode::apply(const observer::Params & parameters) {
   if (made_) {made_->set_live(parameters.max_age_s, parameters.wait_for_current_s, parameters.still_warn_s);}
 }
 
 // Read the file that the parameter `model` is to name; refuse it, or keep the model until the parameter is set.
-rcl_interfaces::msg::SetParametersResult ObserverNode::check_model(const std::vector<rclcpp::Parameter> & changed)
-{
+rcl_interfaces::msg::SetParametersResult ObserverNode::check_model(const std::vector<rclcpp::Parameter> & changed) {
   rcl_interfaces::msg::SetParametersResult result;
   result.successful = true;
   loaded_.reset();
@@ -182,15 +170,13 @@ rcl_interfaces::msg::SetParametersResult ObserverNode::check_model(const std::ve
 }
 
 // Let the model of the parameter that was set take over.
-void ObserverNode::load_model()
-{
+void ObserverNode::load_model() {
   const auto model = std::exchange(loaded_, nullptr);
   if (made_ && model) {made_->changes.adopt(model);}
 }
 
 // Do what is due; a step that fails does not keep the others from being done.
-void ObserverNode::watch()
-{
+void ObserverNode::watch() {
   const auto now = read_clock(CLOCK_MONOTONIC), elapsed = now - watched_;
   watched_ = now;
   guard([this] {clock_.watch();});
@@ -207,8 +193,7 @@ void ObserverNode::watch()
 }
 
 // Close a window of `elapsed_s` seconds.
-void ObserverNode::roll(double elapsed_s)
-{
+void ObserverNode::roll(double elapsed_s) {
   drops_.roll();
   if (!made_) {return;}
   made_->health.roll(elapsed_s);
@@ -219,8 +204,7 @@ void ObserverNode::roll(double elapsed_s)
 }
 
 // Leave the active state if each sample fails, and come back later.
-void ObserverNode::watch_failures(Nanoseconds now)
-{
+void ObserverNode::watch_failures(Nanoseconds now) {
   if (made_ && made_->failing(now) >= FALL && get_current_state().id() == States::PRIMARY_STATE_ACTIVE) {fall();}
   if (next_start_ == 0 || now < next_start_) {return;}
   next_start_ = now + RETRY;
@@ -233,8 +217,7 @@ void ObserverNode::watch_failures(Nanoseconds now)
 }
 
 // Report a new reason at once, or by the watch timer if the last report was just now.
-void ObserverNode::report_change()
-{
+void ObserverNode::report_change() {
   if (made_->damper.reason() == reported_reason_) {return;}
   reported_reason_ = made_->damper.reason();
   made_->health.note_change(clock_.now());
@@ -242,8 +225,7 @@ void ObserverNode::report_change()
   if (read_clock(CLOCK_MONOTONIC) - reported_ >= WATCH) {publish_status();}
 }
 
-void ObserverNode::publish_status()
-{
+void ObserverNode::publish_status() {
   reported_ = read_clock(CLOCK_MONOTONIC);
   is_pending_ = false;
   state_ = get_current_state().label();
@@ -253,8 +235,7 @@ void ObserverNode::publish_status()
   log_reason();
 }
 
-std::array<Task, 4> ObserverNode::make_tasks()
-{
+std::array<Task, 4> ObserverNode::make_tasks() {
   if (!made_) {
     const Task task{DiagnosticStatus::WARN, "unconfigured: configure the node to estimate"};
     return {task, task, task, task};
@@ -272,8 +253,7 @@ std::array<Task, 4> ObserverNode::make_tasks()
     {DiagnosticStatus::OK, made_->damper.model().size}};
 }
 
-void ObserverNode::collect_values()
-{
+void ObserverNode::collect_values() {
   values_.values.clear();
   values_.add("state", state_);
   values_.add("unexpected errors", std::to_string(failures_) + ", the last: " + failure_);
@@ -285,8 +265,7 @@ void ObserverNode::collect_values()
 }
 
 // Publish all values, if somebody listens.
-void ObserverNode::publish_details()
-{
+void ObserverNode::publish_details() {
   if (details_->get_subscription_count() == 0) {return;}
   diagnostic_msgs::msg::DiagnosticArray message;
   message.header.stamp = get_clock()->now();
@@ -296,8 +275,7 @@ void ObserverNode::publish_details()
   details_->publish(message);
 }
 
-void ObserverNode::log_reason()
-{
+void ObserverNode::log_reason() {
   Task all = tasks_[0];
   for (std::size_t k = 1; k < tasks_.size() && made_; ++k) {
     all.level = std::max(all.level, tasks_[k].level);
@@ -315,8 +293,7 @@ void ObserverNode::log_reason()
   }
 }
 
-int run_observer(int argc, char ** argv)
-{
+int run_observer(int argc, char ** argv) {
   int status = 0;
   try {
     rclcpp::init(argc, argv);
@@ -351,3 +328,5 @@ int run_observer(int argc, char ** argv)
 }
 
 }  // namespace ces
+
+RCLCPP_COMPONENTS_REGISTER_NODE(ces::ObserverNode)

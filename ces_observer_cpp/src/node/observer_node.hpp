@@ -12,11 +12,9 @@
 #include "node/observation.hpp"
 #include "node/parameter_services.hpp"
 
-namespace ces
-{
+namespace ces {
 
-class ObserverNode : public Node
-{
+class ObserverNode : public Node {
 public:
   // Raises UserError for a wrong parameter, or if the node is to start itself and cannot.
   explicit ObserverNode(const rclcpp::NodeOptions & options);
@@ -37,8 +35,7 @@ private:
 
   // Run a step; count its failure.
   template<typename Step>
-  void guard(const Step & step) noexcept
-  {
+  void guard(const Step & step) noexcept {
     try {
       step();
     } catch (const std::exception & error) {

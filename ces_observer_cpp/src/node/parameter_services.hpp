@@ -10,15 +10,12 @@
 
 #include "node/settings.hpp"
 
-namespace ces
-{
+namespace ces {
 
-class ParameterServices
-{
+class ParameterServices {
 public:
   explicit ParameterServices(Node & node)
-  : node_(node)
-  {
+  : node_(node) {
     using namespace rcl_interfaces::srv;
     serve<GetParameters>("get_parameters", [&node](const auto & request, auto & response) {
         for (const auto & one : node.get_parameters(request.names)) {
@@ -53,8 +50,7 @@ private:
   static constexpr std::size_t MAX_COUNT = 500, MAX_NAME = 1000, MAX_VALUE = 10'000;
 
   template<typename Service, typename Answer>
-  void serve(const std::string & name, const Answer & answer)
-  {
+  void serve(const std::string & name, const Answer & answer) {
     const auto take = [answer](
       const std::shared_ptr<typename Service::Request> request, std::shared_ptr<typename Service::Response> response) {
         try {
@@ -66,8 +62,7 @@ private:
   }
 
   // Why a value cannot be set; empty if that is left to rclcpp and parameters.yaml.
-  std::string find_refusal(const Message & one) const
-  {
+  std::string find_refusal(const Message & one) const {
     const auto what = "parameter '" + one.name + "' ";
     const auto & value = one.value;
     const auto longest = std::max({
@@ -82,8 +77,7 @@ private:
       node_.has_parameter(one.name) ? "" : what + "cannot be set because it was not declared";
   }
 
-  Result set(const std::vector<Message> & messages) const
-  {
+  Result set(const std::vector<Message> & messages) const {
     Result result;
     std::vector<rclcpp::Parameter> parameters;
     try {

@@ -7,14 +7,12 @@
 #include "model/flat_file.hpp"
 #include "node/validators.hpp"
 
-namespace ces
-{
+namespace ces {
 
 using Node = rclcpp_lifecycle::LifecycleNode;
 
 // A signal: where it is, and how it becomes a value in SI units; or its constant value.
-struct SignalSettings
-{
+struct SignalSettings {
   std::string name, topic, type, field;
   double scale = 1.0, offset = 0.0;
   double delay_s = 0.0;  // by how much later than measured the numbers are stamped
@@ -23,8 +21,7 @@ struct SignalSettings
 
 // Declare `current.constant`, which may be not set, unlike those in the table; `ros2 param dump` then writes `null`.
 // Raises UserError.
-inline void declare_constant(Node & node)
-{
+inline void declare_constant(Node & node) {
   const auto overrides = node.get_node_parameters_interface()->get_parameter_overrides();
   const auto given = overrides.find("current.constant");
   const bool is_null = given != overrides.end() && given->second == rclcpp::ParameterValue("null");
@@ -43,8 +40,7 @@ inline void declare_constant(Node & node)
 }
 
 // Warn in one line of the parameters that were set and are not known here; both nodes can read one file.
-inline void warn_of_unknown(Node & node)
-{
+inline void warn_of_unknown(Node & node) {
   std::vector<std::string> unknown;
   for (const auto & [name, value] : node.get_node_parameters_interface()->get_parameter_overrides()) {
     const auto group = name.substr(0, name.find('.'));
@@ -57,10 +53,9 @@ inline void warn_of_unknown(Node & node)
   RCLCPP_WARN(node.get_logger(), "parameters unknown and ignored: %s", join(unknown, ", ").c_str());
 }
 
-// The path in the parameter `model`; ~ is the home. Raises UserError unless it is absolute: the node's working folder is
-// not that of who sets the parameter.
-inline std::string find_model_path(const std::string & text)
-{
+// The path in the parameter `model`; ~ is the home. Raises UserError unless it is absolute: the node's working folder
+// is not that of who sets the parameter.
+inline std::string find_model_path(const std::string & text) {
   const char * home = std::getenv("HOME");
   const auto path = home && text.compare(0, 2, "~/") == 0 ? home + text.substr(1) : text;
   if (!path.empty() && path.front() == '/') {return path;}
@@ -69,8 +64,7 @@ inline std::string find_model_path(const std::string & text)
     "; expected the absolute path of a flat model file: /path/model.ces");
 }
 
-inline void check_texts(const SignalSettings & signal, const std::string & where)
-{
+inline void check_texts(const SignalSettings & signal, const std::string & where) {
   const std::pair<const char *, const std::string &> texts[] = {
     {"topic", signal.topic}, {"type", signal.type}, {"field", signal.field}};
   for (const auto & [key, text] : texts) {
@@ -84,8 +78,7 @@ inline void check_texts(const SignalSettings & signal, const std::string & where
 }
 
 // The settings of a signal; nothing for a motion that is not measured. Raises UserError.
-inline std::optional<SignalSettings> read_signal(const Node & node, const std::string & name)
-{
+inline std::optional<SignalSettings> read_signal(const Node & node, const std::string & name) {
   if (rclcpp::Parameter constant; name == "current" && node.get_parameter("current.constant", constant)) {
     return SignalSettings{name, "", "", "", 1.0, 0.0, 0.0, constant.as_double()};
   }
@@ -97,15 +90,12 @@ inline std::optional<SignalSettings> read_signal(const Node & node, const std::s
   if (is_motion && (signal.topic + signal.type + signal.field).empty()) {return std::nullopt;}
   const auto where = "parameters: signal '" + name + "'";
   check_texts(signal, where);
-  if (signal.scale == 0.0) {
-    throw UserError(where + ": scale is 0; expected the factor from the logged unit to SI");
-  }
+  if (signal.scale == 0.0) {throw UserError(where + ": scale is 0; expected the factor from the logged unit to SI");}
   return signal;
 }
 
 // The joint's name in the estimates: as set, or that in a field such as position[rear_damper].
-inline std::string find_joint(const std::string & name, const std::string & field)
-{
+inline std::string find_joint(const std::string & name, const std::string & field) {
   const auto open = field.find('['), close = field.find(']');
   if (!name.empty() || open == std::string::npos || close == std::string::npos) {return name.empty() ? "damper" : name;}
   const auto element = field.substr(open + 1, close - open - 1);

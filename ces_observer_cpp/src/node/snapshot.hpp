@@ -7,16 +7,13 @@
 #include "core/clocks.hpp"
 #include "node/settings.hpp"
 
-namespace ces
-{
+namespace ces {
 
 // Offers ~/snapshot for the recorder's service `name`; without a name it does nothing.
-class Snapshot
-{
+class Snapshot {
 public:
   Snapshot(Node & node, const std::string & name)
-  : node_(node)
-  {
+  : node_(node) {
     using std_srvs::srv::Trigger;
     if (name.empty()) {return;}
     *state_ = "none taken";
@@ -32,8 +29,7 @@ public:
   }
 
   // Look after a snapshot that is being taken; call it now and then.
-  void watch()
-  {
+  void watch() {
     if (since_ == 0) {return;}
     const auto waited = read_clock(CLOCK_MONOTONIC) - since_;
     if (!is_sent_ && client_->service_is_ready()) {send();}
@@ -53,16 +49,14 @@ private:
 
   static constexpr Nanoseconds FIND = 5 * SECOND, ANSWER = 20 * SECOND;
 
-  void begin()
-  {
+  void begin() {
     since_ = read_clock(CLOCK_MONOTONIC);
     is_sent_ = false;
     *state_ = "being taken";
     watch();
   }
 
-  void send()
-  {
+  void send() {
     is_sent_ = true;
     client_->async_send_request(
       std::make_shared<Recorder::Request>(),
@@ -73,8 +67,7 @@ private:
       });
   }
 
-  void end(const std::string & state)
-  {
+  void end(const std::string & state) {
     since_ = 0;
     is_sent_ = false;
     *state_ = state;

@@ -9,29 +9,25 @@
 #include <rclcpp/parameter.hpp>
 #include <tl_expected/expected.hpp>
 
-namespace ces
-{
+namespace ces {
 
 using Verdict = tl::expected<void, std::string>;
 
 // A value as Python writes it.
-inline std::string quote(double value)
-{
+inline std::string quote(double value) {
   const auto text = fmt::format("{}", value);
   return text.find_first_not_of("-0123456789") == std::string::npos ? text + ".0" : text;
 }
 inline std::string quote(std::int64_t value) {return std::to_string(value);}
 inline std::string quote(const std::string & text) {return "'" + text + "'";}
 
-inline Verdict refuse(const rclcpp::Parameter & parameter, const std::string & value, const std::string & expected)
-{
+inline Verdict refuse(const rclcpp::Parameter & parameter, const std::string & value, const std::string & expected) {
   return tl::make_unexpected("parameter '" + parameter.get_name() + "' is " + value + "; expected " + expected);
 }
 
 // A number from `low` to `high`.
 template<typename T>
-Verdict within(const rclcpp::Parameter & parameter, T low, T high)
-{
+Verdict within(const rclcpp::Parameter & parameter, T low, T high) {
   const auto value = parameter.get_value<T>();
   if (low <= value && value <= high) {return {};}
   const auto kind = std::is_integral_v<T> ? "a whole number" : "a number";
@@ -40,8 +36,7 @@ Verdict within(const rclcpp::Parameter & parameter, T low, T high)
 
 // One of the words `choices`.
 template<typename T>
-Verdict one_of(const rclcpp::Parameter & parameter, const std::vector<T> & choices)
-{
+Verdict one_of(const rclcpp::Parameter & parameter, const std::vector<T> & choices) {
   const auto value = parameter.get_value<T>();
   if (std::find(choices.begin(), choices.end(), value) != choices.end()) {return {};}
   return refuse(parameter, quote(value), fmt::format("one of {}", fmt::join(choices, ", ")));

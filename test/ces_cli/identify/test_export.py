@@ -7,13 +7,13 @@ from dataclasses import replace
 from xml.etree import ElementTree
 
 import pytest
-import yaml
 from hydraulic_models import GROOVE, hydraulic_model, make_hydraulic
 from physical_examples import make_valve
 from samplings import make_sampling
 
 from ces_cli.main import main
-from ces_observer.model import Envelope, Model
+from ces_identify.export.flat_file import read_flat
+from ces_observer.model import Envelope, Model, load_model
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
 
@@ -47,14 +47,16 @@ def error_line(capsys, *words):
     return lines[0]
 
 
-def test_two_files_with_the_name_of_out(tmp_path, capsys):
+def test_two_files_with_the_name_of_out_and_the_core(tmp_path, capsys):
     assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / "Rear-Damper.c") == 0
     printed = capsys.readouterr().out
     assert "rear_damper_step and rear_damper_tick, 3 terms" in printed
     assert "stable: contraction: the gains of the past forces sum to at most 0.800 < 1" in printed
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["Rear-Damper.c", "Rear-Damper.h", "m.json"]
+    assert sorted(p.name for p in tmp_path.iterdir()) == [
+        *("Rear-Damper.c", "Rear-Damper.h", "ces_core.c", "ces_core.h", "m.json")
+    ]
     assert '#include "Rear-Damper.h"' in (tmp_path / "Rear-Damper.c").read_text()
-    assert "never exceeds" in (tmp_path / "Rear-Damper.h").read_text()
+    assert "Bounds: gain " in (tmp_path / "Rear-Damper.h").read_text()
 
 
 @pytest.mark.needs("cc")
@@ -66,7 +68,7 @@ def test_a_chosen_name_compiles(tmp_path):
         "int main(void)\n{\n    LeftRear_state state;\n    double force_N;\n    LeftRear_reset(&state);\n"
         "    return LeftRear_step(&state, 0, 0.0, 0.5, &force_N) == LEFTREAR_WARMING_UP ? 0 : 1;\n}\n"
     )
-    subprocess.run(["cc", *strict, "-o", "run", "a.c", "main.c", "-lm"], cwd=tmp_path, check=True)
+    subprocess.run(["cc", *strict, "-o", "run", "a.c", "ces_core.c", "main.c", "-lm"], cwd=tmp_path, check=True)
     subprocess.run([tmp_path / "run"], check=True)
 
 
@@ -85,7 +87,7 @@ def test_a_delayed_model_comes_with_the_other_and_must_be_proved_too(tmp_path, c
     assert export(model_file(tmp_path / "m.json", late_past=0.7), "--out", tmp_path / "m.c") == 0
     header = (tmp_path / "m.h").read_text()
     assert "With it another model, 3 terms, whose estimates come 0.003 s later." in header
-    assert "The stability of the other model was proved, too" in header
+    assert "This holds for the other model, too" in " ".join(header.replace("\n *", " ").split())
     assert "#define M_DELAY_TICKS 3U" in header
 
 
@@ -120,7 +122,8 @@ def test_an_fmu_by_its_suffix(tmp_path, capsys):
     assert "stable: contraction: the gains of the past forces sum to at most 0.800 < 1" in printed
     with zipfile.ZipFile(tmp_path / "Rear-Damper.fmu") as archive:
         names = set(archive.namelist())
-    sources = {f"sources/{name}" for name in ("rear_damper.c", "rear_damper.h", "fmi2_rear_damper.c", "BUILD.txt")}
+    files = ("rear_damper.c", "rear_damper.h", "ces_core.c", "ces_core.h", "fmi2_rear_damper.c", "BUILD.txt")
+    sources = {f"sources/{name}" for name in files}
     assert names > sources | {"modelDescription.xml"}
     assert any(name.startswith("binaries/") for name in names)
 
@@ -135,37 +138,32 @@ def test_an_fmu_without_a_compiler_needs_an_option(tmp_path, capsys, monkeypatch
     assert "sources only" in capsys.readouterr().out
 
 
-# ------------------------------------------------------------------------------------------------- a ROS 2 package
+def test_a_flat_file_by_its_suffix(tmp_path, capsys):
+    words = (model_file(tmp_path / "m.json"), "--out", tmp_path / "rear-damper.ces")
+    assert export(*words) == 0
+    assert "rear-damper.ces: flat file rear_damper, 3 terms, " in capsys.readouterr().out
+    facts, arrays = read_flat(tmp_path / "rear-damper.ces")
+    assert facts["model"] == load_model(tmp_path / "m.json").digest()
+    assert (facts["name"], facts["proved"], facts["has_now"], len(arrays.late.p)) == ("rear_damper", "1", "1", 1)
+    assert "exists; choose another name" in error_line(capsys, *words)
+    assert export(*words, "--overwrite") == 0
 
 
-def test_a_package_is_named_by_its_folder_and_has_the_signals(tmp_path, capsys):
-    signals = tmp_path / "signals.yaml"
-    signals.write_text(
-        "position: {topic: rod, type: sensor_msgs/msg/LaserEcho, field: 'echoes[3]', scale: 0.001}\n"
-        "current: {constant: 0.25}\n"
-    )
-    folder = tmp_path / "Front-Damper"
-    assert export(model_file(tmp_path / "m.json"), "--ros-package", folder, "--signals", signals) == 0
-    assert (
-        "package front_damper, component front_damper::Observer, program observer, 3 terms" in capsys.readouterr().out
-    )
-    assert "<name>front_damper</name>" in (folder / "package.xml").read_text()
-    assert "#include <sensor_msgs/msg/laser_echo.hpp>" in (folder / "src/model/message_types.hpp").read_text()
-    parameters = yaml.safe_load((folder / "config/observer.yaml").read_text())["/**"]["ros__parameters"]
-    assert parameters["current"] == {"constant": 0.25}
-    assert (parameters["position"]["topic"], parameters["position"]["scale"]) == ("rod", 0.001)
-    ElementTree.parse(folder / "package.xml")
-    compile((folder / "launch/observer.launch.py").read_text(), "observer.launch.py", "exec")
-    assert not [path for path in folder.rglob("*") if "{{" in path.name or path.suffix == ".j2"]
-    assert not [path for path in folder.rglob("*") if path.is_file() and "{%" in path.read_text()]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["Front-Damper", "m.json", "signals.yaml"]
+def test_the_core_beside_the_c_is_shared_by_models(tmp_path):
+    for name in ("front", "rear"):
+        assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / f"{name}.c") == 0
+    files = ["ces_core.c", "ces_core.h", "front.c", "front.h", "m.json", "rear.c", "rear.h"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == files
 
 
-def test_the_same_model_gives_the_same_package(tmp_path):
-    path = model_file(tmp_path / "m.json")
-    for parent in ("a", "b"):
-        (tmp_path / parent).mkdir()
-        assert export(path, "--ros-package", tmp_path / parent / "damper") == 0
-    one, other = ({p.relative_to(tmp_path / k): p.read_bytes() for p in (tmp_path / k).rglob("*.*")} for k in "ab")
-    assert one == other
-    assert len(one) > 20
+def test_a_core_that_is_not_ours_is_not_replaced(tmp_path, capsys):
+    (tmp_path / "ces_core.h").write_text("mine")
+    words = (model_file(tmp_path / "m.json"), "--out", tmp_path / "rear.c", "--overwrite")
+    assert "ces_core.h: not written by ces" in error_line(capsys, *words)
+
+
+def test_what_took_the_place_of_a_package_for_each_model(tmp_path, capsys):
+    with pytest.raises(SystemExit, match="2"):
+        export(model_file(tmp_path / "m.json"), "--ros-package", tmp_path / "damper")
+    line = "--ros-package is gone: the C++ node of the package ces_observer_cpp loads any model"
+    assert line in capsys.readouterr().err

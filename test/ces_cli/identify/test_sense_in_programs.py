@@ -4,12 +4,10 @@ import json
 import re
 import shutil
 import warnings
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import pytest
-import yaml
 from programs import NO_SHORT_FITS
 from samplings import make_sampling
 
@@ -23,11 +21,10 @@ from ces_data.checks.content import recording_marks
 from ces_data.recording import Channel, Recording
 from ces_data.signals_file import load_signals
 from ces_identify import api
-from ces_identify.export.ros_package import export_ros_package
 from ces_identify.polynomial.search_limits import Limits
 from ces_identify.structures.kit import IdentifyOptions
 from ces_observer.errors import CesError
-from ces_observer.model import Envelope, Model, load_model
+from ces_observer.model import Envelope, Model
 from ces_observer.signals import Signals
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Factor, Term
@@ -231,13 +228,3 @@ def test_import_leaves_a_delay_to_the_reader(tmp_path):
 def test_a_delay_that_cannot_be_is_refused(delay):
     with pytest.raises(CesError, match="signal 'force': delay"):
         Signals.from_mapping({"force": {"delay": delay}}, "test")
-
-
-def test_an_exported_package_has_the_delays_of_the_signals_file():
-    signals = Signals.from_mapping({"position": {"delay": 0.02}, "current": {"delay": -0.005}}, "test")
-    model = load_model(resources.files("ces_observer").joinpath("../config/models/sample.json"))
-    files = export_ros_package(model, "damper", signals, model.certify())
-    parameters = yaml.safe_load(files["config/observer.yaml"])["/**"]["ros__parameters"]
-    assert [parameters[name]["delay"] for name in ("position", "current")] == [0.02, -0.005]
-    declared = yaml.safe_load(files["src/parameters.yaml"])["observer"]
-    assert [declared[name]["delay"]["default_value"] for name in ("position", "current")] == [0.02, -0.005]

@@ -11,7 +11,6 @@ import pytest
 
 from ces_cli.main import main
 from ces_cli.terminal.outputs import MAX_NAME, name_report, require_folder, require_outputs
-from ces_identify.export.ros_package import write_package
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 
@@ -147,7 +146,7 @@ WRITERS = {  # by what they write: words of the program, and whether it is run, 
     "dyno/characteristics.html": (f"characterise {ROAD} --out dyno", False),
     "gap/report.html": (f"diagnose --sim {MODEL} --real {ROAD} --out gap", False),
     "cases/cases/1/case.json": ("blind make --seed 1 --cases 1 --out cases", False),
-    "package/package.xml": (f"export {MODEL} --ros-package package", False),
+    "x.ces": (f"export {MODEL} --out x.ces", True),
 }
 
 
@@ -184,17 +183,6 @@ def test_pages_models_and_tables_in_a_folder_of_ours_are_replaced(here, capsys):
         assert main([*writer.split(), "--out", "full"]) == 2  # these go on without --overwrite
         assert "csv: not written by ces; it is not replaced" in capsys.readouterr().err
     require_new_bag(NOISE, True)  # of an older version: its metadata says who wrote it
-
-
-def test_a_package_that_exists_gets_new_files_and_keeps_others(here):
-    package = here / "rear_damper"
-    write_package(package, {"package.xml": "1", "src/a.cpp": "1"})
-    (package / "mine.txt").touch()
-    with pytest.raises(CesError, match="your changes too, with --overwrite"):
-        write_package(package, {"package.xml": "2"})
-    write_package(package, {"package.xml": "2", "new/b.cpp": "2"}, overwrite=True)
-    texts = {str(path.relative_to(package)): path.read_text() for path in package.rglob("*") if path.is_file()}
-    assert texts == {"package.xml": "2", "src/a.cpp": "1", "new/b.cpp": "2", "mine.txt": ""}
 
 
 def test_a_file_that_is_replaced_keeps_its_mode(here):

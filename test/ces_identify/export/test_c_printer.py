@@ -15,7 +15,7 @@ import pytest
 from compiled_core import WARNINGS
 from needs import skip_without
 
-from ces_identify.export.c_printer import core_header, core_source, print_core, write_core
+from ces_identify.export.c_printer import Core, read_core, write_core
 from ces_observer import tick
 
 SOURCES = [Path(tick.__path__[0]) / f"{name}.py" for name in tick.MODULES]
@@ -73,7 +73,7 @@ def words_of(text: str) -> str:
 
 
 def test_comments_and_docstrings_are_printed() -> None:
-    text = words_of(core_header() + core_source())
+    text = words_of(read_core().header + read_core().source)
     for path in SOURCES:
         source = path.read_text(encoding="utf-8")
         said = [ast.get_docstring(ast.parse(source)) or "", *re.findall(r"# (.*)", source)]
@@ -88,7 +88,18 @@ def test_the_printer_needs_the_standard_library_only(tmp_path: Path) -> None:
              f"from ces_identify.export.c_extension import write_extension; from pathlib import Path; "
              f"write_extension(Path({str(tmp_path)!r}))"]  # fmt: skip
     subprocess.run(words, check=True)
-    assert (tmp_path / "ces_core.c").read_text() == core_source()
+    assert (tmp_path / "ces_core.c").read_text() == read_core().source
+
+
+def compile_core(folder: Path, sources: dict[str, str], entry_points: list[str]) -> CDLL:
+    """Return the printed C of modules, compiled without a warning."""
+    skip_without("cc")
+    core = Core(sources, entry_points)
+    (folder / "ces_core.h").write_text(core.header)
+    (folder / "ces_core.c").write_text(core.source)
+    words = ["cc", "-std=c99", "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "ces_core.c", "-o", "made.so"]
+    subprocess.run(words, cwd=folder, check=True)
+    return CDLL(str(folder / "made.so"))
 
 
 OPERATORS = ("+", "-", "*", "/")
@@ -109,7 +120,6 @@ def expression(rng: random.Random, depth: int) -> str:
 
 
 def test_the_order_of_operations_is_that_of_the_source(tmp_path: Path) -> None:
-    skip_without("cc")
     rng = random.Random(38)
     bodies = [expression(rng, 3) for _ in range(150)]
     functions = "\n\n".join(
@@ -117,12 +127,7 @@ def test_the_order_of_operations_is_that_of_the_source(tmp_path: Path) -> None:
         for i, body in enumerate(bodies)
     )
     text = f'"""Functions."""\n\n{functions}\n'
-    header, source = print_core({"made": text}, [f"f{i}" for i in range(len(bodies))])
-    (tmp_path / "ces_core.h").write_text(header)
-    (tmp_path / "ces_core.c").write_text(source)
-    words = ["cc", "-std=c99", "-O2", "-ffp-contract=off", *WARNINGS, "-shared", "-fPIC", "ces_core.c", "-o", "made.so"]
-    subprocess.run(words, cwd=tmp_path, check=True)
-    library, names = CDLL(str(tmp_path / "made.so")), {}
+    library, names = compile_core(tmp_path, {"made": text}, [f"f{i}" for i in range(len(bodies))]), {}
     exec(compile(text, "made", "exec"), names)
     for i in range(len(bodies)):
         compiled = library[f"ces_f{i}"]
@@ -147,33 +152,28 @@ def count(k: Ints, end: int) -> int:
             k[0] += 1
             total = total * 3 % 1000003 + j
         k[0] = 9
-        double = i  # a word of C
-        total += double
+        doubled = 2 * i
+        total += doubled
     for i in range(end, 0, -2):
         total = total * 5 % 1000003 + i
         if total % 11 == 3:
             break
     m = 0
-    while True:
-        if m >= end:
-            return total
-        elif total % 2 == 0:
+    while m < end:
+        if total % 2 == 0:
             step = 1
+        elif total % 3 == 0:
+            break
         else:
             step = 2
         m += step
         total += m
+    return total
 '''
 
 
 def test_loops_do_as_those_of_python(tmp_path: Path) -> None:
-    skip_without("cc")
-    header, source = print_core({"loops": LOOPS}, ["count"])
-    (tmp_path / "ces_core.h").write_text(header)
-    (tmp_path / "ces_core.c").write_text(source)
-    words = ["cc", "-std=c99", "-O2", *WARNINGS, "-shared", "-fPIC", "ces_core.c", "-o", "loops.so"]
-    subprocess.run(words, cwd=tmp_path, check=True)
-    compiled, names = CDLL(str(tmp_path / "loops.so")).ces_count, {}
+    compiled, names = compile_core(tmp_path, {"loops": LOOPS}, ["count"]).ces_count, {}
     exec(compile(LOOPS, "loops", "exec"), names)
     compiled.restype, compiled.argtypes = c_int64, [c_int64 * 1, c_int64]
     for end in range(-2, 25):

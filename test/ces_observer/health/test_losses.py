@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ces_observer.health.streams import MAX_SWITCHES, UNKNOWN, Arrivals, Losses
+from ces_observer.health.arrivals import MAX_SWITCHES
+from ces_observer.health.streams import UNKNOWN, Arrivals, Losses
 
 MS = 1_000_000
 SECOND = 1000 * MS

@@ -11,7 +11,8 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from ces_observer.health.streams import LEARN, Arrivals, StreamFigures
+from ces_observer.health.arrivals import LEARN
+from ces_observer.health.streams import Arrivals, StreamFigures
 
 MS = 1_000_000
 SECOND = 1000 * MS

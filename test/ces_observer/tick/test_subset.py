@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ces_identify.export.c_expressions import SubsetError
-from ces_identify.export.c_printer import core_source, print_core
+from ces_identify.export.c_printer import Core, read_core
 
 BEFORE = '''"""A module below."""
 
@@ -24,7 +24,7 @@ ARRAYS = "p: Floats, n: Ints, s: Floats, k: Ints"
 def source_of(text: str) -> str:
     """Return the C of a module with this text, all of whose functions are entry points."""
     names = [line.split()[1].partition("(")[0] for line in text.splitlines() if line.startswith("def ")]
-    return print_core({"below": BEFORE, "above": text}, names)[1]
+    return Core({"below": BEFORE, "above": text}, names).source
 
 
 def source_of_body(body: str, result: str = "float") -> str:
@@ -33,16 +33,15 @@ def source_of_body(body: str, result: str = "float") -> str:
 
 
 def test_the_tick_is_in_the_subset() -> None:
-    assert "double ces_structure_tick(" in core_source()
+    assert "double ces_structure_tick(" in read_core().source
 
 
 BODIES = {
+    "a statement": ("assert b\nreturn x", "`assert b` is not in the subset"),
+    "an expression": ("y = lambda: x\nreturn x", "`lambda: x` is not in the subset"),
     "a local of two types": ("y = 0\ny = 1.0\nreturn y", "y has type int, and type float here"),
     "numbers of two types": ("return x + 1", "float and int are mixed"),
-    "a comparison of two types": ("return x if x < 1 else 2.0", "float and int are mixed"),
-    "a choice of two types": ("return x if b else 1", "float and int are mixed"),
-    "an int where a float is expected": ("return exp(i)", "exp takes 1 float"),
-    "an int as a condition": ("return x if i else 0.0", "has type int; expected bool"),
+    "an int where a float is expected": ("return exp(i)", "exp(int) is not in the subset"),
     "a float as an index": ("return p[x]", "has type float; expected int"),
     "a division of ints": ("return float(i / 2)", "Div takes float only"),
     "a remainder of floats": ("return x % 2.0", "Mod takes int only"),
@@ -50,14 +49,10 @@ BODIES = {
     "no result at all": ("if b:\n    return x", "f may end without a result"),
     "an element of the wrong type": ("k[0] = x\nreturn x", "int and float are mixed"),
     "a number of the model that changes": ("p[0] = x\nreturn x", "p holds numbers of the model"),
-    "a count of the model that changes": ("n[0] += 1\nreturn x", "n holds numbers of the model"),
     "a number of the model that a call changes": ("return other(p, x)", "p holds numbers of the model"),
     "a local without a value": ("if b:\n    y = 1.0\nreturn y", "y may have no value here"),
     "a local of a loop that may not run": ("for j in range(i):\n    y = x\nreturn y", "y may have no value here"),
-    "a counter after its loop": (
-        "for j in range(i):\n    pass\nreturn float(j)",
-        "j counts a loop, and is named outside",
-    ),
+    "a counter after its loop": ("for j in range(i):\n    pass\nreturn float(j)", "j may have no value here"),
     "a counter that changes": ("for j in range(i):\n    j = 2\nreturn x", "j counts a loop"),
     "a counter named like a local": (
         "j = 0\nfor j in range(i):\n    pass\nreturn x",
@@ -66,25 +61,15 @@ BODIES = {
     "what is never reached": ("return x\ny = 1.0", "never reached"),
     "a range without a fixed step": ("for j in range(0, 9, i):\n    pass\nreturn x", "a range has a literal step"),
     "a name of another function": ("return float(y)", "y is no local"),
-    "a constant that is hidden": ("SIZE = 2\nreturn x", "SIZE is already the name of something else"),
     "an array by another name": ("q = s\nreturn x", "only numbers are assigned"),
-    "an array that is chosen": ("return other(s if b else p, x)", "an array is passed by its name"),
-    "two targets": ("y = z = x\nreturn y", "`y = z = x` is not in the subset"),
-    "a tuple": ("y, z = x, x\nreturn y", "is not in the subset"),
+    "an array that is chosen": ("return other(s if b else p, x)", "Floats: expected a number"),
     "a power": ("return x**2.0", "Pow is not in the subset"),
-    "min": ("return min(x, 1.0)", "`min(x, 1.0)` is not in the subset"),
-    "a slice": ("return p[0:2]", "is not in the subset"),
-    "a string": ("y = 'a'\nreturn x", "`'a'` is not in the subset"),
+    "min": ("return min(x, 1.0)", "min(float, float) is not in the subset"),
     "an argument by name": ("return other(s, x=x)", "is not in the subset"),
-    "a method": ("s.append(x)\nreturn x", "is not in the subset"),
-    "an exception": ("try:\n    y = x\nfinally:\n    pass\nreturn x", "`try:` is not in the subset"),
-    "an assertion": ("assert b\nreturn x", "`assert b` is not in the subset"),
     "a loop over an array": ("for y in p:\n    pass\nreturn x", "`for y in p:` is not in the subset"),
-    "an else of a loop": ("while b:\n    b = False\nelse:\n    pass\nreturn x", "is not in the subset"),
-    "a lambda": ("y = lambda: x\nreturn x", "is not in the subset"),
     "a number beyond 64 bits": ("return float(9223372036854775808)", "is not in the subset"),
     "a function of a constant": ("return exp(2.0)", "exp of a constant"),
-    "too few arguments": ("return other(s)", "other takes 2 arguments"),
+    "too few arguments": ("return other(s)", "other takes Floats, float"),
     "a store beside a read": ("return s[0] + other(s, x)", "assign the result of the call to a local"),
     "two stores": ("return other(s, x) - other(s, 1.0)", "assign the result of the call to a local"),
     "a call within a chain": ("return x if 0.0 < other(s, x) < x else x", "in the middle of a chain"),
@@ -108,28 +93,20 @@ FUNCTION = "def {}(x: float) -> float:\n    return x\n\n"
 MODULES = {
     "no docstring": ("X = 1\n", "the module has no docstring"),
     "another package": ('"""A."""\nimport numpy\n', "`import numpy` is not in the subset"),
-    "a name of another package": ('"""A."""\nfrom os import path\n', "expected a name of math"),
     "a function of math that rounds differently": ('"""A."""\nfrom math import fsum\n', "expected a name of math"),
     "a module above": ('"""A."""\nfrom ces_observer.tick.top import X\n', "or of a module before this one"),
     "another name for an import": (
-        '"""A."""\nfrom ces_observer.tick.below import SIZE as S\n', "SIZE is imported twice, or renamed"
+        '"""A."""\nfrom ces_observer.tick.below import SIZE as S\n', "or of a module before this one, not renamed"
     ),
     "a constant of the same name": ('"""A."""\nSIZE = 4\n', "SIZE: expected a name that is nowhere else in the tick"),
     "a function of the same name": (f'"""A."""\n{FUNCTION.format("other")}', "; see tick/below.py"),
     "a function of nearly the same name": (f'"""A."""\n{FUNCTION.format("_other")}', "nowhere else in the tick"),
-    "a constant in small letters": ('"""A."""\nsize = 4\n', "expected a name in capitals"),
-    "a text": ('"""A."""\nNAME = "a"\n', "is not in the subset"),
-    "a list": ('"""A."""\nVALUES = [1, 2]\n', "is not in the subset"),
-    "names that do not fit": ('"""A."""\nA, B = range(3)\n', "2 names for a range of 3"),
     "a class": ('"""A."""\nclass C:\n    pass\n', "`class C:` is not in the subset"),
     "a decorator": (f'"""A."""\n@cache\n{FUNCTION.format("f")}', "is not in the subset"),
     "no annotation": ('"""A."""\ndef f(x) -> float:\n    return x\n', "f: expected arguments Floats, Ints, float"),
-    "an array as a result": ('"""A."""\ndef f(s: Floats) -> Floats:\n    return s\n', "a number or None as result"),
-    "a default value": ('"""A."""\ndef f(x: float = 0.0) -> float:\n    return x\n', "without default values"),
-    "a function that calls itself": ('"""A."""\ndef f(x: float) -> float:\n    return f(x)\n', "f calls itself"),
     "functions that call each other": (
         '"""A."""\ndef f(x: float) -> float:\n    return g(x)\n\ndef g(x: float) -> float:\n    return f(x)\n',
-        "f calls itself",
+        "g calls itself",
     ),
 }  # fmt: skip
 

@@ -193,7 +193,17 @@ def test_arrays_of_a_sampling_are_accepted_and_shorter_ones_refused(changes, del
         assert not fits(arrays, short)
 
 
-SIZES = [bank.DELAY, bank.MODES, bank.SPANS, bank.SPAN_TABLE, bank.GAINS, bank.COMPANIONS, bank.SMOOTHING]
+SIZES = [
+    bank.DELAY,
+    bank.MODES,
+    bank.SPANS,
+    bank.SPAN_TABLE,
+    bank.SEEN,
+    bank.GAINS,
+    bank.LIKELIHOODS,
+    bank.COMPANIONS,
+    bank.SMOOTHING,
+]
 SIZES += [bank.MODE_STATES, bank.RING, bank.BANK_STATES, bank.SAVED]
 SIZES += [tracker.MAX_GAP_NS, tracker.LATE_AT, tracker.LATE_KNOWN]
 

@@ -1,9 +1,9 @@
 // Feeds a sequence of samples to the observer as the node does, and prints each result.
 //
 // Usage: replay MODEL SEQUENCE. With finite samples nothing may be allocated; the last line says how often it was.
-// The lines of a sequence:
+// The lines of a sequence, with the node's time:
 //   settings WAIT_S MAX_AGE_S
-//   c STAMP CURRENT NOW, v STAMP SPEED NOW, a STAMP ACCELERATION NOW, p STAMP POSITION NOW    a sample, and the node's time
+//   c STAMP CURRENT NOW, v STAMP SPEED NOW, a STAMP ACCELERATION NOW, p STAMP POSITION NOW    a sample
 //   w 0 0 NOW, r 0 0 NOW, s 0 0 NOW, d 0 0 NOW    watch, time jump, silence, print the reason with its details
 //   n 0 0 NOW MODEL                               another model
 // The lines of a result:
@@ -19,14 +19,12 @@
 
 #include "core/damper.hpp"
 
-namespace
-{
+namespace {
 
 bool counting = false;
 std::uint64_t allocations = 0;
 
-void * allocate(std::size_t size)
-{
+void * allocate(std::size_t size) {
   allocations += counting;
   void * memory = std::malloc(size == 0 ? 1 : size);
   if (memory == nullptr) {throw std::bad_alloc();}
@@ -42,28 +40,23 @@ void operator delete[](void * memory) noexcept {std::free(memory);}
 void operator delete(void * memory, std::size_t) noexcept {std::free(memory);}
 void operator delete[](void * memory, std::size_t) noexcept {std::free(memory);}
 
-namespace
-{
+namespace {
 
-void print(char kind, const ces::Estimate & one)
-{
+void print(char kind, const ces::Estimate & one) {
   std::printf(
     "%c %lld %.17g %.17g %.17g %.17g\n", kind, static_cast<long long>(one.stamp), one.position, one.speed, one.force,
     std::isfinite(one.half_width) ? one.half_width : -1.0);
 }
 
-class Replay
-{
+class Replay {
 public:
   Replay(const std::string & model, double wait_s, double max_age_s)
-  : damper_(ces::read_model(model, true), ces::SignalHold(), {std::nullopt, ces::SignalHold(), ces::SignalHold()})
-  {
+  : damper_(ces::read_model(model, true), ces::SignalHold(), {std::nullopt, ces::SignalHold(), ces::SignalHold()}) {
     intake_.set_wait(wait_s);
     damper_.set_max_age(max_age_s);
   }
 
-  void take(const std::string & line)
-  {
+  void take(const std::string & line) {
     std::istringstream words(line);
     char kind = 0;
     ces::Nanoseconds stamp = 0, now = 0;
@@ -82,8 +75,7 @@ public:
   }
 
 private:
-  void feed(char kind, ces::Nanoseconds stamp, double value, ces::Nanoseconds now)
-  {
+  void feed(char kind, ces::Nanoseconds stamp, double value, ces::Nanoseconds now) {
     switch (kind) {
       case 'c': return intake_.take_current(stamp, value, now);
       case 'v': return intake_.take_motion(ces::SPEED, stamp, value, now);
@@ -96,8 +88,7 @@ private:
     }
   }
 
-  void on_estimate(ces::Nanoseconds stamp, std::optional<double> force)
-  {
+  void on_estimate(ces::Nanoseconds stamp, std::optional<double> force) {
     if (force) {print('e', {stamp, damper_.position(), damper_.speed(), *force, damper_.half_width()});}
     for (const auto & one : damper_.late()) {print('l', one);}
     const auto & tally = damper_.tally();
@@ -115,8 +106,7 @@ private:
 
 }  // namespace
 
-int main(int argc, char ** argv)
-{
+int main(int argc, char ** argv) {
   static char buffer[1 << 16];  // printing allocates nothing
   std::setvbuf(stdout, buffer, _IOFBF, sizeof buffer);
   try {
