@@ -29,7 +29,8 @@ TEMPLATES = Path(__file__).with_name("templates")
 class Core:
     """The printed core: the texts of its `header` and its `source`, and the `functions` they are made from.
 
-    Takes the texts of modules by name, from the bottom up, and their folder as errors name it.
+    Takes the texts of modules by name, from the bottom up, the functions that are called from outside, with all that
+    they call, and the modules' folder as errors name it.
     """
 
     def __init__(self, sources: Mapping[str, str], entry_points: Sequence[str], folder: str = "tick") -> None:
@@ -39,10 +40,13 @@ class Core:
         self.defined: dict[str, str] = {}  # names in C, and the files that define them
         header: list[str] = []
         source: list[str] = []
-        for name, text in sources.items():
-            module, constants = self._read_module(name, text)
+        modules = [self._read_module(name, text) for name, text in sources.items()]
+        used: set[Function] = set()
+        for name in entry_points:
+            self._note_used(self.functions[name], used)
+        for module, constants in modules:
             header += ["", *block_comment(module.docstring.partition("\n")[0]), *constants] if constants else []
-            source += ["", "", *block_comment(module.docstring, module.file), *self._definitions(module)]
+            source += ["", "", *block_comment(module.docstring, module.file), *self._definitions(module, used)]
         for function in map(self.functions.__getitem__, entry_points):
             docstring = (ast.get_docstring(function.node) or "").partition("\n\n")[0]
             header += ["", *block_comment(docstring), *wrap(f"{function.prototype};")]
@@ -116,9 +120,16 @@ class Core:
                 return written or f"#define {place} {term.within(PRIMARY - 1)}"
         raise module.error(node)
 
-    def _definitions(self, module: Module) -> list[str]:
-        """Return the functions of a module, after declarations of those called before they are defined."""
-        functions = [function for function in self.functions.values() if function.module is module]
+    def _note_used(self, function: Function, used: set[Function]) -> None:
+        """Add a function, and all that it calls."""
+        if function not in used:
+            used.add(function)
+            for called, _ in function.calls:
+                self._note_used(called, used)
+
+    def _definitions(self, module: Module, used: set[Function]) -> list[str]:
+        """Return the used functions of a module, after declarations of those called before they are defined."""
+        functions = [one for one in self.functions.values() if one.module is module and one in used]
         declared: list[str] = []
         called: set[Function] = set()
         for function in functions:
