@@ -19,7 +19,7 @@ from bench.measurement import print_note
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 FOLDER = ROOT / "out" / "live"  # kept, so that a second run builds only what has changed
-TWIN_PACKAGE = "bench_twin"
+TWIN_PACKAGE = "ces_observer_cpp"
 
 
 class BuildError(Exception):
@@ -37,24 +37,20 @@ def build_programs() -> Path:
     return folder
 
 
-def build_twin(model: Path) -> Path:
-    """Export `model` as a ROS package and build it; return its executable. Raises BuildError."""
+def build_twin() -> Path:
+    """Build the C++ package; return its executable. Raises BuildError."""
     workspace = FOLDER / "twin"
-    written = workspace / "written" / TWIN_PACKAGE  # beside src, where colcon would find it twice
-    shutil.rmtree(written, ignore_errors=True)
-    written.parent.mkdir(parents=True, exist_ok=True)
-    (written.parent / "COLCON_IGNORE").touch()
-    _run([sys.executable, "-m", "ces_cli.main", "export", str(model), "--ros-package", str(written)])
-    shutil.copytree(written, workspace / "src" / TWIN_PACKAGE, copy_function=_copy_changed, dirs_exist_ok=True)
-    flags = ["--cmake-args", "-DCMAKE_BUILD_TYPE=Release", "-DBUILD_TESTING=OFF"]
+    workspace.mkdir(parents=True, exist_ok=True)
+    flags = ["--base-paths", str(ROOT / TWIN_PACKAGE), "--cmake-args", "-DCMAKE_BUILD_TYPE=Release"]
     _run(["colcon", "build", *flags], workspace)
     return workspace / "install" / TWIN_PACKAGE / "lib" / TWIN_PACKAGE / "observer"
 
 
-def _copy_changed(source: str, target: str) -> None:
-    """Copy a file unless it is the same, which would be compiled again."""
-    if not Path(target).exists() or Path(source).read_bytes() != Path(target).read_bytes():
-        shutil.copyfile(source, target)
+def export_flat(model: Path) -> Path:
+    """Write the flat file of a model, which the C++ package loads; return its path. Raises BuildError."""
+    flat = FOLDER / "model.ces"
+    _run([sys.executable, "-m", "ces_cli.main", "export", str(model), "--out", str(flat), "--overwrite"])
+    return flat
 
 
 def _run(command: Sequence[str], folder: Path = ROOT) -> None:
@@ -159,7 +155,8 @@ def make_contestants(model: Path, parameters: Sequence[str] = ()) -> tuple[Path,
         Contestant(OBSERVER, python, "observer", ("-p", f"model:={model}", *words)),
     ]
     try:
-        found.append(Contestant(TWIN, (str(build_twin(model)),), "observer", tuple(words)))
+        twin = ("-p", f"model:={export_flat(model)}", *words)
+        found.append(Contestant(TWIN, (str(build_twin()),), "observer", twin))
     except BuildError as error:
         print_note(f"no C++ twin: {error}")
     return programs / "generator", found

@@ -20,6 +20,7 @@ from ces_identify.export.c_expressions import CALLS, INT, OF_MATH, PRIMARY, SUM,
 from ces_identify.export.c_statements import FunctionPrinter
 from ces_identify.export.c_text import Comments, block_comment, wrap
 from ces_observer import tick
+from ces_observer.core import tick_digest
 
 TICK = "ces_observer.tick"
 READ_ONLY = ("p", "n")  # the last part of the names of arrays that hold numbers of a model
@@ -29,8 +30,7 @@ TEMPLATES = Path(__file__).with_name("templates")
 class Core:
     """The printed core: the texts of its `header` and its `source`, and the `functions` they are made from.
 
-    Takes the texts of modules by name, from the bottom up, the functions that are called from outside, with all that
-    they call, and the modules' folder as errors name it.
+    Takes the texts of modules by name, from the bottom up, and their folder as errors name it.
     """
 
     def __init__(self, sources: Mapping[str, str], entry_points: Sequence[str], folder: str = "tick") -> None:
@@ -38,26 +38,25 @@ class Core:
         self.modules: dict[str, Module] = {}
         self.functions: dict[str, Function] = {}
         self.defined: dict[str, str] = {}  # names in C, and the files that define them
-        header: list[str] = []
-        source: list[str] = []
-        modules = [self._read_module(name, text) for name, text in sources.items()]
-        used: set[Function] = set()
-        for name in entry_points:
-            self._note_used(self.functions[name], used)
-        for module, constants in modules:
-            header += ["", *block_comment(module.docstring.partition("\n")[0]), *constants] if constants else []
-            source += ["", "", *block_comment(module.docstring, module.file), *self._definitions(module, used)]
-        for function in map(self.functions.__getitem__, entry_points):
+        header = [line for name, text in sources.items() for line in self._read_module(name, text)]
+        entries = [self.functions[name] for name in entry_points]
+        self.used = [*entries]
+        for function in self.used:  # which grows by what these call
+            self.used += {called: None for called, _ in function.calls if called not in self.used}
+        source = [line for module in self.modules.values() for line in self._definitions(module)]
+        for function in entries:
             docstring = (ast.get_docstring(function.node) or "").partition("\n\n")[0]
             header += ["", *block_comment(docstring), *wrap(f"{function.prototype};")]
         self.header, self.source = self._fill("ces_core.h", header), self._fill("ces_core.c", source)
 
     def _fill(self, file: str, lines: list[str]) -> str:
         text = (TEMPLATES / f"{file}.j2").read_text(encoding="utf-8")
-        return text.replace("{{ folder }}", self.folder).replace("{{ printed }}", "\n".join(lines))
+        for name, value in {"folder": self.folder, "digest": tick_digest(), "printed": "\n".join(lines)}.items():
+            text = text.replace(f"{{{{ {name} }}}}", value)
+        return text
 
-    def _read_module(self, name: str, source: str) -> tuple[Module, list[str]]:
-        """Return a module with the C of its functions, and the lines of C that declare its constants."""
+    def _read_module(self, name: str, source: str) -> list[str]:
+        """Note a module with the C of its functions; return the lines of C that declare its constants."""
         tree, comments, constants = ast.parse(source), Comments(source), []
         module = Module(f"{self.folder}/{name}.py", ast.get_docstring(tree) or "")
         module.require(tree, bool(module.docstring), "the module has no docstring")
@@ -80,7 +79,7 @@ class Core:
                 case _:
                     raise module.error(node)
         self.modules[name] = module
-        return module, constants
+        return ["", *block_comment(module.docstring.partition("\n")[0]), *constants] if constants else []
 
     def _define(self, module: Module, node: ast.AST, name: str, c_name: str, item: Term | Function) -> None:
         """Note a constant or function; refuse a name that is already in the tick, in whichever module."""
@@ -120,16 +119,10 @@ class Core:
                 return written or f"#define {place} {term.within(PRIMARY - 1)}"
         raise module.error(node)
 
-    def _note_used(self, function: Function, used: set[Function]) -> None:
-        """Add a function, and all that it calls."""
-        if function not in used:
-            used.add(function)
-            for called, _ in function.calls:
-                self._note_used(called, used)
-
-    def _definitions(self, module: Module, used: set[Function]) -> list[str]:
-        """Return the used functions of a module, after declarations of those called before they are defined."""
-        functions = [one for one in self.functions.values() if one.module is module and one in used]
+    def _definitions(self, module: Module) -> list[str]:
+        """Return the functions of a module that are used, after declarations of those called above their definition."""
+        functions = [function for function in self.functions.values() if function.module is module]
+        functions = [function for function in functions if function in self.used]
         declared: list[str] = []
         called: set[Function] = set()
         for function in functions:
@@ -139,7 +132,8 @@ class Core:
             if function in called and function.node.name not in self.entry_points:
                 declared += wrap(f"static {function.prototype};")
             called |= {other for other, _ in function.calls}
-        return [*declared, *(line for function in functions for line in ("", *function.lines))]
+        head = ["", "", *block_comment(module.docstring, module.file), *declared] if functions else []
+        return [*head, *(line for function in functions for line in ("", *function.lines))]
 
 
 @cache
@@ -150,17 +144,11 @@ def read_core(entry_points: tuple[str, ...] = tick.ENTRY_POINTS) -> Core:
     return Core(sources, entry_points, "/".join(folder.parts[-2:]))
 
 
-def core_texts(entry_points: tuple[str, ...] = tick.ENTRY_POINTS) -> dict[str, str]:
-    """Return the texts of ces_core.c and ces_core.h."""
-    core = read_core(entry_points)
-    return {"ces_core.c": core.source, "ces_core.h": core.header}
-
-
 def write_core(folder: Path) -> None:
     """Write both files of the core of `ces_observer.tick` into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in core_texts().items():
-        (folder / name).write_text(text, encoding="utf-8")
+    (folder / "ces_core.h").write_text(read_core().header, encoding="utf-8")
+    (folder / "ces_core.c").write_text(read_core().source, encoding="utf-8")
 
 
 if __name__ == "__main__":

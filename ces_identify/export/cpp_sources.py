@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.export.c_expressions import SubsetError
-from ces_identify.export.c_printer import print_core, write_core
+from ces_identify.export.c_printer import core_header, core_source, print_core
 from ces_observer import damper_observer, reasons
 from ces_observer.core import SEEDS, tick_digest
 from ces_observer.errors import CesError, ModelError
@@ -70,15 +70,27 @@ constexpr const char * text_of(Reason reason) {{return REASON_TEXTS[reason];}}
 
 
 def write_sources(folder: Path) -> None:
-    """Write all files into a folder."""
-    write_core(folder)
-    text = Path(arrivals.__file__).read_text(encoding="utf-8")
-    printed = print_core({"arrivals": text}, ARRIVALS, "ces_observer/health")
-    for suffix, lines in zip(("h", "c"), printed, strict=True):
-        named = lines.replace("CES_", "CES_ARRIVALS_").replace("ces_core.h", "ces_arrivals.h")
-        (folder / f"ces_arrivals.{suffix}").write_text(named, encoding="utf-8")
-    (folder / "parameters.yaml").write_text(parameter_library("observer", list_parameters()), encoding="utf-8")
-    (folder / "from_python.hpp").write_text(reason_header(), encoding="utf-8")
+    """Write all files into a folder, those that are the same not again, or they would be compiled again."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, text in print_sources().items():
+        path = folder / name
+        if not path.is_file() or path.read_text(encoding="utf-8") != text:
+            path.write_text(text, encoding="utf-8")
+
+
+def print_sources() -> dict[str, str]:
+    """Return the text of each file by its name."""
+    counts = Path(arrivals.__file__).read_text(encoding="utf-8")
+    printed = print_core({"arrivals": counts}, ARRIVALS, "ces_observer/health")
+    header, source = (text.replace("CES_", "CES_ARRIVALS_").replace("ces_core.h", "ces_arrivals.h") for text in printed)
+    return {
+        "ces_core.h": core_header(),
+        "ces_core.c": core_source(),
+        "ces_arrivals.h": header,
+        "ces_arrivals.c": source,
+        "parameters.yaml": parameter_library("observer", list_parameters()),
+        "from_python.hpp": reason_header(),
+    }
 
 
 def list_parameters() -> list[Option]:

@@ -58,7 +58,7 @@ SLOW = re.compile(
     r"^rig characterise|^diagnose .*--sim \S+\.yaml"
 )  # 5 and 10 s; test/ces_rig and test/ces_gap run these
 QUICK = ("--template", "--list", "--show-candidates", "--help")  # such commands run all the same
-OUTPUTS = ("--out", "--report", "--ros-package")
+OUTPUTS = ("--out", "--report")
 NEEDS_ROS = re.compile(r"^\s*(from|import) (launch|launch_ros|rclpy|ros2launch)\b|\bNode\(package=", re.MULTILINE)
 SIMULATOR = """\
 import numpy as np
