@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.export.c_expressions import SubsetError
-from ces_identify.export.c_printer import core_header, core_source, print_core
+from ces_identify.export.c_printer import Core, read_core
 from ces_observer import damper_observer, reasons
 from ces_observer.core import SEEDS, tick_digest
 from ces_observer.errors import CesError, ModelError
@@ -81,13 +81,15 @@ def write_sources(folder: Path) -> None:
 def print_sources() -> dict[str, str]:
     """Return the text of each file by its name."""
     counts = Path(arrivals.__file__).read_text(encoding="utf-8")
-    printed = print_core({"arrivals": counts}, ARRIVALS, "ces_observer/health")
-    header, source = (text.replace("CES_", "CES_ARRIVALS_").replace("ces_core.h", "ces_arrivals.h") for text in printed)
+    core = Core({"arrivals": counts}, ARRIVALS, "ces_observer/health")
+    files = {"ces_arrivals.h": core.header, "ces_arrivals.c": core.source}
     return {
-        "ces_core.h": core_header(),
-        "ces_core.c": core_source(),
-        "ces_arrivals.h": header,
-        "ces_arrivals.c": source,
+        "ces_core.h": read_core().header,
+        "ces_core.c": read_core().source,
+        **{
+            n: text.replace("CES_", "CES_ARRIVALS_").replace("ces_core.h", "ces_arrivals.h")
+            for n, text in files.items()
+        },
         "parameters.yaml": parameter_library("observer", list_parameters()),
         "from_python.hpp": reason_header(),
     }

@@ -162,7 +162,7 @@ def _run_oldest(
         k[LATE_REASON] = WARMING_UP
     else:
         k[LATE_REASON] = OK
-        if k[stamps + 1] != 0:
+        if k[stamps + 1] != 0 and k[LATE_COUNT] <= n[DELAY]:  # as always: no more can wait
             at = n[LATE_VALUES] + LATE_WIDTH * k[LATE_COUNT]
             s[at] = position + ahead * p[TICK_S] * speed
             s[at + 1] = speed
