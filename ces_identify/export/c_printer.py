@@ -16,7 +16,7 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
-from ces_identify.export.c_expressions import CALLS, INT, OF_MATH, PRIMARY, SUM, Expressions, Function, Module, Term
+from ces_identify.export.c_expressions import INT, OF_MATH, PRIMARY, SUM, Expressions, Function, Module, Term
 from ces_identify.export.c_statements import FunctionPrinter
 from ces_identify.export.c_text import Comments, block_comment, wrap
 from ces_observer import tick
@@ -42,7 +42,7 @@ class Core:
         entries = [self.functions[name] for name in entry_points]
         self.used = [*entries]
         for function in self.used:  # which grows by what these call
-            self.used += {called: None for called, _ in function.calls if called not in self.used}
+            self.used += dict.fromkeys(called for called, _ in function.calls if called not in self.used)
         source = [line for module in self.modules.values() for line in self._definitions(module)]
         for function in entries:
             docstring = (ast.get_docstring(function.node) or "").partition("\n\n")[0]
@@ -51,9 +51,8 @@ class Core:
 
     def _fill(self, file: str, lines: list[str]) -> str:
         text = (TEMPLATES / f"{file}.j2").read_text(encoding="utf-8")
-        for name, value in {"folder": self.folder, "digest": tick_digest(), "printed": "\n".join(lines)}.items():
-            text = text.replace(f"{{{{ {name} }}}}", value)
-        return text
+        text = text.replace("{{ folder }}", self.folder).replace("{{ digest }}", tick_digest())
+        return text.replace("{{ printed }}", "\n".join(lines))
 
     def _read_module(self, name: str, source: str) -> list[str]:
         """Note a module with the C of its functions; return the lines of C that declare its constants."""
@@ -91,12 +90,11 @@ class Core:
     def _import(self, module: Module, node: ast.ImportFrom, source: str) -> None:
         home = self.modules.get(source.removeprefix(f"{TICK}."))
         known: Mapping[str, Term | Function] = OF_MATH if source == "math" else home.names if home else {}
-        others = {"math": {name for name, *_ in CALLS}, f"{TICK}.arrays": {"Floats", "Ints"}}.get(source, set())
-        for name, renamed in ((alias.name, alias.asname) for alias in node.names):
-            what = f"{name} of {source}: expected a name of math, or of a module before this one, not renamed"
-            module.require(node, not renamed and (name in known or name in others), what)
-            if name in known:
-                module.names[name] = known[name]
+        is_seen, what = known or source == f"{TICK}.arrays", "expected a name of math, or of a module before this one"
+        for alias in node.names:
+            module.require(node, bool(is_seen) and not alias.asname, f"{alias.name} of {source}: {what}, not renamed")
+            if alias.name in known:
+                module.names[alias.name] = known[alias.name]
 
     def _constant(self, module: Module, node: ast.Assign) -> str:
         """Note a constant, or the places that a range counts; return its declaration."""
