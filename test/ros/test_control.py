@@ -156,7 +156,7 @@ def test_a_constant_current_needs_no_interface(
     ("settings", "message"),
     [
         ("model: /m.ces, max_still_s: 0.5", "Parameter 'joint' cannot be empty"),
-        (PARAMETERS % ("/no/m.ces", ""), "/no/m.ces: no such model file"),
+        (PARAMETERS % ("/no/m.ces", "scale: 1.0"), "/no/m.ces: no such model file"),
         (
             PARAMETERS % ("%s", "scale: 0.0"),
             "scale and offset of damper/current: expected finite numbers, a scale other than 0",
