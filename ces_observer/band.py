@@ -1,14 +1,10 @@
 """The band of a model: how far the measured force may lie from the estimate, tick by tick.
 
 Position, speed, current and estimated force of each tick go in; the half-width [N] of the band comes out. Estimate plus
-and minus half-width contain the measured force, sensor noise included, at `level` of the ticks. The half-width is
-
-    growth * sum of weights * (low current, high current, slow, fast, |force|, |change of force|, recent reversal)
-
-with growth^2 = share + (1 - share) * distance^2. The distance is that of position, speed, current and the recent
-changes of speed and current from the recordings that the model was identified on (Mahalanobis, 1 in the root mean
-square over them): an error that depends linearly on the state, by unknown amounts, grows like the distance.
-`ces_identify.validation.band` finds the weights on held-out data.
+and minus half-width contain the measured force, sensor noise included, at `level` of the ticks.
+`ces_observer.tick.band` has its equation. It grows with the distance of the state from the recordings that the model
+was identified on (Mahalanobis, 1 in the root mean square over them): an error that depends linearly on the state, by
+unknown amounts, grows like the distance. `ces_identify.validation.band` finds the weights on held-out data.
 """
 
 from __future__ import annotations

@@ -71,17 +71,17 @@ ALLOWED = {
 }
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
-    "ces_observer": 112.7,
+    "ces_observer": 132.8,
     "ces_data": 84,
     "ces_report": 12,
-    "ces_identify": 175.7,
+    "ces_identify": 167.3,
     "ces_rig": 58,
     "ces_gap": 105,
     "ces_iterate": 21,
     "ces_serve": 12,
     "ces_cli": 60.5,
     "bench": 78.1,
-    "test": 458.6,
+    "test": 472,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

@@ -73,39 +73,38 @@ class Recalibration(NetworkPart):
 class StoredVolume(NetworkPart, Compressibility):
     """What both chambers store, and the air in their oil."""
 
-    groups = ("compression", "rebound", "compression_growth", "rebound_growth", "air")
-    numbers = ("compression_m_N", "rebound_m_N", "compression_growth_1_m", "rebound_growth_1_m", "air")
+    groups = numbers = ("compression_m_N", "rebound_m_N", "compression_growth_1_m", "rebound_growth_1_m", "air")
 
 
 class ElasticMount(NetworkPart, MountCompliance):
     """The mount's spring and creep."""
 
-    groups, numbers = ("mount", "creep"), ("mount_m_N", "creep_m_Ns")
+    groups = numbers = ("mount_m_N", "creep_m_Ns")
 
 
 class Seals(NetworkPart, FrictionForce):
     """Springs that yield, behind the mount."""
 
-    groups = ("friction", "friction_yield", "friction_moved", "growth")
+    groups = ("friction", "friction_yield", "friction_moved", "friction_growth_1_N")
     numbers = ("friction", "friction_growth_1_N")
 
 
 class SlowValve(NetworkPart, ValveLag):
     """Lags and dead time of the valve."""
 
-    groups, numbers = ("rise_s", "fall_s", "delay_ticks"), ("rise_s", "fall_s", "delay_ticks")
+    groups = numbers = ("rise_s", "fall_s", "delay_ticks")
 
 
 class MagneticLoop(NetworkPart, CurrentHysteresis):
     """The loop of setting over current."""
 
-    groups, numbers = ("hysteresis_A",), ("hysteresis_A",)
+    groups = numbers = ("hysteresis_A",)
 
 
 class MovingMass(NetworkPart, Inertia):
     """The mass between piston and sensor."""
 
-    groups, numbers = ("mass_kg",), ("mass_kg",)
+    groups = numbers = ("mass_kg",)
 
 
 PARTS: tuple[type[NetworkPart], ...] = (StoredVolume, ElasticMount, Seals, SlowValve, MagneticLoop, MovingMass)

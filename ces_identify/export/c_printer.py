@@ -16,10 +16,11 @@ from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
-from ces_identify.export.c_expressions import CALLS, INT, OF_MATH, PRIMARY, SUM, Expressions, Function, Module, Term
+from ces_identify.export.c_expressions import INT, OF_MATH, PRIMARY, SUM, Expressions, Function, Module, Term
 from ces_identify.export.c_statements import FunctionPrinter
 from ces_identify.export.c_text import Comments, block_comment, wrap
 from ces_observer import tick
+from ces_observer.core import tick_digest
 
 TICK = "ces_observer.tick"
 READ_ONLY = ("p", "n")  # the last part of the names of arrays that hold numbers of a model
@@ -37,23 +38,24 @@ class Core:
         self.modules: dict[str, Module] = {}
         self.functions: dict[str, Function] = {}
         self.defined: dict[str, str] = {}  # names in C, and the files that define them
-        header: list[str] = []
-        source: list[str] = []
-        for name, text in sources.items():
-            module, constants = self._read_module(name, text)
-            header += ["", *block_comment(module.docstring.partition("\n")[0]), *constants] if constants else []
-            source += ["", "", *block_comment(module.docstring, module.file), *self._definitions(module)]
-        for function in map(self.functions.__getitem__, entry_points):
+        header = [line for name, text in sources.items() for line in self._read_module(name, text)]
+        entries = [self.functions[name] for name in entry_points]
+        self.used = [*entries]
+        for function in self.used:  # which grows by what these call
+            self.used += dict.fromkeys(called for called, _ in function.calls if called not in self.used)
+        source = [line for module in self.modules.values() for line in self._definitions(module)]
+        for function in entries:
             docstring = (ast.get_docstring(function.node) or "").partition("\n\n")[0]
             header += ["", *block_comment(docstring), *wrap(f"{function.prototype};")]
         self.header, self.source = self._fill("ces_core.h", header), self._fill("ces_core.c", source)
 
     def _fill(self, file: str, lines: list[str]) -> str:
         text = (TEMPLATES / f"{file}.j2").read_text(encoding="utf-8")
-        return text.replace("{{ folder }}", self.folder).replace("{{ printed }}", "\n".join(lines))
+        text = text.replace("{{ folder }}", self.folder).replace("{{ digest }}", tick_digest())
+        return text.replace("{{ printed }}", "\n".join(lines))
 
-    def _read_module(self, name: str, source: str) -> tuple[Module, list[str]]:
-        """Return a module with the C of its functions, and the lines of C that declare its constants."""
+    def _read_module(self, name: str, source: str) -> list[str]:
+        """Note a module with the C of its functions; return the lines of C that declare its constants."""
         tree, comments, constants = ast.parse(source), Comments(source), []
         module = Module(f"{self.folder}/{name}.py", ast.get_docstring(tree) or "")
         module.require(tree, bool(module.docstring), "the module has no docstring")
@@ -76,7 +78,7 @@ class Core:
                 case _:
                     raise module.error(node)
         self.modules[name] = module
-        return module, constants
+        return ["", *block_comment(module.docstring.partition("\n")[0]), *constants] if constants else []
 
     def _define(self, module: Module, node: ast.AST, name: str, c_name: str, item: Term | Function) -> None:
         """Note a constant or function; refuse a name that is already in the tick, in whichever module."""
@@ -88,12 +90,11 @@ class Core:
     def _import(self, module: Module, node: ast.ImportFrom, source: str) -> None:
         home = self.modules.get(source.removeprefix(f"{TICK}."))
         known: Mapping[str, Term | Function] = OF_MATH if source == "math" else home.names if home else {}
-        others = {"math": {name for name, *_ in CALLS}, f"{TICK}.arrays": {"Floats", "Ints"}}.get(source, set())
-        for name, renamed in ((alias.name, alias.asname) for alias in node.names):
-            what = f"{name} of {source}: expected a name of math, or of a module before this one, not renamed"
-            module.require(node, not renamed and (name in known or name in others), what)
-            if name in known:
-                module.names[name] = known[name]
+        is_seen, what = known or source == f"{TICK}.arrays", "expected a name of math, or of a module before this one"
+        for alias in node.names:
+            module.require(node, bool(is_seen) and not alias.asname, f"{alias.name} of {source}: {what}, not renamed")
+            if alias.name in known:
+                module.names[alias.name] = known[alias.name]
 
     def _constant(self, module: Module, node: ast.Assign) -> str:
         """Note a constant, or the places that a range counts; return its declaration."""
@@ -117,8 +118,9 @@ class Core:
         raise module.error(node)
 
     def _definitions(self, module: Module) -> list[str]:
-        """Return the functions of a module, after declarations of those called before they are defined."""
+        """Return the functions of a module that are used, after declarations of those called above their definition."""
         functions = [function for function in self.functions.values() if function.module is module]
+        functions = [function for function in functions if function in self.used]
         declared: list[str] = []
         called: set[Function] = set()
         for function in functions:
@@ -128,7 +130,8 @@ class Core:
             if function in called and function.node.name not in self.entry_points:
                 declared += wrap(f"static {function.prototype};")
             called |= {other for other, _ in function.calls}
-        return [*declared, *(line for function in functions for line in ("", *function.lines))]
+        head = ["", "", *block_comment(module.docstring, module.file), *declared] if functions else []
+        return [*head, *(line for function in functions for line in ("", *function.lines))]
 
 
 @cache
@@ -139,17 +142,11 @@ def read_core(entry_points: tuple[str, ...] = tick.ENTRY_POINTS) -> Core:
     return Core(sources, entry_points, "/".join(folder.parts[-2:]))
 
 
-def core_texts(entry_points: tuple[str, ...] = tick.ENTRY_POINTS) -> dict[str, str]:
-    """Return the texts of ces_core.c and ces_core.h."""
-    core = read_core(entry_points)
-    return {"ces_core.c": core.source, "ces_core.h": core.header}
-
-
 def write_core(folder: Path) -> None:
     """Write both files of the core of `ces_observer.tick` into a folder."""
     folder.mkdir(parents=True, exist_ok=True)
-    for name, text in core_texts().items():
-        (folder / name).write_text(text, encoding="utf-8")
+    (folder / "ces_core.h").write_text(read_core().header, encoding="utf-8")
+    (folder / "ces_core.c").write_text(read_core().source, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -11,8 +11,6 @@ import ast
 from ces_identify.export.c_expressions import BOOL, INT, NONE, NUMBERS, OPERATORS, WORDS, Expressions, Function, Term
 from ces_identify.export.c_text import INDENT, Comments, block_comment, wrap
 
-END = "return"  # among the names that have a value: this place is never reached
-
 
 class FunctionPrinter(Expressions):
     """Prints one function."""
@@ -33,12 +31,10 @@ class FunctionPrinter(Expressions):
         for statement in body:
             self._find_spans(statement, frozenset())
         self._block(body)
-        reached = END not in self.assigned and self.function.result != NONE
-        self.require(node, not reached, f"{node.name} may end without a result")
         unused = [f"(void){name};" for name in self.function.parameters if name not in self.spans]
         top = [INDENT + line for line in (*unused, *filter(None, self.declared.values()))]
-        head = wrap(f"{linkage}{self.function.prototype} {{")
-        return [*block_comment(docstring), *head, *top, *self.lines, "}"]
+        head = [*block_comment(docstring), *wrap(f"{linkage}{self.function.prototype} {{")]
+        return [*head, *top, *self.lines, "}"]
 
     def _find_spans(self, node: ast.AST, counters: frozenset[str]) -> None:
         """Note between which lines each name stands; a counter is none of them in its loop."""
@@ -59,7 +55,6 @@ class FunctionPrinter(Expressions):
         around, self.block_end = self.block_end, block[-1].end_lineno or 0
         self.depth += 1
         for node in block:
-            self.require(node, END not in self.assigned, "this is never reached")
             self.lines += self.comments.above(node.lineno, self.depth)
             self._statement(node)
         self.depth -= 1
@@ -92,8 +87,8 @@ class FunctionPrinter(Expressions):
                 self._for(node, name, call)
             case _:
                 raise self.error(node)
-        if isinstance(node, ast.Return | ast.Break | ast.Continue):
-            self.assigned = frozenset({END, *self.spans, *self.counters})
+        if isinstance(node, ast.Return | ast.Break | ast.Continue):  # what follows is never reached
+            self.assigned = frozenset({*self.spans, *self.counters})
 
     def _target(self, node: ast.stmt, target: ast.expr, value: Term) -> str:
         """Return the left side of an assignment, with a declaration where there is none."""

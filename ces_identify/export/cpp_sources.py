@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from ces_identify.export.c_expressions import SubsetError
-from ces_identify.export.c_printer import Core, core_texts
+from ces_identify.export.c_printer import Core, read_core
 from ces_observer import damper_observer, reasons
 from ces_observer.core import SEEDS, tick_digest
 from ces_observer.errors import CesError, ModelError
@@ -84,7 +84,8 @@ def print_sources() -> dict[str, str]:
     core = Core({"arrivals": counts}, ARRIVALS, "ces_observer/health")
     files = {"ces_arrivals.h": core.header, "ces_arrivals.c": core.source}
     return {
-        **core_texts(),
+        "ces_core.h": read_core().header,
+        "ces_core.c": read_core().source,
         **{
             n: text.replace("CES_", "CES_ARRIVALS_").replace("ces_core.h", "ces_arrivals.h")
             for n, text in files.items()

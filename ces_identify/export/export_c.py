@@ -15,7 +15,7 @@ from math import ceil
 
 from jinja2 import Environment, FunctionLoader, StrictUndefined
 
-from ces_identify.export.c_printer import core_texts
+from ces_identify.export.c_printer import read_core
 from ces_identify.export.flat_file import require_within
 from ces_observer import __version__
 from ces_observer.core import tick_digest
@@ -50,18 +50,8 @@ def export_c(model: Model, name: str, file_stem: str, certificate: Certificate) 
     require_within(arrays, name)
     facts = _facts(model, name, file_stem, certificate, arrays)
     texts = {f"{file_stem}.{kind}": render(f"model.{kind}", facts) for kind in "ch"}
-    return {**texts, **_core()}
-
-
-def _core() -> dict[str, str]:
-    """Return the texts of the core with what a model's C calls; its header says which version it is."""
-    texts = core_texts(USED)
-    guard = "#define CES_CORE_H\n"
-    return {**texts, CORE[1]: texts[CORE[1]].replace(guard, f"{guard}#define CES_CORE_DIGEST {_digest()}\n")}
-
-
-def _digest() -> str:
-    return f"0x{tick_digest()}ULL"
+    core = read_core(USED)
+    return {**texts, **dict(zip(CORE, (core.source, core.header), strict=True))}
 
 
 def require_usable_names(name: str, file_stem: str) -> None:
@@ -104,7 +94,7 @@ def _facts(
         "stem": file_stem,
         "version": __version__,
         "digest": model.digest(),
-        "core_digest": _digest(),
+        "core_digest": tick_digest(),
         "model": model,
         "proof": _proof(model, certificate),
         "noun": model.body.name.replace("_", " "),

@@ -16,9 +16,7 @@ from numpy.polynomial.legendre import legvander
 
 from ces_data.arrays import F
 
-LOGARITHMIC = np.array(
-    [True, True, False, True, False, True, True, True]
-)  # numbers of a law, in the order of `side_rises`
+LOGARITHMIC = np.array([True, True, False, True, False, True, True, True])  # numbers of a law, as in `side_rises`
 # Flows of one direction, relative to the largest speed.
 SIDE = np.array([0.003, 0.007, 0.014, 0.025, 0.042, 0.068, 0.105, 0.16, 0.24, 0.35, 0.5, 0.72, 1.05])
 NODES = np.concatenate([-SIDE[::-1], [0.0], SIDE])

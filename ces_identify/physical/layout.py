@@ -123,7 +123,7 @@ def signed_group(name: str, unit: float, centre: float = 0.0, count: int = 1, we
 
 
 def make_groups(scales: DataScales, kind: KindStart, held: bool, bypass: Group) -> list[Group]:
-    """Return the groups, those of the valve first; `held` says that the current was."""
+    """Return the groups, those of the valve first; `held` says that the current was. Numbers have a file's names."""
     size, speed, span = scales.force_N, scales.speed_m_s, float(np.ptp(scales.currents_A))
     path = HELD_WEIGHT if held else 1.0
     least, moved, way = np.reshape(kind.friction, (-1, 3)).T
@@ -137,22 +137,22 @@ def make_groups(scales: DataScales, kind: KindStart, held: bool, bypass: Group) 
         positive_group("viscous_Ns_m", 0.01 * size / speed),
         positive_group("mass_kg", 0.5),
         signed_group("gas_N", 0.05 * size, count=len(scales.positions_m)),
-        positive_group("ratio", 0.35),
-        positive_group("compression", CHAMBER_M_N * kind.compression),
-        signed_group("compression_growth", 10.0, -0.5),
-        positive_group("rebound", CHAMBER_M_N * kind.rebound),
-        signed_group("rebound_growth", 10.0, 0.5),
-        positive_group("mount", MOUNT_M_N),
-        positive_group("creep", kind.creep_m_Ns),
+        positive_group("area_ratio", 0.35),
+        positive_group("compression_m_N", CHAMBER_M_N * kind.compression),
+        signed_group("compression_growth_1_m", 10.0, -0.5),
+        positive_group("rebound_m_N", CHAMBER_M_N * kind.rebound),
+        signed_group("rebound_growth_1_m", 10.0, 0.5),
+        positive_group("mount_m_N", MOUNT_M_N),
+        positive_group("creep_m_Ns", kind.creep_m_Ns),
         signed_group("fade_1_W", 1.0 / (size * speed)),
-        positive_group("reservoir", 0.07 * size),
+        positive_group("reservoir_N", 0.07 * size),
         positive_group("air", 3.0),
         bypass,
-        positive_group("narrow_N", np.full(min(len(bypass.centre), 1), 0.03 * size)),
+        positive_group("bypass_laminar_N", np.full(min(len(bypass.centre), 1), 0.03 * size)),
         positive_group("friction", size * (least + moved) / way),
         positive_group("friction_yield", size * least),
         positive_group("friction_moved", size * moved),
-        positive_group("growth", 0.1 / size),
+        positive_group("friction_growth_1_N", 0.1 / size),
         positive_group("closing_s", np.full(3, CLOSING_S)),
     ]
 

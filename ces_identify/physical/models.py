@@ -26,7 +26,7 @@ from ces_identify.physical.layout import (
 )
 from ces_identify.trained.training import Training
 from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
-from ces_observer.structures.hydraulic import Hydraulic
+from ces_observer.structures.hydraulic import NUMBERS, Hydraulic
 from ces_observer.structures.physical import LONG_TICK, FrictionElement, SideForces, ValvePath
 from ces_observer.structures.structure import OperatingRange
 
@@ -38,10 +38,10 @@ REACH = 2.0
 HELD_DEGREE = 2  # of a valve's change over its rows where the current was held at a few values
 LEAST_OPENING = 1e-6  # of a bypass, relative to its largest
 COLUMNS = (
-    "lead_s", "viscous_Ns_m", "mass_kg", "gas_N", "ratio", "compression", "rebound", "mount", "creep", "fade_1_W",
-    "reservoir", *EDGE_NAMES, "bypass", "narrow_N", "friction", "friction_yield", "friction_moved", "growth",
-    "closing_s",
-)  # fmt: skip
+    "lead_s", "viscous_Ns_m", "mass_kg", "gas_N", "area_ratio", "compression_m_N", "rebound_m_N", "mount_m_N",
+    "creep_m_Ns", "fade_1_W", "reservoir_N", *EDGE_NAMES, "bypass", "bypass_laminar_N", "friction", "friction_yield",
+    "friction_moved", "friction_growth_1_N", "closing_s",
+)  # of the groups that the kernel names, in its order  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -153,33 +153,20 @@ class HydraulicModels:
         """Return the structure with these parameters."""
         values, s = self.layout.values(theta), self.scales
         number = {name: float(one[0]) for name, one in values.items() if one.size == 1}
+        number |= zip(("piston_s", "base_s", "external_s"), as_floats(values["closing_s"]), strict=True)
+        number |= {"most_N": self.most_N, "laminar_N": self.laminar_N}
+        number.setdefault("bypass_laminar_N", self.laminar_N)
         flows = as_floats(self.layout.flows)
         edges: dict[str, Any] = {n: FlowMap(flows, tuple(map(as_floats, values[n]))) for n in EDGE_NAMES}
         friction = zip(values["friction"], values["friction_yield"], values["friction_moved"], strict=True)
         path = (number[name] for name in ("delay_ticks", "hysteresis_A", "rise_s", "fall_s"))
-        lags: dict[str, Any] = dict(
-            zip(("piston_s", "base_s", "external_s"), as_floats(values["closing_s"]), strict=True)
-        )
+        numbers: dict[str, Any] = {name: number[name] for name in NUMBERS}
         return Hydraulic(
             kind=self.kind,
             valve=ValvePath(IncreasingCurve(as_floats(s.currents_A), as_floats(values["setting"])), *path),
-            area_ratio=number["ratio"],
-            compression_m_N=number["compression"],
-            rebound_m_N=number["rebound"],
-            compression_growth_1_m=number["compression_growth"],
-            rebound_growth_1_m=number["rebound_growth"],
-            mount_m_N=number["mount"],
-            creep_m_Ns=number["creep"],
-            fade_1_W=number["fade_1_W"],
-            reservoir_N=number["reservoir"],
-            air=number["air"],
-            most_N=self.most_N,
+            **numbers,
             **edges,
             bypass=Bypass(as_floats(self.bypassed), as_floats(values["bypass"])) if len(self.bypassed) else None,
-            bypass_laminar_N=number.get("narrow_N", self.laminar_N),
-            laminar_N=self.laminar_N,
-            **lags,
-            friction_growth_1_N=number["growth"],
             side=SideForces(
                 number["lead_s"], s.max_acceleration_m_s2, number["viscous_Ns_m"], number["mass_kg"],
                 as_floats(s.positions_m), as_floats(values["gas_N"]),

@@ -129,10 +129,8 @@ class PhysicalSearch:
                 break
             best = weaker
 
-    def _fit(
-        self, models: HydraulicModels, start: F, strength: float, seed: int, steps: int, below: float = np.inf
-    ) -> PhysicalFit:
-        """Return the parameters with the lowest selection cost of one descent; keep them if that is `below` a cost."""
+    def _fit(self, models: HydraulicModels, start: F, strength: float, seed: int, steps: int) -> PhysicalFit:
+        """Return the parameters with the lowest selection cost of one descent; keep them if it is finite."""
         training = models.training
         best = self._as_fit(models, start, models.cost(start, training.selection), strength, seed)
         try:
@@ -143,7 +141,7 @@ class PhysicalSearch:
                     self._report(best)
         finally:
             best = self._as_fit(models, best.theta, best.cost, strength, seed, self._find_stop_reason() or ENDED)
-            if best.cost < below and np.isfinite(best.cost):
+            if np.isfinite(best.cost):
                 self._found.append(best)
         self.listener(best.result)
         return best

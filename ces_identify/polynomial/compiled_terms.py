@@ -1,4 +1,4 @@
-"""Polynomials over whole arrays: constructed inputs, terms as the arrays that the kernels read, and the free run."""
+"""Polynomials over whole arrays: constructed inputs, and terms as the arrays that the kernels read."""
 
 from __future__ import annotations
 
@@ -7,14 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ces_data.arrays import F, I, Mask
+from ces_data.arrays import F, I
 from ces_identify.numerics import kernels
 from ces_identify.numerics.core import compiled, core_kernel
 from ces_identify.numerics.kernels import TermArrays
 from ces_observer.flat import Layout
-from ces_observer.model import Envelope, Model
+from ces_observer.model import Envelope
 from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, TriangularMembership, lay_out_constructed
-from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.structure import Range
 from ces_observer.structures.terms import Factor, Term, collect_constructed
 from ces_observer.tick.constructed import constructed_update, membership
@@ -70,11 +69,6 @@ def _memberships(values: F, low: float, peak: float, high: float) -> F:
     return out
 
 
-def membership_values(definition: TriangularMembership, values: F) -> F:
-    """Return the membership (n,) of `values` (n,)."""
-    return np.asarray(_memberships(values, *definition.ends))
-
-
 @dataclass(frozen=True)
 class CompiledTerms:
     """Terms as arrays, the powers in the table that they index, and the constructed inputs that they use."""
@@ -105,7 +99,7 @@ class CompiledTerms:
         """Return row `column` of the power table at `values` (n,) of the factor's variable."""
         signal, power, signed = self.powers[column]
         hat = self._memberships.get(signal)
-        return membership_values(hat, values) if hat else np.asarray(kernels.power_row(values, power, signed))
+        return _memberships(values, *hat.ends) if hat else np.asarray(kernels.power_row(values, power, signed))
 
     def ranges(self, envelope: Envelope) -> dict[str, Range]:
         """Return the range of every signal, constructed ones included."""
@@ -136,12 +130,3 @@ def compile_terms(terms: Sequence[Term]) -> CompiledTerms:
 
 def _power(factor: Factor) -> Power:
     return factor.signal, float(factor.power), factor.signed
-
-
-def run_polynomial(polynomial: Polynomial, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
-    """Return the batch run of a polynomial, as `StructureKit.batch_run` describes it."""
-    terms = compile_terms(polynomial.terms)
-    powers = terms.power_table(model.envelope, inputs, segments, model.sampling.rate_Hz)
-    coefficients = np.array([term.coefficient for term in polynomial.terms])
-    force, held = kernels.free_run(powers, segments, terms.arrays, coefficients, model.force_envelope_N)
-    return np.asarray(force), np.asarray(held)

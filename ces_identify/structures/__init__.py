@@ -1,4 +1,4 @@
-"""The model structures that can be identified: the module of each, and C templates beside it.
+"""The model structures that can be identified: the module of each.
 
 A structure that the vehicle knows has its desk side in the module of the same name here, which declares a
 `StructureKit`. Everything else asks the kits.
@@ -36,7 +36,7 @@ def kit_of(body: Structure) -> StructureKit[Any]:
 
 def run_batch(model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
     """Return the batch run of a model, as `StructureKit.batch_run` describes it."""
-    return kit_of(model.body).batch_run(model.body, model, inputs, segments)
+    return kit_of(model.body).batch_run(model.body, model.operating_range, inputs, segments)
 
 
 def model_table(model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:

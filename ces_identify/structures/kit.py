@@ -18,7 +18,7 @@ from ces_identify.prepare.cost import EQUAL, Weighting
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
-from ces_observer.structures.structure import Structure
+from ces_observer.structures.structure import OperatingRange, Structure
 from ces_report.typesetting import ModelTable
 
 Size = bool | int | float | str
@@ -69,18 +69,13 @@ Fitter = Callable[[Sequence[Series], Sampling, IdentifyOptions, Listener], Fitte
 S = TypeVar("S", bound=Structure)
 
 
-def run_core(body: Structure, model: Model, inputs: F, segments: I) -> tuple[F, Mask]:
-    """Return the batch run of a structure's functions of the tick, as `StructureKit.batch_run` describes it."""
-    return run_batch(body, model.operating_range, inputs, segments)
-
-
 @dataclass(frozen=True)
 class StructureKit(Generic[S]):
     """One structure, offline: `about` is a short description, `body` its class in a model.
 
-    `fitter` returns the fitter for the values of `sizes`. `batch_run` takes inputs (3, ticks), which are position [m],
-    speed [m/s] and current [A], and segments; it returns `force` and `held` of a `FreeRun`. `table` shows the
-    parameters; its runs are of the role named.
+    `fitter` returns the fitter for the values of `sizes`. `batch_run` takes an operating range, inputs (3, ticks), that
+    is position [m], speed [m/s] and current [A], and segments; it returns `force` and `held` of a `FreeRun`. `table`
+    shows the parameters; its runs are of the role named.
 
     `models` is None for a structure without physics inside. A structure is `quick` if a fit in seconds is worth a
     comparison.
@@ -91,7 +86,7 @@ class StructureKit(Generic[S]):
     sizes: tuple[Option, ...]
     fitter: Callable[[Mapping[str, Size]], Fitter]
     table: Callable[[S, Model, Sequence[SimulatedSeries], str], ModelTable]
-    batch_run: Callable[[S, Model, F, I], tuple[F, Mask]] = run_core
+    batch_run: Callable[[S, OperatingRange, F, I], tuple[F, Mask]] = run_batch
     models: type[HydraulicModels] | None = None
     quick: bool = False
 

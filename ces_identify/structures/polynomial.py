@@ -11,7 +11,6 @@ import numpy as np
 from ces_data.arrays import F, I
 from ces_identify.numerics import search_clock
 from ces_identify.polynomial.candidates import load_rules
-from ces_identify.polynomial.compiled_terms import run_polynomial
 from ces_identify.polynomial.constructed import add_stroke_if_needed, find_time_constants, restrict_to_data
 from ces_identify.polynomial.gauss_newton import fit_free_run, refit_coefficients
 from ces_identify.polynomial.problem import Problem, assemble_problem
@@ -128,6 +127,5 @@ POLYNOMIAL = StructureKit(
     body=Polynomial,
     sizes=(),
     fitter=lambda sizes: fit_polynomial,
-    batch_run=run_polynomial,
     table=term_table,
 )

@@ -22,13 +22,6 @@ from ces_report.typesetting import ModelTable, describe_signals, four_figures, p
 
 MEMBERS = 3
 REFIT_STEPS, REFIT_RATE = 200, 1e-2  # of AdamW, from the model's own parameters
-C_VALUES = {
-    "speed": "speed",
-    "speed_root": "(speed / sqrt(fabs(speed) + SMOOTHING_M_S))",
-    "speed_size": "sqrt(fabs(speed))",
-    "position": "position",
-    "current": "current",
-}
 
 
 def fit_recurrent(series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener) -> Fitted:

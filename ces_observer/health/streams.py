@@ -23,6 +23,10 @@ class Losses:
 
     def __init__(self, depth: int) -> None:
         self.k = [0] * counts.K_LOSSES_END
+        self.set_depth(depth)
+
+    def set_depth(self, depth: int) -> None:
+        """Set the length of the queue, which a user may have overridden."""
         self.k[counts.QUEUE_DEPTH] = depth
 
     @property

@@ -144,7 +144,7 @@ class InputSubscriptions:
             topic.subscription = self._node.create_subscription(
                 kind, signal.topic, topic, qos, raw=True, qos_overriding_options=options
             )
-            topic.losses.depth = topic.subscription.qos_profile.depth
+            topic.losses.set_depth(topic.subscription.qos_profile.depth)
         read = slowly = _make_slow_reader(signal, kind)
         with suppress(CdrUnsupportedError):
             read = RawSignal(signal, fields_of).read

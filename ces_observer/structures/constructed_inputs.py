@@ -1,13 +1,10 @@
 """Constructed inputs: signals computed at each tick from position, speed and current, and used in terms like these.
 
-`stop` and `play` are the two halves of a signal with hysteresis (Brokate & Sprekels, Hysteresis and Phase Transitions,
-1996, ch. 2; a weighted sum of stops is a Prandtl-Ishlinskii model). The stop follows its signal within ±half_width: it
-is the stroke since the last reversal, on which compliance and presliding friction depend. The play is the rest of the
-signal. `lag` is a first-order lag, like that of coil and pilot valve between current and force. `frequency` estimates
-the frequency of the damper's motion. `hat` is a triangular membership; memberships over the same breakpoints add up to
-one, so that terms times memberships are sub-models blended over a signal. All are computed from inputs clamped to the
-model's envelope, so their ranges are certain. Here are their definitions; `ces_observer.tick.constructed` computes
-them.
+Here are their definitions; `ces_observer.tick.constructed` computes them, and has their equations. The `stop` is the
+stroke since the last reversal, on which compliance and presliding friction depend; the `play` is the rest of its
+signal. A `lag` is like that of coil and pilot valve between current and force. Memberships (`hat`) over the same
+breakpoints add up to one, so that terms times memberships are sub-models blended over a signal. All are computed from
+inputs clamped to the model's envelope, so their ranges are certain.
 """
 
 from __future__ import annotations
@@ -53,10 +50,7 @@ class _Definition:
 
 @dataclass(frozen=True)
 class Hysteresis(_Definition):
-    """The `stop` or `play` of the signal `of` with `half_width` in its unit (m, m/s or A).
-
-    stop: h(k) = clip(h(k-1) + s(k) - s(k-1), -half_width, half_width), from 0; play: s - stop, from the first s.
-    """
+    """The `stop` or `play` of the signal `of` with `half_width` in its unit (m, m/s or A)."""
 
     name: str
     kind: str
@@ -74,10 +68,7 @@ class Hysteresis(_Definition):
 
 @dataclass(frozen=True)
 class Lag(_Definition):
-    """The signal `of` behind a first-order lag of `time_constant_s`, from its first value on.
-
-    y(k) = y(k-1) + (1 - exp(-T / time_constant_s)) (s(k) - y(k-1)), T the tick.
-    """
+    """The signal `of` behind a first-order lag of `time_constant_s`, from its first value on."""
 
     name: str
     of: str
@@ -97,10 +88,9 @@ class Lag(_Definition):
 
 @dataclass(frozen=True)
 class Frequency(_Definition):
-    """Displacement frequency [Hz], f = sqrt(<v^2> / (<x^2> + floor^2)) / (2 pi), clamped to `range_Hz`.
+    """Displacement frequency [Hz] in an exponential window of `time_constant_s`, clamped to `range_Hz`.
 
-    <> is an exponential window of `time_constant_s`. x and v are taken relative to their means in such a window: both
-    are filtered alike, so their ratio stays the same. `floor_m` [m] keeps the estimate low near standstill.
+    `floor_m` [m] keeps the estimate low near standstill.
     """
 
     name: str

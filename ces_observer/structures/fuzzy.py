@@ -1,8 +1,7 @@
-"""A neuro-fuzzy model (ANFIS; Jang 1993): its parameters and proof of stability.
+"""A neuro-fuzzy model (ANFIS): its parameters and proof of stability; `ces_observer.tick.fuzzy` has its equation.
 
-force = scale_N * sum over rules of share * (constant + linear . phi), with phi the scaled regressors. A rule's share is
-the product of its memberships over the sum of all rules' products. Memberships depend on inputs, never on past forces,
-so the model is a blend of affine recursions whose shares depend only on the damper's motion and current.
+A rule's share is its firing over that of all rules. Memberships depend on inputs, never on past forces, so the model is
+a blend of affine recursions whose shares depend only on the damper's motion and current.
 
 The shares are never negative and sum to one, so sum_j |sum_r share_r a_rj| <= max_r sum_j |a_rj|. If every rule's sum
 is below one, the blend is a contraction for any inputs, and from a past of zeros |y| <= max |b| / (1 - max sum) at all
@@ -16,25 +15,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import accumulate
 from math import prod
-from typing import ClassVar, Self
+from typing import Self
 
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import largest, up
-from ces_observer.structures.lagged_signals import (
-    MAX_NUMBER,
-    Regressor,
-    affine,
-    fill_lagged,
-    parse_number,
-    parse_regressors,
-    scale_from,
-)
+from ces_observer.structures import lagged_signals as lagged
 from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure
 from ces_observer.tick import fuzzy as tick
-from ces_observer.tick.lagged import K_LAGGED
+from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.structure import FUZZY
 
 INPUTS = ("speed", "current", "position")
@@ -42,7 +33,7 @@ MAX_RULES = 200
 MAX_PREMISES = 6
 MAX_MEMBERSHIPS = 200
 STEEPEST = 0.5 * tick.MAX_FUZZY_EXPONENT
-MIN_WIDTH = 1e-6  # [m, m/s, A]; with STEEPEST and MAX_NUMBER, so that no power overflows
+MIN_WIDTH = 1e-6  # [m, m/s, A]; with STEEPEST and lagged.MAX_NUMBER, so that no power overflows
 MIN_FIRING = 1e-200  # so that the shares do not underflow
 CLAIM = "sum_j |a_j| <= gain < 1 in every rule, so in every blend; |b| <= drive_N for every input in the input envelope"
 METHOD = "convex blend of the rules; interval arithmetic, outward rounding"
@@ -83,14 +74,10 @@ class Rule:
 class Fuzzy(Structure):
     """A neuro-fuzzy model; each rule's `linear` has one coefficient for each regressor."""
 
-    name: ClassVar[str] = "anfis"
-    keys: ClassVar[tuple[str, ...]] = ("fuzzy",)
-    option: ClassVar[str] = "anfis"
-    rank: ClassVar[int] = 2
-    number: ClassVar[int] = FUZZY
-    runs: ClassVar = (tick.fuzzy_reset, tick.fuzzy_tick)
+    name, keys, option, rank = "anfis", ("fuzzy",), "anfis", 2
+    number, runs = FUZZY, (lagged_reset, tick.fuzzy_tick)
 
-    regressors: tuple[Regressor, ...]
+    regressors: tuple[lagged.Regressor, ...]
     scale_N: float
     premises: tuple[Premise, ...]
     rules: tuple[Rule, ...]
@@ -116,10 +103,10 @@ class Fuzzy(Structure):
         """Check the rules of a model file over its ranges of inputs; raises ModelError."""
         node = root.at("fuzzy")
         node.require_only_keys("regressors", "scale_N", "premises", "rules")
-        regressors = parse_regressors(node)
+        regressors = lagged.parse_regressors(node)
         premises = tuple(map(_parse_premise, node.items("premises", 1, MAX_PREMISES)))
         rules = tuple(_parse_rule(item, premises, len(regressors)) for item in node.items("rules", 1, MAX_RULES))
-        fuzzy = cls(regressors, scale_from(node), premises, rules)
+        fuzzy = cls(regressors, lagged.scale_from(node), premises, rules)
         if min_firing(fuzzy, inputs) < MIN_FIRING:
             raise ModelError(
                 f"{node.where}: rules: no rule applies in a part of the input envelope; expected wider memberships"
@@ -129,8 +116,8 @@ class Fuzzy(Structure):
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the rules into a layout, for `ces_observer.tick.fuzzy`; the bells of all premises are in one row."""
         layout.reserve(tick.P_FUZZY, tick.N_FUZZY, tick.S_FUZZY, K_LAGGED)
-        premises = [Regressor(p.signal, p.lag, 0.0, 1.0) for p in self.premises]
-        fill_lagged(layout, (*self.regressors, *premises), self.max_lag)
+        premises = [lagged.Regressor(p.signal, p.lag, 0.0, 1.0) for p in self.premises]
+        lagged.fill_lagged(layout, (*self.regressors, *premises), self.max_lag)
         bells = [(i, bell) for i, premise in enumerate(self.premises) for bell in premise.memberships]
         first = list(accumulate((len(p.memberships) for p in self.premises), initial=0))
         choices = [at + chosen for rule in self.rules for at, chosen in zip(first, rule.memberships, strict=False)]
@@ -150,7 +137,7 @@ class Fuzzy(Structure):
     def certify(self, within: OperatingRange) -> Contraction:
         """Return proved bounds on the sum of the past forces' |gains|, and on |force| [N] at a past of zeros."""
         at = [r.interval(within.inputs) for r in self.regressors]
-        drive = max(largest(affine(rule.constant, rule.linear, at)) for rule in self.rules)
+        drive = max(largest(lagged.affine(rule.constant, rule.linear, at)) for rule in self.rules)
         gains = []
         for rule in self.rules:
             gain = 0.0
@@ -171,8 +158,8 @@ def _parse_premise(node: JsonObject) -> Premise:
     bells = []
     for item in node.items("memberships", 1, MAX_MEMBERSHIPS):
         item.require_only_keys("centre", "width", "slope")
-        width = item.number("width", MIN_WIDTH, MAX_NUMBER)
-        bells.append(Bell(parse_number(item, "centre"), width, item.number("slope", 0.1, STEEPEST)))
+        width = item.number("width", MIN_WIDTH, lagged.MAX_NUMBER)
+        bells.append(Bell(lagged.parse_number(item, "centre"), width, item.number("slope", 0.1, STEEPEST)))
     return Premise(node.choice("signal", INPUTS), node.integer("lag", 0, MAX_LAG), tuple(bells))
 
 
@@ -185,5 +172,5 @@ def _parse_rule(node: JsonObject, premises: Sequence[Premise], regressors: int) 
                 f"{node.where}: membership {index:g} of {premise.signal}; expected a whole number from 0 to "
                 f"{len(premise.memberships) - 1}"
             )
-    linear = node.numbers("linear", regressors, MAX_NUMBER)
-    return Rule(tuple(int(index) for index in chosen), parse_number(node, "constant"), linear)
+    linear = node.numbers("linear", regressors, lagged.MAX_NUMBER)
+    return Rule(tuple(int(index) for index in chosen), lagged.parse_number(node, "constant"), linear)

@@ -21,27 +21,19 @@ from dataclasses import dataclass, replace
 from itertools import chain, pairwise
 from math import inf
 from sys import float_info
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
+from ces_observer.proof.certificate import ENERGY_CLAIM, EnergyCertificate
+from ces_observer.structures import physical
 from ces_observer.structures.curves import MAX_VALUE, Bypass, FlowMap, parse_bypass
-from ces_observer.structures.physical import (
-    MAX_REACH,
-    FrictionElement,
-    PhysicalStructure,
-    SideForces,
-    ValvePath,
-    widen,
-    yield_at_mid_stroke,
-)
-from ces_observer.structures.structure import OperatingRange, Ranges
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.tick import edges, mount, pressures
 from ces_observer.tick import hydraulic as tick
-from ces_observer.tick.hydraulic import hydraulic_reset, hydraulic_tick
-from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STRUCTURE
 from ces_observer.tick.pressures import ROUNDING, WARMING_S
+from ces_observer.tick.structure import HYDRAULIC
 
 SPREAD = (0.05, 0.2, 0.5, 1.0, 1.7, 3.0, 6.0, 12.0)  # absolute pressures over the reservoir's, between pieces of phi
 KINDS = ("uniflow", "twin tube", "monotube", "magneto-rheological")
@@ -85,19 +77,15 @@ NUMBERS = {  # of a model file, with their limits
 
 
 @dataclass(frozen=True)
-class Hydraulic(PhysicalStructure):
+class Hydraulic(Structure):
     """A hydraulic network; compliances [m/N] of both chambers, flows as speeds [m/s]; `kind` is one of KINDS."""
 
-    name: ClassVar[str] = "hydraulic"
-    keys: ClassVar[tuple[str, ...]] = ("hydraulic",)
-    option: ClassVar[str] = "hydraulic"
-    rank: ClassVar[int] = 3
-    method: ClassVar[str] = METHOD
-    number: ClassVar[int] = 4
-    runs = (hydraulic_reset, hydraulic_tick)
+    name, keys, option, rank = "hydraulic", ("hydraulic",), "hydraulic", 3
+    number, runs = HYDRAULIC, (tick.hydraulic_reset, tick.hydraulic_tick)
+    extrapolates, unproved = True, "its force is not proved to be bounded for every input"
 
     kind: str
-    valve: ValvePath
+    valve: physical.ValvePath
     area_ratio: float
     compression_m_N: float
     rebound_m_N: float
@@ -119,8 +107,18 @@ class Hydraulic(PhysicalStructure):
     base_s: float
     external_s: float
     friction_growth_1_N: float
-    side: SideForces
+    side: physical.SideForces
     reach: float
+
+    @property
+    def max_lag(self) -> int:
+        """Longest lag of any signal in ticks."""
+        return self.valve.max_lag
+
+    @property
+    def outside(self) -> str:
+        """What becomes of inputs outside the envelope."""
+        return f"used as they are up to {self.reach:g} times the envelope, and clamped beyond"
 
     @property
     def size(self) -> str:
@@ -156,22 +154,19 @@ class Hydraulic(PhysicalStructure):
             raise ModelError(f"{node.where}: the edges have different flow_m_s; expected the same for all")
         return cls(
             kind=str(node.value["kind"]),
-            valve=ValvePath.from_json(node.at("valve")),
+            valve=physical.ValvePath.from_json(node.at("valve")),
             **numbers,
             **edges,
             bypass=parse_bypass(node.at("bypass")),
-            side=SideForces.from_json(node.at("side")),
-            reach=node.number("reach", 1.0, MAX_REACH),
+            side=physical.SideForces.from_json(node.at("side")),
+            reach=node.number("reach", 1.0, physical.MAX_REACH),
         )
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write its numbers into a layout."""
         rate = within.rate_Hz
-        layout.table([0.0] * (tick.P_HYDRAULIC_END - P_STRUCTURE))
-        layout.indices([0] * (tick.N_HYDRAULIC_END - N_STRUCTURE))
-        layout.state(tick.S_HYDRAULIC_END - S_STRUCTURE)
-        layout.memory(tick.K_HYDRAULIC_END - K_STRUCTURE)
-        wide = [end for ends in widen(within.inputs, self.reach).values() for end in ends]
+        layout.reserve(tick.P_HYDRAULIC_END, tick.N_HYDRAULIC_END, tick.S_HYDRAULIC_END, tick.K_HYDRAULIC_END)
+        wide = [end for ends in physical.widen(within.inputs, self.reach).values() for end in ends]
         layout.put(tick.WIDE_POSITION_LOW, map(_as_number, wide))
         self.valve.fill(layout, 1.0 / rate)
         self.side.fill(layout, 1.0 / rate)
@@ -226,16 +221,29 @@ class Hydraulic(PhysicalStructure):
         layout.n[mount.SPRING_STATES] = layout.state(4 * len(springs))
         layout.n[mount.SPRING_ORDER] = layout.memory(len(springs))
 
+    def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
+        """Return the force [N] at mid-stroke of full strokes at constant speed and current, here in one long tick."""
+        low, high = within.inputs["position"]
+        run = self.at_full_strokes(0.5 * (high - low), self.valve.steady(current_A)).make_predictor(physical.LONG_TICK)
+        return run.tick(0.5 * (low + high), speed_m_s, current_A)
+
     def at_full_strokes(self, half_m: float, setting: float) -> Self:
         """Return the model with the yield forces that its friction has in the middle of strokes to +-`half_m` [m]."""
         elements = (
-            FrictionElement(
+            physical.FrictionElement(
                 one.stiffness_N_m,
-                yield_at_mid_stroke(one.stiffness_N_m, one.yield_N + setting * one.moved_N, half_m),
+                physical.yield_at_mid_stroke(one.stiffness_N_m, one.yield_N + setting * one.moved_N, half_m),
             )
             for one in self.side.friction
         )
         return replace(self, side=replace(self.side, friction=tuple(elements)))
+
+    def certify(self, within: OperatingRange) -> EnergyCertificate:
+        """Return the proved bounds on |force| [N]; the force is held within its range, too."""
+        most = max(map(abs, within.force_N))
+        ranges = within.inputs, physical.widen(within.inputs, self.reach)
+        envelope, any_input = (min(self.bound_force(inputs), most) for inputs in ranges)
+        return EnergyCertificate(envelope, any_input, ENERGY_CLAIM, METHOD)
 
     def bound_force(self, inputs: Ranges) -> float:
         """Return a bound on |force| [N] for inputs in their ranges."""

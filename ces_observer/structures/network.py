@@ -1,7 +1,4 @@
-"""A sigmoid network NARX (thesis eq. 3.4, with a linear part): its parameters and proof of stability.
-
-force = scale_N * (constant + linear . phi + sum over units of weight * s(slopes . phi + bias)), s(x) = 1 / (1 + e^-x),
-with phi the scaled regressors (past forces, currents, speeds, positions).
+"""A sigmoid network NARX: its parameters and proof of stability; `ces_observer.tick.sigmoid` has its equation.
 
 The slope s' of a sigmoid lies in (0, 1/4]. Between two pasts the mean value theorem gives the output's change as
 sum_j g_j (change of y(k - j)) with g_j in the interval of linear_j + sum_i weight_i slope_ij s'_i, for any inputs. So
@@ -14,24 +11,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import chain
 from math import exp
-from typing import ClassVar, Self
+from typing import Self
 
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
 from ces_observer.proof.certificate import Contraction
 from ces_observer.proof.intervals import Interval, add, largest, product, up
-from ces_observer.structures.lagged_signals import (
-    MAX_NUMBER,
-    Regressor,
-    affine,
-    fill_lagged,
-    parse_number,
-    parse_regressors,
-    scale_from,
-)
+from ces_observer.structures import lagged_signals as lagged
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.tick import sigmoid as tick
-from ces_observer.tick.lagged import K_LAGGED
+from ces_observer.tick.lagged import K_LAGGED, lagged_reset
 from ces_observer.tick.model import S_STRUCTURE
 from ces_observer.tick.structure import SIGMOID
 
@@ -58,14 +47,10 @@ class SigmoidUnit:
 class Network(Structure):
     """A sigmoid network; `linear` and each unit's slopes have one coefficient for each regressor."""
 
-    name: ClassVar[str] = "sigmoid_narx"
-    keys: ClassVar[tuple[str, ...]] = ("network",)
-    option: ClassVar[str] = "sigmoid"
-    rank: ClassVar[int] = 1
-    number: ClassVar[int] = SIGMOID
-    runs: ClassVar = (tick.sigmoid_reset, tick.sigmoid_tick)
+    name, keys, option, rank = "sigmoid_narx", ("network",), "sigmoid", 1
+    number, runs = SIGMOID, (lagged_reset, tick.sigmoid_tick)
 
-    regressors: tuple[Regressor, ...]
+    regressors: tuple[lagged.Regressor, ...]
     scale_N: float
     constant: float
     linear: tuple[float, ...]
@@ -86,19 +71,19 @@ class Network(Structure):
         """Check the network of a model file; raises ModelError."""
         node = root.at("network")
         node.require_only_keys("regressors", "scale_N", "constant", "linear", "units")
-        regressors = parse_regressors(node)
+        regressors = lagged.parse_regressors(node)
         return cls(
             regressors,
-            scale_from(node),
-            parse_number(node, "constant"),
-            node.numbers("linear", len(regressors), MAX_NUMBER),
+            lagged.scale_from(node),
+            lagged.parse_number(node, "constant"),
+            node.numbers("linear", len(regressors), lagged.MAX_NUMBER),
             tuple(_parse_unit(item, len(regressors)) for item in node.items("units", 0, MAX_UNITS)),
         )
 
     def fill(self, layout: Layout, within: OperatingRange) -> None:
         """Write the network into a layout, for `ces_observer.tick.sigmoid`."""
         layout.reserve(tick.P_SIGMOID, tick.N_SIGMOID, S_STRUCTURE, K_LAGGED)
-        fill_lagged(layout, self.regressors, self.max_lag)
+        lagged.fill_lagged(layout, self.regressors, self.max_lag)
         rows = [(*self.linear, self.constant), *((*unit.slopes, unit.bias) for unit in self.units)]
         layout.p[tick.SIGMOID_SCALE] = self.scale_N
         layout.n[tick.SIGMOID_UNITS] = len(self.units)
@@ -125,9 +110,9 @@ class Network(Structure):
     def _drive(self, inputs: Ranges) -> Interval:
         """Return an interval that holds the scaled output at a past of zeros."""
         at = [r.interval(inputs) for r in self.regressors]
-        total = affine(self.constant, self.linear, at)
+        total = lagged.affine(self.constant, self.linear, at)
         for unit in self.units:
-            low, high = affine(unit.bias, unit.slopes, at)
+            low, high = lagged.affine(unit.bias, unit.slopes, at)
             risen = sigmoid(low) * (1.0 - ROUNDING), min(1.0, sigmoid(high) * (1.0 + ROUNDING))
             total = add(total, product((unit.weight, unit.weight), risen))
         return total
@@ -135,8 +120,8 @@ class Network(Structure):
 
 def _parse_unit(node: JsonObject, regressors: int) -> SigmoidUnit:
     node.require_only_keys("weight", "bias", "slopes")
-    slopes = node.numbers("slopes", regressors, MAX_NUMBER)
-    return SigmoidUnit(parse_number(node, "weight"), parse_number(node, "bias"), slopes)
+    slopes = node.numbers("slopes", regressors, lagged.MAX_NUMBER)
+    return SigmoidUnit(lagged.parse_number(node, "weight"), lagged.parse_number(node, "bias"), slopes)
 
 
 def sigmoid(x: float) -> float:

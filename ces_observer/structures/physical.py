@@ -1,4 +1,4 @@
-"""What the structures with physics inside share: valve path, side forces, how far they extrapolate, and their proof.
+"""Parts of a structure with physics inside: valve path, side forces, and how far it extrapolates.
 
 `ces_observer.tick.valve` leads from the current to the valve's setting; `ces_observer.tick.mount` has the friction
 elements, and `ces_observer.tick.hydraulic` the drive and the forces on the rod in parallel to the oil's.
@@ -10,18 +10,16 @@ of them.
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from dataclasses import dataclass
 from math import inf
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
-from ces_observer.proof.certificate import ENERGY_CLAIM, EnergyCertificate
 from ces_observer.proof.intervals import up
 from ces_observer.structures.curves import MAX_VALUE, IncreasingCurve, check_slopes, interpolate, parse_nodes
-from ces_observer.structures.structure import INPUTS, MAX_LAG, OperatingRange, Range, Ranges, Structure
+from ces_observer.structures.structure import INPUTS, MAX_LAG, OperatingRange, Range, Ranges
 from ces_observer.tick import hydraulic as tick
 from ces_observer.tick import valve
 
@@ -201,49 +199,6 @@ def parse_friction(node: JsonObject) -> FrictionElement:
 
 
 LONG_TICK = OperatingRange(1e-6, dict.fromkeys(INPUTS, (-inf, inf)), (-inf, inf))  # in which every lag dies out
-
-
-class PhysicalStructure(Structure):
-    """A structure of increasing curves, solved implicitly; `method` says how its force was bounded."""
-
-    extrapolates: ClassVar[bool] = True
-    unproved: ClassVar[str] = "its force is not proved to be bounded for every input"
-    method: ClassVar[str]
-
-    valve: ValvePath
-    side: SideForces
-    reach: float
-
-    @property
-    def max_lag(self) -> int:
-        """Longest lag of any signal in ticks."""
-        return self.valve.max_lag
-
-    @property
-    def outside(self) -> str:
-        """What becomes of inputs outside the envelope."""
-        return f"used as they are up to {self.reach:g} times the envelope, and clamped beyond"
-
-    def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float:
-        """Return the force [N] at mid-stroke of full strokes at constant speed and current, here in one long tick."""
-        low, high = within.inputs["position"]
-        run = self.at_full_strokes(0.5 * (high - low), self.valve.steady(current_A)).make_predictor(LONG_TICK)
-        return run.tick(0.5 * (low + high), speed_m_s, current_A)
-
-    @abstractmethod
-    def at_full_strokes(self, half_m: float, setting: float) -> Self:
-        """Return the model with the yield forces of its friction in the middle of strokes to +-`half_m` [m]."""
-
-    def certify(self, within: OperatingRange) -> EnergyCertificate:
-        """Return the proved bounds on |force| [N]; the force is held within its range, too."""
-        most = max(map(abs, within.force_N))
-        ranges = within.inputs, widen(within.inputs, self.reach)
-        envelope, any_input = (min(self.bound_force(inputs), most) for inputs in ranges)
-        return EnergyCertificate(envelope, any_input, ENERGY_CLAIM, self.method)
-
-    @abstractmethod
-    def bound_force(self, inputs: Ranges) -> float:
-        """Return a bound on |force| [N] for inputs in their ranges, infinite if there is none."""
 
 
 def yield_at_mid_stroke(stiffness_N_m: float, yield_N: float, half_m: float) -> float:

@@ -14,7 +14,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import isfinite
-from typing import Any, ClassVar, Self
+from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
@@ -37,12 +37,8 @@ METHOD = "interval branch and bound, outward rounding"
 class Polynomial(Structure):
     """The sum of its terms."""
 
-    name: ClassVar[str] = "polynomial_narx"
-    keys: ClassVar[tuple[str, ...]] = ("terms", "constructed")
-    option: ClassVar[str] = "polynomial"
-    rank: ClassVar[int] = 0
-    number: ClassVar[int] = POLYNOMIAL
-    runs = tick.polynomial_reset, tick.polynomial_tick
+    name, keys, option, rank = "polynomial_narx", ("terms", "constructed"), "polynomial", 0
+    number, runs = POLYNOMIAL, (tick.polynomial_reset, tick.polynomial_tick)
 
     terms: tuple[Term, ...]
 
@@ -75,8 +71,7 @@ class Polynomial(Structure):
         """Write the tables of the tick; raises ModelError for a number that is not finite or an unknown signal."""
         for term in self.terms:
             _require_finite(term)
-        layout.indices([0] * (tick.N_POLYNOMIAL - len(layout.n)))
-        layout.state(tick.S_POLYNOMIAL - layout.states)
+        layout.reserve(0, tick.N_POLYNOMIAL, tick.S_POLYNOMIAL, 0)
         constructed = self.constructed
         table, signals = lay_out_constructed(layout, constructed, within.rate_Hz, tick.POSITION_VALUE)
         layout.n[tick.CONSTRUCTED_TABLE] = table

@@ -237,12 +237,8 @@ class FadingCertificate(Certificate):
 class Recurrent(Structure):
     """The mean of `members`, times `scale_N`; see the module."""
 
-    name: ClassVar[str] = "recurrent"
-    keys: ClassVar[tuple[str, ...]] = ("recurrent",)
-    option: ClassVar[str] = "recurrent"
-    rank: ClassVar[int] = 3
-    number: ClassVar[int] = RECURRENT
-    runs: ClassVar = (tick.recurrent_reset, tick.recurrent_tick)
+    name, keys, option, rank = "recurrent", ("recurrent",), "recurrent", 3
+    number, runs = RECURRENT, (tick.recurrent_reset, tick.recurrent_tick)
     unproved: ClassVar[str] = "its force is not proved to be bounded"
 
     scale_N: float

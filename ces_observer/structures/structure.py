@@ -9,7 +9,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from math import inf, isfinite
 from sys import float_info
 from typing import Any, ClassVar, Protocol, Self
 
@@ -38,15 +37,6 @@ class OperatingRange:
     rate_Hz: float
     inputs: Ranges
     force_N: Range
-
-
-def hold(force: float, low: float, high: float) -> float:
-    """Return a force [N] held at the ends of its range, infinite if it is not finite.
-
-    The held force is also the past force of later ticks. Holding brings no two forces further apart, so that a
-    contraction stays one, and comes back by itself.
-    """
-    return min(max(force, low), high) if isfinite(force) else inf
 
 
 class Predictor(Protocol):

@@ -9,7 +9,7 @@ The state is position, speed, current, and the recent changes of speed and curre
 from math import sqrt
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.model import BAND_STARTED, P_BAND, P_STRUCTURE, S_BAND, S_STRUCTURE
+from ces_observer.tick.model import BAND_STARTED, P_BAND, S_BAND
 
 # p: gain and fade of a tick, the current's lowest value [A] and 1 / range [1/A], the speed [m/s], the weights, the mean
 # and the rows of the whitening of the five parts of the state, the squared limit of the distance, the constant share
@@ -20,14 +20,12 @@ from ces_observer.tick.model import BAND_STARTED, P_BAND, P_STRUCTURE, S_BAND, S
 BAND_WHITENING = BAND_MEAN + 5
 BAND_LIMIT = BAND_WHITENING + 15
 BAND_SHARE = BAND_LIMIT + 1
-BAND_NUMBERS_LEFT = P_STRUCTURE - BAND_SHARE - 1
 
 # s: inputs [m, m/s, A] and force [N] of the last tick, how recent the last reversal is, and low-passed signals
 (
     BAND_AT_POSITION, BAND_AT_SPEED, BAND_AT_CURRENT, BAND_AT_FORCE, BAND_REVERSAL, BAND_MEAN_SPEED, BAND_MEAN_CURRENT,
     BAND_MEAN_FORCE, BAND_STATE_END,
 ) = range(S_BAND, S_BAND + 9)  # fmt: skip
-BAND_STATE_LEFT = S_STRUCTURE - BAND_STATE_END
 
 
 def band_tick(p: Floats, s: Floats, k: Ints, position: float, speed: float, current: float, force: float) -> None:

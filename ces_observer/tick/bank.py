@@ -196,32 +196,29 @@ def bank_update(
             span += 1
     column = int(BINS_A_TICK * shift + FIRST_SHIFT)
     beside = (shift - float(column - EARLIEST) / BINS_A_TICK) * p[TICK_S]  # [s] beside the middle of the bin
-    row = column * n[MODES]
-    seen = row
-    likelihood = span * n[MODES]
+    row = column
     if span > 0:
-        row = (SHIFT_COUNT + (span - 1) * LATE_SHIFTS + (column - LATE_SHIFT if column > LATE_SHIFT else 0)) * n[MODES]
-    if n[MEASURES_MOTION] != 0:
-        seen = n[SEEN] + seen * BOTH_SEEN_WIDTH
-        likelihood = n[LIKELIHOODS] + likelihood * BOTH_LIKELIHOOD_WIDTH
-        take_both(p, n, s, k, seen, n[GAINS] + row * BOTH_WIDTH, likelihood, position, beside, motion)
-    else:
-        seen = n[SEEN] + seen * SEEN_WIDTH
-        likelihood = n[LIKELIHOODS] + likelihood * LIKELIHOOD_WIDTH
-        take_position(p, n, s, k, seen, n[GAINS] + row * GAINS_WIDTH, likelihood, position, beside)
+        row = SHIFT_COUNT + (span - 1) * LATE_SHIFTS + (column - LATE_SHIFT if column > LATE_SHIFT else 0)
+    take_measurement(p, n, s, k, row, column, span, position, beside, motion)
     if n[DELAY] > 0:
         look_back(p, n, s, k)
 
 
-def take_position(
-    p: Floats, n: Ints, s: Floats, k: Ints, seen: int, gains: int, likelihood: int, position: float, shift: float
-) -> None:
-    """Advance all modes by a tick with a position [m], `shift` [s] beside the middle of its bin.
+def take_measurement(
+    p: Floats, n: Ints, s: Floats, k: Ints, row: int, column: int, span: int, position: float, shift: float,
+    motion: float,
+) -> None:  # fmt: skip
+    """Advance all modes by a tick with a position [m], `shift` [s] beside the middle of its bin, and the motion if any.
 
-    `seen`, `gains` and `likelihood` are the places of the first mode's in p.
-    The weights are those of the last tick, moved a little towards equal ones, times the likelihood of the innovation e:
-    height / (1 + sharpness e^2)^5.
+    `row`, `column` and `span` are those of the gains, of what is seen, and of the likelihood. The weights are those of
+    the last tick, moved a little towards equal ones, times the likelihood of the innovations e and f: height / u^5,
+    u = 1 + (e, f)' sharpness (e, f).
     """
+    both = n[MEASURES_MOTION] != 0
+    modes = n[MODES]
+    see_width = BOTH_SEEN_WIDTH if both else SEEN_WIDTH
+    gains_width = BOTH_WIDTH if both else GAINS_WIDTH
+    like_width = BOTH_LIKELIHOOD_WIDTH if both else LIKELIHOOD_WIDTH
     delay = n[DELAY]
     stay = p[STAY] / s[TOTAL]
     leave = p[LEAVE]
@@ -231,12 +228,12 @@ def take_position(
     next_x = 0.0
     next_v = 0.0
     lost = False
-    see = seen
-    at = gains
-    like = likelihood
+    see = n[SEEN] + column * modes * see_width
+    at = n[GAINS] + row * modes * gains_width
+    like = n[LIKELIHOODS] + span * modes * like_width
     form = n[COMPANIONS]
     here = n[MODE_STATES]
-    for i in range(n[MODES]):
+    for i in range(modes):
         x = s[here + MODE_X]
         speed = s[here + MODE_V]
         z1 = s[here + MODE_Z1]
@@ -244,93 +241,53 @@ def take_position(
         z3 = s[here + MODE_Z3]
         e = position - x - (p[see + SEEN_V] + shift) * speed
         e = e - p[see + SEEN_Z1] * z1 - p[see + SEEN_Z2] * z2 - p[see + SEEN_Z3] * z3
-        u = 1.0 + p[like + SHARPNESS] * e * e
+        f = 0.0
+        square = p[like + SHARPNESS] * e * e
+        out_x = p[at + GAIN_POSITION] * e
+        out_v = p[at + GAIN_SPEED] * e
+        to_x = p[at + GAIN_X] * e
+        to_v = p[at + GAIN_V] * e
+        to_z1 = p[at + GAIN_Z1] * e
+        to_z2 = p[at + GAIN_Z2] * e
+        to_z3 = p[at + GAIN_Z3] * e
+        if both:
+            felt = p[see + FELT_V] * speed + p[see + FELT_Z1] * z1 + p[see + FELT_Z2] * z2 + p[see + FELT_Z3] * z3
+            f = motion - (felt + s[here + MODE_OFFSET])
+            square = square + p[like + SHARPNESS_BOTH] * e * f + p[like + SHARPNESS_MOTION] * f * f
+            if square < -0.5:
+                square = 0.0  # never, but for numbers that no design gives
+            out_x += p[at + FELT_POSITION] * f
+            out_v += p[at + FELT_SPEED] * f
+            to_x += p[at + FELT_X] * f
+            to_v += p[at + FELT_GAIN_V] * f
+            to_z1 += p[at + FELT_GAIN_Z1] * f
+            to_z2 += p[at + FELT_GAIN_Z2] * f
+            to_z3 += p[at + FELT_GAIN_Z3] * f
+            s[here + MODE_OFFSET] += p[at + GAIN_OFFSET] * e + p[at + FELT_OFFSET] * f
+        u = 1.0 + square
         square = u * u
         weight = (leave + stay * s[here + MODE_WEIGHT]) * p[like + HEIGHT] / (square * square * u)
         total += weight
-        mean_x += weight * (x + p[at + GAIN_POSITION] * e)
-        mean_v += weight * (speed + p[at + GAIN_SPEED] * e)
+        mean_x += weight * (x + out_x)
+        mean_v += weight * (speed + out_v)
         if delay > 0:
-            keep_tick(n, s, k, i, speed, e, 0.0)
-        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3 + p[at + GAIN_X] * e
-        v = p[form + A1] * speed + z1 + p[at + GAIN_V] * e
-        s[here + MODE_X] = x
-        s[here + MODE_V] = v
-        s[here + MODE_Z1] = p[form + A2] * speed + z2 + p[at + GAIN_Z1] * e
-        s[here + MODE_Z2] = p[form + A3] * speed + z3 + p[at + GAIN_Z2] * e
-        s[here + MODE_Z3] = p[form + A4] * speed + p[at + GAIN_Z3] * e
-        s[here + MODE_WEIGHT] = weight
-        next_x += weight * x
-        next_v += weight * v
-        if u > LOST:
-            s[here + MODE_LOST] = 1.0
-            lost = True
-        see += SEEN_WIDTH
-        at += GAINS_WIDTH
-        like += LIKELIHOOD_WIDTH
-        form += COMPANION_WIDTH
-        here += MODE_WIDTH
-    note_mean(n, s, k, total, mean_x, mean_v, next_x, next_v)
-    if lost:
-        restart_lost_modes(p, n, s)
-
-
-def take_both(
-    p: Floats, n: Ints, s: Floats, k: Ints, seen: int, gains: int, likelihood: int, position: float, shift: float,
-    motion: float,
-) -> None:  # fmt: skip
-    """Do as `take_position` with a second measurement, whose innovation is f: u = 1 + (e, f)' sharpness (e, f)."""
-    stay = p[STAY] / s[TOTAL]
-    total = 0.0
-    mean_x = 0.0
-    mean_v = 0.0
-    next_x = 0.0
-    next_v = 0.0
-    lost = False
-    see = seen
-    at = gains
-    like = likelihood
-    form = n[COMPANIONS]
-    here = n[MODE_STATES]
-    for i in range(n[MODES]):
-        x = s[here + MODE_X]
-        speed = s[here + MODE_V]
-        z1 = s[here + MODE_Z1]
-        z2 = s[here + MODE_Z2]
-        z3 = s[here + MODE_Z3]
-        offset = s[here + MODE_OFFSET]
-        e = position - x - (p[see + SEEN_V] + shift) * speed
-        e = e - p[see + SEEN_Z1] * z1 - p[see + SEEN_Z2] * z2 - p[see + SEEN_Z3] * z3
-        felt = p[see + FELT_V] * speed + p[see + FELT_Z1] * z1 + p[see + FELT_Z2] * z2 + p[see + FELT_Z3] * z3
-        f = motion - (felt + offset)
-        u = 1.0 + (p[like + SHARPNESS] * e * e + p[like + SHARPNESS_BOTH] * e * f + p[like + SHARPNESS_MOTION] * f * f)
-        if u < 0.5:
-            u = 1.0  # never, but for numbers that no design gives
-        square = u * u
-        weight = (p[LEAVE] + stay * s[here + MODE_WEIGHT]) * p[like + HEIGHT] / (square * square * u)
-        total += weight
-        mean_x += weight * (x + (p[at + GAIN_POSITION] * e + p[at + FELT_POSITION] * f))
-        mean_v += weight * (speed + (p[at + GAIN_SPEED] * e + p[at + FELT_SPEED] * f))
-        if n[DELAY] > 0:
             keep_tick(n, s, k, i, speed, e, f)
-        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3
-        x += p[at + GAIN_X] * e + p[at + FELT_X] * f
-        v = p[form + A1] * speed + z1 + (p[at + GAIN_V] * e + p[at + FELT_GAIN_V] * f)
+        x = x + p[form + B0] * speed + p[form + B1] * z1 + p[form + B2] * z2 + p[form + B3] * z3 + to_x
+        v = p[form + A1] * speed + z1 + to_v
         s[here + MODE_X] = x
         s[here + MODE_V] = v
-        s[here + MODE_Z1] = p[form + A2] * speed + z2 + (p[at + GAIN_Z1] * e + p[at + FELT_GAIN_Z1] * f)
-        s[here + MODE_Z2] = p[form + A3] * speed + z3 + (p[at + GAIN_Z2] * e + p[at + FELT_GAIN_Z2] * f)
-        s[here + MODE_Z3] = p[form + A4] * speed + (p[at + GAIN_Z3] * e + p[at + FELT_GAIN_Z3] * f)
-        s[here + MODE_OFFSET] = offset + (p[at + GAIN_OFFSET] * e + p[at + FELT_OFFSET] * f)
+        s[here + MODE_Z1] = p[form + A2] * speed + z2 + to_z1
+        s[here + MODE_Z2] = p[form + A3] * speed + z3 + to_z2
+        s[here + MODE_Z3] = p[form + A4] * speed + to_z3
         s[here + MODE_WEIGHT] = weight
         next_x += weight * x
         next_v += weight * v
         if u > LOST:
             s[here + MODE_LOST] = 1.0
             lost = True
-        see += BOTH_SEEN_WIDTH
-        at += BOTH_WIDTH
-        like += BOTH_LIKELIHOOD_WIDTH
+        see += see_width
+        at += gains_width
+        like += like_width
         form += COMPANION_WIDTH
         here += MODE_WIDTH
     note_mean(n, s, k, total, mean_x, mean_v, next_x, next_v)

@@ -110,18 +110,14 @@ def _run_now(
 ) -> int:  # fmt: skip
     """Run the ticks that the sample completes; lost ones lie on the line between their neighbours."""
     count = k[TICKS]
-    if count == 1:
-        if not run_advance(now_p, now_n, now_s, now_k, s[BANK_POSITION], s[BANK_SPEED], current):
+    for i in range(1, count):
+        share = float(i) / float(count)
+        x = s[OLD_POSITION] + share * (s[BANK_POSITION] - s[OLD_POSITION])
+        v = s[OLD_SPEED] + share * (s[BANK_SPEED] - s[OLD_SPEED])
+        if not run_advance(now_p, now_n, now_s, now_k, x, v, current):
             return UNBOUNDED
-    elif count > 1:
-        for i in range(1, count):
-            share = float(i) / float(count)
-            x = s[OLD_POSITION] + share * (s[BANK_POSITION] - s[OLD_POSITION])
-            v = s[OLD_SPEED] + share * (s[BANK_SPEED] - s[OLD_SPEED])
-            if not run_advance(now_p, now_n, now_s, now_k, x, v, current):
-                return UNBOUNDED
-        if not run_advance(now_p, now_n, now_s, now_k, s[BANK_POSITION], s[BANK_SPEED], current):
-            return UNBOUNDED
+    if count > 0 and not run_advance(now_p, now_n, now_s, now_k, s[BANK_POSITION], s[BANK_SPEED], current):
+        return UNBOUNDED
     return OK if now_k[WAIT] < 0 else WARMING_UP
 
 
@@ -166,7 +162,7 @@ def _run_oldest(
         k[LATE_REASON] = WARMING_UP
     else:
         k[LATE_REASON] = OK
-        if k[stamps + 1] != 0:
+        if k[stamps + 1] != 0 and k[LATE_COUNT] <= n[DELAY]:  # as always: no more can wait
             at = n[LATE_VALUES] + LATE_WIDTH * k[LATE_COUNT]
             s[at] = position + ahead * p[TICK_S] * speed
             s[at + 1] = speed

@@ -8,9 +8,7 @@ a membership 1 / (1 + |(x - centre) / width|^exponent).
 from math import inf, pow
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.lagged import (
-    LAGGED_COUNT, LAGGED_PHI, N_LAGGED, check_lagged, lagged_force, lagged_inputs, lagged_reset,
-)  # fmt: skip
+from ces_observer.tick.lagged import LAGGED_COUNT, LAGGED_PHI, N_LAGGED, check_lagged, lagged_force, lagged_inputs
 from ces_observer.tick.layers import apply_layer
 from ces_observer.tick.model import LARGEST, P_STRUCTURE, SMALLEST, S_STRUCTURE, are_between, are_indices, lies_within
 
@@ -31,11 +29,6 @@ FUZZY_FIRED, S_FUZZY = range(S_STRUCTURE, S_STRUCTURE + 2)
 # so that no power overflows
 MAX_FUZZY_DISTANCE = 2e15  # of an input from a centre, in widths
 MAX_FUZZY_EXPONENT = 20.0
-
-
-def fuzzy_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
-    """Forget the past."""
-    lagged_reset(p, n, s, k)
 
 
 def fuzzy_memberships(p: Floats, n: Ints, s: Floats) -> None:

@@ -6,9 +6,7 @@ force = scale * (constant + linear . phi + sum over units of weight * s(slopes .
 from math import exp
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.lagged import (
-    LAGGED_COUNT, LAGGED_PHI, N_LAGGED, check_lagged, lagged_force, lagged_inputs, lagged_reset,
-)  # fmt: skip
+from ces_observer.tick.lagged import LAGGED_COUNT, LAGGED_PHI, N_LAGGED, check_lagged, lagged_force, lagged_inputs
 from ces_observer.tick.layers import apply_layer
 from ces_observer.tick.model import P_STRUCTURE, lies_within
 
@@ -20,11 +18,6 @@ SIGMOID_SCALE, P_SIGMOID = range(P_STRUCTURE, P_STRUCTURE + 2)
 SIGMOID_UNITS, SIGMOID_LAYER, SIGMOID_WEIGHTS, SIGMOID_OUTPUTS, N_SIGMOID = range(N_LAGGED, N_LAGGED + 5)
 
 MAX_SIGMOID_EXPONENT = 700.0  # beyond, e^x overflows
-
-
-def sigmoid_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
-    """Forget the past."""
-    lagged_reset(p, n, s, k)
 
 
 def sigmoid_force(p: Floats, n: Ints, s: Floats) -> float:

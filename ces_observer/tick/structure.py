@@ -6,12 +6,13 @@ A new structure is added here, with its tick in a file of its own.
 from math import inf
 
 from ces_observer.tick.arrays import Floats, Ints
-from ces_observer.tick.fuzzy import check_fuzzy, fuzzy_reset, fuzzy_tick
+from ces_observer.tick.fuzzy import check_fuzzy, fuzzy_tick
 from ces_observer.tick.hydraulic import check_hydraulic, hydraulic_reset, hydraulic_tick
+from ces_observer.tick.lagged import lagged_reset
 from ces_observer.tick.model import KIND
 from ces_observer.tick.polynomial import check_polynomial, polynomial_reset, polynomial_tick
 from ces_observer.tick.recurrent import check_recurrent, recurrent_reset, recurrent_tick
-from ces_observer.tick.sigmoid import check_sigmoid, sigmoid_reset, sigmoid_tick
+from ces_observer.tick.sigmoid import check_sigmoid, sigmoid_tick
 
 POLYNOMIAL, SIGMOID, FUZZY, RECURRENT, HYDRAULIC = range(5)
 
@@ -21,10 +22,8 @@ def structure_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
     kind = n[KIND]
     if kind == POLYNOMIAL:
         polynomial_reset(p, n, s, k)
-    elif kind == SIGMOID:
-        sigmoid_reset(p, n, s, k)
-    elif kind == FUZZY:
-        fuzzy_reset(p, n, s, k)
+    elif kind == SIGMOID or kind == FUZZY:
+        lagged_reset(p, n, s, k)
     elif kind == RECURRENT:
         recurrent_reset(p, n, s, k)
     elif kind == HYDRAULIC:

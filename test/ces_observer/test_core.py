@@ -120,7 +120,7 @@ def test_a_state_that_cannot_be_written_is_refused(compiled: Any) -> None:
     p, n, k = array("d", [0.0] * P_STRUCTURE), array("q", [0] * 8), array("q", [0] * 8)
     fixed = memoryview(array("d", [0.0] * 32)).toreadonly()
     with pytest.raises(BufferError):
-        compiled.bind("structure_reset" if "structure_reset" in compiled.FUNCTIONS else "sigmoid_reset", p, n, fixed, k)
+        compiled.bind("structure_reset" if "structure_reset" in compiled.FUNCTIONS else "lagged_reset", p, n, fixed, k)
 
 
 @pytest.mark.needs("cc")

@@ -192,7 +192,7 @@ def core_texts() -> tuple[str, str]:
     """Return header and source of the core with the loop in it."""
     folder = Path(tick.__path__[0])
     texts = {name: (folder / f"{name}.py").read_text() for name in tick.MODULES}
-    core = Core({**texts, "tick_loop": inspect.getsource(tick_loop)}, [*tick.ENTRY_POINTS, "run_samples"])
+    core = Core({**texts, "tick_loop": inspect.getsource(tick_loop)}, ["run_samples", "check_models"])
     return core.header, core.source
 
 

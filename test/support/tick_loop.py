@@ -43,7 +43,7 @@ def run_samples(
         else:
             rows[ROW * i + 3] = nan
             rows[ROW * i + 4] = float(late_k[CLAMPED])
-        for j in range(k[LATE_COUNT]):
+        for j in range(k[LATE_COUNT] if known + k[LATE_COUNT] <= count else 0):
             later_stamps[known] = k[n[LATE_STAMPS] + j]
             for m in range(LATE_WIDTH):
                 later[LATE_WIDTH * known + m] = s[n[LATE_VALUES] + LATE_WIDTH * j + m]

@@ -8,11 +8,9 @@ import struct
 import subprocess
 from dataclasses import replace
 
-import numpy as np
 import pytest
-from exported_c import INPUTS, as_samples, seeded, stroke
 from exported_models import MODELS, PLAIN, make
-from tick_forms import STRICT, UNPROVED, compile_export, run_export
+from tick_forms import STRICT, UNPROVED
 
 from ces_identify.export.export_c import CODES, LONGEST_NAME, NAME_ENDING, _table, export_c, identifier
 from ces_observer.errors import ModelError
@@ -84,18 +82,6 @@ def test_a_core_of_another_version_is_refused_by_the_compiler(tmp_path) -> None:
     header.write_text(re.sub("(?<=CES_CORE_DIGEST 0x)....", "1234", header.read_text()))
     done = subprocess.run(["cc", "-c", "model.c"], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert "another version of ces_observer than this file: export all models again" in done.stderr
-
-
-@pytest.mark.needs("cc")
-def test_estimates_come_late_by_their_delay_with_the_stamps_of_their_samples(tmp_path) -> None:
-    stamps, position, current = seeded(INPUTS[0])
-    found = run_export(
-        compile_export(tmp_path, model := MODELS["a delay"]()), as_samples(model, stamps, position, current)
-    )
-    first = len(stamps) - len(found.later) - 5  # the last ones are never known
-    np.testing.assert_array_equal(found.later_stamps, stamps[first:-5])
-    assert np.isnan(found.rows[:, 0]).all()
-    np.testing.assert_allclose(found.later[:, 1], np.gradient(stroke(stamps), 1e-3)[first:-5], atol=0.05)
 
 
 @pytest.mark.parametrize("name", ["plain, with a band", "two models", "rules", "hydraulic"])

@@ -126,16 +126,6 @@ def test_a_wrong_derivative_is_forgotten_after_its_step(slave, model):
     same(rows, estimated(model, time, position, current)[1:-1])
 
 
-def test_it_withholds_after_a_long_step_and_for_inputs_that_are_not_finite(slave, model):
-    time, position, current = stroke()
-    time[700:] += 0.3
-    position[900], current[950] = np.nan, np.inf
-    rows = run(slave, time, position, current, sloped=False)
-    same(rows, estimated(model, time, position, current)[:-1])
-    assert np.isfinite(rows[:, 0]).all()
-    assert rows[900, 4] == rows[950, 4] == REASONS.index("position or current is not finite")
-
-
 @pytest.mark.parametrize("alone", [False, True])
 def test_a_delayed_force_comes_out_as_soon_as_it_is_known(tmp_path, alone):
     from fmpy.validation import validate_fmu

@@ -116,7 +116,7 @@ def mutate(arrays, dice: random.Random):
     for _ in range(dice.choice((1, 1, 2, 3))):
         counts = copy[dice.choice([j for j in (1, 5, 9) if len(copy[j]) > 1])]
         at = dice.randrange(len(counts))
-        near = min(int(counts[at]), 2**62) + dice.choice((-1, 1, 2, -7, 40))
+        near = max(-(2**62), min(int(counts[at]), 2**62)) + dice.choice((-1, 1, 2, -7, 40))
         counts[at] = dice.choice((near, dice.randrange(-3, 300), dice.choice((*WILD, -1))))
     if dice.random() < 0.2:
         j = dice.choice([j for j in range(12) if len(copy[j]) > 1])

@@ -3,7 +3,7 @@
 import numpy as np
 from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP
 
-from ces_identify.polynomial.compiled_terms import compile_terms, membership_values, signal_values
+from ces_identify.polynomial.compiled_terms import compile_terms, signal_values
 from ces_identify.polynomial.problem import probe
 from ces_observer.structures.terms import Factor, Term
 
@@ -39,4 +39,4 @@ def test_probes_take_a_membership_for_what_it_is_and_go_through_its_kinks():
     probes = probe(compile_terms(terms), ENVELOPE)
     np.testing.assert_allclose(probes[:3].sum(axis=0), 1.0, rtol=1e-14)
     np.testing.assert_allclose(probes[:3].max(axis=1), 1.0)
-    np.testing.assert_allclose(probes[0], membership_values(LOW, probes[3]))
+    np.testing.assert_allclose(probes[0], [LOW.at(x) for x in probes[3]])

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 from constructed_models import ENVELOPE, FREQUENCY, HIGH, LAG, LONG, LOW, MID, PLAY, SHORT, STOP, constructed_damper
 
+from ces_identify.numerics import kernels
 from ces_identify.numerics.core import compiled, run_batch
-from ces_identify.polynomial.compiled_terms import run_polynomial
+from ces_identify.polynomial.compiled_terms import compile_terms
 from ces_observer.structures.terms import Factor, Term
 from ces_observer.tick.model import HELD
 from ces_observer.tick.polynomial import check_polynomial, polynomial_reset, polynomial_tick
@@ -69,16 +70,19 @@ def vehicle_forces(model, inputs):
     return forces, held
 
 
+def run_columns(model, inputs):
+    terms, coefficients = compile_terms(model.body.terms), np.array([term.coefficient for term in model.body.terms])
+    powers = terms.power_table(model.envelope, inputs, SEGMENTS, model.sampling.rate_Hz)
+    return kernels.free_run(powers, SEGMENTS, terms.arrays, coefficients, model.force_envelope_N)
+
+
 @pytest.mark.parametrize("seed", range(60))
 def test_forces_are_the_same_to_the_last_bit(seed):
     model, inputs = random_model(seed), hostile(seed)
     if seed % 10 == 9:
         inputs[:, 1300] = math.nan
     forces, held = vehicle_forces(model, inputs)
-    for desk in (
-        run_batch(model.body, model.operating_range, inputs, SEGMENTS),
-        run_polynomial(model.body, model, inputs, SEGMENTS),
-    ):
+    for desk in (run_batch(model.body, model.operating_range, inputs, SEGMENTS), run_columns(model, inputs)):
         np.testing.assert_array_equal(desk[0].view(np.int64), forces.view(np.int64))
         np.testing.assert_array_equal(desk[1], held)
 

@@ -128,7 +128,7 @@ KIT = StructureKit(
     body=Dashpot,
     sizes=(Option("percent", 100, "share of the least squares", 1, 200),),
     fitter=lambda sizes: fit(0.01 * sizes["percent"]),
-    batch_run=lambda body, model, inputs, segments: (body.viscosity * inputs[1], inputs[1] == np.inf),
+    batch_run=lambda body, within, inputs, segments: (body.viscosity * inputs[1], inputs[1] == np.inf),
     table=table,
 )
 

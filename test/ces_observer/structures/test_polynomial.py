@@ -6,8 +6,6 @@ import tracemalloc
 
 import pytest
 from constructed_models import ConstructedRun
-from hypothesis import given, settings
-from hypothesis import strategies as st
 from model_examples import make_model
 
 from ces_observer.errors import ModelError
@@ -67,39 +65,6 @@ def slow_factor(factor, past, forces):
     value = past[max(len(past) - 1 - factor.lag, 0)][factor.signal]
     size = abs(value) ** factor.power
     return math.copysign(size, value) if factor.signed else size
-
-
-powers = st.sampled_from([0.0, 0.5, 1.0, 1.5, 2.0, 3.0]) | st.floats(0.0, 8.0)
-given_factors = st.builds(Factor, st.sampled_from(BASE), st.integers(0, 12), powers, st.booleans())
-made_factors = st.builds(
-    lambda one, lag, power, signed: Factor(one.name, lag, power, signed, one),
-    st.sampled_from(MADE),
-    st.integers(0, 7),
-    powers,
-    st.booleans(),
-)
-hat_factors = st.builds(
-    lambda one, lag: Factor(one.name, lag, 1.0, False, one), st.sampled_from(HATS), st.integers(0, 7)
-)
-inputs = st.lists(given_factors | made_factors | hat_factors, max_size=4).map(tuple)
-input_terms = st.builds(Term, st.floats(-1e3, 1e3), inputs)
-past_terms = st.builds(
-    lambda c, lag, factors: Term(c, (Factor("force", lag), *factors)), st.floats(-0.3, 0.3), st.integers(1, 9), inputs
-)
-
-
-@pytest.mark.slow
-@settings(max_examples=150, deadline=None)
-@given(
-    terms=st.lists(input_terms | past_terms, max_size=8),
-    seed=st.integers(0, 99),
-    limits=st.sampled_from([(-1e9, 1e9), (-80.0, 120.0)]),
-)
-def test_every_tick_is_the_slow_twins(terms, seed, limits):
-    made = model(*terms, limits=limits)
-    run, rows = made.make_predictor(), driven(40, seed, beyond=1.2)
-    for row, slow, size in zip(rows, *slow_forces(made, rows), strict=True):
-        assert run.tick(*row) == pytest.approx(slow, rel=1e-9, abs=1e-10 * (1.0 + size))
 
 
 def test_a_model_as_large_as_a_file_may_be():
