@@ -40,6 +40,7 @@ OF_THE_PROCESS = (
     "model",
     "model sha256",
     "delay_s",
+    "computed by",
     "last change of the model",
     "models refused",
     "datagrams dropped by the kernel",

@@ -144,10 +144,10 @@ INACTIVE_TASK = DiagnosticTask(LEVEL_WARN, "inactive: activate the node to publi
 LATENCIES = tuple(f"latency from stamp to publish, {name} [ms]" for name in ("p50", "p99", "max"))
 KEYS: Mapping[str, Sequence[str]] = {  # of the tasks, at most 20 in all
     "health": ("reason", "state", "withheld in the last second [%]", "share outside the envelope",
-               "episodes of withholding", "last episode", "unexpected errors"),
+               "last episode", "unexpected errors"),
     "frequency": ("position: rate [Hz]", "current: rate [Hz]", "dropped", "forces estimated"),
     "time stamps": ("age of the last position on arrival [s]", *LATENCIES, "jumps of time"),
-    "model": ("model sha256", "last change of the model", "computed by", "running cost J [%]"),
+    "model": ("model sha256", "computed by", "last change of the model", "running cost J [%]", "threshold of J [%]"),
 }  # fmt: skip
 AHEAD_S = 0.05  # of stamps before the node's clock, that simulated time may give
 REFUSED = "refused"  # begins the state of a change of the model
