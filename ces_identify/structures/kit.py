@@ -33,7 +33,7 @@ class IdentifyOptions:
     delay for two models in one file. `weight` sets which ticks matter more in fit and selection. With `certificate`,
     only models with one (ces_observer.proof.certificate) are considered; the thesis' procedure considers all and gives
     a certificate to the model that it finds, if the proof succeeds. With `band`, the model gets a band
-    (ces_observer.band).
+    (ces_observer.band). A model forgets where it was started within `forget_s` [s].
     """
 
     split: float = 0.75
@@ -44,6 +44,7 @@ class IdentifyOptions:
     certificate: bool = True
     weight: Weighting = EQUAL
     band: bool = True
+    forget_s: float = 5.0
 
 
 @dataclass(frozen=True)

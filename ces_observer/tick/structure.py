@@ -14,7 +14,7 @@ from ces_observer.tick.polynomial import check_polynomial, polynomial_reset, pol
 from ces_observer.tick.recurrent import check_recurrent, recurrent_reset, recurrent_tick
 from ces_observer.tick.sigmoid import check_sigmoid, sigmoid_tick
 
-POLYNOMIAL, SIGMOID, FUZZY, RECURRENT, HYDRAULIC = range(5)
+POLYNOMIAL, SIGMOID, FUZZY, RECURRENT, HYDRAULIC, EXPERTS, MIXTURE = range(7)
 
 
 def structure_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
