@@ -47,7 +47,7 @@ from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import late
 from ces_identify.report.preliminary import PreliminaryReport
 from ces_identify.structures import KITS
-from ces_identify.structures.auto import AUTO, DIFFERENCE, LEFT_OUT, TIE, advise, select_fitter
+from ces_identify.structures.auto import AUTO, REASON, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions, StructureKit
 from ces_identify.structures.polynomial import POLYNOMIAL
 from ces_identify.validation.cost_table import NONE, RULE, compare_with_teacher, percent
@@ -288,12 +288,10 @@ def _print_result(result: IdentificationResult, options: argparse.Namespace) -> 
     selection = model.provenance["selection"]
     if costs := selection.get("structures"):
         chosen = selection["structure"]
-        others = ", ".join(f"{name} {cost:.2f} %" for name, cost in costs.items() if name != chosen)
-        print(f"J on data left out ({selection[LEFT_OUT]}), short fits: {chosen} {costs[chosen]:.2f} %, {others}")
-        for key in (DIFFERENCE, TIE):
-            if key in selection:
-                print(selection[key])
-        if TIE not in selection and (advice := advise(costs, chosen)):
+        print(f"J on blocks left out: {', '.join(f'{name} {cost:.2f} %' for name, cost in costs.items())}")
+        if REASON in selection:
+            print(selection[REASON])
+        if advice := advise(costs, chosen):
             terminal.print_warning(advice)
     print_band(model, evaluations)
     print(f"model:  {options.out}")

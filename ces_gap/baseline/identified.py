@@ -26,7 +26,6 @@ from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.simulations.band_run import band_half_width
 from ces_identify.simulations.simulate import sample_force, sample_run
 from ces_identify.simulations.simulation import ModelSimulation, Simulation
-from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, BestStructure, default_sizes, select_fitter
 from ces_identify.structures.kit import Fitter, IdentifyOptions
 from ces_observer.model import Model
@@ -113,8 +112,7 @@ def identify_baseline(
         progress(f"identifying a model of the references: cost J = {result.cost:.2f} %", 0.0)
 
     sizes = default_sizes()
-    quick = [name for name, kit in KITS.items() if kit.quick]
-    fitter: Fitter = BestStructure(sizes, quick) if structure == AUTO else select_fitter(structure, sizes)
+    fitter: Fitter = BestStructure(sizes) if structure == AUTO else select_fitter(structure, sizes)
     found = cross_fit(references, IdentifyOptions(limits=limits, band=False), listen, fitter)
     keys = [identify_recording(recording) for recording in references]
     parts = tuple(BlindPart(keys[p.recording], p.start_s, p.stop_s, p.model) for p in found.parts)

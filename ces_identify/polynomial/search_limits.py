@@ -37,7 +37,8 @@ class Limits:
     any machine and with any number of threads; `time` is a hard end, by default none.
 
     `method` chooses terms by Gauss-Newton gain, or as the thesis does (ces_identify.polynomial.selection). Without
-    `exchanges`, a full model keeps its weak terms; without `terms`, `term_limit` says how many there may be.
+    `exchanges`, a full model keeps its weak terms; without `terms`, `term_limit` says how many there may be. A search
+    that half-way costs more than `hopeless` [%] may end there.
     """
 
     terms: int | None = None
@@ -49,6 +50,7 @@ class Limits:
     method: str = GAUSS_NEWTON
     exchanges: bool = True
     work: float = 1.0
+    hopeless: float = inf
 
     def within(self, end_s: float, share: float = 1.0) -> Limits:
         """Return the limits with a share of the time until `end_s` of search_clock."""

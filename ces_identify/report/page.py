@@ -27,7 +27,7 @@ from ces_identify.report.figures import (
 )
 from ces_identify.report.summary import NEGATIVE, draw_picture, summarize_model
 from ces_identify.structures import model_table
-from ces_identify.structures.auto import DIFFERENCE, LEFT_OUT, TIE
+from ces_identify.structures.auto import REASON
 from ces_identify.validation.evaluate import (
     IDENTIFICATION,
     VALIDATION,
@@ -52,7 +52,7 @@ MAX_WARNED = 3  # recordings outside the envelope that have a warning each
 USAGE_RULE = "usage_rule"  # key in the provenance; shown below the costs
 COSTS = "cost_J_percent"  # key in the provenance; the first table shows them
 MARKS = "marks"  # key of the hashes in the provenance by which copies and parts of recordings are recognised
-SHOWN_ABOVE = (ERRORS, UNDETERMINED, "structure", "structures", LEFT_OUT, DIFFERENCE, TIE)  # of the selection
+SHOWN_ABOVE = (ERRORS, UNDETERMINED, "structure", "structures", REASON)  # of the selection
 MAX_DRAWN = 10  # recordings with charts, so that the page stays below 3 MB
 NO_CERTIFICATE = (
     "None: this model comes without a proof of stability. The observer tries one itself; if that fails, it refuses the "
@@ -79,7 +79,7 @@ def write_report(
     drawn = sorted(sorted(range(len(ordered)), key=lambda i: -worst[ordered[i].role, ordered[i].name])[:MAX_DRAWN])
     points = share_points(sum(count_lines(ordered[i]) for i in drawn), len(drawn))
     selection = model.provenance.get("selection", {})
-    structures, tie = selection.get("structures") or {}, selection.get(TIE, "")
+    structures = selection.get("structures") or {}
     command = next((text for name, text in facts.items() if name.lower() == "command"), "")
     kind = " and ".join(dict.fromkeys(one.structure for one in model.each))
     kind = kind.replace("_", " ").replace("narx", "NARX").replace("anfis", "ANFIS")
@@ -99,9 +99,7 @@ def write_report(
         missing=[f"{line[0].upper()}{line[1:]}." for line in explain_missing(ordered)],
         pooled=[row for some in by_delay(held_out).values() if (row := _pooled_row(some)) is not None],
         structures=[(name, three_figures(cost)) for name, cost in structures.items()],
-        left_out=selection.get(LEFT_OUT, "the selection data"),
-        difference=selection.get(DIFFERENCE, ""),
-        tie=tie,
+        reason=selection.get(REASON, ""),
         parts=[_draw_model(one, ordered, drawn, points) for one in model.each],
         drawn=drawn,
         most_dots=MAX_DOTS,

@@ -13,7 +13,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_identify.report.figures import SpeedCurrentGrid, Window
-from ces_identify.structures.auto import AUTO, TIE, advise
+from ces_identify.structures.auto import AUTO, advise
 from ces_identify.validation.evaluate import IDENTIFICATION, VALIDATION, Evaluation, pooled_cost
 from ces_observer.model import Envelope, Model
 from ces_observer.proof.certificate import summarize
@@ -157,7 +157,7 @@ def _describe_alternative(model: Model, command: str) -> Answers:
     if not costs:
         untried = "Not tried; this compares them all, then fits the best:"
         return [("Another structure?", untried, _with(command, AUTO))] if command else []
-    if selection.get(TIE) or not advise(costs, chosen):
+    if not advise(costs, chosen):
         return []
     best = min(costs, key=lambda name: costs[name])
     found = f"{best}: J {three_figures(costs[best])} % on data left out, {chosen} {three_figures(costs[chosen])} %"

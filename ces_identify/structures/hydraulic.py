@@ -149,5 +149,5 @@ KIT: StructureKit[Hydraulic] = StructureKit(
     _fitter,
     physical_table,
     models=HydraulicModels,
-    quick=True,
+    auto_work=1.0,
 )

@@ -78,8 +78,8 @@ class StructureKit(Generic[S]):
     is position [m], speed [m/s] and current [A], and segments; it returns `force` and `held` of a `FreeRun`. `table`
     shows the parameters; its runs are of the role named.
 
-    `models` is None for a structure without physics inside. A structure is `quick` if a fit in seconds is worth a
-    comparison.
+    `models` is None for a structure without physics inside. `auto` fits a structure
+    with the share `auto_work` of the default work, 0 for those that are not among its candidates.
     """
 
     about: str
@@ -89,7 +89,7 @@ class StructureKit(Generic[S]):
     table: Callable[[S, Model, Sequence[SimulatedSeries], str], ModelTable]
     batch_run: Callable[[S, OperatingRange, F, I], tuple[F, Mask]] = run_batch
     models: type[HydraulicModels] | None = None
-    quick: bool = False
+    auto_work: float = 0.0
 
     @property
     def option(self) -> str:

@@ -177,5 +177,4 @@ SIGMOID = StructureKit(
     sizes=(UNITS, NETWORK_LAGS),
     fitter=lambda sizes: NetworkShape(units=int(sizes["units"]), lags=read_lags(str(sizes["lags"]))),
     table=network_table,
-    quick=True,
 )

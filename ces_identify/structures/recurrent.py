@@ -101,5 +101,5 @@ RECURRENT = StructureKit(
     sizes=(),
     fitter=lambda sizes: fit_recurrent,
     table=recurrent_table,
-    quick=True,
+    auto_work=0.25,
 )

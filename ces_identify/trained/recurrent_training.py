@@ -42,6 +42,7 @@ STEP_TICKS, MIN_LANES = 4800, 8  # of all windows of a step, and least number of
 REST_WEIGHT = 0.1  # of a damper at rest, for which no recording is needed
 CHECKS = 12  # free runs on the selection ticks, evenly spaced in the second half
 POLL_STEPS = 20  # between two looks at the clock
+HOPELESS = "far from the best of other structures"
 
 
 @dataclass(frozen=True)
@@ -334,6 +335,7 @@ def train_member(
             if cost < best.cost:
                 best = replace(best, coefficients=params, cost=cost, trials=k, share=k / steps)
                 listener(best)
+            ended = ended or (HOPELESS if best.cost > limits.hopeless else "")
         if ended:
             return replace(best, ended=ended)
     return best

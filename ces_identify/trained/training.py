@@ -182,7 +182,7 @@ def delay_values(values: F, lag: int, segments: I) -> F:
 
 
 @dataclass(frozen=True)
-class Family(ABC):
+class LaggedModels(ABC):
     """Models on `regressors`, fitted to `training`; `params` is always the vector (parameters,) of one model."""
 
     training: Training
@@ -192,11 +192,63 @@ class Family(ABC):
     @property
     @abstractmethod
     def size(self) -> int:
-        """Number of units or rules."""
+        """Number of units, rules or experts."""
 
     @abstractmethod
     def start(self, random: np.random.Generator) -> F:
         """Return random parameters from which a descent starts."""
+
+    @abstractmethod
+    def body(self, params: F) -> Structure:
+        """Return the structure with these parameters."""
+
+    @property
+    def columns(self) -> tuple[Regressor, ...]:
+        """The columns of the table, in the order of `ces_observer.tick.lagged`."""
+        return self.regressors
+
+    @cached_property
+    def table(self) -> RegressorTable:
+        """The columns over the training ticks."""
+        t = self.training
+        return regressor_table(self.columns, t.envelope, t.inputs, t.segments)
+
+    @property
+    def within(self) -> OperatingRange:
+        """The ranges of the training data; lags are in ticks, so that a rate does not matter."""
+        return OperatingRange(1.0, self.training.envelope.by_signal, self.training.force_envelope)
+
+    def normal_equations(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
+        """Return the errors without regularisation; infinite for parameters that are no model."""
+        t = self.training
+        try:
+            p, n, s, _ = self.body(params).lay_out(self.within).arrays()
+        except ModelError:
+            return np.inf, np.empty((0, 0)), np.empty(0)
+        arrays = np.array(p), np.array(n, np.int64), np.array(s)
+        error, matrix, gradient = self.kernel(
+            *arrays, table, t.segments, len(params), *t.loose, t.measured, t.estimation, max_error
+        )
+        return error, matrix, gradient
+
+    def force(self, params: F) -> F:
+        """Return the free run (ticks,) [N], NaN where it would leave the force envelope."""
+        return self.force_within(params, self.training.force_envelope)
+
+    def force_within(self, params: F, force_N: Range) -> F:
+        """Return the free run (ticks,) [N], NaN where it would leave a range [N]."""
+        t, within = self.training, replace(self.within, force_N=force_N)
+        force, held = run_batch(self.body(params), within, t.inputs, t.segments)
+        return np.where(held, np.nan, force)
+
+    def model(self, params: F, sampling: Sampling) -> Model:
+        """Return the model with these parameters."""
+        return Model(sampling, self.body(params), self.training.envelope, self.training.force_envelope)
+
+
+@dataclass(frozen=True)
+class Family(LaggedModels):
+    """Models of a size on a ladder of sizes, with a limit on the gain of the past forces."""
 
     @abstractmethod
     def smaller(self) -> Self | None:
@@ -219,26 +271,6 @@ class Family(ABC):
     def gains(self, params: F) -> tuple[F, F]:
         """Return upper bounds (n,) of the gain of the past forces and their gradients (n, parameters)."""
 
-    @abstractmethod
-    def body(self, params: F) -> Structure:
-        """Return the structure with these parameters."""
-
-    @property
-    def columns(self) -> tuple[Regressor, ...]:
-        """The columns of the table, in the order of `ces_observer.tick.lagged`."""
-        return self.regressors
-
-    @cached_property
-    def table(self) -> RegressorTable:
-        """The columns over the training ticks."""
-        t = self.training
-        return regressor_table(self.columns, t.envelope, t.inputs, t.segments)
-
-    @property
-    def within(self) -> OperatingRange:
-        """The ranges of the training data; lags are in ticks, so that a rate does not matter."""
-        return OperatingRange(1.0, self.training.envelope.by_signal, self.training.force_envelope)
-
     @cached_property
     def past(self) -> I:
         """Indices of the regressors that are past forces."""
@@ -247,28 +279,6 @@ class Family(ABC):
     def errors(self, params: F, max_error: float) -> tuple[float, F, F]:
         """Return the errors of the free run, as `errors_on` does."""
         return self.errors_on(self.table, params, max_error)
-
-    def normal_equations(self, table: RegressorTable, params: F, max_error: float) -> tuple[float, F, F]:
-        """Return the errors without regularisation; infinite for parameters that are no model."""
-        t = self.training
-        try:
-            p, n, s, _ = self.body(params).lay_out(self.within).arrays()
-        except ModelError:
-            return np.inf, np.empty((0, 0)), np.empty(0)
-        arrays = np.array(p), np.array(n, np.int64), np.array(s)
-        error, matrix, gradient = self.kernel(
-            *arrays, table, t.segments, len(params), *t.loose, t.measured, t.estimation, max_error
-        )
-        return error, matrix, gradient
-
-    def force(self, params: F) -> F:
-        """Return the free run (ticks,) [N], NaN where it would leave the force envelope."""
-        force, held = run_batch(self.body(params), self.within, self.training.inputs, self.training.segments)
-        return np.where(held, np.nan, force)
-
-    def model(self, params: F, sampling: Sampling) -> Model:
-        """Return the model with these parameters."""
-        return Model(sampling, self.body(params), self.training.envelope, self.training.force_envelope)
 
 
 MAX_GAIN = 0.98  # of the past forces: less than 1, so that the bound on the force is useful

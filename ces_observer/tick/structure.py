@@ -6,6 +6,7 @@ A new structure is added here, with its tick in a file of its own.
 from math import inf
 
 from ces_observer.tick.arrays import Floats, Ints
+from ces_observer.tick.experts import check_experts, experts_tick
 from ces_observer.tick.fuzzy import check_fuzzy, fuzzy_tick
 from ces_observer.tick.hydraulic import check_hydraulic, hydraulic_reset, hydraulic_tick
 from ces_observer.tick.lagged import lagged_reset
@@ -22,7 +23,7 @@ def structure_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
     kind = n[KIND]
     if kind == POLYNOMIAL:
         polynomial_reset(p, n, s, k)
-    elif kind == SIGMOID or kind == FUZZY:
+    elif kind == SIGMOID or kind == FUZZY or kind == EXPERTS:
         lagged_reset(p, n, s, k)
     elif kind == RECURRENT:
         recurrent_reset(p, n, s, k)
@@ -44,6 +45,8 @@ def structure_tick(p: Floats, n: Ints, s: Floats, k: Ints, position: float, spee
         force = recurrent_tick(p, n, s, k, position, speed, current)
     elif kind == HYDRAULIC:
         force = hydraulic_tick(p, n, s, k, position, speed, current)
+    elif kind == EXPERTS:
+        force = experts_tick(p, n, s, k, position, speed, current)
     return force
 
 
@@ -61,4 +64,6 @@ def check_structure(p: Floats, n: Ints, numbers: int, counts: int, states: int, 
         fits = check_recurrent(p, n, numbers, counts, states, flags)
     elif kind == HYDRAULIC:
         fits = check_hydraulic(p, n, numbers, counts, states, flags)
+    elif kind == EXPERTS:
+        fits = check_experts(p, n, numbers, counts, states, flags)
     return fits

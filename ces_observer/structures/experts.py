@@ -1,0 +1,112 @@
+"""Gated experts: their parameters and proof that they forget; `ces_observer.tick.experts` has the equation.
+
+The shares depend on the inputs alone, are never negative and sum to one. The slope of a tanh lies in [0, 1], so for the
+same inputs the change of the output lies in the hull of the gains a_i and a_i + d_i times the change of the past force:
+if all of them are at most `gain` < 1, two pasts come closer by this factor in every tick, whatever the inputs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import chain
+from typing import Self
+
+from ces_observer.errors import ModelError
+from ces_observer.flat import Layout
+from ces_observer.json_text import JsonObject
+from ces_observer.proof.certificate import Contraction
+from ces_observer.proof.intervals import largest, up
+from ces_observer.structures import lagged_signals as lagged
+from ces_observer.structures.structure import OperatingRange, Ranges, Structure
+from ces_observer.tick import experts as tick
+from ces_observer.tick.lagged import K_LAGGED, lagged_reset
+from ces_observer.tick.model import S_STRUCTURE
+from ces_observer.tick.structure import EXPERTS
+
+MAX_EXPERTS = 64
+ROWS, NUMBERS = ("gate", "linear", "bend"), ("past", "past_bend", "room")  # of an expert
+CLAIM = (
+    "|dF/dF(k-1)| <= gain < 1 for any past and inputs; "
+    "|F| <= drive_N for a past of zeros and every input in the input envelope"
+)
+METHOD = "hull of the gains of all experts, whose shares depend on inputs alone; interval arithmetic, outward rounding"
+
+
+@dataclass(frozen=True)
+class Expert:
+    """One expert: `gate`, `linear` and `bend` have a coefficient for each input, then a constant.
+
+    `past` and `past_bend` are the gains of the last force beside and within the tanh, `room` the size of the tanh.
+    """
+
+    gate: tuple[float, ...]
+    linear: tuple[float, ...]
+    bend: tuple[float, ...]
+    past: float
+    past_bend: float
+    room: float
+
+
+@dataclass(frozen=True)
+class Experts(Structure):
+    """Gated experts on `inputs` and the past force `past_force`."""
+
+    name, keys, option, rank = "gated_experts", ("experts",), "experts", 4
+    number, runs = EXPERTS, (lagged_reset, tick.experts_tick)
+
+    inputs: tuple[lagged.Regressor, ...]
+    past_force: lagged.Regressor
+    scale_N: float
+    experts: tuple[Expert, ...]
+
+    @property
+    def max_lag(self) -> int:
+        """Longest lag of any signal in ticks."""
+        return max(r.lag for r in (*self.inputs, self.past_force))
+
+    @property
+    def size(self) -> str:
+        """The size, in words."""
+        return f"{len(self.experts)} experts on {len(self.inputs)} inputs"
+
+    @classmethod
+    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
+        """Check the experts of a model file; raises ModelError."""
+        node = root.at("experts")
+        node.require_only_keys("inputs", "past_force", "scale_N", "experts")
+        regressors = tuple(map(lagged.parse_regressor, node.items("inputs", 1, lagged.MAX_REGRESSORS)))
+        past = lagged.parse_regressor(node.at("past_force"))
+        if past.signal != "force" or any(r.signal == "force" for r in regressors):
+            raise ModelError(f"{node.where}: expected a past force as past_force, and none among the inputs")
+        experts = tuple(_parse_expert(item, len(regressors)) for item in node.items("experts", 1, MAX_EXPERTS))
+        return cls(regressors, past, lagged.scale_from(node), experts)
+
+    def fill(self, layout: Layout, within: OperatingRange) -> None:
+        """Write the experts into a layout, for `ces_observer.tick.experts`."""
+        layout.reserve(tick.P_EXPERTS, tick.N_EXPERTS, S_STRUCTURE, K_LAGGED)
+        lagged.fill_lagged(layout, (*self.inputs, self.past_force), self.max_lag)
+        layout.p[tick.EXPERTS_SCALE] = self.scale_N
+        layout.n[tick.EXPERTS_COUNT] = len(self.experts)
+        rows = (getattr(one, name) for name in ROWS for one in self.experts)
+        layout.n[tick.EXPERTS_LAYER] = layout.table(chain.from_iterable(rows))
+        layout.n[tick.EXPERTS_GAINS] = layout.table(getattr(one, name) for one in self.experts for name in NUMBERS)
+        layout.n[tick.EXPERTS_OUTPUTS] = layout.state(3 * len(self.experts))
+
+    def certify(self, within: OperatingRange) -> Contraction:
+        """Return proved bounds on the gain of the past force, and on |force| [N] at a past of zero."""
+        at = [r.interval(within.inputs) for r in self.inputs]
+        ratio, gain, drive = up(self.scale_N / self.past_force.spread), 0.0, 0.0
+        offset = abs(self.past_force.mean) / self.past_force.spread
+        for one in self.experts:
+            steepest = max(abs(one.past), up(abs(one.past + one.past_bend)))
+            gain = max(gain, up(steepest * ratio))
+            affine = largest(lagged.affine(one.linear[-1], one.linear[:-1], at))
+            drive = max(drive, up(up(affine + one.room) + up(abs(one.past) * up(offset))))
+        return Contraction(gain, up(drive * self.scale_N), 1, CLAIM, METHOD)
+
+
+def _parse_expert(node: JsonObject, inputs: int) -> Expert:
+    node.require_only_keys(*ROWS, *NUMBERS)
+    gate, linear, bend = (node.numbers(name, inputs + 1, lagged.MAX_NUMBER) for name in ROWS)
+    past, past_bend = (lagged.parse_number(node, name) for name in NUMBERS[:2])
+    return Expert(gate, linear, bend, past, past_bend, node.number("room", lagged.MIN_SPREAD, lagged.MAX_NUMBER))
