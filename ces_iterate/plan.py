@@ -237,4 +237,4 @@ identify:                 # as the options of `ces identify`
 seed: 1
 recordings: []            # bags that exist already: identified first, their seconds do not count
 validate: []              # bags that are only scored, and never used for a fit
-""".replace("STRUCTURES", ", ".join(one.option for one in STRUCTURES.values()))
+""".replace("STRUCTURES", ", ".join(one.option for one in STRUCTURES.values() if one.is_offered))

@@ -21,7 +21,7 @@ from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject, parse_json, read_bounded, write_atomically
 from ces_observer.proof.certificate import Certificate
 from ces_observer.structures import STRUCTURES
-from ces_observer.structures.structure import OperatingRange, Predictor, Range, Ranges, Structure
+from ces_observer.structures.structure import MAX_FORCE_N, OperatingRange, Predictor, Range, Ranges, Structure
 from ces_observer.tick.model import WARM_UP
 
 SCHEMA = "ces-model/1"
@@ -34,7 +34,6 @@ MAX_BYTES = 1_000_000
 MOTIONS = (SPEED, ACCELERATION)  # signals that may be measured beside the position
 MAX_DELAY_S = 0.02
 MAX_INPUT = 1e6  # [m, m/s, A]: beyond any damper, and far from where powers overflow
-MAX_FORCE_N = 1e9
 FREQUENCIES_HZ = (3.0, 6.0, 12.0, 24.0, 48.0)  # of the bank's modes: strokes of vehicles and rigs
 MAX_MODES, MAX_FREQUENCY_HZ = 12, 5e3
 MAX_GAP_TICKS = 20_000  # that one position sample may have to compute, after the longest bridged gap

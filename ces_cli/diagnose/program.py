@@ -20,7 +20,7 @@ from ces_observer.structures import STRUCTURES
 
 BAGS_OPTION = Option("", (), metavar="BAG", together=True)
 WRITTEN = ("gap.json", "augmented.json", "model.json", "report.html", "next_experiment.yaml", "next_experiment.csv")
-NAMES = [one.option for one in STRUCTURES.values()]
+NAMES = [one.option for one in STRUCTURES.values() if one.is_offered]
 IDENTIFY = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
 OWN_EFFECTS = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
 NO_GAP = "share of the RMS force below which a gap counts as none"

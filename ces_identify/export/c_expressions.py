@@ -36,6 +36,7 @@ CALLS: Mapping[tuple[str, ...], tuple[str, str]] = {
     **{(name, FLOAT): (name, FLOAT) for name in ("sqrt", "exp", "log", "sin", "cos", "tanh")},
     **{(name, FLOAT, FLOAT): (name, FLOAT) for name in ("pow", "copysign")},
 }  # fmt: skip
+PART = "part"  # the part of an array from a place on
 INEXACT = ("exp", "log", "sin", "cos", "tanh", "pow")  # which libraries and compilers round differently
 
 
@@ -87,6 +88,14 @@ class Module:
         return Function(node, self, kinds, result)
 
 
+def _array_of(argument: ast.expr) -> ast.expr:
+    """Return the array of which an argument is a part, else the argument."""
+    match argument:
+        case ast.Call(func=ast.Name(id=name), args=[array, _]) if name == PART:
+            return _array_of(array)
+    return argument
+
+
 @dataclass(eq=False)
 class Function:
     """A function of the tick; `lines` are its definition in C, once it is printed."""
@@ -105,9 +114,10 @@ class Function:
 
     @cached_property
     def calls(self) -> list[tuple[Function, list[str]]]:
-        """The functions of the tick that it calls, each with the texts of its arguments."""
+        """The functions of the tick that it calls, each with the texts of its arguments, of a part its array."""
         nodes = [(part, ast.unparse(part.func)) for part in ast.walk(self.node) if isinstance(part, ast.Call)]
-        called = [(self.module.names.get(name), list(map(ast.unparse, part.args))) for part, name in nodes]
+        texts = ([ast.unparse(_array_of(argument)) for argument in part.args] for part, _ in nodes)
+        called = [(self.module.names.get(name), arguments) for (_, name), arguments in zip(nodes, texts, strict=True)]
         return [(item, arguments) for item, arguments in called if isinstance(item, Function)]
 
     @cached_property
@@ -238,6 +248,8 @@ class Expressions:
             self.require(node, kinds == expected, f"{name} takes {', '.join(WORDS[kind] for kind in expected)}")
             effect = max(effect, STORES if called.stored else READS)
             return Term(f"{called.c_name}({inner})", called.result, PRIMARY, effect)
+        if name == PART and kinds in ([FLOATS, INT], [INTS, INT]):
+            return Term(f"{terms[0].text} + {terms[1].within(SUM)}", kinds[0], SUM, effect)
         given = f"{name}({', '.join(WORDS[kind] for kind in kinds)})"
         self.require(node, (name, *kinds) in CALLS, f"{given} is not in the subset")
         what = f"{name} of a constant, which compilers compute otherwise than a library; write the number itself"

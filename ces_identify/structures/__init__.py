@@ -19,19 +19,18 @@ from ces_observer.structures.structure import Structure
 from ces_report.typesetting import ModelTable
 
 
-def _find_kits() -> dict[str, StructureKit[Any]]:
-    """Return the kits by their names for users, the default first."""
-    names = [body.__module__.rpartition(".")[2] for body in STRUCTURES.values()]
-    declared = (one for name in names for one in vars(import_module(f"{__name__}.{name}")).values())
-    return {one.option: one for one in declared if isinstance(one, StructureKit)}
+def _find_kit(body: type[Structure]) -> StructureKit[Any]:
+    module = import_module(f"{__name__}.{body.__module__.rpartition('.')[2]}")
+    return next(one for one in vars(module).values() if isinstance(one, StructureKit))
 
 
-KITS = _find_kits()
+_ALL = {body.option: _find_kit(body) for body in STRUCTURES.values()}
+KITS = {name: kit for name, kit in _ALL.items() if kit.body.is_offered}  # by their names for users, the default first
 
 
 def kit_of(body: Structure) -> StructureKit[Any]:
     """Return the kit of a structure."""
-    return next(kit for kit in KITS.values() if kit.body.name == body.name)
+    return KITS.get(body.option) or _ALL[body.option]
 
 
 def run_batch(model: Model, inputs: F, segments: I) -> tuple[F, Mask]:

@@ -20,6 +20,7 @@ from ces_observer.proof.certificate import Certificate
 from ces_observer.tick import model
 
 MAX_LAG = 1000  # ticks, of any signal
+MAX_FORCE_N = 1e9
 INPUTS = ("position", "speed", "current")
 
 Range = tuple[float, float]
@@ -80,7 +81,8 @@ class CoreRun:
 class Structure(ABC):
     """The part of a model that computes the force; `name` and `keys` are its name and keys in a model file.
 
-    `option` is its name for users, who see the structures by `rank`; the first is the default.
+    `option` is its name for users, who see the structures by `rank`; the first is the default. They cannot ask for one
+    that is not `is_offered`.
     `extrapolates` is True if inputs outside the envelope are used as they are, up to a stated reach, and not clamped to
     the envelope. `unproved` is the reason given if `is_stable` is False. `number` is its number in
     `ces_observer.tick.structure`, and `runs` are its reset and its tick there.
@@ -90,6 +92,7 @@ class Structure(ABC):
     keys: ClassVar[tuple[str, ...]]
     option: ClassVar[str]
     rank: ClassVar[int] = 100
+    is_offered: ClassVar[bool] = True
     extrapolates: ClassVar[bool] = False
     unproved: ClassVar[str] = "it is not proved to be a contraction over its input envelope"
     number: ClassVar[int] = -1

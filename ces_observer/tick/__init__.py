@@ -7,13 +7,14 @@ them out. MODULES stand from the bottom up: each calls only what stands before i
 
 MODULES = (
     "selftest", "model", "bank", "tracker", "curves", "valve", "mount", "edges", "pressures", "hydraulic",
-    "constructed", "polynomial", "layers", "lagged", "sigmoid", "fuzzy", "experts", "recurrent", "structure", "band",
-    "run", "estimator",
+    "constructed", "polynomial", "layers", "lagged", "sigmoid", "fuzzy", "experts", "recurrent", "structure",
+    "mixture", "band", "run", "estimator",
 )  # fmt: skip
 
 # what is called from outside, by name: `ces_observer.core.bind`
 ENTRY_POINTS = (
     "polynomial_reset", "polynomial_tick", "lagged_reset", "sigmoid_tick", "fuzzy_tick", "experts_tick",
-    "recurrent_reset", "recurrent_tick", "hydraulic_reset", "hydraulic_tick", "structure_reset", "structure_tick",
-    "estimator_reset", "estimator_step", "estimator_skip_late", "run_half_width", "check_models", "rounding_sample",
+    "recurrent_reset", "recurrent_tick", "hydraulic_reset", "hydraulic_tick", "mixture_reset", "mixture_tick",
+    "structure_reset", "structure_tick", "estimator_reset", "estimator_step", "estimator_skip_late", "run_half_width",
+    "check_models", "rounding_sample",
 )  # fmt: skip

@@ -7,11 +7,11 @@ from math import inf, isfinite, nan
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.band import band_half_width, band_tick, check_band
+from ces_observer.tick.mixture import check_structure, structure_reset, structure_tick
 from ces_observer.tick.model import (
     BAND_STARTED, FORCE_HIGH, FORCE_LOW, HAS_BAND, K_STRUCTURE, N_STRUCTURE, NEWEST_FORCE, P_STRUCTURE, PREVIOUS_FORCE,
     RATE, S_STRUCTURE, WAIT, WARM_UP, clamp,
 )  # fmt: skip
-from ces_observer.tick.structure import check_structure, structure_reset, structure_tick
 
 
 def run_restart(p: Floats, n: Ints, s: Floats, k: Ints) -> None:

@@ -1,4 +1,4 @@
-"""The free run of any structure: its number chooses the tick.
+"""The free run of any structure but a mixture, whose members these are: its number chooses the tick.
 
 A new structure is added here, with its tick in a file of its own.
 """
@@ -18,7 +18,7 @@ from ces_observer.tick.sigmoid import check_sigmoid, sigmoid_tick
 POLYNOMIAL, SIGMOID, FUZZY, RECURRENT, HYDRAULIC, EXPERTS, MIXTURE = range(7)
 
 
-def structure_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
+def member_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
     """Forget the past: earlier inputs equal the first ones to come."""
     kind = n[KIND]
     if kind == POLYNOMIAL:
@@ -31,7 +31,7 @@ def structure_reset(p: Floats, n: Ints, s: Floats, k: Ints) -> None:
         hydraulic_reset(p, n, s, k)
 
 
-def structure_tick(p: Floats, n: Ints, s: Floats, k: Ints, position: float, speed: float, current: float) -> float:
+def member_tick(p: Floats, n: Ints, s: Floats, k: Ints, position: float, speed: float, current: float) -> float:
     """Return the force [N] at this tick's inputs [m, m/s, A], held in its range; infinite if it is not finite."""
     kind = n[KIND]
     force = inf
@@ -50,7 +50,7 @@ def structure_tick(p: Floats, n: Ints, s: Floats, k: Ints, position: float, spee
     return force
 
 
-def check_structure(p: Floats, n: Ints, numbers: int, counts: int, states: int, flags: int) -> bool:
+def check_member(p: Floats, n: Ints, numbers: int, counts: int, states: int, flags: int) -> bool:
     """Return whether the tick stays within arrays p, n, s and k of these sizes."""
     kind = n[KIND]
     fits = False

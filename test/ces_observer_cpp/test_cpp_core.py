@@ -15,8 +15,7 @@ from bands import BAND
 from cpp_core import compile_replay, run, save_flat
 from damper_models import plain_damper
 from exported_c import two_models
-from hydraulic_models import hydraulic_model, make_hydraulic
-from physical_examples import make_valve
+from mixture_models import mixture_model
 from replay_sequence import MS, START_NS, ReplaySequence, record_faults
 from trained_models import network_model
 
@@ -36,7 +35,7 @@ def quick(model, **sampling):
 MODELS = {
     "polynomial": lambda: replace(quick(load_model(SAMPLE)), band=BAND),
     "network, measured speed": lambda: quick(network_model(), motion="speed", motion_noise=0.01),
-    "hydraulic": lambda: quick(hydraulic_model(make_hydraulic(make_valve()))),
+    "mixture": lambda: quick(mixture_model()),
     "a delay": lambda: replace(quick(load_model(SAMPLE), delay_s=0.003), band=BAND),
     "two models": lambda: two_models(quick(load_model(SAMPLE)), replace(plain_damper(), band=BAND), 0.005),
 }
@@ -95,7 +94,7 @@ def test_other_models_take_over_between_two_samples(program, flat, tmp_path) -> 
     """Each warms up beside the one before, on the same samples; no force is missing meanwhile."""
     (first, path), chance = flat("polynomial"), random.Random(4)
     sequence, position = ReplaySequence(first, 0.0, 0.0), 0.0
-    names = ["a delay", "hydraulic", "two models", "network, measured speed", "a delay"]
+    names = ["a delay", "mixture", "two models", "network, measured speed", "a delay"]
     for k in range(3500):
         if k % 500 == 499 and names:
             sequence.load(*flat(names.pop(0)), START_NS + k * MS)
@@ -106,7 +105,7 @@ def test_other_models_take_over_between_two_samples(program, flat, tmp_path) -> 
             sequence.reset(START_NS + k * MS)
         if k == 1000:  # one that is warming up is replaced
             sequence.load(*flat("polynomial"), START_NS + k * MS)
-            sequence.load(*flat("hydraulic"), START_NS + k * MS)
+            sequence.load(*flat("mixture"), START_NS + k * MS)
         sequence.take_current(START_NS + k * MS, chance.uniform(0.3, 0.6), START_NS + k * MS)
         sequence.take_position(START_NS + k * MS, position, START_NS + k * MS)
     require_same(program, path, sequence, tmp_path)

@@ -7,6 +7,7 @@ from bands import BAND
 from constructed_models import TERMS as CONSTRUCTED
 from exported_c import two_models, with_delay
 from hydraulic_models import ENVELOPE, GROOVE, SAMPLING, hydraulic_model, make_hydraulic
+from mixture_models import mixture_model
 from physical_examples import make_valve
 from recurrent_models import make_recurrent, recurrent_model
 from samplings import make_sampling
@@ -162,6 +163,7 @@ MODELS = {
         make_hydraulic(PLAIN_VALVE, **dict.fromkeys(EDGES, SMALLEST), compression_growth_1_m=0.0, base_s=0.0)
     ),
     "recurrent": recurrent_model,
+    "mixture": mixture_model,
     "recurrent, one network without a current": lambda: recurrent_model(make_recurrent(3, 1, current=False)),
     "a delay, recurrent": lambda: replace(with_delay(recurrent_model(), 0.004), band=BAND),
 }

@@ -5,17 +5,19 @@ import random
 
 import numpy as np
 import pytest
+from mixture_models import mixture_model
 from recurrent_models import make_recurrent, recurrent_model
 from trained_models import FUZZY, NETWORK, fuzzy_model, network_model, random_fuzzy, random_network
 
 from ces_identify.structures import run_batch
+from ces_observer.tick.mixture import check_structure
 from ces_observer.tick.model import HELD
-from ces_observer.tick.structure import check_structure
 
 MODELS = {
     "sigmoid": network_model,
     "fuzzy": fuzzy_model,
     "recurrent": recurrent_model,
+    "mixture": mixture_model,
     "recurrent, no current": lambda: recurrent_model(make_recurrent(3, 1, current=False)),
     **{f"sigmoid {seed}": lambda seed=seed: random_network(random.Random(seed)) for seed in range(4)},
     **{f"fuzzy {seed}": lambda seed=seed: random_fuzzy(random.Random(seed)) for seed in range(4)},

@@ -49,6 +49,8 @@ BODIES = {
     "an element of the wrong type": ("k[0] = x\nreturn x", "int and float are mixed"),
     "a number of the model that changes": ("p[0] = x\nreturn x", "p holds numbers of the model"),
     "a number of the model that a call changes": ("return other(p, x)", "p holds numbers of the model"),
+    "a part of the model that a call changes": ("return other(part(p, i), x)", "p holds numbers of the model"),
+    "a part by another name": ("q = part(s, i)\nreturn x", "only numbers are assigned"),
     "a local without a value": ("if b:\n    y = 1.0\nreturn y", "y may have no value here"),
     "a local of a loop that may not run": ("for j in range(i):\n    y = x\nreturn y", "y may have no value here"),
     "a counter after its loop": ("for j in range(i):\n    pass\nreturn float(j)", "j may have no value here"),

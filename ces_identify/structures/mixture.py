@@ -1,0 +1,53 @@
+"""Means of models at the desk: batch run and report. `auto` makes them of models that it has fitted."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from markupsafe import Markup
+
+from ces_data.arrays import F, I, Mask
+from ces_identify.prepare.series import SimulatedSeries
+from ces_identify.structures.kit import Fitter, Size, StructureKit
+from ces_observer.errors import CesError
+from ces_observer.model import Model
+from ces_observer.structures.mixture import Mixture
+from ces_observer.structures.structure import OperatingRange
+from ces_report.typesetting import ModelTable, four_figures, parameter_table
+
+ABOUT = (
+    "The force is the mean of these models' forces by weight; each runs on its own past, in its own range of forces."
+)
+HEADS = ("Model", "Weight", "Size", "Lowest force [N]", "Highest [N]")
+
+
+def run_mixture(body: Mixture, within: OperatingRange, inputs: F, segments: I) -> tuple[F, Mask]:
+    """Return the mean of the members' batch runs, in the order of operations of the tick, so that all bits agree."""
+    from ces_identify.structures import kit_of  # which finds this module
+
+    total = np.zeros(inputs.shape[1])
+    for member in body.members:
+        run = kit_of(member.body).batch_run
+        total += member.weight * run(member.body, member.within(within), inputs, segments)[0]
+    low, high = within.force_N
+    return np.clip(total, low, high), (total < low) | (total > high)
+
+
+def mixture_table(body: Mixture, model: Model, runs: Sequence[SimulatedSeries], role: str) -> ModelTable:
+    """Return the members with their weights and sizes."""
+    rows = [
+        (Markup("{}").format(one.body.option), four_figures(one.weight), Markup("{}").format(one.body.size),
+         *map(four_figures, one.force_envelope_N))
+        for one in body.members
+    ]  # fmt: skip
+    return parameter_table(ABOUT, tuple(map(Markup, HEADS)), tuple(rows))
+
+
+def _refuse(sizes: Mapping[str, Size]) -> Fitter:
+    raise CesError("a mixture is no structure to fit: `--structure auto` makes it of the models that it has fitted")
+
+
+MIXTURE = StructureKit(
+    about="mean of several models", body=Mixture, sizes=(), fitter=_refuse, table=mixture_table, batch_run=run_mixture
+)

@@ -1,0 +1,182 @@
+"""The weighted mean of models of one damper, of any other structures: its members, and their proofs together.
+
+`ces_observer.tick.mixture` has its equation. The weights are positive and sum to one. So the force of this convex
+combination is at most the weighted sum of its members' bounds, and it has forgotten its past when all of them have.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from math import fsum
+from typing import Any, Self
+
+from ces_observer import structures
+from ces_observer.errors import ModelError
+from ces_observer.flat import Layout
+from ces_observer.json_text import JsonObject
+from ces_observer.proof.certificate import Certificate
+from ces_observer.proof.intervals import up
+from ces_observer.structures.structure import MAX_FORCE_N, OperatingRange, Range, Ranges, Structure
+from ces_observer.tick import mixture as tick
+from ces_observer.tick.model import K_STRUCTURE, P_STRUCTURE, S_STRUCTURE
+from ces_observer.tick.structure import MIXTURE
+
+MIN_MEMBERS = 2
+MIN_WEIGHT = 1e-6
+ROUNDING = 1e-9  # of the sum of the weights
+CLAIM = (
+    "a convex combination of models, each of them proved: |F| <= force_bound_N, the weighted sum of their bounds, "
+    "and what each of them forgets is forgotten"
+)
+METHOD = "weights above 0 that sum to 1; for the members"
+
+
+@dataclass(frozen=True)
+class Member:
+    """A model in the mean: its weight, its structure, and the range [N] in which its own force is held."""
+
+    weight: float
+    body: Structure
+    force_envelope_N: Range
+
+    def within(self, whole: OperatingRange) -> OperatingRange:
+        """Return the operating range of the member in a mixture with that of the whole."""
+        return replace(whole, force_N=self.force_envelope_N)
+
+    def to_json(self) -> dict[str, Any]:
+        """Return its object in the model file."""
+        named = {"weight": self.weight, "structure": self.body.name, **self.body.to_json()}
+        return {**named, "force_envelope_N": self.force_envelope_N}
+
+    @classmethod
+    def from_json(cls, node: JsonObject, inputs: Ranges) -> Self:
+        """Check it in a model file; raises ModelError."""
+        names = [name for name in structures.STRUCTURES if name != Mixture.name]
+        structure = structures.STRUCTURES[node.choice("structure", names)]
+        node.require_only_keys("weight", "structure", *structure.keys, "force_envelope_N")
+        weight, force_N = node.number("weight", MIN_WEIGHT, 1.0), node.range("force_envelope_N", MAX_FORCE_N)
+        return cls(weight, structure.from_json(node, inputs), force_N)
+
+
+@dataclass(frozen=True)
+class MixtureCertificate(Certificate):
+    """The proofs of the members, each with the member."""
+
+    members: tuple[tuple[Member, Certificate], ...]
+    claim: str
+    method: str
+
+    @property
+    def holds(self) -> bool:
+        """True if every member is proved stable."""
+        return all(proof.holds for _, proof in self.members)
+
+    @property
+    def force_N(self) -> float:
+        """Bound on the force [N] for inputs in the envelope, infinite if a member is not proved stable."""
+        total = 0.0
+        for member, proof in self.members:
+            total = up(total + up(member.weight * proof.force_N))
+        return total
+
+    @property
+    def bounds(self) -> Mapping[str, float]:
+        """The bound on the force."""
+        return {"force_bound_N": self.force_N}
+
+    @property
+    def doubt(self) -> str:
+        """Why a member is not proved."""
+        return next((f"{one.body.option}: {proof.doubt}" for one, proof in self.members if not proof.holds), "")
+
+    @property
+    def rows(self) -> tuple[tuple[str, str], ...]:
+        """The proved numbers for display."""
+        names = ", ".join(member.body.option for member, _ in self.members)
+        return (("members", f"{names}: each proved"), ("force bound", f"{self.force_N:.6g} N, the sum of theirs"))
+
+
+@dataclass(frozen=True)
+class Mixture(Structure):
+    """The weighted mean of its members."""
+
+    name, keys, option, rank, is_offered = "mixture", ("mixture",), "mixture", 90, False
+    number, runs = MIXTURE, (tick.mixture_reset, tick.mixture_tick)
+    unproved = "one of the models in its mean is not proved stable"
+
+    members: tuple[Member, ...]
+
+    @property
+    def max_lag(self) -> int:
+        """Longest lag of any signal in ticks."""
+        return max(member.body.max_lag for member in self.members)
+
+    @property
+    def size(self) -> str:
+        """The size, in words."""
+        sizes = (f"{member.weight:.2f} {member.body.option} ({member.body.size})" for member in self.members)
+        return f"mean of {len(self.members)} models: {', '.join(sizes)}"
+
+    @property
+    def extrapolates(self) -> bool:  # type: ignore[override]  # of other structures, all or none do
+        """True if a member does: then each member gets the inputs as they are, and clamps for itself."""
+        return any(member.body.extrapolates for member in self.members)
+
+    @property
+    def outside(self) -> str:
+        """What becomes of inputs outside the envelope."""
+        ways = [member.body.outside for member in self.members]
+        names = {way: [one.body.option for one in self.members if one.body.outside == way] for way in ways}
+        return super().outside if len(names) < 2 else "; ".join(f"{way} ({', '.join(names[way])})" for way in names)
+
+    def steady_force(self, within: OperatingRange, speed_m_s: float, current_A: float) -> float | None:
+        """Return the exact force [N] at mid-stroke at constant speed and current, if each member has one."""
+        total = 0.0
+        for member in self.members:
+            force = member.body.steady_force(member.within(within), speed_m_s, current_A)
+            if force is None:
+                return None
+            low, high = member.force_envelope_N
+            total += member.weight * min(max(force, low), high)
+        return total
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the contents of the model file."""
+        return {"mixture": {"members": [member.to_json() for member in self.members]}}
+
+    @classmethod
+    def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
+        """Check the members of a model file; raises ModelError."""
+        node = root.at("mixture")
+        node.require_only_keys("members")
+        items = node.items("members", MIN_MEMBERS, tick.MAX_MEMBERS)
+        members = tuple(Member.from_json(item, inputs) for item in items)
+        total = fsum(member.weight for member in members)
+        if abs(total - 1.0) > ROUNDING:
+            raise ModelError(f"{node.where}: the weights of the members sum to {total:.12g}; expected 1")
+        return cls(members)
+
+    def fill(self, layout: Layout, within: OperatingRange) -> None:
+        """Write the members into a layout, the arrays of one behind those of the other."""
+        layout.reserve(P_STRUCTURE, tick.N_MIXTURE, S_STRUCTURE, K_STRUCTURE)
+        layout.n[tick.MIXTURE_MEMBERS] = len(self.members)
+        layout.n[tick.MIXTURE_WEIGHTS] = layout.table(member.weight for member in self.members)
+        at = layout.n[tick.MIXTURE_PLACES] = layout.indices([0] * (4 * len(self.members)))
+        for member in self.members:
+            own = member.body.lay_out(member.within(within))
+            layout.n[at + tick.OWN_P] = layout.table(own.p)
+            layout.n[at + tick.OWN_N] = layout.indices(own.n)
+            layout.n[at + tick.OWN_S] = layout.state(own.states)
+            layout.n[at + tick.OWN_K] = layout.memory(own.flags)
+            at += 4
+
+    def certify(self, within: OperatingRange) -> MixtureCertificate:
+        """Return the members' certificates together."""
+        proofs = tuple((member, member.body.certify(member.within(within))) for member in self.members)
+        methods = dict.fromkeys(f"{member.body.option} ({proof.method})" for member, proof in proofs)
+        return MixtureCertificate(proofs, CLAIM, f"{METHOD}: {', '.join(methods)}")
+
+    def is_stable(self, within: OperatingRange) -> bool:
+        """Return whether all members are proved stable."""
+        return all(member.body.is_stable(member.within(within)) for member in self.members)
