@@ -1,4 +1,4 @@
-"""Which structure: fits of several to the end, compared by their free run on blocks that no fit has seen.
+"""Which structure: several are fitted to the end, and compared by their free run on blocks that no fit has seen.
 
 `BestStructure` takes the best, or where others are nearly as good the mean of them all; the fitter of a chosen structure
 without physics inside is compared with those with it. Both leave the comparison in the model's provenance under

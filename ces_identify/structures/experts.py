@@ -11,7 +11,7 @@ import numpy as np
 from markupsafe import Markup
 
 from ces_data.arrays import F
-from ces_identify.polynomial.search_limits import Listener, run_starts, spread_work
+from ces_identify.polynomial.search_limits import Listener, run_starts
 from ces_identify.prepare.series import Series, SimulatedSeries
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
 from ces_identify.trained.experts_training import ExpertsFit, refit, train_experts
@@ -26,6 +26,7 @@ from ces_report.typesetting import ModelTable, describe_signals, four_figures, p
 LAGS = 4  # of speed and current
 DECAY = 3e-6  # [(J / 100)^2] cost of a squared weight
 STARTS, MEMBERS, ALIKE = 6, 3, 1.2  # starts at most; of these in the mean, within this ratio of the best's cost
+STARTS_TICKS = 120_000  # of all starts together; there are MEMBERS at least
 LEFT = 0.01  # of two pasts' difference after the time to forget
 
 
@@ -38,7 +39,8 @@ def fit_experts(
     past, *inputs = build_regressors(training, Lags((1,), ticks, ticks), sampling.rate_Hz)
     limit = LEFT ** (1.0 / max(1.0, options.forget_s * sampling.rate_Hz - LAGS))
     family = ExpertsFit(training, (*inputs, past), count, limit, DECAY)
-    limits = spread_work(replace(options.limits, starts=min(options.limits.starts, STARTS)), len(training.measured))
+    starts = min(options.limits.starts, STARTS, max(MEMBERS, STARTS_TICKS // len(training.measured)))
+    limits = replace(options.limits, starts=starts)
     results = run_starts(limits, partial(train_experts, family, limits, listener))
     best = [one for one in results if one.cost <= ALIKE * results[0].cost and np.isfinite(one.cost)][:MEMBERS]
     if not best:

@@ -19,10 +19,11 @@ from ces_identify.numerics.levenberg import CentredProblem, descend_about_centre
 from ces_identify.polynomial.search_limits import Limits, Listener, SearchResult, reason_to_end
 from ces_identify.trained.experts_kernels import fill_experts_slopes
 from ces_identify.trained.lagged_kernels import normal_equations
-from ces_identify.trained.training import LaggedModels
+from ces_identify.trained.training import LaggedModels, Training
 from ces_observer.structures.experts import Expert, Experts
 from ces_observer.tick.experts import experts_force
 
+EARLY_TICKS = 8_000  # that count before the last stage, about
 FIRST_LIMIT, STAGES = 1.1, 8  # of the gains; steps down to the final one (Keio: 8.2 %, 11.1 % straight)
 STAGE_STEPS, LAST_STEPS, REFIT_STEPS = 12, 60, 6
 PATIENCE, WORTHWHILE = 10, 1e-3  # steps without this relative fall of the selection cost, after which a descent ends
@@ -115,14 +116,21 @@ class ExpertsFit(LaggedModels):
         return error, matrix, -gradient
 
 
-def descend_in_stages(family: ExpertsFit, params: F) -> Iterator[tuple[ExpertsFit, F]]:
-    """Yield the models and parameters after each step, from the first limit down to that of `family`."""
+def take_every(training: Training, every: int) -> Training:
+    """Return the data in which only every `every`-th tick counts in a fit, as much as those between."""
+    counted = np.arange(len(training.measured)) % max(1, every) == 0
+    return replace(training, estimation=np.where(counted, max(1, every) * training.estimation, 0.0))
+
+
+def descend_in_stages(family: ExpertsFit, params: F) -> Iterator[tuple[bool, F]]:
+    """Yield whether it is the last stage, and the parameters, after each step from the first limit to the last."""
+    early = replace(family, training=take_every(family.training, len(family.training.measured) // EARLY_TICKS))
     for limit in np.geomspace(FIRST_LIMIT, family.limit, STAGES + 1):
-        stage = family if limit == family.limit else replace(family, limit=float(limit))
-        steps = LAST_STEPS if stage is family else STAGE_STEPS
+        last = limit == family.limit
+        stage, steps = (family, LAST_STEPS) if last else (replace(early, limit=float(limit)), STAGE_STEPS)
         for _, better in islice(descend_about_centre(stage.problem(), params), steps):
             params = better
-            yield stage, params
+            yield last, params
 
 
 def train_experts(
@@ -132,9 +140,9 @@ def train_experts(
     training, still = family.training, 0
     best = SearchResult(np.arange(family.count), np.empty(0), np.inf, seed, 0, "steps exhausted")
     start = family.start(np.random.default_rng(seed))
-    for k, (stage, params) in enumerate(descend_in_stages(family, start), 1):
+    for k, (last, params) in enumerate(descend_in_stages(family, start), 1):
         ended = reason_to_end(limits, best.cost, deadline, stop)
-        if stage is family or ended:
+        if last or ended:
             cost, still = training.cost(family.force(params), training.selection), still + 1
             if cost < (1.0 - WORTHWHILE) * best.cost:
                 still = 0

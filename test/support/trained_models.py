@@ -7,6 +7,7 @@ from random import Random
 from samplings import make_sampling
 
 from ces_observer.model import Envelope, Model
+from ces_observer.structures.experts import Expert, Experts
 from ces_observer.structures.fuzzy import Bell, Fuzzy, Premise, Rule
 from ces_observer.structures.lagged_signals import Regressor
 from ces_observer.structures.network import Network, SigmoidUnit
@@ -73,3 +74,16 @@ def random_fuzzy(chance: Random) -> Model:
         for rule in FUZZY.rules
     )
     return fuzzy_model(Fuzzy(REGRESSORS, 500.0, FUZZY.premises, rules), WIDE)
+
+
+def experts_model(chance: Random | None = None, force_N: tuple[float, float] = (-9e3, 9e3)) -> Model:
+    """Random experts that are proved to forget."""
+    chance = chance or Random(1)
+    past, inputs = REGRESSORS[0], tuple(r for r in REGRESSORS if r.signal != "force")
+
+    def row(size: float) -> tuple[float, ...]:
+        return tuple(chance.uniform(-size, size) for _ in range(1 + len(inputs)))
+
+    gains = [(chance.uniform(0.0, 0.9), chance.uniform(0.0, 0.9)) for _ in range(3)]
+    experts = (Expert(row(2.0), row(1.0), row(1.0), low, high - low, chance.uniform(0.1, 1.0)) for low, high in gains)
+    return Model(SAMPLING, Experts(inputs, past, past.spread, tuple(experts)), ENVELOPE, force_N)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from mixture_models import mixture_model
 from recurrent_models import make_recurrent, recurrent_model
-from trained_models import FUZZY, NETWORK, fuzzy_model, network_model, random_fuzzy, random_network
+from trained_models import FUZZY, NETWORK, experts_model, fuzzy_model, network_model, random_fuzzy, random_network
 
 from ces_identify.structures import run_batch
 from ces_observer.tick.mixture import check_structure
@@ -18,8 +18,10 @@ MODELS = {
     "fuzzy": fuzzy_model,
     "recurrent": recurrent_model,
     "mixture": mixture_model,
+    "experts": experts_model,
     "recurrent, no current": lambda: recurrent_model(make_recurrent(3, 1, current=False)),
     **{f"sigmoid {seed}": lambda seed=seed: random_network(random.Random(seed)) for seed in range(4)},
+    **{f"experts {seed}": lambda seed=seed: experts_model(random.Random(seed)) for seed in range(4)},
     **{f"fuzzy {seed}": lambda seed=seed: random_fuzzy(random.Random(seed)) for seed in range(4)},
     **{f"recurrent {seed}": lambda seed=seed: recurrent_model(make_recurrent(seed)) for seed in range(4, 8)},
 }
@@ -68,7 +70,7 @@ class Guarded(list):
         super().__setitem__(place, value)
 
 
-@pytest.mark.parametrize("make", list(MODELS.values())[:4], ids=list(MODELS)[:4])
+@pytest.mark.parametrize("make", list(MODELS.values())[:5], ids=list(MODELS)[:5])
 def test_what_passes_the_check_stays_within_its_arrays(make):
     model, dice = make(), random.Random(2)
     arrays = model.body.lay_out(model.operating_range).arrays()

@@ -4,13 +4,17 @@ import json
 import math
 
 import pytest
-from trained_models import fuzzy_model, network_model
+from trained_models import experts_model, fuzzy_model, network_model
 
 from ces_observer.errors import ModelError
 from ces_observer.model import load_model, parse_model
 
 net, fuz = network_model, fuzzy_model
-BOTH = {network_model: "2 sigmoid units on 5 regressors", fuzzy_model: "4 rules on 5 regressors"}
+BOTH = {
+    network_model: "2 sigmoid units on 5 regressors",
+    fuzzy_model: "4 rules on 5 regressors",
+    experts_model: "3 experts on 3 inputs",
+}
 
 
 @pytest.mark.parametrize("make", BOTH)
