@@ -1,8 +1,8 @@
 """Compiled run of a hydraulic network, with derivatives of the force by all parameters.
 
-The steps are those of `ces_observer.tick.hydraulic`, which solves U(P) + T L(P) - a w(P) = u(k-1) for the pressures P,
-with U the stored volumes, L the flows and a = (r, -1); so by the implicit function theorem, with A the derivative of
-the left side, dP = A^-1 (du(k-1) - d(U + T L - a w) by the parameters), and du = dU/dP dP + dU. Volumes and ways are
+The steps are those of `ces_observer.tick.hydraulic`, which solves U(P) + T L(P) - a w(P) = keep u(k-1) for the
+pressures P, with U the stored volumes, L the flows and a = (r, -1); so by the implicit function theorem, with A the derivative of
+the left side, dP = A^-1 (keep du(k-1) - d(U + T L - a w) by the parameters), and du = dU/dP dP + dU. Volumes and ways are
 here those of a tick [m].
 """
 
@@ -33,7 +33,7 @@ from ces_observer.tick.pressures import (
 )  # fmt: skip
 from ces_observer.tick.pressures import FADE as FADES
 from ces_observer.tick.pressures import RATIO as RATIOS
-from ces_observer.tick.valve import PLAY, PLAYS, SETTING, VALVE_DELAY, VALVE_NODES
+from ces_observer.tick.valve import KEEP, PLAY, PLAYS, SETTING, VALVE_DELAY, VALVE_NODES
 
 hydraulic_reset, hydraulic_tick = compiled(tick.hydraulic_reset), compiled(tick.hydraulic_tick)
 valve_start = compiled(tick_valve.valve_start)
@@ -144,7 +144,7 @@ def run_network(
     size, springs = matrix.shape[0], n[SPRINGS]
     interval, ratio, growth, small = 1.0 / p[DRIVE_RATE], p[RATIOS], p[FRICTION_GROWTH], p[LAMINAR]
     spring, mount, fade, warming = p[SPRING], interval * p[MOUNT_GIVE], p[FADES], p[WARMING]
-    forces, limits = n[SPRING_STATES], n[SPRING_STATES] + springs
+    forces, limits, keep = n[SPRING_STATES], n[SPRING_STATES] + springs, p[KEEP]
     valve, whole = valves.SETTINGS + n[VALVE_NODES], n[VALVE_DELAY]
     plays, by_setting, valve_before = np.zeros((2, PLAYS)), np.zeros(valve), np.zeros(1 + PLAYS)
     by_c, by_r = np.zeros(size), np.zeros(size)
@@ -176,7 +176,7 @@ def run_network(
             for m in range(3):
                 opened[m] = s[OPENINGS + m]
             for m in range(springs):
-                rub[m] = s[forces + m]
+                rub[m] = keep * s[forces + m]
             force[i] = hydraulic_tick(p, n, s, k, x, inputs[1, i], inputs[2, i])
             newer, older = inputs[2, max(first, i - whole)], inputs[2, max(first, i - whole - 1)]
             valves.differentiate_valve(p, n, s, newer, older, valve_before, interval, plays, by_setting)
@@ -198,9 +198,13 @@ def run_network(
             held = 0.0
             for q in range(size):
                 by_way[q] = spring * by_pull[q]
+                by_c[q] *= keep
+                by_r[q] *= keep
             for m in range(springs):
                 limit, moved = s[limits + m], p[n[SPRING_NUMBERS] + 2 * springs + m]
                 step = p[n[SPRING_NUMBERS] + m]
+                for q in range(size):
+                    by_rub[m, q] *= keep
                 if abs(rub[m]) > limit:
                     sign = 1.0 if rub[m] > 0.0 else -1.0
                     rub[m] = sign * limit

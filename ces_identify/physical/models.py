@@ -154,7 +154,7 @@ class HydraulicModels:
         values, s = self.layout.values(theta), self.scales
         number = {name: float(one[0]) for name, one in values.items() if one.size == 1}
         number |= zip(("piston_s", "base_s", "external_s"), as_floats(values["closing_s"]), strict=True)
-        number |= {"most_N": self.most_N, "laminar_N": self.laminar_N}
+        number |= {"most_N": self.most_N, "laminar_N": self.laminar_N, "relax_s": s.relax_s}
         number.setdefault("bypass_laminar_N", self.laminar_N)
         flows = as_floats(self.layout.flows)
         edges: dict[str, Any] = {n: FlowMap(flows, tuple(map(as_floats, values[n]))) for n in EDGE_NAMES}

@@ -11,7 +11,8 @@ What is proved, for any parameters that a model file can hold and for any inputs
   so for U; w falls as s rises, since each z_j rises with w.
 * The network is passive. With Phi the convex function with gradient U, and Phi* its conjugate (the energy stored), at a
   given stroke and setting  Phi*(U(k)) - Phi*(U(k-1)) <= s w - T (dp P + p_c B + p_r E)  by convexity, no flow feeds
-  energy, and  M f^2 / 2 + sum_j z_j^2 / (2 k_j)  grows by at most  T d f - s w  for the same reason.
+  energy, and  M f^2 / 2 + sum_j z_j^2 / (2 k_j)  grows by at most  T d f - s w  for the same reason. What a tick keeps
+  of U and z_j is less than all: Phi* and z_j^2, least at 0, only fall by that.
 * Pressures are held within +-`most_N`, and the force within its envelope: both stay bounded, whatever the rounding.
 """
 
@@ -19,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
-from math import inf
+from math import exp, inf
 from sys import float_info
 from typing import Any, Self
 
@@ -34,8 +35,10 @@ from ces_observer.tick import edges, mount, pressures
 from ces_observer.tick import hydraulic as tick
 from ces_observer.tick.pressures import ROUNDING, WARMING_S
 from ces_observer.tick.structure import HYDRAULIC
+from ces_observer.tick.valve import KEEP
 
 SPREAD = (0.05, 0.2, 0.5, 1.0, 1.7, 3.0, 6.0, 12.0)  # absolute pressures over the reservoir's, between pieces of phi
+RELAXATIONS = 7.0  # of relax_s until the past is forgotten: e^-7 = 0.09 % of it is left
 KINDS = ("uniflow", "twin tube", "monotube", "magneto-rheological")
 
 OilPiece = tuple[float, float, float]
@@ -73,6 +76,7 @@ NUMBERS = {  # of a model file, with their limits
     "base_s": (0.0, 1.0),
     "external_s": (0.0, 1.0),
     "friction_growth_1_N": (0.0, MAX_VALUE),
+    "relax_s": (1e-3, 1e6),
 }
 
 
@@ -107,6 +111,7 @@ class Hydraulic(Structure):
     base_s: float
     external_s: float
     friction_growth_1_N: float
+    relax_s: float
     side: physical.SideForces
     reach: float
 
@@ -145,6 +150,8 @@ class Hydraulic(Structure):
     def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
         """Check the network of a model file; raises ModelError."""
         node = root.at("hydraulic")
+        if "relax_s" not in node.value:
+            raise ModelError(f"{node.where}: 'relax_s' is missing: its model never forgets; identify the model again")
         node.require_only_keys("kind", "valve", *NUMBERS, *EDGES, "bypass", "side", "reach")
         if node.value.get("kind") not in KINDS:
             raise ModelError(f"{node.where}: kind is {node.value.get('kind')!r}; expected one of {', '.join(KINDS)}")
@@ -170,6 +177,7 @@ class Hydraulic(Structure):
         layout.put(tick.WIDE_POSITION_LOW, map(_as_number, wide))
         self.valve.fill(layout, 1.0 / rate)
         self.side.fill(layout, 1.0 / rate)
+        layout.p[KEEP] = exp(-1.0 / (rate * self.relax_s))
         self._fill_mount(layout, rate)
         self._fill_edges(layout, rate)
         self._fill_chambers(layout, rate)

@@ -4,15 +4,15 @@ Edges: P from compression to rebound chamber (piston), B from compression chambe
 rebound chamber to reservoir (external valve). With pressures p_c, p_r above the reservoir's, as forces [N] on the rod
 side's area, flows as speeds [m/s] of it, r = 1 + area ratio, s = r p_c - p_r, T the tick, x the stroke, d the drive:
 
-    U_c(k) - U_c(k-1) = T (r w - P - B),   U_c = C_c e^(g_c x) phi(p_c)
-    U_r(k) - U_r(k-1) = T ( -w + P - E),   U_r = C_r e^(g_r x) phi(p_r)
-    w = d - M/T (f(k) - f(k-1)) - creep f(k),   f = s + sum_j z_j,   z_j(k) = clip(z_j(k-1) + T k_j w, -+yield_j)
+    U_c(k) - keep U_c(k-1) = T (r w - P - B),   U_c = C_c e^(g_c x) phi(p_c)
+    U_r(k) - keep U_r(k-1) = T ( -w + P - E),   U_r = C_r e^(g_r x) phi(p_r)
+    w = d - M/T (f(k) - f(k-1)) - creep f(k),   f = s + sum_j z_j,   z_j(k) = clip(keep z_j(k-1) + T k_j w, -+yield_j)
     P = h (b q_P(dp) + (1 - b) y(k-1) root(dp) + A(x - M f(k-1)) passage(dp)),  dp = p_c - p_r,  b = T / (lag + T),
         y(k) = (1 - b) y(k-1) + b q_P(dp) / root(dp),  root(z) = z / sqrt(|z| + e),
         passage(z) = 2 z / (sqrt(n + 4 |z|) + sqrt(n));  likewise B with p_c and E with p_r, without A
     h = e^(fade heat(k-1)),  heat a low-pass of 100 s of |f d|
 
-U are the volumes stored, C the compliances of the chambers' oil, which change with their length, and M that of mounts
+U are the volumes stored, of which a tick keeps e^(-T / relax), as chambers leak; C the compliances of the chambers' oil, which change with their length, and M that of mounts
 in series, which may creep; w is the speed behind them, and z_j are springs that yield there (`mount`): friction, and a
 fluid that the current stiffens. phi is that of oil with air: with R the reservoir's absolute pressure, phi' = 1 + air
 (R / (p + R))^2, as straight pieces; below the first it stays as soft, a void that must be refilled.
@@ -38,6 +38,7 @@ from ces_observer.tick.model import LARGEST, SMALLEST, are_between, clamp
 from ces_observer.tick.mount import (
     MOUNT_GIVE, PULL, WAY_HIGH, WAY_LOW, WAY_SHARE, WAY_SHIFT, begin_mount, end_mount, find_piece_of_way, mount_reset,
 )  # fmt: skip
+from ces_observer.tick.valve import KEEP
 
 WARMING_S = 100.0  # in which a damper takes up its heat
 WARMEST = 2.0  # growth of its flows, as a logarithm
@@ -115,8 +116,8 @@ def advance_pressures(p: Floats, n: Ints, s: Floats, k: Ints, position: float, d
     # the pieces of the last step, with what does not change in this one
     oil_c = k[OIL_C]
     oil_r = k[OIL_R]
-    u_c = thick * s[VOLUME_C]
-    u_r = thick * s[VOLUME_R]
+    u_c = thick * (p[KEEP] * s[VOLUME_C])
+    u_r = thick * (p[KEEP] * s[VOLUME_R])
     c_c = thick * c_c
     c_r = thick * c_r
     phi_c = p[OIL_VALUES + oil_c]
