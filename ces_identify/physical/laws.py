@@ -56,6 +56,11 @@ class KindStart:
     friction: tuple[tuple[float, float, float], ...] = RUB
     creep_m_Ns: float = 1e-7
 
+    @property
+    def closed(self) -> bool:
+        """Whether no valve leads to the reservoir: without a leak, what both chambers store would stay for ever."""
+        return {(one.onward, one.back) for one in (self.base, self.external)} == {(SHUT, SHUT)}
+
 
 STARTS = {
     "uniflow": KindStart(EdgeStart(EASY, SHUT), EdgeStart(SHUT, EASY), EdgeStart(MOVED, EASY, moved=True)),

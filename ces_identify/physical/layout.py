@@ -150,7 +150,6 @@ def make_groups(scales: DataScales, kind: KindStart, held: bool, bypass: Group) 
         signed_group("rebound_growth_1_m", 10.0, 0.5),
         positive_group("mount_m_N", MOUNT_M_N),
         positive_group("creep_m_Ns", kind.creep_m_Ns),
-        signed_group("fade_1_W", 1.0 / (size * speed)),
         positive_group("reservoir_N", 0.07 * size),
         positive_group("air", 3.0),
         bypass,

@@ -1,10 +1,11 @@
 """What gives way in series with a damper, and the springs that yield behind it: friction (Prandtl 1928).
 
     w(k)   = drive(k) - mount (f(k) - f(k-1)) - creep f(k),   f = s + sum_j z_j
-    z_j(k) = clip(keep z_j(k-1) + step_j w(k), -+limit_j),    limit_j = yield_j + setting moved_j,  keep = e^(-T / relax)
+    z_j(k) = clip(keep z_j(k-1) + step_j w(k), -+limit_j),    limit_j = yield_j + setting moved_j
 
-w is the speed behind the mount, s the force of the network, z_j those of the springs, which relax (Maxwell 1867). With `left` the speed if all
-springs kept their forces, w = share (left + shift) on pieces, since w only grows with each spring that yields.
+w is the speed behind the mount, s the force of the network, z_j those of the springs, which relax: a tick keeps the
+share e^(-T / relax) of them (Maxwell 1867). With `left` the speed if none of them changed further, w = share (left +
+shift) on pieces, since w only grows with each spring that yields.
 """
 
 from math import inf

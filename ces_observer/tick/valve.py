@@ -16,8 +16,8 @@ from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STR
 PLAYS = 3
 MAX_DELAY = 1000  # ticks
 
-# p: the part of a tick in the delay, the shares T / (lag + T), and the half widths of the plays [A], 0 without them; keep, the share of
-# what is stored that a tick keeps
+# p: the part of a tick in the delay, the shares T / (lag + T), and the half widths of the plays [A], 0
+# without them; KEEP, the share of what is stored that a tick keeps
 VALVE_PART, VALVE_RISE, VALVE_FALL, PLAY_HALF = range(P_STRUCTURE, P_STRUCTURE + 4)
 KEEP = PLAY_HALF + PLAYS
 P_VALVE_END = KEEP + 1

@@ -109,7 +109,7 @@ def pressures(
     body, interval, ratio = model.body, 1.0 / model.sampling.rate_Hz, 1.0 + model.body.area_ratio
     stored, opened, result = (0.0, 0.0), [0.0, 0.0, 0.0], []
     heat, pull, rubbing, give = 0.0, 0.0, [0.0] * len(body.side.friction), body.mount_m_N + interval * body.creep_m_Ns
-    keep = exp(-interval / body.relax_s)
+    keep, kept = exp(-interval / body.relax_s), exp(-interval / body.leak_s)
     shares = [interval / (lag + interval) for lag in (body.piston_s, body.base_s, body.external_s)]
     for x, drive, setting in zip(positions, driven, valve, strict=True):
         curves = [blend(getattr(body, edge), setting) for edge in EDGES]
@@ -152,7 +152,7 @@ def pressures(
             return interpolate(values, ways, interval * drive + body.mount_m_N * pull - give * (ratio * p_c - p_r))
 
         def compression(p_r, p_c, x=x, stored=stored, flow=flow, behind=behind):
-            gained = volumes(body, x, p_c, p_r)[0] - keep * stored[0]
+            gained = volumes(body, x, p_c, p_r)[0] - kept * stored[0]
             return gained - ratio * behind(p_c, p_r) + interval * (flow(0, p_c - p_r) + flow(1, p_c))
 
         def balanced(p_r, compression=compression):
@@ -160,7 +160,7 @@ def pressures(
 
         def rebound(p_r, x=x, stored=stored, flow=flow, balanced=balanced, behind=behind):
             p_c = balanced(p_r)
-            gained = volumes(body, x, p_c, p_r)[1] - keep * stored[1]
+            gained = volumes(body, x, p_c, p_r)[1] - kept * stored[1]
             return gained + behind(p_c, p_r) - interval * (flow(0, p_c - p_r) - flow(2, p_r))
 
         p_r = find_root(rebound)
