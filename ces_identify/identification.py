@@ -19,9 +19,11 @@ from ces_data.recording import Recording
 from ces_data.samples import without_spikes
 from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchResult
 from ces_identify.prepare.sampling import choose_sampling, require_delay
-from ces_identify.prepare.series import prepare
-from ces_identify.structures.kit import Fitter, IdentifyOptions
+from ces_identify.prepare.series import Series, prepare
+from ces_identify.structures import run_batch
+from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
+from ces_identify.trained.training import build_training
 from ces_identify.validation.band import fit_band
 from ces_identify.validation.cost_table import RULE, cost_table, usage
 from ces_identify.validation.evaluate import (
@@ -32,8 +34,9 @@ from ces_identify.validation.evaluate import (
     evaluate,
     pooled_cost,
 )
+from ces_identify.validation.forgetting import LEFT, measure_forgetting
 from ces_observer import __version__
-from ces_observer.errors import RecordingError
+from ces_observer.errors import CesError, RecordingError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.polynomial import Polynomial
 
@@ -42,6 +45,10 @@ UNLIKE_FORCE = "the force does not follow these signals: check that topics, sign
 ALL_TICKS, MAX_TICKS = 600_000, 300_000  # that are used; of more, one minute in three, four, ... of long recordings
 STRETCHES = "identified_on"  # key of the provenance
 MIN_SCORED_TICKS = 50  # of a held-out part, for an evaluation
+AGREEMENT, AGREEMENT_J = (
+    1.25,
+    0.5,
+)  # a model's J over the one shown for it, and [%] beside: a last fit changes it by less
 COSTS, DELAYED_SELECTION = "cost_J_percent", "selection_delayed"  # keys of the provenance
 
 
@@ -173,19 +180,20 @@ def _identify_at(
     whole = [prepare(without_spikes(r, options.split), sampling, has_spikes=False) for r in recordings]
     identified = [series.part(0.0, options.split) for series in whole]
     total = sum(map(len, identified))
-    every = -(-total // MAX_TICKS) if total > ALL_TICKS else 1
+    every, everything = -(-total // MAX_TICKS) if total > ALL_TICKS else 1, identified
     identified = [series.thin(every) for series in identified]
     thinned = sum(map(len, identified)) < total
     if (scored := sum(int(series.scored.sum()) for series in identified)) < MIN_SCORED_TICKS:
         text = f"{scored} ticks with a measured force past warm-up; expected at least {MIN_SCORED_TICKS}"
         raise RecordingError(f"{', '.join(s.name for s in whole)}: {text}: record longer (are the times in s?)")
     fitted = fitter(identified, sampling, options, listener)
+    require_shown_cost(fitted, identified, options)
     band = fit_band(fitted.model, identified, fitted.refit, fitted.leave_out_recordings) if options.band else None
-    model = replace(fitted.model, band=band)
+    model = replace(with_forgetting(fitted.model, identified, options.forget_s), band=band)
     rest = [series.part(options.split, 1.0) for series in whole] if options.split < 1.0 else []
     held_out = [series for series in rest if series.scored.sum() >= MIN_SCORED_TICKS]
     held_out += [prepare(recording, sampling) for recording in validation]
-    evaluations = evaluate(model, identified, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
+    evaluations = evaluate(model, everything, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
         "tool": f"ces_observer {__version__}",
         "identification": [
@@ -211,6 +219,33 @@ def _identify_at(
         },
     }
     return IdentificationResult(replace(model, provenance=provenance), tuple(evaluations), tuple(fitted.results))
+
+
+def require_shown_cost(fitted: Fitted, series: Sequence[Series], options: IdentifyOptions) -> None:
+    """Raise CesError if the model's free run is worse, on all selection ticks, than the search said of it."""
+    training = build_training(series, options.weight)
+    cost = training.cost(run_batch(fitted.model, training.inputs, training.segments)[0], training.selection)
+    shown = fitted.results[0].cost
+    if not cost <= AGREEMENT * shown + AGREEMENT_J:
+        raise CesError(
+            f"the search showed J {shown:.2f} %, and its model has {cost:.2f} % on the same seconds: its fit leaves "
+            "out some of them; take another structure, and report this"
+        )
+
+
+def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> Model:
+    """Return a certified model with how it forgets its start; raises CesError if it does not, in `forget_s`."""
+    if model.certificate is None:
+        return model
+    proved_s = model.certificate.get("forgets_s", np.inf) if model.body.forgets_by_proof else np.inf
+    measured = measure_forgetting(model, series, forget_s, pasts=proved_s > forget_s)
+    if measured.largest > LEFT or measured.settles_s > forget_s:
+        raise CesError(
+            f"the model does not forget where it was started: {measured.describe()}; --forget {2.0 * forget_s:g} "
+            "allows it more time; or take another structure"
+        )
+    facts = {"forgetting": measured.to_mapping()} if measured.pasts else {}
+    return replace(model, certificate={**model.certificate, **facts}, settles_s=measured.settles_s)
 
 
 def count_starts(results: Sequence[SearchResult]) -> int:

@@ -43,6 +43,15 @@ THREADS = Option("threads", None, "threads of the search", 1, 256, kind=int, non
 CERTIFICATE = Option(
     "certificate", True, "require a proof of the model's stability, without which the observer refuses it"
 )
+FORGET = Option(
+    "forget",
+    5.0,
+    "time in which the model forgets where it was started, to 1 %; 2 s and more cost no accuracy",
+    0.1,
+    60.0,
+    "s",
+    metavar="S",
+)
 BAND = Option("band", True, "fit a band: how far the measured force may lie from the estimate (less than a second)")
 
 METHOD = Option(
@@ -120,7 +129,7 @@ def list_options() -> tuple[Option, ...]:
     return (
         structure_option(),
         TIME,
-        *in_group("search", STARTS, SEED, TARGET, THREADS, CERTIFICATE, BAND),
+        *in_group("search", STARTS, SEED, TARGET, THREADS, CERTIFICATE, FORGET, BAND),
         *in_group(POLYNOMIALS, METHOD, TERMS, CANDIDATES, BLEND),
         *in_group("sizes of other structures", *sizes),
         *in_group("data", SPLIT, WEIGHT, RATE, DELAY, TEACHER, IGNORE_FINDINGS),
@@ -138,4 +147,5 @@ def build_identify_options(values: Mapping[str, Any]) -> IdentifyOptions:
     limits = Limits(**{f.name: given[f.name] for f in fields(Limits) if f.name in given})
     own = {f.name: values[f.name] for f in fields(IdentifyOptions) if f.name in values}
     own |= {"delay": as_delays(own["delay"])} if "delay" in own else {}
+    own |= {"forget_s": values[FORGET.name]} if FORGET.name in values else {}
     return IdentifyOptions(**{**own, "limits": limits})

@@ -29,6 +29,7 @@ GONE = ("relaxation", "chambers")  # structures of earlier versions
 BAND = "band"  # optional key
 UNITS = {"force": "N", "speed": "m/s", "current": "A", "position": "m", "lag": "1/rate_Hz"}
 DELAYED = "delayed"  # optional key
+SETTLES = "settles_s"  # optional key
 PART_KEYS = ("structure", "input_envelope", "force_envelope_N", "certificate")
 MAX_BYTES = 1_000_000
 MOTIONS = (SPEED, ACCELERATION)  # signals that may be measured beside the position
@@ -100,7 +101,8 @@ class Model:
 
     `body` is the structure that computes the force; the rest is the same for every structure. `band` says how far the
     measured force may lie from it, None if that is not known. `delayed` is a model for the same samples with a delay,
-    beside one without: its `sampling` differs in the delay only.
+    beside one without: its `sampling` differs in the delay only. `settles_s` [s] is how long the force of
+    a run on its recordings depends on where it began.
     """
 
     sampling: Sampling
@@ -111,6 +113,12 @@ class Model:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     band: Band | None = None
     delayed: Model | None = None
+    settles_s: float = 0.0
+
+    @property
+    def warm_up_s(self) -> float:
+        """How long [s] the estimator withholds forces after a restart."""
+        return max(self.sampling.warm_up_s, self.settles_s)
 
     @property
     def each(self) -> tuple[Model, ...]:
@@ -151,7 +159,7 @@ class Model:
     def lay_out(self) -> Layout:
         """Return the layout of a run of it: structure, warm-up and band; raises ModelError."""
         layout = self.body.lay_out(self.operating_range)
-        layout.n[WARM_UP] = round(self.sampling.warm_up_s * self.sampling.rate_Hz)
+        layout.n[WARM_UP] = round(self.warm_up_s * self.sampling.rate_Hz)
         if self.band is not None:
             self.band.fill(layout, self.sampling.rate_Hz)
         return layout
@@ -189,6 +197,7 @@ class Model:
             "input_envelope": asdict(self.envelope),
             "force_envelope_N": self.force_envelope_N,
             "certificate": self.certificate,
+            **({SETTLES: self.settles_s} if self.settles_s else {}),
             **({} if self.band is None else {BAND: self.band.to_json()}),
         }
 
@@ -253,8 +262,9 @@ def _part(node: JsonObject, sampling: Sampling, other_keys: tuple[str, ...]) -> 
         force_envelope_N=node.range("force_envelope_N", MAX_FORCE_N),
         certificate=node.mapping_or_none("certificate"),
         band=Band.from_json(node.at(BAND)) if BAND in node.value else None,
+        settles_s=node.number(SETTLES, 0.0, 60.0) if SETTLES in node.value else 0.0,
     )
-    node.require_only_keys(*PART_KEYS, BAND, *structure.keys, *other_keys)
+    node.require_only_keys(*PART_KEYS, SETTLES, BAND, *structure.keys, *other_keys)
     return model
 
 

@@ -29,7 +29,7 @@ from ces_observer import __version__
 from ces_observer.errors import ModelError
 from ces_observer.json_text import write_atomically
 from ces_observer.model import Envelope
-from ces_observer.structures.hydraulic import Hydraulic
+from ces_observer.structures.hydraulic import NEVER_S, Hydraulic
 
 KINDS = ("uniflow", "twin tube", "magneto-rheological")
 WORK, ROWS = 0.25, 4  # of the comparison of kinds: work of a fit, and curves of the valve
@@ -103,7 +103,9 @@ def fit_network(
     if not (coarse.estimation.any() and coarse.selection.any()) or np.ptp(coarse.inputs[1]) == 0.0:
         return None
     progress("kinds of damper")
-    scales = replace(read_scales(coarse, 1.0 / tick_s), currents_A=place_current_nodes(coarse.inputs[2]))
+    scales = replace(
+        read_scales(coarse, 1.0 / tick_s), relax_s=NEVER_S, currents_A=place_current_nodes(coarse.inputs[2])
+    )
     search = PhysicalSearch(Limits(threads=threads, work=WORK), lambda _: None)
     fits = search.run(coarse, scales, KINDS, ROWS, held=is_constant(coarse.inputs[2]))
     if search.stop.is_set():

@@ -1,9 +1,9 @@
 """Compiled run of a hydraulic network, with derivatives of the force by all parameters.
 
-The steps are those of `ces_observer.tick.hydraulic`, which solves U(P) + T L(P) - a w(P) = u(k-1) for the pressures P,
-with U the stored volumes, L the flows and a = (r, -1); so by the implicit function theorem, with A the derivative of
-the left side, dP = A^-1 (du(k-1) - d(U + T L - a w) by the parameters), and du = dU/dP dP + dU. Volumes and ways are
-here those of a tick [m].
+The steps are those of `ces_observer.tick.hydraulic`, which solves U(P) + T L(P) - a w(P) = kept u(k-1) for the
+pressures P, with U the stored volumes, L the flows and a = (r, -1); so by the implicit function theorem, with A the
+derivative of the left side, dP = A^-1 (kept du(k-1) - d(U + T L - a w) by the parameters), and du = dU/dP dP + dU.
+Volumes and ways are here those of a tick [m].
 """
 
 from __future__ import annotations
@@ -27,20 +27,19 @@ from ces_observer.tick.hydraulic import VISCOUS as DRAG
 from ces_observer.tick.mount import FRICTION as RUBBED
 from ces_observer.tick.mount import MOUNT_GIVE, PULL, SPRING_NUMBERS, SPRING_STATES, SPRINGS, WAY
 from ces_observer.tick.pressures import (
-    BYPASS_LOGARITHMS, BYPASS_NODES, BYPASS_POSITIONS, COMPLIANCE_C, COMPLIANCE_R, FRICTION_GROWTH, HEAT, LAMINAR,
-    NARROW, OIL_C, OIL_R, OIL_SLOPES, OIL_VALUES, PRESSURE_C, PRESSURE_R, SPRING, STILL_N, STORED_C, STORED_R,
-    THICKNESS, WARMEST, WARMING,
+    BYPASS_LOGARITHMS, BYPASS_NODES, BYPASS_POSITIONS, COMPLIANCE_C, COMPLIANCE_R, FRICTION_GROWTH, KEPT_VOLUME,
+    LAMINAR, NARROW, OIL_C, OIL_R, OIL_SLOPES, OIL_VALUES, PRESSURE_C, PRESSURE_R, SPRING, STILL_N, STORED_C,
+    STORED_R, THICKNESS,
 )  # fmt: skip
-from ces_observer.tick.pressures import FADE as FADES
 from ces_observer.tick.pressures import RATIO as RATIOS
-from ces_observer.tick.valve import PLAY, PLAYS, SETTING, VALVE_DELAY, VALVE_NODES
+from ces_observer.tick.valve import KEEP, PLAY, PLAYS, SETTING, VALVE_DELAY, VALVE_NODES
 
 hydraulic_reset, hydraulic_tick = compiled(tick.hydraulic_reset), compiled(tick.hydraulic_tick)
 valve_start = compiled(tick_valve.valve_start)
 
 # places in `at` of the first column of each group of parameters; those of the valve come first
-LEAD, VISCOUS, MASS, GAS, RATIO, COMPRESSION, REBOUND, MOUNT, CREEP, FADE, OIL, PISTON, BASE, EXTERNAL = range(14)
-BYPASS, BYPASS_NARROW, STIFFNESS, YIELD, MOVED, GROWTH, LAGS = range(14, 21)
+LEAD, VISCOUS, MASS, GAS, RATIO, COMPRESSION, REBOUND, MOUNT, CREEP, OIL, PISTON, BASE, EXTERNAL = range(13)
+BYPASS, BYPASS_NARROW, STIFFNESS, YIELD, MOVED, GROWTH, LAGS = range(13, 20)
 OILS = 2  # absolute pressure of the reservoir [N], and air
 ROWS = 64  # of derivatives, before their products are added up
 SHARES = np.array([1.0 / SPREAD[0] ** 2, *(1.0 / (a * b) for a, b in pairwise(SPREAD)), 0.0])
@@ -64,19 +63,17 @@ def add(out: F, scale: float, other: F) -> None:
 
 
 @njit(cache=True)
-def add_past(
-    by_c: F, by_r: F, by_way: F, by_heat: F, by_pull: F, by_0: F, by_1: F, by_2: F, ratio: float, shares: F
-) -> None:
-    """Add what way, heat, position behind the mount and openings of the past change in both balances.
+def add_past(by_c: F, by_r: F, by_way: F, by_pull: F, by_0: F, by_1: F, by_2: F, ratio: float, shares: F) -> None:
+    """Add what way, position behind the mount and openings of the past change in both balances.
 
-    `shares` (7,): of the way, of heat in both, of the pull, and of the openings of the three edges.
+    `shares` (5,): of the way, of the pull, and of the openings of the three edges.
     """
-    way, hot_c, hot_r, wider, kept_0, kept_1, kept_2 = shares
+    way, wider, kept_0, kept_1, kept_2 = shares
     for q in range(len(by_c)):
         by_way[q] *= way
         across = wider * by_pull[q] - kept_0 * by_0[q]
-        by_c[q] += ratio * by_way[q] - hot_c * by_heat[q] + across - kept_1 * by_1[q]
-        by_r[q] += -by_way[q] - hot_r * by_heat[q] - across - kept_2 * by_2[q]
+        by_c[q] += ratio * by_way[q] + across - kept_1 * by_1[q]
+        by_r[q] += -by_way[q] - across - kept_2 * by_2[q]
 
 
 @njit(cache=True)
@@ -143,16 +140,16 @@ def run_network(
     """
     size, springs = matrix.shape[0], n[SPRINGS]
     interval, ratio, growth, small = 1.0 / p[DRIVE_RATE], p[RATIOS], p[FRICTION_GROWTH], p[LAMINAR]
-    spring, mount, fade, warming = p[SPRING], interval * p[MOUNT_GIVE], p[FADES], p[WARMING]
-    forces, limits = n[SPRING_STATES], n[SPRING_STATES] + springs
+    spring, mount = p[SPRING], interval * p[MOUNT_GIVE]
+    forces, limits, keep, stays = n[SPRING_STATES], n[SPRING_STATES] + springs, p[KEEP], p[KEPT_VOLUME]
     valve, whole = valves.SETTINGS + n[VALVE_NODES], n[VALVE_DELAY]
     plays, by_setting, valve_before = np.zeros((2, PLAYS)), np.zeros(valve), np.zeros(1 + PLAYS)
     by_c, by_r = np.zeros(size), np.zeros(size)
     rows, used_rows = np.zeros((ROWS, size)), 0
     rub, slips = np.zeros(springs), np.zeros(springs, np.int64)
-    by_rub, by_pull, by_way, by_heat = np.zeros((springs, size)), np.zeros(size), np.zeros(size), np.zeros(size)
+    by_rub, by_pull, by_way = np.zeros((springs, size)), np.zeros(size), np.zeros(size)
     values, drops, columns, above = np.zeros((3, 7)), np.zeros(3), np.zeros(3, np.int64), np.zeros(3, np.int64)
-    opened, shares, by_shares, past = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(7)
+    opened, shares, by_shares, past = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(5)
     by_opened, by_oil, stored = np.zeros((3, size)), np.zeros((2, OILS)), np.zeros((2, 2 + OILS))
     by_0, by_1, by_2 = by_opened[0], by_opened[1], by_opened[2]
     for m in range(3):
@@ -168,15 +165,15 @@ def run_network(
         hydraulic_reset(p, n, s, k)
         valve_start(p, n, s, k, inputs[2, first])
         valves.restart_valve(p, n, inputs[2, first], plays, by_setting)
-        by_c[:], by_r[:], by_pull[:], by_heat[:], by_rub[:], by_opened[:] = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+        by_c[:], by_r[:], by_pull[:], by_rub[:], by_opened[:] = 0.0, 0.0, 0.0, 0.0, 0.0
         for i in range(first, stop):
-            x, pulled, heat_before, valve_before[0] = inputs[0, i], s[PULL], s[HEAT], s[SETTING]
+            x, pulled, valve_before[0] = inputs[0, i], s[PULL], s[SETTING]
             for m in range(PLAYS):
                 valve_before[1 + m] = s[PLAY + m]
             for m in range(3):
                 opened[m] = s[OPENINGS + m]
             for m in range(springs):
-                rub[m] = s[forces + m]
+                rub[m] = keep * s[forces + m]
             force[i] = hydraulic_tick(p, n, s, k, x, inputs[1, i], inputs[2, i])
             newer, older = inputs[2, max(first, i - whole)], inputs[2, max(first, i - whole - 1)]
             valves.differentiate_valve(p, n, s, newer, older, valve_before, interval, plays, by_setting)
@@ -198,9 +195,13 @@ def run_network(
             held = 0.0
             for q in range(size):
                 by_way[q] = spring * by_pull[q]
+                by_c[q] *= stays
+                by_r[q] *= stays
             for m in range(springs):
                 limit, moved = s[limits + m], p[n[SPRING_NUMBERS] + 2 * springs + m]
                 step = p[n[SPRING_NUMBERS] + m]
+                for q in range(size):
+                    by_rub[m, q] *= keep
                 if abs(rub[m]) > limit:
                     sign = 1.0 if rub[m] > 0.0 else -1.0
                     rub[m] = sign * limit
@@ -236,18 +237,13 @@ def run_network(
                 values[0, 4] += bypass / root
                 by_c[at[MOUNT]] += wider * pulled
                 by_r[at[MOUNT]] -= wider * pulled
-                past[3] = wider * spring
+                past[1] = wider * spring
                 by_c[at[BYPASS_NARROW]] -= less
                 by_r[at[BYPASS_NARROW]] += less
                 for q in range(2):
                     more = bypass * np.exp(-p[openings + j + q]) * (along if q else 1.0 - along) * passed
                     by_c[at[BYPASS] + j + q] -= more
                     by_r[at[BYPASS] + j + q] += more
-            if abs(fade * heat_before) <= WARMEST:
-                more_c, more_r = warmed_s * (values[0, 3] + values[1, 3]), warmed_s * (values[2, 3] - values[0, 3])
-                by_c[at[FADE]] -= more_c * heat_before
-                by_r[at[FADE]] -= more_r * heat_before
-                past[1], past[2] = more_c * fade, more_r * fade
             by_c[at[COMPRESSION]] -= growth_c * stored[0, 0]
             by_r[at[REBOUND]] -= growth_r * stored[1, 0]
             by_c[at[COMPRESSION] + 1] -= x * cell_c * stored[0, 0]
@@ -260,7 +256,7 @@ def run_network(
                 eases = warmed_s * shares[m] * values[m, 1]
                 rooted = drops[m] / np.sqrt(abs(drops[m]) + small)
                 by_lag = warmed_s * by_shares[m] * (values[m, 0] - opened[m] * rooted)
-                past[4 + m] = warmed_s * (1.0 - shares[m]) * rooted
+                past[2 + m] = warmed_s * (1.0 - shares[m]) * rooted
                 steeper = eases * values[m, 6]
                 if m < 2:
                     by_c[at[LAGS] + m] -= by_lag
@@ -275,7 +271,7 @@ def run_network(
                             by_c[q] += steeper * by_setting[q]
                         if m != 1:
                             by_r[q] += (-steeper if m == 0 else steeper) * by_setting[q]
-            add_past(by_c, by_r, by_way, by_heat, by_pull, by_0, by_1, by_2, ratio, past)
+            add_past(by_c, by_r, by_way, by_pull, by_0, by_1, by_2, ratio, past)
 
             # the pressures follow from the balances, and all else from them
             wide_c, wide_r = cell_c * stored[0, 1], cell_r * stored[1, 1]
@@ -322,10 +318,6 @@ def run_network(
                 add(by_pull, 1.0, by_rub[m])
                 if scored:
                     add(row, pressed, by_rub[m])
-            warms = warming if pull * drive > 0.0 else -warming
-            for q in range(size):
-                by_heat[q] = (1.0 - warming) * by_heat[q] + warms * drive * by_pull[q]
-            by_heat[at[LEAD]] += warms * pull * change
             by_c[at[COMPRESSION]] += growth_c * stored[0, 0]
             by_r[at[REBOUND]] += growth_r * stored[1, 0]
             by_c[at[COMPRESSION] + 1] += x * cell_c * stored[0, 0]

@@ -32,7 +32,7 @@ FOOT = (0.5, 0.5, 0.0, 0.05, 0.0, 3.0, 0.05, 0.3)
 THICK = (1.0, 0.5, 0.3, 0.3, 0.5, 3.0, 0.1, 0.1)
 # Springs that yield: force at the lowest current, and what the highest adds, relative to the largest force; way [m].
 RUB = ((0.006, 0.006, 6e-5), (0.012, 0.012, 2e-4), (0.025, 0.025, 8e-4))  # seals
-PLUG = ((0.02, 0.1, 2e-4), (0.03, 0.2, 5e-4), (0.02, 0.1, 1.5e-3), (0.25, 1e-3, 0.5))  # a fluid that yields, gas
+PLUG = ((0.02, 0.1, 2e-4), (0.03, 0.2, 5e-4), (0.02, 0.1, 1.5e-3))  # a fluid that yields
 
 
 @dataclass(frozen=True)
@@ -55,6 +55,11 @@ class KindStart:
     rebound: float = 1.0
     friction: tuple[tuple[float, float, float], ...] = RUB
     creep_m_Ns: float = 1e-7
+
+    @property
+    def closed(self) -> bool:
+        """Whether no valve leads to the reservoir: without a leak, what both chambers store would stay for ever."""
+        return {(one.onward, one.back) for one in (self.base, self.external)} == {(SHUT, SHUT)}
 
 
 STARTS = {

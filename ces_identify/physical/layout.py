@@ -17,11 +17,13 @@ from scipy.linalg import block_diag
 from ces_data.arrays import F, I
 from ces_identify.physical.laws import NODES, STARTS, STEP, KindStart, LawEdge, NodeEdge
 from ces_identify.trained.training import Training
+from ces_observer.structures.hydraulic import RELAXATIONS
 
 CURRENTS = 6  # nodes of the valve's characteristic
 POSITIONS = 5  # nodes of the gas force
 BYPASS_M = 0.0025  # between nodes of the bypass
 ACCELERATION_MARGIN = 1.2
+YIELD_WAY = 0.05  # share of the stroke by which a yielding spring turns from one limit to the other, at most
 FORCE_PERCENTILE, SPEED_PERCENTILE = 99.5, 99.9
 
 
@@ -35,10 +37,13 @@ class DataScales:
     positions_m: F
     max_acceleration_m_s2: float
     interval_s: float
+    relax_s: float
 
 
-def read_scales(data: Training, rate_Hz: float) -> DataScales:
-    """Return the scales of the training data, and nodes spread over the currents and positions."""
+def read_scales(data: Training, rate_Hz: float, forget_s: float = 5.0) -> DataScales:
+    """Return the scales of the training data, and nodes spread over the currents and positions; what is stored relaxes
+    so that after `forget_s` it is gone.
+    """
     position, speed, current = data.inputs
     scored = (data.estimation > 0.0) | (data.selection > 0.0)
     low, high = float(current.min()), float(current.max())
@@ -55,6 +60,7 @@ def read_scales(data: Training, rate_Hz: float) -> DataScales:
         np.linspace(float(ends[0]), float(ends[1]), POSITIONS),
         ACCELERATION_MARGIN * rate_Hz * float(np.percentile(jumps, SPEED_PERCENTILE)),
         1.0 / rate_Hz,
+        forget_s / RELAXATIONS,
     )
 
 
@@ -144,7 +150,6 @@ def make_groups(scales: DataScales, kind: KindStart, held: bool, bypass: Group) 
         signed_group("rebound_growth_1_m", 10.0, 0.5),
         positive_group("mount_m_N", MOUNT_M_N),
         positive_group("creep_m_Ns", kind.creep_m_Ns),
-        signed_group("fade_1_W", 1.0 / (size * speed)),
         positive_group("reservoir_N", 0.07 * size),
         positive_group("air", 3.0),
         bypass,
@@ -159,12 +164,16 @@ def make_groups(scales: DataScales, kind: KindStart, held: bool, bypass: Group) 
 
 @dataclass(frozen=True)
 class Layout:
-    """Groups and edges in the order of theta. Edges have nodes at `flows` [m/s], and rises in units of `force_N`."""
+    """Groups and edges in the order of theta. Edges have nodes at `flows` [m/s], and rises in units of `force_N`.
+
+    Springs are stiffer than `stiffer_1_m` times their yield force: so they forget where they were within YIELD_WAY.
+    """
 
     groups: tuple[Group, ...]
     edges: tuple[LawEdge | NodeEdge, ...]
     flows: F
     force_N: float
+    stiffer_1_m: float
 
     @cached_property
     def to_nodes(self) -> F:
@@ -203,6 +212,7 @@ class Layout:
         found = {g.name: g.values(part) for g, part in zip(self.groups, own, strict=True)}
         for name, edge, part in zip(EDGE_NAMES, self.edges, edges, strict=True):
             found[name] = edge.rises(part) @ self.to_nodes.T
+        found["friction"] = found["friction"] + self.stiffer_1_m * (found["friction_yield"] + found["friction_moved"])
         return found
 
     def derivatives(self, theta: F) -> F:
@@ -211,7 +221,11 @@ class Layout:
         blocks = [g.derivatives(part) for g, part in zip(self.groups, own, strict=True)]
         for edge, part in zip(self.edges, edges, strict=True):
             blocks.append(np.kron(np.eye(edge.rows), self.to_nodes) @ edge.derivatives(part))
-        return np.asarray(block_diag(*blocks))
+        matrix = np.asarray(block_diag(*blocks))
+        stiffness, *limits = self.columns(("friction", "friction_yield", "friction_moved"))
+        for m in range(self.sizes["friction"]):
+            matrix[stiffness + m] += self.stiffer_1_m * sum(matrix[limit + m] for limit in limits)
+        return matrix
 
     @cached_property
     def sizes(self) -> dict[str, int]:
@@ -245,7 +259,8 @@ def first_layout(scales: DataScales, kind: str, rows: int, held: bool, bypassed:
         law = np.array([opening + 1.0, 0.0, np.log(0.25 * span), np.log(0.05 * span)])
         bypass = Bump("bypass", law, np.full(4, 0.1 * WEIGHT), 0.25 * span, bypassed)
     groups = make_groups(scales, start, held, bypass)
-    return Layout(tuple(groups), laws, scales.speed_m_s * NODES, scales.force_N)
+    stiffer_1_m = 2.0 / (YIELD_WAY * float(np.ptp(scales.positions_m)))
+    return Layout(tuple(groups), laws, scales.speed_m_s * NODES, scales.force_N, stiffer_1_m)
 
 
 def as_floats(values: F) -> tuple[float, ...]:

@@ -14,7 +14,7 @@ import numpy as np
 from ces_data.arrays import F, I
 from ces_identify.numerics.core import batch_run, run_batch
 from ces_identify.physical.hydraulic_kernels import Score, run_network
-from ces_identify.physical.laws import NodeEdge
+from ces_identify.physical.laws import STARTS, NodeEdge
 from ces_identify.physical.layout import (
     BYPASS_M,
     EDGE_NAMES,
@@ -25,8 +25,8 @@ from ces_identify.physical.layout import (
     positive_group,
 )
 from ces_identify.trained.training import Training
-from ces_observer.structures.curves import Bypass, FlowMap, IncreasingCurve
-from ces_observer.structures.hydraulic import NUMBERS, Hydraulic
+from ces_observer.structures.curves import MIN_OPENING, Bypass, FlowMap, IncreasingCurve
+from ces_observer.structures.hydraulic import NEVER_S, NUMBERS, Hydraulic
 from ces_observer.structures.physical import LONG_TICK, FrictionElement, SideForces, ValvePath
 from ces_observer.structures.structure import OperatingRange
 
@@ -39,7 +39,7 @@ HELD_DEGREE = 2  # of a valve's change over its rows where the current was held 
 LEAST_OPENING = 1e-6  # of a bypass, relative to its largest
 COLUMNS = (
     "lead_s", "viscous_Ns_m", "mass_kg", "gas_N", "area_ratio", "compression_m_N", "rebound_m_N", "mount_m_N",
-    "creep_m_Ns", "fade_1_W", "reservoir_N", *EDGE_NAMES, "bypass", "bypass_laminar_N", "friction", "friction_yield",
+    "creep_m_Ns", "reservoir_N", *EDGE_NAMES, "bypass", "bypass_laminar_N", "friction", "friction_yield",
     "friction_moved", "friction_growth_1_N", "closing_s",
 )  # of the groups that the kernel names, in its order  # fmt: skip
 
@@ -154,19 +154,21 @@ class HydraulicModels:
         values, s = self.layout.values(theta), self.scales
         number = {name: float(one[0]) for name, one in values.items() if one.size == 1}
         number |= zip(("piston_s", "base_s", "external_s"), as_floats(values["closing_s"]), strict=True)
-        number |= {"most_N": self.most_N, "laminar_N": self.laminar_N}
+        number |= {"most_N": self.most_N, "laminar_N": self.laminar_N, "fade_1_W": 0.0}
+        number |= {"relax_s": s.relax_s, "leak_s": s.relax_s if STARTS[self.kind].closed else NEVER_S}
         number.setdefault("bypass_laminar_N", self.laminar_N)
         flows = as_floats(self.layout.flows)
         edges: dict[str, Any] = {n: FlowMap(flows, tuple(map(as_floats, values[n]))) for n in EDGE_NAMES}
         friction = zip(values["friction"], values["friction_yield"], values["friction_moved"], strict=True)
         path = (number[name] for name in ("delay_ticks", "hysteresis_A", "rise_s", "fall_s"))
         numbers: dict[str, Any] = {name: number[name] for name in NUMBERS}
+        opening = as_floats(np.maximum(values["bypass"], MIN_OPENING))
         return Hydraulic(
             kind=self.kind,
             valve=ValvePath(IncreasingCurve(as_floats(s.currents_A), as_floats(values["setting"])), *path),
             **numbers,
             **edges,
-            bypass=Bypass(as_floats(self.bypassed), as_floats(values["bypass"])) if len(self.bypassed) else None,
+            bypass=Bypass(as_floats(self.bypassed), opening) if len(self.bypassed) else None,
             side=SideForces(
                 number["lead_s"], s.max_acceleration_m_s2, number["viscous_Ns_m"], number["mass_kg"],
                 as_floats(s.positions_m), as_floats(values["gas_N"]),

@@ -21,7 +21,6 @@ from ces_data.arrays import F, I
 from ces_identify.physical.models import HydraulicModels, free_run
 from ces_observer.structures.hydraulic import Hydraulic
 from ces_observer.structures.structure import Range
-from ces_observer.tick.pressures import WARMEST
 
 BLOCK_S = 0.25
 MIN_BLOCKS = 1.0  # for each parameter that the data determine
@@ -161,7 +160,6 @@ def read_quantities(body: Hydraulic, interval_s: float, position_m: Range) -> di
         "Closing lag of the external valve [ms]": 1e3 * body.external_s,
         "Friction of the seals [N]": sum(min(e.yield_N, e.stiffness_N_m * stroke) for e in side.friction),
         "Friction that the current adds [N]": sum(e.moved_N for e in side.friction),
-        "Flow gained by heat [% per 100 W]": 100.0 * float(np.expm1(np.clip(100.0 * body.fade_1_W, -WARMEST, WARMEST))),
         "Valve lag, rising current [ms]": 1e3 * path.rise_s,
         "Valve lag, falling current [ms]": 1e3 * path.fall_s,
         "Dead time of the valve [ms]": 1e3 * path.delay_ticks * interval_s,

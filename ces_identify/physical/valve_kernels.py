@@ -9,7 +9,7 @@ from ces_data.arrays import F, I
 from ces_identify.numerics.core import core_kernel
 from ces_observer.structures.physical import PLAYS
 from ces_observer.tick.valve import (
-    PLAY, PLAY_HALF, VALVE_CURRENTS, VALVE_FALL, VALVE_NODES, VALVE_PART, VALVE_RISE, VALVE_SETTINGS,
+    KEEP, PLAY, PLAY_HALF, VALVE_CURRENTS, VALVE_FALL, VALVE_NODES, VALVE_PART, VALVE_RISE, VALVE_SETTINGS,
 )  # fmt: skip
 
 HALVES = np.array(PLAYS)
@@ -56,9 +56,12 @@ def differentiate_valve(
     if p[PLAY_HALF] > 0.0:
         remanent, by_delayed = 0.0, 0.0
         for m in range(len(HALVES)):
-            moved = s[PLAY + m] - before[1 + m]
+            moved = s[PLAY + m] - (delayed + p[KEEP] * (before[1 + m] - delayed))
             if moved != 0.0:
                 plays[0, m], plays[1, m] = -HALVES[m] if moved > 0.0 else HALVES[m], older - newer
+            else:
+                plays[0, m] *= p[KEEP]
+                plays[1, m] += (1.0 - p[KEEP]) * (older - newer - plays[1, m])
             remanent += s[PLAY + m]
             by_width += plays[0, m]
             by_delayed += plays[1, m]

@@ -69,7 +69,7 @@ def sample_run(model: Model, recording: Recording) -> SampleRun:
     taken &= np.isfinite(tracked.late[newest, 1])
     starts = series.segments[:, 0]
     since = newest - starts[np.searchsorted(starts, newest, side="right") - 1]
-    at_samples[~taken | (since < series.warm_up)] = np.nan
+    at_samples[~taken | (since < round(model.warm_up_s * series.rate_Hz))] = np.nan
     out, ticks = np.full(len(recording.channel("position")), np.nan), np.full(len(recording.channel("position")), -1)
     out[samples.index], ticks[samples.index] = at_samples, newest
     return SampleRun(model, out, ticks, series, run)

@@ -31,7 +31,6 @@ CURVES = 5
 HOLD = 1.5  # forces at which they are held, relative to the largest recorded
 WINDOW_S, STEADY, HELD = 1.0, 0.08, 0.9  # windows in which the current changes little, and their share if it was held
 BLOCK_S = 1.0
-BEFORE_S, AFTER_S, JUMP = 0.03, 0.25, 8.0  # around jumps of the speed, at which recordings were joined; in deviations
 
 
 def _fitter(sizes: Mapping[str, Size]) -> Fitter:
@@ -44,10 +43,8 @@ def _fit(
 ) -> Fitted:
     """Return the best network of these kinds; raises CesError if there is none."""
     training = build_training(series, how.weight)
-    scales = read_scales(training, sampling.rate_Hz)
+    scales = read_scales(training, sampling.rate_Hz, how.forget_s)
     held = is_held(training, sampling.rate_Hz)
-    if held:
-        training = without_joints(training, sampling.rate_Hz)
     search = PhysicalSearch(how.limits, tell)
     fits = search.run(training, scales, kinds, rows, held)
     if not fits:
@@ -76,20 +73,6 @@ def is_held(training: Training, rate_Hz: float) -> bool:
         for at in range(start, max(start + 1, stop - length), length)
     ]
     return bool(np.mean(np.array(spans) <= STEADY * max(float(np.ptp(current)), 1e-9)) >= HELD)
-
-
-def without_joints(training: Training, rate_Hz: float) -> Training:
-    """Return the data without weights around jumps of the speed, at which recordings were joined."""
-    weights = np.ones(len(training.measured))
-    for start, stop in training.segments:
-        jumps = np.abs(np.diff(training.inputs[1][start:stop]))
-        limit = JUMP * 1.4826 * float(np.median(jumps))
-        for at in start + np.flatnonzero(jumps > limit):
-            before, after = round(BEFORE_S * rate_Hz), round(AFTER_S * rate_Hz)
-            weights[max(start, at - before) : min(stop, at + after)] = 0.0
-    if weights.mean() < 0.5:
-        return training
-    return replace(training, estimation=training.estimation * weights, selection=training.selection * weights)
 
 
 def explain_kind(fits: Sequence[PhysicalFit], rate_Hz: float) -> str:

@@ -20,9 +20,11 @@ from ces_identify.numerics.levenberg import descend
 from ces_identify.polynomial.search_limits import INTERRUPTED, Listener
 from ces_identify.prepare.series import Series
 from ces_identify.structures.kit import Fitted, IdentifyOptions
-from ces_identify.trained.training import LAG_SETS, Family, LagCounts, Lags, Training, build_training, train
+from ces_identify.trained.training import LAG_SETS, MAX_GAIN, Family, LagCounts, Lags, Training, build_training, train
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
+from ces_observer.proof.certificate import largest_gain
+from ces_observer.structures.lagged_signals import longest_lags
 
 REFIT_STEPS = 4  # trial steps of Levenberg-Marquardt
 LAG_WORK, LAG_SIZE = 0.03, 6  # of a fit that chooses lags: share of the work of a start, units or rules at most
@@ -54,7 +56,8 @@ class LaggedShape(ABC):
         data = build_training(series, options.weight)
         shape = self if self.lags is not None else self._choose_lags(data, sampling.rate_Hz, options)
         family = shape.family(data, sampling.rate_Hz)
-        results = train(family, options.limits, options.certificate, listener)
+        gain = largest_gain(options.forget_s, *longest_lags(family.columns), sampling.rate_Hz)
+        results = train(family, options.limits, options.certificate, listener, min(MAX_GAIN, gain))
         if not results:
             raise CesError(f"no start of the {self.option} fit gave a stable model; give more starts or data")
         params = results[0].coefficients

@@ -21,6 +21,7 @@ from ces_identify.prepare.series import Series
 from ces_identify.structures.kit import Fitted, IdentifyOptions, StructureKit
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
+from ces_observer.proof.certificate import largest_gain
 from ces_observer.structures.polynomial import Polynomial
 from ces_observer.structures.terms import Term
 
@@ -30,6 +31,7 @@ NO_MODEL_BY_THESIS = (
     "give another initial model or more candidates, or a lower --rate"
 )
 REFIT_STEPS = 8
+PROOF_ROOM = 0.003  # of the gain, between the probed inputs and all
 MAX_BUILD_SHARE = 0.5  # of a time limit, to build the problem
 
 
@@ -77,7 +79,14 @@ def build_problem(training: Sequence[Series], options: IdentifyOptions) -> Probl
     if built_in:
         rules = add_stroke_if_needed(rules, training, options.limits.within(end), stable, options.weight)
     problem = assemble_problem(training, rules.candidates(), stable, options.weight)
-    return replace(problem, initial=np.arange(len(rules.initial_terms())))
+    past = max((term.output_lag for term in problem.candidates), default=0)
+    inputs = max((f.lag for term in problem.candidates for f in term.inputs), default=0)
+    gain = largest_gain(options.forget_s, past, inputs, training[0].rate_Hz) - PROOF_ROOM
+    return replace(
+        problem,
+        initial=np.arange(len(rules.initial_terms())),
+        max_gain=min(problem.max_gain, gain) if stable else np.inf,
+    )
 
 
 def _best_model(

@@ -43,6 +43,7 @@ from ces_observer.structures.terms import Term
 SIGNALS = ("position", "speed", "current")
 ROUND_ZERO = 0.25  # share of the force envelope's range by which it extends beyond 0, where every run starts
 LOOSE = 1e3  # limit of the force in a descent, in standard deviations
+MAX_GAIN = 0.98  # of the past forces: less than 1, so that the bound on the force is useful
 MIN_CHANGE = 1e-3  # relative range below which an input counts as constant and makes no regressor
 
 
@@ -281,7 +282,6 @@ class Family(LaggedModels):
         return self.errors_on(self.table, params, max_error)
 
 
-MAX_GAIN = 0.98  # of the past forces: less than 1, so that the bound on the force is useful
 MARGIN = 0.002  # below MAX_GAIN, where the penalty begins
 PENALTIES = (10.0, 100.0, 1e3, 1e4)  # [(J / 100)^2] on a squared excess of gain, raised until there is no excess
 WORK = 1.2e11  # of a start: ticks times squared parameters, of all steps
@@ -294,7 +294,11 @@ GOES_ON = (NO_MORE_GAIN, NO_STEP, DIVERGED)  # ends of a descent, after which th
 
 
 def train(
-    family: Family, limits: Limits, certificate: bool = True, listener: Listener = lambda result: None
+    family: Family,
+    limits: Limits,
+    certificate: bool = True,
+    listener: Listener = lambda result: None,
+    max_gain: float = MAX_GAIN,
 ) -> list[SearchResult]:
     """Run the starts in parallel threads and return their results, best first, without starts that failed.
 
@@ -304,7 +308,10 @@ def train(
     """
     limits = spread_work(limits, len(family.training.measured))
     results = run_starts(
-        limits, lambda seed, deadline, stop: _Start(family, limits, seed, certificate, deadline, stop, listener).run()
+        limits,
+        lambda seed, deadline, stop: _Start(
+            family, limits, seed, certificate, deadline, stop, listener, max_gain
+        ).run(),
     )
     return [result for result in results if np.isfinite(result.cost)]
 
@@ -320,6 +327,7 @@ class _Start:
     deadline: float
     stop: threading.Event
     listener: Listener
+    max_gain: float
     step: int = 0
     spent: float = 0.0  # share of the work
     lowest: float = np.inf  # selection cost of the last real improvement,
@@ -379,15 +387,15 @@ class _Start:
         return NO_MORE_GAIN if still else ""
 
     def _compute_errors_with_penalty(self, params: F, max_error: float, penalty: float) -> tuple[float, F, F]:
-        """Return the family's errors with the penalty on gains above MAX_GAIN - MARGIN."""
+        """Return the family's errors with the penalty on gains above `max_gain` - MARGIN."""
         error, matrix, gradient = self.family.errors(params, max_error)
         if not self.certificate or not np.isfinite(error):
             return error, matrix, gradient
         gains, slopes = self.family.gains(params)
-        excess = np.maximum(gains - (MAX_GAIN - MARGIN), 0.0)
+        excess = np.maximum(gains - (self.max_gain - MARGIN), 0.0)
         active = slopes[excess > 0.0]
         error += penalty * float(excess @ excess)
         return error, matrix + penalty * active.T @ active, gradient - penalty * excess @ slopes
 
     def _is_allowed(self, params: F) -> bool:
-        return not self.certificate or bool(self.family.gains(params)[0].max() < MAX_GAIN)
+        return not self.certificate or bool(self.family.gains(params)[0].max() < self.max_gain)

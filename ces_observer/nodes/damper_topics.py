@@ -79,7 +79,7 @@ class DamperTopics:
         """Let a checked model take over, and return when."""
         self.damper.load(verdict.model)
         self._offer_late()
-        return f"when warmed up, after {verdict.model.sampling.warm_up_s:g} s of samples"
+        return f"when warmed up, after {verdict.model.warm_up_s:.2g} s of samples"
 
     def compare(self) -> None:
         """Start comparing the estimates with the measured force."""

@@ -8,6 +8,9 @@ of convex functions of the pressures P, strictly so for U: the step has one solu
 (the conjugate of the function with gradient U) grows in a step by at most T (v a' P - P' L(P)): only the motion feeds
 it. The model holds its pressures and its force within bounds: both stay bounded whatever the input and the rounding.
 
+`forgets_s` is the time after which two runs of the same input, from any two states, differ by less than FORGOTTEN of
+the width of the force envelope.
+
 The bounds hold from a restart on: `envelope_N` while all inputs since then were in the envelope, `force_bound_N` for
 any inputs.
 """
@@ -17,10 +20,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import inf, isfinite
+from math import ceil, floor, inf, isfinite, log
 from typing import Any
 
 from ces_observer.proof.intervals import up
+
+FORGOTTEN = 0.01  # share of the width of the force envelope: what differs by less is forgotten
 
 
 class Certificate(ABC):
@@ -28,6 +33,7 @@ class Certificate(ABC):
 
     claim: str
     method: str
+    forgets_s: float = inf
 
     @property
     def holds(self) -> bool:
@@ -66,11 +72,27 @@ class Certificate(ABC):
 
     def to_mapping(self) -> dict[str, object]:
         """Return the certificate as in a model file."""
-        return {"claim": self.claim, "method": self.method, **self.bounds}
+        bounds = {name: bound for name, bound in self.bounds.items() if isfinite(bound)}
+        return {"claim": self.claim, "method": self.method, **bounds}
+
+    @property
+    def past_row(self) -> tuple[str, str]:
+        """How long the past counts, for display."""
+        return (
+            "past",
+            f"forgotten after {self.forgets_s:.3g} s" if isfinite(self.forgets_s) else "not proved to be forgotten",
+        )
 
 
 def summarize(stored: Mapping[str, Any]) -> str:
     """Return a model file's stored certificate as a sentence."""
+    forgets_s = stored.get("forgets_s")
+    return _summarize_bounds(stored) + (
+        "" if forgets_s is None else f"; its start is forgotten after {forgets_s:.2g} s"
+    )
+
+
+def _summarize_bounds(stored: Mapping[str, Any]) -> str:
     gain, anywhere, inside = (stored.get(key) for key in ("gain", "force_bound_any_input_N", "force_bound_N"))
     if gain is not None:
         return f"contraction: the gains of the past forces sum to at most {gain:.3f} < 1 for any input in the envelope"
@@ -97,6 +119,7 @@ class Contraction(Certificate):
     boxes: int
     claim: str
     method: str
+    forgets_s: float = inf
 
     @property
     def holds(self) -> bool:
@@ -110,8 +133,8 @@ class Contraction(Certificate):
 
     @property
     def bounds(self) -> Mapping[str, float]:
-        """Gain, drive and the bound on the force."""
-        return {"gain": self.gain, "drive_N": self.drive_N, "force_bound_N": self.force_N}
+        """Gain, drive, the bound on the force, and how long the past counts."""
+        return {"gain": self.gain, "drive_N": self.drive_N, "force_bound_N": self.force_N, "forgets_s": self.forgets_s}
 
     @property
     def doubt(self) -> str:
@@ -125,6 +148,7 @@ class Contraction(Certificate):
             ("gain", f"{self.gain:.6g} < 1"),
             ("drive", f"{self.drive_N:.6g} N"),
             ("force bound", f"{self.force_N:.6g} N"),
+            self.past_row,
         )
 
     @property
@@ -135,6 +159,22 @@ class Contraction(Certificate):
     def to_mapping(self) -> dict[str, object]:
         """Return the certificate as in a model file."""
         return {**super().to_mapping(), "boxes": self.boxes}
+
+
+def contraction_s(gain: float, past_lag: int, input_lag: int, rate_Hz: float) -> float:
+    """Return the time [s] in which a contraction forgets: its force first gets inputs from before the longest of their
+    lags [ticks], then falls by its gain in each `past_lag` ticks; infinite if it is none.
+    """
+    if not gain < 1.0:
+        return inf
+    times = ceil(log(FORGOTTEN) / log(gain)) if gain > 0.0 else 1
+    return up((times * past_lag + input_lag) / rate_Hz)
+
+
+def largest_gain(forget_s: float, past_lag: int, input_lag: int, rate_Hz: float) -> float:
+    """Return the largest gain with which a contraction forgets in time, see `contraction_s`; 0 if none does."""
+    times = floor((forget_s * rate_Hz - input_lag) / max(past_lag, 1))
+    return float(FORGOTTEN ** (1.0 / times)) if times > 0 else 0.0
 
 
 ENERGY_CLAIM = "|F| stays bounded for every input; a step has one solution, and only the motion feeds the energy stored"
@@ -148,6 +188,7 @@ class EnergyCertificate(Certificate):
     force_bound_N: float
     claim: str
     method: str
+    forgets_s: float = inf
 
     @property
     def holds(self) -> bool:
@@ -167,7 +208,8 @@ class EnergyCertificate(Certificate):
     @property
     def bounds(self) -> Mapping[str, float]:
         """Bounds on the force, in the envelope and for every input."""
-        return {"force_bound_N": self.envelope_N, "force_bound_any_input_N": self.force_bound_N}
+        forces = {"force_bound_N": self.envelope_N, "force_bound_any_input_N": self.force_bound_N}
+        return {**forces, "forgets_s": self.forgets_s}
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
@@ -176,4 +218,5 @@ class EnergyCertificate(Certificate):
             ("energy", "fed by the motion alone, for any input"),
             ("force bound", f"{self.envelope_N:.6g} N for inputs in the envelope"),
             ("", f"{self.force_bound_N:.6g} N for any input"),
+            self.past_row,
         )

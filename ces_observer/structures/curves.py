@@ -20,6 +20,7 @@ from ces_observer.tick.curves import MIN_RISE
 
 MAX_NODES = 64
 MAX_VALUE = 1e9
+MIN_OPENING = 1e-12  # of a bypass
 MIN_SLOPE, MAX_SLOPE = 1e-15, 1e12  # far beyond those of any damper's curve, in any of its units
 
 
@@ -113,6 +114,6 @@ def parse_bypass(node: JsonObject) -> Bypass | None:
     positions = parse_nodes(node, "position_m")
     opening = parse_nodes(node, "opening", len(positions), rising=False)
     check_slopes(node.where, positions, opening, rising=False)
-    if min(opening) < 1e-12:
-        raise ModelError(f"{node.where}: opening has {min(opening):g}; expected numbers from 1e-12 on")
+    if min(opening) < MIN_OPENING:
+        raise ModelError(f"{node.where}: opening has {min(opening):g}; expected numbers from {MIN_OPENING:g} on")
     return Bypass(positions, opening)

@@ -20,7 +20,7 @@ from typing import Self
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
-from ces_observer.proof.certificate import Contraction
+from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
 from ces_observer.structures import lagged_signals as lagged
 from ces_observer.structures.structure import MAX_LAG, OperatingRange, Ranges, Structure
@@ -145,7 +145,9 @@ class Fuzzy(Structure):
                 if regressor.signal == "force":
                     gain = up(gain + up(abs(slope) * up(self.scale_N / regressor.spread)))
             gains.append(gain)
-        return Contraction(max(gains), up(drive * self.scale_N), 1, CLAIM, METHOD)
+        lags = lagged.longest_lags([*self.regressors, *self.premises])
+        forgets_s = contraction_s(max(gains), *lags, within.rate_Hz)
+        return Contraction(max(gains), up(drive * self.scale_N), 1, CLAIM, METHOD, forgets_s)
 
 
 def min_firing(fuzzy: Fuzzy, inputs: Ranges) -> float:

@@ -11,7 +11,8 @@ What is proved, for any parameters that a model file can hold and for any inputs
   so for U; w falls as s rises, since each z_j rises with w.
 * The network is passive. With Phi the convex function with gradient U, and Phi* its conjugate (the energy stored), at a
   given stroke and setting  Phi*(U(k)) - Phi*(U(k-1)) <= s w - T (dp P + p_c B + p_r E)  by convexity, no flow feeds
-  energy, and  M f^2 / 2 + sum_j z_j^2 / (2 k_j)  grows by at most  T d f - s w  for the same reason.
+  energy, and  M f^2 / 2 + sum_j z_j^2 / (2 k_j)  grows by at most  T d f - s w  for the same reason. What a tick keeps
+  of U and z_j is less than all: Phi* and z_j^2, least at 0, only fall by that.
 * Pressures are held within +-`most_N`, and the force within its envelope: both stay bounded, whatever the rounding.
 """
 
@@ -19,7 +20,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import chain, pairwise
-from math import inf
+from math import exp, inf
 from sys import float_info
 from typing import Any, Self
 
@@ -34,8 +35,11 @@ from ces_observer.tick import edges, mount, pressures
 from ces_observer.tick import hydraulic as tick
 from ces_observer.tick.pressures import ROUNDING, WARMING_S
 from ces_observer.tick.structure import HYDRAULIC
+from ces_observer.tick.valve import KEEP
 
 SPREAD = (0.05, 0.2, 0.5, 1.0, 1.7, 3.0, 6.0, 12.0)  # absolute pressures over the reservoir's, between pieces of phi
+NEVER_S = 1e6  # a time constant in which nothing relaxes
+RELAXATIONS = 7.0  # of relax_s until the past is forgotten: e^-7 = 0.09 % of it is left
 KINDS = ("uniflow", "twin tube", "monotube", "magneto-rheological")
 
 OilPiece = tuple[float, float, float]
@@ -59,8 +63,8 @@ NUMBERS = {  # of a model file, with their limits
     "area_ratio": (0.0, 100.0),
     "compression_m_N": (1e-12, 1.0),
     "rebound_m_N": (1e-12, 1.0),
-    "compression_growth_1_m": (-100.0, 100.0),
-    "rebound_growth_1_m": (-100.0, 100.0),
+    "compression_growth_1_m": (-1e3, 1e3),
+    "rebound_growth_1_m": (-1e3, 1e3),
     "mount_m_N": (0.0, 1.0),
     "creep_m_Ns": (0.0, 1.0),
     "fade_1_W": (-1.0, 1.0),
@@ -73,6 +77,8 @@ NUMBERS = {  # of a model file, with their limits
     "base_s": (0.0, 1.0),
     "external_s": (0.0, 1.0),
     "friction_growth_1_N": (0.0, MAX_VALUE),
+    "relax_s": (1e-3, NEVER_S),
+    "leak_s": (1e-3, NEVER_S),
 }
 
 
@@ -82,6 +88,7 @@ class Hydraulic(Structure):
 
     name, keys, option, rank = "hydraulic", ("hydraulic",), "hydraulic", 3
     number, runs = HYDRAULIC, (tick.hydraulic_reset, tick.hydraulic_tick)
+    forgets_by_proof = False
     extrapolates, unproved = True, "its force is not proved to be bounded for every input"
 
     kind: str
@@ -107,6 +114,8 @@ class Hydraulic(Structure):
     base_s: float
     external_s: float
     friction_growth_1_N: float
+    relax_s: float
+    leak_s: float
     side: physical.SideForces
     reach: float
 
@@ -145,6 +154,8 @@ class Hydraulic(Structure):
     def from_json(cls, root: JsonObject, inputs: Ranges) -> Self:
         """Check the network of a model file; raises ModelError."""
         node = root.at("hydraulic")
+        for name in {"relax_s", "leak_s"} - set(node.value):
+            raise ModelError(f"{node.where}: '{name}' is missing: the model never forgets; identify it again")
         node.require_only_keys("kind", "valve", *NUMBERS, *EDGES, "bypass", "side", "reach")
         if node.value.get("kind") not in KINDS:
             raise ModelError(f"{node.where}: kind is {node.value.get('kind')!r}; expected one of {', '.join(KINDS)}")
@@ -170,6 +181,7 @@ class Hydraulic(Structure):
         layout.put(tick.WIDE_POSITION_LOW, map(_as_number, wide))
         self.valve.fill(layout, 1.0 / rate)
         self.side.fill(layout, 1.0 / rate)
+        layout.p[KEEP] = exp(-1.0 / (rate * self.relax_s))
         self._fill_mount(layout, rate)
         self._fill_edges(layout, rate)
         self._fill_chambers(layout, rate)
@@ -187,6 +199,7 @@ class Hydraulic(Structure):
         layout.p[pressures.NARROW] = self.bypass_laminar_N
         layout.p[pressures.MAX_PRESSURE] = self.most_N
         layout.p[pressures.FRICTION_GROWTH] = self.friction_growth_1_N
+        layout.p[pressures.KEPT_VOLUME] = exp(-1.0 / (rate_Hz * self.leak_s))
         layout.p[pressures.OIL_ENDS] = _as_number(-inf)
         for n, (end, value, slope) in enumerate(oil_pieces(self.reservoir_N, self.air)):
             layout.p[pressures.OIL_ENDS + n + 1] = _as_number(end)
@@ -243,7 +256,7 @@ class Hydraulic(Structure):
         most = max(map(abs, within.force_N))
         ranges = within.inputs, physical.widen(within.inputs, self.reach)
         envelope, any_input = (min(self.bound_force(inputs), most) for inputs in ranges)
-        return EnergyCertificate(envelope, any_input, ENERGY_CLAIM, METHOD)
+        return EnergyCertificate(envelope, any_input, ENERGY_CLAIM, METHOD, RELAXATIONS * self.relax_s)
 
     def bound_force(self, inputs: Ranges) -> float:
         """Return a bound on |force| [N] for inputs in their ranges."""

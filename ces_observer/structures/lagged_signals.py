@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import Any, Protocol
 
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
@@ -42,6 +42,18 @@ class Regressor:
         return down(shifted[0] / self.spread), up(shifted[1] / self.spread)
 
 
+class Lagged(Protocol):
+    """A signal some ticks ago."""
+
+    @property
+    def signal(self) -> str:
+        """The signal's name."""
+
+    @property
+    def lag(self) -> int:
+        """Its lag in ticks."""
+
+
 def parse_regressor(node: JsonObject) -> Regressor:
     """Check one regressor of a model file; raises ModelError."""
     node.require_only_keys("signal", "lag", "mean", "spread")
@@ -75,6 +87,13 @@ def affine(constant: float, slopes: Sequence[float], at: Sequence[Interval]) -> 
     for slope, interval in zip(slopes, at, strict=True):
         total = add(total, product((slope, slope), interval))
     return total
+
+
+def longest_lags(signals: Iterable[Lagged]) -> tuple[int, int]:
+    """Return the longest lags [ticks] of past forces and of inputs; 0 if there is none."""
+    lags = [(one.signal == "force", one.lag) for one in signals]
+    past, inputs = (max((lag for own, lag in lags if own is is_past), default=0) for is_past in (True, False))
+    return past, inputs
 
 
 def fill_lagged(layout: Layout, regressors: Sequence[Regressor], max_lag: int) -> None:

@@ -15,7 +15,7 @@ from typing import Self
 
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
-from ces_observer.proof.certificate import Contraction
+from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import Interval, add, largest, product, up
 from ces_observer.structures import lagged_signals as lagged
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
@@ -97,7 +97,9 @@ class Network(Structure):
         for j, regressor in enumerate(self.regressors):
             if regressor.signal == "force":
                 gain = up(gain + up(largest(self._slope(j)) * up(self.scale_N / regressor.spread)))
-        return Contraction(gain, up(largest(self._drive(within.inputs)) * self.scale_N), 1, CLAIM, METHOD)
+        drive = up(largest(self._drive(within.inputs)) * self.scale_N)
+        forgets_s = contraction_s(gain, *lagged.longest_lags(self.regressors), within.rate_Hz)
+        return Contraction(gain, drive, 1, CLAIM, METHOD, forgets_s)
 
     def _slope(self, j: int) -> Interval:
         """Return an interval that holds the derivative of the scaled output with respect to regressor j."""

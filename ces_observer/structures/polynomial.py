@@ -13,13 +13,13 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import chain
-from math import isfinite
+from math import inf, isfinite
 from typing import Any, Self
 
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
-from ces_observer.proof.certificate import Contraction
+from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import bound_maximum, down
 from ces_observer.structures.constructed_inputs import BASE, ConstructedInput, lay_out_constructed
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
@@ -84,7 +84,14 @@ class Polynomial(Structure):
         gain, boxes = bound_maximum(self._by_output_lag(), within.inputs)
         inputs_alone = [term for term in self.terms if not term.output_lag]
         drive, more = bound_maximum([inputs_alone], within.inputs, gap=DRIVE_GAP, max_boxes=DRIVE_BOXES)
-        return Contraction(gain, drive, boxes + more, CLAIM, METHOD)
+        return Contraction(gain, drive, boxes + more, CLAIM, METHOD, self._forgets_s(gain, within.rate_Hz))
+
+    def _forgets_s(self, gain: float, rate_Hz: float) -> float:
+        """Return how long the past counts; it is not proved for constructed inputs with a past of their own."""
+        if any(one.kind != "hat" for one in self.constructed):
+            return inf
+        past = max((term.output_lag for term in self.terms), default=0)
+        return contraction_s(gain, past, max((f.lag for t in self.terms for f in t.inputs), default=0), rate_Hz)
 
     def is_stable(self, within: OperatingRange) -> bool:
         """Return whether it is proved to be a contraction, without a tight gain."""

@@ -6,15 +6,18 @@ tick.
 
 |pole| < 1 for any parameters. With |u| <= U, |h| <= |drive| U / (1 - |pole|), and |tanh| <= 1: the force is bounded for
 every input, as inputs are clamped to the envelope. The difference of two runs with the same inputs is that of their
-states: in a stage it falls as |pole|^k, and tanh never amplifies it, so it dies out with the slowest decay.
+states: in the first stage it falls as |pole|^k, and tanh never amplifies it. With d bounds on the differences of the
+inputs of the second, those of its states fall as |pole|^k beside what |drive| d adds; d falls, so that its value at the
+beginning of a while bounds the whole of it.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import chain
+from functools import cached_property
+from itertools import chain, islice
 from math import hypot, pi, sqrt
 from operator import mul
 from typing import ClassVar, Self
@@ -22,7 +25,7 @@ from typing import ClassVar, Self
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
-from ces_observer.proof.certificate import Certificate
+from ces_observer.proof.certificate import FORGOTTEN, Certificate
 from ces_observer.structures.lagged_signals import MAX_NUMBER, MIN_SPREAD, parse_number, scale_from
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
 from ces_observer.tick import recurrent as tick
@@ -36,6 +39,7 @@ MAX_MEMBERS, MAX_WIDTH = 8, 64
 DECAY_S = (1e-4, 1.0)  # a filter's decay time
 MAX_FREQUENCY_HZ = 1e5
 STAGE_KEYS = ("decay_s", "frequency_Hz", "drive", "hidden", "hidden_bias", "out", "out_bias")
+STEP_S, MAX_STEPS = 0.02, 3000  # of the bounds on what differs
 WIDENED = 1.0 + 1e-9  # of bounds, more than rounding changes them
 CLAIM = (
     "the difference of two runs with the same inputs dies out with a time constant of at most slowest_s; "
@@ -86,6 +90,11 @@ class Stage:
     out_bias: Row
 
     @property
+    def kept(self) -> Row:
+        """The share of each filter's state that is left after STEP_S."""
+        return tuple(math.exp(-STEP_S / decay) for decay in self.decay_s)
+
+    @property
     def inputs(self) -> int:
         """Number of inputs."""
         return len(self.drive) // (2 * len(self.decay_s))
@@ -120,15 +129,38 @@ class Stage:
             counts[place] = layout.table(number for row, bias in rows for number in (*row, bias))
         return [counts[place] for place in range(tick.N_STAGE)]
 
-    def bound(self, inputs: Sequence[float], rate_Hz: float) -> list[float]:
-        """Return bounds on the size of the outputs for inputs of bounded sizes."""
-        count, first = len(self.decay_s), len(self.hidden_bias)
+    def bound_states(self, inputs: Sequence[float], rate_Hz: float) -> list[float]:
+        """Return bounds on the size of the filters' states for inputs of bounded sizes."""
+        count = len(self.decay_s)
         rooms = [-math.expm1(-1.0 / (decay * rate_Hz)) for decay in self.decay_s]
         rows = cut(self.drive, len(inputs))
-        states = [
+        return [
             _dot(list(map(hypot, real, imag)), inputs) / room
             for real, imag, room in zip(rows[:count], rows[count:], rooms, strict=True)
         ]
+
+    @cached_property
+    def slopes(self) -> list[Row]:
+        """Bounds on the derivatives of each output by the size of the states, then by the inputs; |tanh'| <= 1."""
+        count, first = len(self.decay_s), len(self.hidden_bias)
+        sizes = [_by_state(row, count) for row in cut(self.hidden, 2 * count + self.inputs)]
+        return [
+            tuple(
+                own + _dot([abs(weight) for weight in row[:first]], column)
+                for own, column in zip(direct, zip(*sizes, strict=True), strict=True)
+            )
+            for row in cut(self.out, first + 2 * count + self.inputs)
+            for direct in [_by_state(row[first:], count)]
+        ]
+
+    def differences(self, states: Sequence[float], inputs: Sequence[float]) -> list[float]:
+        """Return bounds on the differences of the outputs, from those of states and inputs."""
+        return [_dot(row, (*states, *inputs)) for row in self.slopes]
+
+    def bound(self, inputs: Sequence[float], rate_Hz: float) -> list[float]:
+        """Return bounds on the size of the outputs for inputs of bounded sizes."""
+        count, first = len(self.decay_s), len(self.hidden_bias)
+        states = self.bound_states(inputs, rate_Hz)
         found = []
         for bias, row in zip(self.out_bias, cut(self.out, first + 2 * count + len(inputs)), strict=True):
             tanhs, real, imag, direct = row[:first], row[first:][:count], row[first + count :], row[-len(inputs) :]
@@ -148,6 +180,12 @@ class Stage:
         sizes = (2 * poles * inputs, hidden * states, hidden, outputs * (hidden + states), outputs)
         weights = (node.numbers(key, size, MAX_NUMBER) for key, size in zip(STAGE_KEYS[2:], sizes, strict=True))
         return cls(decays, node.numbers("frequency_Hz", poles, MAX_FREQUENCY_HZ), *weights)
+
+
+def _by_state(row: Sequence[float], filters: int) -> Row:
+    """Return the largest changes of a weighted sum of states, real parts first, and inputs by the size of each."""
+    sizes = map(hypot, row[:filters], row[filters : 2 * filters])
+    return (*sizes, *map(abs, row[2 * filters :]))
 
 
 def cut(numbers: Sequence[float], width: int) -> list[Row]:
@@ -173,6 +211,28 @@ class Member:
     def stages(self) -> dict[str, Stage]:
         """The stages that it has, by name."""
         return {name: stage for name, stage in vars(self).items() if stage is not None}
+
+    def differences(self, motion: Sequence[float], current: Sequence[float], rate_Hz: float) -> Iterator[float]:
+        """Yield bounds on the difference of two runs' scaled forces, from any states, after 0, 1, 2, ... STEP_S."""
+        between, no_input = [1.0] * len(self.first.out_bias), [0.0] * self.first.inputs
+        first, second = (
+            [2.0 * one for one in stage.bound_states(inputs, rate_Hz)]
+            for stage, inputs in ((self.first, motion), (self.second, between))
+        )
+        factors = [] if self.current is None else self.current.bound(current, rate_Hz)
+        third = [] if self.current is None else [2.0 * one for one in self.current.bound_states(current, rate_Hz)]
+        outputs = self.second.bound(between, rate_Hz)[1:]
+        while True:
+            moved = [min(2.0, one) for one in self.first.differences(first, no_input)]
+            force, *scaled = self.second.differences(second, moved)
+            others = [] if self.current is None else self.current.differences(third, [0.0])
+            yield force + _dot(scaled, factors) + _dot(outputs, others)
+            room = self.second.bound_states(moved, rate_Hz)
+            second = [
+                kept * one + (1.0 - kept) * most for one, most, kept in zip(second, room, self.second.kept, strict=True)
+            ]
+            first = list(map(mul, first, self.first.kept))
+            third = [] if self.current is None else list(map(mul, third, self.current.kept))
 
     def bound(self, motion: Sequence[float], current: Sequence[float], rate_Hz: float) -> float:
         """Return a bound on its scaled force for inputs of bounded sizes."""
@@ -213,6 +273,7 @@ class FadingCertificate(Certificate):
     slowest_s: float
     claim: str
     method: str
+    forgets_s: float = math.inf
 
     @property
     def force_N(self) -> float:
@@ -222,13 +283,14 @@ class FadingCertificate(Certificate):
     @property
     def bounds(self) -> Mapping[str, float]:
         """Bound on the force, and the slowest decay."""
-        return {"force_bound_N": self.force_bound_N, "slowest_s": self.slowest_s}
+        return {"force_bound_N": self.force_bound_N, "slowest_s": self.slowest_s, "forgets_s": self.forgets_s}
 
     @property
     def rows(self) -> tuple[tuple[str, str], ...]:
         """The proved numbers for display."""
         return (
-            ("past", f"forgotten with a time constant of at most {1e3 * self.slowest_s:.3g} ms"),
+            ("slowest filter", f"{1e3 * self.slowest_s:.3g} ms"),
+            self.past_row,
             ("force bound", f"{self.force_bound_N:.6g} N for any input"),
         )
 
@@ -315,7 +377,14 @@ class Recurrent(Structure):
         bounds = [member.bound(motion, current, within.rate_Hz) for member in self.members]
         force = self.scale_N * sum(bounds) / len(bounds) * WIDENED
         slowest = max(max(stage.decay_s) for stage in self.all_stages)
-        return FadingCertificate(force, slowest, CLAIM, METHOD)
+        return FadingCertificate(force, slowest, CLAIM, METHOD, self._forgets_s(motion, current, within))
+
+    def _forgets_s(self, motion: Sequence[float], current: Sequence[float], within: OperatingRange) -> float:
+        """Return after how long [s] two runs are proved to agree; infinite after MAX_STEPS."""
+        low, high = within.force_N
+        runs = zip(*(member.differences(motion, current, within.rate_Hz) for member in self.members), strict=True)
+        limit = FORGOTTEN * (high - low) / WIDENED * len(self.members) / self.scale_N
+        return next((k * STEP_S for k, apart in enumerate(islice(runs, MAX_STEPS)) if sum(apart) < limit), math.inf)
 
 
 def _parse_input(node: JsonObject, signals: Sequence[str]) -> ScaledInput:

@@ -85,7 +85,8 @@ class Structure(ABC):
     that is not `is_offered`.
     `extrapolates` is True if inputs outside the envelope are used as they are, up to a stated reach, and not clamped to
     the envelope. `unproved` is the reason given if `is_stable` is False. `number` is its number in
-    `ces_observer.tick.structure`, and `runs` are its reset and its tick there.
+    `ces_observer.tick.structure`, and `runs` are its reset and its tick there. If not
+    `forgets_by_proof`, the time in which it forgets its start has to be measured.
     """
 
     name: ClassVar[str]
@@ -95,6 +96,7 @@ class Structure(ABC):
     is_offered: ClassVar[bool] = True
     extrapolates: ClassVar[bool] = False
     unproved: ClassVar[str] = "it is not proved to be a contraction over its input envelope"
+    forgets_by_proof: ClassVar[bool] = True
     number: ClassVar[int] = -1
     runs: ClassVar[tuple[Callable[..., None], Callable[..., float]]]
 

@@ -1,17 +1,18 @@
 """What gives way in series with a damper, and the springs that yield behind it: friction (Prandtl 1928).
 
     w(k)   = drive(k) - mount (f(k) - f(k-1)) - creep f(k),   f = s + sum_j z_j
-    z_j(k) = clip(z_j(k-1) + step_j w(k), -+limit_j),         limit_j = yield_j + setting moved_j
+    z_j(k) = clip(keep z_j(k-1) + step_j w(k), -+limit_j),    limit_j = yield_j + setting moved_j
 
-w is the speed behind the mount, s the force of the network, z_j those of the springs. With `left` the speed if all
-springs kept their forces, w = share (left + shift) on pieces, since w only grows with each spring that yields.
+w is the speed behind the mount, s the force of the network, z_j those of the springs, which relax: a tick keeps the
+share e^(-T / relax) of them (Maxwell 1867). With `left` the speed if none of them changed further, w = share (left +
+shift) on pieces, since w only grows with each spring that yields.
 """
 
 from math import inf
 
 from ces_observer.tick.arrays import Floats, Ints
 from ces_observer.tick.model import LARGEST, SMALLEST, are_between, clamp, lies_within
-from ces_observer.tick.valve import K_VALVE_END, N_VALVE_END, P_VALVE_END, S_VALVE_END
+from ces_observer.tick.valve import K_VALVE_END, KEEP, N_VALVE_END, P_VALVE_END, S_VALVE_END
 
 # p: by tick, what the mount gives [m/s/N], with its creep; the share of w while no spring yields
 MOUNT_SPRING, MOUNT_GIVE, MOUNT_HELD, P_MOUNT_END = range(P_VALVE_END, P_VALVE_END + 4)
@@ -43,7 +44,7 @@ def begin_mount(p: Floats, n: Ints, s: Floats, drive: float, setting: float) -> 
     for m in range(count):
         limit = p[yields + m] + setting * p[yields + count + m]
         s[forces + count + m] = limit
-        s[forces + m] = clamp(s[forces + m], -limit, limit)
+        s[forces + m] = clamp(p[KEEP] * s[forces + m], -limit, limit)
         total += s[forces + m]
     return drive + p[MOUNT_SPRING] * s[PULL] - p[MOUNT_GIVE] * total
 

@@ -4,22 +4,22 @@ Edges: P from compression to rebound chamber (piston), B from compression chambe
 rebound chamber to reservoir (external valve). With pressures p_c, p_r above the reservoir's, as forces [N] on the rod
 side's area, flows as speeds [m/s] of it, r = 1 + area ratio, s = r p_c - p_r, T the tick, x the stroke, d the drive:
 
-    U_c(k) - U_c(k-1) = T (r w - P - B),   U_c = C_c e^(g_c x) phi(p_c)
-    U_r(k) - U_r(k-1) = T ( -w + P - E),   U_r = C_r e^(g_r x) phi(p_r)
-    w = d - M/T (f(k) - f(k-1)) - creep f(k),   f = s + sum_j z_j,   z_j(k) = clip(z_j(k-1) + T k_j w, -+yield_j)
+    U_c(k) - kept U_c(k-1) = T (r w - P - B),   U_c = C_c e^(g_c x) phi(p_c)
+    U_r(k) - kept U_r(k-1) = T ( -w + P - E),   U_r = C_r e^(g_r x) phi(p_r)
+    w = d - M/T (f(k) - f(k-1)) - creep f(k),   f = s + sum_j z_j,   z_j(k) = clip(keep z_j(k-1) + T k_j w, -+yield_j)
     P = h (b q_P(dp) + (1 - b) y(k-1) root(dp) + A(x - M f(k-1)) passage(dp)),  dp = p_c - p_r,  b = T / (lag + T),
         y(k) = (1 - b) y(k-1) + b q_P(dp) / root(dp),  root(z) = z / sqrt(|z| + e),
         passage(z) = 2 z / (sqrt(n + 4 |z|) + sqrt(n));  likewise B with p_c and E with p_r, without A
     h = e^(fade heat(k-1)),  heat a low-pass of 100 s of |f d|
 
-U are the volumes stored, C the compliances of the chambers' oil, which change with their length, and M that of mounts
-in series, which may creep; w is the speed behind them, and z_j are springs that yield there (`mount`): friction, and a
-fluid that the current stiffens. phi is that of oil with air: with R the reservoir's absolute pressure, phi' = 1 + air
-(R / (p + R))^2, as straight pieces; below the first it stays as soft, a void that must be refilled.
-q_P(dp), q_B(p_c) and q_E(p_r) are piecewise linear, increasing, through the origin (`edges`). A valve's opening y
-follows its steady flow with a lag: a check that closes late passes oil back. A >= 0 is a bypass that depends on the
-stroke behind the mount, such as a groove: a laminar and a turbulent resistance in series. Oil that warms is thinner:
-all flows grow by h, which is held within e^(-2) and e^2.
+U are the volumes stored, of which a tick keeps e^(-T / leak), as if chambers leaked; C the compliances of the
+chambers' oil, which change with their length, and M that of mounts in series, which may creep; w is the speed behind
+them, and z_j are springs that yield there (`mount`): friction, and a fluid that the current stiffens. phi is that of
+oil with air: with R the reservoir's absolute pressure, phi' = 1 + air (R / (p + R))^2, as straight pieces; below the
+first it stays as soft, a void that must be refilled. q_P(dp), q_B(p_c) and q_E(p_r) are piecewise linear, increasing,
+through the origin (`edges`). A valve's opening y follows its steady flow with a lag: a check that closes late passes
+oil back. A >= 0 is a bypass that depends on the stroke behind the mount, such as a groove: a laminar and a turbulent
+resistance in series. Oil that warms is thinner: all flows grow by h, which is held within e^(-2) and e^2.
 
 `ces_observer.structures.hydraulic` proves that a step has one solution and that the force is bounded. A tick solves
 the step on the pieces of the last one and goes on from piece to piece (Newton's method). Steps along which the convex
@@ -53,11 +53,11 @@ MAX_LOGARITHM = 700.0  # of a number that a float holds
 OIL_PIECES = 9
 
 # p: r; C by tick [m/s/N] and their growths [1/m]; M [m/N]; fade [1/W] and its share of a tick; e, n and the pressure at
-# which both are held [N]; the growth of friction [1/N]; the ends of the pieces of phi [N]
+# which both are held [N]; the growth of friction [1/N]; the share of U kept; the ends of the pieces of phi [N]
 (
     RATIO, COMPLIANCE_C, COMPLIANCE_R, GROWTH_C, GROWTH_R, SPRING, FADE, WARMING, LAMINAR, NARROW, MAX_PRESSURE,
-    FRICTION_GROWTH, OIL_ENDS,
-) = range(P_EDGES_END, P_EDGES_END + 13)  # fmt: skip
+    FRICTION_GROWTH, KEPT_VOLUME, OIL_ENDS,
+) = range(P_EDGES_END, P_EDGES_END + 14)  # fmt: skip
 # values at 0 N [N] and slopes of the pieces
 OIL_VALUES = OIL_ENDS + OIL_PIECES + 1
 OIL_SLOPES = OIL_VALUES + OIL_PIECES
@@ -115,8 +115,8 @@ def advance_pressures(p: Floats, n: Ints, s: Floats, k: Ints, position: float, d
     # the pieces of the last step, with what does not change in this one
     oil_c = k[OIL_C]
     oil_r = k[OIL_R]
-    u_c = thick * s[VOLUME_C]
-    u_r = thick * s[VOLUME_R]
+    u_c = thick * (p[KEPT_VOLUME] * s[VOLUME_C])
+    u_r = thick * (p[KEPT_VOLUME] * s[VOLUME_R])
     c_c = thick * c_c
     c_r = thick * c_r
     phi_c = p[OIL_VALUES + oil_c]
@@ -314,5 +314,5 @@ def check_pressures(p: Floats, n: Ints, numbers: int, first: int) -> bool:
     for j in range(OIL_PIECES):
         fits = fits and p[OIL_ENDS + j] < p[OIL_ENDS + j + 1]
     fits = fits and are_between(p, OIL_SLOPES, OIL_PIECES, 1, SMALLEST, LARGEST) and p[RATIO] >= 1.0
-    fits = fits and p[COMPLIANCE_C] > 0.0 and p[COMPLIANCE_R] > 0.0
+    fits = fits and 0.0 <= p[KEPT_VOLUME] <= 1.0 and p[COMPLIANCE_C] > 0.0 and p[COMPLIANCE_R] > 0.0
     return fits and p[LAMINAR] > 0.0 and p[NARROW] > 0.0 and p[MAX_PRESSURE] > 0.0

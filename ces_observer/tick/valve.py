@@ -1,11 +1,12 @@
 """The path from the current to the setting of a valve, from 0 to 1: dead time, remanence, characteristic, pilot lag.
 
     delayed(k) = current(k - delay), interpolated between ticks
-    remanence  = mean of plays of half widths 1/3, 1 and 5/3 of the hysteresis (Prandtl-Ishlinskii operator)
+    play_j(k)  = clip(d + keep (play_j(k-1) - d), d -+ half_j),  d = delayed(k),  keep = e^(-T / relax)
+    remanence  = mean of the plays, whose half widths are 1/3, 1 and 5/3 of the hysteresis (Prandtl-Ishlinskii operator)
     target     = characteristic(remanence), rising from 0 to 1, constant beyond its ends
     setting(k) = setting(k-1) + T / (lag + T) (target - setting(k-1)), with one lag for rising and one for falling
 
-Every stage is driven by the current alone and none amplifies a difference, so the setting stays within 0 to 1.
+Every stage is driven by the current alone, and the difference of two pasts only falls: the setting stays within 0 to 1.
 """
 
 from ces_observer.tick.arrays import Floats, Ints
@@ -15,9 +16,11 @@ from ces_observer.tick.model import K_STRUCTURE, N_STRUCTURE, P_STRUCTURE, S_STR
 PLAYS = 3
 MAX_DELAY = 1000  # ticks
 
-# p: the part of a tick in the delay, the shares T / (lag + T), and the half widths of the plays [A], 0 without them
+# p: the part of a tick in the delay, the shares T / (lag + T), and the half widths of the plays [A], 0
+# without them; KEEP, the share of what is stored that a tick keeps
 VALVE_PART, VALVE_RISE, VALVE_FALL, PLAY_HALF = range(P_STRUCTURE, P_STRUCTURE + 4)
-P_VALVE_END = PLAY_HALF + PLAYS
+KEEP = PLAY_HALF + PLAYS
+P_VALVE_END = KEEP + 1
 
 # n: whole ticks of the delay, the nodes of the characteristic, and the ring of past currents in s
 VALVE_DELAY, VALVE_NODES, VALVE_CURRENTS, VALVE_SETTINGS, VALVE_RING, N_VALVE_END = range(N_STRUCTURE, N_STRUCTURE + 6)
@@ -57,7 +60,8 @@ def valve_tick(p: Floats, n: Ints, s: Floats, k: Ints, current: float) -> float:
         total = 0.0
         for j in range(PLAYS):
             half = p[PLAY_HALF + j]
-            s[PLAY + j] = clamp(s[PLAY + j], remanent - half, remanent + half)
+            kept = remanent + p[KEEP] * (s[PLAY + j] - remanent)
+            s[PLAY + j] = clamp(kept, remanent - half, remanent + half)
             total += s[PLAY + j]
         remanent = total / 3.0
     nodes = n[VALVE_NODES]
@@ -81,4 +85,5 @@ def check_valve(p: Floats, n: Ints, numbers: int, states: int, first_number: int
     fits = is_curve(p, n[VALVE_CURRENTS], settings, nodes, first_number, numbers) and is_rising(p, settings, nodes)
     fits = fits and p[settings] == 0.0 and p[settings + nodes - 1] == 1.0 and 0.0 <= p[VALVE_PART] < 1.0
     fits = fits and 0.0 < p[VALVE_RISE] <= 1.0 and 0.0 < p[VALVE_FALL] <= 1.0 and 0 <= n[VALVE_DELAY] <= MAX_DELAY
+    fits = fits and 0.0 <= p[KEEP] <= 1.0
     return fits and lies_within(n[VALVE_RING], n[VALVE_DELAY] + 2, first_state, states)

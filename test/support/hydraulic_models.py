@@ -49,6 +49,8 @@ def make_hydraulic(valve: ValvePath, **changes: Any) -> Hydraulic:
         "base_s": 2e-3,
         "external_s": 0.0,
         "friction_growth_1_N": 5e-5,
+        "relax_s": 0.7,
+        "leak_s": 0.5,
         "side": side,
         "reach": 2.0,
     }
@@ -85,6 +87,8 @@ def random_hydraulic(random: Random) -> Hydraulic:
         _log(random, 1e-3, 1e3),
         *lags,
         random.choice((0.0, _log(random, 1e-6, 1e-2))),
+        _log(random, 0.01, 10.0),
+        _log(random, 0.01, 10.0),
         _random_side(random),
         random.uniform(1.0, 4.0),
     )

@@ -47,6 +47,8 @@ LINEAR = Hydraulic(
     base_s=0.0,
     external_s=0.0,
     friction_growth_1_N=0.0,
+    relax_s=1e6,
+    leak_s=1e6,
     side=NO_SIDE,
     reach=2.0,
 )

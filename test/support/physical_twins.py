@@ -40,7 +40,7 @@ def limited(model: Model, inputs: Inputs) -> list[list[float]]:
     ]
 
 
-def settings(path, currents: Sequence[float], interval: float) -> list[float]:
+def settings(path, currents: Sequence[float], interval: float, keep: float) -> list[float]:
     """Return the valve's settings."""
     plays = [currents[0]] * 3
     setting, result = path.steady(currents[0]), []
@@ -50,7 +50,7 @@ def settings(path, currents: Sequence[float], interval: float) -> list[float]:
         delayed = (1.0 - share) * newer + share * older
         for n, width in enumerate((1.0 / 3.0, 1.0, 5.0 / 3.0)):
             half = width * path.hysteresis_A
-            plays[n] = clip(plays[n], delayed - half, delayed + half)
+            plays[n] = clip(delayed + keep * (plays[n] - delayed), delayed - half, delayed + half)
         target = path.steady(sum(plays) / 3.0)
         lag = path.rise_s if target > setting else path.fall_s
         setting += interval / (lag + interval) * (target - setting)
@@ -109,11 +109,14 @@ def pressures(
     body, interval, ratio = model.body, 1.0 / model.sampling.rate_Hz, 1.0 + model.body.area_ratio
     stored, opened, result = (0.0, 0.0), [0.0, 0.0, 0.0], []
     heat, pull, rubbing, give = 0.0, 0.0, [0.0] * len(body.side.friction), body.mount_m_N + interval * body.creep_m_Ns
+    keep, kept = exp(-interval / body.relax_s), exp(-interval / body.leak_s)
     shares = [interval / (lag + interval) for lag in (body.piston_s, body.base_s, body.external_s)]
     for x, drive, setting in zip(positions, driven, valve, strict=True):
         curves = [blend(getattr(body, edge), setting) for edge in EDGES]
         limits = [one.yield_N + setting * one.moved_N for one in body.side.friction]
-        springs = [(clip(z, -y, y), one, y) for z, one, y in zip(rubbing, body.side.friction, limits, strict=True)]
+        springs = [
+            (clip(keep * z, -y, y), one, y) for z, one, y in zip(rubbing, body.side.friction, limits, strict=True)
+        ]
         ends = {0.0, *((end - z) / one.stiffness_N_m for z, one, y in springs for end in (-y, y))}
         ways = sorted({*ends, min(ends) - 1.0, max(ends) + 1.0})
         bypass, warm = (
@@ -149,7 +152,7 @@ def pressures(
             return interpolate(values, ways, interval * drive + body.mount_m_N * pull - give * (ratio * p_c - p_r))
 
         def compression(p_r, p_c, x=x, stored=stored, flow=flow, behind=behind):
-            gained = volumes(body, x, p_c, p_r)[0] - stored[0]
+            gained = volumes(body, x, p_c, p_r)[0] - kept * stored[0]
             return gained - ratio * behind(p_c, p_r) + interval * (flow(0, p_c - p_r) + flow(1, p_c))
 
         def balanced(p_r, compression=compression):
@@ -157,7 +160,7 @@ def pressures(
 
         def rebound(p_r, x=x, stored=stored, flow=flow, balanced=balanced, behind=behind):
             p_c = balanced(p_r)
-            gained = volumes(body, x, p_c, p_r)[1] - stored[1]
+            gained = volumes(body, x, p_c, p_r)[1] - kept * stored[1]
             return gained + behind(p_c, p_r) - interval * (flow(0, p_c - p_r) - flow(2, p_r))
 
         p_r = find_root(rebound)
@@ -178,7 +181,7 @@ def hydraulic_forces(model: Model, inputs: Inputs) -> list[float]:
     body, interval = model.body, 1.0 / model.sampling.rate_Hz
     positions, speeds, currents = limited(model, inputs)
     sides = drives(body.side, positions, speeds, interval)
-    valve = settings(body.valve, currents, interval)
+    valve = settings(body.valve, currents, interval, exp(-interval / body.relax_s))
     oil = pressures(model, positions, [drive for drive, _ in sides], valve)
     forces = []
     for (_, side), (p_c, p_r, rubbed) in zip(sides, oil, strict=True):

@@ -80,6 +80,7 @@ def test_what_is_claimed_says_both_bounds_and_nothing_of_two_runs():
     inside, anywhere = (stored[key] for key in ("force_bound_N", "force_bound_any_input_N"))
     text = summarize(stored)
     assert text.startswith("passive: ")
-    assert text.endswith(f"|force| at most {inside:.0f} N within the envelope, {anywhere:.0f} N for any input")
+    forgotten = f"its start is forgotten after {7.0 * model.body.relax_s:.2g} s"
+    assert text.endswith(f"at most {inside:.0f} N within the envelope, {anywhere:.0f} N for any input; {forgotten}")
     assert "difference" not in text + str(stored["claim"])
     assert model.is_stable()

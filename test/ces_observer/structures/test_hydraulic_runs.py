@@ -33,7 +33,7 @@ from ces_observer.tick.pressures import (
     RATIO,
     WARMING_S,
 )
-from ces_observer.tick.valve import SETTING, VALVE_CURRENTS, VALVE_RISE
+from ces_observer.tick.valve import KEEP, SETTING, VALVE_CURRENTS, VALVE_RISE
 
 VALVE = ValvePath(IncreasingCurve((0.1, 0.4, 0.9), (0.0, 0.3, 1.0)), 0.3, 0.02, 8e-3, 5e-3)
 USUAL = make_hydraulic(VALVE)
@@ -299,8 +299,8 @@ def test_the_valve_follows_its_reference_on_hostile_currents():
         random = Random(seed)
         model = hydraulic_model(random_hydraulic(random))
         currents = [min(max(one[2], -1.0), 2.0) for one in hostile_inputs(model, random, 200)]
-        tick = valve_run(model.body.valve)
-        assert [tick(c) for c in currents] == pytest.approx(settings(model.body.valve, currents, 1e-3), abs=1e-12)
+        tick, kept = valve_run(model.body.valve), math.exp(-1e-3 / LINEAR.relax_s)
+        assert [tick(c) for c in currents] == pytest.approx(settings(model.body.valve, currents, 1e-3, kept), abs=1e-12)
 
 
 def checked(p, n, s, k):
@@ -320,6 +320,11 @@ def test_arrays_of_a_model_are_accepted_and_places_outside_them_refused(seed):
             changed = [*n[:place], wrong, *n[place + 1 :]]
             unused = place in (BYPASS_POSITIONS, BYPASS_LOGARITHMS) and not n[BYPASS_NODES]
             assert checked(p, changed, s, k) == unused, place
+
+
+def test_a_share_above_one_is_not_kept():
+    p, n, s, k = USUAL.lay_out(hydraulic_model(USUAL).operating_range).arrays()
+    assert not checked([*p[:KEEP], 1.01, *p[KEEP + 1 :]], n, s, k)
 
 
 @pytest.mark.parametrize("place", [LAMINAR, NARROW, RATIO, MOUNT_HELD, VALVE_RISE, EDGE_SHARE])
