@@ -34,7 +34,7 @@ from ces_identify.validation.evaluate import (
     evaluate,
     pooled_cost,
 )
-from ces_identify.validation.forgetting import LEFT, measure_forgetting
+from ces_identify.validation.forgetting import find_forgetting
 from ces_observer import __version__
 from ces_observer.errors import CesError, RecordingError
 from ces_observer.model import Model, Sampling
@@ -237,9 +237,8 @@ def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> 
     """Return a certified model with how it forgets its start; raises CesError if it does not, in `forget_s`."""
     if model.certificate is None:
         return model
-    proved_s = model.certificate.get("forgets_s", np.inf) if model.body.forgets_by_proof else np.inf
-    measured = measure_forgetting(model, series, forget_s, pasts=proved_s > forget_s)
-    if measured.largest > LEFT or measured.settles_s > forget_s:
+    measured = find_forgetting(model, series, forget_s)
+    if not measured.is_over:
         raise CesError(
             f"the model does not forget where it was started: {measured.describe()}; --forget {2.0 * forget_s:g} "
             "allows it more time; or take another structure"

@@ -1,6 +1,6 @@
-"""Which structure: several are fitted to the end, and compared by their free run on blocks that no fit has seen.
+"""Which structure: several are fitted to the end and compared by their free run on blocks that no fit has seen.
 
-`BestStructure` takes the best, or where others are nearly as good the mean of them all; the fitter of a chosen structure
+`BestStructure` takes the best, or where others are nearly as good the mean of them; the fitter of a chosen structure
 without physics inside is compared with those with it. Both leave the comparison in the model's provenance under
 `selection`: costs by structure in `structures`, the choice in `structure` and in words in REASON.
 """
@@ -18,6 +18,7 @@ from ces_identify.polynomial.search_limits import INTERRUPTED, THESIS, Listener
 from ces_identify.prepare.series import Series
 from ces_identify.structures import KITS
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
+from ces_identify.validation.forgetting import find_forgetting
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.mixture import Member, Mixture
@@ -48,14 +49,16 @@ class BestStructure:
         for k, name in enumerate(names):
             try:
                 how = _share_of(options, end, KITS[name].auto_work, 1.0 / (len(names) - k), fits)
-                fits[name] = KITS[name].fitter(self.sizes)(series, sampling, how, listener)
+                fitted = KITS[name].fitter(self.sizes)(series, sampling, how, listener)
             except CesError:
                 continue
             except KeyboardInterrupt:
                 if not fits:
                     raise
                 break
-            if fits[name].results[0].ended == INTERRUPTED:
+            if find_forgetting(fitted.model, series, options.forget_s).is_over:
+                fits[name] = fitted
+            if fitted.results[0].ended == INTERRUPTED:
                 break
         if not fits:
             raise CesError("no structure could be fitted; check signals and units, or give more time")

@@ -19,7 +19,9 @@ from ces_identify.trained.training import Lags, build_regressors, build_training
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
+from ces_observer.proof.certificate import largest_gain
 from ces_observer.structures.experts import MAX_EXPERTS, Experts
+from ces_observer.structures.lagged_signals import longest_lags
 from ces_observer.structures.mixture import Member, Mixture
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
@@ -27,7 +29,7 @@ LAGS = 4  # of speed and current
 DECAY = 3e-6  # [(J / 100)^2] cost of a squared weight
 STARTS, MEMBERS, ALIKE = 6, 3, 1.2  # starts at most; of these in the mean, within this ratio of the best's cost
 STARTS_TICKS = 120_000  # of all starts together; there are MEMBERS at least
-LEFT = 0.01  # of two pasts' difference after the time to forget
+ROUNDING = 1e-12  # relative, of the limit of a gain
 
 
 def fit_experts(
@@ -37,7 +39,7 @@ def fit_experts(
     training = build_training(series, options.weight)
     ticks = tuple(k / sampling.rate_Hz for k in range(LAGS))
     past, *inputs = build_regressors(training, Lags((1,), ticks, ticks), sampling.rate_Hz)
-    limit = LEFT ** (1.0 / max(1.0, options.forget_s * sampling.rate_Hz - LAGS))
+    limit = largest_gain(options.forget_s, *longest_lags((*inputs, past)), sampling.rate_Hz) * (1.0 - ROUNDING)
     family = ExpertsFit(training, (*inputs, past), count, limit, DECAY)
     starts = min(options.limits.starts, STARTS, max(MEMBERS, STARTS_TICKS // len(training.measured)))
     limits = replace(options.limits, starts=starts)

@@ -50,6 +50,11 @@ class Forgetting:
         """The largest share of the force's spread that is left."""
         return max(self.left.values(), default=0.0)
 
+    @property
+    def is_over(self) -> bool:
+        """Whether the past is forgotten in time, everywhere."""
+        return self.largest <= LEFT and self.settles_s <= self.after_s
+
     def describe(self) -> str:
         """Return what is left, in words."""
         if self.largest > LEFT:
@@ -65,6 +70,12 @@ class Forgetting:
             "left_percent": {name: round(100.0 * share, 4) for name, share in self.left.items()},
             "left_percent_of_envelope": round(100.0 * self.largest * self.spread_N / self.width_N, 4),
         }
+
+
+def find_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> Forgetting:
+    """Return how a certified model forgets, measured from many pasts where it is not proved in `forget_s` [s]."""
+    proved_s = (model.certificate or {}).get("forgets_s", np.inf) if model.body.forgets_by_proof else np.inf
+    return measure_forgetting(model, series, forget_s, pasts=proved_s > forget_s)
 
 
 def measure_forgetting(model: Model, series: Sequence[Series], after_s: float, pasts: bool = True) -> Forgetting:

@@ -14,7 +14,7 @@ from typing import Self
 from ces_observer.errors import ModelError
 from ces_observer.flat import Layout
 from ces_observer.json_text import JsonObject
-from ces_observer.proof.certificate import Contraction
+from ces_observer.proof.certificate import Contraction, contraction_s
 from ces_observer.proof.intervals import largest, up
 from ces_observer.structures import lagged_signals as lagged
 from ces_observer.structures.structure import OperatingRange, Ranges, Structure
@@ -102,7 +102,8 @@ class Experts(Structure):
             gain = max(gain, up(steepest * ratio))
             affine = largest(lagged.affine(one.linear[-1], one.linear[:-1], at))
             drive = max(drive, up(up(affine + one.room) + up(abs(one.past) * up(offset))))
-        return Contraction(gain, up(drive * self.scale_N), 1, CLAIM, METHOD)
+        forgets_s = contraction_s(gain, *lagged.longest_lags((*self.inputs, self.past_force)), within.rate_Hz)
+        return Contraction(gain, up(drive * self.scale_N), 1, CLAIM, METHOD, forgets_s)
 
 
 def _parse_expert(node: JsonObject, inputs: int) -> Expert:

@@ -68,6 +68,11 @@ class MixtureCertificate(Certificate):
     method: str
 
     @property
+    def forgets_s(self) -> float:  # type: ignore[override]  # computed
+        """The longest time [s] of its members: their differences are weighted as their forces are."""
+        return max(proof.forgets_s for _, proof in self.members)
+
+    @property
     def holds(self) -> bool:
         """True if every member is proved stable."""
         return all(proof.holds for _, proof in self.members)
@@ -82,8 +87,8 @@ class MixtureCertificate(Certificate):
 
     @property
     def bounds(self) -> Mapping[str, float]:
-        """The bound on the force."""
-        return {"force_bound_N": self.force_N}
+        """The bound on the force, and how long the past counts."""
+        return {"force_bound_N": self.force_N, "forgets_s": self.forgets_s}
 
     @property
     def doubt(self) -> str:
@@ -94,7 +99,8 @@ class MixtureCertificate(Certificate):
     def rows(self) -> tuple[tuple[str, str], ...]:
         """The proved numbers for display."""
         names = ", ".join(member.body.option for member, _ in self.members)
-        return (("members", f"{names}: each proved"), ("force bound", f"{self.force_N:.6g} N, the sum of theirs"))
+        force = ("force bound", f"{self.force_N:.6g} N, the sum of theirs")
+        return (("members", f"{names}: each proved"), force, self.past_row)
 
 
 @dataclass(frozen=True)
@@ -117,6 +123,11 @@ class Mixture(Structure):
         """The size, in words."""
         sizes = (f"{member.weight:.2f} {member.body.option} ({member.body.size})" for member in self.members)
         return f"mean of {len(self.members)} models: {', '.join(sizes)}"
+
+    @property
+    def forgets_by_proof(self) -> bool:  # type: ignore[override]  # as its members
+        """True if every member does."""
+        return all(member.body.forgets_by_proof for member in self.members)
 
     @property
     def extrapolates(self) -> bool:  # type: ignore[override]  # of other structures, all or none do

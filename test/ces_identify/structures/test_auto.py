@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -17,6 +18,7 @@ from ces_identify.structures.kit import Fitted, IdentifyOptions
 from ces_observer.errors import CesError
 from ces_observer.structures.mixture import Mixture
 
+LASTING = replace(NETWORK, force_envelope_N=(-1.0, 1.0))  # does not forget
 PHYSICAL = next(name for name, kit in KITS.items() if kit.models)
 
 
@@ -24,6 +26,7 @@ PHYSICAL = next(name for name, kit in KITS.items() if kit.models)
 def fitted(monkeypatch):
     """Structures without a fit, each with a cost of its own; returns the limits of each fit."""
     limits = {}
+    monkeypatch.setattr(auto, "find_forgetting", lambda model, *how: SimpleNamespace(is_over=model is not LASTING))
 
     def kit(name, cost, models=None):
         def fit(series, sampling, options, listener):
@@ -31,7 +34,8 @@ def fitted(monkeypatch):
             if cost is None:
                 raise CesError("cannot be fitted")
             ended = INTERRUPTED if name == "stopped" else "done"
-            return Fitted(NETWORK, [SimpleNamespace(cost=cost, ended=ended)], {"parameters": 3})
+            model = LASTING if name == "lasting" else NETWORK
+            return Fitted(model, [SimpleNamespace(cost=cost, ended=ended)], {"parameters": 3})
 
         return SimpleNamespace(models=models, auto_work=0.5, fitter=lambda sizes: fit, sizes=())
 
@@ -47,14 +51,14 @@ def choose(**limits):
 
 
 def test_the_best_is_taken_alone_if_no_other_is_nearly_as_good(fitted):
-    limits = fitted(experts=3.0, hydraulic=1.0, other=None, recurrent=4.0)
+    limits = fitted(experts=3.0, hydraulic=1.0, other=None, lasting=0.5, recurrent=4.0)
     found = choose(time=100.0)
     assert found.how["structure"] == "hydraulic"
     assert found.how["structures"] == {"hydraulic": 1.0, "experts": 3.0, "recurrent": 4.0}
     assert found.how[REASON].startswith("hydraulic is taken: the next costs more than 1.3 times")
-    assert [one.work for one in limits.values()] == [0.5] * 4
+    assert [one.work for one in limits.values()] == [0.5] * 5
     assert limits["recurrent"].hopeless == 3.0
-    assert limits["experts"].time == pytest.approx(25.0, abs=1.0)
+    assert limits["experts"].time == pytest.approx(20.0, abs=1.0)
 
 
 def test_those_that_are_nearly_as_good_are_averaged_by_their_costs(fitted):
