@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from math import inf
 
 from ces_data.arrays import F
 from ces_identify.numerics import search_clock
@@ -43,41 +43,65 @@ class BestStructure:
         self, series: Sequence[Series], sampling: Sampling, options: IdentifyOptions, listener: Listener
     ) -> Fitted:
         """Return the best model, or the mean of the best; raises CesError if no structure can be fitted."""
-        end = search_clock.now() + options.limits.time
-        fits: dict[str, Fitted] = {}
+        run = _Fits(self.sizes, series, sampling, options, listener)
         names = self.names or [name for name, kit in KITS.items() if kit.auto_work > 0.0]
         for k, name in enumerate(names):
-            try:
-                how = _share_of(options, end, KITS[name].auto_work, 1.0 / (len(names) - k), fits)
-                fitted = KITS[name].fitter(self.sizes)(series, sampling, how, listener)
-            except CesError:
-                continue
-            except KeyboardInterrupt:
-                if not fits:
-                    raise
-                break
-            if find_forgetting(fitted.model, series, options.forget_s).is_over:
-                fits[name] = fitted
-            if fitted.results[0].ended == INTERRUPTED:
-                break
-        if not fits:
+            run.fit(name, KITS[name].auto_work or 1.0, 1.0 / (len(names) - k))
+        for name in [name for name in run.alike() if 0.0 < KITS[name].auto_work < 1.0]:
+            run.fit(name, 1.0, 1.0)
+        if not run.found:
             raise CesError("no structure could be fitted; check signals and units, or give more time")
-        return _choose(fits)
+        return _choose(run.found, run.alike())
 
 
-def _share_of(options: IdentifyOptions, end_s: float, work: float, share: float, fits: Mapping[str, Fitted]) -> Any:
-    """Return the options of one of several fits."""
-    limits = options.limits
-    best = min((fitted.results[0].cost for fitted in fits.values()), default=float("inf"))
-    own = replace(limits.within(end_s, share), work=limits.work * (work or 1.0), hopeless=HOPELESS * best)
-    return replace(options, limits=own)
+@dataclass
+class _Fits:
+    """Fits of several structures to the same data; `found` holds the best of each. An interrupted one is the last."""
+
+    sizes: Mapping[str, Size]
+    series: Sequence[Series]
+    sampling: Sampling
+    options: IdentifyOptions
+    listener: Listener
+
+    def __post_init__(self) -> None:
+        self.end_s = search_clock.now() + self.options.limits.time
+        self.found: dict[str, Fitted] = {}
+        self._is_over = False
+
+    def fit(self, name: str, work: float, share: float) -> None:
+        """Fit a structure with a share of the default work, and of the time that is left; keep a model that forgets."""
+        if self._is_over:
+            return
+        limits = self.options.limits
+        best = min((fitted.results[0].cost for fitted in self.found.values()), default=inf)
+        own = replace(limits.within(self.end_s, share), work=limits.work * work, hopeless=HOPELESS * best)
+        try:
+            how = replace(self.options, limits=own)
+            fitted = KITS[name].fitter(self.sizes)(self.series, self.sampling, how, self.listener)
+        except CesError:
+            return
+        except KeyboardInterrupt:
+            if not self.found:
+                raise
+            self._is_over = True
+            return
+        self._is_over = fitted.results[0].ended == INTERRUPTED
+        cost = self.found[name].results[0].cost if name in self.found else inf
+        if fitted.results[0].cost < cost and find_forgetting(fitted.model, self.series, how.forget_s).is_over:
+            self.found[name] = fitted
+
+    def alike(self) -> list[str]:
+        """Return the structures whose cost is at most ALIKE times the least, best first."""
+        costs = {name: fitted.results[0].cost for name, fitted in self.found.items()}
+        return [
+            name for name in sorted(costs, key=lambda name: costs[name]) if costs[name] <= ALIKE * min(costs.values())
+        ]
 
 
-def _choose(fits: Mapping[str, Fitted]) -> Fitted:
-    """Return the best fit, or the mean of those whose cost is at most ALIKE times the best's, by 1 / J^2."""
+def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
+    """Return the only fit of `alike`, or the mean of these by 1 / J^2, with all costs for the provenance."""
     costs = dict(sorted(((name, fitted.results[0].cost) for name, fitted in fits.items()), key=lambda one: one[1]))
-    best = next(iter(costs.values()))
-    alike = [name for name in costs if costs[name] <= ALIKE * best]
     shares = [1.0 / max(costs[name], 1e-9) ** 2 for name in alike]
     weights = [share / sum(shares) for share in shares]
     taken = " and ".join(f"{name} ({weight:.2f})" for name, weight in zip(alike, weights, strict=True))
