@@ -217,8 +217,9 @@ def import_schema() -> Schema:
         "rate": {"anyOf": [{**NUMBER, "exclusiveMinimum": 0}, only_column], "description": "[Hz], instead of time"},
     }
     keys = (*LAYOUT_KEYS, *NAMES)
-    whole = mapping_of({key: properties[key] for key in keys}, ("position", "current", "force"))
-    return {**whole, "not": {"required": ["time", "rate"]}}
+    whole = mapping_of({key: properties[key] for key in keys}, ("current", "force"))
+    motion = {"anyOf": [{"required": ["position"]}, {"required": ["speed"]}]}
+    return {**whole, **motion, "not": {"required": ["time", "rate"]}}
 
 
 SETTING: dict[str, Schema] = {

@@ -63,7 +63,8 @@ class Recording:
     """The channels of one experiment by signal name, and their origin.
 
     `source` is the path, `sha256` the hash of the bytes of the file or of the folder's data files; both are empty for a
-    recording made in memory. `constants` holds signals that are known without a channel.
+    recording made in memory. `constants` holds signals that are known without a channel. `optional` are the channels
+    that a model uses only if it is asked to, such as the speed in a log with a position.
     """
 
     name: str
@@ -71,6 +72,7 @@ class Recording:
     constants: Mapping[str, float] = field(default_factory=dict)
     source: str = ""
     sha256: str = ""
+    optional: frozenset[str] = frozenset()
 
     @classmethod
     def join(cls, blocks: Sequence[Recording]) -> Recording:

@@ -18,7 +18,7 @@ from ces_data.findings import WRONG_MODEL, Finding
 from ces_data.recording import Recording
 from ces_data.samples import without_spikes
 from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchResult
-from ces_identify.prepare.sampling import choose_sampling, require_delay
+from ces_identify.prepare.sampling import choose_motion, choose_sampling, require_delay
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import run_batch
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
@@ -124,7 +124,7 @@ def identify(
     listener: Listener = lambda result: None,
     fitter: Fitter = fit_polynomial,
 ) -> IdentificationResult:
-    """Identify a model on the first `options.split` of every recording with the structure's `fitter`.
+    """Identify a model on the first `options.share` of every recording with the structure's `fitter`.
 
     Validation data are the rest of the recordings and all of the `validation` recordings; neither fit nor selection
     uses them. With two delays, the result is that of the first with the model of the second as its `delayed`. Raises
@@ -133,7 +133,8 @@ def identify(
     require_distinct(recordings, validation)
     options = options or IdentifyOptions()
     delays = sorted(set(require_delays(options.delay)))
-    sampling = choose_sampling([without_spikes(one.part(0.0, options.split)) for one in recordings], options.rate)
+    identified = [without_spikes(one.part(0.0, options.share(validation))) for one in recordings]
+    sampling = choose_sampling(identified, options.rate, motion=choose_motion(recordings, options.speed))
     samplings = [replace(sampling, delay_s=require_delay(one, sampling.rate_Hz)) for one in delays]
     share = replace(options, limits=replace(options.limits, time=options.limits.time / len(samplings)))
     result = _identify_at(samplings[0], recordings, validation, share, listener, fitter)
@@ -177,8 +178,9 @@ def _identify_at(
     fitter: Fitter,
 ) -> IdentificationResult:
     """Identify a model on the samples as `sampling` has them, with its delay."""
-    whole = [prepare(without_spikes(r, options.split), sampling, has_spikes=False) for r in recordings]
-    identified = [series.part(0.0, options.split) for series in whole]
+    split = options.share(validation)
+    whole = [prepare(without_spikes(r, split), sampling, has_spikes=False) for r in recordings]
+    identified = [series.part(0.0, split) for series in whole]
     total = sum(map(len, identified))
     every, everything = -(-total // MAX_TICKS) if total > ALL_TICKS else 1, identified
     identified = [series.thin(every) for series in identified]
@@ -190,15 +192,14 @@ def _identify_at(
     require_shown_cost(fitted, identified, options)
     band = fit_band(fitted.model, identified, fitted.refit, fitted.leave_out_recordings) if options.band else None
     model = replace(with_forgetting(fitted.model, identified, options.forget_s), band=band)
-    rest = [series.part(options.split, 1.0) for series in whole] if options.split < 1.0 else []
+    rest = [series.part(split, 1.0) for series in whole] if split < 1.0 else []
     held_out = [series for series in rest if series.scored.sum() >= MIN_SCORED_TICKS]
     held_out += [prepare(recording, sampling) for recording in validation]
     evaluations = evaluate(model, everything, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
     provenance = {
         "tool": f"ces_observer {__version__}",
         "identification": [
-            _describe_origin(r)
-            | {"share": [0.0, options.split], "marks": " ".join(marks_of_copies(r.part(0.0, options.split)))}
+            _describe_origin(r) | {"share": [0.0, split], "marks": " ".join(marks_of_copies(r.part(0.0, split)))}
             for r in recordings
         ],
         "validation": [_describe_origin(r) for r in validation],

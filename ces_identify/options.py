@@ -13,6 +13,7 @@ from typing import Any
 
 from ces_identify.polynomial.search_limits import GAUSS_NEWTON, METHODS, Limits
 from ces_identify.prepare.cost import FORMS
+from ces_identify.prepare.sampling import SPEEDS
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO
 from ces_identify.structures.kit import IdentifyOptions
@@ -90,6 +91,13 @@ SPLIT = Option(
     none="0.75, or 1 with validation recordings",
     metavar="SHARE",
 )
+SPEED = Option(
+    "speed",
+    None,
+    "speed of the model: differentiated from the position, or measured, too, which the vehicle must have then",
+    choices=SPEEDS,
+    none="measured if the signals file describes it, or if the log had no position",
+)
 WEIGHT = Option(
     "weight", (), f"give ticks in this region W times the weight in fit and selection: {REGIONS}", metavar="REGION=W"
 )
@@ -132,7 +140,7 @@ def list_options() -> tuple[Option, ...]:
         *in_group("search", STARTS, SEED, TARGET, THREADS, CERTIFICATE, FORGET, BAND),
         *in_group(POLYNOMIALS, METHOD, TERMS, CANDIDATES, BLEND),
         *in_group("sizes of other structures", *sizes),
-        *in_group("data", SPLIT, WEIGHT, RATE, DELAY, TEACHER, IGNORE_FINDINGS),
+        *in_group("data", SPLIT, SPEED, WEIGHT, RATE, DELAY, TEACHER, IGNORE_FINDINGS),
     )
 
 

@@ -6,8 +6,10 @@ from argparse import Namespace
 from collections import Counter
 from collections.abc import Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from ces_cli.bags.block_checks import SHARE, BlockChecks
 from ces_cli.bags.signals import print_proposal
@@ -15,16 +17,20 @@ from ces_cli.terminal import terminal
 from ces_cli.terminal.options import ALL, JSON, OVERWRITE, SIGNALS, Argument, never_with
 from ces_cli.terminal.outputs import print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import FileProgress
+from ces_data.bags.storage import ALONE, MEASURED, SPEED
 from ces_data.bags.writer import open_bag_writer, recording_topics
+from ces_data.checks.derivatives import compare_derivative
 from ces_data.findings import DelayFinding, Finding
+from ces_data.integration import INTEGRATED
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_file import MAX_ROWS, open_log, refuse_bag
 from ces_data.logs.log_import import read_blocks
 from ces_data.logs.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
 from ces_data.mapping.proposals import MappingProposal, propose_mapping, split_damper
+from ces_data.recording import Recording
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.options import Option
-from ces_observer.signals import Signal, Signals
+from ces_observer.signals import Signal, Signals, velocity_beside
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -163,17 +169,25 @@ def _convert(
         else:
             log = open_log(path, mapping, bar.listen)
             blocks = read_blocks(log, mapping)
+        beside = velocity_beside(signals["position"]) if "speed" not in signals.by_name else None
         for block in blocks:
-            notes = {"imported_from": Path(block.source).name}
             if writer is None:  # the log can be read
+                notes, compared = {"imported_from": Path(block.source).name}, compare_derivative(block, "speed")
+                if beside is not None and "speed" in block.channels:
+                    signals = replace(signals, by_name={**signals.by_name, "speed": beside})
+                    notes[SPEED] = MEASURED if block.optional else ALONE
                 writer = opened.enter_context(open_bag_writer(bag, overwrite=options.overwrite, notes=notes))
-            writer.write(recording_topics(block, signals.without_delays()))
+            writer.write(recording_topics(_with_velocity(block), signals.without_delays()))
             checks.add(block)
             bar.rows = checks.samples
             source, channels = block.source, tuple(block.channels)
         found = checks.finish()
     if said := [*log.notes, *(proposal.found if proposal else ())]:
         print(f"{path}: {', '.join(said)}")
+    if notes.get(SPEED) == ALONE:
+        print(f"{path}: {INTEGRATED}")
+    elif compared is not None:
+        print(f"{path}: {compared}; a model uses it if told to (--speed measured), and then needs it on the vehicle")
     if checks.blocks > 1:
         parts = f"the first {MAX_ROWS} rows and {SHARE:.0%} of the others"
         print(f"{path}: checked for faults; for signs, units and delays in {parts}")
@@ -186,3 +200,15 @@ def _convert(
     for name in set(channels) - set(written):
         terminal.print_warning(f"{source}: {name} is left out; give it a topic in the signals file")
     return _ImportedLog(bag, source, checks.samples, checks.rate_Hz, channels, written, found)
+
+
+def _with_velocity(block: Recording) -> Recording:
+    """Return a block whose speed has the stamps of the position, in whose messages it is written."""
+    speed, position = block.channels.get("speed"), block.channels["position"]
+    if speed is None or np.array_equal(speed.stamps_ns, position.stamps_ns):
+        return block
+    known = speed.in_order()
+    outside = (position.stamps_ns < known.stamps_ns[0]) | (position.stamps_ns > known.stamps_ns[-1])
+    values = np.where(outside, np.nan, np.interp(position.stamps_ns, known.stamps_ns, known.values))
+    moved = replace(speed, stamps_ns=position.stamps_ns, values=values)
+    return replace(block, channels={**block.channels, "speed": moved})

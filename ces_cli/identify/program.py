@@ -44,7 +44,7 @@ from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, l
 from ces_identify.polynomial.constructed import add_blend
 from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import Weighting, parse_weighting
-from ces_identify.prepare.sampling import late
+from ces_identify.prepare.sampling import choose_motion, describe_motion, late
 from ces_identify.report.preliminary import PreliminaryReport
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, REASON, advise, select_fitter
@@ -166,10 +166,11 @@ def prepare_identification(options: argparse.Namespace, page: PreliminaryReport 
     how = build_identify_options(
         {
             **values,
-            "split": options.split if options.split is not None else 1.0 if validation else 0.75,
             "threads": options.threads or os.cpu_count() or 1,
         }
     )
+    if motion := describe_motion([*bags, *validation], choose_motion(bags, how.speed)):
+        terminal.print_line(motion, console=terminal.err)
     left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
     how = replace(how, limits=replace(how.limits, time=SEARCH_SHARE * left_s))
     return Identification(options, bags, validation, measured, how, page or PreliminaryReport(), found)

@@ -16,10 +16,11 @@ import numpy as np
 
 from ces_data.bags.decode import MessageDecoder, TopicSamples
 from ces_data.bags.fields import format_fields
-from ces_data.bags.storage import Bag, Topic, open_bag
+from ces_data.bags.storage import ALONE, MEASURED, Bag, Topic, open_bag
+from ces_data.integration import INTEGRATED
 from ces_data.recording import Channel, Recording, Stamps
 from ces_observer.errors import RecordingError, SignalsError
-from ces_observer.signals import Constant, Signal, Signals
+from ces_observer.signals import Constant, Signal, Signals, velocity_beside
 
 INPUTS = ("position", "current")
 MAX_TOPICS_LISTED = 20
@@ -51,7 +52,8 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
 
     The signals named in `need` must be present, as a topic or a constant; the others may be absent. Raises
     RecordingError or SignalsError if the bag is damaged, truncated or empty, if a topic is missing or has another type,
-    or if no message has a field. Issues a LogTimeWarning for each signal stamped with log times (those in bags of
+    or if no message has a field. The speed that `ces import` wrote beside the position is
+    read, too. Issues a LogTimeWarning for each signal stamped with log times (those in bags of
     `writer` are exact), and a RecordingWarning for samples that were stored late and are sorted in, and for a
     recorder that was killed.
     """
@@ -62,6 +64,11 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
             expected = f"expected a recording of {', '.join(need) or 'signals'}"
             raise RecordingError(f"{path}: the bag holds no messages; {expected}")
         by_topic: dict[Topic, list[Signal]] = {}
+        beside = velocity_beside(signals["position"]) if bag.speed and "speed" not in signals.by_name else None
+        if beside is not None:
+            signals = replace(signals, by_name={**signals.by_name, "speed": beside})
+        if bag.speed == ALONE:
+            warnings.warn(INTEGRATED, RecordingWarning, stacklevel=2)
         for signal in signals.list_topic_signals():
             topic = _find_topic(bag, signal, signals, signal.name in need)
             if topic is not None:
@@ -80,7 +87,8 @@ def read_recording(path: Path, signals: Signals, need: Collection[str] = INPUTS)
         warnings.warn(text, RecordingWarning, stacklevel=2)
     constants = {s.name: s.value for s in signals.by_name.values() if isinstance(s, Constant)}
     channels = {name: channel for name, (channel, _) in sorted_.items()}
-    return Recording(path.name if path.is_dir() else path.stem, channels, constants, str(path), digest)
+    optional = frozenset({"speed"} if beside is not None and bag.speed == MEASURED else ())
+    return Recording(path.name if path.is_dir() else path.stem, channels, constants, str(path), digest, optional)
 
 
 def _find_topic(bag: Bag, signal: Signal, signals: Signals, needed: bool) -> Topic | None:

@@ -38,6 +38,7 @@ METADATA = "metadata.yaml"
 SUFFIXES = (".mcap", ".db3")
 PACKED = ".zstd"
 WRITTEN_BY = "written_by"  # note of every bag of `writer`, whose log times are the samples' stamps
+SPEED, MEASURED, ALONE = "speed", "measured", "alone"  # note of a bag with the velocity beside the position
 WRITER_NOTES = {WRITTEN_BY, "ces_rig", "imported_from", "model_sha256"}  # the other ones are of earlier versions
 
 
@@ -70,13 +71,17 @@ class DataFile:
 
 @dataclass(frozen=True)
 class Bag:
-    """An open bag: topics of all files, a `warning` for the user, whether log times are the samples' stamps."""
+    """An open bag: topics of all files, a `warning` for the user, whether log times are the samples' stamps.
+
+    `speed` says what `ces import` found beside the positions: MEASURED, ALONE (they are its integral), or nothing.
+    """
 
     path: Path
     stored_topics: tuple[StoredTopic, ...]
     files: tuple[DataFile, ...]
     warning: str = ""
     exact_log_times: bool = False
+    speed: str = ""
 
     @property
     def topics(self) -> tuple[Topic, ...]:
@@ -186,8 +191,9 @@ def _open(path: Path, opened: ExitStack) -> Bag:
         stored = packed if copied else storage.path
         files.append(DataFile(storage.path, (stored,), _stored_topics(storage.connections)))
     notes = _read_metadata(path).get("custom_data") if path.is_dir() else None
-    exact = isinstance(notes, dict) and not WRITER_NOTES.isdisjoint(notes)
-    return Bag(path, _stored_topics(reader.connections), tuple(files), exact_log_times=exact)
+    notes = notes if isinstance(notes, dict) else {}
+    exact, speed = not WRITER_NOTES.isdisjoint(notes), str(notes.get(SPEED, ""))
+    return Bag(path, _stored_topics(reader.connections), tuple(files), exact_log_times=exact, speed=speed)
 
 
 def _read_metadata(path: Path) -> Any:

@@ -15,6 +15,7 @@ import numpy as np
 
 from ces_data.arrays import F, I
 from ces_data.checks.delays import delay_findings, find_clock_drift, find_drift_within, force_delay, sign_findings
+from ces_data.checks.derivatives import derivative_findings
 from ces_data.checks.jumps import split_spikes
 from ces_data.checks.motion import is_constant, join_motions, recorded_motion
 from ces_data.checks.sensors import current_findings, rate_findings, saturation_findings, sensor_findings
@@ -59,7 +60,7 @@ def check_recording(recording: Recording) -> tuple[Finding, ...]:
         timing = [drift] if drift else timing  # clocks that drift replace a delay
     intact = None if any(f.severity == WRONG_MODEL for f in sensors) else motion  # else follow-up findings mislead
     others = spikes, rate_findings(recording), sensors, current_findings(recording, intact)
-    return sort_findings(unit_findings(recording, motion), timing, *others)
+    return sort_findings(unit_findings(recording, motion), timing, derivative_findings(recording), *others)
 
 
 def find_all_faults(recording: Recording) -> tuple[Finding, ...]:

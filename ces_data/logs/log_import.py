@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 from typing import TypeVar
@@ -12,12 +12,13 @@ from typing import TypeVar
 import numpy as np
 
 from ces_data.bags.reader import sort_late_samples
+from ces_data.integration import with_stroke
 from ces_data.logs.log_file import MAX_TIME_S, LogSeries, LogTable, TimedLog, open_log
 from ces_data.logs.log_mapping import ONE_TIME, DynoMapping, FileNameValue, FixedValue, LogColumn, MappingError
 from ces_data.recording import Channel, Recording, Stamps, Values
 from ces_data.units import QUANTITIES, find_unit, split_unit
 from ces_observer.errors import RecordingError
-from ces_observer.signals import UNITS
+from ces_observer.signals import MOTIONS, UNITS
 
 MIN_RATE_HZ = 1.0e-6
 Block = TypeVar("Block", LogTable, list[LogSeries])
@@ -40,7 +41,18 @@ def to_recording(log: LogTable | TimedLog, mapping: DynoMapping) -> Recording:
 
 
 def read_blocks(log: LogTable | TimedLog, mapping: DynoMapping) -> Iterator[Recording]:
-    """Yield the same in blocks, each of which goes on where the one before ends; a short log is one block."""
+    """Yield the same in blocks, each of which goes on where the one before ends; a short log is one block.
+
+    One with the speed alone is one block, too, in which the stroke is its integral.
+    """
+    if "position" not in mapping.signals:
+        yield with_stroke(Recording.join(list(_read_blocks(log, mapping))))
+    else:
+        optional = frozenset(MOTIONS) & mapping.signals.keys()
+        yield from (replace(block, optional=optional) for block in _read_blocks(log, mapping))
+
+
+def _read_blocks(log: LogTable | TimedLog, mapping: DynoMapping) -> Iterator[Recording]:
     if not any(isinstance(source, LogColumn) for source in mapping.signals.values()):
         raise MappingError(f"{mapping.source}: {NO_COLUMN}")
     columns = {name: source for name, source in mapping.signals.items() if isinstance(source, LogColumn)}

@@ -59,7 +59,7 @@ current: {column: current_A}
 # current: {from_name: "_([0-9.]+)A", scale: 1.0}         # the first group, found in the file's name
 force: {column: F_N}
 # temperature: {column: T_oil, offset: -273.15}           # [degC]
-# speed: {column: v_mm_s, scale: 0.001}                   # [m/s], measured; it also needs a topic in the signals file
+# speed: {column: v_mm_s, unit: mm/s}                     # [m/s], measured; in place of a position, it is integrated
 # acceleration: {column: a_g, scale: 9.80665}             # [m/s2], of the piston relative to the cylinder; likewise
 """.replace("FORMATS", "one of " + ", ".join(LOG_FORMATS))
 
@@ -109,7 +109,7 @@ class DynoMapping:
     """The layout of a log, with either `time` [s] or `rate` [Hz], or neither if its channels have their own times.
 
     `delimiter`, `decimal` and `header_lines` are found from the file if they are None. `signals` maps each signal to
-    its source; it always includes position, current and force.
+    its source; it always includes current and force, and position or speed.
     """
 
     source: str
@@ -142,7 +142,7 @@ def _make_mapping(path: Path, content: Mapping[str, Any]) -> DynoMapping:
         raise MappingError(f"{path}: is a signals file (--signals); {remedy}")
     require_known_keys(content, (*LAYOUT_KEYS, *NAMES), str(path), MappingError)
     for name in ("position", "current", "force"):
-        if name not in content:
+        if name not in content and not (name == "position" and "speed" in content):
             raise MappingError(f"{path}: no '{name}'; give its column, or a constant if it is known")
     if "time" in content and "rate" in content:
         raise MappingError(f"{path}: {ONE_TIME}")

@@ -12,6 +12,7 @@ import numpy as np
 
 from ces_data.mapping.rating import (
     OUTWARD,
+    USUAL,
     Candidate,
     Rating,
     find_side,
@@ -24,7 +25,7 @@ from ces_data.mapping.rating import (
     read_meaning,
 )
 from ces_data.recording import Values
-from ces_data.units import Unit
+from ces_data.units import Unit, find_unit
 
 
 @dataclass(frozen=True)
@@ -84,6 +85,7 @@ class Selection:
 BIN_S = 0.005
 MAX_BINS = 100_000
 MIN_COMMON = 50  # bins that both must have; fewer say nothing
+LATE = 0.5  # the same of one that is named a speed: that of Dyke, 5 ms late, has 0.70
 EXACT = 0.98  # correlation from which a candidate is another's derivative, if the ratio is that of two units, too
 UNIT_RATIOS = (1.0, 1e-3, 1e3, 1e-2, 1e2)
 RATIO_TOLERANCE = 0.1
@@ -104,14 +106,12 @@ class MotionTable:
         speed = np.full(len(place), np.nan)
         speed[1:-1] = (place[2:] - place[:-2]) / (2.0 * width)
         values = self._averages(other, width)
-        both = np.isfinite(speed) & np.isfinite(values)
-        if both.sum() < MIN_COMMON:
-            return np.nan, np.nan
-        s, v = speed[both] - speed[both].mean(), values[both] - values[both].mean()
-        power, size = float(s @ s), float(v @ v)
-        if power == 0.0 or size == 0.0:
-            return np.nan, np.nan
-        return float(s @ v) / np.sqrt(power * size), float(s @ v) / power
+        return _correlate(speed, values)
+
+    def correlate_values(self, one: Candidate, other: Candidate) -> tuple[float, float]:
+        """Return the correlation (-1 to 1) of `other` with `one`, and its gain; NaN if unknown."""
+        width = max(self._width(one), self._width(other))
+        return _correlate(self._averages(one, width), self._averages(other, width))
 
     def is_derivative(self, stroke: Candidate, other: Candidate) -> bool:
         """Return whether `other` is the speed of `stroke`, up to sign and unit."""
@@ -124,12 +124,7 @@ class MotionTable:
 
     def is_same(self, one: Candidate, other: Candidate) -> bool:
         """Return whether two candidates hold the same motion, such as a command and the position that follows it."""
-        width = max(self._width(one), self._width(other))
-        a, b = self._averages(one, width), self._averages(other, width)
-        both = np.isfinite(a) & np.isfinite(b)
-        if both.sum() < MIN_COMMON or np.ptp(a[both]) == 0.0 or np.ptp(b[both]) == 0.0:
-            return False
-        return bool(abs(np.corrcoef(a[both], b[both])[0, 1]) > 0.95)
+        return bool(abs(self.correlate_values(one, other)[0]) > 0.95)
 
     def _width(self, candidate: Candidate) -> float:
         """Return the width of the bins [s] for a candidate: 5 ms times a power of two, at least two samples."""
@@ -148,6 +143,18 @@ class MotionTable:
         return self._bins[key]
 
 
+def _correlate(one: Values, other: Values) -> tuple[float, float]:
+    """Return correlation and gain of `other` over `one`, both (n,), where both are known; NaN if that cannot be."""
+    both = np.isfinite(one) & np.isfinite(other)
+    if both.sum() < MIN_COMMON:
+        return np.nan, np.nan
+    a, b = one[both] - one[both].mean(), other[both] - other[both].mean()
+    power, size = float(a @ a), float(b @ b)
+    if power == 0.0 or size == 0.0:
+        return np.nan, np.nan
+    return float(a @ b) / np.sqrt(power * size), float(a @ b) / power
+
+
 MIN_POINTS, MIN_MARGIN = 3.0, 1.0  # points to be chosen at all, and ahead of the next one
 MIN_DAMPING, HIGH_CORRELATION = 0.3, 0.6  # of a force with the speed, in size: counts, and counts more
 MAX_STROKES, MAX_FORCES = 12, 40  # candidates that are compared in pairs, the best by name and unit
@@ -158,7 +165,11 @@ SI = {"m", "N", "A", "V", "m/s", "m/s2", "degC"}
 
 
 def choose(candidates: Sequence[Candidate]) -> Selection:
-    """Choose position, current, force and temperature for each damper, under its side; what all share is under ''."""
+    """Choose the signals of each damper, under its side; what all share is under ''.
+
+    They are position, current and force, and a temperature and a speed that are certain. A speed that is named so takes
+    the place of a position that is not there.
+    """
     chooser = _Chooser(candidates)
     sides = chooser.sides()
     if not sides:
@@ -208,10 +219,31 @@ class _Chooser:
         results = {"position": stroke, "current": current, "force": force}
         found = {signal: result for signal, result in results.items() if isinstance(result, Choice)}
         missing = {signal: result for signal, result in results.items() if isinstance(result, NotFound)}
-        temperature = _pick("temperature", _rate_all(candidates, "temperature"), self.table)
-        if isinstance(temperature, Choice) and not temperature.checks:
-            found["temperature"] = temperature
+        speeds = self._speeds([c for c in candidates if c not in taken], stroke if isinstance(stroke, Choice) else None)
+        for signal, ratings in (("temperature", _rate_all(candidates, "temperature")), ("speed", speeds)):
+            choice = _pick(signal, ratings, self.table)
+            if isinstance(choice, Choice) and (not choice.checks or (signal == "speed" and "position" not in found)):
+                found[signal] = choice
+        if "speed" in found:
+            missing.pop("position", None)
         return DamperChoice(_find_signs(found, self.table), missing)
+
+    def _speeds(self, candidates: Sequence[Candidate], position: Choice | None) -> list[Rating]:
+        """Return the ratings as speed, of those that go to and fro: beside a position, of its derivatives."""
+        ratings = _rate_all([c for c in candidates if c.low < 0.0 < c.high], "speed")
+        if position is None:
+            return [rating for rating in ratings if rating.named]
+        derived = []
+        for rating in (r for r in ratings if not r.excluded):
+            correlation, gain = self.table.correlate(position.candidate, rating.candidate)
+            least = LATE if read_meaning(rating.candidate.names).quantity == "speed" else EXACT
+            if not abs(correlation) >= least:
+                continue
+            if unit := rating.candidate.unit or _unit_of_speed(abs(position.scale / gain)):
+                known = replace(rating, candidate=replace(rating.candidate, unit=unit), named=True)
+                reason = f"goes as the differentiated {position.candidate.label} ({correlation:+.2f})"
+                derived.append(known.add(MIN_POINTS, reason))
+        return _sort(derived)
 
     def _strokes(self, candidates: Sequence[Candidate]) -> list[Rating]:
         """Return the ratings as position, with points for a stroke with which a force goes as a damper's does."""
@@ -321,17 +353,35 @@ def _make_choice(rating: Rating, others: tuple[Rating, ...], checks: Sequence[st
     return Choice(rating.signal, rating.candidate, unit, scale, offset, tuple(reasons), tuple(doubts), others)
 
 
+def _unit_of_speed(factor: float) -> Unit | None:
+    """Return the unit of a speed with this factor to SI, None if there is none."""
+    units = filter(None, map(find_unit, USUAL["speed"]))
+    return next((unit for unit in units if abs(factor / unit.scale - 1.0) < RATIO_TOLERANCE), None)
+
+
 def _find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choice]:
+    """Return the choices with their signs; a speed beside a position has that of its derivative."""
+    signed = _find_sign_of_force(found, table, "position" if "position" in found else "speed")
+    position, speed = signed.get("position"), signed.get("speed")
+    if position is not None and speed is not None:
+        correlation, _ = table.correlate(position.candidate, speed.candidate)
+        if correlation * position.scale < 0.0:
+            signed["speed"] = _turn(speed, "the differentiated position has the other one")
+    return signed
+
+
+def _find_sign_of_force(found: dict[str, Choice], table: MotionTable, motion: str) -> dict[str, Choice]:
     """Return the choices with negative scales where the sign is clearly the other one, each with its reason.
 
-    A force that goes against the speed means that position or force is positive in rebound. The position's name
-    decides, or else the larger peak of the force, which is that in rebound; without either, the force is turned, and
-    that is to be checked.
+    A force that goes against the speed means that the position (or speed: `motion`) or the force is positive in
+    rebound. The position's name decides, or else the larger peak of the force, which is that in rebound; without
+    either, the force is turned, and that is to be checked.
     """
-    position, force = found.get("position"), found.get("force")
+    position, force = found.get(motion), found.get("force")
     if position is None or force is None:
         return found
-    correlation, _ = table.correlate(position.candidate, force.candidate)
+    compare = table.correlate if motion == "position" else table.correlate_values
+    correlation, _ = compare(position.candidate, force.candidate)
     if not abs(correlation) >= MIN_DAMPING:
         unknown = "too few samples to compare force and speed"
         text = unknown if np.isnan(correlation) else f"force and speed hardly correlate ({correlation:+.2f})"
@@ -353,9 +403,9 @@ def _find_signs(found: dict[str, Choice], table: MotionTable) -> dict[str, Choic
     elif positive:
         force = _turn(force, f"{reason}; the force's larger peak, that in rebound, is positive")
     else:
-        text = "which of the two is positive in rebound cannot be known from the numbers; turn the position instead if"
+        text = f"which of the two is positive in rebound cannot be known from the numbers; turn the {motion} instead if"
         force = _turn(replace(force, checks=(*force.checks, f"{text} it is")), reason)
-    return {**found, "position": position, "force": force}
+    return {**found, motion: position, "force": force}
 
 
 def _turn(choice: Choice, reason: str) -> Choice:

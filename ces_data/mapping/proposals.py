@@ -37,6 +37,7 @@ AMPERES = re.compile(r"(?<![0-9.])([0-9]+(?:\.[0-9]+)?) ?A(?![A-Za-z0-9])")
 NAME_PATTERN = '"([0-9]+(?:[.][0-9]+)?) ?A(?![A-Za-z0-9])"'
 NO_TIME = "no column is named like a time and goes forward; give --rate HZ"
 REQUIRED = ("position", "current", "force")
+TAKEN = (*REQUIRED, "speed")
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,7 @@ class _MappingWriter:
         """Yield what was taken for each signal, for one line on the terminal."""
         if self.found.time_text:
             yield self.found.time_text
-        for choice in (self.choices[signal] for signal in self.choices if signal in REQUIRED):
+        for choice in (self.choices[signal] for signal in self.choices if signal in TAKEN):
             remark = describe_scale(choice) or (choice.unit.text if choice.unit else "")
             yield f"{choice.signal} from '{choice.candidate.label}'" + (f" [{remark}]" if remark else "")
         if self.amperes:
@@ -218,7 +219,7 @@ class _MappingWriter:
         yield from self._time()
         for choice in self.choices.values():
             yield from _explain(choice)
-            yield ("" if choice.signal in REQUIRED else "# ") + self._signal(choice)
+            yield ("" if choice.signal in TAKEN else "# ") + self._signal(choice)
         for missing in self.absent:
             if missing.signal == "current" and self.amperes:
                 yield from _comment("current: no column; the file's name states it")

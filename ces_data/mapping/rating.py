@@ -209,7 +209,7 @@ USUAL = {  # units to try where none is stated, the likeliest first
     "position": ("m", "mm", "cm", "in"),
     "force": ("N", "kN", "lbf", "kip"),
     "current": ("A", "mA"),
-    "speed": ("m/s", "mm/s"),
+    "speed": ("m/s", "mm/s", "cm/s", "in/s"),
     "acceleration": ("m/s2", "g"),
     "temperature": ("degC", "K"),
 }

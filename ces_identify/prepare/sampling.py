@@ -2,8 +2,8 @@
 
 The bank (docs/speed.md) needs the noise of the position, the RMS speed and the frequencies of its modes. Noise and
 speed come from the recordings' spectra, which bear jitter, gaps, late samples and spikes; the frequencies are those
-with the greatest likelihood. A measured speed or acceleration is compared with the position, differentiated without
-delay in the frequency band of the stroke: wrong units and signs are found here, and its noise.
+with the greatest likelihood. The noise of a measured speed or acceleration is its difference from the differentiated
+position, and what it holds above the stroke.
 """
 
 from __future__ import annotations
@@ -12,9 +12,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.signal import butter, sosfiltfilt, welch
+from scipy.signal import welch
 
 from ces_data.arrays import F
+from ces_data.checks.derivatives import compare_derivative, describe_faults
+from ces_data.findings import WRONG_MODEL
 from ces_data.recording import Recording
 from ces_data.samples import remove_spikes
 from ces_identify.numerics.speed_kernels import Tracked, track
@@ -23,6 +25,7 @@ from ces_observer.bank_design import ACCELERATION, SPEED
 from ces_observer.errors import RecordingError
 from ces_observer.model import FREQUENCIES_HZ, MAX_DELAY_S, Sampling
 
+SPEEDS = POSITION, MEASURED = ("position", "measured")  # what the speed of a model comes from
 WINDOW_S = 4.0  # [s] of a Welch segment
 MIN_SAMPLES = 64  # of a stretch that enters the spectrum
 
@@ -78,12 +81,6 @@ def _resample_evenly(time: F, position: F, rate: float) -> F:
     return np.asarray(np.interp(np.linspace(time[0], time[-1], 1 + round(steps.sum())), time, position))
 
 
-BAND_HZ = (1.0, 20.0)  # [Hz] in which sensors of both kinds are trustworthy
-SCALE_RANGE = (0.7, 1.4)  # of the signal over the derivative of the position; the rest is a wrong unit
-MAX_MEAN = 0.3  # of the signal over its standard deviation; more is gravity or an offset
-MIN_CORRELATION = 0.5
-
-
 def measure_motion_noise(recording: Recording, sampling: Sampling) -> float:
     """Return the RMS noise of the speed [m/s] or acceleration [m/s2] that `sampling` names; 0 if it names none.
 
@@ -93,38 +90,12 @@ def measure_motion_noise(recording: Recording, sampling: Sampling) -> float:
     signal = sampling.motion
     if not signal:
         return 0.0
-    samples = select_samples(recording, sampling)
-    time = (samples.stamps_ns - samples.stamps_ns[0]) * 1e-9
-    rate = (len(time) - 1) / time[-1]
-    even = np.linspace(0.0, time[-1], len(time))
-    position, raw = (np.interp(even, time, values) for values in (samples.position, samples.motion))
-    expected = np.gradient(_pass_band(position, rate)) * rate
-    if signal == ACCELERATION:
-        expected = np.gradient(expected) * rate
-    measured = _pass_band(raw, rate)
-    scale = float(measured @ expected / (expected @ expected))
-    correlation = float(np.corrcoef(measured, expected)[0, 1])
-    if not abs(correlation) >= MIN_CORRELATION:
-        raise RecordingError(
-            f"{recording.name}: {signal} does not follow the position (correlation {correlation:.2f} in "
-            f"{BAND_HZ[0]:g} to {BAND_HZ[1]:g} Hz); check its topic, field and stamps, or drop it from the signals file"
-        )
-    if not SCALE_RANGE[0] <= scale <= SCALE_RANGE[1]:
-        raise RecordingError(
-            f"{recording.name}: {signal} is {scale:.2g} times what the position's derivative says; "
-            f"multiply its scale in the signals file by {1.0 / scale:.2g}"
-        )
-    if abs(raw.mean()) > MAX_MEAN * raw.std():
-        raise RecordingError(
-            f"{recording.name}: {signal} has a mean of {raw.mean():.3g}, {abs(raw.mean()) / raw.std():.1f} times its "
-            f"standard deviation; add {-raw.mean():.3g} to its offset in the signals file"
-        )
-    return float(np.hypot(np.std(measured - expected), noise_rms(_spectrum(raw, rate))))
-
-
-def _pass_band(values: F, rate: float) -> F:
-    band = butter(2, (BAND_HZ[0], min(BAND_HZ[1], 0.4 * rate)), "band", fs=rate, output="sos")
-    return np.asarray(sosfiltfilt(band, values - values.mean()))
+    compared = compare_derivative(recording, signal)
+    if compared is None:
+        raise RecordingError(f"{recording.name}: too few samples of {signal} to compare it with the position")
+    if fault := next((f for f in describe_faults(compared) if f.severity == WRONG_MODEL), None):
+        raise RecordingError(f"{recording.name}: {fault.text}")
+    return float(np.hypot(compared.error_rms, noise_rms(_spectrum(compared.raw, compared.rate_Hz))))
 
 
 def _spectrum(values: F, rate: float) -> Spectrum:
@@ -149,12 +120,14 @@ LIKELIHOOD_GAP_TICKS = 3.5
 DELAY_SLACK = 0.02  # ticks
 
 
-def choose_sampling(recordings: Sequence[Recording], rate_Hz: float | None = None, delay_s: float = 0.0) -> Sampling:
+def choose_sampling(
+    recordings: Sequence[Recording], rate_Hz: float | None = None, delay_s: float = 0.0, motion: str | None = None
+) -> Sampling:
     """Return the sampling rules for models of these recordings; arguments that are not None are kept.
 
     Noise and modes have the greatest likelihood of the positions. The rate is the lowest position rate among the
     recordings, at most 1000 Hz or 20 times the highest mode; a gap is more than 50 ms or ten sampling intervals. A
-    speed or acceleration that all recordings hold is a second measurement. Raises RecordingError if a position has too
+    `motion` (default: `choose_motion`) is a second measurement. Raises RecordingError if a position has too
     few samples or is constant, if the rate is above the data's, if the delay is not a whole number of ticks up to
     20 ms, or if a measured speed or acceleration does not fit the position.
     """
@@ -166,8 +139,9 @@ def choose_sampling(recordings: Sequence[Recording], rate_Hz: float | None = Non
     density = float(np.mean([noise_density(s) for s in spectra]))
     widest = min(slowest, TICKS_A_PERIOD * WIDER_HZ[-1][-1]) if rate_Hz is None else rate_Hz
     sampling = Sampling(
-        widest, 1.0, speed, believed_stroke(recordings), 1.0, max_gap_s=gap, motion=default_motion(recordings)
-    )
+        widest, 1.0, speed, believed_stroke(recordings), 1.0, max_gap_s=gap,
+        motion=choose_motion(recordings) if motion is None else motion,
+    )  # fmt: skip
     if sampling.motion:
         noise = _rms([measure_motion_noise(recording, sampling) for recording in recordings])
         sampling = replace(sampling, motion_noise=float(f"{max(noise, 1e-9):.3g}"))
@@ -262,9 +236,27 @@ def _require_rate(recordings: Sequence[Recording], rates: Sequence[float], rate_
         raise RecordingError(f"--rate {rate_Hz:g}: {data}; choose at most that, or leave --rate out")
 
 
-def default_motion(recordings: Sequence[Recording]) -> str:
-    """Return the signal beside the position that all recordings have; the speed if they have both, empty if none."""
-    return next((name for name in (SPEED, ACCELERATION) if all(name in r.channels for r in recordings)), "")
+def choose_motion(recordings: Sequence[Recording], speed: str | None = None) -> str:
+    """Return the signal beside the position that a model uses, empty if none; raises RecordingError.
+
+    It is none for POSITION, the speed for MEASURED. By default it is the one that all recordings have and none as
+    optional; the speed if they have both.
+    """
+    if speed == MEASURED and (lacks := next((r.name for r in recordings if SPEED not in r.channels), "")):
+        raise RecordingError(f"{lacks}: no measured speed; describe 'speed' in the signals file, or remove --speed")
+    names = [r.channels.keys() - r.optional for r in recordings] if speed is None else []
+    found = next((name for name in (SPEED, ACCELERATION) if all(name in one for one in names)), "")
+    return found if speed is None else SPEED if speed == MEASURED else ""
+
+
+def describe_motion(recordings: Sequence[Recording], motion: str) -> str:
+    """Return a line on a measured speed or acceleration: whether a model uses it, and how it fits; '' without any."""
+    if motion:
+        compared = next(filter(None, (compare_derivative(recording, motion) for recording in recordings)), None)
+        return f"{compared or motion}; the model uses it, and the observer needs '{motion}' in its signals file"
+    if any(SPEED in recording.channels for recording in recordings):
+        return "speed: measured, and not used: the model differentiates the position (--speed measured uses it)"
+    return ""
 
 
 def noise_rms(spectrum: Spectrum) -> float:

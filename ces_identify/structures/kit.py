@@ -28,15 +28,18 @@ Size = bool | int | float | str
 class IdentifyOptions:
     """Options of an identification, named as those of `ces identify`.
 
-    `split` is the share of each recording to identify on. Without `candidates`, the built-in rules of the search method
-    apply. `rate` [Hz] fixes the ticks. `delay` [s] is how long after a sample its speed is taken, or 0 and another
-    delay for two models in one file. `weight` sets which ticks matter more in fit and selection. With `certificate`,
-    only models with one (ces_observer.proof.certificate) are considered; the thesis' procedure considers all and gives
-    a certificate to the model that it finds, if the proof succeeds. With `band`, the model gets a band
-    (ces_observer.band). A model forgets where it was started within `forget_s` [s].
+    `split` is the share of each recording to identify on. `speed` says whether the model differentiates the position
+    or needs a measured speed, too: POSITION, MEASURED, or as the recordings are (`choose_motion`). Without
+    `candidates`, the built-in rules of the search method apply. `rate` [Hz] fixes the ticks. `delay` [s] is how long
+    after a sample its speed is taken, or 0 and another delay for two models in one file. `weight` sets which ticks
+    matter more in fit and selection. With `certificate`, only models with one (ces_observer.proof.certificate) are
+    considered; the thesis' procedure considers all and gives a certificate to the model that it finds, if the proof
+    succeeds. With `band`, the model gets a band (ces_observer.band). A model forgets where it was started within
+    `forget_s` [s].
     """
 
-    split: float = 0.75
+    split: float | None = None
+    speed: str | None = None
     candidates: CandidateRules | None = None
     limits: Limits = field(default_factory=Limits)
     rate: float | None = None
@@ -45,6 +48,10 @@ class IdentifyOptions:
     weight: Weighting = EQUAL
     band: bool = True
     forget_s: float = 5.0
+
+    def share(self, validation: Sequence[object]) -> float:
+        """Return the share of each recording to identify on; without `split`, all where there are `validation` data."""
+        return self.split if self.split is not None else 1.0 if validation else 0.75
 
 
 @dataclass(frozen=True)

@@ -62,11 +62,11 @@ def test_the_noise_of_the_signal_is_recovered(signal, noise):
     [
         (
             {"speed": (1000.0, 0.0)},
-            r"made: speed is 1e\+03 times what the position's derivative says; multiply its scale .* by 0.001$",
+            r"made: speed: is 1e\+03 times what the position's derivative says; multiply its scale .* by 0.001$",
         ),
-        ({"speed": (-1.0, 0.0)}, "made: speed is -1 times .* by -1$"),
-        ({"acceleration": (1 / 9.81, 0.0)}, "made: acceleration is 0.1 times .* by 9.8$"),
-        ({"acceleration": (1.0, 9.81)}, "made: acceleration has a mean of 9.81, .*; add -9.81 to its offset"),
+        ({"speed": (-1.0, 0.0)}, "made: speed: is -1 times .* by -1$"),
+        ({"acceleration": (1 / 9.81, 0.0)}, "made: acceleration: is 0.1 times .* by 9.8$"),
+        ({"acceleration": (1.0, 9.81)}, "made: acceleration: has a mean of 9.81 m/s2, .*; add -9.81 to its offset"),
     ],
 )
 def test_a_wrong_unit_sign_or_offset_is_named(signals, message):
@@ -78,5 +78,5 @@ def test_a_signal_of_something_else_is_named():
     made = recording("speed")
     noise = np.random.default_rng(2).normal(0.0, 1.0, 30_000)
     other = replace(made, channels={**made.channels, "speed": replace(made.channel("speed"), values=noise)})
-    with pytest.raises(RecordingError, match="made: speed does not follow the position"):
+    with pytest.raises(RecordingError, match="made: speed: does not follow the position"):
         choose_sampling([other])
