@@ -1,8 +1,8 @@
 """Measured dampers as cases: recordings to identify on, and recordings of the same damper to test on.
 
-The logs lie in the folder that CES_DATA names (default: `shared/data` beside the project), a folder for each rig. Position
-and force are positive in compression: where a log has them otherwise, so that the damper would give energy, the sign of
-its force is changed.
+The logs lie in the folder that CES_DATA names (default: `shared/data` beside the project), a folder for each rig.
+Position and force are positive in compression: where a log has them otherwise, so that the damper would give energy,
+the sign of its force is changed.
 """
 
 from __future__ import annotations
