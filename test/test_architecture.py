@@ -31,8 +31,8 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "json_text signals band structures cdr model sampling_layout estimator damper_observer health control nodes"
     ),
     "ces_data": (
-        "arrays compilation recording integration config_file log_formats units bags findings samples signals_file logs "
-        "checks mapping reading tables"
+        "arrays compilation recording integration config_file log_formats units bags findings samples signals_file "
+        "logs checks mapping reading tables"
     ),
     "ces_report": ("typesetting table drawing shell figure plot charts"),
     "ces_identify": (
