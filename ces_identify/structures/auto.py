@@ -25,7 +25,7 @@ from ces_observer.structures.mixture import Member, Mixture
 
 AUTO = "auto"
 REASON = "structures_reason"  # key of the provenance
-ALIKE = 1.3  # ratio to the best cost up to which a structure belongs to the mean (racing damper, shaking table, Dyke)
+ALIKE = 1.6  # ratio to the best cost up to which a structure belongs to the mean (shaking table: at 1.3, 6.3 for 6.0 %)
 HOPELESS = 3.0  # and beyond which half of a fit is enough
 SHORT_WORK = 0.12  # of the fit of a structure with physics beside a chosen one without
 SHORT_SHARE = 0.35  # of a time limit, for these fits
@@ -44,10 +44,12 @@ class BestStructure:
     ) -> Fitted:
         """Return the best model, or the mean of the best; raises CesError if no structure can be fitted."""
         run = _Fits(self.sizes, series, sampling, options, listener)
-        names = self.names or [name for name, kit in KITS.items() if kit.auto_work > 0.0]
+        scored_s = sum(float(one.scored.sum()) / one.rate_Hz for one in series)
+        usual = [name for name, kit in KITS.items() if kit.auto_work > 0.0 and kit.auto_s <= scored_s]
+        names = self.names or usual
         for k, name in enumerate(names):
             run.fit(name, KITS[name].auto_work or 1.0, 1.0 / (len(names) - k))
-        for name in [name for name in run.alike() if 0.0 < KITS[name].auto_work < 1.0]:
+        for name in [name for name in run.alike()[:1] if 0.0 < KITS[name].auto_work < 1.0]:
             run.fit(name, 1.0, 1.0)
         if not run.found:
             raise CesError("no structure could be fitted; check signals and units, or give more time")
@@ -100,9 +102,9 @@ class _Fits:
 
 
 def _choose(fits: Mapping[str, Fitted], alike: Sequence[str]) -> Fitted:
-    """Return the only fit of `alike`, or the mean of these by 1 / J^2, with all costs for the provenance."""
+    """Return the only fit of `alike`, or the mean of these by 1 / J, with all costs for the provenance."""
     costs = dict(sorted(((name, fitted.results[0].cost) for name, fitted in fits.items()), key=lambda one: one[1]))
-    shares = [1.0 / max(costs[name], 1e-9) ** 2 for name in alike]
+    shares = [1.0 / max(costs[name], 1e-9) for name in alike]
     weights = [share / sum(shares) for share in shares]
     taken = " and ".join(f"{name} ({weight:.2f})" for name, weight in zip(alike, weights, strict=True))
     reason = f"{alike[0]} is taken: the next costs more than {ALIKE:g} times as much"

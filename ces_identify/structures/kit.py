@@ -86,7 +86,8 @@ class StructureKit(Generic[S]):
     shows the parameters; its runs are of the role named.
 
     `models` is None for a structure without physics inside. `auto` fits a structure
-    with the share `auto_work` of the default work, 0 for those that are not among its candidates.
+    to recordings of at least `auto_s` seconds with the share `auto_work` of the default work, 0 for those that are not
+    among its candidates.
     """
 
     about: str
@@ -97,6 +98,7 @@ class StructureKit(Generic[S]):
     batch_run: Callable[[S, OperatingRange, F, I], tuple[F, Mask]] = run_batch
     models: type[HydraulicModels] | None = None
     auto_work: float = 0.0
+    auto_s: float = 0.0
 
     @property
     def option(self) -> str:

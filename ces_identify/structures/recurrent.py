@@ -21,6 +21,9 @@ from ces_observer.structures.recurrent import Recurrent
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table
 
 MEMBERS = 3
+MIN_DATA_S = (
+    11.0  # for 1,086 parameters of a member (racing, 6 s: 0.9 % on blocks left out, 11 % later; Dyke, 14 s: best)
+)
 REFIT_STEPS, REFIT_RATE = 200, 1e-2  # of AdamW, from the model's own parameters
 
 
@@ -102,4 +105,5 @@ RECURRENT = StructureKit(
     fitter=lambda sizes: fit_recurrent,
     table=recurrent_table,
     auto_work=0.25,
+    auto_s=MIN_DATA_S,
 )

@@ -37,7 +37,7 @@ def fitted(monkeypatch):
             model = LASTING if name == "lasting" else NETWORK
             return Fitted(model, [SimpleNamespace(cost=cost, ended=ended)], {"parameters": 3})
 
-        return SimpleNamespace(models=models, auto_work=0.5, fitter=lambda sizes: fit, sizes=())
+        return SimpleNamespace(models=models, auto_work=0.5, auto_s=0.0, fitter=lambda sizes: fit, sizes=())
 
     def build(**costs):
         monkeypatch.setattr(auto, "KITS", {name: kit(name, cost, name == PHYSICAL) for name, cost in costs.items()})
@@ -55,19 +55,19 @@ def test_the_best_is_taken_alone_if_no_other_is_nearly_as_good(fitted):
     found = choose(time=100.0)
     assert found.how["structure"] == "hydraulic"
     assert found.how["structures"] == {"hydraulic": 1.0, "experts": 3.0, "recurrent": 4.0}
-    assert found.how[REASON].startswith("hydraulic is taken: the next costs more than 1.3 times")
+    assert found.how[REASON].startswith("hydraulic is taken: the next costs more than 1.6 times")
     assert {name for name, one in limits.items() if one.work == 1.0} == {"hydraulic"}  # fitted again, in full
     assert limits["recurrent"].hopeless == 3.0
     assert limits["experts"].time == pytest.approx(20.0, abs=1.0)
 
 
 def test_those_that_are_nearly_as_good_are_averaged_by_their_costs(fitted):
-    fitted(experts=1.0, hydraulic=1.25, recurrent=1.31)
+    fitted(experts=1.0, hydraulic=1.5, recurrent=1.61)
     found = choose()
     weights = [member.weight for member in found.model.body.members]
-    assert weights == pytest.approx([1.25**2 / (1.0 + 1.25**2), 1.0 / (1.0 + 1.25**2)])
+    assert weights == pytest.approx([0.6, 0.4])
     assert found.how["structure"] == "experts and hydraulic"
-    assert "the mean of experts (0.61) and hydraulic (0.39) is taken" in found.how[REASON]
+    assert "the mean of experts (0.60) and hydraulic (0.40) is taken" in found.how[REASON]
     assert found.model.is_stable() and found.model.certificate is not None
 
 
