@@ -34,7 +34,7 @@ from ces_identify.validation.evaluate import (
     evaluate,
     pooled_cost,
 )
-from ces_identify.validation.forgetting import LEFT, measure_forgetting
+from ces_identify.validation.forgetting import measure_forgetting
 from ces_observer import __version__
 from ces_observer.errors import CesError, RecordingError
 from ces_observer.model import Model, Sampling
@@ -238,8 +238,8 @@ def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> 
     if model.certificate is None:
         return model
     proved_s = model.certificate.get("forgets_s", np.inf) if model.body.forgets_by_proof else np.inf
-    measured = measure_forgetting(model, series, forget_s, pasts=proved_s > forget_s)
-    if measured.largest > LEFT or measured.settles_s > forget_s:
+    measured = measure_forgetting(model, series, forget_s, proved_s > forget_s, run_batch)
+    if not measured.suffices:
         raise CesError(
             f"the model does not forget where it was started: {measured.describe()}; --forget {2.0 * forget_s:g} "
             "allows it more time; or take another structure"
