@@ -25,6 +25,9 @@ SLOW = 0.05  # of the fastest speed, in slow triangles
 NOISE_HZ = (0.3, 12.0)
 SERIES = 3  # of the recordings, the longest
 RESTARTS = 8  # along each
+WINDOW_S = (
+    0.1  # in which RMS differences count: a check valve may close a tick later (UTFSM sweep at 0 A: 3 % for a tick)
+)
 LEFT = 0.01  # of the force's spread: less is forgotten
 
 Course = F
@@ -119,7 +122,7 @@ def _left(run: ModelRun, courses: Sequence[Course], ticks: int) -> float:
 
 
 def _settling_s(run: ModelRun, series: Series, force: F, limit_N: float, after_s: float) -> float:
-    """Return the longest time [s] for which starts anew along a series differ from its run by more than a limit.
+    """Return the longest time [s] for which starts anew along a series differ from its run by more than a limit (RMS).
 
     It is infinite if they still do after twice `after_s`, or at the end of what was recorded if that comes later.
     """
@@ -129,11 +132,13 @@ def _settling_s(run: ModelRun, series: Series, force: F, limit_N: float, after_s
     parts = [_inputs(series)[:, at : at + length] for at in starts]
     ends = length * np.arange(1, RESTARTS + 1)
     anew, _ = run(np.concatenate(parts, axis=1), np.stack([ends - length, ends], axis=1))
-    apart = np.abs(anew - np.concatenate([force[at : at + length] for at in starts])) > limit_N
-    ticks = np.flatnonzero(apart.reshape(RESTARTS, length).any(axis=0))
-    last = int(ticks[-1]) + 1 if len(ticks) else 0
+    apart = (anew - np.concatenate([force[at : at + length] for at in starts])).reshape(RESTARTS, length)
+    window = max(1, round(WINDOW_S * series.rate_Hz))
+    squares = np.cumsum(apart**2, axis=1)[:, window - 1 :: window]
+    late = np.flatnonzero((np.diff(squares, axis=1, prepend=0.0) > window * limit_N**2).any(axis=0))
+    last = window * (int(late[-1]) + 1) if len(late) else 0
     seconds = round(last / series.rate_Hz, 4)
-    return float("inf") if last == length and seconds > after_s else seconds
+    return float("inf") if last > length - window and seconds > after_s else seconds
 
 
 class _Courses:
