@@ -238,8 +238,8 @@ def with_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> 
     """Return a certified model with how it forgets its start; raises CesError if it does not, in `forget_s`."""
     if model.certificate is None:
         return model
-    measured = find_forgetting(model, series, forget_s)
-    if not measured.is_over:
+    measured = find_forgetting(model, series, forget_s, run_batch)
+    if not measured.suffices:
         raise CesError(
             f"the model does not forget where it was started: {measured.describe()}; --forget {2.0 * forget_s:g} "
             "allows it more time; or take another structure"

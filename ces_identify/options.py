@@ -47,7 +47,7 @@ CERTIFICATE = Option(
 FORGET = Option(
     "forget",
     5.0,
-    "time in which the model forgets where it was started, to 1 %; 2 s and more cost no accuracy",
+    "time in which the model forgets where it was started, to 1 %; less than 2 s costs accuracy",
     0.1,
     60.0,
     "s",

@@ -48,7 +48,7 @@ COLUMNS = (
 class HydraulicModels:
     """All networks of one `kind` and `layout`, to be fitted to `training`, whose current was `held` or not.
 
-    `bypassed` are the bypass' nodes [m].
+    `bypassed` are the bypass' nodes [m]. If it `leaks`, chambers empty also where a valve leads to the reservoir.
     """
 
     training: Training
@@ -59,6 +59,7 @@ class HydraulicModels:
     laminar_N: float
     most_N: float = UNLIMITED_N
     held: bool = False
+    leaks: bool = False
 
     @classmethod
     def first(
@@ -155,7 +156,7 @@ class HydraulicModels:
         number = {name: float(one[0]) for name, one in values.items() if one.size == 1}
         number |= zip(("piston_s", "base_s", "external_s"), as_floats(values["closing_s"]), strict=True)
         number |= {"most_N": self.most_N, "laminar_N": self.laminar_N, "fade_1_W": 0.0}
-        number |= {"relax_s": s.relax_s, "leak_s": s.relax_s if STARTS[self.kind].closed else NEVER_S}
+        number |= {"relax_s": s.relax_s, "leak_s": s.relax_s if self.leaks or STARTS[self.kind].closed else NEVER_S}
         number.setdefault("bypass_laminar_N", self.laminar_N)
         flows = as_floats(self.layout.flows)
         edges: dict[str, Any] = {n: FlowMap(flows, tuple(map(as_floats, values[n]))) for n in EDGE_NAMES}

@@ -16,7 +16,7 @@ from ces_data.arrays import F
 from ces_identify.numerics import search_clock
 from ces_identify.polynomial.search_limits import INTERRUPTED, THESIS, Listener
 from ces_identify.prepare.series import Series
-from ces_identify.structures import KITS
+from ces_identify.structures import KITS, run_batch
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
 from ces_identify.validation.forgetting import find_forgetting
 from ces_observer.errors import CesError
@@ -90,7 +90,10 @@ class _Fits:
             return
         self._is_over = fitted.results[0].ended == INTERRUPTED
         cost = self.found[name].results[0].cost if name in self.found else inf
-        if fitted.results[0].cost < cost and find_forgetting(fitted.model, self.series, how.forget_s).is_over:
+        if (
+            fitted.results[0].cost < cost
+            and find_forgetting(fitted.model, self.series, how.forget_s, run_batch).suffices
+        ):
             self.found[name] = fitted
 
     def alike(self) -> list[str]:

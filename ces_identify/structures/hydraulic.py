@@ -20,6 +20,7 @@ from ces_identify.prepare.series import Series
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size, StructureKit
 from ces_identify.structures.physical import physical_table
 from ces_identify.trained.training import Training, build_training
+from ces_identify.validation.forgetting import measure_forgetting
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option
@@ -50,6 +51,9 @@ def _fit(
     if not fits:
         raise CesError("no start of the hydraulic fit gave a finite cost; check signals and units")
     best = replace(fits[0], theta=search.refit(fits[0]))
+    if not measure_forgetting(_build_model(best, sampling), series, how.forget_s).suffices:
+        best = replace(best, models=replace(best.models, leaks=True))
+        best = replace(best, theta=search.refit(best))
     facts: dict[str, Any] = {
         "method": METHOD,
         "parameters": len(best.theta),

@@ -7,14 +7,15 @@ recording. What is left is the largest difference between the forces of any two 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from ces_data.arrays import F
+from ces_data.arrays import F, I, Mask
+from ces_identify.numerics.core import run_batch
 from ces_identify.prepare.series import Series
-from ces_identify.structures import run_batch
 from ces_observer.model import Model
 
 PAST_S, JOIN_S = 2.0, 0.25  # length of a past, and of the way from its end to where the same input begins
@@ -24,10 +25,15 @@ SLOW = 0.05  # of the fastest speed, in slow triangles
 NOISE_HZ = (0.3, 12.0)
 SERIES = 3  # of the recordings, the longest
 RESTARTS = 8  # along each
+WINDOW_S = (
+    0.1  # in which RMS differences count: a check valve may close a tick later (UTFSM sweep at 0 A: 3 % for a tick)
+)
 LEFT = 0.01  # of the force's spread: less is forgotten
 
 Course = F
 """Inputs (3, ticks): position [m], speed [m/s] and current [A]."""
+ModelRun = Callable[[Course, I], tuple[F, Mask]]
+BatchRun = Callable[[Model, Course, I], tuple[F, Mask]]
 
 
 @dataclass(frozen=True)
@@ -51,8 +57,8 @@ class Forgetting:
         return max(self.left.values(), default=0.0)
 
     @property
-    def is_over(self) -> bool:
-        """Whether the past is forgotten in time, everywhere."""
+    def suffices(self) -> bool:
+        """Whether less than LEFT is left in time."""
         return self.largest <= LEFT and self.settles_s <= self.after_s
 
     def describe(self) -> str:
@@ -72,31 +78,38 @@ class Forgetting:
         }
 
 
-def find_forgetting(model: Model, series: Sequence[Series], forget_s: float) -> Forgetting:
+def run_core(model: Model, inputs: Course, segments: I) -> tuple[F, Mask]:
+    """Return the batch run of a model whose structure has a tick of its own."""
+    return run_batch(model.body, model.operating_range, inputs, segments)
+
+
+def find_forgetting(model: Model, series: Sequence[Series], forget_s: float, run: BatchRun = run_core) -> Forgetting:
     """Return how a certified model forgets, measured from many pasts where it is not proved in `forget_s` [s]."""
     proved_s = (model.certificate or {}).get("forgets_s", np.inf) if model.body.forgets_by_proof else np.inf
-    return measure_forgetting(model, series, forget_s, pasts=proved_s > forget_s)
+    return measure_forgetting(model, series, forget_s, proved_s > forget_s, run)
 
 
-def measure_forgetting(model: Model, series: Sequence[Series], after_s: float, pasts: bool = True) -> Forgetting:
+def measure_forgetting(
+    model: Model, series: Sequence[Series], after_s: float, pasts: bool = True, run: BatchRun = run_core
+) -> Forgetting:
     """Return what a model has left of its past `after_s`; `series` are recordings within its envelope.
 
-    Without `pasts`, only starts anew along the recordings are run.
+    Without `pasts`, only starts anew along the recordings are run. `run` is the batch run of the model.
     """
     chosen = sorted(series, key=len)[-SERIES:]
-    runs = [(one, run_batch(model, _inputs(one), one.segments)[0]) for one in chosen]
+    runs = [(one, run(model, _inputs(one), one.segments)[0]) for one in chosen]
     spread = float(np.std(np.concatenate([force for _, force in runs])))
-    left = _left_of_pasts(model, _Courses(model, chosen, after_s), spread) if pasts else {}
+    left = _left_of_pasts(partial(run, model), _Courses(model, chosen, after_s), spread) if pasts else {}
     low, high = model.force_envelope_N
-    settles = max(_settling_s(model, one, force, LEFT * spread, after_s) for one, force in runs)
+    settles = max(_settling_s(partial(run, model), one, force, LEFT * spread, after_s) for one, force in runs)
     return Forgetting(PASTS if pasts else 0, after_s, left, spread, high - low, settles)
 
 
-def _left_of_pasts(model: Model, courses: _Courses, spread_N: float) -> dict[str, float]:
+def _left_of_pasts(run: ModelRun, courses: _Courses, spread_N: float) -> dict[str, float]:
     """Return the largest share of a spread of the force that is left, by the kind of the same input."""
     pasts, left = courses.pasts(), dict[str, float]()
     for name, same in courses.same_inputs():
-        share = _left(model, [courses.join(past, same) for past in pasts], same.shape[1]) / spread_N
+        share = _left(run, [courses.join(past, same) for past in pasts], same.shape[1]) / spread_N
         left[name] = max(left.get(name, 0.0), share)
     return left
 
@@ -105,17 +118,17 @@ def _inputs(series: Series) -> Course:
     return np.stack([series.position, series.speed, series.current])
 
 
-def _left(model: Model, courses: Sequence[Course], ticks: int) -> float:
+def _left(run: ModelRun, courses: Sequence[Course], ticks: int) -> float:
     """Return the largest difference of the forces [N] in the last TAIL of `ticks`, at which all courses are equal."""
     length = courses[0].shape[1]
     starts = length * np.arange(len(courses))
-    force, _ = run_batch(model, np.concatenate(courses, axis=1), np.stack([starts, starts + length], axis=1))
+    force, _ = run(np.concatenate(courses, axis=1), np.stack([starts, starts + length], axis=1))
     tail = force.reshape(len(courses), length)[:, -max(1, round(TAIL * ticks)) :]
     return float(np.ptp(tail, axis=0).max())
 
 
-def _settling_s(model: Model, series: Series, force: F, limit_N: float, after_s: float) -> float:
-    """Return the longest time [s] for which starts anew along a series differ from its run by more than a limit.
+def _settling_s(run: ModelRun, series: Series, force: F, limit_N: float, after_s: float) -> float:
+    """Return the longest time [s] for which starts anew along a series differ from its run by more than a limit (RMS).
 
     It is infinite if they still do after twice `after_s`, or at the end of what was recorded if that comes later.
     """
@@ -124,12 +137,14 @@ def _settling_s(model: Model, series: Series, force: F, limit_N: float, after_s:
     starts = np.linspace(first, stop - length, RESTARTS + 1).astype(np.int64)[1:]
     parts = [_inputs(series)[:, at : at + length] for at in starts]
     ends = length * np.arange(1, RESTARTS + 1)
-    anew, _ = run_batch(model, np.concatenate(parts, axis=1), np.stack([ends - length, ends], axis=1))
-    apart = np.abs(anew - np.concatenate([force[at : at + length] for at in starts])) > limit_N
-    ticks = np.flatnonzero(apart.reshape(RESTARTS, length).any(axis=0))
-    last = int(ticks[-1]) + 1 if len(ticks) else 0
+    anew, _ = run(np.concatenate(parts, axis=1), np.stack([ends - length, ends], axis=1))
+    apart = (anew - np.concatenate([force[at : at + length] for at in starts])).reshape(RESTARTS, length)
+    window = max(1, round(WINDOW_S * series.rate_Hz))
+    squares = np.cumsum(apart**2, axis=1)[:, window - 1 :: window]
+    late = np.flatnonzero((np.diff(squares, axis=1, prepend=0.0) > window * limit_N**2).any(axis=0))
+    last = window * (int(late[-1]) + 1) if len(late) else 0
     seconds = round(last / series.rate_Hz, 4)
-    return float("inf") if last == length and seconds > after_s else seconds
+    return float("inf") if last > length - window and seconds > after_s else seconds
 
 
 class _Courses:

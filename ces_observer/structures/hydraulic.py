@@ -256,7 +256,8 @@ class Hydraulic(Structure):
         most = max(map(abs, within.force_N))
         ranges = within.inputs, physical.widen(within.inputs, self.reach)
         envelope, any_input = (min(self.bound_force(inputs), most) for inputs in ranges)
-        return EnergyCertificate(envelope, any_input, ENERGY_CLAIM, METHOD, RELAXATIONS * self.relax_s)
+        slowest = max(self.relax_s, self.leak_s if self.leak_s < NEVER_S else 0.0)
+        return EnergyCertificate(envelope, any_input, ENERGY_CLAIM, METHOD, RELAXATIONS * slowest)
 
     def bound_force(self, inputs: Ranges) -> float:
         """Return a bound on |force| [N] for inputs in their ranges."""

@@ -97,6 +97,13 @@ CASES = {
 HELD = {"polynomial": "polynomial, jitter and gaps"} | {name: name for name in ("network", "fuzzy", "hydraulic")}
 
 
+def test_forces_are_withheld_until_the_model_has_settled():
+    slow, recording = replace(polynomial(), settles_s=0.9), rough()
+    forces, (steps, *_) = sample_force(slow, recording), stepped(slow, recording)
+    assert np.array_equal(forces, steps, equal_nan=True)
+    assert np.isnan(forces).sum() > np.isnan(sample_force(polynomial(), recording)).sum() + 500
+
+
 @pytest.mark.parametrize("kind", HELD)
 def test_estimator_and_batch_hold_the_same_forces_at_the_envelope(kind) -> None:
     model, recording = CASES[HELD[kind]]()

@@ -26,7 +26,7 @@ PHYSICAL = next(name for name, kit in KITS.items() if kit.models)
 def fitted(monkeypatch):
     """Structures without a fit, each with a cost of its own; returns the limits of each fit."""
     limits = {}
-    monkeypatch.setattr(auto, "find_forgetting", lambda model, *how: SimpleNamespace(is_over=model is not LASTING))
+    monkeypatch.setattr(auto, "find_forgetting", lambda model, *how: SimpleNamespace(suffices=model is not LASTING))
 
     def kit(name, cost, models=None):
         def fit(series, sampling, options, listener):

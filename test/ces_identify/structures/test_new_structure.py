@@ -111,7 +111,7 @@ def fit(share):
         model = Model(sampling, Dashpot(share * float(v @ f / (v @ v))), WIDE, (-1e5, 1e5))
         certificate = model.certify().to_mapping() if options.certificate else None
         model = Model(sampling, model.body, WIDE, (-1e5, 1e5), certificate)
-        found = SearchResult(np.arange(1), np.array([model.body.viscosity]), 1.0, 1, 1, "solved")
+        found = SearchResult(np.arange(1), np.array([model.body.viscosity]), 60.0, 1, 1, "solved")
         return Fitted(model, [found], {"method": "least squares"})
 
     return fitter

@@ -135,3 +135,15 @@ def test_what_is_wrong_is_named(change, message):
         parse_model(json.dumps(raw), "m.json")
     assert str(caught.value).startswith("m.json")
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_after_the_time_that_is_proved_two_pasts_differ_by_less_than_a_percent_of_the_envelope(seed):
+    model = recurrent_model(make_recurrent(seed))
+    runs, limit = [model.make_predictor(), model.make_predictor()], 0.01 * 18e3
+    for at, run in enumerate(runs):
+        for row in drawn(300, seed + at, 3.0):
+            run.tick(*row)
+    gaps = [abs(runs[0].tick(*row) - runs[1].tick(*row)) for row in drawn(3000, 9, 3.0)]
+    ticks = round(1000.0 * model.certify().forgets_s)
+    assert max(gaps[ticks:]) < limit and 0 < ticks < 2000
