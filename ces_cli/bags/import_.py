@@ -172,10 +172,13 @@ def _convert(
         beside = velocity_beside(signals["position"]) if "speed" not in signals.by_name else None
         for block in blocks:
             if writer is None:  # the log can be read
-                notes, compared = {"imported_from": Path(block.source).name}, compare_derivative(block, "speed")
+                notes, compared = (
+                    {"imported_from": Path(block.source).name},
+                    compare_derivative(block, "speed") or "speed",
+                )
                 if beside is not None and "speed" in block.channels:
                     signals = replace(signals, by_name={**signals.by_name, "speed": beside})
-                    notes[SPEED] = MEASURED if block.optional else ALONE
+                    notes[SPEED] = MEASURED if "speed" in block.optional else ALONE
                 writer = opened.enter_context(open_bag_writer(bag, overwrite=options.overwrite, notes=notes))
             writer.write(recording_topics(_with_velocity(block), signals.without_delays()))
             checks.add(block)
@@ -184,10 +187,9 @@ def _convert(
         found = checks.finish()
     if said := [*log.notes, *(proposal.found if proposal else ())]:
         print(f"{path}: {', '.join(said)}")
-    if notes.get(SPEED) == ALONE:
-        print(f"{path}: {INTEGRATED}")
-    elif compared is not None:
-        print(f"{path}: {compared}; a model uses it if told to (--speed measured), and then needs it on the vehicle")
+    if "speed" in channels:
+        use = "a model uses it if told to (--speed measured), and then needs it on the vehicle"
+        print(f"{path}: {f'{compared}; {use}' if 'speed' in block.optional else INTEGRATED}")
     if checks.blocks > 1:
         parts = f"the first {MAX_ROWS} rows and {SHARE:.0%} of the others"
         print(f"{path}: checked for faults; for signs, units and delays in {parts}")

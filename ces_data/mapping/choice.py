@@ -164,13 +164,13 @@ UNCHECKED = "the sign could not be checked"
 SI = {"m", "N", "A", "V", "m/s", "m/s2", "degC"}
 
 
-def choose(candidates: Sequence[Candidate]) -> Selection:
+def choose(candidates: Sequence[Candidate], *, integrates: bool = False) -> Selection:
     """Choose the signals of each damper, under its side; what all share is under ''.
 
-    They are position, current and force, and a temperature and a speed that are certain. A speed that is named so takes
-    the place of a position that is not there.
+    They are position, current and force, and a temperature and a speed that are certain. If the reader `integrates`, a
+    speed that is named so takes the place of a position that is not there.
     """
-    chooser = _Chooser(candidates)
+    chooser = _Chooser(candidates, integrates)
     sides = chooser.sides()
     if not sides:
         return Selection({"": chooser.choose_damper(candidates)})
@@ -195,9 +195,9 @@ def choose(candidates: Sequence[Candidate]) -> Selection:
 class _Chooser:
     """Rates candidates, each pair of stroke and force once."""
 
-    def __init__(self, candidates: Sequence[Candidate]) -> None:
+    def __init__(self, candidates: Sequence[Candidate], integrates: bool) -> None:
         self.table = MotionTable(candidates)
-        self.candidates = candidates
+        self.candidates, self.integrates = candidates, integrates
 
     def sides(self) -> tuple[str, ...]:
         """Return the sides by which the position's good candidates differ, none for one damper."""
@@ -232,7 +232,7 @@ class _Chooser:
         """Return the ratings as speed, of those that go to and fro: beside a position, of its derivatives."""
         ratings = _rate_all([c for c in candidates if c.low < 0.0 < c.high], "speed")
         if position is None:
-            return [rating for rating in ratings if rating.named]
+            return [rating for rating in ratings if rating.named and self.integrates]
         derived = []
         for rating in (r for r in ratings if not r.excluded):
             correlation, gain = self.table.correlate(position.candidate, rating.candidate)

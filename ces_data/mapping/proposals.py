@@ -80,6 +80,9 @@ def _signals_lines(selection: Selection) -> Iterator[str]:
         for choice in damper.choices.values():
             c, remark = choice.candidate, describe_scale(choice)
             yield from _explain(choice, indent)
+            if choice.signal == "speed":  # a model that needs it is the user's decision
+                yield f"{indent}# speed: {{{describe(c)}, scale: {_format_number(choice.scale)}}}"
+                continue
             yield f"{indent}{choice.signal}:"
             for key, text in (("topic", c.topic), ("type", c.kind), ("field", c.field)):
                 yield f"{indent}  {key}: {_name_yaml(text)}"
@@ -136,7 +139,7 @@ def propose_mapping(
     if dbc and not isinstance(log, CanLog):
         raise RecordingError(f"{path}: --dbc does not apply: this is no CAN log")
     found = find_log_candidates(log, rate)
-    selection = choose(found.candidates)
+    selection = choose(found.candidates, integrates=True)
     if damper and damper not in selection.names:
         raise RecordingError(f"{path}: no damper '{damper}'; found: {', '.join(selection.names) or 'one damper only'}")
     writer = _MappingWriter(log, found, selection, dbc, damper)
