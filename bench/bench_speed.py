@@ -3,7 +3,6 @@
     python bench/bench_speed.py delay      # the bank at stated delays, on the rig's four kinds of damper
     python bench/bench_speed.py peers      # beside other filters
     python bench/bench_speed.py elsewhere  # with strokes, noise and rates that nothing was tuned to
-    python bench/bench_speed.py measured   # models of measured dampers (CES_DATA=FOLDER), by delay
 
 The damper's own equations run with the estimated speed; J compares their force with that of the true speed. The bank
 has only its rule, on the noise and sweep recordings and their jittered stamps. Each peer has the setting of the least
@@ -20,8 +19,6 @@ from functools import cached_property, partial
 import blas_one_thread  # noqa: F401 - before NumPy
 import numpy as np
 from markdown import markdown
-from recorded_cases import CASES, MEASURED, is_present, mean_cost
-from recorded_peers import fit_ours
 from scipy.signal import butter, sosfilt
 from speed_peers import PEERS, F, Filter, grid, observer
 
@@ -230,20 +227,7 @@ def elsewhere_table() -> list[list[str]]:
     return rows
 
 
-def measured_table() -> list[list[str]]:
-    """Return J of models of measured dampers on data held out, by the delay of the speed."""
-    rows = [["damper", "structure", *(f"{ms} ms" for ms in DELAYS_MS)]]
-    for name in filter(is_present, MEASURED):
-        cases = [CASES[name](1e-3 * ms) for ms in DELAYS_MS]
-        for structure in ("polynomial", "hydraulic"):
-            models = [fit_ours(structure, case, 40.0) for case in cases]
-            tests = [next(iter(case.tests.values())) for case in cases]
-            found = (mean_cost(test, one.simulate) for test, one in zip(tests, models, strict=True))
-            rows.append([name, structure, *(f"{j:.1f}" for j in found)])
-    return rows
-
-
-TABLES = {"delay": delay_table, "peers": peers_table, "elsewhere": elsewhere_table, "measured": measured_table}
+TABLES = {"delay": delay_table, "peers": peers_table, "elsewhere": elsewhere_table}
 
 
 def main() -> None:

@@ -17,38 +17,14 @@ import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
 from ces_data.logs.log_import import import_log
-from ces_data.logs.log_mapping import load_dyno_mapping, parse_dyno_mapping
-from ces_data.recording import Recording, Values
+from ces_data.logs.log_mapping import load_dyno_mapping
+from ces_data.recording import Channel, Recording
+from ces_observer.errors import RecordingError
+from ces_observer.signals import UNITS
 
 ROOT = Path(__file__).resolve().parents[2]
 SHARE = 0.6  # of a recording to identify on, where its rest is the test
 KEIO_SHARE = 0.75  # 1,500 of 2,000 samples
-MAPPINGS = {  # of the rigs that config/import has none for
-    "keio_mr": """
-        time: {column: time_s}
-        position: {column: speed_cm_s, scale: 0.01}
-        speed: {column: speed_cm_s, scale: 0.01}
-        current: {constant: 1.25}
-        force: {column: force_N}""",
-    "racing_dyno": """
-        time: {column: Timestamp}
-        position: {column: Displacement (mm), scale: 0.001}
-        current: {constant: 0.0}
-        force: {column: Force (N), scale: 1.0}""",
-    "shaking_table_mr": """
-        time: {column: Tout}
-        position: {column: dist, scale: 0.001}
-        current: {constant: 0.0}
-        force: {column: forc}""",
-    "pneumatic_friction": """
-        delimiter: "\\t"
-        header_lines: 0
-        names: [time, laser, pressure_V, force_V, stroke, pressure, force]
-        time: {column: time, scale: 0.001}
-        position: {column: stroke, scale: 0.001}
-        current: {constant: 0.0}
-        force: {column: force}""",
-}
 
 
 @dataclass(frozen=True)
@@ -65,27 +41,13 @@ def data_folder() -> Path:
 
 @cache
 def read_measured(rig: str, name: str) -> Recording:
-    """Return the recording in a file of a rig's folder, force and position positive in compression."""
-    known = parse_dyno_mapping(MAPPINGS[rig], rig) if rig in MAPPINGS else None
-    mapping = known or load_dyno_mapping(ROOT / "config" / "import" / f"{rig}.yaml")
+    """Return the recording in a file of a rig's folder, by the mapping that is named for the rig."""
+    mapping = load_dyno_mapping(ROOT / "config" / "import" / f"{rig}.yaml")
     recording = import_log(data_folder() / rig / name, mapping)
-    if "speed" in recording:
-        recording = with_stroke(recording)
     position, force = recording.channel("position"), recording.channel("force")
     work = np.trapezoid(force.values - force.values.mean(), position.values)  # that the damper takes
-    return with_values(recording, "force", np.sign(work) * force.values)
-
-
-def with_stroke(recording: Recording) -> Recording:
-    """Return a recording whose stroke is the integral of its speed."""
-    speed = recording.channel("speed")
-    seconds = (speed.stamps_ns - speed.stamps_ns[0]) * 1e-9
-    return with_values(recording, "position", cumulative_trapezoid(speed.values, seconds, initial=0.0))
-
-
-def with_values(recording: Recording, signal: str, values: Values) -> Recording:
-    channel = replace(recording.channel(signal), values=values)
-    return replace(recording, channels={**recording.channels, signal: channel})
+    dissipative = replace(force, values=np.sign(work) * force.values)
+    return replace(recording, channels={**recording.channels, "force": dissipative})
 
 
 def split_each(recordings: Sequence[Recording], share: float = SHARE) -> MeasuredCase:
@@ -96,10 +58,16 @@ def split_each(recordings: Sequence[Recording], share: float = SHARE) -> Measure
 
 
 def keio(with_speed: bool) -> MeasuredCase:
-    """Return Keio's first 1,500 samples and its last 500, with the measured speed or the stroke alone."""
-    logged = read_measured("keio_mr", "first_2000.csv")
-    channels = {name: channel for name, channel in logged.channels.items() if with_speed or name != "speed"}
-    return split_each([replace(logged, channels=channels)], KEIO_SHARE)
+    """Return Keio's first 1,500 samples and its last 500, whose stroke is the integral of their speed."""
+    log = data_folder() / "keio_mr" / "first_2000.csv"
+    if not log.exists():
+        raise RecordingError(f"{log}: no such file")
+    seconds, speed, force = np.loadtxt(log, delimiter=",", skiprows=1).T
+    signals = {"position": cumulative_trapezoid(0.01 * speed, seconds, initial=0.0), "force": -force}
+    signals |= {"speed": 0.01 * speed} if with_speed else {}
+    stamps = np.rint(1e9 * seconds).astype(np.int64)
+    channels = {name: Channel(name, UNITS[name], stamps, values) for name, values in signals.items()}
+    return split_each([Recording(log.stem, channels, {"current": 1.25})], KEIO_SHARE)
 
 
 def rest_of(rig: str, *names: str) -> MeasuredCase:
