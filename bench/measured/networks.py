@@ -77,10 +77,6 @@ class Perceptrons(nn.Module):
         return torch.cat([member(late) for member in self.members], -1)
 
 
-def gru(estimation: Sequence[Series], selection: Sequence[Series], units: int, signals: Sequence[str]) -> PeerModel:
-    return fit_networks(estimation, selection, partial(Grus, units=units), signals)
-
-
 def lagged_perceptron(
     estimation: Sequence[Series], selection: Sequence[Series], reach_s: float, signals: Sequence[str]
 ) -> PeerModel:

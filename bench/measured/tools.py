@@ -32,8 +32,6 @@ from ces_identify.structures.network import SIGMOID
 OURS = (*KITS, AUTO)
 FREE_SIGMOID = "free sigmoid NARX"  # ours without certificate, which counts as a peer
 REACHES_S = (0.025, 0.1, 0.4)  # of lagged inputs
-
-
 Fitted = tuple[Simulate, str]  # a free run, and what the tool chose
 PeerFit = Callable[[Sequence[Series], Sequence[Series]], PeerModel]  # of estimation and selection data
 
@@ -74,12 +72,12 @@ def lagged_settings(fit: Callable[..., PeerModel]) -> Mapping[str, PeerFit]:
 
 
 def gru_settings() -> Mapping[str, PeerFit]:
-    from bench.measured.networks import gru
+    from bench.measured.networks import Grus, fit_networks
 
     return {
-        "16 units": partial(gru, units=16, signals=PREPARED),
-        "32 units": partial(gru, units=32, signals=PREPARED),
-        "16 units, no position": partial(gru, units=16, signals=WITHOUT_POSITION),
+        "16 units": partial(fit_networks, make=partial(Grus, units=16), signals=PREPARED),
+        "32 units": partial(fit_networks, make=partial(Grus, units=32), signals=PREPARED),
+        "16 units, no position": partial(fit_networks, make=partial(Grus, units=16), signals=WITHOUT_POSITION),
     }
 
 
