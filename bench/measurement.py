@@ -8,7 +8,7 @@ import platform
 import statistics
 import sys
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -73,15 +73,6 @@ def is_installed(package: str) -> bool:
 def print_note(text: str) -> None:
     """Print on standard error: standard output contains only the table."""
     print(text, file=sys.stderr, flush=True)
-
-
-def print_table(header: Sequence[str], rows: Sequence[Sequence[str]], left: int = 1) -> None:
-    """Print a Markdown table, its first `left` columns aligned to the left, and below it the machine and versions."""
-    print(f"| {' | '.join(header)} |")
-    print("|" + "---|" * left + "---:|" * (len(header) - left))
-    for row in rows:
-        print(f"| {' | '.join(row)} |")
-    print(f"\n{machine()}")
 
 
 def verdict(value: float, target: float, at_least: bool = False) -> str:

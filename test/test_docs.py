@@ -170,6 +170,7 @@ def test_tables_of_figures_name_a_command_that_writes_them() -> None:
     for name, table in find_tables().items():
         python, *words = shlex.split(table.command)
         path = ROOT / (f"{words[1].replace('.', '/')}.py" if words[0] == "-m" else words[0])
+        path = path if path.is_file() else path.with_suffix("") / "__main__.py"
         assert python in ("python", "python3") and path.is_file(), name
         source = path.read_text(encoding="utf-8")
         assert all(f'"{word}"' in source for word in words if word.startswith("--")), name

@@ -12,7 +12,7 @@ from pathlib import Path
 from bench import blas_one_thread  # noqa: F401 - before NumPy
 from bench.measured.cases import CASES
 from bench.measured.ticks import prepare_case
-from bench.measured.tools import all_tools
+from bench.measured.tools import fit_tool
 from bench.measurement import print_note, time_call
 
 PATIENCE_S = 7200.0  # of wall time, after which a fit is stopped
@@ -21,10 +21,9 @@ NEVER = 1000.0  # [%] J beyond which a run is shown as divergent
 
 @dataclass(frozen=True)
 class Outcome:
-    """Mean J [%] on the tests, parameters, what the tool chose, CPU and wall time [s]; or why there is none."""
+    """Mean J [%] on the tests, what the tool chose, CPU and wall time [s]; or why there is none."""
 
     cost: float = math.inf
-    parameters: int = 0
     chosen: str = ""
     cpu_s: float = 0.0
     wall_s: float = 0.0
@@ -43,9 +42,6 @@ class FitJob:
     def path(self) -> Path:
         return self.store / f"{self.case}_{self.tool.replace(' ', '_').replace(',', '')}.json"
 
-    def read(self) -> Outcome | None:
-        return Outcome(**json.loads(self.path.read_text("utf-8"))) if self.path.exists() else None
-
     def write(self, outcome: Outcome) -> None:
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self.path.write_text(json.dumps(asdict(outcome)), encoding="utf-8")
@@ -54,11 +50,10 @@ class FitJob:
 def fit_and_store(job: FitJob) -> None:
     """Do the job in this process."""
     warnings.simplefilter("ignore")
-    case, fit = prepare_case(CASES[job.case]()), all_tools()[job.tool]
     try:
-        fitted, spent = time_call(lambda: fit(case))
-        cost = case.test_cost(fitted.simulate)
-        job.write(Outcome(cost, fitted.parameters, fitted.chosen, round(spent.cpu, 1), round(spent.wall, 1)))
+        case = prepare_case(CASES[job.case]())
+        (simulate, chosen), spent = time_call(lambda: fit_tool(job.tool, case))
+        job.write(Outcome(case.test_cost(simulate), chosen, round(spent.cpu, 1), round(spent.wall, 1)))
     except Exception as error:  # a tool may fail in any way; the table says so
         job.write(Outcome(failed=f"{type(error).__name__}: {error}"))
 
@@ -74,7 +69,7 @@ def run_job(job: FitJob) -> Outcome:
             child.join()
         if not job.path.exists():
             job.write(Outcome(failed=f"ended with code {child.exitcode}"))
-    outcome = job.read() or Outcome()
+    outcome = Outcome(**json.loads(job.path.read_text("utf-8")))
     shown = outcome.failed or f"{show_cost(outcome.cost)} {outcome.chosen} ({outcome.cpu_s:.0f} CPU s)"
     print_note(f"{job.case}, {job.tool}: {shown}")
     return outcome

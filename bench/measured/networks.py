@@ -77,6 +77,12 @@ class Perceptrons(nn.Module):
         return torch.cat([member(late) for member in self.members], -1)
 
 
+def lagged_perceptron(
+    estimation: Sequence[Series], selection: Sequence[Series], reach_s: float, signals: Sequence[str]
+) -> PeerModel:
+    return fit_networks(estimation, selection, partial(Perceptrons, reach_s=reach_s), signals)
+
+
 def fit_networks(
     estimation: Sequence[Series], selection: Sequence[Series], make: Make, signals: Sequence[str], steps: int = STEPS
 ) -> PeerModel:
@@ -97,8 +103,7 @@ def fit_networks(
 
     evaluate = partial(pooled_cost, selection, simulate) if selection else None
     best = train(networks, [tensor(one) for one in estimation], evaluate, steps)
-    parameters = sum(p.numel() for p in networks.parameters())
-    return PeerModel(simulate, parameters, lambda data: fit_networks(data, [], make, signals, best))
+    return PeerModel(simulate, lambda data: fit_networks(data, [], make, signals, best))
 
 
 def draw_windows(blocks: Sequence[Tensor], random: np.random.Generator) -> Tensor:

@@ -1,6 +1,6 @@
 """Regressions as peers, each "series in, free run on another out", on the columns that their users must prepare.
 
-SysIdentPy (FROLS, MetaMSS) and fastcan (NARX) know whole powers only, and SysIdentPy no lag 0: its inputs are given
+SysIdentPy (FROLS) and fastcan (NARX) know whole powers only, and SysIdentPy no lag 0: its inputs are given
 one tick ahead. Boosted trees and Gaussian process get lagged inputs instead of past forces.
 """
 
@@ -24,16 +24,13 @@ LAGS_S = (0.0, 1e-3, 2e-3, 4e-3, 6e-3, 9e-3, 13e-3, 18e-3, 25e-3, 35e-3, 50e-3, 
 TREES = 600  # at most, each of 31 leaves
 POINTS, TUNED, CLIMBS = 2000, 500, 30  # ticks of a Gaussian process and for its length scales, steps for these
 STEPS = 20  # maximum for fastcan's least squares on the free run
-SEARCH = {"maxiter": 10, "n_agents": 6, "p_ones": 0.3, "p_zeros": 0.7, "random_state": 3}  # of MetaMSS
-METAMSS_TICKS = 20_000  # of estimation and of selection data
 
 
 @dataclass(frozen=True)
 class PeerModel:
-    """A peer's model: its free run, the number of its parameters, and its fit to more data, if that is another one."""
+    """A peer's model: its free run, and the fit to more data of what it chose, if that is not the same fit again."""
 
     simulate: Simulate
-    parameters: int
     refit: Callable[[Sequence[Series]], PeerModel] | None = None
 
 
@@ -64,12 +61,11 @@ def boosted_trees(
     )
     held_out = dict(zip(("X_val", "y_val"), lagged_data(feed, selection, lags), strict=True)) if selection else {}
     model.fit(*lagged_data(feed, estimation, lags), **held_out)
-    leaves = sum(tree.get_n_leaf_nodes() for stage in model._predictors for tree in stage)
 
     def simulate(series: Series) -> F:
         return np.asarray(feed.force_N * model.predict(lagged_rows(feed.columns([series]).inputs, lags)))
 
-    return PeerModel(simulate, leaves, lambda data: boosted_trees(data, [], reach_s, signals, model.n_iter_))
+    return PeerModel(simulate, lambda data: boosted_trees(data, [], reach_s, signals, model.n_iter_))
 
 
 def gaussian_process(
@@ -94,7 +90,7 @@ def gaussian_process(
         pieces = np.array_split(rows, 1 + len(rows) // 5000)
         return np.asarray(feed.force_N * np.concatenate([model.predict(piece) for piece in pieces]))
 
-    return PeerModel(simulate, len(y) + len(tuned.theta))
+    return PeerModel(simulate)
 
 
 def climb(loss: Any, first: F, bounds: F) -> tuple[F, float]:
@@ -137,33 +133,13 @@ def frols(
     )
     columns = feed.columns(estimation)
     model.fit(X=_ahead(columns.inputs), y=_known(columns.force)[:, None])
-    return PeerModel(_simulate_with(model, feed), len(model.final_model))
 
+    def simulate(series: Series) -> F:
+        one = feed.columns([series])
+        run = np.ravel(model.predict(X=_ahead(one.inputs), y=_known(one.force)[:, None]))
+        return np.asarray(feed.force_N * run[: len(series)])
 
-def metamss(estimation: Sequence[Series], selection: Sequence[Series], degree: int = 3) -> PeerModel:
-    """SysIdentPy's search by free run, on equally many ticks to fit and to evaluate."""
-    from sysidentpy.basis_function import Polynomial
-    from sysidentpy.model_structure_selection import MetaMSS
-    from sysidentpy.parameter_estimation import LeastSquares
-
-    if not hasattr(np, "in1d"):  # SysIdentPy 0.9 calls it, NumPy 2.4 has it no more
-        np.in1d = np.isin  # type: ignore[attr-defined, unused-ignore]  # noqa: NPY201
-    feed = Feed.of(PREPARED, estimation)
-    columns = [feed.columns(part) for part in (estimation, selection or estimation)]
-    ticks = min(METAMSS_TICKS, *(len(one.force) for one in columns))
-    model = MetaMSS(
-        ylag=1,
-        xlag=[[1]] * len(PREPARED),
-        basis_function=Polynomial(degree=degree),
-        estimator=LeastSquares(),
-        test_size=0.5,
-        **SEARCH,
-    )
-    model.fit(
-        X=np.concatenate([_ahead(one.inputs[:ticks]) for one in columns]),
-        y=np.concatenate([_known(one.force[:ticks]) for one in columns])[:, None],
-    )
-    return PeerModel(_simulate_with(model, feed), len(model.final_model))
+    return PeerModel(simulate)
 
 
 def fastcan(
@@ -172,7 +148,7 @@ def fastcan(
     terms: int,
     signals: Sequence[str] = PREPARED,
     degree: int = 3,
-    delay: int = 1,
+    lags: int = 1,
     free_run: bool = False,
 ) -> PeerModel:
     """fastcan's NARX: terms by one-step errors, then least squares on these or on the free run."""
@@ -182,7 +158,7 @@ def fastcan(
     columns = feed.columns(estimation)
     x, y = columns.inputs, _known(columns.force)
     quiet = {"verbose": 0, "refine_verbose": 0}
-    model = make_narx(x, y, terms, max_delay=delay, poly_degree=degree, **quiet)
+    model = make_narx(x, y, terms, max_delay=lags, poly_degree=degree, **quiet)
     model.fit(x, y, **({"coef_init": "one_step_ahead", "max_nfev": STEPS} if free_run else {}))
 
     def simulate(series: Series) -> F:
@@ -190,16 +166,7 @@ def fastcan(
         run = model.predict(one.inputs, y_init=_known(one.force[: model.max_delay_]))
         return np.asarray(feed.force_N * np.ravel(run))
 
-    return PeerModel(simulate, terms + 1)
-
-
-def _simulate_with(model: Any, feed: Feed) -> Simulate:
-    def simulate(series: Series) -> F:
-        one = feed.columns([series])
-        run = np.ravel(model.predict(X=_ahead(one.inputs), y=_known(one.force)[:, None]))
-        return np.asarray(feed.force_N * run[: len(series)])
-
-    return simulate
+    return PeerModel(simulate)
 
 
 def _ahead(inputs: F) -> F:

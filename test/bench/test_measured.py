@@ -1,0 +1,48 @@
+"""The bench of measured dampers: its table, its cases, and how a peer's setting is chosen."""
+
+import numpy as np
+import pytest
+from made_recordings import recording_of
+
+from bench.measured.__main__ import format_rows, summarise
+from bench.measured.cases import CASES, MeasuredCase, data_folder
+from bench.measured.regressions import PeerModel
+from bench.measured.ticks import prepare_case
+from bench.measured.tools import fit_peer
+
+TIME = np.arange(0.0, 8.0, 2e-3)
+
+
+def test_the_least_cost_is_bold_and_the_regret_of_auto_is_said():
+    costs = {"rig": {"polynomial": 4.0, "auto": 5.0, "GRU": 3.0}, "other": {"polynomial": 2.0, "auto": 2.0}}
+    assert format_rows(costs) == [
+        ["case", "polynomial", "auto", "GRU"],
+        ["rig", "4.00", "5.00", "**3.00**"],
+        ["other", "**2.00**", "**2.00**", "-"],
+    ]
+    assert summarise(costs).endswith("at most 1.25 (rig). Better than `auto`: rig (GRU).")
+
+
+def test_a_setting_is_chosen_on_blocks_left_out_and_fitted_again_to_all():
+    phase = 2.0 * np.pi * TIME
+    made = recording_of(TIME, position=0.02 * np.sin(phase), current=0.0 * phase, force=500.0 * np.cos(phase))
+    seen = []
+
+    def fit(estimation, selection, gain):
+        seen.append((gain, sum(map(len, estimation)), sum(map(len, selection))))
+        return PeerModel(lambda series: gain * series.speed)
+
+    settings = {f"{gain:g}": lambda *data, gain=gain: fit(*data, gain) for gain in (1000.0, 4000.0, 9000.0)}
+    simulate, chosen = fit_peer(settings, case := prepare_case(MeasuredCase([made], {"again": made})))
+    assert chosen == "4000"
+    assert seen[-1] == (4000.0, len(TIME), 0)
+    assert case.test_cost(simulate) < 5.0
+
+
+@pytest.mark.skipif(not data_folder().is_dir(), reason=f"measured recordings are not in {data_folder()} (set CES_DATA)")
+@pytest.mark.parametrize("name", ["keio-speed", "racing-soft", "table-between", "pneumatic-1bar", "brake-faster"])
+def test_every_damper_takes_energy(name):
+    case = CASES[name]()
+    for recording in (*case.identification, *case.tests.values()):
+        position, force = (recording.channel(signal).values for signal in ("position", "force"))
+        assert np.corrcoef(np.gradient(position), force)[0, 1] > 0.5
