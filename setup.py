@@ -142,7 +142,6 @@ setup(
         "mcap>=1.1",  # with lz4 and zstandard
         "zstandard>=0.15",
         "joblib>=1.3",
-        "shtab>=1.13",  # ces completion
     ],
     extras_require={
         "bench": [

@@ -31,8 +31,8 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
         "json_text signals band structures cdr model sampling_layout estimator damper_observer health control nodes"
     ),
     "ces_data": (
-        "arrays compilation recording integration config_file log_formats units bags findings samples signals_file logs "
-        "checks mapping reading tables"
+        "arrays compilation recording integration config_file log_formats units bags findings samples signals_file "
+        "logs checks mapping reading tables"
     ),
     "ces_report": ("typesetting table drawing shell figure plot charts"),
     "ces_identify": (
@@ -47,8 +47,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     "ces_iterate": "errors commands plan design rigs loop page",
     "ces_serve": "items catalogue contents work security app server",
     "ces_cli": (
-        "terminal bags blind compare diagnose iterate rig serve identify schemas schema versions main "
-        "completion ros_program"
+        "terminal bags blind compare diagnose iterate rig serve identify schemas schema versions main ros_program"
     ),
 }
 ROS = {

@@ -14,7 +14,7 @@ from markupsafe import Markup
 
 from ces_cli.diagnose import diagnosis
 from ces_cli.terminal import terminal
-from ces_cli.terminal.outputs import ROOM, print_document, require_folder, require_space
+from ces_cli.terminal.outputs import print_document, require_folder
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
 from ces_cli.terminal.recordings import FleetUnit, find_bags, find_fleet_units
 from ces_cli.terminal.simulations import open_simulation, with_predictions
@@ -48,7 +48,7 @@ CSV_COLUMNS = (
 def run_fleet(options: argparse.Namespace) -> int:
     """Diagnose every unit of --real; returns the exit status."""
     diagnosis.require_one_source(options)
-    require_folder(options.out, names=("fleet.html", "fleet.csv"))
+    require_folder(options.out)
     signals = terminal.load_described_signals(options)
     units = find_fleet_units(options.real, options.each)
     given = None if options.identify else open_simulation(options.sim)
@@ -65,7 +65,6 @@ def run_fleet(options: argparse.Namespace) -> int:
         if others := len(results.rows.keys() - {job.key for job in jobs}):
             things = f"{others} results of other recordings or options"
             terminal.print_warning(f"{options.out}: also holds {things}; they are neither shown nor used")
-        require_space(options.out, len(missing) * ROOM // 4)
         bar, finished = JobsProgress(len(units), len(units) - len(missing), "diagnoses"), True
         if missing:
             tasks = (Task(job, [REQUEST], _read(simulation, unit, signals)) for job, unit in missing.items())

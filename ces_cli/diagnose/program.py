@@ -19,7 +19,6 @@ from ces_observer.options import Option, in_group
 from ces_observer.structures import STRUCTURES
 
 BAGS_OPTION = Option("", (), metavar="BAG", together=True)
-WRITTEN = ("gap.json", "augmented.json", "model.json", "report.html", "next_experiment.yaml", "next_experiment.csv")
 NAMES = [one.option for one in STRUCTURES.values() if one.is_offered]
 IDENTIFY = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
 OWN_EFFECTS = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
@@ -82,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from ces_cli.diagnose.fleet import run_fleet
 
         return run_fleet(options)
-    require_outputs(options.overwrite, folders={"--out": options.out}, names=WRITTEN)
+    require_outputs(options.overwrite, folders={"--out": options.out})
     from ces_cli.diagnose.diagnosis import run_diagnosis
 
     run_diagnosis(options, terminal.command_line("diagnose", argv))

@@ -56,7 +56,7 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     folder: Path = options.out
     if folder == parser.get_default("out"):
         raise CesError("--campaign needs a folder for its results; add --out DIR")
-    require_folder(folder, names=("campaign.html", "results.csv"))
+    require_folder(folder)
     campaign = load_campaign(options.campaign)
     signals = load_signals(campaign.signals)
     read = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}
