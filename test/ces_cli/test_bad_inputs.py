@@ -58,10 +58,8 @@ identify --campaign absent.yaml --out o | nowhere: no such file
 identify --campaign reversed.yaml --out o | turned: force: acts with the motion
 identify --campaign twice.yaml --out o | one and copy: the same recording, twice for identification
 identify one --jobs 2 | --jobs applies to campaigns; add --campaign FILE.yaml
-identify one --dask here:1 | --dask applies to campaigns; add --campaign FILE.yaml
 identify one --campaign c.yaml | BAG has no effect with --campaign; set it in c.yaml instead
 identify --campaign c.yaml --seed 1 | --seed has no effect with --campaign
-identify --campaign c.yaml --dask a:1 --jobs 1 | --jobs applies to this machine
 identify --show-candidates one | BAG does not apply with --show-candidates
 identify one --structure sigmoid --terms 25 | --terms applies to --structure polynomial or auto, not to sigmoid
 identify one --structure sigmoid --method thesis | --method applies to --structure polynomial or auto, not to sigmoid
@@ -148,7 +146,6 @@ diagnose --sim law:force --real one --effects nowhere:Own --out o | cannot be im
 diagnose --sim law:force --real one --jobs 2 --out o | --jobs applies to fleets
 diagnose --sim law:force --real one --each recording --held-out two --out o | --held-out has no effect with --each
 diagnose --sim law:force --real one --each vehicle --overwrite --out o | --overwrite has no
-diagnose --sim law:force --real one --each recording --jobs 2 --dask x:1 --out o | --jobs applies
 diagnose --sim law:force --real one --seed -1 --out o | whole number from 0 to
 diagnose --sim topic:/none --real one --out o | no topic /none; it has /joint_states
 diagnose --sim broken.fmu --real one --out o | broken.fmu:
