@@ -142,7 +142,6 @@ setup(
         "mcap>=1.1",  # with lz4 and zstandard
         "zstandard>=0.15",
         "joblib>=1.3",
-        "shtab>=1.13",  # ces completion
     ],
     extras_require={
         "bench": [
@@ -160,7 +159,6 @@ setup(
         "fmi": ["fmpy>=0.3.20"],  # to run an FMU; writing one needs a C compiler only
         "test": ["pytest>=7.4"],  # by which colcon test knows its runner
         "serve": ["flask>=3.0"],  # ces serve
-        "dask": ["distributed>=2022.12"],  # for campaigns on a cluster: ces identify --campaign --dask
         "notebook": ["notebook>=7", "ipykernel>=6.25", "matplotlib>=3.6"],  # examples/own_data.ipynb
         "docs": ["mkdocs-material>=9.5", "ruff>=0.6"],  # make docs
         "dev": [
@@ -168,7 +166,6 @@ setup(
             "pytest-xdist>=3.4",
             "setuptools>=64",  # what setup.py hands to it is tested
             "hypothesis>=6.98",
-            "distributed>=2022.12",
             "fmpy>=0.3.20",
             *MDF,
             *MAT73,

@@ -53,7 +53,7 @@ def make_parser() -> terminal.Parser:
 
 def _iterate(path: Path, out: Path, as_json: bool) -> None:
     plan = load_plan(path)
-    require_folder(out, names=(MODEL, REPORT))
+    require_folder(out)
     rig = open_rig(plan)
     lines_to = terminal.err if as_json else terminal.out
     with IterateProgress(plan.stop.budget_s, lines_to) as progress:

@@ -43,7 +43,6 @@ PROGRAMS: ProgramTable = {  # module and summary by name
     ),
     "blind": ("blind.program", "create, run and score blind tests of the diagnosis (synthetic data)"),
     "schema": ("schema", "print the JSON Schema of a kind of YAML file, for editors"),
-    "completion": ("completion", "print a script that completes programs and options in a shell"),
 }
 ROS_ARGS = "--ros-args"
 ENDS = ("SIGINT", "SIGTERM", "SIGHUP")  # Windows has no SIGHUP

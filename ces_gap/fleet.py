@@ -1,21 +1,14 @@
-"""Many diagnoses: their common request, a key for each result that identifies its inputs, and the work of one unit.
-
-The request is sent to the workers as bytes, with the user's simulation and effects by value: workers do not need the
-user's modules.
-"""
+"""Many diagnoses: their common request, a key for each result that identifies its inputs, and the work of one unit."""
 
 from __future__ import annotations
 
-import contextlib
 import hashlib
 import inspect
 import json
-import pickle
 import sys
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -49,19 +42,6 @@ class DiagnosisRequest:
     diagnose: Callable[..., Diagnosis]
     files: Callable[..., Mapping[str, str]]
 
-    def pack(self) -> bytes:
-        """Return the request as bytes that a worker unpacks without the user's modules."""
-        try:
-            cloudpickle: Any = import_module("cloudpickle")
-        except ImportError:  # the copy inside joblib before version 1.6
-            cloudpickle = import_module("joblib.externals.cloudpickle")
-        with contextlib.ExitStack() as stack:
-            for module in self._user_modules():
-                cloudpickle.register_pickle_by_value(module)
-                stack.callback(cloudpickle.unregister_pickle_by_value, module)
-            packed: bytes = cloudpickle.dumps(self)
-            return packed
-
     def digest(self) -> str:
         """Return a hash of everything that determines the results; `threads` does not."""
         inputs = {
@@ -86,7 +66,7 @@ class DiagnosisRequest:
 class DiagnosisJob:
     """One unit to diagnose: its name, the key of its result, and the folder of its files in the results folder.
 
-    `sim` names the simulation relative to that folder: workers may have no access to its file.
+    `sim` names the simulation relative to that folder.
     """
 
     key: str
@@ -114,12 +94,12 @@ def _file_digest(file: Path | None) -> str:
     return hashlib.sha256(file.read_bytes()).hexdigest() if file is not None and file.is_file() else ""
 
 
-def diagnose_unit(job: DiagnosisJob, packed: Sequence[bytes], recordings: Sequence[Recording]) -> JobResult:
-    """Diagnose one unit; `packed` holds the packed request as its only item."""
+def diagnose_unit(job: DiagnosisJob, shared: Sequence[DiagnosisRequest], recordings: Sequence[Recording]) -> JobResult:
+    """Diagnose one unit; `shared` holds the request as its only item."""
 
     def run() -> JobResult:
         start = time.monotonic()
-        request: DiagnosisRequest = pickle.loads(packed[0])  # packed by this program, never read from a file
+        (request,) = shared
         reference = request.reference
         notes = check_recordings(recordings, (), reference)
         diagnosis = request.diagnose(request.simulation, request.spec, recordings, (), reference, request.options)

@@ -1,8 +1,7 @@
 """Runs many jobs, saves each result as a row and files as soon as the job ends, and resumes after an interruption.
 
-Campaigns of identifications and fleets of diagnoses run on this engine, in processes of one machine or on a cluster
-(`ces_identify.cluster`). A file of rows holds one line of JSON each, appended and flushed: it is safe against a kill at
-any moment and a second run.
+Campaigns of identifications and fleets of diagnoses run on this engine, in processes of one machine. A file of rows
+holds one line of JSON each, appended and flushed: it is safe against a kill at any moment and a second run.
 """
 
 from __future__ import annotations

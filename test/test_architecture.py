@@ -36,7 +36,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     ),
     "ces_report": ("typesetting table drawing shell figure plot charts"),
     "ces_identify": (
-        "jobs cluster numerics schema_files prepare polynomial trained physical structures options export "
+        "jobs numerics schema_files prepare polynomial trained physical structures options export "
         "simulations characteristics validation comparison identification report campaign folds api"
     ),
     "ces_rig": ("errors drive sensors dampers experiment withheld blind live"),
@@ -47,8 +47,7 @@ ROOMS = {  # folders and modules of each package from the bottom up: each import
     "ces_iterate": "errors commands plan design rigs loop page",
     "ces_serve": "items catalogue contents work security app server",
     "ces_cli": (
-        "terminal bags blind compare diagnose iterate rig serve identify schemas schema versions main "
-        "completion ros_program"
+        "terminal bags blind compare diagnose iterate rig serve identify schemas schema versions main ros_program"
     ),
 }
 ROS = {

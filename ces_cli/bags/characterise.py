@@ -14,7 +14,7 @@ from ces_cli.terminal.recordings import find_bags, print_findings
 from ces_cli.terminal.simulations import HELP, open_simulation, with_predictions
 from ces_data.arrays import F
 from ces_identify.characteristics.characterise import characterise
-from ces_identify.characteristics.page import NAMES, PAGE, write_characteristics
+from ces_identify.characteristics.page import PAGE, write_characteristics
 from ces_identify.characteristics.rows import Characteristics
 from ces_identify.characteristics.tables import peak_table, response_table, work_table
 from ces_identify.simulations.simulation import Simulation
@@ -28,7 +28,7 @@ MAX_ROWS = 24  # of a table in the terminal
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the program; returns the exit status."""
     options = make_parser().parse_args(argv)
-    require_outputs(options.overwrite, folders={"--out": options.out}, names=NAMES)
+    require_outputs(options.overwrite, folders={"--out": options.out})
     signals = terminal.load_described_signals(options)
     simulations = _open_simulations(options.model)
     recordings = {path: terminal.read_one(path, signals, terminal.FORCE) for path in find_bags(options.bags)}

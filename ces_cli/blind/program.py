@@ -16,7 +16,7 @@ from rich.progress import track
 from ces_cli.blind.diagnosing import run
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, SIGNALS, Argument, only_with
-from ces_cli.terminal.outputs import print_document, refuse_foreign, require_outputs
+from ces_cli.terminal.outputs import print_document, require_outputs
 from ces_cli.terminal.progress import JobsProgress
 from ces_cli.terminal.recordings import find_bag
 from ces_observer.errors import CesError
@@ -83,8 +83,6 @@ def _make(options: argparse.Namespace) -> int:
     require_outputs(options.overwrite, folders={"--out": options.out})
     plan = plan_sample(levels, options.seed, options.cases)
     if options.overwrite:
-        sealed, cases = options.out / "seal.json", options.out / "cases"
-        refuse_foreign([sealed] if sealed.exists() else [case / "case.json" for case in cases.glob("*")], "--out")
         remove_cases(options.out)
     with JobsProgress(len(plan), 0, "cases") as progress:
         digest = make_cases(

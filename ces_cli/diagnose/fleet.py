@@ -5,16 +5,13 @@ from __future__ import annotations
 import argparse
 import os
 import warnings
-from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path, PurePath
 
-from markupsafe import Markup
-
 from ces_cli.diagnose import diagnosis
 from ces_cli.terminal import terminal
-from ces_cli.terminal.outputs import ROOM, print_document, require_folder, require_space
+from ces_cli.terminal.outputs import print_document, require_folder
 from ces_cli.terminal.progress import DiagnoseProgress, JobsProgress, report_failures, run_jobs
 from ces_cli.terminal.recordings import FleetUnit, find_bags, find_fleet_units
 from ces_cli.terminal.simulations import open_simulation, with_predictions
@@ -31,7 +28,6 @@ from ces_identify.simulations.simulation import Simulation
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 from ces_observer.signals import Signals
-from ces_report.shell import page_template, replace_unencodable
 from ces_report.table import Column, Table
 
 RESULTS = "fleet.jsonl"
@@ -48,7 +44,7 @@ CSV_COLUMNS = (
 def run_fleet(options: argparse.Namespace) -> int:
     """Diagnose every unit of --real; returns the exit status."""
     diagnosis.require_one_source(options)
-    require_folder(options.out, names=("fleet.html", "fleet.csv"))
+    require_folder(options.out)
     signals = terminal.load_described_signals(options)
     units = find_fleet_units(options.real, options.each)
     given = None if options.identify else open_simulation(options.sim)
@@ -65,15 +61,14 @@ def run_fleet(options: argparse.Namespace) -> int:
         if others := len(results.rows.keys() - {job.key for job in jobs}):
             things = f"{others} results of other recordings or options"
             terminal.print_warning(f"{options.out}: also holds {things}; they are neither shown nor used")
-        require_space(options.out, len(missing) * ROOM // 4)
         bar, finished = JobsProgress(len(units), len(units) - len(missing), "diagnoses"), True
         if missing:
             tasks = (Task(job, [REQUEST], _read(simulation, unit, signals)) for job, unit in missing.items())
-            shared = {REQUEST: request.pack()}
-            finished = run_jobs(diagnose_unit, tasks, shared, how.threads, options, results, bar, describe_diagnosis)
+            finished = run_jobs(
+                diagnose_unit, tasks, {REQUEST: request}, how.threads, options, results, bar, describe_diagnosis
+            )
         rows = [results.rows[job.key] for job in jobs if job.key in results.rows] + unread
         write_csv(rows, options.out / "fleet.csv")
-        write_page(rows, options.out / "fleet.html", PurePath(spec).name)
     if options.json:
         print_document("fleet", {"folder": options.out, "planned": len(units), "diagnoses": sort_rows(rows)})
     else:
@@ -129,7 +124,7 @@ def _print_fleet(rows: Sequence[Row], folder: Path) -> None:
         terminal.print_table(terminal.lay_out(replace(table, rows=done[:MAX_ROWS_SHOWN], title=title)))
         if dashes := explain_dashes(rows):
             print(dashes)
-    print(f"written: {folder}/fleet.html, fleet.csv, fleet.jsonl, units/")
+    print(f"written: {folder}/fleet.csv, fleet.jsonl, units/")
 
 
 def sort_rows(rows: Sequence[Row]) -> list[Row]:
@@ -175,21 +170,6 @@ def _number(key: str, form: str) -> Callable[[Row], str]:
 
 def fleet_table(rows: Sequence[Row]) -> Table[Row]:
     """Return the table of a fleet, largest gap first, those without a diagnosis last."""
-    largest = max([row.get("gap_N") or 0.0 for row in rows], default=0.0) or 1.0
-
-    def bars(row: Row) -> Markup:
-        bar = Markup('<i class="{}" style="width:{:.1f}%"></i>')
-        lengths = (("gap-before", row.get("gap_N")), ("gap-after", row.get("gap_after_N")))
-        drawn = (bar.format(css, 100.0 * min((value or 0.0) / largest, 1.0)) for css, value in lengths)
-        return Markup("<div>{}</div>").format(Markup("").join(drawn)) if row["status"] == DONE else Markup("")
-
-    def name(row: Row) -> Markup:
-        form = '<a href="{folder}/report.html">{name}</a>' if row["status"] == DONE else "{name}"
-        return Markup(form).format(folder=row.get("folder"), name=row["name"])
-
-    def verdict(row: Row) -> Markup:
-        sentence = Markup('<span class="reasons">{}</span>').format(row["sentence"]) if row["status"] == DONE else ""
-        return Markup("{}{}").format(describe_verdict(row), sentence)
 
     def shrink(row: Row) -> str:
         if row["status"] != DONE:
@@ -197,10 +177,9 @@ def fleet_table(rows: Sequence[Row]) -> Table[Row]:
         return "-" if row["shrink"] is None or not row["effects"] else f"{100.0 * row['shrink']:.0f} %"
 
     columns: tuple[Column[Row], ...] = (
-        Column("Vehicle or recording", lambda row: str(row["name"]), html=name),
-        Column("Verdict", describe_verdict, html=verdict),
+        Column("Vehicle or recording", lambda row: str(row["name"])),
+        Column("Verdict", describe_verdict),
         Column("Probability", _number("probability", ".2f"), figure=True),
-        Column("", lambda row: "", html=bars, css="gap", page_only=True),
         Column("Gap [N RMS]", _number("gap_N", ".1f"), figure=True),
         Column("Left [N RMS]", _number("gap_after_N", ".1f"), figure=True),
         Column("Shrink", shrink, figure=True),
@@ -216,18 +195,3 @@ def write_csv(rows: Sequence[Row], path: Path) -> None:
 
     lines = [[cell(row.get(name)) for name in CSV_COLUMNS] for row in sort_rows(rows)]
     write_atomically(path, as_csv([CSV_COLUMNS, *lines]))
-
-
-def write_page(rows: Sequence[Row], path: Path, simulation: str = "the simulation") -> None:
-    """Write the page with links to all reports; `simulation` is its name in the title."""
-    done = [row for row in rows if row["status"] == DONE]
-    counts = Counter(map(describe_verdict, done))
-    verdicts = "; ".join(f"{count} × {verdict}" for verdict, count in counts.most_common(6))
-    table = fleet_table(rows).to_html("fleet", lambda row: "failed" * (row["status"] != DONE))
-    page = page_template("fleet.html.j2", __package__, ("fleet.css",)).render(
-        title=f"Gap of {simulation} against a fleet of {len(rows)}",
-        headline=f"{len(done)} of {len(rows)} diagnosed. {verdicts}",
-        table=table,
-        note=explain_dashes(rows),
-    )
-    write_atomically(path, replace_unencodable(page))

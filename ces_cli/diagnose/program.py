@@ -7,9 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import DASK, JOBS, JSON, OVERWRITE, SIGNALS, never_with, only_with
+from ces_cli.terminal.options import JOBS, JSON, OVERWRITE, SIGNALS, never_with, only_with
 from ces_cli.terminal.outputs import require_outputs
-from ces_cli.terminal.progress import ONE_PLACE
 from ces_cli.terminal.recordings import RECORDING, VEHICLE
 from ces_cli.terminal.simulations import HELP
 from ces_identify.options import SEED, THREADS
@@ -19,7 +18,6 @@ from ces_observer.options import Option, in_group
 from ces_observer.structures import STRUCTURES
 
 BAGS_OPTION = Option("", (), metavar="BAG", together=True)
-WRITTEN = ("gap.json", "augmented.json", "model.json", "report.html", "next_experiment.yaml", "next_experiment.csv")
 NAMES = [one.option for one in STRUCTURES.values() if one.is_offered]
 IDENTIFY = "without --sim: identify a model of the --reference recordings and diagnose with it; DIR/model.json"
 OWN_EFFECTS = "your own effects in addition to the library's (subclasses of ces_gap.Effect)"
@@ -59,7 +57,7 @@ OPTIONS = (
         "an interrupted run",
         choices=(RECORDING, VEHICLE),
     ),
-    *(*in_group("fleets", JOBS, DASK), JSON, OVERWRITE),
+    *(*in_group("fleets", JOBS), JSON, OVERWRITE),
 )
 RULES = (
     only_with("structure", "identify", "applies to --identify; a simulation given by --sim has its own"),
@@ -68,10 +66,9 @@ RULES = (
         "identify",
         "does not apply with --identify, which takes a model of the references as simulation; remove one",
     ),
-    only_with("jobs dask", "each", "applies to fleets; add --each recording or --each vehicle"),
+    only_with("jobs", "each", "applies to fleets; add --each recording or --each vehicle"),
     never_with("held_out", "each", "has no effect with --each: a part of each recording or vehicle is held out"),
     never_with("overwrite", "each", "has no effect with --each: the same command continues the fleet in --out"),
-    ONE_PLACE,
 )
 
 
@@ -82,7 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         from ces_cli.diagnose.fleet import run_fleet
 
         return run_fleet(options)
-    require_outputs(options.overwrite, folders={"--out": options.out}, names=WRITTEN)
+    require_outputs(options.overwrite, folders={"--out": options.out})
     from ces_cli.diagnose.diagnosis import run_diagnosis
 
     run_diagnosis(options, terminal.command_line("diagnose", argv))

@@ -13,7 +13,7 @@ from pathlib import Path
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import ALL, never_with, only_with
 from ces_cli.terminal.outputs import print_document, require_folder, without_text
-from ces_cli.terminal.progress import ONE_PLACE, JobsProgress, report_failures, run_jobs
+from ces_cli.terminal.progress import JobsProgress, report_failures, run_jobs
 from ces_cli.terminal.recordings import print_warnings, with_distinct_names
 from ces_data.checks.check import check_each, require_sound
 from ces_data.recording import Recording
@@ -40,14 +40,13 @@ SELECTION_NOTE = (
     "it decide nothing."
 )
 CAMPAIGN_RULES = (
-    only_with("jobs dask", "campaign", "applies to campaigns; add --campaign FILE.yaml (for threads use --threads)"),
+    only_with("jobs", "campaign", "applies to campaigns; add --campaign FILE.yaml (for threads use --threads)"),
     never_with(
         ALL,
         "campaign",
         "has no effect with --campaign; set it in {campaign} instead",
-        but="campaign dask jobs out json ignore_findings",
+        but="campaign jobs out json ignore_findings",
     ),
-    ONE_PLACE,
 )
 
 
@@ -56,7 +55,7 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
     folder: Path = options.out
     if folder == parser.get_default("out"):
         raise CesError("--campaign needs a folder for its results; add --out DIR")
-    require_folder(folder, names=("campaign.html", "results.csv"))
+    require_folder(folder)
     campaign = load_campaign(options.campaign)
     signals = load_signals(campaign.signals)
     read = {path: terminal.read_one(path, signals, terminal.FORCE) for path in campaign.paths}

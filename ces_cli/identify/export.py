@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import JSON, MODEL, OVERWRITE, OptionRule
-from ces_cli.terminal.outputs import is_ours, print_document, require_outputs, without_text
+from ces_cli.terminal.outputs import print_document, require_outputs, without_text
 from ces_identify.export.export_c import CORE, export_c, identifier, require_usable_names
 from ces_identify.export.export_fmu import binary_path, export_fmu, find_compiler
 from ces_identify.export.flat_file import write_flat
@@ -18,6 +18,7 @@ from ces_observer.model import Model, load_model
 from ces_observer.options import Option
 from ces_observer.proof.certificate import Certificate, summarize
 
+PRINTED = b"Printed from ces_observer/tick/"  # of a common core, which several models in a folder share
 FORMATS = {
     "ces": "flat file of the C++ node",
     "c": "C99, with its header beside it",
@@ -30,8 +31,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     options = make_parser().parse_args(argv)
     kind, out = _kind(options), options.out
     also = {f"the file {name} of --out": out.with_name(name) for name in _names_beside(out) if kind == "c"}
-    shared = {option: path for option, path in also.items() if path.name in CORE and path.is_file() and is_ours(path)}
-    outputs = {"--out": out, **{option: path for option, path in also.items() if option not in shared}}
+    own = {option: path for option, path in also.items() if not _is_shared(path)}
+    outputs = {"--out": out, **own}
     require_outputs(options.overwrite, outputs, inputs=[options.model])
     with without_text(options.json):
         certificate = _export(options, kind)
@@ -90,6 +91,10 @@ def make_parser() -> terminal.Parser:
 def _names_beside(out: Path) -> tuple[str, ...]:
     """Return the names of the files that are written beside FILE.c."""
     return out.with_suffix(".h").name, *CORE
+
+
+def _is_shared(path: Path) -> bool:
+    return path.name in CORE and path.is_file() and PRINTED in path.read_bytes()
 
 
 def _export(options: argparse.Namespace, kind: str) -> Certificate:

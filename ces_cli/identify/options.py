@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from ces_cli.terminal.options import BAGS_FORM, DASK, JOBS, JSON, OVERWRITE, REPORT, SIGNALS
+from ces_cli.terminal.options import BAGS_FORM, JOBS, JSON, OVERWRITE, REPORT, SIGNALS
 from ces_identify.options import POLYNOMIALS, list_options
 from ces_observer.errors import CesError
 from ces_observer.options import Option, as_parameter, command_words, in_group
@@ -44,7 +44,6 @@ OF_THE_PROGRAM = (
             metavar="FILE.yaml",
         ),
         JOBS,
-        DASK,
     ),
 )
 

@@ -111,4 +111,3 @@ OVERWRITE = Option("overwrite", False, "replace outputs that exist (default: ref
 JSON = Option("json", False, "print JSON for other programs instead of tables")
 RIG_SEED = Option("seed", None, "random seed", 0, 2**31, kind=int, none="the experiment's own", metavar="N")
 JOBS = Option("jobs", None, "processes", 1, 256, kind=int, none="all processors", metavar="N")
-DASK = Option("dask", None, "use the workers of this Dask scheduler (host:port)", metavar="ADDRESS")

@@ -1,8 +1,7 @@
 """What a program writes: files and folders, checked before its work begins, and the one JSON document of `--json`.
 
-What exists is replaced only with --overwrite, and only if a program of ours wrote it; an input never. Every document
-begins with `schema`, its name and version, and `ces_observer`, the version of the suite. Numbers are not rounded; one
-that is not finite is null.
+What exists is replaced only with --overwrite, an input never. Every document begins with `schema`, its name and
+version, and `ces_observer`, the version of the suite. Numbers are not rounded; one that is not finite is null.
 """
 
 from __future__ import annotations
@@ -12,9 +11,7 @@ import json
 import math
 import os
 import re
-import shutil
 import sys
-import zipfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from importlib import import_module
@@ -30,7 +27,6 @@ MAX_NAME = 240  # bytes; file systems allow 255, temporary files have some more 
 Outputs = Mapping[str, Path | None]
 """Paths by the option that names them, such as `--report`; None is an output that nobody asked for."""
 
-ROOM = 4_000_000  # bytes on the disk of a report or folder; a model needs a fourth, most need less
 MAX_NAMED = 4  # recordings in the name of a report
 MAX_LETTERS = 120  # of that name
 
@@ -55,19 +51,15 @@ def require_outputs(
     bags: Outputs | None = None,
     folders: Outputs | None = None,
     inputs: Iterable[Path | None] = (),
-    names: Sequence[str] = (),
 ) -> None:
-    """Raise CesError unless all outputs can be written, differ and are no inputs; files and bags are replaced whole.
-
-    `names` are those of the files that are written into folders.
-    """
+    """Raise CesError unless all outputs can be written, differ and are no inputs; files and bags are replaced whole."""
     read = [path.resolve() for path in inputs if path is not None]
     seen: dict[Path, str] = {}
     kinds = {"file": files, "bag": bags, "folder": folders}
     for kind, option, path in ((kind, *one) for kind, some in kinds.items() for one in (some or {}).items()):
         if path is None:
             continue
-        _require_file(path) if kind == "file" else require_folder(path, 0 if kind == "bag" else ROOM)
+        _require_file(path) if kind == "file" else require_folder(path)
         first = seen.setdefault(path.resolve(), option)
         if first != option:
             raise CesError(f"{path}: is named by {first} and {option}; choose another name for one of them")
@@ -78,65 +70,10 @@ def require_outputs(
         if kind != "folder":
             _require_no_input(path, option, read)
         if any(path.iterdir()) if path.is_dir() else path.is_file() or path.is_symlink():
-            refuse_foreign(_list_replaced(kind, path, names), option)
+            if kind == "bag" and path.is_dir() and not (path / "metadata.yaml").is_file():
+                raise CesError(f"{path}: is a folder but not a bag, so it is not replaced; choose another name")
             if not overwrite:
                 raise CesError(f"{path}: exists; choose another name for {option}, or replace it with --overwrite")
-        if kind != "folder":
-            recorded = sum(map(_size, read)) if kind == "bag" or path.suffix == ".csv" else 0
-            require_space(path, (ROOM if option == "--report" else ROOM // 4) + recorded)
-
-
-HEAD_BYTES = 65_536
-MARKS = re.compile(  # in the first bytes of the files that our programs write
-    rb"""(?x) \A\s*\{\s*"schema":\s*"ces-  |  <meta\ name="generator"\ content="ces_observer\   # JSON, pages
-    | Written\ by\ ces_observer\   |  \A/\*\ Printed\ from\ ces_observer/tick/  |  \ACES-FLAT  # C, FMUs; flat files
-    | proposed\ by\ `ces\   # signals files
-    | \A(stamp_ns,time_s,|time_s,force_N\n|\|\ mode\ \|\ )  # tables of export-data, simulate and blind
-    | \A\x89MCAP0\r\n.{9}\x04\0{3}ros2.\0{3}ces_observer\   |  \n\ {4}(ces_rig|written_by|imported_from):\  # bags
-    """,
-    re.DOTALL,
-)
-MARKED = (".html", ".json", ".xml")  # of the files in our folders
-
-
-def refuse_foreign(replaced: Iterable[Path], option: str) -> None:
-    """Raise CesError naming the first file that an output would replace although no program of ours wrote it."""
-    foreign = next((path for path in replaced if not is_ours(path)), None)
-    if foreign is not None:
-        remedy = f"choose another name for {option}, or delete it yourself"
-        raise CesError(f"{foreign}: not written by ces; it is not replaced: {remedy}")
-
-
-def _list_replaced(kind: str, path: Path, names: Sequence[str]) -> list[Path]:
-    """Return the files that an output replaces and that are to be ours."""
-    if not path.is_dir():
-        return [path]
-    if kind == "folder":  # tables have no mark: they are ours if a page or document beside them is
-        there = [path / name for name in names if (path / name).is_file()]
-        return [file for file in there if file.suffix in MARKED] or there
-    metadata = path / "metadata.yaml"
-    if not metadata.is_file():
-        raise CesError(f"{path}: is a folder but not a bag, so it is not replaced; choose another name")
-    listed = metadata.read_bytes() if is_ours(metadata) else b""  # its files, also those of older versions
-    files = [file for file in path.rglob("*") if file.is_file() and file != metadata] or [metadata]
-    return [file for file in files if file.name.encode() not in listed]
-
-
-def is_ours(path: Path) -> bool:
-    """Return whether a file is empty, or by its first bytes (of Parquet, its last) one that our programs write."""
-    try:
-        with path.open("rb") as file:
-            head = file.read(HEAD_BYTES)
-            if head.startswith(b"PAR1"):
-                file.seek(max(0, path.stat().st_size - HEAD_BYTES))
-                head = file.read()
-                return b"stamp_ns" in head and b"source_sha256" in head
-            if head.startswith(b"PK"):
-                with zipfile.ZipFile(file) as archive, archive.open("modelDescription.xml") as about:
-                    return b'generationTool="ces_observer ' in about.read(HEAD_BYTES)
-    except (OSError, KeyError, zipfile.BadZipFile, NotImplementedError, RuntimeError):
-        return False
-    return not head or MARKS.search(head) is not None
 
 
 def _require_file(path: Path) -> None:
@@ -149,11 +86,8 @@ def _require_file(path: Path) -> None:
     _require_writable(path.parent, path)
 
 
-def require_folder(path: Path, size: int = ROOM, names: Sequence[str] = ()) -> None:
-    """Raise CesError unless about `size` bytes can be written into the folder `path`, which need not exist yet.
-
-    Files of these `names` in it, which are replaced, are to be ours.
-    """
+def require_folder(path: Path) -> None:
+    """Raise CesError unless files can be written into the folder `path`, which need not exist yet."""
     _require_short_name(path)
     if path.exists() and not path.is_dir():
         raise CesError(f"{path}: is not a folder; expected the name of a folder to write")
@@ -161,24 +95,6 @@ def require_folder(path: Path, size: int = ROOM, names: Sequence[str] = ()) -> N
     if not existing.is_dir():
         raise CesError(f"{path}: {existing} is not a folder; expected a folder to write into")
     _require_writable(existing, path)
-    refuse_foreign(_list_replaced("folder", path, names) if names and path.is_dir() else (), "--out")
-    require_space(path, size)
-
-
-def require_space(path: Path, size: int) -> None:
-    """Raise CesError unless the disk of `path` has room for about `size` bytes."""
-    folder = next(folder for folder in path.absolute().parents if folder.exists())
-    disk = shutil.disk_usage(path if path.is_dir() else folder)
-    if disk.total and disk.free < size:  # some network file systems tell nothing
-        raise CesError(
-            f"{path}: its disk has {disk.free / 1e6:.1f} MB of free space, for results of up to {size / 1e6:.1f} MB; "
-            "free space, or choose a folder on another disk"
-        )
-
-
-def _size(path: Path) -> int:
-    files = path.rglob("*") if path.is_dir() else (path,)
-    return sum(file.stat().st_size for file in files if file.is_file())
 
 
 def _require_short_name(path: Path) -> None:

@@ -16,8 +16,6 @@ from rich import progress as bars
 from rich.markup import escape
 
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import never_with
-from ces_identify.cluster import run_on_cluster
 from ces_identify.jobs import DONE, ResultsFolder, Row, Shared, Task, Work, run_on_this_machine
 from ces_identify.polynomial.search_limits import RUNNING, Limits, SearchResult
 from ces_observer.errors import CesError
@@ -167,9 +165,6 @@ class JobsProgress(LiveBar):
         self.log(f"{self.finished:5}/{self.total}  {text}")
 
 
-ONE_PLACE = never_with("jobs", "dask", "applies to this machine; with --dask the cluster sets the number of workers")
-
-
 def run_jobs(
     work: Work,
     tasks: Iterable[Task],
@@ -180,11 +175,8 @@ def run_jobs(
     progress: JobsProgress,
     describe: Callable[[Row], str],
 ) -> bool:
-    """Run the tasks on --dask or in --jobs processes, store each result; False after Ctrl-C."""
-    if options.dask is not None:
-        running = run_on_cluster(work, tasks, shared, options.dask, terminal.print_warning)
-    else:
-        running = run_on_this_machine(work, tasks, shared, options.jobs or os.cpu_count() or 1, threads)
+    """Run the tasks in --jobs processes, store each result; False after Ctrl-C."""
+    running = run_on_this_machine(work, tasks, shared, options.jobs or os.cpu_count() or 1, threads)
     try:
         with progress, closing(running):
             for result in running:

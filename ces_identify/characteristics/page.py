@@ -31,7 +31,6 @@ from ces_report.shell import command_block, page_template, replace_unencodable
 from ces_report.typesetting import join_names
 
 PAGE, COLUMNS = "characteristics.html", "columns.csv"
-NAMES = (PAGE, COLUMNS, *(f"{table}.csv" for table in TABLES))
 MAX_OPEN_ROWS = 20  # of a table that is not folded
 MAX_TEST_POINTS = 3  # amplitudes and frequencies whose loops are shown
 SAME_TEST = 0.06  # relative difference of amplitude and frequency within a test point

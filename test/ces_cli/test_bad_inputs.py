@@ -24,10 +24,10 @@ identify one --candidates none.yaml --out m.json | none.yaml
 identify one --candidates explode.yaml --out m.json | 4096000000 terms; at most
 identify one --out nowhere/m.json | the folder nowhere does not exist
 identify one --out full | full: is a folder; expected the name of a file
-identify one --out m.json --report taken | taken: not written by ces; it is not replaced: choose another name
+identify one --out m.json --report taken | taken: exists; choose another name
 identify one --out m.json --report m.json | m.json: is named by --out and --report
 identify one --teacher model.json --overwrite | model.json: is an input, too
-identify one --validate two --out mine.json --report empty | empty/mine_on_two.html: not written by ces
+identify one --validate two --out mine.json --report empty | empty/mine_on_two.html: exists; choose another name
 identify one two --folds 3 --out m.json | --folds 3: 2 recordings
 identify one two --folds 1 --out m.json | expected at least 2
 identify one --folds 9 --out m.json | use fewer folds
@@ -58,10 +58,8 @@ identify --campaign absent.yaml --out o | nowhere: no such file
 identify --campaign reversed.yaml --out o | turned: force: acts with the motion
 identify --campaign twice.yaml --out o | one and copy: the same recording, twice for identification
 identify one --jobs 2 | --jobs applies to campaigns; add --campaign FILE.yaml
-identify one --dask here:1 | --dask applies to campaigns; add --campaign FILE.yaml
 identify one --campaign c.yaml | BAG has no effect with --campaign; set it in c.yaml instead
 identify --campaign c.yaml --seed 1 | --seed has no effect with --campaign
-identify --campaign c.yaml --dask a:1 --jobs 1 | --jobs applies to this machine
 identify --show-candidates one | BAG does not apply with --show-candidates
 identify one --structure sigmoid --terms 25 | --terms applies to --structure polynomial or auto, not to sigmoid
 identify one --structure sigmoid --method thesis | --method applies to --structure polynomial or auto, not to sigmoid
@@ -89,9 +87,9 @@ validate model.json | no recording given
 validate model.json b.csv | convert it: ces import b.csv --out BAG
 validate model.json two --part 1:0 | --part
 validate model.json two --weight everything=2 | --weight 'everything=2'
-validate model.json two --report taken | taken: not written by ces
+validate model.json two --report taken | taken: exists; choose another name
 validate model.json two --report new.pdf | a report is an HTML page; expected a name that ends in .html
-validate model.json two --report empty | empty/model_on_two.html: not written by ces
+validate model.json two --report empty | empty/model_on_two.html: exists; choose another name
 validate model.json --certificate --report r.html | --report applies to recordings; name them
 validate two model.json | two: not a regular file; expected a JSON file
 validate no_envelope.json two | key 'force_envelope_N' is missing
@@ -104,7 +102,7 @@ simulate --sim what one --out x.csv | 'what' is no simulation; expected MODEL.js
 simulate --sim topic:/none one --out x.csv | no topic /none; it has /joint_states
 simulate --sim no_module:f one --out x.csv | cannot be imported
 simulate --sim my/sim.py one --out x.csv | 'my/sim.py' is a file; expected sim:FUNCTION
-simulate --sim model.json one --out taken | taken: not written by ces
+simulate --sim model.json one --out taken | taken: exists; choose another name
 simulate --sim model.json one --out model.json --overwrite | model.json: is an input, too
 simulate --sim none.fmu one --out x.csv | none.fmu: no such file
 simulate --sim broken.fmu one --out x.csv | not a zip file
@@ -122,20 +120,20 @@ export model.json --out missing/m.c | missing does not exist; make it first
 export model.json --out math.c | not a standard header
 export model.json --out m.c --name '2; x' | name '2; x': not usable in C; choose one such as 'model_2_x'
 export model.json --out m.fmu --name '2; x' | name '2; x': not usable in C
-export model.json --out taken.c | taken.c: not written by ces
-export model.json --out head.c | head.h: not written by ces
+export model.json --out taken.c | taken.c: exists; choose another name
+export model.json --out head.c | head.h: exists; choose another name
 export none.json --out m.c | no such model file
 compare model.json one | one model given (model.json); taken as recordings: one
 compare one | no model given; taken as recordings: one
 compare model.json law:force one --report page.pdf | a report is an HTML page
 compare model.json law:force | no recording given
 compare model.json model.json one | model.json is given twice
-compare model.json law:force one --report page.html | page.html: not written by ces
+compare model.json law:force one --report page.html | page.html: exists; choose another name
 compare model.json law:force one --report model.json | model.json:
 compare model.json law:force nowhere | nowhere
 compare model.json nothing.json one | nothing.json: no such model file
 compare model.json topic:/prediction one | no topic /prediction
-compare model.json law:force one two --report empty | empty/model_and_law-force_on_one_and_two.html: not written by ces
+compare model.json law:force one two --report empty | empty/model_and_law-force_on_one_and_two.html: exists
 diagnose --sim law:force --real b.csv --out o | convert it: ces import b.csv --out BAG
 diagnose --sim law:force --real nowhere --out o | nowhere: no such file
 diagnose --sim law:force --real x* --out o | x*: no bag matches
@@ -148,7 +146,6 @@ diagnose --sim law:force --real one --effects nowhere:Own --out o | cannot be im
 diagnose --sim law:force --real one --jobs 2 --out o | --jobs applies to fleets
 diagnose --sim law:force --real one --each recording --held-out two --out o | --held-out has no effect with --each
 diagnose --sim law:force --real one --each vehicle --overwrite --out o | --overwrite has no
-diagnose --sim law:force --real one --each recording --jobs 2 --dask x:1 --out o | --jobs applies
 diagnose --sim law:force --real one --seed -1 --out o | whole number from 0 to
 diagnose --sim topic:/none --real one --out o | no topic /none; it has /joint_states
 diagnose --sim broken.fmu --real one --out o | broken.fmu:
@@ -206,7 +203,7 @@ import b.csv a.csv --mapping map.yaml --out o | a.csv:3: column 'F' is 'oops'; e
 import b.csv sub/b.csv --mapping map.yaml --out o | 2 files are named 'b'
 import b.csv --mapping map.yaml --out one | one: exists; choose another name for --out, or replace it with --overwrite
 import b.csv --mapping map.yaml --out o --signals load.yaml | give the log's scale in map.yaml, and none here
-export-data one --out taken.csv | taken.csv: not written by ces
+export-data one --out taken.csv | taken.csv: exists; choose another name
 export-data one --out run.xlsx | expected a name that ends in .csv, .parquet, .pq, or a folder
 export-data one --out run.csv --format parquet | is a csv file by its name; omit --format
 export-data one --out run.csv --model none.json | none.json

@@ -5,10 +5,10 @@ The documents of campaign, iterate, diagnose and blind are tested with these pro
 
 from __future__ import annotations
 
-import argparse
 import json
 import math
 from contextlib import redirect_stdout
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,6 @@ import pytest
 from programs import NO_SHORT_FITS, ces, document_of, text_of
 from small_recordings import RULES, make_columns, write_columns, write_small_csv
 
-from ces_cli.completion import build_whole_parser
 from ces_cli.main import PROGRAMS
 from ces_cli.terminal.options import list_actions
 from ces_cli.terminal.outputs import as_plain, print_document, without_text
@@ -25,7 +24,6 @@ from ces_observer import __version__
 
 pytestmark = pytest.mark.slow
 WITHOUT_TABLES = {
-    "completion": "prints a script",
     "export-data": "writes the tables themselves",
     "serve": "shows pages",
 }
@@ -59,9 +57,9 @@ def identified(work: Path) -> tuple[dict[str, Any], Path]:
 
 
 def test_every_program_with_tables_has_the_option() -> None:
-    parts = next(a for a in build_whole_parser(PROGRAMS)._actions if isinstance(a, argparse._SubParsersAction))
-    for name in PROGRAMS:
-        options = {option for action in list_actions(parts.choices[name]) for option in action.option_strings}
+    for name, (module, _) in PROGRAMS.items():
+        parser = import_module(f"ces_cli.{module}").make_parser()
+        options = {option for action in list_actions(parser) for option in action.option_strings}
         assert ("--json" in options) != (name in WITHOUT_TABLES), name
 
 

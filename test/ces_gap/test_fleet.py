@@ -1,33 +1,22 @@
-"""A fleet is diagnosed equally here and on a Dask cluster."""
+"""What a diagnosis of one unit of a fleet gives, and what tells its results apart."""
 
 import json
-import sys
 from pathlib import Path
 
 import cheap_diagnosis
 import pytest
 from cheap_diagnosis import OFFSETS_N, Offset, Options, made
-from dask_clusters import dask_scheduler
 
 from ces_gap.fleet import DiagnosisRequest, diagnose_unit, job_of
-from ces_identify.cluster import run_on_cluster
-from ces_identify.jobs import CRASHED, DONE, FAILED, Task
+from ces_identify.jobs import CRASHED, DONE, FAILED
 from ces_identify.simulations.simulation import FunctionSimulation, function_simulation
 
 ROOT = Path(__file__).parents[2]
 SPEC = "cheap_diagnosis:damper"
 
 
-def answer(job, packed, recordings):
-    return diagnose_unit(job, [packed], recordings)
-
-
-def tasks(work):
-    return (Task(job, ["question"], recordings) for job, recordings in work)
-
-
-def on_cluster(packed, work, address):
-    return run_on_cluster(diagnose_unit, tasks(work), {"question": packed}, address)
+def answer(job, request, recordings):
+    return diagnose_unit(job, [request], recordings)
 
 
 def make_request(**more):
@@ -57,14 +46,13 @@ def as_results(answers):
 
 @pytest.fixture(scope="module")
 def expected(tmp_path_factory):
-    """The results of this process, with a failure and a crash, and the jobs."""
+    """The results, with a failure and a crash."""
     work = jobs(tmp_path_factory.mktemp("fleet"), (*OFFSETS_N, "refused", "broken"))
-    packed = make_request().pack()
-    return work, packed, as_results(answer(job, packed, recordings) for job, recordings in work)
+    return as_results(answer(job, make_request(), recordings) for job, recordings in work)
 
 
 def test_a_row_describes_the_result(expected):
-    _, _, answers = expected
+    answers = expected
     row, files = answers["c"]
     assert row["status"] == DONE
     assert row["verdict"] == "named"
@@ -79,46 +67,6 @@ def test_a_row_describes_the_result(expected):
     assert answers["broken"][0]["status"] == CRASHED
     assert answers["broken"][0]["reason"] == "ZeroDivisionError: by zero"
     json.dumps([row for row, _ in answers.values()], allow_nan=False)
-
-
-@pytest.fixture(scope="module")
-def cluster():
-    """The address of a scheduler with two workers, each in processes without these tests."""
-    path = sys.path[:]
-    sys.path[:] = [p for p in sys.path if not p.startswith(str(ROOT / "test"))]
-    try:
-        with dask_scheduler() as address:
-            sys.path[:] = path
-            yield address
-    finally:
-        sys.path[:] = path
-
-
-@pytest.mark.slow
-def test_tasks_are_taken_when_workers_are_free(expected, cluster):
-    work, packed, answers = expected
-    taken = []
-
-    def lazily():
-        for job, recordings in work:
-            taken.append(job.name)
-            yield job, recordings
-
-    first = next(found := on_cluster(packed, lazily(), cluster))
-    assert len(taken) <= 4  # two workers, two each
-    assert as_results([first, *found]) == answers
-
-
-@pytest.mark.slow
-def test_code_of_the_user_is_sent_by_value(tmp_path, monkeypatch, cluster):
-    (tmp_path / "my_damper.py").write_text("GAIN = 1200.0\n\n\ndef force(t, x, i):\n    return GAIN * x * 0.0\n")
-    monkeypatch.syspath_prepend(str(tmp_path))
-    mine = make_request(simulation=function_simulation("my_damper:force"), options=Options(effects=(Offset(),)))
-    work = jobs(tmp_path, ("b",), mine)
-    packed = mine.pack()
-    (found,) = on_cluster(packed, work, cluster)
-    assert found.row["status"] == DONE, found.row
-    assert as_results([found]) == as_results([answer(work[0][0], packed, work[0][1])])
 
 
 def test_different_requests_have_different_keys(tmp_path, monkeypatch):

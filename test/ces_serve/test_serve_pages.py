@@ -74,7 +74,7 @@ CONTENT = {
     "/view/model/first.json": ("Polynomial, 3 terms", "sine_4hz", "4.00", "1000 Hz", "estimates are held within"),
     "/view/result/sizes/results.jsonl": ("2 models, 1 failed", "/view/model/sizes/models/bb22.json"),
     "/view/result/worn/gap.json": ("riction", "/files/worn/report.html"),
-    "/view/result/fleet/fleet.jsonl": ("2 units: 1 named", "/view/result/fleet/units/car_1/gap.json", "fleet.html"),
+    "/view/result/fleet/fleet.jsonl": ("2 units: 1 named", "/view/result/fleet/units/car_1/gap.json"),
     "/view/result/loop/iterations.jsonl": ("9.00 %", "/view/model/loop/iteration_02/model.json"),
 }
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from damper_models import plain_damper
 from diagnoses import named
 
-from ces_cli.diagnose.fleet import write_page
 from ces_gap.report.gap_json import write_gap
 from ces_identify.jobs import DONE, FAILED, JobResult, append_row, open_results, open_rows
 from ces_iterate.loop.store import Iteration
@@ -74,7 +73,6 @@ def _write_fleet(folder: Path) -> None:
     with open_results(folder / "fleet.jsonl", "a fleet") as results:
         results.add(JobResult(row))
         results.add(JobResult({"key": "b", "name": "car_2", "status": FAILED, "reason": "no force"}))
-        write_page(list(results.rows.values()), folder / "fleet.html")
     (folder / "units" / "car_1").mkdir(parents=True)
     write_gap(folder / "units" / "car_1" / "gap.json", named())
 

@@ -207,8 +207,6 @@ def test_a_fleet_has_a_row_for_each_vehicle(quick, capsys):
     assert rows["red"]["verdict"] == "no_gap"
     assert float(rows["green"]["gap_N"]) == pytest.approx(40.0, abs=1.0)
     assert rows["blue"]["recordings"] == "road + town"
-    page = (quick / "fleet_gap" / "fleet.html").read_text()
-    assert all(f'href="{row["folder"]}/report.html"' in page for row in rows.values())
     assert all((quick / "fleet_gap" / row["folder"] / "report.html").is_file() for row in rows.values())
     lines = (quick / "fleet_gap" / "fleet.jsonl").read_bytes()
     assert ces(*words, "--json") == 0  # all results exist

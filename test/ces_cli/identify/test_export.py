@@ -156,12 +156,6 @@ def test_the_core_beside_the_c_is_shared_by_models(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == files
 
 
-def test_a_core_that_is_not_ours_is_not_replaced(tmp_path, capsys):
-    (tmp_path / "ces_core.h").write_text("mine")
-    words = (model_file(tmp_path / "m.json"), "--out", tmp_path / "rear.c", "--overwrite")
-    assert "ces_core.h: not written by ces" in error_line(capsys, *words)
-
-
 def test_what_took_the_place_of_a_package_for_each_model(tmp_path, capsys):
     with pytest.raises(SystemExit, match="2"):
         export(model_file(tmp_path / "m.json"), "--ros-package", tmp_path / "damper")

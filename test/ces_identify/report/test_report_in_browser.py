@@ -15,7 +15,6 @@ from diagnoses import named
 from patience import wait_until
 from report_examples import SAMPLING, damper, model
 
-from ces_cli.diagnose.fleet import write_page
 from ces_gap.report.page import report_page
 from ces_identify.report.figures import choose_window
 from ces_identify.report.page import write_report
@@ -25,10 +24,6 @@ MAX_DRAWING_S = 1.0
 COMMAND = "ces identify " + " ".join(f"bags/a_rather_long_name_of_a_recording_{n}" for n in range(9))
 pytestmark = pytest.mark.slow
 LONG = model(sampling=replace(SAMPLING, rate_Hz=1000.0))
-FLEET = {
-    "status": "done", "folder": "units/red", "verdict": "named", "probability": 0.93, "effects": ["friction"],
-    "gap_N": 40.0, "gap_after_N": 5.0, "shrink": 0.88, "sentence": "The simulation lacks seal friction.",
-}  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -49,11 +44,7 @@ def report(evaluations: list[Evaluation], tmp_path_factory: pytest.TempPathFacto
 def pages(report: Path) -> dict[str, Path]:
     """A page of each kind."""
     folder = report.parent
-    write_page(
-        [{**FLEET, "name": "red"}, {"status": "failed", "name": "b", "reason": "bags/b: no topic"}],
-        folder / "fleet.html",
-    )
-    found = {"report": report, "fleet": folder / "fleet.html", "gap": folder / "gap.html"}
+    found = {"report": report, "gap": folder / "gap.html"}
     found["gap"].write_text(report_page(named(), "Gap of model.json", {"Command": COMMAND}))
     return found
 
@@ -220,7 +211,7 @@ def test_charts_of_a_group_follow_each_other(pages: dict[str, Path]) -> None:
         assert ticks(page, "sf-before", 1) == ticks(page, "sf-after", 1) != first
 
 
-@pytest.mark.parametrize("which", ["report", "gap", "fleet"])
+@pytest.mark.parametrize("which", ["report", "gap"])
 def test_every_page_is_legible_on_screen_in_print_and_by_keys(pages: dict[str, Path], which: str) -> None:
     assert find_faults(pages[which]) == []
 
