@@ -25,11 +25,18 @@ from ces_observer.structures.lagged_signals import longest_lags
 from ces_observer.structures.mixture import Member, Mixture
 from ces_report.typesetting import ModelTable, describe_signals, four_figures, parameter_table, signal_symbol
 
-LAGS = 4  # of speed and current
+LAGS_S = (0.0, 1e-3, 3e-3, 7e-3, 15e-3)  # of speed and current (Dyke: 15 %; with the last four ticks of 3 kHz 20 %),
+LEAST_LAGS = 4  # and at least so many (Keio, 200 Hz: 9 %, with three 11 %)
 DECAY = 3e-6  # [(J / 100)^2] cost of a squared weight
 STARTS, MEMBERS, ALIKE = 6, 3, 1.2  # starts at most; of these in the mean, within this ratio of the best's cost
 STARTS_TICKS = 120_000  # of all starts together; there are MEMBERS at least
 ROUNDING = 1e-12  # relative, of the limit of a gain
+
+
+def choose_lags(rate_Hz: float) -> tuple[float, ...]:
+    """Return the lags [s] of the inputs: those of LAGS_S in whole ticks, or the first ticks if these are too few."""
+    ticks = sorted({round(lag * rate_Hz) for lag in LAGS_S})
+    return tuple(k / rate_Hz for k in (ticks if len(ticks) >= LEAST_LAGS else range(LEAST_LAGS)))
 
 
 def fit_experts(
@@ -37,8 +44,8 @@ def fit_experts(
 ) -> Fitted:
     """Return the mean of the best starts; raises CesError if no start gives a model."""
     training = build_training(series, options.weight)
-    ticks = tuple(k / sampling.rate_Hz for k in range(LAGS))
-    past, *inputs = build_regressors(training, Lags((1,), ticks, ticks), sampling.rate_Hz)
+    lags_s = choose_lags(sampling.rate_Hz)
+    past, *inputs = build_regressors(training, Lags((1,), lags_s, lags_s), sampling.rate_Hz)
     limit = largest_gain(options.forget_s, *longest_lags((*inputs, past)), sampling.rate_Hz) * (1.0 - ROUNDING)
     family = ExpertsFit(training, (*inputs, past), count, limit, DECAY)
     starts = min(options.limits.starts, STARTS, max(MEMBERS, STARTS_TICKS // len(training.measured)))
