@@ -142,7 +142,7 @@ class Identification:
         return result
 
 
-def prepare_identification(options: argparse.Namespace, page: PreliminaryReport | None = None) -> Identification:
+def prepare_identification(options: argparse.Namespace, page: PreliminaryReport) -> Identification:
     """Read and check all files that `options` name, before the long search, with `page` begun; raises CesError."""
     began_s = monotonic()
     if not options.bags:
@@ -155,9 +155,8 @@ def prepare_identification(options: argparse.Namespace, page: PreliminaryReport 
     require_outputs(options.overwrite, outputs, inputs=inputs)
     values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
     groups = zip(("recordings", "validation"), paths, strict=True)
-    if page is not None:
-        facts = {role: ", ".join(path.stem for path in group) for role, group in groups if group}
-        page.begin(options.report, f"Model {options.out.name}", facts)
+    facts = {role: ", ".join(path.stem for path in group) for role, group in groups if group}
+    page.begin(options.report, f"Model {options.out.name}", facts)
     measured, (bags, validation) = _read_recordings(paths, options)
     require_distinct(bags, validation)
     found = check_together([*bags, *validation])
@@ -173,7 +172,7 @@ def prepare_identification(options: argparse.Namespace, page: PreliminaryReport 
         terminal.print_line(motion, console=terminal.err)
     left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
     how = replace(how, limits=replace(how.limits, time=SEARCH_SHARE * left_s))
-    return Identification(options, bags, validation, measured, how, page or PreliminaryReport(), found)
+    return Identification(options, bags, validation, measured, how, page, found)
 
 
 def _read_recordings(
