@@ -7,12 +7,11 @@ import hashlib
 import math
 import os
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
 from pathlib import Path
 from time import monotonic
-from typing import Any, Protocol
+from typing import Any
 
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
 from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
@@ -42,10 +41,8 @@ from ces_identify.identification import DELAYED_SELECTION, STRETCHES, Identifica
 from ces_identify.options import build_identify_options
 from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend
-from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion, late
-from ces_identify.report.preliminary import PreliminaryReport
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, REASON, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions, StructureKit
@@ -81,32 +78,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     if options.campaign is not None:
         return run_campaign(options, parser)
-    with PreliminaryReport() as page:
-        work = prepare_identification(options, page)
+    work = prepare_identification(options)
+    if options.folds:
+        split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
+    result, folds = work.run(), None
+    with without_text(options.json):
         if options.folds:
-            split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
-        result, folds = work.run(SearchProgress), None
-        with without_text(options.json):
-            if options.folds:
-                result, folds = with_folds(result, options, work.bags, work.how)
-                result.model.save(options.out)
-            _print_result(result, options)
-            if options.report is not None:
-                write_report_page(result, options, terminal.command_line("identify", argv))
-                print(f"report: {options.report}")
+            result, folds = with_folds(result, options, work.bags, work.how)
+            result.model.save(options.out)
+        _print_result(result, options)
+        if options.report is not None:
+            write_report_page(result, options, terminal.command_line("identify", argv))
+            print(f"report: {options.report}")
     if options.json:
         print_document("identify", _as_json(result, folds, work, options))
     return 0
-
-
-class Progress(Protocol):
-    """Receives the results of a search while it runs; `listen` is called from any thread."""
-
-    def listen(self, result: SearchResult) -> None:
-        """Receive an improvement or the end of a start."""
-
-
-ShowProgress = Callable[[Limits], AbstractContextManager[Progress]]
 
 
 @dataclass(frozen=True)
@@ -122,19 +108,14 @@ class Identification:
     validation: Sequence[Recording]
     measured: Sequence[Recording]
     how: IdentifyOptions
-    page: PreliminaryReport
     findings: tuple[Finding, ...] = ()
 
-    def run(self, show_progress: ShowProgress) -> IdentificationResult:
+    def run(self) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
         CompilationNotice(terminal.print_warning)
-        with show_progress(self.how.limits) as progress:
-
-            def listen(result: SearchResult) -> None:
-                progress.listen(result)
-                self.page.listen(result)
-
-            result = select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
+        with SearchProgress(self.how.limits) as progress:
+            run = select_identify_function(self.options)
+            result = run(self.bags, self.validation, self.how, progress.listen)
         if self.options.teacher is not None:
             result = with_teacher(result, self.options.teacher, self.measured)
         result = result.require_explained(self.findings, self.options.ignore_findings)
@@ -142,8 +123,8 @@ class Identification:
         return result
 
 
-def prepare_identification(options: argparse.Namespace, page: PreliminaryReport) -> Identification:
-    """Read and check all files that `options` name, before the long search, with `page` begun; raises CesError."""
+def prepare_identification(options: argparse.Namespace) -> Identification:
+    """Read and check all files that `options` name, before the long search; raises CesError."""
     began_s = monotonic()
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
@@ -154,9 +135,6 @@ def prepare_identification(options: argparse.Namespace, page: PreliminaryReport)
     inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
     require_outputs(options.overwrite, outputs, inputs=inputs)
     values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
-    groups = zip(("recordings", "validation"), paths, strict=True)
-    facts = {role: ", ".join(path.stem for path in group) for role, group in groups if group}
-    page.begin(options.report, f"Model {options.out.name}", facts)
     measured, (bags, validation) = _read_recordings(paths, options)
     require_distinct(bags, validation)
     found = check_together([*bags, *validation])
@@ -172,7 +150,7 @@ def prepare_identification(options: argparse.Namespace, page: PreliminaryReport)
         terminal.print_line(motion, console=terminal.err)
     left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
     how = replace(how, limits=replace(how.limits, time=SEARCH_SHARE * left_s))
-    return Identification(options, bags, validation, measured, how, page, found)
+    return Identification(options, bags, validation, measured, how, found)
 
 
 def _read_recordings(

@@ -82,11 +82,6 @@ class CampaignRows:
         rows = [row for row in self.rows if row["status"] == DONE]
         return sorted(rows, key=lambda row: (row["selection_J"] is None, row["selection_J"] or 0.0))
 
-    @property
-    def failed(self) -> list[Row]:
-        """Cells without a model; `reason` says why."""
-        return [row for row in self.rows if row["status"] != DONE]
-
     @cached_property
     def bags(self) -> list[str]:
         """Sets of bags that models were identified on."""
@@ -121,9 +116,3 @@ class CampaignRows:
                 name = f"{bags}, delay {1e3 * delay:g} ms" if len(groups) > 1 else bags
                 found[name] = recommend_model(rows)
         return {name: row for name, row in found.items() if row is not None}
-
-
-def pooled_cost(row: Row, name: str) -> tuple[float | None, Sequence[float] | None]:
-    """Return J [%] of a row over a set of bags and its 95 % interval; None where there is none."""
-    pooled = row.get("pooled", {}).get(name, {})
-    return pooled.get("J"), pooled.get("ci95")
