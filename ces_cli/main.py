@@ -53,33 +53,16 @@ BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # the environment's 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `ces`; returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    _open_missing_streams()
     if words and words[0] == "help":
         words = [*words[1:], "--help"]  # `ces help blind make` is `ces blind make --help`
     if not words or words[0] in ("-h", "--help"):
-        return _show_usage()
+        return _print_usage()
     if words[0] == "--version":
         return _run_program("--version", "versions", words[1:])
     return _run(words[0], words[1:])
 
 
-def _open_missing_streams() -> None:
-    """Discard what goes to a stream that the shell has closed (`>&-`), for which Python has no object."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115 - until the end
-
-
-def _show_usage() -> int:
-    try:
-        return _print_usage()
-    except OSError:  # a full disk or a closed output: `run` explains it, and is imported only now
-        from ces_cli.terminal.terminal import run
-
-        return run("help", _print_usage)
-
-
-def _print_usage(argv: Sequence[str] | None = None) -> int:
+def _print_usage() -> int:
     rows = "\n".join(f"  {name:<14}{text}" for name, (_, text) in PROGRAMS.items())
     text = (
         "usage: ces PROGRAM [OPTIONS]\n\n"

@@ -93,13 +93,9 @@ class CampaignRows:
         names = dict.fromkeys(cost["set"] for row in self.rows for cost in row.get("costs", ()))
         return [name for name in names if name != IDENTIFICATION]
 
-    def of_bags(self, name: str) -> list[Row]:
-        """Return the cells with a model that was identified on one set of bags."""
-        return [row for row in self.done if row["bags"] == name]
-
     def of_delay(self, bags: str) -> dict[float, list[Row]]:
-        """Return the same by their delay [s]: a model that is known at once has no rival among later ones."""
-        rows = self.of_bags(bags)
+        """Return the cells of a set by their delay [s]: a model that is known at once has no rival among later ones."""
+        rows = [row for row in self.done if row["bags"] == bags]
         delays = sorted({row.get("delay", 0.0) for row in rows})
         return {delay: [row for row in rows if row.get("delay", 0.0) == delay] for delay in delays}
 

@@ -153,10 +153,3 @@ def test_the_core_beside_the_c_is_shared_by_models(tmp_path):
         assert export(model_file(tmp_path / "m.json"), "--out", tmp_path / f"{name}.c") == 0
     files = ["ces_core.c", "ces_core.h", "front.c", "front.h", "m.json", "rear.c", "rear.h"]
     assert sorted(path.name for path in tmp_path.iterdir()) == files
-
-
-def test_what_took_the_place_of_a_package_for_each_model(tmp_path, capsys):
-    with pytest.raises(SystemExit, match="2"):
-        export(model_file(tmp_path / "m.json"), "--ros-package", tmp_path / "damper")
-    line = "--ros-package is gone: the C++ node of the package ces_observer_cpp loads any model"
-    assert line in capsys.readouterr().err
