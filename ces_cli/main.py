@@ -53,33 +53,16 @@ BLAS_THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")  # the environment's 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run `ces`; returns the exit status."""
     words = list(sys.argv[1:] if argv is None else argv)
-    _open_missing_streams()
     if words and words[0] == "help":
         words = [*words[1:], "--help"]  # `ces help blind make` is `ces blind make --help`
     if not words or words[0] in ("-h", "--help"):
-        return _show_usage()
+        return _print_usage()
     if words[0] == "--version":
         return _run_program("--version", "versions", words[1:])
     return _run(words[0], words[1:])
 
 
-def _open_missing_streams() -> None:
-    """Discard what goes to a stream that the shell has closed (`>&-`), for which Python has no object."""
-    for name in ("stdout", "stderr"):
-        if getattr(sys, name) is None:
-            setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: PTH123, SIM115 - until the end
-
-
-def _show_usage() -> int:
-    try:
-        return _print_usage()
-    except OSError:  # a full disk or a closed output: `run` explains it, and is imported only now
-        from ces_cli.terminal.terminal import run
-
-        return run("help", _print_usage)
-
-
-def _print_usage(argv: Sequence[str] | None = None) -> int:
+def _print_usage() -> int:
     rows = "\n".join(f"  {name:<14}{text}" for name, (_, text) in PROGRAMS.items())
     text = (
         "usage: ces PROGRAM [OPTIONS]\n\n"
@@ -87,7 +70,7 @@ def _print_usage(argv: Sequence[str] | None = None) -> int:
         f"programs:\n{rows}\n\n"
         "options:\n  -h, --help     show this help\n  --version      show the versions in use, with --json as JSON\n\n"
         "`ces help PROGRAM` lists a program's options. With ROS 2 sourced, `ros2 run ces_observer PROGRAM` runs the\n"
-        "same programs. The nodes are `observer`, `controller`, `rig`, and `identify` with --ros-args.\n"
+        "same programs. The nodes are `observer`, `controller` and `rig`.\n"
     )
     print(text, end="", flush=True)
     return 0
@@ -100,7 +83,7 @@ def _run(name: str, words: Sequence[str]) -> int:
         print(f"ces: error: unknown program '{name}'{hint}", file=sys.stderr)
         return 2
     if ROS_ARGS in words:
-        text = f"{ROS_ARGS} is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer identify' or '... rig'"
+        text = f"{ROS_ARGS} is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer rig'"
         print(f"ces {name}: error: {text}", file=sys.stderr)
         return 2
     return _run_program(name, PROGRAMS[name][0], words)

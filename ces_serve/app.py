@@ -116,15 +116,10 @@ def show(kind: str, path: str) -> str:
         elif kind != UNREADABLE:
             content = contents.content_of(_site().folder, _listing(), one)
     except (CesError, OSError, *WRONG_CONTENT) as error:
-        content = _content_without(error)
+        if isinstance(error, WRONG_CONTENT):  # perhaps an error of the program
+            current_app.logger.warning("%s", request.path, exc_info=error)
+        content = contents.PageContent(warnings=[f"cannot be read now: {error}"])
     return _render("detail.html", title=one.name, kind=kind, one=one, content=content, follows=follows)
-
-
-def _content_without(error: Exception) -> contents.PageContent:
-    """Return the page of what cannot be read; what may be an error of the program is logged."""
-    if isinstance(error, WRONG_CONTENT):
-        current_app.logger.warning("%s", request.path, exc_info=error)
-    return contents.PageContent(warnings=[f"cannot be read now: {error}"])
 
 
 @pages.get("/compare")

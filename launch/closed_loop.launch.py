@@ -16,8 +16,6 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from launch_ros.parameter_descriptions import ParameterValue
 
-from ces_observer.nodes.launch_arguments import check_files, check_names
-
 SHARE = get_package_share_path("ces_observer")
 ANSWER_S = 2.0  # longest wait in lockstep
 SILENCE_S = 10.0  # in lockstep, until the controller commands the safe current unasked: longer than that wait
@@ -62,18 +60,11 @@ def generate_launch_description() -> LaunchDescription:
     return LaunchDescription(
         [
             *declared,
-            OpaqueFunction(function=check_arguments),
             node("rig", rig),
             node("observer", model),
             OpaqueFunction(function=make_controller, args=[{**model, "feedback": argument_value("feedback")}]),
         ]
     )
-
-
-def check_arguments(context: LaunchContext) -> None:
-    check_names(__file__, list(ARGUMENTS))
-    files = ("model", "rig_params", "observer_params", "controller_params")
-    check_files({name: context.launch_configurations[name] for name in files})
 
 
 def make_controller(context: LaunchContext, parameters: dict[str, Any]) -> list[Node]:

@@ -11,8 +11,6 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import LifecycleNode
 from launch_ros.parameter_descriptions import ParameterValue
 
-from ces_observer.nodes.launch_arguments import check_files, check_names
-
 PARAMETERS = {  # by argument: the parameter, its type, and what it means
     "model": ("model", str, "path of the model file (model.json)"),
     "model_topic": ("model_topic", str, "latched topic of models to change to"),
@@ -42,8 +40,6 @@ def generate_launch_description() -> LaunchDescription:
 
 def observer(context: LaunchContext) -> list[LifecycleNode]:
     given = context.launch_configurations
-    check_names(__file__, [*PARAMETERS, *OTHERS])
-    check_files({"params_file": given["params_file"]})
     own = {
         parameter: ParameterValue(LaunchConfiguration(name), value_type=kind)
         for name, (parameter, kind, _) in PARAMETERS.items()

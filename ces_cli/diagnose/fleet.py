@@ -122,8 +122,6 @@ def _print_fleet(rows: Sequence[Row], folder: Path) -> None:
     if done:
         title = f"{len(done)} of {len(rows)} diagnosed" + "; the largest gaps" * (len(done) > MAX_ROWS_SHOWN)
         terminal.print_table(terminal.lay_out(replace(table, rows=done[:MAX_ROWS_SHOWN], title=title)))
-        if dashes := explain_dashes(rows):
-            print(dashes)
     print(f"written: {folder}/fleet.csv, fleet.jsonl, units/")
 
 
@@ -146,16 +144,6 @@ def describe_verdict(row: Row) -> str:
     effects = " + ".join(effect.replace("_", " ") for effect in row["effects"])
     verdict = str(row["verdict"]).replace("_", " ")
     return f"{verdict}: {effects}" if effects else verdict
-
-
-def explain_dashes(rows: Sequence[Row]) -> str:
-    """Return why rows have a dash instead of a figure, nothing if none has one."""
-    done = [row for row in rows if row["status"] == DONE]
-    unnamed = any(not row["effects"] or row["probability"] is None for row in done)
-    unknown = any(row["gap_N"] is None or row["gap_after_N"] is None for row in done)
-    texts = ["no effect was named, so there is no probability or shrink"] * unnamed
-    texts += ["the gap could not be computed from these recordings"] * unknown
-    return f"-: {'; or '.join(texts)}." if texts else ""
 
 
 def _number(key: str, form: str) -> Callable[[Row], str]:

@@ -1,10 +1,8 @@
-"""`ces identify --campaign`: many identifications, with a page, tables, and the recommended reports."""
+"""`ces identify --campaign`: many identifications in tables, and the recommended models."""
 
 from __future__ import annotations
 
 import argparse
-import shlex
-import sys
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
@@ -16,19 +14,13 @@ from ces_cli.terminal.outputs import print_document, require_folder, without_tex
 from ces_cli.terminal.progress import JobsProgress, report_failures, run_jobs
 from ces_cli.terminal.recordings import print_warnings, with_distinct_names
 from ces_data.checks.check import check_each, require_sound
-from ces_data.recording import Recording
 from ces_data.signals_file import load_signals
 from ces_identify.campaign.cell import compute_cell
-from ces_identify.campaign.page import PAGE, write_campaign_page
 from ces_identify.campaign.plan import Campaign, CampaignJob, jobs, load_campaign
 from ces_identify.campaign.rows import COST_TOLERANCE, IDENTIFICATION, CampaignRows, is_proved
 from ces_identify.jobs import DONE, ResultsFolder, Row, Task, open_results
-from ces_identify.prepare.series import prepare
-from ces_identify.report.page import write_report
-from ces_identify.validation.evaluate import VALIDATION, evaluate
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
-from ces_observer.model import load_model
 from ces_report.table import Column, Table
 
 MAX_ROWS_SHOWN = 40  # rows in the terminal
@@ -74,10 +66,6 @@ def run_campaign(options: argparse.Namespace, parser: argparse.ArgumentParser) -
             describe = partial(describe_cell, collect_rows(campaign, todo, results))
             finished = run_jobs(compute_cell, tasks, recordings, threads, options, results, progress, describe)
         rows = collect_rows(campaign, todo, results)
-        _write_recommended_reports(rows, folder, recordings, todo)
-        if rows.rows:
-            facts = {"command": shlex.join(["ces", *sys.argv[1:]])}
-            write_campaign_page(folder / PAGE, rows, folder, campaign.source.stem, facts)
         planned = Counter(job.cell.bags for job in todo)
         with without_text(options.json):
             if rows.done:
@@ -108,23 +96,6 @@ def collect_rows(campaign: Campaign, todo: Sequence[CampaignJob], results: Resul
     return CampaignRows(tuple(rows), len(todo), campaign.names)
 
 
-def _write_recommended_reports(
-    results: CampaignRows, folder: Path, recordings: Mapping[Path, Recording], todo: Sequence[CampaignJob]
-) -> None:
-    """Write the report of the recommended model of each set of bags, unless it is there."""
-    jobs = {job.key: job for job in todo}
-    for row in results.recommended().values():
-        job, path = jobs[row["key"]], folder / "reports" / f"{row['key']}.html"
-        if path.exists():
-            continue
-        model = load_model(folder / job.output)
-        fitted = [prepare(recordings[p], model.sampling).part(0.0, job.split) for p in job.recordings]
-        held_out = [prepare(recordings[p], model.sampling) for _, p in job.validation]
-        evaluations = evaluate(model, fitted, IDENTIFICATION) + evaluate(model, held_out, VALIDATION)
-        path.parent.mkdir(exist_ok=True)
-        write_report(path, f"{results.names.full_name(row)} of a campaign", model, evaluations, {})
-
-
 def _print_results(results: CampaignRows, planned: Mapping[str, int], folder: Path) -> None:
     marks = marks_of(results)
     for table in result_tables(results, planned, MAX_ROWS_SHOWN):
@@ -136,7 +107,7 @@ def _print_results(results: CampaignRows, planned: Mapping[str, int], folder: Pa
     terminal.print_line(SELECTION_NOTE)
     for name, best in results.recommended().items():
         terminal.print_line(f"{name}: models/{best['key']}.json ({results.names.name(best)}; {best['size']})")
-    print(f"results: {folder}/campaign.html, results.csv, models/, reports/")
+    print(f"results: {folder}/results.csv, models/")
 
 
 def marks_of(results: CampaignRows) -> dict[str, str]:
@@ -196,7 +167,7 @@ def write_csv(results: CampaignRows, path: Path) -> None:
     marks = marks_of(results)
     lines = []
     for row in results.rows:
-        plain = {key: value for key, value in row.items() if key not in ("costs", "pooled")}
+        plain = {key: value for key, value in row.items() if key != "costs"}
         costs = {f"J {cost['set']}: {cost['recording']}": cost["J"] for cost in row.get("costs", ())}
         lines.append((plain, costs, WORDS.get(marks.get(row["key"], ""), "")))
     first = ("key", "status", "bags", "structure")

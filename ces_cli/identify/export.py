@@ -73,8 +73,6 @@ def make_parser() -> terminal.Parser:
             ),
         ),
     )
-    node = "the C++ node of the package ces_observer_cpp loads any model: write it with --out rear_damper.ces"
-    p.gone = {"--ros-package": f"is gone: {node}"}
     form = ", ".join(f"FILE.{kind} ({what})" for kind, what in FORMATS.items())
     terminal.add_options(
         p,

@@ -7,17 +7,26 @@ import hashlib
 import math
 import os
 from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
 from dataclasses import asdict, dataclass, replace
 from functools import partial, reduce
 from pathlib import Path
 from time import monotonic
-from typing import Any, Protocol
+from typing import Any
 
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
-from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
 from ces_cli.terminal import terminal
-from ces_cli.terminal.options import ALL, BAGS, BAGS_FORM, OptionRule, never_with
+from ces_cli.terminal.options import (
+    ALL,
+    BAGS,
+    BAGS_FORM,
+    JOBS,
+    JSON,
+    OVERWRITE,
+    REPORT,
+    SIGNALS,
+    OptionRule,
+    never_with,
+)
 from ces_cli.terminal.outputs import name_report, print_document, require_outputs, schema_line, without_text
 from ces_cli.terminal.progress import SearchProgress
 from ces_cli.terminal.recordings import find_bags, print_warnings, with_distinct_names
@@ -39,13 +48,11 @@ from ces_data.recording import Recording
 from ces_gap.augmented import file_of
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
 from ces_identify.identification import DELAYED_SELECTION, STRETCHES, IdentificationResult, count_starts, identify
-from ces_identify.options import build_identify_options
+from ces_identify.options import POLYNOMIALS, build_identify_options, list_options
 from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend
-from ces_identify.polynomial.search_limits import Limits, SearchResult
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion, late
-from ces_identify.report.preliminary import PreliminaryReport
 from ces_identify.structures import KITS
 from ces_identify.structures.auto import AUTO, REASON, advise, select_fitter
 from ces_identify.structures.kit import IdentifyOptions, StructureKit
@@ -55,6 +62,7 @@ from ces_identify.validation.evaluate import VALIDATION, describe_size
 from ces_identify.validation.lacks import head_lines
 from ces_observer.errors import CesError
 from ces_observer.model import Model
+from ces_observer.options import Option, in_group
 from ces_observer.proof.certificate import summarize
 
 
@@ -69,6 +77,40 @@ STRUCTURE_RULES = (
     *(_rule_of(kit, " ".join(size.name for size in kit.sizes)) for kit in KITS.values()),
     OptionRule("folds", lambda options: len(options.delay) == 1, "takes one --delay: cross-validate each model alone"),
 )
+VALIDATE = Option(
+    "validate", (), f"recordings for validation only: {BAGS_FORM}", kind=Path, metavar="BAG", together=True
+)
+OUT = Option("out", Path("model.json"), "model file to write; its folder must exist", metavar="FILE")
+OF_THE_PROGRAM = (
+    JSON,
+    Option(
+        "show_candidates",
+        False,
+        "print the built-in candidate rules (with --method thesis, those of the thesis) and exit",
+        group=POLYNOMIALS,
+    ),
+    *in_group(
+        "many identifications",
+        Option(
+            "folds",
+            0,
+            "cross-validate, too: hold out each of K folds of the BAGs once (K = number of BAGs: one at a time); a "
+            "single BAG is cut into K stretches. Takes K times as long again; 0: off",
+            0,
+            1000,
+            metavar="K",
+        ),
+        Option(
+            "campaign",
+            None,
+            "identify every combination that FILE.yaml describes and compare them; --out is then a folder, and the "
+            "same command continues an interrupted run",
+            kind=Path,
+            metavar="FILE.yaml",
+        ),
+        JOBS,
+    ),
+)
 SEARCH_SHARE, MIN_LEFT_SHARE = 0.8, 0.5  # of a time limit's rest after reading; of the limit, that counts as left
 
 
@@ -81,32 +123,21 @@ def main(argv: Sequence[str] | None = None) -> int:
         return 0
     if options.campaign is not None:
         return run_campaign(options, parser)
-    with PreliminaryReport() as page:
-        work = prepare_identification(options, page)
+    work = prepare_identification(options)
+    if options.folds:
+        split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
+    result, folds = work.run(), None
+    with without_text(options.json):
         if options.folds:
-            split_folds(work.bags, options.folds)  # raises before the long search if the recordings do not suffice
-        result, folds = work.run(SearchProgress), None
-        with without_text(options.json):
-            if options.folds:
-                result, folds = with_folds(result, options, work.bags, work.how)
-                result.model.save(options.out)
-            _print_result(result, options)
-            if options.report is not None:
-                write_report_page(result, options, terminal.command_line("identify", argv))
-                print(f"report: {options.report}")
+            result, folds = with_folds(result, options, work.bags, work.how)
+            result.model.save(options.out)
+        _print_result(result, options)
+        if options.report is not None:
+            write_report_page(result, options, terminal.command_line("identify", argv))
+            print(f"report: {options.report}")
     if options.json:
         print_document("identify", _as_json(result, folds, work, options))
     return 0
-
-
-class Progress(Protocol):
-    """Receives the results of a search while it runs; `listen` is called from any thread."""
-
-    def listen(self, result: SearchResult) -> None:
-        """Receive an improvement or the end of a start."""
-
-
-ShowProgress = Callable[[Limits], AbstractContextManager[Progress]]
 
 
 @dataclass(frozen=True)
@@ -122,19 +153,14 @@ class Identification:
     validation: Sequence[Recording]
     measured: Sequence[Recording]
     how: IdentifyOptions
-    page: PreliminaryReport
     findings: tuple[Finding, ...] = ()
 
-    def run(self, show_progress: ShowProgress) -> IdentificationResult:
+    def run(self) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
         CompilationNotice(terminal.print_warning)
-        with show_progress(self.how.limits) as progress:
-
-            def listen(result: SearchResult) -> None:
-                progress.listen(result)
-                self.page.listen(result)
-
-            result = select_identify_function(self.options)(self.bags, self.validation, self.how, listen)
+        with SearchProgress(self.how.limits) as progress:
+            run = select_identify_function(self.options)
+            result = run(self.bags, self.validation, self.how, progress.listen)
         if self.options.teacher is not None:
             result = with_teacher(result, self.options.teacher, self.measured)
         result = result.require_explained(self.findings, self.options.ignore_findings)
@@ -142,8 +168,8 @@ class Identification:
         return result
 
 
-def prepare_identification(options: argparse.Namespace, page: PreliminaryReport | None = None) -> Identification:
-    """Read and check all files that `options` name, before the long search, with `page` begun; raises CesError."""
+def prepare_identification(options: argparse.Namespace) -> Identification:
+    """Read and check all files that `options` name, before the long search; raises CesError."""
     began_s = monotonic()
     if not options.bags:
         raise CesError("no recording given; usage: ces identify BAG... --out MODEL.json")
@@ -154,10 +180,6 @@ def prepare_identification(options: argparse.Namespace, page: PreliminaryReport 
     inputs = [*paths[0], *paths[1], options.signals, options.candidates, find_file(options.teacher or "")]
     require_outputs(options.overwrite, outputs, inputs=inputs)
     values = {**vars(options), "candidates": candidate_rules(options), "weight": parse_weighting(options.weight)}
-    groups = zip(("recordings", "validation"), paths, strict=True)
-    if page is not None:
-        facts = {role: ", ".join(path.stem for path in group) for role, group in groups if group}
-        page.begin(options.report, f"Model {options.out.name}", facts)
     measured, (bags, validation) = _read_recordings(paths, options)
     require_distinct(bags, validation)
     found = check_together([*bags, *validation])
@@ -173,7 +195,7 @@ def prepare_identification(options: argparse.Namespace, page: PreliminaryReport 
         terminal.print_line(motion, console=terminal.err)
     left_s = max(MIN_LEFT_SHARE * how.limits.time, how.limits.time - monotonic() + began_s)
     how = replace(how, limits=replace(how.limits, time=SEARCH_SHARE * left_s))
-    return Identification(options, bags, validation, measured, how, page or PreliminaryReport(), found)
+    return Identification(options, bags, validation, measured, how, found)
 
 
 def _read_recordings(
@@ -361,15 +383,12 @@ def _as_json(
 
 def make_parser() -> terminal.Parser:
     """Return the argument parser."""
-    parser = terminal.parser(
+    return terminal.parser(
         "identify",
         "Identify a model of the damping force from one or more recordings. The free-run cost selects the model, and "
         f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
         replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"),
-        *(*list_shared(), *OF_THE_PROGRAM),
+        *(VALIDATE, SIGNALS, OUT, REPORT, *list_options(), OVERWRITE, *OF_THE_PROGRAM),
         rules=(*CAMPAIGN_RULES, *STRUCTURE_RULES),
     )
-    gone = "is gone: the speed needs no settings; --delay S takes it later, when it is known better"
-    parser.gone = {"--bandwidth": gone, "--differentiator": gone}
-    return parser

@@ -23,7 +23,6 @@ from ces_observer import __version__
 from ces_observer.errors import CesError
 
 NO_PAGES = (".pdf", ".png", ".svg", ".json", ".yaml", ".csv", ".md", ".txt", ".docx")  # that no report is
-MAX_NAME = 240  # bytes; file systems allow 255, temporary files have some more than the final name
 Outputs = Mapping[str, Path | None]
 """Paths by the option that names them, such as `--report`; None is an output that nobody asked for."""
 
@@ -77,7 +76,6 @@ def require_outputs(
 
 
 def _require_file(path: Path) -> None:
-    _require_short_name(path)
     if path.exists() and not path.is_file():
         what = "folder" if path.is_dir() else "device"
         raise CesError(f"{path}: is a {what}; expected the name of a file to write")
@@ -88,20 +86,12 @@ def _require_file(path: Path) -> None:
 
 def require_folder(path: Path) -> None:
     """Raise CesError unless files can be written into the folder `path`, which need not exist yet."""
-    _require_short_name(path)
     if path.exists() and not path.is_dir():
         raise CesError(f"{path}: is not a folder; expected the name of a folder to write")
     existing = next(folder for folder in (path.absolute(), *path.absolute().parents) if folder.exists())
     if not existing.is_dir():
         raise CesError(f"{path}: {existing} is not a folder; expected a folder to write into")
     _require_writable(existing, path)
-
-
-def _require_short_name(path: Path) -> None:
-    """Raise CesError for a name that is too long for a file system, with what the temporary file beside it adds."""
-    longest = max((len(os.fsencode(part)) for part in path.parts), default=0)
-    if longest > MAX_NAME:
-        raise CesError(f"{path}: a name in it has {longest} bytes; expected at most {MAX_NAME}, choose a shorter one")
 
 
 def _require_writable(folder: Path, path: Path) -> None:

@@ -37,7 +37,6 @@ def find_bags(words: Sequence[str | Path], repeated: bool = False) -> list[Path]
     A bag that several arguments name is returned once, or with `repeated` each time. A path that does not exist is
     returned as it is, for the reader's message.
     """
-    _refuse_expanded_folder([Path(word) for word in words])
     paths = [path for word in words for path in _match_word(str(word))]
     return paths if repeated else list(dict.fromkeys(paths))
 
@@ -58,16 +57,6 @@ def find_fleet_units(words: Sequence[str], each: str) -> list[FleetUnit]:
         groups.setdefault(path if each == RECORDING else path.resolve().parent, []).append(path)
     names = make_distinct_names([path.resolve() for path in groups])
     return [FleetUnit(name, tuple(paths)) for name, paths in zip(names, groups.values(), strict=True)]
-
-
-def _refuse_expanded_folder(paths: Sequence[Path]) -> None:
-    """Raise CesError if a shell's `FOLDER/*` has become a file that is no recording, beside others that are."""
-    for path in paths:
-        if is_bag(path) or not path.is_file():
-            continue
-        if any(other.parent == path.parent and (other.is_dir() or is_bag(other)) for other in paths):
-            what = explain_import(path) if is_foreign(path) else "is not a recording"
-            raise CesError(f"{path}: {what}; or, to use all bags in this folder, give the folder: {path.parent}")
 
 
 def _match_word(word: str) -> Iterator[Path]:

@@ -13,12 +13,11 @@ import textwrap
 import threading
 import time
 import warnings
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from traceback import walk_tb
-from types import FrameType, MappingProxyType
+from types import FrameType
 from typing import Any, NoReturn, TextIO, TypeVar
 
 from rich.box import SIMPLE_HEAD
@@ -27,7 +26,6 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
-from ces_cli.terminal.compiled_code import VARIABLE
 from ces_cli.terminal.options import Argument, OptionRule, PartOption, find_given, require_applicable
 from ces_data.bags.reader import LogTimeWarning, read_recording
 from ces_data.findings import require_usable
@@ -47,7 +45,6 @@ USER_ERROR = 2
 MIN_TEXT_WIDTH = 12  # characters of a column of texts that may wrap
 INTERRUPTED = 130
 PATIENCE_S = 1.0
-CACHE_MODULE = str(Path("numba", "core", "caching.py"))
 
 _said: set[str] = set()  # warnings that a run prints once; `run` empties it
 out = Console()
@@ -57,11 +54,10 @@ err = Console(stderr=True)
 class Parser(argparse.ArgumentParser):
     """An argument parser whose errors are one line, with `rules` on the options that apply together.
 
-    With `intermixed`, arguments may follow options. `gone` says of options of earlier versions what replaced them.
+    With `intermixed`, arguments may follow options.
     """
 
     rules: Sequence[OptionRule] = ()
-    gone: Mapping[str, str] = MappingProxyType({})
     intermixed = False
 
     def parse_args(self, args: Sequence[str] | None = None, namespace: Any = None) -> argparse.Namespace:  # type: ignore[override]
@@ -70,8 +66,6 @@ class Parser(argparse.ArgumentParser):
         for before, word in zip(["", *words], words, strict=False):
             if not word or (word.startswith("--") and word.endswith("=")):
                 self.error(f"{word.rstrip('=') or before or 'the first argument'}: a value is empty")
-            if (name := word.partition("=")[0]) in self.gone:
-                self.error(f"{name} {self.gone[name]}")
         parse = super().parse_intermixed_args if self.intermixed else super().parse_args
         options: argparse.Namespace = parse(words, namespace)
         require_applicable(find_given(self, words, options), options, self.rules)
@@ -296,8 +290,6 @@ def _print_error(name: str, text: str) -> None:
 
 def _describe_system_error(error: OSError) -> str:
     what = error.strerror or str(error)
-    if any(frame.f_code.co_filename.endswith(CACHE_MODULE) for frame, _ in walk_tb(error.__traceback__)):
-        return f"compiled code cannot be kept: {what}; free space in its folder, or name another in {VARIABLE}"
     return f"{error.filename}: {what}" if error.filename else f"{what}, while reading or writing"
 
 

@@ -216,11 +216,6 @@ class Dictionary:
             return count + each * fine * len(MEMORIES_S)
         return count + each * fine + each * (len(FORCE_KNOTS) + 1) + sided * len(MEMORIES_S)
 
-    def require_weights(self, weights: F) -> None:
-        """Raise ValueError unless each feature has a finite weight: compiled code does not check."""
-        if self.by_time or weights.shape != (self.size,) or not np.isfinite(weights).all():
-            raise ValueError(f"weights of shape {weights.shape}; expected {self.size} finite ones")
-
     def _time_features(self, trace: Trace, inputs: TraceInputs, force: F) -> F:
         f = (force - self.scales.force[0]) / self.scales.force[1]
         t = trace.time_s / max(float(trace.time_s[-1]), 1.0)
@@ -257,7 +252,8 @@ class LearnedCorrection:
         """Return the correction from `as_json`; raises KeyError, TypeError or ValueError if the document is not one."""
         dictionary = Dictionary.from_json(document["dictionary"])
         weights = np.array(document["weights"], dtype=np.float64)
-        dictionary.require_weights(weights)
+        if dictionary.by_time or weights.shape != (dictionary.size,) or not np.isfinite(weights).all():
+            raise ValueError(f"weights of shape {weights.shape}; expected {dictionary.size} finite ones")
         return cls(dictionary, weights)
 
 

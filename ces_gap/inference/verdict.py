@@ -126,7 +126,9 @@ def judge(evidence: VerdictEvidence) -> Judgement:
     odds = weighed = _weigh_held_out(evidence, raw)
     if evidence.may_be_own_error:  # so may be what no effect explains
         odds = Probabilities(min(odds.none + odds.unknown, 1.0), 0.0, odds.effects)
-    odds = odds.with_none(max(odds.none, _probability_within_tolerance(evidence)))
+    low, high = evidence.held_out_ci95_N
+    within = min(probability_below(size.gap_N, evidence.search.tolerance_N, high - low) for size in evidence.sizes)
+    odds = odds.with_none(max(odds.none, within))
     reason = find_no_gap_reason(evidence, odds.none >= max(odds.unknown, odds.known))
     if reason:
         return Judgement(NO_GAP, odds, reason)
@@ -181,11 +183,6 @@ def _weigh_held_out(e: VerdictEvidence, odds: Probabilities) -> Probabilities:
         support = max((c.probability_above(max(required, IMMATERIAL)) for c in found), default=0.0)
     rest = min(1.0, max(1.0 - best, 0.0) / IMMATERIAL)
     return odds.with_unknown(rest * (odds.unknown + (1.0 - support) * odds.known))
-
-
-def _probability_within_tolerance(e: VerdictEvidence) -> float:
-    low, high = e.held_out_ci95_N
-    return min(probability_below(size.gap_N, e.search.tolerance_N, high - low) for size in e.sizes)
 
 
 def find_no_gap_reason(e: VerdictEvidence, is_improbable: bool) -> str:

@@ -16,7 +16,7 @@ from ces_identify.jobs import DONE, JobResult, Row, run_job
 from ces_identify.options import build_identify_options
 from ces_identify.polynomial.search_limits import INTERRUPTED
 from ces_identify.structures import KITS
-from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation, cost_interval, pooled_cost
+from ces_identify.validation.evaluate import IDENTIFICATION, Evaluation
 
 REST = "rest"  # the part of a recording after `split`, as a validation set
 
@@ -48,7 +48,7 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
         "size": result.model.size,
         "parameters": len(best.coefficients),
         "selection_J": _finite(best.cost),
-        **_costs(job, result.evaluations),
+        "costs": _costs(job, result.evaluations),
         "gain": certificate.get("gain"),
         "force_bound_N": certificate.get("force_bound_N"),
         "seconds": round(seconds, 3),
@@ -58,28 +58,17 @@ def _identify_cell(job: CampaignJob, recordings: Sequence[Recording]) -> JobResu
     return JobResult(row, {job.output: result.model.to_json()})
 
 
-def _costs(job: CampaignJob, evaluations: Sequence[Evaluation]) -> Row:
-    """Return the `costs` of each evaluation, and `pooled`, those over all recordings of each validation set.
+def _costs(job: CampaignJob, evaluations: Sequence[Evaluation]) -> list[Row]:
+    """Return the costs of each evaluation.
 
     The sets are identification, the rest of those recordings after `split`, and the campaign's validation sets.
     """
     rest = len(evaluations) - len(job.validation) - len(job.recordings)
     names = [IDENTIFICATION] * len(job.recordings) + [REST] * rest + [name for name, _ in job.validation]
-    costs, sets = [], dict[str, list[Evaluation]]()
-    for name, e in zip(names, evaluations, strict=True):
-        costs.append(
-            {"set": name, "recording": e.name, "role": e.role, "J": _finite(e.cost), "rms_N": _finite(e.rms_N)}
-        )
-        sets.setdefault(name, []).append(e)
-    pooled = {name: _pooled_cost(members) for name, members in sets.items() if name != IDENTIFICATION}
-    return {"costs": costs, "pooled": pooled}
-
-
-def _pooled_cost(evaluations: Sequence[Evaluation]) -> Row:
-    """Return J over all recordings of a set with its interval; None if it diverged or is too short."""
-    interval = cost_interval(evaluations)
-    ends = None if interval is None else [_finite(interval.low), _finite(interval.high)]
-    return {"J": _finite(pooled_cost(evaluations)), "ci95": ends}
+    return [
+        {"set": name, "recording": e.name, "role": e.role, "J": _finite(e.cost), "rms_N": _finite(e.rms_N)}
+        for name, e in zip(names, evaluations, strict=True)
+    ]
 
 
 def _finite(value: float) -> float | None:

@@ -82,11 +82,6 @@ class CampaignRows:
         rows = [row for row in self.rows if row["status"] == DONE]
         return sorted(rows, key=lambda row: (row["selection_J"] is None, row["selection_J"] or 0.0))
 
-    @property
-    def failed(self) -> list[Row]:
-        """Cells without a model; `reason` says why."""
-        return [row for row in self.rows if row["status"] != DONE]
-
     @cached_property
     def bags(self) -> list[str]:
         """Sets of bags that models were identified on."""
@@ -98,13 +93,9 @@ class CampaignRows:
         names = dict.fromkeys(cost["set"] for row in self.rows for cost in row.get("costs", ()))
         return [name for name in names if name != IDENTIFICATION]
 
-    def of_bags(self, name: str) -> list[Row]:
-        """Return the cells with a model that was identified on one set of bags."""
-        return [row for row in self.done if row["bags"] == name]
-
     def of_delay(self, bags: str) -> dict[float, list[Row]]:
-        """Return the same by their delay [s]: a model that is known at once has no rival among later ones."""
-        rows = self.of_bags(bags)
+        """Return the cells of a set by their delay [s]: a model that is known at once has no rival among later ones."""
+        rows = [row for row in self.done if row["bags"] == bags]
         delays = sorted({row.get("delay", 0.0) for row in rows})
         return {delay: [row for row in rows if row.get("delay", 0.0) == delay] for delay in delays}
 
@@ -121,9 +112,3 @@ class CampaignRows:
                 name = f"{bags}, delay {1e3 * delay:g} ms" if len(groups) > 1 else bags
                 found[name] = recommend_model(rows)
         return {name: row for name, row in found.items() if row is not None}
-
-
-def pooled_cost(row: Row, name: str) -> tuple[float | None, Sequence[float] | None]:
-    """Return J [%] of a row over a set of bags and its 95 % interval; None where there is none."""
-    pooled = row.get("pooled", {}).get(name, {})
-    return pooled.get("J"), pooled.get("ci95")

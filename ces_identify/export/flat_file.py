@@ -9,9 +9,6 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator, Mapping
-from pathlib import Path
-from typing import NamedTuple
 
 from ces_observer import __version__
 from ces_observer.core import tick_digest
@@ -27,14 +24,6 @@ VERSION = 1
 HEAD = struct.Struct("<8sII")
 SIZES = struct.Struct("<4q")
 CHECKSUM = struct.Struct("<I")
-MAX_SIZE = 1 << 22  # of an array; the largest model that a model file can hold is smaller
-
-
-class FlatModel(NamedTuple):
-    """What a flat file holds: facts by their keys, and the arrays, with a new state."""
-
-    facts: Mapping[str, str]
-    arrays: EstimatorArrays
 
 
 def write_flat(model: Model, name: str, certificate: Certificate) -> bytes:
@@ -45,30 +34,6 @@ def write_flat(model: Model, name: str, certificate: Certificate) -> bytes:
     content = HEAD.pack(MAGIC, VERSION, len(text)) + text
     content += bytes(-len(content) % 8) + b"".join(map(_pack, arrays))
     return content + CHECKSUM.pack(zlib.crc32(content))
-
-
-def read_flat(path: Path) -> FlatModel:
-    """Read and check a flat file; raises ModelError for a damaged one, and for one of another version of the tick."""
-    content = path.read_bytes()
-    body, end = content[: -CHECKSUM.size], content[-CHECKSUM.size :]
-    if len(content) < HEAD.size + CHECKSUM.size or content[: len(MAGIC)] != MAGIC:
-        raise ModelError(f"{path}: is not a flat file; `ces export model.json --out {path.name}` writes one")
-    _, version, length = HEAD.unpack_from(content)
-    if version != VERSION:
-        raise ModelError(f"{path}: has version {version} of the format; expected {VERSION}: export the model again")
-    if end != CHECKSUM.pack(zlib.crc32(body)):
-        raise ModelError(f"{path}: is damaged, its checksum differs; export or copy it again")
-    text = body[HEAD.size : HEAD.size + length].decode()
-    facts = dict(line.split("=", 1) for line in text.splitlines())
-    if facts.get("core") != tick_digest():
-        raise ModelError(f"{path}: was written for another version of the tick; export the model again")
-    rest = body[HEAD.size + length + -(HEAD.size + length) % 8 :]
-    try:
-        arrays = EstimatorArrays(*_unpack(rest))
-    except (struct.error, TypeError):
-        raise ModelError(f"{path}: its arrays do not fill it; export the model again") from None
-    require_within(arrays, str(path))
-    return FlatModel(facts, arrays)
 
 
 def require_within(arrays: EstimatorArrays, source: str) -> None:
@@ -111,18 +76,3 @@ def _pack(part: Arrays) -> bytes:
     """Return the bytes of the arrays of a part; the state is new whenever it is loaded."""
     sizes = SIZES.pack(*map(len, part))
     return sizes + struct.pack(f"<{len(part.p)}d", *part.p) + struct.pack(f"<{len(part.n)}q", *part.n)
-
-
-def _unpack(content: bytes) -> Iterator[Arrays]:
-    """Yield the arrays of each part; raises struct.error if they do not fit."""
-    place = 0
-    while place < len(content):
-        sizes = SIZES.unpack_from(content, place)
-        if not all(0 < size <= MAX_SIZE for size in sizes):
-            raise struct.error
-        numbers, counts, states, flags = sizes
-        place += SIZES.size
-        p = struct.unpack_from(f"<{numbers}d", content, place)
-        n = struct.unpack_from(f"<{counts}q", content, place + 8 * numbers)
-        place += 8 * (numbers + counts)
-        yield Arrays(p, n, [0.0] * states, [0] * flags)

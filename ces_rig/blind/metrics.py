@@ -185,7 +185,6 @@ METRICS: tuple[Metric, ...] = (
            False),
     Metric("calibration error", _top_calibration, (0.06, 0.06, 0.06, 0.08), False, False),
 )  # fmt: skip
-BY_NAME: Mapping[str, Metric] = {metric.name: metric for metric in METRICS}
 
 
 @dataclass(frozen=True)

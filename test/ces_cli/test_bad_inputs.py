@@ -111,7 +111,6 @@ replay model.json one --out full | full: is a folder but not a bag
 replay model.json one --out full --overwrite | full: is a folder but not a bag
 replay model.json one --out one --overwrite | one: is an input, too
 export model.json --out m.cpp | m.cpp: expected a name that ends in .ces (flat file of the C++ node) or .c (C99
-export model.json --ros-package damper | --ros-package is gone: the C++ node of the package ces_observer_cpp loads
 export model.json --out m.c --format fmu | m.c: expected a name that ends in .fmu (FMI 2.0 co-simulation)
 export model.json --out m --format c | m: expected a name that ends in .c
 export model.json --out m.c --sources-only | --sources-only applies to an FMU only

@@ -124,8 +124,6 @@ def test_validate_and_compare_show_both_models(
         ("--delay 0 0.001 0.002", "--delay 0 0.001 0.002: expected one delay, or 0 and another"),
         ("--delay 0.001 0.002", "--delay 0.001 0.002: expected one delay, or 0 and another"),
         ("--delay 0 0.003 --folds 2", "--folds takes one --delay"),
-        ("--bandwidth 40", "--bandwidth is gone"),
-        ("--differentiator=fused", "--differentiator is gone"),
     ],
 )
 def test_mistakes_end_with_one_line(

@@ -1,4 +1,4 @@
-"""Output streams and folders as a shell may leave them: ASCII, closed, full, read-only. One line, never a traceback."""
+"""Output streams and folders as a shell may leave them: ASCII, full, read-only. One line, never a traceback."""
 
 from __future__ import annotations
 
@@ -24,13 +24,6 @@ from ces_cli.terminal import compiled_code
 compiled_code.PACKAGE = Path("/proc/nowhere")
 compiled_code.require_folder_for_compiled_code()
 print(os.environ["NUMBA_CACHE_DIR"], Path(os.environ["NUMBA_CACHE_DIR"]).is_dir())
-"""
-FULL_CACHE = """
-import resource, sys
-from ces_cli.terminal.terminal import run
-from kernel import add_one
-resource.setrlimit(resource.RLIMIT_FSIZE, (10, 10))
-sys.exit(run("rig", lambda argv: int(add_one(1.0))))
 """
 
 
@@ -69,21 +62,11 @@ def test_json_stays_json_in_ascii(monkeypatch: pytest.MonkeyPatch) -> None:
     assert json.loads(ascii_output.text())["bag"] == name
 
 
-@pytest.mark.parametrize("words", [["--help"], ["schema", "--list"]])
-def test_a_full_disk_is_one_line(
-    words: list[str], monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_full_disk_is_one_line(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(sys, "stdout", Path("/dev/full").open("w", encoding="utf-8"))  # noqa: SIM115 - cannot be closed
-    assert main(words) == 2
+    assert main(["schema", "--list"]) == 2
     err = capfd.readouterr().err
     assert "No space left on device" in err and err.count("\n") == 1
-
-
-def test_closed_streams_are_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "stdout", None)
-    monkeypatch.setattr(sys, "stderr", None)
-    assert main(["--help"]) == 0 and main(["schema", "--list"]) == 0
-    assert main(["schema", "signals", "--list"]) == 2
 
 
 def test_a_read_only_installation_without_a_home_keeps_compiled_code_for_one_run(tmp_path: Path) -> None:
@@ -95,19 +78,6 @@ def test_a_read_only_installation_without_a_home_keeps_compiled_code_for_one_run
     assert Path(folder).parent == tmp_path and exists == "True"
     assert "name a folder in NUMBA_CACHE_DIR" in done.stderr and done.stderr.count("\n") == 1
     assert not list(tmp_path.iterdir())  # gone with the run
-
-
-def test_a_full_disk_under_the_compiled_code_is_named(tmp_path: Path) -> None:
-    (tmp_path / "kernel.py").write_text(
-        "from numba import njit\n@njit(cache=True)\ndef add_one(x):\n    return x + 1.0\n"
-    )
-    root = Path(__file__).resolve().parents[3]
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "code"), "PYTHONPATH": f"{root}:{tmp_path}"}
-    code = [sys.executable, "-B", "-c", FULL_CACHE]
-    done = subprocess.run(code, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 2
-    assert "ces rig: error: compiled code cannot be kept: File too large; free space" in done.stderr
-    assert done.stderr.count("\n") == 1
 
 
 def test_a_range_of_two_numbers_that_read_the_same_is_one_number() -> None:

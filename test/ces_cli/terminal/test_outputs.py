@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from ces_cli.terminal.outputs import MAX_NAME, name_report, require_folder, require_outputs
+from ces_cli.terminal.outputs import name_report, require_folder, require_outputs
 from ces_observer.errors import CesError
 from ces_observer.json_text import write_atomically
 
@@ -68,16 +68,6 @@ def test_files(here):
         assert "full: is a folder" in refusal(require_new_file, Path("full"), overwrite)
         assert "the folder none does not exist; make it first" in refusal(require_new_file, Path("none/x"), overwrite)
         assert "/dev/null: is a device" in refusal(require_new_file, Path("/dev/null"), overwrite)
-
-
-def test_names_that_are_too_long_for_a_file_system(here):
-    long = "\N{LATIN SMALL LETTER U WITH DIAERESIS}" * 125  # of two bytes each
-    expected = "has 250 bytes; expected at most 240, choose a shorter one"
-    assert expected in refusal(require_new_file, Path(long), False)
-    assert expected in refusal(require_new_bag, Path(long) / "bag", False)
-    assert expected in refusal(require_folder, Path(long))
-    write_atomically(here / ("n" * MAX_NAME), "")
-    require_new_file(Path("n" * MAX_NAME), True)
 
 
 def test_bags_and_folders(here):

@@ -82,18 +82,6 @@ def test_programs_take_folders_and_globs(here, capsys):
     assert "--rate 100000: the positions in noise are at 1000 Hz" in capsys.readouterr().err
 
 
-def test_a_shells_star_with_another_file_names_the_folder(here):
-    (here / "README.md").write_text("our recordings")
-    with pytest.raises(CesError, match=r"README\.md: is not a recording; .* give the folder: \."):
-        find_bags(["README.md", "deep", "one", "two"])
-    (here / "log.csv").write_text("t,x\n0,1\n")
-    with pytest.raises(
-        CesError, match=r"log\.csv: is a CSV table, .*ces import log\.csv --out BAG; .* give the folder: \."
-    ):
-        find_bags(["deep", "log.csv"])
-    assert len(find_bags(["."])) == 3
-
-
 def test_a_folder_with_a_file_that_lost_its_end_is_a_bag_whatever_its_name(here):
     whole = next((here / "one").glob("*.mcap")).read_bytes()
     for name, files in {

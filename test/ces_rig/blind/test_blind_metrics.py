@@ -8,7 +8,7 @@ import pytest
 
 from ces_observer.errors import CesError
 from ces_rig.blind.metrics import (
-    BY_NAME,
+    METRICS,
     calibration_error,
     candidates,
     metric_table,
@@ -88,7 +88,9 @@ def test_candidates_include_an_answer_without_a_probability():
 
 def test_metrics_count_only_their_own_kinds_of_case():
     cases = [RIGHT, WRONG, PAIR, replace(RIGHT, kind="none", truth=(), verdict="ambiguous")]
-    figures = {name: BY_NAME[name].count(cases) for name in ("first", "false alarms", "pairs (both found)")}
+    figures = {
+        one.name: one.count(cases) for one in METRICS if one.name in ("first", "false alarms", "pairs (both found)")
+    }
     assert {name: (f.value, f.count) for name, f in figures.items()} == {
         "first": (0.5, 2), "false alarms": (1.0, 1), "pairs (both found)": (1.0, 1)
     }  # fmt: skip
