@@ -1,6 +1,6 @@
 """Entry point of `ros2 run ces_observer NAME` for every program of `ces`; the executable's file name is NAME.
 
-With `--ros-args`, which ros2 launch always adds, or without any arguments, `rig` runs as a node.
+With `--ros-args`, which ros2 launch always adds, `identify` and `rig` run as nodes; `rig` also without any arguments.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from ces_cli import main as ces
 
 # what no node of a vehicle imports
 DESK = ("numpy", "scipy", "numba", "jinja2", "rich", "yaml", "joblib", "rosbags", "mcap")
-NODES = {"rig": "ces_rig.live.node"}
+NODES = {"identify": "ces_cli.identify.node", "rig": "ces_rig.live.node"}
 
 
 def main() -> int:

@@ -1,6 +1,6 @@
 """The options of an identification, each declared once.
 
-The program `ces identify`, campaigns and the plans of iterations take names, ranges, defaults and
+The program `ces identify`, the node `identify`, campaigns and the plans of iterations take names, ranges, defaults and
 meanings from here; the sizes of a structure are declared in its kit.
 """
 

@@ -1,10 +1,12 @@
 """An option: a field that a program, a node, a plan and the API share, under one name.
 
-`ces_cli.terminal` makes an argument of it (`--no-band` for `band`), `as_parameter` the parameter of a node.
+`ces_cli.terminal` makes an argument of it (`--no-band` for `band`), `as_parameter` the parameter of a node, and
+`command_words` turns the values of a node's parameters into a program's command line.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -66,3 +68,29 @@ def as_parameter(option: Option) -> Option:
     least = "" if kind is str or option.low <= 0 else f", at least {option.low:g}"
     meaning = f"{option.described}{least}; {word}: {option.none or 'none'}"
     return replace(option, kind=kind, default=unset, meaning=meaning, unit="", low=min(option.low, 0))
+
+
+def command_words(options: Iterable[Option], values: Mapping[str, Any]) -> list[str]:
+    """Return the words of a command line for the values of a node's parameters; defaults are left out.
+
+    The program has the same defaults, and an option that is given must apply.
+    """
+    words = []
+    for option in options:
+        value, unset = values[option.name], as_parameter(option).default
+        if value in (unset, ""):
+            continue
+        if option.kind is bool:
+            words.append(option.flag)
+        elif option.many:
+            texts = [_as_word(option, one) for one in value if one != ""]
+            words += [option.flag, *texts] if option.together else [f"{option.flag}={text}" for text in texts]
+        else:
+            words.append(f"{option.flag}={_as_word(option, value)}")
+    return words
+
+
+def _as_word(option: Option, value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.17g}"
+    return str(Path(value).expanduser()) if option.kind is Path else str(value)

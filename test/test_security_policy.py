@@ -15,7 +15,7 @@ from ces_observer.signals import DEFAULTS
 ROOT = Path(__file__).resolve().parent.parent
 FOLDER = ROOT / "config" / "security"
 INCLUDE = "{http://www.w3.org/2001/XInclude}include"
-NODES = ("observer", "controller", "rig")
+NODES = ("observer", "controller", "rig", "identify")
 RULES = {"topics": {"publish", "subscribe"}, "services": {"reply", "request"}}  # of sros2's schema, version 0.2.0
 MAKERS = (
     "create_publisher",
@@ -81,11 +81,12 @@ def test_only_the_rig_stands_in_for_sensors_and_only_the_controller_commands() -
                 publishers.setdefault(str(one.text), set()).add(str(profile.get("node")))
     assert all(publishers[signal["topic"]] == {"rig"} for signal in DEFAULTS.values())
     assert publishers["valve_command"] == {"controller"}
+    assert publishers["~/model"] == {"identify"}
 
 
 def literals() -> Iterator[str]:
     """Yield the names that the sources give to topics and services where they make them, a damper's name as `*`."""
-    for package in ("ces_observer", "ces_rig"):
+    for package in ("ces_observer", "ces_rig", "ces_cli"):
         for path in sorted((ROOT / package).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
                 if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name):

@@ -14,16 +14,12 @@ from time import monotonic
 from typing import Any
 
 from ces_cli.identify.campaign import CAMPAIGN_RULES, run_campaign
+from ces_cli.identify.options import OF_THE_PROGRAM, list_shared
 from ces_cli.terminal import terminal
 from ces_cli.terminal.options import (
     ALL,
     BAGS,
     BAGS_FORM,
-    JOBS,
-    JSON,
-    OVERWRITE,
-    REPORT,
-    SIGNALS,
     OptionRule,
     never_with,
 )
@@ -48,9 +44,10 @@ from ces_data.recording import Recording
 from ces_gap.augmented import file_of
 from ces_identify.folds import CrossValidation, cross_validate, split_folds
 from ces_identify.identification import DELAYED_SELECTION, STRETCHES, IdentificationResult, count_starts, identify
-from ces_identify.options import POLYNOMIALS, build_identify_options, list_options
+from ces_identify.options import build_identify_options
 from ces_identify.polynomial.candidates import CandidateRules, built_in_rules, load_rules
 from ces_identify.polynomial.constructed import add_blend
+from ces_identify.polynomial.search_limits import Limits
 from ces_identify.prepare.cost import Weighting, parse_weighting
 from ces_identify.prepare.sampling import choose_motion, describe_motion, late
 from ces_identify.structures import KITS
@@ -62,7 +59,6 @@ from ces_identify.validation.evaluate import VALIDATION, describe_size
 from ces_identify.validation.lacks import head_lines
 from ces_observer.errors import CesError
 from ces_observer.model import Model
-from ces_observer.options import Option, in_group
 from ces_observer.proof.certificate import summarize
 
 
@@ -76,40 +72,6 @@ STRUCTURE_RULES = (
     _rule_of(POLYNOMIAL, "method candidates blend terms"),
     *(_rule_of(kit, " ".join(size.name for size in kit.sizes)) for kit in KITS.values()),
     OptionRule("folds", lambda options: len(options.delay) == 1, "takes one --delay: cross-validate each model alone"),
-)
-VALIDATE = Option(
-    "validate", (), f"recordings for validation only: {BAGS_FORM}", kind=Path, metavar="BAG", together=True
-)
-OUT = Option("out", Path("model.json"), "model file to write; its folder must exist", metavar="FILE")
-OF_THE_PROGRAM = (
-    JSON,
-    Option(
-        "show_candidates",
-        False,
-        "print the built-in candidate rules (with --method thesis, those of the thesis) and exit",
-        group=POLYNOMIALS,
-    ),
-    *in_group(
-        "many identifications",
-        Option(
-            "folds",
-            0,
-            "cross-validate, too: hold out each of K folds of the BAGs once (K = number of BAGs: one at a time); a "
-            "single BAG is cut into K stretches. Takes K times as long again; 0: off",
-            0,
-            1000,
-            metavar="K",
-        ),
-        Option(
-            "campaign",
-            None,
-            "identify every combination that FILE.yaml describes and compare them; --out is then a folder, and the "
-            "same command continues an interrupted run",
-            kind=Path,
-            metavar="FILE.yaml",
-        ),
-        JOBS,
-    ),
 )
 SEARCH_SHARE, MIN_LEFT_SHARE = 0.8, 0.5  # of a time limit's rest after reading; of the limit, that counts as left
 
@@ -155,10 +117,10 @@ class Identification:
     how: IdentifyOptions
     findings: tuple[Finding, ...] = ()
 
-    def run(self) -> IdentificationResult:
+    def run(self, show_progress: Callable[[Limits], Any] = SearchProgress) -> IdentificationResult:
         """Search, write the model and return it; Ctrl-C stops with the best model so far. Raises CesError."""
         CompilationNotice(terminal.print_warning)
-        with SearchProgress(self.how.limits) as progress:
+        with show_progress(self.how.limits) as progress:
             run = select_identify_function(self.options)
             result = run(self.bags, self.validation, self.how, progress.listen)
         if self.options.teacher is not None:
@@ -389,6 +351,7 @@ def make_parser() -> terminal.Parser:
         f"its stability is proved. Structures: {', '.join(kit.about for kit in KITS.values())}.",
         "ces identify bags/noise bags/sweep --validate bags/sine_4hz bags/road --out model.json --report report.html",
         replace(BAGS, meaning=f"recordings with a measured force: {BAGS_FORM}", count="*"),
-        *(VALIDATE, SIGNALS, OUT, REPORT, *list_options(), OVERWRITE, *OF_THE_PROGRAM),
+        *list_shared(),
+        *OF_THE_PROGRAM,
         rules=(*CAMPAIGN_RULES, *STRUCTURE_RULES),
     )

@@ -100,13 +100,13 @@ def check_given(spec: Option, given: Parameter) -> None:
     tables.check_value(spec, given.name, given.type_.name, given.value)
 
 
-def declare_table(node: TableNode, table: Iterable[Option]) -> dict[str, Any]:
+def declare_table(node: TableNode, table: Iterable[Option], groups: Collection[str] = ()) -> dict[str, Any]:
     """Declare all of `table`, warn of unknown parameters, and return the values by name.
 
-    Raises CesError or rclpy's ParameterException if a value is wrong.
+    Names below one of `groups` are not unknown. Raises CesError or rclpy's ParameterException if a value is wrong.
     """
     values = {spec.name: declare(node, spec) for spec in table}
-    warn_of_unknown(node, values)
+    warn_of_unknown(node, values, groups)
     return values
 
 

@@ -16,7 +16,8 @@ from ces_cli.ros_program import NODES, is_node
 @pytest.mark.parametrize(
     ("name", "words", "expected"),
     [
-        ("identify", ["--ros-args"], False),
+        ("identify", ["--ros-args"], True),
+        ("identify", ["--ros-args", "--params-file", "identify.yaml"], True),
         ("identify", ["bags/noise"], False),
         ("identify", [], False),
         ("rig", [], True),
@@ -58,5 +59,5 @@ def test_ces_is_no_node(capsys: pytest.CaptureFixture[str]) -> None:
     assert ces(["identify", "--ros-args"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith(
-        "ces identify: error: --ros-args is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer rig'"
+        "ces identify: error: --ros-args is only for nodes; with ROS 2 sourced, run 'ros2 run ces_observer identify'"
     )

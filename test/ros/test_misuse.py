@@ -17,13 +17,14 @@ pytest.importorskip("rclpy", reason="ROS 2 is not sourced")
 
 from damper_models import plain_damper
 from misuse import Misuser
-from node_process import NodeProcess, ros_args
+from node_process import ROOT, NodeProcess, ros_args
 from replay import offline
 from vehicle import JOINT, STAMPED_CURRENT, Vehicle, reliable_inputs, stamp_of, stroke, wait
 
 from ces_observer.model import Model
 
 CURRENT_A = 0.5
+QUICK = {"bags": f"[{ROOT / 'bags' / 'noise'}]", "terms": 2, "starts": 1, "threads": 1}
 EXECUTORS = ("events", "single")
 
 
@@ -51,6 +52,7 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
             {"model": model, "model_topic": "models", "executor": executor, "feedback": "measured"},
         ),
         "rig": ("ces_rig.live.node", {"executor": executor}),
+        "identify": ("ces_cli.identify.node", {**QUICK, "out": folder / "out.json"}),
     }
     rig = ["-r", "joint_states:=rig/joint_states", "-r", "measured_force:=rig/measured_force"]
     started = {}
@@ -68,7 +70,7 @@ def running(namespace: str, executor: str, folder: Path) -> Iterator[dict[str, N
 def test_no_misuse_ends_a_node_or_changes_an_estimate(
     vehicle: Vehicle, namespace: str, executor: str, tmp_path: Path
 ) -> None:
-    names = ("observer", "controller", "rig")
+    names = ("observer", "controller", "rig", "identify")
     part = slice(EXECUTORS.index(executor), None, len(EXECUTORS))
     with running(namespace, executor, tmp_path) as nodes, Misuser(namespace, names, part) as misuser:
         vehicle.meets_node()
