@@ -72,7 +72,7 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 132.8,
-    "ces_data": 84,
+    "ces_data": 86.5,
     "ces_report": 12,
     "ces_identify": 167.3,
     "ces_rig": 58,
@@ -81,7 +81,7 @@ MAX_PACKAGE = {
     "ces_serve": 12,
     "ces_cli": 60.5,
     "bench": 78.1,
-    "test": 472,
+    "test": 473,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole
