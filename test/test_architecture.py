@@ -72,14 +72,14 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 132.8,
-    "ces_data": 86.5,
+    "ces_data": 86.7,
     "ces_report": 12,
     "ces_identify": 167.3,
     "ces_rig": 58,
     "ces_gap": 105,
     "ces_iterate": 21,
     "ces_serve": 12,
-    "ces_cli": 60.5,
+    "ces_cli": 60.6,
     "bench": 78.1,
     "test": 473,
 }
