@@ -1,4 +1,4 @@
-"""The stroke of a log with the speed alone: its integral, without the drift that an offset of the speed would cause."""
+"""A speed in a log: where it is written, and the stroke that is its integral where there is no position."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from scipy.signal import butter, detrend, sosfiltfilt
 
 from ces_data.recording import Channel, Recording
 from ces_observer.errors import RecordingError
+from ces_observer.signals import Constant, FieldPath, Signal
 
 CORNER_HZ = 0.1  # of the high-pass; Keio's last 2.5 s alone: RMS 0.2 mm from their stroke within 10 s, of 22 mm
 MIN_SAMPLES = 20
@@ -37,3 +38,23 @@ def with_stroke(recording: Recording) -> Recording:
     position = Channel("position", "m", speed.stamps_ns, values)
     channels = {"position": position, **recording.channels, "speed": speed}
     return replace(recording, channels=channels, optional=frozenset())
+
+
+def velocity_beside(position: Signal | Constant) -> Signal | None:
+    """Return the speed in the messages of a position in a JointState: `velocity[...]`; None for other positions."""
+    name, _, joint = position.field.text.partition("[") if isinstance(position, Signal) else ("", "", "")
+    if not isinstance(position, Signal) or (position.type, name) != ("sensor_msgs/msg/JointState", "position"):
+        return None
+    return replace(position, name="speed", field=FieldPath.parse(f"velocity[{joint}"))
+
+
+def align_speed(block: Recording) -> Recording:
+    """Return a block whose speed has the stamps of the position, in whose messages it is written."""
+    speed, position = block.channels.get("speed"), block.channels["position"]
+    if speed is None or np.array_equal(speed.stamps_ns, position.stamps_ns):
+        return block
+    known = speed.in_order()
+    outside = (position.stamps_ns < known.stamps_ns[0]) | (position.stamps_ns > known.stamps_ns[-1])
+    values = np.where(outside, np.nan, np.interp(position.stamps_ns, known.stamps_ns, known.values))
+    moved = replace(speed, stamps_ns=position.stamps_ns, values=values)
+    return replace(block, channels={**block.channels, "speed": moved})

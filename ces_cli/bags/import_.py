@@ -9,8 +9,6 @@ from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-
 from ces_cli.bags.block_checks import SHARE, BlockChecks
 from ces_cli.bags.signals import print_proposal
 from ces_cli.terminal import terminal
@@ -21,16 +19,15 @@ from ces_data.bags.storage import ALONE, MEASURED, SPEED
 from ces_data.bags.writer import open_bag_writer, recording_topics
 from ces_data.checks.derivatives import compare_derivative
 from ces_data.findings import DelayFinding, Finding
-from ces_data.integration import INTEGRATED
+from ces_data.integration import INTEGRATED, align_speed, velocity_beside
 from ces_data.log_formats import LOG_FORMATS
 from ces_data.logs.log_file import MAX_ROWS, open_log, refuse_bag
 from ces_data.logs.log_import import read_blocks
 from ces_data.logs.log_mapping import TEMPLATE, DynoMapping, load_dyno_mapping
 from ces_data.mapping.proposals import MappingProposal, propose_mapping, split_damper
-from ces_data.recording import Recording
 from ces_observer.errors import RecordingError, SignalsError
 from ces_observer.options import Option
-from ces_observer.signals import Signal, Signals, velocity_beside
+from ces_observer.signals import Signal, Signals
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -180,7 +177,7 @@ def _convert(
                     signals = replace(signals, by_name={**signals.by_name, "speed": beside})
                     notes[SPEED] = MEASURED if "speed" in block.optional else ALONE
                 writer = opened.enter_context(open_bag_writer(bag, overwrite=options.overwrite, notes=notes))
-            writer.write(recording_topics(_with_velocity(block), signals.without_delays()))
+            writer.write(recording_topics(align_speed(block), signals.without_delays()))
             checks.add(block)
             bar.rows = checks.samples
             source, channels = block.source, tuple(block.channels)
@@ -202,15 +199,3 @@ def _convert(
     for name in set(channels) - set(written):
         terminal.print_warning(f"{source}: {name} is left out; give it a topic in the signals file")
     return _ImportedLog(bag, source, checks.samples, checks.rate_Hz, channels, written, found)
-
-
-def _with_velocity(block: Recording) -> Recording:
-    """Return a block whose speed has the stamps of the position, in whose messages it is written."""
-    speed, position = block.channels.get("speed"), block.channels["position"]
-    if speed is None or np.array_equal(speed.stamps_ns, position.stamps_ns):
-        return block
-    known = speed.in_order()
-    outside = (position.stamps_ns < known.stamps_ns[0]) | (position.stamps_ns > known.stamps_ns[-1])
-    values = np.where(outside, np.nan, np.interp(position.stamps_ns, known.stamps_ns, known.values))
-    moved = replace(speed, stamps_ns=position.stamps_ns, values=values)
-    return replace(block, channels={**block.channels, "speed": moved})

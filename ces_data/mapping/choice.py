@@ -10,6 +10,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from ces_data.mapping.motion_table import EXACT, LATE, RATIO_TOLERANCE, MotionTable
 from ces_data.mapping.rating import (
     OUTWARD,
     USUAL,
@@ -24,7 +25,6 @@ from ces_data.mapping.rating import (
     rate,
     read_meaning,
 )
-from ces_data.recording import Values
 from ces_data.units import Unit, find_unit
 
 
@@ -80,79 +80,6 @@ class Selection:
     def missing(self) -> tuple[NotFound, ...]:
         """The signals that were not found."""
         return tuple(missing for damper in self.dampers.values() for missing in damper.missing.values())
-
-
-BIN_S = 0.005
-MAX_BINS = 100_000
-MIN_COMMON = 50  # bins that both must have; fewer say nothing
-LATE = 0.5  # the same of one that is named a speed: that of Dyke, 5 ms late, has 0.70
-EXACT = 0.98  # correlation from which a candidate is another's derivative, if the ratio is that of two units, too
-UNIT_RATIOS = (1.0, 1e-3, 1e3, 1e-2, 1e2)
-RATIO_TOLERANCE = 0.1
-
-
-class MotionTable:
-    """Candidates, with distinct labels, averaged over time bins."""
-
-    def __init__(self, candidates: Sequence[Candidate]) -> None:
-        self._start = min(int(c.stamps_ns.min()) for c in candidates) if candidates else 0
-        self._end = max(int(c.stamps_ns.max()) for c in candidates) if candidates else 0
-        self._bins: dict[tuple[str, float], Values] = {}
-
-    def correlate(self, stroke: Candidate, other: Candidate) -> tuple[float, float]:
-        """Return the correlation (-1 to 1) of `other` with the derivative of `stroke`, and its gain; NaN if unknown."""
-        width = self._width(stroke)
-        place = self._averages(stroke, width)
-        speed = np.full(len(place), np.nan)
-        speed[1:-1] = (place[2:] - place[:-2]) / (2.0 * width)
-        values = self._averages(other, width)
-        return _correlate(speed, values)
-
-    def correlate_values(self, one: Candidate, other: Candidate) -> tuple[float, float]:
-        """Return the correlation (-1 to 1) of `other` with `one`, and its gain; NaN if unknown."""
-        width = max(self._width(one), self._width(other))
-        return _correlate(self._averages(one, width), self._averages(other, width))
-
-    def is_derivative(self, stroke: Candidate, other: Candidate) -> bool:
-        """Return whether `other` is the speed of `stroke`, up to sign and unit."""
-        correlation, gain = self.correlate(stroke, other)
-        if not abs(correlation) >= EXACT:
-            return False
-        if stroke.unit and other.unit:
-            return other.unit.quantity == "speed"
-        return any(abs(abs(gain) / ratio - 1.0) < RATIO_TOLERANCE for ratio in UNIT_RATIOS)
-
-    def is_same(self, one: Candidate, other: Candidate) -> bool:
-        """Return whether two candidates hold the same motion, such as a command and the position that follows it."""
-        return bool(abs(self.correlate_values(one, other)[0]) > 0.95)
-
-    def _width(self, candidate: Candidate) -> float:
-        """Return the width of the bins [s] for a candidate: 5 ms times a power of two, at least two samples."""
-        needed = max(2.0 / candidate.rate_Hz if candidate.rate_Hz else 1.0, (self._end - self._start) / 1e9 / MAX_BINS)
-        return float(BIN_S * 2.0 ** max(0.0, np.ceil(np.log2(needed / BIN_S))))
-
-    def _averages(self, candidate: Candidate, width: float) -> Values:
-        key = (candidate.label, width)
-        if key not in self._bins:
-            count = int((self._end - self._start) / (width * 1e9)) + 1
-            good = np.isfinite(candidate.values)
-            at = ((candidate.stamps_ns[good] - self._start) / (width * 1e9)).astype(np.int64)
-            number = np.bincount(at, minlength=count)
-            total = np.bincount(at, candidate.values[good], minlength=count)
-            self._bins[key] = np.where(number > 0, total / np.maximum(number, 1), np.nan)
-        return self._bins[key]
-
-
-def _correlate(one: Values, other: Values) -> tuple[float, float]:
-    """Return correlation and gain of `other` over `one`, both (n,), where both are known; NaN if that cannot be."""
-    both = np.isfinite(one) & np.isfinite(other)
-    if both.sum() < MIN_COMMON:
-        return np.nan, np.nan
-    a, b = one[both] - one[both].mean(), other[both] - other[both].mean()
-    power, size = float(a @ a), float(b @ b)
-    if power == 0.0 or size == 0.0:
-        return np.nan, np.nan
-    return float(a @ b) / np.sqrt(power * size), float(a @ b) / power
 
 
 MIN_POINTS, MIN_MARGIN = 3.0, 1.0  # points to be chosen at all, and ahead of the next one
