@@ -21,6 +21,7 @@ from ces_identify.polynomial.search_limits import INTERRUPTED, Listener, SearchR
 from ces_identify.prepare.sampling import choose_motion, choose_sampling, require_delay
 from ces_identify.prepare.series import Series, prepare
 from ces_identify.structures import run_batch
+from ces_identify.structures.forgetting import find_forgetting
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions
 from ces_identify.structures.polynomial import fit_polynomial
 from ces_identify.trained.training import build_training
@@ -34,7 +35,6 @@ from ces_identify.validation.evaluate import (
     evaluate,
     pooled_cost,
 )
-from ces_identify.validation.forgetting import find_forgetting
 from ces_observer import __version__
 from ces_observer.errors import CesError, RecordingError
 from ces_observer.model import Model, Sampling

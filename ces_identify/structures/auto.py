@@ -17,8 +17,8 @@ from ces_identify.numerics import search_clock
 from ces_identify.polynomial.search_limits import INTERRUPTED, THESIS, Listener
 from ces_identify.prepare.series import Series
 from ces_identify.structures import KITS, run_batch
+from ces_identify.structures.forgetting import find_forgetting
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size
-from ces_identify.validation.forgetting import find_forgetting
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.structures.mixture import Member, Mixture

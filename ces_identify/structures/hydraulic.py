@@ -17,10 +17,10 @@ from ces_identify.physical.models import HydraulicModels
 from ces_identify.physical.physical_search import SHORT_WORK, PhysicalFit, PhysicalSearch
 from ces_identify.polynomial.search_limits import Listener
 from ces_identify.prepare.series import Series
+from ces_identify.structures.forgetting import measure_forgetting
 from ces_identify.structures.kit import Fitted, Fitter, IdentifyOptions, Size, StructureKit
 from ces_identify.structures.physical import physical_table
 from ces_identify.trained.training import Training, build_training
-from ces_identify.validation.forgetting import measure_forgetting
 from ces_observer.errors import CesError
 from ces_observer.model import Model, Sampling
 from ces_observer.options import Option

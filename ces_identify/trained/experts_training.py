@@ -96,7 +96,7 @@ class ExpertsFit(LaggedModels):
 
     def _error(self, params: F) -> float:
         t = self.training
-        error = t.estimation @ (self.force_within(params, t.loose) - t.measured) ** 2
+        error = t.estimation @ (self.force(params, t.loose) - t.measured) ** 2
         return float(error) if np.isfinite(error) else np.inf
 
     def _differentiate(self, params: F) -> tuple[float, F, F]:

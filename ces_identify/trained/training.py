@@ -232,13 +232,9 @@ class LaggedModels(ABC):
         )
         return error, matrix, gradient
 
-    def force(self, params: F) -> F:
-        """Return the free run (ticks,) [N], NaN where it would leave the force envelope."""
-        return self.force_within(params, self.training.force_envelope)
-
-    def force_within(self, params: F, force_N: Range) -> F:
-        """Return the free run (ticks,) [N], NaN where it would leave a range [N]."""
-        t, within = self.training, replace(self.within, force_N=force_N)
+    def force(self, params: F, force_N: Range | None = None) -> F:
+        """Return the free run (ticks,) [N], NaN where it would leave a range [N], by default the force envelope."""
+        t, within = self.training, self.within if force_N is None else replace(self.within, force_N=force_N)
         force, held = run_batch(self.body(params), within, t.inputs, t.segments)
         return np.where(held, np.nan, force)
 

@@ -7,8 +7,8 @@ import pytest
 from planted_dampers import planted_model, ride
 
 from ces_identify.identification import require_shown_cost, with_forgetting
+from ces_identify.structures.forgetting import LEFT, measure_forgetting
 from ces_identify.structures.kit import Fitted, IdentifyOptions
-from ces_identify.validation.forgetting import LEFT, measure_forgetting
 from ces_observer.errors import CesError
 from ces_observer.model import parse_model
 from ces_observer.proof.certificate import FORGOTTEN, contraction_s, largest_gain
