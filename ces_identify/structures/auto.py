@@ -49,7 +49,7 @@ class BestStructure:
         names = self.names or usual
         for k, name in enumerate(names):
             run.fit(name, KITS[name].auto_work or 1.0, 1.0 / (len(names) - k))
-        for name in [name for name in run.alike()[:1] if 0.0 < KITS[name].auto_work < 1.0]:
+        for name in [name for name in run.alike() if 0.0 < KITS[name].auto_work < 1.0]:
             run.fit(name, 1.0, 1.0)
         if not run.found:
             raise CesError("no structure could be fitted; check signals and units, or give more time")
