@@ -23,7 +23,7 @@ from ces_identify.trained.training import LaggedModels, Training
 from ces_observer.structures.experts import Expert, Experts
 from ces_observer.tick.experts import experts_force
 
-EARLY_TICKS = 8_000  # that count before the last stage, about
+EARLY_TICKS, LAST_TICKS = 8_000, 20_000  # that count before the last stage and in it, about
 FIRST_LIMIT, STAGES = 1.1, 8  # of the gains; steps down to the final one (Keio: 8.2 %, 11.1 % straight)
 STAGE_STEPS, LAST_STEPS, REFIT_STEPS = 12, 60, 6
 PATIENCE, WORTHWHILE = 10, 1e-3  # steps without this relative fall of the selection cost, after which a descent ends
@@ -124,10 +124,13 @@ def take_every(training: Training, every: int) -> Training:
 
 def descend_in_stages(family: ExpertsFit, params: F) -> Iterator[tuple[bool, F]]:
     """Yield whether it is the last stage, and the parameters, after each step from the first limit to the last."""
-    early = replace(family, training=take_every(family.training, len(family.training.measured) // EARLY_TICKS))
+    early, late = (
+        replace(family, training=take_every(family.training, len(family.training.measured) // ticks))
+        for ticks in (EARLY_TICKS, LAST_TICKS)
+    )
     for limit in np.geomspace(FIRST_LIMIT, family.limit, STAGES + 1):
         last = limit == family.limit
-        stage, steps = (family, LAST_STEPS) if last else (replace(early, limit=float(limit)), STAGE_STEPS)
+        stage, steps = (late, LAST_STEPS) if last else (replace(early, limit=float(limit)), STAGE_STEPS)
         for _, better in islice(descend_about_centre(stage.problem(), params), steps):
             params = better
             yield last, params
@@ -156,6 +159,7 @@ def train_experts(
 
 def refit(family: ExpertsFit, params: F, weights: F) -> F:
     """Return the parameters after a few more steps on ticks with these weights (ticks,)."""
-    again = replace(family, training=replace(family.training, estimation=weights))
+    every = len(weights) // LAST_TICKS
+    again = replace(family, training=take_every(replace(family.training, estimation=weights), every))
     steps = islice(descend_about_centre(again.problem(), params), REFIT_STEPS)
     return [params, *(better for _, better in steps)][-1]
